@@ -38,7 +38,7 @@ def set_up(
     columns: str | Path | None = None,
     config: str | Path | None = None,
 ) -> replays.Setup:
-    """Return what drives are judged with; parameters as in ``replay``."""
+    """Return model, settings and signals for judging; parameters as in ``replay``."""
     return replays.set_up(
         model if isinstance(model, Model) else load_model(model),
         [(Path(dbc), Path(signal_map)) for dbc, signal_map in buses],

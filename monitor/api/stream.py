@@ -53,7 +53,7 @@ class Monitor:
         self.skipped = 0  # error frames, remote frames, and frames of the monitor's own identifiers
 
     def push(self, message: can.Message | Frame) -> list[BlockEvent]:
-        """Take one message and return what it causes: ticks, windows, changes of codes."""
+        """Take one message and return its events: ticks, windows, changes of codes."""
         frame = self.usable(message)
         return [] if frame is None else list(self.take(frame))
 
@@ -72,7 +72,7 @@ class Monitor:
         return frame
 
     def take(self, frame: Frame) -> Iterator[BlockEvent]:
-        """Yield what a frame causes, be it one of the bus or a time mark; take all of it."""
+        """Yield the events of a frame or time mark; all of them must be taken."""
         return self.judging.push(frame)
 
     @property

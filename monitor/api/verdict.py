@@ -33,7 +33,7 @@ class Code:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the monitor says of one drive.
+    """The monitor's verdict on one drive.
 
     ``entry`` is the drive's entry in ``recordings`` of ``o2mon.replay/1`` (docs/reference/json.md);
     the properties read it.

@@ -29,7 +29,7 @@ _NO_WAIT: Final = getattr(os, "O_NONBLOCK", 0)  # Windows has none, and no FIFOs
 
 
 def other_kind(mode: int) -> str | None:
-    """Return what a file is by its mode; None for a regular file or a folder.
+    """Return the kind of a file by its mode; None for a regular file or a folder.
 
     >>> other_kind(stat.S_IFIFO)
     'a FIFO'

@@ -32,7 +32,7 @@ def check(names: Iterable[str] = NAMES) -> None:
 
 
 def in_the_way(name: str, place: str) -> str:
-    """Return what is wrong, whose the package may be, and what helps."""
+    """Return the mistake, the likely owner of the package, and the remedy."""
     others = set(packages_distributions().get(name, [])) - {"o2-monitor"}
     whose = f" of {' or '.join(sorted(others))}" if others else ""
     return (

@@ -64,7 +64,7 @@ class Judging:
         return self.store_again_s < math.inf
 
     def push(self, frame: Frame) -> Iterator[BlockEvent]:
-        """Take one frame and yield what it causes; all of it must be taken."""
+        """Take one frame and yield its events; all of them must be taken."""
         for event in self.pipeline.push(frame):
             if not isinstance(event, Ticks | WindowJudged | CutJudged) or self._has_driven:
                 self.store()
@@ -100,7 +100,7 @@ class Judging:
             self._say("the fault memory is stored again")
 
     def close(self) -> None:
-        """Store what is left, and what the vehicle's reference learned of this driving cycle."""
+        """Store the last changes, and the reference that this driving cycle taught."""
         self.store()
         self._learn(self.pipeline.monitor.seen)
 

@@ -50,7 +50,7 @@ class SinkFeed:
         return ()
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the remaining records."""
         for outlet in self._outlets:
             outlet.end()
         for outlet in self._outlets:

@@ -1,4 +1,4 @@
-"""What ``o2mon run`` prints while it runs: a status line, plain lines, or lines of JSON."""
+"""The terminal of ``o2mon run``: a status line, plain lines, or lines of JSON."""
 
 import json
 import math
@@ -34,7 +34,7 @@ _STATE_WIDTH: Final = len("waits: ") + max(map(len, CONDITIONS))
 
 
 class Out:
-    """Prints lines, and never waits for a reader that hangs: what it does not take is dropped.
+    """Prints lines, and never waits for a reader that hangs: lines that it does not take are lost.
 
     A terminal or pipe is written through a file of its own that does not block; the stream's own
     is shared with the shell.
@@ -61,13 +61,13 @@ class Out:
             self._drawn = line
 
     def flush(self) -> None:
-        """Print what waits, as far as the reader takes it."""
+        """Print the waiting lines, as far as the reader takes them."""
         while self._waiting and self._is_free():
             line = self._waiting.popleft()
             self._write(f"{_ERASE}{line}\n{self._drawn}" if self._drawn else f"{line}\n")
 
     def close(self) -> None:
-        """Leave a clean line behind; what the reader does not take now is lost."""
+        """Leave a clean line behind; text that the reader does not take now is lost."""
         if self._drawn and self._is_free():
             self._write(_ERASE)
         self._drawn = ""
@@ -140,7 +140,7 @@ class Status:
         """Nothing is held."""
 
     def line(self) -> str:
-        """Return what the monitor does now; the parts keep their places."""
+        """Return the monitor's state in one line; its parts keep their places."""
         windows = f"windows {self._windows}" + (f", {self._failed} failed" * (self._failed > 0))
         return "  ".join((self._signals(), windows, self._codes(), self._bus()))
 
@@ -173,7 +173,7 @@ class Status:
 
 
 class Lines(Status):
-    """One line for every window and every changed code: what a service's journal wants."""
+    """One line for every window and every changed code, for the journal of a service."""
 
     def __init__(self, monitor: Monitor, health: BusHealth, collector: Collector, out: Out) -> None:
         super().__init__(monitor, health)
@@ -186,12 +186,12 @@ class Lines(Status):
             self._out.say(event_line(event, self._collector))
 
     def work(self, now_s: float) -> tuple[Frame, ...]:
-        """Print what a slow reader did not take before."""
+        """Print the lines that a slow reader did not take before."""
         self._out.flush()
         return ()
 
     def close(self) -> None:
-        """Print what is left."""
+        """Print the remaining lines."""
         self._out.close()
 
 
@@ -273,7 +273,7 @@ class JsonLines(Status):
         return ()
 
     def close(self) -> None:
-        """Print the health once more and what is left."""
+        """Print the health once more and the remaining lines."""
         self._health_line()
         self._out.close()
 

@@ -57,7 +57,7 @@ class Watchdog:
         """Events say nothing to the service manager."""
 
     def work(self, now_s: float) -> tuple[Frame, ...]:
-        """Notify what is due; no frame is sent."""
+        """Send the notification that is due; no frame is sent."""
         said = []
         if not self._is_ready:
             self._is_ready = True

@@ -116,7 +116,7 @@ def _say_verdict(missing: list[str], stale: list[str]) -> None:
 
 
 def _say_causes(args: argparse.Namespace, setup: "Setup") -> None:
-    """Say what would keep the recording from a verdict."""
+    """Print the reasons that would keep the recording from a verdict."""
     if not setup.model.card.limits:
         say("the model has no decision limits: o2mon replay cannot judge with it; fit it to more")
     from monitor.pipeline.recordings import RecordingReader

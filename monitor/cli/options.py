@@ -51,7 +51,7 @@ def warn(line: str) -> None:
 
 
 def add_columns(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what the columns of a table are."""
+    """Add the options that give the columns of a table their signals."""
     parser.add_argument(
         "--profile",
         "--columns",

@@ -31,7 +31,7 @@ class AliveCounters:
         self._counters = [_Counter(plan, block) for plan in plans]
 
     def verdict(self, begin: int, at: int, end: int, pause_ns: int | None) -> Verdict:
-        """Return what the counters say of the pause before the frame ``at``.
+        """Return the counters' finding on the pause before the frame ``at``.
 
         begin, end : the frames around the pause that are looked at; the times of those before
             ``at`` are believed

@@ -1,4 +1,4 @@
-"""The decoder for blocks of frames: what ``decode.Decoder`` gives, bit for bit.
+"""The decoder for blocks of frames, equal to ``decode.Decoder`` bit for bit.
 
 The checks and their order are those of ``decoder_source``, over all frames of a message at once; a
 property test holds the two together.
@@ -39,7 +39,7 @@ _STANDARD = 1 << 11  # identifiers of 11 bits
 
 
 class Decoded(NamedTuple):
-    """What frames of one message say: row i of ``values`` belongs to channel i."""
+    """Values of the frames of one message: row i of ``values`` belongs to channel i."""
 
     rows: IntArray  # (m,) numbers of the frames within their block, ascending
     channels: tuple[int, ...]  # channel numbers
@@ -69,7 +69,7 @@ class BlockDecoder:
         self._messages = {key: _MessageDecoder(plan) for key, plan in self._plans.items()}
 
     def push(self, block: FrameBlock) -> list[Decoded]:
-        """Return what the frames say, message by message; rows may repeat between messages' parts.
+        """Return the frames' values, message by message; rows may repeat between messages' parts.
 
         A frame whose multiplexers carry several groups of channels stands in one part for each.
         """
@@ -84,7 +84,7 @@ class BlockDecoder:
 
     @property
     def plans(self) -> Mapping[int, "Plan"]:
-        """Return what is known of each needed message, by the key of its frames."""
+        """Return the plan of each needed message, by the key of its frames."""
         return self._plans
 
     def needed(self, block: FrameBlock) -> IntArray:
@@ -102,7 +102,7 @@ class BlockDecoder:
 
 
 class Plan:
-    """What is known of a message beforehand."""
+    """The plan of a message, made before its frames come."""
 
     def __init__(self, key: int, members: Sequence[Member]) -> None:
         channel = members[0][1]

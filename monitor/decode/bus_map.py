@@ -1,4 +1,4 @@
-"""Signal maps tied to their CAN databases and merged: what the bus provides.
+"""Signal maps tied to their CAN databases and merged into the signals of the bus.
 
 Several pairs of DBC and map may be merged, an engine and a wideband controller for instance;
 where two provide the same canonical signal, the later pair wins.
@@ -26,7 +26,7 @@ _REASON: Final = 300  # characters of a parser's error: some quote a whole line
 
 
 class Wanted(NamedTuple):
-    """What some names need of a bus."""
+    """The channels and derived signals that some names need."""
 
     names: tuple[str, ...]
     channels: tuple[str, ...]  # those asked for, then what the derived ones are made of
@@ -36,7 +36,7 @@ class Wanted(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One signal on the bus: its place in the DBC and what the map makes of it."""
+    """One signal on the bus: its place in the DBC and its meaning by the map."""
 
     mapped: MappedSignal
     message: Message
@@ -75,7 +75,7 @@ class BusMap:
         return tuple(dict.fromkeys(needed))
 
     def wanted(self, names: Sequence[str]) -> Wanted:
-        """Return what is needed for ``names``; raises what ``sources`` raises."""
+        """Return the needs of ``names``; raises as ``sources``."""
         channels = self.sources(names)
         derived = tuple(self.derived[name] for name in names if name in self.derived)
         timeouts_s = (self.channels[name].mapped.timeout_s for name in channels)
@@ -91,7 +91,7 @@ def load_database(path: Path) -> Database:
 
 
 def read_database(path: Path) -> tuple[Database, tuple[str, ...]]:
-    """Return the CAN database in ``path``, and what had to be changed or left out to read it.
+    """Return the CAN database in ``path``, and the changes and omissions that reading it took.
 
     Raises SignalMapError if it cannot be read.
     """
@@ -121,7 +121,7 @@ def read_database(path: Path) -> tuple[Database, tuple[str, ...]]:
 
 
 def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
-    """Return what the pairs of DBC and signal map provide together.
+    """Return the signals that the pairs of DBC and signal map provide together.
 
     Raises SignalMapError naming map, DBC and signal where they do not fit each other.
     """
@@ -221,7 +221,7 @@ def _check_overlap(channels: dict[str, Channel]) -> None:
 def _check_derived(
     channels: dict[str, Channel], derived: dict[str, Derived], pairs: tuple[Pair, ...]
 ) -> None:
-    """Raise SignalMapError if a merged map took away what a derived signal is made from."""
+    """Raise SignalMapError if a merged map took away a source of a derived signal."""
     for each in derived.values():
         for source in each.sources:
             if source not in channels:

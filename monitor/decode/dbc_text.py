@@ -1,4 +1,4 @@
-"""Databases (DBC) with mistakes: their text without what no reader understands.
+"""Databases (DBC) with mistakes: their text without statements that no reader understands.
 
 Public databases break the format in few ways: 29-bit identifiers without their mark, values of
 signals that do not exist, names that begin with a digit, a quote too many. The first is mended;
@@ -38,7 +38,7 @@ _ABOUT: Final = re.compile(r"[ \t]*(CM_|BA_|BA_DEF_|VAL_|BO_TX_BU_|SIG_VALTYPE_|
 
 @dataclass(frozen=True, slots=True)
 class Mended:
-    """A text that can be read, and what was changed and left out of it, line by line."""
+    """A text that can be read, and its changes and omissions line by line."""
 
     text: str
     notes: tuple[str, ...]
@@ -68,7 +68,7 @@ def mended(text: str) -> Mended:
 
 
 def read(text: str, parse: Callable[[str], T]) -> tuple[T, tuple[str, ...]]:
-    """Return what ``parse`` makes of a text, and what was changed and left out.
+    """Return the result of ``parse`` on a text, and the changes and omissions.
 
     Statements at which the parser fails are left out one by one. Raises what ``parse`` raises if
     it names no line, or if too much would be left out.
@@ -131,7 +131,7 @@ def _statements(text: str) -> list[str]:
 
 
 def _sorted(statements: list[str]) -> list[str]:
-    """Return the statements with the messages before what is said of them."""
+    """Return the statements with each message before the statements about it."""
     told = [i for i, each in enumerate(statements) if _ABOUT.match(each)]
     first = told[0] if told else len(statements)
     late = [i for i in range(first, len(statements)) if _OF_MESSAGE.match(statements[i])]
@@ -142,7 +142,7 @@ def _sorted(statements: list[str]) -> list[str]:
 
 
 def _without(text: str, error: str) -> tuple[str, str]:
-    """Return the text without the statement that an error is about, and what it was.
+    """Return the text without the statement that an error is about, and that statement.
 
     The words are "" if there is no such statement. A message goes with its signals.
     """

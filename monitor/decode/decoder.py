@@ -19,7 +19,7 @@ EXTENDED = 1 << 31  # set in the key of a 29-bit identifier
 
 @dataclass(frozen=True, slots=True)
 class MessageCounters:
-    """What became of the frames of one message."""
+    """Counts of the frames of one message."""
 
     received: int = 0
     length: int = 0  # dropped: wrong number of bytes
@@ -68,7 +68,7 @@ class Decoder:
                 self._optional.add(members[0][1].message.name)
 
     def receive(self, frame: Frame) -> bool:
-        """Add what the frame says to ``received``.
+        """Add the frame's values to ``received``.
 
         Returns False if it says nothing that is wanted or is not sound.
         """
@@ -79,7 +79,7 @@ class Decoder:
         return handler(data, t_ns)
 
     def _receive_group(self, frame: Frame) -> bool:
-        """Add what a frame of a parameter group says."""
+        """Add the values of a frame of a parameter group."""
         t_ns, can_id, _, data = frame
         sender, decode = self._groups.get(group_of(can_id), (None, None))
         if sender is None or decode is None or not sender.takes(can_id & 0xFF):
@@ -91,7 +91,7 @@ class Decoder:
         return False
 
     def push(self, frame: Frame) -> Update | None:
-        """Return what one frame says by itself, with the counters but without ``received``.
+        """Return the values of one frame by itself, with the counters but without ``received``.
 
         Returns None if it says nothing that is wanted or is not sound.
         """

@@ -1,4 +1,4 @@
-"""What the frames of the open tick said: the decoders add to it, the assembler takes it."""
+"""Values of the open tick: the decoders add to them, the assembler takes them."""
 
 from typing import Final
 
@@ -30,13 +30,13 @@ class Received:
         self.worst[:] = [_GOOD] * n
 
     def copy(self) -> "Received":
-        """Return what has been received so far, to ``restore`` it."""
+        """Return the values so far, to ``restore`` them."""
         copy = Received(0)
         copy.restore(self)
         return copy
 
     def restore(self, other: "Received") -> None:
-        """Take what another has received in place of the own."""
+        """Take the values of another in place of these."""
         self.sums[:] = other.sums
         self.goods[:] = other.goods
         self.worst[:] = other.worst

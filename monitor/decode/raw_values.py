@@ -1,4 +1,4 @@
-"""Raw values of a DBC signal: where they lie, what they stand for, which are plausible."""
+"""Raw values of a DBC signal: their place, their meaning, their plausible range."""
 
 import math
 from collections.abc import Callable

@@ -104,7 +104,7 @@ def _with_multiplexers(path: Path, message: Message, name: str) -> Iterator[Sign
 
 
 def _problems(message: Message, signal: Signal) -> Iterator[str]:
-    """Yield what is wrong with one signal, each with what is wanted."""
+    """Yield the mistakes of one signal, and the wanted value beside each."""
     if not 1 <= signal.length <= MOST_BITS:
         yield f"has {signal.length} bits, 1 to {MOST_BITS} are wanted"
     if signal.is_float and signal.length not in _FLOATS:

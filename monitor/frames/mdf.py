@@ -64,7 +64,7 @@ def check(file: IO[bytes]) -> None:
 
 
 class _Blocks:
-    """Bounds on what the blocks of a file announce: the libraries believe it.
+    """Bounds on the sizes that the blocks of a file announce: the libraries believe them.
 
     size : bytes of the file
     """

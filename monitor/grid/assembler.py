@@ -36,7 +36,7 @@ _NEVER_NS = -(1 << 64)
 
 @dataclass(slots=True)
 class AssemblerCounters:
-    """What became of the frames as far as their time goes."""
+    """Counts of the frames by the fate of their times."""
 
     late: int = 0  # dropped: older than the open tick, or a time that no clock shows
     discontinuities: int = 0  # times the grid was anchored anew
@@ -85,7 +85,7 @@ class Assembler:
 
     @classmethod
     def of(cls, decoder: Decoder, period_ns: int) -> "Assembler":
-        """Return an assembler that takes what ``decoder`` receives."""
+        """Return an assembler that takes the values of ``decoder``."""
         timeouts_ns, received = decoder.timeouts_ns, decoder.received
         return cls(
             channels=decoder.channels,

@@ -54,7 +54,7 @@ class BlockAssembler:
 
     @classmethod
     def of(cls, decoder: BlockDecoder, period_ns: int) -> "BlockAssembler":
-        """Return an assembler for what ``decoder`` yields."""
+        """Return an assembler for the values of ``decoder``."""
         return cls(decoder.channels, decoder.names, period_ns, decoder.timeouts_ns, decoder.derived)
 
     def push(

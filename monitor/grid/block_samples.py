@@ -34,7 +34,7 @@ def log_samples(
 ) -> Iterator[SampleBlock | Clearing]:
     """Yield the samples of a log's frames, block by block, with the clearings between them.
 
-    Raises what reading the blocks raises.
+    Raises as the reading of the blocks.
     """
     held = _Held(decoder, assembler)
     n = 0

@@ -1,4 +1,4 @@
-"""Derived signals: what no message carries but others give, such as fuel per stroke."""
+"""Derived signals, which no message carries and others give, such as fuel per stroke."""
 
 import math
 from collections.abc import Sequence

@@ -21,7 +21,7 @@ _USUAL: Final = 5  # latest frames of a message that tell its usual interval
 
 @dataclass(slots=True)
 class TimeCounters:
-    """What was not believed of the frames' times."""
+    """Counts of the frames' times that were not believed."""
 
     clock_steps: int = 0  # the clock was set, back or forward
     log_gaps: int = 0  # pauses of the whole log of which nothing is known

@@ -1,4 +1,4 @@
-"""A bank of sensor hypotheses: what a slow or late sensor would read of the predicted signal.
+"""A bank of sensor hypotheses: readings of slow and late sensors of the predicted signal.
 
 The bank works on phi = 1/lambda, for which rising is lean to rich, or on a signal oriented alike.
 It runs many signals side by side, block by block.
@@ -167,7 +167,7 @@ class Bank:
         states: Sequence[BankState],
         spans: Spans,
     ) -> list[FloatArray]:
-        """Fill in the lags' readings; return what each lag reads at the end of each signal."""
+        """Fill in the lags' readings; return each lag's reading at the end of each signal."""
         x = np.array([state.lags for state in states]).T  # (n_slow, rows)
         found = [state.lags for state in states]
         at = 0
@@ -192,7 +192,7 @@ class Bank:
         return found
 
     def _run_slow(self, x: FloatArray, values: FloatArray) -> FloatArray:
-        """Return what the lags read of (rows, n) values, (n, n_slow, rows); x : before them."""
+        """Return the lags' readings of (rows, n) values, (n, n_slow, rows); x : before them."""
         seen = np.empty((values.shape[1], *x.shape))
         fall, share = np.empty_like(x), self._shares.get(x.shape[1])
         if share is None:

@@ -31,7 +31,7 @@ def paper_failed(mean: float, std: float, j_mu: float, j_sigma: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Bias:
-    """What the bias rule says after a window."""
+    """The finding of the bias rule after a window."""
 
     outcome: Outcome
     fault: str | None

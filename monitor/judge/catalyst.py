@@ -42,7 +42,7 @@ class BehindResult(NamedTuple):
 
 
 def balance_results(at: int, claim: Claim) -> Iterator[BehindResult]:
-    """Yield what an upstream reading against the balance means.
+    """Yield the meanings of an upstream reading against the balance.
 
     The ECU follows the upstream sensor: where it reads lean the mixture is rich, and the reverse.
     A leak behind the catalyst is no fault of the sensor.
@@ -189,7 +189,7 @@ class CatalystMonitor:
         return ("catalyst", "downstream", "balance", CIRCUIT, *heater)
 
     def entry(self) -> dict[str, Any] | None:
-        """Return what the report says of the catalyst, None without a downstream voltage."""
+        """Return the report's entry of the catalyst, None without a downstream voltage."""
         if self.rule is None:
             return None
         rule, capacity = self.rule, self.rule.capacity()

@@ -1,4 +1,4 @@
-"""A bank of catalysts with downstream sensors: what would each one's voltage be?
+"""A bank of catalysts with downstream sensors, and the voltage of each.
 
 Every member is one store of oxygen with a breakthrough that grows with its filling, an offset of
 the upstream reading, and a switching sensor behind it. The members run side by side from upstream
@@ -80,7 +80,7 @@ class Members:
 
     @cached_property
     def offset(self) -> FloatArray:
-        """Return what is added to the upstream x, (n_offsets,)."""
+        """Return the addends of the upstream x, (n_offsets,)."""
         return np.array(self.config.offsets_phi)
 
     @property
@@ -149,7 +149,7 @@ class CatalystBank:
         return np.asarray(out + shift)
 
     def _richness_of(self, x: FloatArray) -> FloatArray:
-        """Return what a switching sensor shows in the steady state, 0 to 1."""
+        """Return the reading of a switching sensor in the steady state, 0 to 1."""
         return np.asarray(0.5 - 0.5 * np.tanh(x / (2.0 * self._config.switching_phi)))
 
     def _volts(self, x: FloatArray, grams: float) -> FloatArray:

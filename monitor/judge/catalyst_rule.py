@@ -35,7 +35,7 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class Capacity:
-    """What the catalyst stores, with a 90 % interval."""
+    """The capacity of the catalyst, with a 90 % interval."""
 
     grams: float
     low_g: float
@@ -248,7 +248,7 @@ class CatalystRule:
         return self._low_v, self._high_v
 
     def offset(self) -> float:
-        """Return what the balance adds to upstream x, in phi."""
+        """Return the addend of the balance to upstream x, in phi."""
         return self._mean_offset(self._evidence)
 
     def offset_std(self) -> float:

@@ -59,7 +59,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What the tests had when the recording ended."""
+    """The state of the tests at the end of the recording."""
 
     windows: int = 0
     excited: int = 0  # windows in which the prediction moves clearly

@@ -18,7 +18,7 @@ class Noise:
 
     @property
     def innovation_var(self) -> float:
-        """Return the variance of what is new in each sample."""
+        """Return the variance of the new part of each sample."""
         return self.std**2 * (1.0 - self.memory**2)
 
 

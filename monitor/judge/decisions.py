@@ -87,7 +87,7 @@ Change = DtcChanged | Counted
 
 
 class Facts(NamedTuple):
-    """What a window says, before anything is decided."""
+    """The findings of a window, before a decision."""
 
     mean: float  # of the residual, output's unit
     std: float
@@ -328,7 +328,7 @@ class Decisions:
         self.completed |= self._debounce["response"].failed or self._debounce["response"].passed
 
     def _unless_dead(self, response: Response, moved: Moved) -> Response:
-        """Return what the response rule says, unless the reading may not move at all."""
+        """Return the response rule's finding, unless the reading may not move at all."""
         doubt = max(moved.dead, moved.holds)
         self._may_be_dead = doubt >= self._config.movement.doubt
         if moved.fault is not None:
@@ -338,7 +338,7 @@ class Decisions:
         return response
 
     def _results(self, response: Response, bias: Bias) -> list[TestResult]:
-        """Return what service $06 says: the estimates so far against their limits."""
+        """Return the results of service $06: the estimates so far against their limits."""
         config, limits, found = self._config.response, self._limits, response.statistics
         high = {"lag": config.lag_limit_s, "dead_time": config.delay_limit_s}
         results = [
@@ -399,7 +399,7 @@ class Decisions:
 
     @property
     def seen(self) -> Seen | None:
-        """Return what the vehicle's reference may learn, None if anything was suspicious."""
+        """Return the lesson for the vehicle's reference, None if anything was suspicious."""
         enough = self._windows >= self._config.bias.reference_windows
         sound = self._debounce["response"].passed and not self._suspicious
         if self._transform != "phi" or not (enough and sound) or self.store.fault_flag:

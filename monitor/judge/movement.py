@@ -23,7 +23,7 @@ HOLDS: Final = "intermittent"
 
 
 class Moved(NamedTuple):
-    """What the rule says after a window."""
+    """The finding of the rule after a window."""
 
     fault: str | None  # that is decided
     dead: float  # log likelihood ratio of a dead sensor over a live one, summed
@@ -53,7 +53,7 @@ class MovementRule:
     def judge(
         self, measured: FloatArray, healthy: FloatArray, no_evidence: BoolArray
     ) -> list[Moved]:
-        """Return what is known after each window.
+        """Return the finding after each window.
 
         measured, healthy : (w, n) reading, and what a healthy sensor would read, like phi
         no_evidence : (w,) windows that count for nothing
@@ -87,7 +87,7 @@ class MovementRule:
         return np.asarray(np.clip(0.5 * n * self._independent * ratio, -limit, limit))
 
     def _hold_ratios(self, measured: FloatArray, healthy: FloatArray) -> FloatArray:
-        """Return what the longest hold of each window says, (w,)."""
+        """Return the evidence of the longest hold of each window, (w,)."""
         same = measured[:, 1:] == measured[:, :-1]
         place = np.arange(same.shape[1])
         length = place - np.maximum.accumulate(np.where(same, -1, place), axis=1)

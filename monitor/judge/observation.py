@@ -48,7 +48,7 @@ class Observed:
 
 
 class Observation:
-    """Counts what samples say.
+    """Counts the findings on samples.
 
     enable : conditions of the recording
     names : signals of a sample

@@ -1,4 +1,4 @@
-"""The response rule: which sensor, run on the prediction, reads what the real one reads?
+"""The response rule: which sensor, run on the prediction, reads like the real one?
 
 Every claim says how a sensor follows the mixture: one column of the bank of ``hypotheses`` (a lag
 or a dead time on one edge direction or both) and a range for its gain. Evidence for each claim is
@@ -34,7 +34,7 @@ _WINDOWS = 8  # regressed at once: what fits into the processor's cache
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What the response rule says after a window."""
+    """The finding of the response rule after a window."""
 
     outcome: Outcome
     fault: str | None
@@ -204,7 +204,7 @@ class ResponseRule:
         return gain
 
     def _error_var(self, moments: FloatArray, gain: FloatArray) -> FloatArray:
-        """Return the variance of what each claim leaves of a window, with its least part added."""
+        """Return the variance of each claim's error in a window, its least part added."""
         sxx, sxy, syy = moments
         error_var: FloatArray = np.maximum(syy - gain * (2.0 * sxy - gain * sxx), 0.0)
         error_var += self._least_var
@@ -218,7 +218,7 @@ class ResponseRule:
         return (1.0 - part) * now[self._ahead :] + part * now[self._ahead - 1 : -1]
 
     def _whitened(self, x: FloatArray) -> FloatArray:
-        """Return what is new in each sample of windows, (w, n, ...), its mean taken off."""
+        """Return the new part of each sample of windows, (w, n, ...), its mean taken off."""
         new = x[:, 1:] - self._noise.memory * x[:, :-1]
         new -= (np.add.reduce(new, axis=1) / new.shape[1])[:, np.newaxis]
         return new

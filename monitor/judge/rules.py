@@ -21,7 +21,7 @@ GROUP: Final = "o2_monitor.rules"
 
 @dataclass(frozen=True, slots=True)
 class Opinion:
-    """What a rule says after a window."""
+    """The finding of a rule after a window."""
 
     outcome: Literal["passed", "failed", "inconclusive"]
     fault: str | None = None  # one of the rule's, if failed
@@ -33,7 +33,7 @@ class Rule(Protocol):
     faults: ClassVar[Mapping[str, str]]  # fault: its code, P1000 to P1FFF
 
     def judge(self, window: Window) -> Opinion:
-        """Take a full window of enabled samples; return what all windows so far say."""
+        """Take a full window of enabled samples; return the finding of all windows so far."""
 
 
 RuleClass = type[Rule]
@@ -64,7 +64,7 @@ def _load(name: str) -> RuleClass:
 
 
 def opinion(name: str, rule: Rule, window: Window) -> Opinion:
-    """Return what a rule says of a window.
+    """Return the finding of a rule on a window.
 
     Raises ConfigError if the rule fails, or names a fault that it has not.
     """

@@ -1,4 +1,4 @@
-"""The part of a signal's name that is its own: without what all names of its message begin with."""
+"""The part of a signal's name behind the beginning that all names of its message share."""
 
 import re
 from collections import Counter

@@ -140,7 +140,7 @@ def observe(
 
 
 def _key(channel: Channel) -> tuple[int, bool | None]:
-    """Return what tells the frames of a message: identifier, or parameter group and None."""
+    """Return the key of a message's frames: identifier, or parameter group and None."""
     message = channel.message
     if channel.any_source:
         return group_of(message.frame_id), None

@@ -1,4 +1,4 @@
-"""What main file and spare copy of a fault memory hold together.
+"""The common content of main file and spare copy of a fault memory.
 
 =============  ===============  =======================================================  ========
 main file      spare copy       content                                                  state
@@ -25,7 +25,7 @@ from monitor.memory.tables import ERRORS, DamagedError, Tables, is_empty
 
 
 class Condition(NamedTuple):
-    """What opening a fault memory found."""
+    """The finding of opening a fault memory."""
 
     state: Literal["ok", "repaired", "lost"] = "ok"
     says: str = ""  # one line, if the state is not ok

@@ -27,7 +27,7 @@ Rows = Mapping[str, list[Row]]  # by table; all rows of a table are replaced tog
 
 
 class Head(NamedTuple):
-    """What a file says of itself beside its rows."""
+    """The head of a file, beside its rows."""
 
     schema: int
     memory: str  # identity: copies of one memory share it
@@ -63,7 +63,7 @@ class Content:
 
 
 class Copy(NamedTuple):
-    """Parts of a file whose checksums are right; ``note`` says what is wrong with the others."""
+    """Parts of a file whose checksums are right; ``note`` names the damage of the others."""
 
     head: Head | None
     rows: frozenset[tuple[str, Row]]

@@ -49,7 +49,7 @@ class Driven(NamedTuple):
 
 
 class Counting(NamedTuple):
-    """What counts in a block; sample numbers never fall."""
+    """The counts of a block; sample numbers never fall."""
 
     moments: list[tuple[int, Moment]]
     driven: list[tuple[int, Driven]]
@@ -104,7 +104,7 @@ class Cycles:
         self._taken_ns, self._taken_km = 0, 0.0  # of these, given out in ``Driven``
 
     def push(self, block: SampleBlock) -> Counting:
-        """Return what is to be counted on samples, at each a new driving cycle first."""
+        """Return the counts due on samples, at each a new driving cycle first."""
         n = len(block.t_ns)
         found = Counting([], [])
         if n == 0:

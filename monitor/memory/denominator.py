@@ -10,7 +10,7 @@ from monitor.base.types import IntArray
 
 
 class Flags(NamedTuple):
-    """What holds on samples that are alike."""
+    """Conditions on samples that are alike."""
 
     moves: bool  # fast enough for the general denominator
     idles: bool

@@ -20,7 +20,7 @@ UNREADABLE: Final = Copy(None, frozenset(), "the main file cannot be read")
 def repaired(
     path: Path, lock: Lock, damage: DamagedError
 ) -> tuple[Tables | None, Content, Condition]:
-    """Make the main file anew from what is whole; if nothing is, put all aside and begin anew.
+    """Make the main file anew from the whole parts; without any, put all aside and begin anew.
 
     If another process holds the lock, nothing is written and no tables are returned. Raises
     RecordingError if the files cannot be written, or if another process holds a lost memory.
@@ -50,7 +50,7 @@ def repaired(
 
 
 def _as_read(path: Path, damage: DamagedError) -> tuple[Content, Condition]:
-    """Return what can be read of a damaged memory that another process holds."""
+    """Return the readable part of a damaged memory that another process holds."""
     try:
         content, says = best(_read(path), spare.read(spare.spare_of(path)), path)
     except DamagedError:
@@ -62,7 +62,7 @@ def _as_read(path: Path, damage: DamagedError) -> tuple[Content, Condition]:
 
 
 def _read(path: Path) -> Copy:
-    """Return what is good in the main file."""
+    """Return the good part of the main file."""
     try:
         if tables.is_empty(path):
             return UNREADABLE

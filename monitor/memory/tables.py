@@ -198,14 +198,14 @@ class Tables:
         return str(meaning)
 
     def meaning_of_writing(self, error: Exception) -> RecordingError | DamagedError:
-        """Return what an error of writing means: damage, or a disk, process or value."""
+        """Return the meaning of an error of writing: damage, or a disk, process or value."""
         name = getattr(error, "sqlite_errorname", "")
         if name.startswith(_DAMAGE) or isinstance(error, UnicodeDecodeError):
             return self._meaning(error, "store")
         return RecordingError(f"{self._path}: cannot store the fault memory: {error}")
 
     def _meaning(self, error: Exception, what: str) -> RecordingError | DamagedError:
-        """Return what an error of SQLite means: the disk or another process, or damage."""
+        """Return the meaning of an error of SQLite: the disk or another process, or damage."""
         name = getattr(error, "sqlite_errorname", "")
         may_write = os.access(self._path, os.W_OK) and os.access(self._path.parent, os.W_OK)
         if name.startswith(_FILE_ERRORS) and not (name == "SQLITE_READONLY" and may_write):

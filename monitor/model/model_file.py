@@ -25,7 +25,7 @@ _KNOWN: Final = frozenset({1, 2, 3, 4, 5, 6, _GRAPH, 8, _METADATA})
 
 
 class ModelFile(NamedTuple):
-    """A model file that holds what it may hold."""
+    """A model file whose contents are allowed."""
 
     content: bytes
     card: str  # JSON

@@ -1,4 +1,4 @@
-"""What ``o2mon.replay/1`` says of one recording, whether it was streamed or judged as a whole."""
+"""The entry of one recording in ``o2mon.replay/1``, streamed or judged as a whole."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -131,7 +131,7 @@ def bus_sources(bus_map: BusMap, names: Iterable[str]) -> dict[str, Source]:
 def frame_counts(
     messages: Mapping[str, MessageCounters], assembler: AssemblerCounters, unmapped: int
 ) -> dict[str, int]:
-    """Return what became of frames that could not be used, by reason."""
+    """Return the number of frames that could not be used, by reason."""
     total: dict[str, int] = {}
     for counters in messages.values():
         for name, count in asdict(counters).items():

@@ -179,12 +179,12 @@ class Monitor:
 
     @property
     def judge(self) -> Judge:
-        """Return what judges the samples."""
+        """Return the judge of the samples."""
         return self._judge
 
     @property
     def seen(self) -> Seen | None:
-        """Return what the vehicle's reference may learn of this drive, None if nothing."""
+        """Return the lesson of this drive for the vehicle's reference, None without one."""
         return self._decisions.seen
 
     @property
@@ -197,7 +197,7 @@ class Monitor:
         self._plausibility.is_expected = True
 
     def push(self, block: SampleBlock) -> Iterator[BlockEvent]:
-        """Take a block of samples and yield what they cause; all of it must be taken."""
+        """Take a block of samples and yield its events; all of them must be taken."""
         return self._judge.push([self], [block])[0]
 
     def adopt(self, limits: Limits) -> None:
@@ -302,7 +302,7 @@ class Monitor:
         yield from self._events(part, then)
 
     def _events(self, part: Part, then: Sequence[Then]) -> Iterator[BlockEvent]:
-        """Yield what happens in the order of time, with the ticks before it."""
+        """Yield the happenings in the order of time, with the ticks before them."""
         at = 0
         for k, order, happen in then:
             events = happen()

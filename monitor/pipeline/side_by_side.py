@@ -153,7 +153,7 @@ class Vehicle:
         self.limits = limits.of_vehicle(self.reference, config)
 
     def learn(self, seen: Seen | None) -> None:
-        """Take what a driving cycle shows."""
+        """Take the findings of a driving cycle."""
         if self._learns and seen is not None:
             self.reference = self.reference.learn(seen, self._config)
             self.limits = self._model_limits.of_vehicle(self.reference, self._config)

@@ -28,7 +28,7 @@ def behind_table(path: Path, columns: Path | None) -> Table | None:
 
 
 def judge_table(table: Table, store: DtcStore, config: Config) -> dict[str, Any]:
-    """Return what ``o2mon.replay/1`` says of the table, but for its path and sha256.
+    """Return the table's entry in ``o2mon.replay/1``, without its path and sha256.
 
     store : fault memory, in which a driving cycle has begun
     """

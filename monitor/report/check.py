@@ -129,7 +129,7 @@ class CheckResult:
 
 
 def held_up(recording: OpenRecording, card: ModelCard, config: Config) -> list[Cause]:
-    """Return what would keep a recording from its verdict, by its signals and conditions.
+    """Return the reasons that would keep a recording from its verdict.
 
     Raises RecordingError as the recording is read.
     """

@@ -32,7 +32,7 @@ _INSTEAD: Final = {"manifold_pressure_kpa": ("air_mass_mg", "maf_kg_h", "load_g_
 
 @dataclass(frozen=True, slots=True)
 class TableCheck:
-    """What a table holds."""
+    """The signals of a table."""
 
     table: Table
     header: tuple[str, ...]  # lines about the file
@@ -108,7 +108,7 @@ class TableCheck:
 
 
 def check_table(path: Path, columns: Path | None = None) -> TableCheck:
-    """Return what a table holds.
+    """Return the signals of a table.
 
     columns : columns map or profile, as of ``read_table``
     Raises RecordingError as ``read_table``.
@@ -136,7 +136,7 @@ def is_of_logger(path: Path, columns: Path | None) -> bool:
 
 
 def advice(check: TableCheck) -> str:
-    """Return what can be done with a logger's file for which no model was given."""
+    """Return the commands that a logger's file without a model allows."""
     if OUTPUT not in check.present:
         return f"no {OUTPUT}: neither o2train fit nor o2mon replay can use this log"
     return (

@@ -119,7 +119,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
 
 
 def _logger(recording: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return what a logger's file was read with, and its oddities."""
+    """Return the profile of a logger's file, and its oddities."""
     facts = []
     if "profile" in recording:
         facts.append(("Profile", f"<code>{text(recording['profile'])}</code>"))

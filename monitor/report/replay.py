@@ -38,7 +38,7 @@ SHIPPED_MODEL = "shipped.onnx"
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What every recording of a call is judged with."""
+    """Model, settings and signals with which all recordings of a call are judged."""
 
     model: Model
     limits: Limits
@@ -102,7 +102,7 @@ def sha256_of(path: Path) -> str:
 
 
 def frame_counters(pipeline: FramePipeline) -> dict[str, int]:
-    """Return what became of frames that could not be used, by reason."""
+    """Return the number of frames that could not be used, by reason."""
     decoder = pipeline.decoder
     return frame_counts(decoder.counters, pipeline.assembler.counters, decoder.unmapped)
 
@@ -195,7 +195,7 @@ def store_of(memory: Memory | None, profile: ProfileConfig) -> DtcStore:
 
 
 def of_memory(memory: Memory | None) -> dict[str, Any]:
-    """Return what a recording's entry says of the fault memory on disk, if there is one."""
+    """Return the entry of the fault memory on disk, if there is one."""
     return {} if memory is None else {"memory": memory.condition.entry}
 
 
@@ -231,7 +231,7 @@ def exit_code(recordings: Sequence[dict[str, Any]]) -> int:
 
 
 def result_of(recordings: list[dict[str, Any]], setup: Setup) -> dict[str, Any]:
-    """Return the whole of ``o2mon.replay/1``, with what the verdicts rest on."""
+    """Return the whole of ``o2mon.replay/1``, with the sources of the verdicts."""
     return {
         "schema": SCHEMA,
         "o2mon_version": __version__,
@@ -247,13 +247,13 @@ def trained_on(card: ModelCard) -> str:
 
 
 def predicted_quantity(setup: Setup) -> str:
-    """Return what the model predicts, as a page calls it."""
+    """Return the name that a page gives to the prediction."""
     name = setup.model.card.output.name
     return "lambda" if name == OUTPUT else name
 
 
 def model_info(setup: Setup) -> dict[str, str]:
-    """Return what the report says of the model."""
+    """Return the report's entry of the model."""
     card = setup.model.card
     layers = " and ".join(str(n) for n in card.layers)
     shape = f"lags {card.lags}, hidden layers {layers}" if layers else f"{card.lags} samples"

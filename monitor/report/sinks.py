@@ -204,7 +204,7 @@ def reason(recording: Mapping[str, Any]) -> str:
 
 
 def event_line(event: Happening, collector: Collector) -> str:
-    """Return one line about what is no tick."""
+    """Return one line about an event that is no tick."""
     if isinstance(event, CycleStarted):
         return f"{collector.seconds(event.t_ns):8.1f} s  a driving cycle begins"
     if isinstance(event, Counted):
@@ -260,7 +260,7 @@ def write_json(path: Path, result: Mapping[str, Any]) -> None:
 
 
 def rounded(value: Any) -> Any:
-    """Round floats to nine decimals; what is not finite becomes null."""
+    """Round floats to nine decimals; numbers that are not finite become null."""
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if isinstance(value, float):

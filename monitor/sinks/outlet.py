@@ -61,18 +61,18 @@ class Outlet:
             self.dropped += 1
 
     def notes(self) -> list[str]:
-        """Return what is to be told of the connection since the last call."""
+        """Return the news of the connection since the last call."""
         said = []
         while self._notes:
             said.append(self._notes.popleft())
         return said
 
     def end(self) -> None:
-        """Let the thread write what is left and end."""
+        """Let the thread write the remaining records and end."""
         self._ended.set()
 
     def close(self) -> None:
-        """Wait for the thread at most ``END_S``; what it has not written is counted as dropped."""
+        """Wait for the thread at most ``END_S``; records not written by then count as dropped."""
         self.end()
         self._thread.join(END_S)
         if self._thread.is_alive():  # the process may end, the thread is a daemon

@@ -1,4 +1,4 @@
-"""What a sink is given: records, and the interface of a sink."""
+"""Records, and the interface of the sinks that take them."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol

@@ -33,7 +33,7 @@ class Written:
         return listen
 
     def close(self) -> None:
-        """Write what is left and close the sinks.
+        """Write the remaining records and close the sinks.
 
         Raises UsageError if one does not take it.
         """

@@ -1,4 +1,4 @@
-"""What users give as recordings: files, columns in memory, or recordings read before."""
+"""Recordings as users give them: files, columns in memory, or recordings read before."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

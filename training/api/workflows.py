@@ -23,7 +23,7 @@ LOADS = {"kpa": "manifold_pressure_kpa", "mg": "air_mass_mg", None: None}
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """What the gap workflow found; ``entry`` is ``o2train.gap/1`` (docs/reference/json.md)."""
+    """The findings of the gap workflow; ``entry`` is ``o2train.gap/1`` (docs/reference/json.md)."""
 
     entry: Mapping[str, Any]
     result: Result = field(repr=False)

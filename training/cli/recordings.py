@@ -185,7 +185,7 @@ def load_all(
 def inputs_of(
     args: argparse.Namespace, recordings: "Sequence[Recording]", *, tell: bool = True
 ) -> tuple[str, ...]:
-    """Return the inputs of ``--inputs``, else those chosen from what the recordings have.
+    """Return the inputs of ``--inputs``, else those chosen from the recordings' signals.
 
     tell : print the inputs if they are chosen and are not the paper's
     Raises RecordingError if there are none.

@@ -158,7 +158,7 @@ def installed(
 
 
 def begin(d: Downstream, warm: float) -> Brick:
-    """Return the state at engine start; ``warm`` 0 to 1 is what is left of a hot brick."""
+    """Return the state at engine start; ``warm`` 0 to 1 is the remaining warmth of a hot brick."""
     return Brick(
         degc=d.brick_start_degc + warm * 280.0,
         x_out=0.0,

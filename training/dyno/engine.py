@@ -173,7 +173,7 @@ def installed(e: Engine, piece: Piece, effects: Effects) -> tuple[Piece, Effects
 def metered(e: Engine, d: Drive, maf_gain: float, rng: np.random.Generator) -> Drive:
     """Return the drive with this engine's electrical load and its ECU's estimate of the air.
 
-    The air meter of this engine reads what the manifold takes in: the cylinders' flow and the
+    The air meter of this engine reads the flow into the manifold: the cylinders' flow and the
     change of the mass in the manifold, behind a lag of 30 ms and with noise of 0.4 %.
     """
     sag = 1.2 / (1.0 + np.exp(np.clip((d.engine_rpm - 950.0) / 60.0, -30.0, 30.0)))

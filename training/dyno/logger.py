@@ -1,4 +1,4 @@
-"""A tuner's logger: it asks the ECU for its values at a fixed rate and writes what it answers."""
+"""A tuner's logger: it asks the ECU for its values at a fixed rate and writes the answers."""
 
 from collections.abc import Mapping
 from typing import Final

@@ -64,7 +64,7 @@ def describe(experiment: Experiment, path: Path) -> dict[str, Any]:
 
 
 def _of_downstream(experiment: Experiment) -> dict[str, Any]:
-    """Return what the manifest says of catalyst and downstream sensor, if the vehicle has them."""
+    """Return the manifest's entry of catalyst and downstream sensor, if the vehicle has them."""
     if not experiment.downstream:
         return {}
     fault = experiment.downstream_fault

@@ -21,7 +21,7 @@ PRESSURES_KPA = np.linspace(10.0, 260.0, 501)
 
 
 def tables(e: Engine, axes: TableAxes, manifold_degc: float) -> list[EcuTable]:
-    """Return what the tables of a recording of this engine should say.
+    """Return the true tables of a recording of this engine.
 
     manifold_degc : mean temperature in the manifold, which sets the charge at a pressure
     """

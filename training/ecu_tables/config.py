@@ -9,7 +9,7 @@ from importlib import resources
 
 @dataclass(frozen=True, slots=True)
 class TablesConfig:
-    """Numbers that decide what a cell says."""
+    """Numbers that decide the content of a cell."""
 
     z90: float  # half width of a 90 % interval in standard deviations
     least_s: float  # usable samples nearest to a cell, below which it is blank

@@ -20,7 +20,7 @@ STEP: Final = 1e-5  # of a law's difference quotient
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A drive with what does not change during a fit."""
+    """A drive with the quantities that a fit does not change."""
 
     drive: Drive
     point: Point

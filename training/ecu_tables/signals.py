@@ -1,4 +1,4 @@
-"""What the fit of the tables reads from a recording: fuel command, air, mixture, operating point.
+"""Inputs of the tables' fit from a recording: fuel command, air, mixture, operating point.
 
 Fuel is the pulse width where the recording has one, else the fuel mass. Air is the mass per
 stroke as broadcast, else speed density from the manifold pressure, else the air meter behind the
@@ -70,7 +70,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """The drives of one vehicle and what their signals are."""
+    """The drives of one vehicle and the kinds of their signals."""
 
     drives: tuple[Drive, ...]
     air: Air

@@ -37,7 +37,7 @@ def run(
     function : module-level, takes ``shared`` and an item
     items : with a key each; long jobs should come first
     scheduler : address of a Dask scheduler, ``tcp://host:port``; None uses ``jobs`` processes here
-    Raises what a job raises, UsageError if the scheduler cannot be used, and WorkerDiedError; a
+    Raises as the jobs do, UsageError if the scheduler cannot be used, and WorkerDiedError; a
     cluster does the jobs of a dead worker again and raises it only for one that has met several.
     """
     if scheduler is not None:

@@ -52,7 +52,7 @@ def sentence(result: dict[str, Any]) -> str:
 
 
 def held_out(failed: int | None, windows: int) -> str:
-    """Return in words what limits say of drives that did not set them."""
+    """Return in words the limits' findings on drives that did not set them."""
     if failed is None:
         return "The drives are too few to set limits without one of them."
     return (

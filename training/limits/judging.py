@@ -28,7 +28,7 @@ def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> Bo
 
 
 def why_not(recording: Recording, card: ModelCard, config: Config) -> list[Cause]:
-    """Return what keeps a recording from a verdict, by its signals and the enable conditions."""
+    """Return the signals and enable conditions that keep a recording from a verdict."""
     names = _names(recording, card)
     enable_, period_s = Enable.of(config.enable, names, card), card.period_ns * 1e-9
     observation = Observation(enable_, names, config.plausibility, period_s)

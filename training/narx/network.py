@@ -244,7 +244,7 @@ def _pieces(
     stop: IntArray,
     history: FloatArray,
 ) -> tuple[Any, ...]:
-    """Return what the kernels take; raises ValueError if a piece begins before the memory."""
+    """Return the kernels' arguments; raises ValueError if a piece begins before the memory."""
     if len(start) and (start.min() < spec.memory or stop.max() > len(u)):
         raise ValueError(f"pieces must lie within {spec.memory} .. {len(u)}")
     history = np.clip(history, spec.y_min, spec.y_max)

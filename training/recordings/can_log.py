@@ -94,7 +94,7 @@ def outgoing(bus_map: BusMap, names: Container[str] = ()) -> tuple[Outgoing, ...
 
 
 def _turns(channels: Sequence[Channel]) -> list[Outgoing]:
-    """Return what is sent of one message: the groups of its signals, one for each switch."""
+    """Return the frames of one message: the groups of its signals, one for each switch."""
     message, integrity = channels[0].message, channels[0].integrity
     groups: dict[tuple[tuple[str, int], ...], list[Channel]] = {}
     for channel in channels:

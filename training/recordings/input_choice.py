@@ -1,4 +1,4 @@
-"""The inputs of a model where the user names none: what all recordings have and what moves.
+"""The inputs of a model where the user names none: signals of all recordings that move.
 
 The paper's seven inputs are taken where they are. Other vehicles have other signals for the same
 causes: fuel, charge, speed and temperature. Of each cause the best signal that is there is taken.

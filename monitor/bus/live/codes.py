@@ -67,7 +67,7 @@ def _code(dtc: Dtc, frames: Mapping[str, FreezeFrame]) -> dict[str, Any]:
 
 
 def behind_rows(entry: Mapping[str, Any] | None) -> list[list[str]]:
-    """Return what the page says of catalyst, downstream sensor and oxygen balance."""
+    """Return the page's entries of catalyst, downstream sensor and oxygen balance."""
     if entry is None or entry["capacity_g"] is None:
         return [["behind the catalyst", "no evidence yet"]] if entry else []
     low, high = entry["capacity_low_g"], entry["capacity_high_g"]

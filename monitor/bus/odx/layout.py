@@ -1,4 +1,4 @@
-"""What stands in the data of identifiers, parameters and records, byte by byte."""
+"""The bytes in the data of identifiers, parameters and records."""
 
 from dataclasses import dataclass
 from typing import Final, Literal

@@ -69,7 +69,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """What the engine is, for signals that no column has; the model's gain takes up an error."""
+    """Data of the engine, for signals that no column has; the model's gain absorbs their error."""
 
     cylinders: int = 4
     injector_mg_per_ms: float = 3.0  # 240 cm³/min of petrol at its rated pressure

@@ -171,7 +171,7 @@ def _one_line(text: str) -> str:
 
 
 def name_and_unit(text: str) -> tuple[str, str]:
-    """Return a column's name without what stands in brackets at its end, and that.
+    """Return a column's name without the brackets at its end, and their text.
 
     >>> name_and_unit("Barometric pressure (from vehicle)(psi)")
     ('Barometric pressure (from vehicle)', 'psi')

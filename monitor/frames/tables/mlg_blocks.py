@@ -48,7 +48,7 @@ class Blocks:
     def _runs(
         self, chunk: NDArray[np.uint8], notes: Notes, *, ended: bool
     ) -> Iterator[tuple[int, int, bool]]:
-        """Yield spans [begin, end): good records in a row, and what is passed over.
+        """Yield spans [begin, end): good records in a row, and bytes that are passed over.
 
         ended : the chunk is the file's last
         """

@@ -39,7 +39,7 @@ class Addition:
         return self if self.path is None else replace(self, path=self.path.replace(path))
 
     def without_file(self, harm: str) -> "Addition":
-        """Return what stays of the addition: its file is deleted, for the harm that it does."""
+        """Return the addition without its file, which is deleted for the harm that it does."""
         if self.path is not None:
             self.path.unlink()
         return Addition(warnings=self.warnings, withdrawn=harm)
@@ -53,7 +53,7 @@ def add(
     options: Options,
     progress: Progress,
 ) -> Addition:
-    """Write the model with the named effects to ``out`` and return what was written."""
+    """Write the model with the named effects to ``out`` and return the addition."""
     if naming.verdict != "named":
         return Addition()
     if (withheld := withheld_effects(naming, options)) is not None:

@@ -42,7 +42,7 @@ AS_INPUT: Final = "input of the retrained network"
 
 @dataclass(frozen=True, slots=True)
 class NetworkWithEffects:
-    """A network and what effects change in the chain, in one of the three forms."""
+    """A network and the effects' change of the chain, in one of the three forms."""
 
     form: str
     network: Network

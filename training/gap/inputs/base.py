@@ -51,8 +51,8 @@ def drives_of(
 ) -> list[Drive]:
     """Return the recordings as drives for the naming, with the charge that the model sees.
 
-    Effects are named on the chain, whatever the model is: what a network misses on new drives
-    differs from what it misses on those it was trained on, and looks like an effect. Effects that
+    Effects are named on the chain, whatever the model is: a network's errors on new drives
+    differ from those on its training drives, and look like an effect. Effects that
     the model has already move the chain as well.
 
     healthy : what is known of the vehicle comes from these; of a model that was fitted to others

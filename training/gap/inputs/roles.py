@@ -43,7 +43,7 @@ class Material:
 
     @property
     def roles(self) -> dict[str, Sequence[Recording]]:
-        """Return the recordings by what the command calls them."""
+        """Return the recordings by the command's names of their roles."""
         return {"RECORDING": self.recordings, "--healthy": self.healthy, "--verify": self.verify}
 
     @property

@@ -112,8 +112,8 @@ def check_long(drives: Sequence[Drive], role: str) -> None:
 def check_moving(drives: Sequence[Drive]) -> None:
     """Raise RecordingError if the drives stand at one operating point: nothing can be told apart.
 
-    With closed-loop control phi at the valve moves everywhere; what effects differ by is how
-    they follow load and speed.
+    With closed-loop control phi at the valve moves everywhere; effects differ by the way in
+    which they follow load and speed.
     """
     load, load_moves = _moves([d.signals["air_mass_mg"][d.scored] for d in drives])
     speed, speed_moves = _moves([d.signals["engine_speed_rpm"][d.scored] for d in drives])

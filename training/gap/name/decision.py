@@ -108,7 +108,7 @@ def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
 def _is_confirmed(state: State, best: Candidate) -> bool:
     """Return whether functions with far more freedom than an effect explain held-out blocks.
 
-    An effect that gains where they lose has met what differs from drive to drive.
+    An effect that gains where they lose follows a difference from drive to drive.
     """
     if best.kind == "sensor fault":
         return True

@@ -51,7 +51,7 @@ def large_enough(fault: SensorFault, parameters: FloatArray) -> bool:
 def onset_s(case: Case, before: Fit, after: Fit) -> tuple[str, float] | None:
     """Return the drive and time at which the gain of ``after`` began, None if always there.
 
-    Every block says how strong the explanation is in it. What begins stays: in all drives, one
+    Every block says how strong the explanation is in it. An onset stays: in all drives, one
     after the other, the strength steps up once from nothing. The drives are looked at in the order
     given, and in the order of their own strengths, because files may not come as they were driven.
     """

@@ -52,7 +52,7 @@ def trace_figure(trace: Trace) -> Figure:
 
 
 def ranking_figure(ranking: Sequence[Candidate], chosen: Sequence[str]) -> Figure:
-    """Draw the scores, effects and sensor faults in their colours, what was chosen in full."""
+    """Draw the scores, effects and sensor faults in their colours, the chosen ones in full."""
     figure, axes = drawing(0.7 + 0.24 * len(ranking))
     colours = {"effect": "C0", "sensor fault": "C1"}
     for at, c in enumerate(ranking):

@@ -1,4 +1,4 @@
-"""Sentences of the gap report: the verdict with its figures, what to do, what to beware of."""
+"""Sentences of the gap report: the verdict with its figures, the next steps, the warnings."""
 
 from training.gap.name.decision import T_LEAST
 from training.gap.name.naming import ADEQUATE_ALONE
@@ -91,7 +91,7 @@ def _unknown(result: Result) -> str:
 
 
 def _nearest(result: Result) -> str:
-    """Return what keeps the best candidate from being a name, where it is far above chance."""
+    """Return the reason why the best candidate is no name, where it is far above chance."""
     best = result.naming.trials.ranking[0]
     merit = best.merit
     if merit.score < merit.needed:
@@ -129,7 +129,7 @@ def _level(result: Result) -> str:
 
 
 def actions(result: Result) -> list[str]:
-    """Return what to do next, the most important first."""
+    """Return the next steps, the most important first."""
     found = {
         "named": _take_over,
         "no_gap": lambda _: ["Keep the model."],
@@ -229,7 +229,7 @@ def cautions(result: Result) -> list[str]:
 
 
 def _lost(f: Detection, after: Count, whole: Error) -> str:
-    """Return what was found no more, and whether the gap itself had helped to find it."""
+    """Return the fault that is no longer found, and whether the gap had helped to find it."""
     text = (
         f"{f.fault} {f.severity:g} was found in {f.before.found} of {f.before.drives} held-out "
         f"drives with the old model, in {after.found} with the new one"

@@ -29,7 +29,7 @@ def excerpt_figure(part: Excerpt) -> Figure:
 
 
 def runs_figure(part: Excerpt | Trace, runs: Sequence[tuple[FloatArray, str, str]]) -> Figure:
-    """Draw measured phi and models' runs (phi, colour, label), and what each of these misses."""
+    """Draw measured phi and models' runs (phi, colour, label), and the error of each."""
     figure, (top, bottom) = panels(2, 1, height=2.0, sharex=True, height_ratios=(2, 1))
     top.plot(part.t_s, part.measured, color="0.2", linewidth=1.0, label="measured")
     for phi, colour, name in runs:

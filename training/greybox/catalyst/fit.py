@@ -40,7 +40,7 @@ HELD_SHARE: Final = 0.02  # of the range; a constant nearer to its bound ended a
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What the fit needs of one recording, (n,) each."""
+    """The fit's signals of one recording, (n,) each."""
 
     name: str
     period_s: float
@@ -63,7 +63,7 @@ class Fitted:
     spread: float  # of the starts' costs over the best, relative
 
     def tree(self) -> dict[str, Any]:
-        """Return what the file says."""
+        """Return the content of the file."""
         rows = {
             name: {
                 "value": float(getattr(self.constants, name)),
@@ -83,7 +83,7 @@ class Fitted:
 
 
 def drive_of(recording: "Recording", config: CatalystConfig | None = None) -> Drive:
-    """Return what the fit needs; raises RecordingError if a signal is missing."""
+    """Return the fit's signals; raises RecordingError if a signal is missing."""
     config = config or shipped().catalyst
     missing = [name for name in NEEDED if name not in recording.known]
     if missing:

@@ -123,7 +123,7 @@ def time_figure(times: Mapping[str, Mapping[str, Sequence[float | None]]]) -> Fi
 
 
 def confusion_figure(table: Mapping[str, Any]) -> Figure:
-    """Draw the names given (columns) to what was driven (rows), in percent of the drives."""
+    """Draw the names given (columns) to the driven faults (rows), in percent of the drives."""
     counts = np.array(table["counts"], dtype=np.float64).reshape(-1, len(table["named"]))
     share = 100.0 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
     figure, axes = drawing(1.6 + 0.32 * len(counts))

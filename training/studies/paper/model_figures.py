@@ -48,7 +48,7 @@ def _excerpt(axes: Axes, view: Mapping[str, Any], sensor: Mapping[str, Any]) -> 
 
 
 def _frame(axes: Axes, t_s: FloatArray, judged: np.ndarray, series: Sequence[FloatArray]) -> None:
-    """Mark what is not judged in grey and let the judged samples set the axis."""
+    """Mark samples that are not judged in grey and let the judged samples set the axis."""
     if len(judged) and not judged.all():
         axes.fill_between(
             t_s,

@@ -47,7 +47,7 @@ class PathNodes:
 
 
 class Place(ABC):
-    """What an effect sees; each lag starts settled at its first input."""
+    """The surroundings of an effect; each lag starts settled at its first input."""
 
     signals: Mapping[str, Any]
     period_s: float

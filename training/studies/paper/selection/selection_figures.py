@@ -11,7 +11,7 @@ from training.pages.figure import LIMIT, drawing, legend, panels
 
 
 def scree_figure(result: dict[str, Any]) -> Figure:
-    """Return variances of the components and what they explain together, and the loadings."""
+    """Return variances of the components, their cumulated share, and the loadings."""
     figure, (left, right) = panels(2, 2, height=4.0, width_ratios=(2, 3))
     number = np.arange(1, len(result["variances"]) + 1)
     left.bar(number, result["variances"], color="C0", alpha=0.5)
