@@ -166,6 +166,7 @@ class CatalystConfig:
     evidence_most: float
     evidence_alike: float
     interval_weight: float
+    capacity_model: float
     follow_low: float
     follow_sound: float
     follow_late_s: float

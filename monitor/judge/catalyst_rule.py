@@ -20,6 +20,7 @@ from monitor.judge.catalyst_bank import LEAK, MID_V, STUCK, WEAK, CatalystBank, 
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 CATALYST: Final = "catalyst_low"
+TAIL_90: Final = 1.645  # standard deviations to either end of a 90 % interval
 IMPOSSIBLE: Final = -1e9  # log likelihood of a member that the voltage rules out
 
 
@@ -229,8 +230,11 @@ class CatalystRule:
         edges = np.concatenate([[2 * log_g[0] - middle[0]], middle, [2 * log_g[-1] - middle[-1]]])
         below = np.concatenate([[0.0], np.cumsum(weight)])
         low, high = np.interp([0.05, 0.95], below, edges)
+        middle_g, shared = float(weight @ log_g), TAIL_90 * self._config.capacity_model
+        low = middle_g - math.hypot(max(middle_g - low, 0.0), shared)
+        high = middle_g + math.hypot(max(high - middle_g, 0.0), shared)
         is_bound = bool(weight[-1] > 0.05)
-        return Capacity(float(np.exp(weight @ log_g)), math.exp(low), math.exp(high), is_bound)
+        return Capacity(math.exp(middle_g), math.exp(low), math.exp(high), is_bound)
 
     def sensor_lags(self) -> dict[str, float]:
         """Return the expected lag and dead time of the downstream sensor in s, by edge."""
