@@ -1,8 +1,8 @@
 """InfluxDB's line protocol, and its sinks: HTTP, UDP and a file.
 
 Source: InfluxDB 2 documentation, "Line protocol". "signals" records are the measurement ``o2mon``,
-every other record is ``o2mon_event`` with the tag ``kind``. A code is a tag too, so that two codes
-of the same moment are two points.
+every other record is ``o2mon_event`` with the tag ``kind``. What an event is about (a code, a
+window, a fuel cut) is a tag too, so that two events of the same moment are two points.
 """
 
 import http.client
@@ -19,6 +19,7 @@ from monitor.sinks.address import path_of
 from monitor.sinks.record import Record, RefusedError, Tags, Value
 
 TIMEOUT_S: Final = 5.0
+KEYS: Final = ("code", "of")  # values of events that are tags
 DATAGRAM: Final = 1400  # bytes, below the usual limit of a network's packet
 REFUSED: Final = (400, 413, 422)  # answers to data that the server will never take
 TOKEN: Final = "INFLUX_TOKEN"  # variable of the environment, as InfluxDB's own client reads it
@@ -38,8 +39,7 @@ def line(record: Record, tags: Tags) -> str:
     if record.kind != "signals":
         measurement = "o2mon_event"
         named["kind"] = record.kind
-        if "code" in values:
-            named["code"] = str(values.pop("code"))
+        named |= {key: str(values.pop(key)) for key in KEYS if key in values}
     keys = "".join(f",{_name(k)}={_name(v)}" for k, v in sorted(named.items()) if v)
     fields = ",".join(f"{_name(k)}={_field(v)}" for k, v in values.items())
     return f"{measurement}{keys} {fields} {record.t_ns}"

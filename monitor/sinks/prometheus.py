@@ -45,7 +45,7 @@ class Page:
                 str(values["fault"]),
                 str(values["state"]),
             )
-        elif record.kind == "verdict":
+        elif record.kind == "verdict" and values.get("of") == "window":
             self._verdict = str(values["verdict"]), str(values["fault"])
 
     def text(self) -> str:

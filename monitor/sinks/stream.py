@@ -43,7 +43,7 @@ class Stream:
         self._step = max(1, round(1.0 / (rate_hz * period_s)))
         self._means = {path: _Mean() for path in (self._measured, vss.PREDICTED, vss.RESIDUAL)}
         self._windows = 0
-        self._verdict: tuple[str, str | None] | None = None
+        self._verdicts: dict[str, tuple[str, str | None]] = {}  # of windows, of fuel cuts
         self._states: dict[str, str | None] = {d.code: d.state for d in monitor.store.active}
 
     def push(self, event: Event) -> Iterator[Record]:
@@ -52,23 +52,23 @@ class Stream:
             yield from self._tick(event)
         elif isinstance(event, WindowJudged):
             self._windows += 1
-            yield from self._judged(event, event.window.t_end_ns, event.mean)
+            yield from self._judged("window", event, event.window.t_end_ns, event.mean)
         elif isinstance(event, CutJudged):
-            yield from self._judged(event, event.t_ns, None)
+            yield from self._judged("fuel_cut", event, event.t_ns, None)
         elif isinstance(event, DtcChanged):
             yield from self._code(event.t_ns, event.dtc)
         elif isinstance(event, CycleStarted):
             yield Record("cycle", event.t_ns, {"started": True})
 
     def _judged(
-        self, event: WindowJudged | CutJudged, t_ns: int, mean: float | None
+        self, of: str, event: WindowJudged | CutJudged, t_ns: int, mean: float | None
     ) -> Iterator[Record]:
         """Yield a record if the verdict or the fault is another one than before."""
         verdict = event.outcome, event.fault
-        if verdict == self._verdict:
+        if verdict == self._verdicts.get(of):
             return
-        self._verdict = verdict
-        values: dict[str, Value] = {"verdict": event.outcome, "fault": event.fault or ""}
+        self._verdicts[of] = verdict
+        values: dict[str, Value] = {"of": of, "verdict": event.outcome, "fault": event.fault or ""}
         if mean is not None and math.isfinite(mean):
             values["mean"] = mean
         yield Record("verdict", t_ns, values)

@@ -29,6 +29,7 @@ SIGNALS = Record(
 CODE = Record(
     "code", 7, {"code": "P0133", "fault": "slow", "also": "", "state": "pending", "status": 47}
 )
+VERDICT = Record("verdict", 8, {"of": "window", "verdict": "failed", "fault": "slow"})
 
 
 def test_signals_are_one_line_under_their_paths() -> None:
@@ -79,7 +80,12 @@ def test_lines_travel_by_udp() -> None:
 
 def test_metrics_are_named_after_the_paths_and_events_are_counted() -> None:
     page = Page({"vehicle": 'car "A"'})
-    for each in (SIGNALS, CODE, CODE, Record("verdict", 8, {"verdict": "failed", "fault": "slow"})):
+    for each in (
+        SIGNALS,
+        CODE,
+        CODE,
+        VERDICT,
+    ):
         page.take(each)
     lines = page.text().splitlines()
     own = r'vehicle="car \"A\""'
@@ -142,7 +148,7 @@ def test_the_dashboard_asks_only_for_metrics_that_a_run_has() -> None:
     page = Page({})
     page.take(Record("signals", 1, dict.fromkeys(sorted(paths), 1.0)))
     page.take(CODE)
-    page.take(Record("verdict", 8, {"verdict": "failed", "fault": "slow"}))
+    page.take(VERDICT)
     had = set(re.findall(r"^# TYPE (\w+) ", page.text(), re.MULTILINE))
     assert len(asked) > 8
     assert asked <= had

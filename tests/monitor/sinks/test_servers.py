@@ -25,6 +25,8 @@ from monitor.sinks.record import Record, RefusedError
 from tests.helpers.live_player import frames_of
 from tests.helpers.servers import free_port, program, running, wait_for
 
+PASSED = Record("verdict", 3, {"of": "window", "verdict": "passed", "fault": ""})
+VERDICT = Record("verdict", 5, {"of": "window", "verdict": "failed", "fault": "slow"})
 LAMBDA = "Vehicle.OBD.O2WR.Sensor1.Lambda"
 
 
@@ -169,13 +171,13 @@ def test_influxdb_takes_the_lines_and_gives_the_values_back(tmp_path: Path) -> N
         tags = {"vehicle": 'car 17, "blue"'}
         sink = HttpLines(urlsplit(f"influx+{base}"), tags)
         sink.write([signals(k * 1_000_000_000, 1.0 + k / 64) for k in range(200)])
-        sink.write([code(5), Record("verdict", 5, {"verdict": "failed", "fault": "slow"})])
+        sink.write([code(5), VERDICT])
         [(_, values)] = ask(f'SELECT "{LAMBDA}", "Vehicle.O2Monitor.IsEnabled" FROM o2mon')
         assert values == [[k * 1_000_000_000, 1.0 + k / 64, True] for k in range(200)]
         [(found, values)] = ask(
             "SELECT fault, status FROM o2mon_event WHERE code='P0133' GROUP BY *"
         )
-        assert found == {"code": "P0133", "kind": "code", **tags}
+        assert found == {"code": "P0133", "kind": "code", "of": "", **tags}
         assert values == [[5, "slow, weak", 47]]
         with pytest.raises(RefusedError, match=r"HTTP 400 .*conflict"):
             sink.write([Record("signals", 9, {LAMBDA: "a text now"})])
@@ -193,7 +195,13 @@ def test_influxdb_takes_the_lines_and_gives_the_values_back(tmp_path: Path) -> N
 
 def test_prometheus_scrapes_the_metrics(tmp_path: Path) -> None:
     sink = Scraped(urlsplit("prometheus://127.0.0.1:0"), {"vehicle": 'car "17"'})
-    sink.write([signals(1), code(2), Record("verdict", 3, {"verdict": "passed", "fault": ""})])
+    sink.write(
+        [
+            signals(1),
+            code(2),
+            PASSED,
+        ]
+    )
     port, settings = free_port(), tmp_path / "prometheus.yml"
     settings.write_text(
         "global: {scrape_interval: 200ms, scrape_timeout: 200ms}\n"

@@ -29,13 +29,17 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], dict[str
     return lines, json.loads((folder / "out.json").read_text())["recordings"][0]
 
 
-def test_a_late_sensor_is_one_verdict_and_one_code(drive: tuple[list[str], dict[str, Any]]) -> None:
+def test_a_late_sensor_is_one_verdict_of_windows_one_of_fuel_cuts_and_one_code(
+    drive: tuple[list[str], dict[str, Any]],
+) -> None:
     lines, recording = drive
     events = [line for line in lines if line.startswith("o2mon_event")]
     [dtc] = recording["dtcs"]
     assert dtc["fault"] == "delay_rich_to_lean"
-    assert len(events) == 2
-    assert 'verdict="failed",fault="delay_rich_to_lean"' in events[0]
+    assert len(events) == 3
+    for event, of in ((events[0], "window"), (events[2], "fuel_cut")):
+        assert event.startswith(f"o2mon_event,kind=verdict,of={of} ")
+        assert 'verdict="failed",fault="delay_rich_to_lean"' in event
     assert events[1].startswith(f"o2mon_event,code={dtc['code']},kind=code ")
     assert f'state="{dtc["state"]}",status={dtc["status"]}i' in events[1]
 
