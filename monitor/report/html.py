@@ -9,6 +9,7 @@ from typing import Any
 
 from monitor.judge.causes import Cause
 from monitor.pipeline.entry import fault_words
+from monitor.report import catalyst
 from monitor.report.elements import number, path, row, table, term_list, text
 from monitor.report.words import (
     STATISTICS,
@@ -109,7 +110,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
         f"<summary><h2>{path(name)}</h2>{_tag(recording)}{_badge(recording)}</summary>"
         f'<div class="verdict {verdict}"><p><strong>{VERDICTS[verdict][1].capitalize()}'
         f"{simulated}.</strong> {_sentence(recording)}</p>{term_list(facts)}</div>"
-        f"{_causes(recording)}{_dtcs(recording)}"
+        f"{_causes(recording)}{_dtcs(recording)}{_behind(recording)}"
         f'<section class="plots" data-series="series-{i}" data-name="{text(name)}{simulated}" '
         f'aria-label="Measured and predicted {text(output)} over time"></section>'
         f'<noscript><p class="quiet">The plots need JavaScript.</p></noscript>'
@@ -182,6 +183,13 @@ def _dtcs(recording: Mapping[str, Any]) -> str:
     return "<h3>Trouble codes</h3>" + table(
         ("Code", "Fault", "Meaning", "State", "Set at", "Status byte"), rows, "cards"
     )
+
+
+def _behind(recording: Mapping[str, Any]) -> str:
+    """Return what is known of catalyst and downstream sensor, "" without a downstream voltage."""
+    own: Mapping[str, Any] | None = recording.get("catalyst")
+    facts = [(name.capitalize(), text(words)) for name, words in catalyst.rows(own)]
+    return f"<h3>Behind the catalyst</h3>{term_list(facts)}" if facts else ""
 
 
 def _windows(recording: Mapping[str, Any]) -> str:

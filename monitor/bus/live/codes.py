@@ -66,23 +66,6 @@ def _code(dtc: Dtc, frames: Mapping[str, FreezeFrame]) -> dict[str, Any]:
     }
 
 
-def behind_rows(entry: Mapping[str, Any] | None) -> list[list[str]]:
-    """Return the page's entries of catalyst, downstream sensor and oxygen balance."""
-    if entry is None or entry["capacity_g"] is None:
-        return [["behind the catalyst", "no evidence yet"]] if entry else []
-    low, high = entry["capacity_low_g"], entry["capacity_high_g"]
-    span = f"at least {low:.2g} g" if high is None else f"{low:.2g} to {high:.2g} g"
-    grams = f"{entry['capacity_g']:.2g} g ({span})"
-    offset, std = entry["upstream_offset_lambda"], entry["upstream_offset_std"]
-    return [
-        ["catalyst stores", f"{grams}, threshold {entry['threshold_g']:.2g} g"],
-        ["catalyst", entry["verdict"]],
-        ["downstream sensor", entry["sensor_verdict"]],
-        ["oxygen balance", entry["balance_verdict"]],
-        ["upstream offset", f"{offset:+.4f} ± {std:.4f}".replace("-", "−")],
-    ]
-
-
 def _rounded(value: float) -> float | None:
     """Return a value for JSON; an open limit becomes None."""
     return round(value, 4) if abs(value) < float("inf") else None

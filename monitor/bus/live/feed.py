@@ -13,12 +13,13 @@ from typing import Any, Final
 
 from monitor import __version__
 from monitor.base.types import Frame
-from monitor.bus.live.codes import behind_rows, fault_memory
+from monitor.bus.live.codes import fault_memory
 from monitor.bus.live.describe import Conditions, response_limits, signal_rows
 from monitor.bus.live.process import Server
 from monitor.judge.decisions import WindowJudged
 from monitor.pipeline.events import Event, Tick
 from monitor.pipeline.monitor import Monitor
+from monitor.report import catalyst
 from monitor.report.replay import Setup
 
 MESSAGE_S: Final = 0.25
@@ -165,7 +166,7 @@ class LiveFeed:
                 "page_dropped": self.dropped,
                 "page_restarts": self._restarts,
             }
-            behind = behind_rows(self._monitor.catalyst.entry())
+            behind = catalyst.rows(self._monitor.catalyst.entry())
             message["memory"] = fault_memory(self._monitor.store) | {"behind": behind}
         return json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"
 

@@ -34,6 +34,7 @@ def test_a_can_that_stores_nothing_is_found_without_a_wideband_sensor(tmp_path: 
     assert code == 1
     assert [(d["code"], d["fault"]) for d in recording["dtcs"]] == [("P0420", "catalyst_low")]
     assert recording["catalyst"]["method"] == "activity"
+    assert "Behind the catalyst" in (tmp_path / "out.html").read_text()
 
 
 def test_a_warm_up_catalyst_close_to_the_engine_has_a_code_of_its_own(tmp_path: Path) -> None:
@@ -75,10 +76,16 @@ def test_the_capacity_stands_among_the_results_of_the_tests(
 ) -> None:
     (log,) = (ROOT / "replay_logs").glob("catalyst_low_*.blf")
     memory = str(tmp_path / "memory.db")
-    assert cli.main(["replay", str(log), "--quiet", "--memory", memory]) == 1
+    assert (
+        cli.main(["replay", str(log), "--html", str(tmp_path / "page.html"), "--memory", memory])
+        == 1
+    )
     capsys.readouterr()
     assert cli.main(["dtc", "readiness", "--memory", memory, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
+    page = (tmp_path / "page.html").read_text()
+    assert "Behind the catalyst" in page
+    assert "threshold 0.12" in page
     results = {(r["test"], r["quantity"]): r for r in found["results"]}
     capacity = results["catalyst", "capacity_g"]
     assert capacity["value"] < capacity["low"] == 0.12

@@ -1,0 +1,30 @@
+"""What is known behind the catalyst, in words, for the report and the live page."""
+
+from collections.abc import Mapping
+from typing import Any
+
+
+def rows(entry: Mapping[str, Any] | None) -> list[list[str]]:
+    """Return names and texts of an entry of ``catalyst``; nothing without a downstream voltage."""
+    if entry is None:
+        return []
+    if entry.get("method") == "activity":
+        followed = f"the rear sensor followed {entry['followed']} of {entry['trials']} excursions"
+        return [["catalyst", f"{entry['verdict']}: {followed} of the front sensor"]]
+    if entry["capacity_g"] is None:
+        return [["behind the catalyst", "no evidence yet"]]
+    offset, std = entry["upstream_offset_lambda"], entry["upstream_offset_std"]
+    return [
+        ["catalyst stores", f"{_capacity(entry)}, threshold {entry['threshold_g']:.2g} g"],
+        ["catalyst", entry["verdict"]],
+        ["downstream sensor", entry["sensor_verdict"]],
+        ["oxygen balance", entry["balance_verdict"]],
+        ["upstream offset", f"{offset:+.4f} ± {std:.4f}".replace("-", "−")],
+    ]
+
+
+def _capacity(entry: Mapping[str, Any]) -> str:
+    low, high = entry["capacity_low_g"], entry["capacity_high_g"]
+    if high is None:
+        return f"at least {low:.2g} g"
+    return f"{entry['capacity_g']:.2g} g ({low:.2g} to {high:.2g} g)"
