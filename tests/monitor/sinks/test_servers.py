@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
 from urllib.parse import quote, urlsplit
 from urllib.request import urlopen
 
@@ -217,8 +218,12 @@ def test_prometheus_scrapes_the_metrics(tmp_path: Path) -> None:
 
     def ask(query: str) -> list[dict[str, Any]]:
         url = f"http://127.0.0.1:{port}/api/v1/query?query={quote(query)}"
-        with urlopen(url, timeout=5.0) as answer:
-            return list(json.load(answer)["data"]["result"])
+        try:
+            with urlopen(url, timeout=5.0) as answer:
+                return list(json.load(answer)["data"]["result"])
+        except HTTPError as error:  # it listens before it is ready
+            error.close()
+            return []
 
     with running(command, port, tmp_path):
         name = "Vehicle_OBD_O2WR_Sensor1_Lambda"
@@ -226,6 +231,7 @@ def test_prometheus_scrapes_the_metrics(tmp_path: Path) -> None:
         [found] = ask(name)
         assert found["metric"]["vehicle"] == 'car "17"'
         assert float(found["value"][1]) == 0.998
+        assert wait_for(lambda: bool(ask("up")))
         [found] = ask('o2mon_code_status{state="pending"}')
         assert (found["metric"]["code"], found["metric"]["fault"]) == ("P0133", "slow, weak")
         assert [float(f["value"][1]) for f in ask('o2mon_verdict{verdict="passed"}')] == [1.0]
