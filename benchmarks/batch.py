@@ -28,7 +28,7 @@ from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
 from monitor.judge.plausibility import ActivityTest, Plausibility
 from monitor.memory.cycles import Cycles
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
 from monitor.pipeline.events import BlockEvent, DtcChanged, WindowJudged
 from monitor.pipeline.monitor import Judge, Monitor

@@ -28,7 +28,7 @@ from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples
 from monitor.grid.time_walk import TimeCounters
 from monitor.grid.timeline import Timeline
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import CycleStarted, Event
 from monitor.pipeline.monitor import Judge, Monitor, needed_names
 from monitor.pipeline.side_by_side import slices

@@ -30,7 +30,7 @@ from monitor.bus.loop import Loop
 from monitor.bus.realtime import settle, use_cpu, use_priority
 from monitor.decode.bus_map import load_database
 from monitor.frames.logs import read_frames
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import open_session
 from monitor.pipeline.events import Event, Tick
 from monitor.pipeline.frames import FramePipeline

@@ -33,7 +33,7 @@ from monitor.decode.decoder import Decoder
 from monitor.decode.signal_map import Integrity
 from monitor.frames.logs import read_frames
 from monitor.grid.samples import FrameSamples
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import open_session
 from monitor.pipeline.events import WindowJudged
 from monitor.pipeline.frames import FramePipeline, block_of

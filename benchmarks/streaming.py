@@ -32,7 +32,7 @@ from monitor.judge.residual import oriented
 from monitor.judge.response import ResponseRule
 from monitor.judge.window import Window
 from monitor.memory.cycles import Cycles
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import Ticks, WindowJudged
 from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay

@@ -11,7 +11,7 @@ import numpy as np
 from monitor.base.errors import UsageError
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.causes import Cause
-from monitor.judge.decisions import Evidence
+from monitor.judge.findings import Evidence
 from monitor.report.sinks import rounded, verdict_text
 from monitor.report.text import Trace
 

@@ -15,7 +15,8 @@ from monitor.base.signals import unit_of
 from monitor.cli.options import add_command, say, warn
 
 if TYPE_CHECKING:
-    from monitor.memory.dtc import Dtc, DtcStore
+    from monitor.memory.dtc import Dtc
+    from monitor.memory.dtc_store import DtcStore
     from monitor.memory.store import Condition
 
 HELP = "read and clear trouble codes"
@@ -63,7 +64,7 @@ def _check(path: Path) -> None:
 
 def _load(path: Path) -> "tuple[DtcStore, Condition]":
     """Return the content of a fault memory, and whether it was damaged."""
-    from monitor.memory.dtc import DtcStore
+    from monitor.memory.dtc_store import DtcStore
     from monitor.memory.store import Memory
 
     _check(path)
@@ -208,7 +209,7 @@ def _readiness(args: argparse.Namespace) -> int:
 
 
 def _clear(args: argparse.Namespace) -> int:
-    from monitor.memory.dtc import DtcStore
+    from monitor.memory.dtc_store import DtcStore
     from monitor.memory.store import Memory
 
     _check(args.memory)

@@ -13,7 +13,7 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import block_of, frames_of
 from monitor.grid.timeline import Timeline
 from monitor.inject.scenario import NO_CODE, Expectation, Scenario
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory
 from monitor.pipeline.frames import FramePipeline
 from monitor.report.replay import Setup, frame_counters

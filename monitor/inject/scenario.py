@@ -33,7 +33,7 @@ from typing import Any, Final
 from monitor.base.errors import ConfigError, UsageError
 from monitor.base.inputs import read_toml
 from monitor.inject.injection import Injection
-from monitor.memory.dtc import CODES
+from monitor.memory.codes import CODES
 
 NO_CODE: Final = "none"
 MOST_DRIVES: Final = 100

@@ -5,10 +5,10 @@ Results come in the order of time, one after the other.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby
 from operator import attrgetter
-from typing import Final, Literal, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -18,92 +18,32 @@ from monitor.judge.bank import Hypothesis
 from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.catalyst_rule import Claim
 from monitor.judge.claims import Noise
+from monitor.judge.findings import (
+    Change,
+    Counted,
+    CutJudged,
+    DtcChanged,
+    Evidence,
+    Facts,
+    WindowJudged,
+)
 from monitor.judge.limits import Limits
 from monitor.judge.movement import UNKNOWN, Moved, MovementRule
 from monitor.judge.plausibility import TickResult
 from monitor.judge.rear_circuit import CIRCUIT, HEATER
 from monitor.judge.residual import lambda_of, means_and_stds
-from monitor.judge.response import EDGES, Outcome, Response, ResponseRule
+from monitor.judge.response import EDGES, Response, ResponseRule
 from monitor.judge.rules import RuleClass, opinion
 from monitor.judge.window import Window
 from monitor.memory.codes import CODES, OF_VEHICLE, codes_on
 from monitor.memory.debounce import FAILED, PASSED, Debounce
-from monitor.memory.dtc import Dtc, DtcStore
+from monitor.memory.dtc import Dtc
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import TestResult
 from monitor.memory.reference import Seen
 
 CIRCUIT_TESTS: Final = (CIRCUIT, HEATER)
 LAMBDA_LEAST: Final = 0.1  # what stays of a measurement whose offset is taken off
-
-
-@dataclass(frozen=True, slots=True)
-class WindowJudged:
-    """A window of residuals is full and judged."""
-
-    window: Window
-    mean: float  # of the residual, output's unit
-    std: float
-    paper_failed: bool
-    outcome: Outcome
-    fault: str | None
-    also: tuple[str, ...]
-    excited: bool  # the prediction moves clearly
-    statistics: dict[str, float | str | None]
-
-    @property
-    def is_outside(self) -> bool:
-        """Return whether the model learned no such driving, so that the window is no evidence."""
-        beyond = self.statistics.get("region_beyond")
-        return isinstance(beyond, float) and beyond > 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class CutJudged:
-    """The test of the fuel-cut response has judged a window around a fuel cut."""
-
-    t_ns: int
-    outcome: Outcome
-    fault: str | None
-    statistics: dict[str, float | str | None]
-
-
-@dataclass(frozen=True, slots=True)
-class DtcChanged:
-    """A trouble code has a new status."""
-
-    t_ns: int
-    dtc: Dtc
-
-
-@dataclass(frozen=True, slots=True)
-class Counted:
-    """The fault memory has counted something that is to be stored."""
-
-    t_ns: int
-    what: Literal["ignition_cycle", "warm_up", "general_denominator", "numerator"]
-
-
-Change = DtcChanged | Counted
-
-
-class Facts(NamedTuple):
-    """The findings of a window, before a decision."""
-
-    mean: float  # of the residual, output's unit
-    std: float
-    no_evidence: bool  # the measurement does not move, or the model learned no such driving
-    beyond: float | None  # of the learned region, from 1 on outside; None without a region
-    offset: float  # mean of the measurement against the likeliest sensor, output's unit
-    response: Response
-    moved: Moved
-
-
-class Evidence(NamedTuple):
-    """How far the response test is from a decision about one fault."""
-
-    log_odds: float  # of the fault over all that is no fault
-    needed: float  # log odds, or their negative where they are below 0, that decide
-    seconds_to_decision: float | None  # of enabled driving like that so far, None if it shows none
 
 
 class Decisions:

@@ -11,7 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, astuple, dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
-from monitor.memory.dtc import Dtc, Saved, Status
+from monitor.memory.dtc import Dtc, Status
+from monitor.memory.dtc_store import Saved
 from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
 from monitor.memory.reference import Reference
 

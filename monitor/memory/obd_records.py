@@ -17,7 +17,7 @@ class FreezeFrame:
 class TestResult:
     """The latest result of a test with its limits, as service $06 reports it."""
 
-    test: str  # a key of dtc.TESTS
+    test: str  # a key of codes.TESTS
     quantity: str  # name with its unit, for example lag_rich_to_lean_s
     value: float
     low: float  # lowest value that passes
@@ -28,7 +28,7 @@ class TestResult:
 class Ratio:
     """In-use monitor performance of one test."""
 
-    test: str  # a key of dtc.TESTS
+    test: str  # a key of codes.TESTS
     numerator: int = 0  # driving cycles in which the test could have found a fault
     denominator: int = 0
 

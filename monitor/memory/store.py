@@ -15,7 +15,7 @@ from monitor.memory import repair, spare
 from monitor.memory.agreement import Condition, agreed
 from monitor.memory.codes import CODES, LOST, is_known
 from monitor.memory.content import SCHEMA_VERSION, Content, reference_row, rows_of, saved_of
-from monitor.memory.dtc import DtcStore, Saved
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.lock import Lock
 from monitor.memory.reference import Reference, Seen
 from monitor.memory.tables import ERRORS, DamagedError, Tables

@@ -14,8 +14,8 @@ from monitor.decode.decoder import MessageCounters
 from monitor.grid.assembler import AssemblerCounters
 from monitor.grid.tables import Table
 from monitor.judge.causes import Cause, Source
-from monitor.judge.decisions import Evidence, WindowJudged
 from monitor.judge.enable import CONDITIONS
+from monitor.judge.findings import Evidence, WindowJudged
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import Dtc
 from monitor.model.card import ModelCard

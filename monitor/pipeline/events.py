@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from monitor.base.types import BoolArray, FloatArray, Sample, SampleBlock
-from monitor.judge.decisions import Change, Counted, CutJudged, DtcChanged, WindowJudged
+from monitor.judge.findings import Change, Counted, CutJudged, DtcChanged, WindowJudged
 from monitor.memory.reference import Seen
 
 __all__ = [

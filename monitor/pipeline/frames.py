@@ -11,7 +11,7 @@ from monitor.decode.bus_map import BusMap
 from monitor.frames.loop_frames import CLEARED_ID
 from monitor.grid.samples import FrameSamples
 from monitor.judge.limits import Limits
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
 from monitor.pipeline.events import BlockEvent
 from monitor.pipeline.monitor import Judge, Monitor, needed_names

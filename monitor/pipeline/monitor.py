@@ -22,8 +22,9 @@ from monitor.judge import bank, enable, rules
 from monitor.judge.catalyst import SIGNALS as CATALYST_SIGNALS
 from monitor.judge.catalyst import VOLTAGE as CATALYST_VOLTAGE
 from monitor.judge.catalyst import BehindResult, CatalystMonitor
-from monitor.judge.decisions import Decisions, Evidence, Facts, ticks_to_mature
+from monitor.judge.decisions import Decisions, ticks_to_mature
 from monitor.judge.enable import Enable
+from monitor.judge.findings import Evidence, Facts
 from monitor.judge.limits import Limits
 from monitor.judge.observation import Observation
 from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, TickResult
@@ -31,7 +32,8 @@ from monitor.judge.window import Series, Window, Windows
 from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import SIGNALS as CYCLE_SIGNALS
 from monitor.memory.cycles import Cycles, Driven, Moment
-from monitor.memory.dtc import DtcStore, Status
+from monitor.memory.dtc import Status
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.reference import Seen
 from monitor.model.card import ModelCard

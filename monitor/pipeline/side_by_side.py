@@ -11,7 +11,8 @@ from monitor.base.types import BoolArray, FloatArray, SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.limits import Limits
-from monitor.memory.dtc import Dtc, DtcStore
+from monitor.memory.dtc import Dtc
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.reference import Reference, Seen
 from monitor.model.step import Model
 from monitor.pipeline.events import (

@@ -11,7 +11,7 @@ from monitor.grid.tables import Table, is_table, read_table
 from monitor.judge.catalyst import VOLTAGE
 from monitor.judge.rear_activity import RearActivity
 from monitor.memory.codes import codes_on
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.pipeline.entry import dtc_entry, seconds
 

@@ -18,7 +18,7 @@ from monitor.frames.candump_blocks import Parser
 from monitor.grid.block_samples import Clearing
 from monitor.grid.tables import Table
 from monitor.judge.limits import NO_LIMITS, Limits
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory
 from monitor.model.card import ModelCard
 from monitor.model.step import Model

@@ -6,7 +6,8 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import Sample
 from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.state import Identity, State
-from monitor.memory.dtc import Dtc, DtcStore, Saved, Status
+from monitor.memory.dtc import Dtc, Status
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
 from monitor.pipeline.events import Tick
 

@@ -14,7 +14,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from monitor.memory.dtc import CODES, TESTS, DtcStore
+from monitor.memory.codes import CODES, TESTS
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
 

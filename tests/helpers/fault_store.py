@@ -1,7 +1,8 @@
 """A store of codes in the states that tests start from."""
 
 from monitor.base.config import ProfileConfig, shipped
-from monitor.memory.dtc import Dtc, DtcStore, Saved
+from monitor.memory.dtc import Dtc
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.obd_records import FreezeFrame
 
 CARB = shipped().carb

@@ -11,7 +11,7 @@ from monitor.bus.live.address import Address
 from monitor.bus.live.feed import LiveFeed
 from monitor.bus.live.process import Server
 from monitor.frames.logs import read_frames
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import Tick, singly
 from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay

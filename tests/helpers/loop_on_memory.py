@@ -17,7 +17,7 @@ from monitor.base import config
 from monitor.bus.attachment import Attachment
 from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
-from monitor.memory.dtc import Saved
+from monitor.memory.dtc_store import Saved
 from monitor.memory.store import Memory
 from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
 from monitor.report import replay

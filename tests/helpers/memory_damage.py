@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from monitor.base.config import shipped
-from monitor.memory.dtc import DtcStore, Saved
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.obd_records import FreezeFrame, TestResult
 from monitor.memory.reference import Reference, Seen
 from monitor.memory.store import Memory

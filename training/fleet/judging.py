@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from monitor.base.errors import O2Error
-from monitor.memory.dtc import DtcStore, Saved
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.reference import Reference
 from training.fleet import places
 from training.fleet.bench import Bench, Tools, tools_of

@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.types import Quality, SampleBlock
-from monitor.judge.decisions import WindowJudged
 from monitor.judge.enable import CONDITIONS
+from monitor.judge.findings import WindowJudged
 from monitor.model.card import ModelCard
 from monitor.pipeline.side_by_side import Judged
 from training.fleet.columns import BEHIND_KEYS, COUNTERS, ESTIMATES

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from monitor.judge.decisions import WindowJudged
+from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import Limits
 from training.limits.rules import RULES, PaperRule, Windows
 from training.limits.rules.windows import Rule

@@ -8,7 +8,8 @@ from monitor.bus.diagnostics.parameters import bitmap, encoded, unsigned
 from monitor.bus.diagnostics.results import monitors, test_results
 from monitor.bus.diagnostics.state import RefusedError, State
 from monitor.bus.transmit import dtc_number
-from monitor.memory.dtc import CODES, TESTS, Dtc, Status
+from monitor.memory.codes import CODES, TESTS
+from monitor.memory.dtc import Dtc, Status
 from monitor.memory.obd_records import Ratio
 
 POSITIVE: Final = 0x40  # added to the service's number

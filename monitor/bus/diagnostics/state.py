@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final, Protocol
 
 from monitor.base.errors import UsageError
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import Event, Tick, WindowJudged
 
 DEFAULT_SESSION: Final = 0x01

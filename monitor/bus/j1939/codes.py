@@ -7,7 +7,8 @@ kind share a code, because J1939 knows no direction of an edge.
 from collections.abc import Iterable
 from typing import Final
 
-from monitor.memory.dtc import Dtc, DtcStore, Status
+from monitor.memory.dtc import Dtc, Status
+from monitor.memory.dtc_store import DtcStore
 
 UPSTREAM: Final = 3217  # Engine Exhaust 1 Percent Oxygen 1
 DOWNSTREAM: Final = 3227  # Aftertreatment 1 Outlet Percent Oxygen 1

@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from monitor.bus.live.describe import value_text, words
-from monitor.memory.dtc import TESTS, Dtc, DtcStore, Status
+from monitor.memory.codes import TESTS
+from monitor.memory.dtc import Dtc, Status
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.report.words import MEANINGS
 

@@ -16,7 +16,7 @@ from monitor.base.types import Frame
 from monitor.bus.live.codes import fault_memory
 from monitor.bus.live.describe import Conditions, response_limits, signal_rows
 from monitor.bus.live.process import Server
-from monitor.judge.decisions import WindowJudged
+from monitor.judge.findings import WindowJudged
 from monitor.pipeline.events import Event, Tick
 from monitor.pipeline.monitor import Monitor
 from monitor.report import catalyst

@@ -12,7 +12,7 @@ from monitor.bus.diagnostics import results
 from monitor.bus.diagnostics.state import Identity
 from monitor.frames.logs import read_frames
 from monitor.memory import obd_records
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 from tests.conftest import ROOT

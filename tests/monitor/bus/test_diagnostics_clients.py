@@ -29,7 +29,7 @@ from monitor.base import config
 from monitor.bus.loop import Loop
 from monitor.cli.diagnostics import add_diagnostics, diagnostics
 from monitor.memory import obd_records
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
 from monitor.report import replay

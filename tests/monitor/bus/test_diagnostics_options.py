@@ -13,7 +13,7 @@ from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.server import Diagnostics
 from monitor.bus.loop import Loop
 from monitor.cli import diagnostics
-from monitor.memory.dtc import Saved
+from monitor.memory.dtc_store import Saved
 from monitor.memory.store import Memory
 from monitor.report import replay
 from tests.helpers.diagnostics_state import VIN

@@ -25,7 +25,7 @@ from monitor.bus.j1939.node import (
 )
 from monitor.bus.link.recorder import message_of
 from monitor.memory.codes import CODES
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import DtcChanged
 from tests.helpers.diagnostics_state import Vehicle, tick
 

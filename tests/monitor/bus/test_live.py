@@ -25,9 +25,9 @@ from monitor.bus.live import feed as feeds
 from monitor.bus.live.codes import fault_memory
 from monitor.bus.live.describe import Conditions, signal_rows
 from monitor.bus.live.process import Server
-from monitor.judge.decisions import DtcChanged
 from monitor.judge.enable import CONDITIONS
-from monitor.memory.dtc import DtcStore
+from monitor.judge.findings import DtcChanged
+from monitor.memory.dtc_store import DtcStore
 from tests.conftest import ROOT
 from tests.helpers.http_fuzz import ask, request
 from tests.helpers.live_player import Player, Sink, frames_of

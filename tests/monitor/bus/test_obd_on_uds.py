@@ -12,7 +12,7 @@ from monitor.base import config
 from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.reports import REPORTS
 from monitor.frames.logs import read_frames
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
 from monitor.pipeline.events import WindowJudged

@@ -14,7 +14,9 @@ from monitor.base.types import Frame, Sample
 from monitor.bus.transmit import Transmitter, dtc_number
 from monitor.judge.bias import Outcome
 from monitor.judge.window import Window
-from monitor.memory.dtc import CODES, DtcStore, Status
+from monitor.memory.codes import CODES
+from monitor.memory.dtc import Status
+from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import DtcChanged, Event, Tick, WindowJudged
 from monitor.pipeline.monitor import Monitor
 

@@ -14,7 +14,8 @@ from monitor.bus.diagnostics.parameters import bitmap, unsigned
 from monitor.bus.diagnostics.reports import dtc_bytes
 from monitor.judge import enable
 from monitor.judge.window import Window
-from monitor.memory.dtc import DtcStore, Status
+from monitor.memory.dtc import Status
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import Ratio
 from monitor.pipeline.events import WindowJudged
 from tests.conftest import ROOT

@@ -8,7 +8,8 @@ import pytest
 
 from monitor import cli
 from monitor.memory import obd_records
-from monitor.memory.dtc import Dtc, DtcStore, Saved
+from monitor.memory.dtc import Dtc
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
 from tests.helpers.injected_frames import HEALTHY

@@ -8,7 +8,7 @@ import pytest
 from monitor import cli
 from monitor.frames.logs import read_frames
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
-from monitor.memory.dtc import CODES
+from monitor.memory.codes import CODES
 from tests.helpers.injected_frames import (
     HEALTHY,
     ROOT,

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from monitor.base import config
 from monitor.base.types import Quality, Sample
 from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, Results, TickResult
+from monitor.memory.codes import CODES
 from monitor.memory.debounce import Debounce
-from monitor.memory.dtc import CODES
 from monitor.model.card import Channel
 
 CONFIG = config.load()

@@ -10,11 +10,12 @@ from monitor.base import config
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.judge.bank import build
-from monitor.judge.decisions import Decisions, WindowJudged
+from monitor.judge.decisions import Decisions
+from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.judge.region import Region, points_of
 from monitor.judge.window import Window
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from tests.helpers.bank import readings
 from training.limits.region import region_of
 

@@ -22,7 +22,7 @@ from monitor.base.types import FloatArray
 from monitor.judge.bank import DIRECTIONS, build
 from monitor.judge.claims import Noise
 from monitor.judge.response import Response, ResponseRule
-from monitor.memory.dtc import CODES
+from monitor.memory.codes import CODES
 from tests.helpers.bank import readings
 from tests.helpers.examples import inputs
 

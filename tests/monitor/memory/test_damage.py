@@ -12,7 +12,8 @@ import pytest
 
 from monitor.base.errors import RecordingError
 from monitor.cli import main
-from monitor.memory.dtc import Dtc, Saved
+from monitor.memory.dtc import Dtc
+from monitor.memory.dtc_store import Saved
 from monitor.memory.reference import Reference
 from monitor.memory.spare import spare_of
 from monitor.memory.store import Memory

@@ -7,9 +7,10 @@ import pytest
 
 from monitor.base.types import Frame
 from monitor.frames.logs import read_frames
-from monitor.judge.decisions import Counted
+from monitor.judge.findings import Counted
 from monitor.judge.plausibility import Plausibility
-from monitor.memory.dtc import DtcStore, Status
+from monitor.memory.dtc import Status
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory
 from monitor.pipeline.events import CycleStarted, DtcChanged, Event
 from monitor.pipeline.frames import FramePipeline, block_of

@@ -9,8 +9,9 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from monitor.base.config import load, shipped
 from monitor.base.errors import ConfigError
-from monitor.memory.codes import OF_MONITOR
-from monitor.memory.dtc import CODES, FRESH, TESTS, Dtc, DtcStore, Status
+from monitor.memory.codes import CODES, OF_MONITOR, TESTS
+from monitor.memory.dtc import FRESH, Dtc, Status
+from monitor.memory.dtc_store import DtcStore
 from tests.helpers.examples import inputs
 from tests.helpers.fault_store import CARB, code_of, confirmed, frame_of, heal, states
 

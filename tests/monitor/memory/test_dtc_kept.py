@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 
 from monitor.memory import obd_records
-from monitor.memory.codes import BEHIND
-from monitor.memory.dtc import TESTS, Dtc, DtcStore, Saved
+from monitor.memory.codes import BEHIND, TESTS
+from monitor.memory.dtc import Dtc
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.obd_records import Counts, FreezeFrame
 from tests.helpers.fault_store import CARB, confirmed, failing, frame_of, heal
 

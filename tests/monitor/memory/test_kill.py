@@ -23,7 +23,8 @@ from monitor.base.config import load
 from monitor.base.errors import RecordingError
 from monitor.bus.judging import STORE_DRIVEN_S
 from monitor.frames.logs import read_frames
-from monitor.memory.dtc import Dtc, DtcStore, Saved
+from monitor.memory.dtc import Dtc
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.store import Memory
 from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
 from monitor.report.replay import set_up

@@ -16,8 +16,10 @@ from hypothesis import strategies as st
 from monitor.base.config import shipped
 from monitor.base.errors import RecordingError
 from monitor.memory import obd_records
+from monitor.memory.codes import CODES, TESTS
 from monitor.memory.content import checksum_of
-from monitor.memory.dtc import CODES, TESTS, Dtc, DtcStore, Saved, Status
+from monitor.memory.dtc import Dtc, Status
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.reference import Reference, Seen
 from monitor.memory.store import SCHEMA_VERSION, Memory
 from tests.helpers.examples import inputs

@@ -9,7 +9,9 @@ import pytest
 from monitor.base import faults
 from monitor.base.types import Quality, SampleBlock
 from monitor.judge.limits import Limits
-from monitor.memory.dtc import CODES, TESTS, Dtc, DtcStore, Saved, Status
+from monitor.memory.codes import CODES, TESTS
+from monitor.memory.dtc import Dtc, Status
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.side_by_side import judge_all

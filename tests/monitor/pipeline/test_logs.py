@@ -25,7 +25,7 @@ from monitor.grid.block_samples import log_samples, whole
 from monitor.grid.samples import FrameSamples
 from monitor.grid.timeline import Timeline
 from monitor.judge.limits import Limits
-from monitor.memory.dtc import DtcStore
+from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
 from monitor.pipeline.entry import bus_sources, check_long_enough, check_received
 from monitor.pipeline.frames import FramePipeline

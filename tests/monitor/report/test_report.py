@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.memory.dtc import CODES
+from monitor.memory.codes import CODES
 from monitor.report import html
 from monitor.report import text as report
 from monitor.report.text import Trace, series, thinned, write_report

@@ -13,7 +13,7 @@ import monitor
 from monitor.base.config import Config
 from monitor.base.errors import O2Error
 from monitor.base.types import SampleBlock
-from monitor.judge.decisions import WindowJudged
+from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model

@@ -1,0 +1,79 @@
+"""Findings on a window, and the events of a decision."""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from monitor.judge.movement import Moved
+from monitor.judge.response import Outcome, Response
+from monitor.judge.window import Window
+from monitor.memory.dtc import Dtc
+
+
+@dataclass(frozen=True, slots=True)
+class WindowJudged:
+    """A window of residuals is full and judged."""
+
+    window: Window
+    mean: float  # of the residual, output's unit
+    std: float
+    paper_failed: bool
+    outcome: Outcome
+    fault: str | None
+    also: tuple[str, ...]
+    excited: bool  # the prediction moves clearly
+    statistics: dict[str, float | str | None]
+
+    @property
+    def is_outside(self) -> bool:
+        """Return whether the model learned no such driving, so that the window is no evidence."""
+        beyond = self.statistics.get("region_beyond")
+        return isinstance(beyond, float) and beyond > 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class CutJudged:
+    """The test of the fuel-cut response has judged a window around a fuel cut."""
+
+    t_ns: int
+    outcome: Outcome
+    fault: str | None
+    statistics: dict[str, float | str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class DtcChanged:
+    """A trouble code has a new status."""
+
+    t_ns: int
+    dtc: Dtc
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """The fault memory has counted something that is to be stored."""
+
+    t_ns: int
+    what: Literal["ignition_cycle", "warm_up", "general_denominator", "numerator"]
+
+
+Change = DtcChanged | Counted
+
+
+class Facts(NamedTuple):
+    """The findings of a window, before a decision."""
+
+    mean: float  # of the residual, output's unit
+    std: float
+    no_evidence: bool  # the measurement does not move, or the model learned no such driving
+    beyond: float | None  # of the learned region, from 1 on outside; None without a region
+    offset: float  # mean of the measurement against the likeliest sensor, output's unit
+    response: Response
+    moved: Moved
+
+
+class Evidence(NamedTuple):
+    """How far the response test is from a decision about one fault."""
+
+    log_odds: float  # of the fault over all that is no fault
+    needed: float  # log odds, or their negative where they are below 0, that decide
+    seconds_to_decision: float | None  # of enabled driving like that so far, None if it shows none
