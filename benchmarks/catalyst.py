@@ -37,6 +37,7 @@ SENSORS: Final = (
 )
 
 
+CIRCUIT: Final = ("downstream_low", "downstream_high", "downstream_inactive", "downstream_heater")
 UPSTREAM: Final = ("biased_lean", "biased_rich")
 BIAS_LAMBDA: Final = 0.02
 LEAK: Final = 0.02  # of the exhaust, at idle
@@ -68,7 +69,7 @@ def cases() -> Iterator[Case]:
         yield Case(f"capacity_{grams:g}", grams)
     for name in SENSORS[:3]:
         yield Case(f"0.06 and {name}", 0.06, name)
-    for name in SENSORS:
+    for name in (*SENSORS, *CIRCUIT):
         yield Case(name, sensor=name)
     for name in UPSTREAM:
         yield Case(f"{name} {BIAS_LAMBDA:g}", upstream=name)
@@ -115,11 +116,13 @@ def judged(names: tuple[str, ...], values: FloatArray) -> dict[str, Any]:
     """Return what the monitor says at the end, and when it first decided on the catalyst."""
     monitor = CatalystMonitor(config.shipped().catalyst, names, PERIOD_S)
     first_s, verdicts, in_a_row, sensors = None, [], 0, []
-    decided = None
+    decided, circuit = None, set()
     for result in monitor.push(values, np.ones(len(values), dtype=np.bool_)):
         if result.test != "catalyst":
             if result.test == "downstream":
                 sensors.append(result.claim.fault)
+            elif result.test.startswith("downstream_") and result.claim.fault:
+                circuit.add(result.claim.fault)
             continue
         outcome = result.claim.outcome
         in_a_row = in_a_row + 1 if verdicts and outcome == verdicts[-1] else 1
@@ -135,6 +138,7 @@ def judged(names: tuple[str, ...], values: FloatArray) -> dict[str, Any]:
         "ever_failed": any(a == b == "failed" for a, b in pairwise(verdicts)),
         "ever_passed": any(a == b == "passed" for a, b in pairwise(verdicts)),
         "sensor": last.fault if last else None,
+        "circuit": sorted(circuit),
         "balance": rule.balance().fault if rule else None,
         "sensor_ever": sorted({a for a, b in pairwise(sensors) if a == b and a}),
     }
@@ -164,7 +168,11 @@ def report(rows: list[dict[str, Any]]) -> None:
     for case in dict.fromkeys(row["case"] for row in rows):
         own = [row for row in rows if row["case"] == case]
         times = [row["decided_s"] for row in own if row["decided_s"] is not None]
-        named = [f"{row['sensor'] or 'sound'}, {row['balance'] or 'balanced'}" for row in own]
+        named = [
+            f"{', '.join(row['circuit']) or row['sensor'] or 'sound'}, "
+            f"{row['balance'] or 'balanced'}"
+            for row in own
+        ]
         counts = {n: named.count(n) for n in dict.fromkeys(named)}
         print(
             f"{case:<36}{len(own):>4}{sum(r['ever_failed'] for r in own):>8}"

@@ -142,6 +142,12 @@ def add_obd(parser: argparse.ArgumentParser) -> None:
         help="most requests per second (default: 12)",
     )
     parser.add_argument(
+        "--obd-optional",
+        action="store_true",
+        help="ask for the map's optional signals, too: the sensor behind the catalyst and the "
+        "catalyst's temperature",
+    )
+    parser.add_argument(
         "--obd-request",
         type=hexadecimal,
         metavar="ID",
@@ -162,7 +168,7 @@ def obd_poller(
     from monitor.bus.polling.pids import lengths, wanted
     from monitor.bus.polling.poller import ADDRESSES, ObdPoller
 
-    parameters = wanted(bus_map, bus_map.names)
+    parameters = wanted(bus_map, _asked_names(args, bus_map))
     only = args.obd_request
     return ObdPoller(
         parameters,
@@ -173,11 +179,16 @@ def obd_poller(
     )
 
 
+def _asked_names(args: argparse.Namespace, bus_map: "BusMap") -> tuple[str, ...]:
+    return (*bus_map.names, *bus_map.optional) if args.obd_optional else bus_map.names
+
+
 def tell_if_too_slow(args: argparse.Namespace, setup: "Setup", tell: Callable[[str], None]) -> None:
     """Tell the user if polling brings signals less often than the model samples them."""
     from monitor.bus.polling.pids import interval_s, wanted
 
-    served_s = interval_s(wanted(setup.bus_map, setup.bus_map.names), args.obd_rate)
+    names = _asked_names(args, setup.bus_map)
+    served_s = interval_s(wanted(setup.bus_map, names), args.obd_rate)
     period_s = setup.model.card.period_ns / 1e9
     if served_s > 0.75 * period_s:
         tell(

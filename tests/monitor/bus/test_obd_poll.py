@@ -1,5 +1,6 @@
 """Polling by OBD-II, against an ECU on can-isotp."""
 
+import argparse
 import doctest
 import itertools
 
@@ -15,6 +16,7 @@ from monitor.bus.polling import answer
 from monitor.bus.polling.answer import Address, Reassembly, values_of
 from monitor.bus.polling.pids import wanted
 from monitor.bus.polling.poller import ObdPoller
+from monitor.cli import options
 from monitor.decode.bus_map import load_pairs
 from tests.helpers.examples import inputs
 from tests.helpers.obd_conversation import LENGTHS, OBD, PARAMETERS, Conversation
@@ -55,6 +57,18 @@ def test_bitmaps_come_first_and_only_what_is_supported_and_mapped_is_asked_for()
     (line,) = talk.said
     assert "05 34 44 0C 0D" in line
     assert "fuel_rate_l_h (5E)" in line
+
+
+def test_the_sensor_behind_the_catalyst_is_asked_for_on_demand() -> None:
+    parser = argparse.ArgumentParser()
+    options.add_obd(parser)
+    bus_map = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
+
+    def lengths(*words: str) -> set[int]:
+        poller = options.obd_poller(parser.parse_args(["--obd", *words]), bus_map)
+        return set(poller._lengths)
+
+    assert lengths("--obd-optional") - lengths() == {0x15, 0x3C}
 
 
 def test_bitmaps_that_the_ecu_does_not_announce_are_not_asked_for() -> None:
