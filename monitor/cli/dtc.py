@@ -148,10 +148,10 @@ def _freeze_frame(args: argparse.Namespace) -> int:
             f"{args.memory}: no freeze frame of {', '.join(missing)}; there are: {there}"
         )
     chosen = [frame for code, frame in frames.items() if not args.code or code in args.code]
+    later = [store.latest_frames[f.code] for f in chosen if f.code in store.latest_frames]
     fields = {
-        "freeze_frames": [
-            {"code": f.code, "t_ns": f.t_ns, "values": dict(f.values)} for f in chosen
-        ]
+        name: [{"code": f.code, "t_ns": f.t_ns, "values": dict(f.values)} for f in group]
+        for name, group in (("freeze_frames", chosen), ("latest_frames", later))
     }
 
     def lines() -> Iterator[str]:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 import can
 import j1939
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from monitor import cli
 from monitor.base.errors import UsageError
@@ -28,6 +30,7 @@ from monitor.memory.codes import CODES
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import DtcChanged
 from tests.helpers.diagnostics_state import Vehicle, tick
+from tests.helpers.examples import inputs
 
 OWN, TOOL = 0x5A, 0xF9
 
@@ -189,6 +192,27 @@ def test_the_address_is_defended_against_a_higher_name_and_left_to_a_lower_one()
     assert sent(node, 0.1, (0x18EEFF5A, "00" * 8))[0][0] == "18EEFFFE"
     assert sent(node, 5.0, (0x18EA5AF9, "CA FE 00")) == []
     assert said == ["J1939 address 5A belongs to another node; no DM1 is sent"]
+
+
+IDENTIFIERS = sorted(node_of(vehicle_of(DtcStore())).identifiers)
+
+
+@inputs(30)
+@given(
+    st.lists(st.tuples(st.sampled_from(IDENTIFIERS), st.binary(max_size=8)), max_size=20),
+    st.lists(st.sampled_from(sorted(NUMBERS)), max_size=4, unique=True),
+)
+def test_whatever_comes_is_answered_with_whole_frames_of_its_own(
+    received: list[tuple[tuple[int, bool], bytes]], faults: list[str]
+) -> None:
+    vehicle = vehicle_of(store_of(*faults))
+    node = node_of(vehicle)
+    frames = list(node.work(0.0))
+    for k, ((can_id, _), data) in enumerate(received):
+        node.receive(Frame(0, can_id, True, data))
+        frames += node.work(0.1 * k)
+    assert all(len(frame.data) == 8 for frame in frames)
+    assert {frame.can_id & 0xFF for frame in frames} <= {OWN, 0xFE}
 
 
 def test_every_fault_has_a_number() -> None:

@@ -79,6 +79,7 @@ def test_a_run_shows_its_page_while_it_judges(
     assert health[-1]["frames"] > 400
     assert health[-1]["state"] == "active"
     assert health[-1]["page_dropped"] == 0
+    assert (health[-1]["sinks_dropped"], health[-1]["sinks_off"]) == (0, [])
     with pytest.raises(httpx.ConnectError):
         httpx.get(url)
 
