@@ -124,25 +124,8 @@ def prepare(
     """
     period_ns = _check(recordings, inputs, output)
     transform = "phi" if output.startswith("lambda") and output in BY_NAME else "none"
-    outliers: dict[str, int] = {}
-    u_parts, y_parts, on_parts, segments, at = [], [], [], [], 0
-    for index, recording in enumerate(recordings):
-        u = _columns(recording, inputs, outliers)
-        y = _columns(recording, [output], outliers)[:, 0]
-        y[pinned_rows(recording, output)] = np.nan
-        on = enabled_rows(recording)
-        for first, stop in runs(np.asarray(np.isfinite(u).all(axis=1))):
-            if stop - first < 8 * lags or not np.isfinite(y[first:stop]).any():
-                continue
-            u_parts.append(u[first:stop])
-            y_parts.append(to_model_units(transform, y[first:stop]))
-            on_parts.append(on[first:stop])
-            segments.append(Segment(index, first, at, at + stop - first))
-            at += stop - first
-    if not segments:
-        files = ", ".join(str(r.path) for r in recordings)
-        raise RecordingError(f"{files}: no stretch of {8 * lags} samples with all inputs valid")
-    u, y, on = np.concatenate(u_parts), np.concatenate(y_parts), np.concatenate(on_parts)
+    cut = _stretches(recordings, inputs, output, transform, 8 * lags)
+    u, y, segments = cut.u, cut.y, cut.segments
     valid = np.isfinite(y)
     role = _roles(segments, period_ns, block_s=block_s, seed=seed, lags=lags, validate=validate)
     train = (role == Role.TRAIN) & valid
@@ -153,16 +136,15 @@ def prepare(
         y = y * turns
     seen = apply(transforms, inputs, u)
     if transform == "phi" and CONTROLLER in inputs:
-        blur = np.random.default_rng([seed, 1]).standard_normal(len(u)) * (role == Role.TRAIN)
-        seen[:, list(inputs).index(CONTROLLER)] += CONTROLLER_NOISE * blur
+        seen[:, list(inputs).index(CONTROLLER)] += _blur(role == Role.TRAIN, seed)
     scaling = scaling_of(seen[train], y[train], transform, inputs, recordings)
-    weight = np.where(on, 1.0, other_weight) * valid
+    weight = np.where(cut.enabled, 1.0, other_weight) * valid
     filled = np.interp(np.arange(len(y)), np.flatnonzero(valid), y[valid])
     return Prepared(
         samples=Samples(scaling.scale_u(seen), scaling.scale_y(filled), weight),
-        segments=tuple(segments),
+        segments=segments,
         role=role,
-        enabled=on & valid,
+        enabled=cut.enabled & valid,
         scaling=scaling,
         inputs=tuple(channel_of(n, u[train, i]) for i, n in enumerate(inputs)),
         output=channel_of(output, in_output_units(transform, recorded[train])),
@@ -170,9 +152,61 @@ def prepare(
         transforms=tuple(transforms),
         recordings=tuple(recordings),
         period_ns=period_ns,
-        outliers=outliers,
-        warnings=tuple(_warnings(u[train], y[train], inputs, output, outliers)),
+        outliers=cut.outliers,
+        warnings=tuple(_warnings(u[train], y[train], inputs, output, cut.outliers)),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretches:
+    """Unbroken stretches of all recordings one after another."""
+
+    u: FloatArray  # (n, n_inputs)
+    y: FloatArray  # (n,) in model units, NaN where the output is invalid
+    enabled: BoolArray  # (n,)
+    segments: tuple[Segment, ...]
+    outliers: dict[str, int]  # signal → values that were left out
+
+
+def _stretches(
+    recordings: Sequence["Recording"],
+    inputs: Sequence[str],
+    output: str,
+    transform: str,
+    least: int,
+) -> _Stretches:
+    """Return the stretches of at least ``least`` samples with all inputs and some output."""
+    outliers: dict[str, int] = {}
+    u_parts, y_parts, on_parts, segments, at = [], [], [], list[Segment](), 0
+    for index, recording in enumerate(recordings):
+        u = _columns(recording, inputs, outliers)
+        y = _columns(recording, [output], outliers)[:, 0]
+        y[pinned_rows(recording, output)] = np.nan
+        on = enabled_rows(recording)
+        for first, stop in runs(np.asarray(np.isfinite(u).all(axis=1))):
+            if stop - first < least or not np.isfinite(y[first:stop]).any():
+                continue
+            u_parts.append(u[first:stop])
+            y_parts.append(to_model_units(transform, y[first:stop]))
+            on_parts.append(on[first:stop])
+            segments.append(Segment(index, first, at, at + stop - first))
+            at += stop - first
+    if not segments:
+        files = ", ".join(str(r.path) for r in recordings)
+        raise RecordingError(f"{files}: no stretch of {least} samples with all inputs valid")
+    return _Stretches(
+        u=np.concatenate(u_parts),
+        y=np.concatenate(y_parts),
+        enabled=np.concatenate(on_parts),
+        segments=tuple(segments),
+        outliers=outliers,
+    )
+
+
+def _blur(rows: BoolArray, seed: int) -> FloatArray:
+    """Return the controller's noise (n,), 0 outside ``rows``."""
+    noise = np.random.default_rng([seed, 1]).standard_normal(len(rows))
+    return np.asarray(CONTROLLER_NOISE * (noise * rows))
 
 
 def fuel_turns(rows: BoolArray, period_ns: int, seed: int) -> FloatArray:
