@@ -21,7 +21,11 @@ demo: $(DEMO)/.installed ## replay a healthy and a faulty drive, write demo/repo
 	  test $$code -eq 1 || { echo "make demo: the faulty drive was not judged faulty (exit $$code, wanted 1)" >&2; exit 1; }
 	@$(DEMO)/bin/o2mon replay $(HEALTHY) $(FAULTY) --quiet --html demo/report.html; test $$? -eq 1
 	@echo
-	@echo "Healthy drive: no fault. Faulty drive: fault found. Both with pictures: demo/report.html"
+	@echo "Healthy drive: no fault. Faulty drive: fault found."
+	@echo "Open:     demo/report.html     both drives with pictures, in a browser"
+	@echo "Try next: $(DEMO)/bin/o2mon inject $(HEALTHY) --out demo/weak.log --fault gain_low=0.5@60"
+	@echo "          $(DEMO)/bin/o2mon replay demo/weak.log     a fault of your own"
+	@echo "          docs/tour.md                               five minutes more; then your own car"
 
 test: venv system ## every check: style, types, imports, all tests
 	@$(MAKE) --no-print-directory -j 2 lint whole

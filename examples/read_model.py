@@ -18,7 +18,7 @@ def predict(path: str, columns: dict[str, np.ndarray]) -> np.ndarray:
         *[u[0]] * card["lags"],
         *u,
     ]:  # fill the memory as if the first inputs had been constant
-        y, state = session.run(["lambda_hat", "next_state"], {"u": row[None], "state": state})
+        y, state = session.run(None, {"u": row[None], "state": state})
         predicted.append(float(y[0, 0]))
     return np.array(predicted[card["lags"] :])
 

@@ -9,6 +9,7 @@ from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
 from monitor.base.signals import OUTPUT
 from monitor.cli.options import (
+    LOGS,
     NOT_JUDGED,
     add_bus,
     add_columns,
@@ -47,7 +48,7 @@ def add(commands: Any) -> None:
     import_without_mdf()
     check = add_command(commands, "check", HELP, _CHECK, _check)
     check.add_argument(
-        "log", nargs="?", type=paths.read, metavar="LOG", help="CAN log or table instead of a bus"
+        "log", nargs="?", type=paths.read, metavar="LOG", help=f"{LOGS}; without it, a bus"
     )
     add_bus(check)
     add_setup(check, memory=False)

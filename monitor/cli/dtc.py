@@ -139,6 +139,8 @@ def _counted(n: int, what: str) -> str:
 
 
 def _freeze_frame(args: argparse.Namespace) -> int:
+    from monitor.report.elements import plain
+
     store, found = _load(args.memory)
     frames = store.freeze_frames
     missing = [code for code in args.code if code not in frames]
@@ -160,7 +162,7 @@ def _freeze_frame(args: argparse.Namespace) -> int:
         for frame in chosen:
             yield f"{frame.code}  {_when(frame.t_ns)}"
             for name, value in frame.values.items():
-                yield f"  {name:<28} {value:10.4g} {unit_of(name)}"
+                yield f"  {name:<28} {plain(value):>10} {unit_of(name)}"
 
     return _print(args, found, fields, lines())
 
@@ -175,6 +177,8 @@ def _when(t_ns: int) -> str:
 
 
 def _readiness(args: argparse.Namespace) -> int:
+    from monitor.report.elements import plain
+
     store, found = _load(args.memory)
     tests = [
         {
@@ -202,8 +206,8 @@ def _readiness(args: argparse.Namespace) -> int:
             )
         for r in store.results:
             inside = "" if r.low <= r.value <= r.high else "  outside"
-            limits = f"{r.low:.4g} to {r.high:.4g}"
-            yield f"  {r.test} {r.quantity:<28} {r.value:10.4g}   {limits}{inside}"
+            limits = f"{plain(r.low)} to {plain(r.high)}"
+            yield f"  {r.test:<10} {r.quantity:<28} {plain(r.value):>10}   {limits}{inside}"
 
     return _print(args, found, fields, lines())
 

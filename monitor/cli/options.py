@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 NOT_JUDGED = 3
 
 
+LOGS = (
+    "CAN log (.log .asc .blf .trc .csv .mf4), table (.csv .parquet) or log of a tuning tool (.msl "
+    ".mlg .csv); logs and tables of text also with .gz"
+)
+
+
 def positive(text: str) -> float:
     """Return the option's value as a positive finite number."""
     value = float(text)
@@ -88,14 +94,15 @@ def add_setup(parser: argparse.ArgumentParser, *, memory: bool = True) -> None:
         type=paths.read,
         action="append",
         default=[],
-        help="CAN database; may repeat with --map",
+        help="CAN database (.dbc); repeat it with --map for several databases (default: the "
+        "project's own ECU)",
     )
     parser.add_argument(
         "--map",
         type=paths.read,
         action="append",
         default=[],
-        help="signal map of the --dbc before it",
+        help="signal map (.toml) of the --dbc before it; repeat it with --dbc",
     )
     parser.add_argument(
         "--config", type=paths.read, help="TOML file that changes the shipped settings"

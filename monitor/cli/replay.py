@@ -7,6 +7,7 @@ from typing import Any
 
 from monitor.base import option_paths as paths
 from monitor.cli.options import (
+    LOGS,
     add_columns,
     add_command,
     add_outputs,
@@ -33,7 +34,7 @@ exit code: 0 judged and no fault, 1 a fault code is pending or confirmed, 2 unus
 def add(commands: Any) -> None:
     """Add the subcommand ``replay``."""
     replay = add_command(commands, "replay", HELP, _REPLAY, _replay)
-    replay.add_argument("log", nargs="+", type=paths.read, metavar="LOG", help="CAN log or table")
+    replay.add_argument("log", nargs="+", type=paths.read, metavar="LOG", help=LOGS)
     add_setup(replay)
     add_columns(replay)
     replay.add_argument("--windows", action="store_true", help="print every window")

@@ -59,7 +59,8 @@ def add(commands: Any) -> None:
         "--record",
         type=paths.written,
         metavar="LOG",
-        help="write all frames to this log; if it exists, a number is added to the name",
+        help="write all frames to this log (.log .asc .blf .trc .csv); if it exists, a "
+        "number is added to the name",
     )
     run.add_argument("--transmit", action="store_true", help="send fault flag and codes on the bus")
     add_diagnostics(run)

@@ -27,6 +27,18 @@ RANGES: Final = {
 SHOWN: Final = 60  # characters of a wrong value in a message
 
 
+USUAL_PREDICTION: Final = "lambda_hat"  # the graph's output in models of any output, once
+
+
+def prediction_name(output: str) -> str:
+    """Return the name that the graph's prediction has for an output of the model.
+
+    >>> prediction_name("lambda_measured"), prediction_name("level_m")
+    ('lambda_hat', 'level_m_hat')
+    """
+    return output.removesuffix("_measured") + "_hat"
+
+
 @dataclass(frozen=True, slots=True)
 class Channel:
     """One input or the output, with its unit and its range in training, in that unit."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from monitor.base.errors import ModelError
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model import model_file
-from monitor.model.card import ModelCard
+from monitor.model.card import USUAL_PREDICTION, ModelCard, prediction_name
 
 Float32Array = NDArray[np.float32]
 Inputs = NDArray[np.float32] | NDArray[np.float64]
@@ -57,13 +57,13 @@ class _Binding:
         session: ort.InferenceSession,
         u: Float32Array,
         state: Float32Array,
-        lambda_hat: Float32Array,
+        predicted: tuple[str, Float32Array],
         next_state: Float32Array,
     ) -> None:
         self.binding = session.io_binding()
         for name, array in (("u", u), ("state", state)):
             self.binding.bind_input(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
-        for name, array in (("lambda_hat", lambda_hat), ("next_state", next_state)):
+        for name, array in (predicted, ("next_state", next_state)):
             self.binding.bind_output(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
         self.next_state = next_state
 
@@ -88,10 +88,10 @@ class Model:
         self.n_inputs = len(card.inputs)
         self._u = np.zeros((batch, self.n_inputs), np.float32)
         self._row, self._ones = self._u[0], np.ones(self.n_inputs, np.float32)
-        self._lambda_hat = np.zeros((batch, 1), np.float32)
+        self._predicted = np.zeros((batch, 1), np.float32)
         even, odd = (np.zeros((batch, card.state.size), np.float32) for _ in range(2))
         self._bindings = tuple(
-            _Binding(session, self._u, a, self._lambda_hat, b)
+            _Binding(session, self._u, a, (_prediction(session, card), self._predicted), b)
             for a, b in ((even, odd), (odd, even))
         )
         self._state, self._turn = even, 0
@@ -137,7 +137,7 @@ class Model:
         if not math.isfinite(self._row.dot(self._ones)):
             raise ValueError(f"inputs of the model must be finite: {self._bad_inputs()}")
         self._advance()
-        return self._lambda_hat.item()
+        return self._predicted.item()
 
     def step_batch(self, u: Inputs) -> Float32Array:
         """Return the predictions for one tick, shape (batch,), in the output's unit.
@@ -149,7 +149,7 @@ class Model:
         if not np.isfinite(self._u).all():
             raise ValueError(f"inputs of the model must be finite: {self._bad_inputs()}")
         self._advance()
-        return self._lambda_hat[:, 0].copy()
+        return self._predicted[:, 0].copy()
 
     def _bad_inputs(self) -> str:
         return self._names(np.asarray(~np.isfinite(self._u).all(axis=0)))
@@ -203,7 +203,7 @@ class Model:
         for k in range(n):
             self._u[:] = u[:, k]
             self._advance()
-            result[k] = self._lambda_hat[:, 0]
+            result[k] = self._predicted[:, 0]
         return result.T
 
     def keep(self, rows: int) -> "Model":
@@ -225,10 +225,17 @@ def open_session(content: bytes, path: str) -> ort.InferenceSession:
         raise ModelError(f"{path}: not a usable ONNX file: {reason}") from None
 
 
+def _prediction(session: ort.InferenceSession, card: ModelCard) -> str:
+    """Return the name of the graph's prediction: after the output, or as it was once for all."""
+    names = {a.name for a in session.get_outputs()}
+    return USUAL_PREDICTION if USUAL_PREDICTION in names else prediction_name(card.output.name)
+
+
 def check_graph(session: ort.InferenceSession, card: ModelCard, path: str) -> None:
     """Raise ModelError if the graph's inputs and outputs differ from those of the card."""
     n_state = card.state.size
-    wanted = {"u": len(card.inputs), "state": n_state, "lambda_hat": 1, "next_state": n_state}
+    predicted = _prediction(session, card)
+    wanted = {"u": len(card.inputs), "state": n_state, predicted: 1, "next_state": n_state}
     graph = {a.name: a for a in (*session.get_inputs(), *session.get_outputs())}
     if graph.keys() != wanted.keys():
         raise ModelError(f"{path}: graph has {sorted(graph)}, wanted {sorted(wanted)}")

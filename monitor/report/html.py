@@ -14,6 +14,7 @@ from monitor.report.elements import number, path, row, table, term_list, text
 from monitor.report.words import (
     STATISTICS,
     VERDICTS,
+    confidence,
     duration,
     is_simulated,
     many,
@@ -60,7 +61,7 @@ def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
             row(
                 ("Recording", f'<a href="#recording-{i}">{path(name)}</a>{_tag(recording)}'),
                 ("Verdict", _badge(recording)),
-                ("Codes", _codes(recording)),
+                ("Reason", _codes(recording)),
                 ("Passed", _count("passed", n["passed"])),
                 ("Failed", _count("failed", n["failed"])),
                 ("Inconclusive", _count("inconclusive", n["inconclusive"])),
@@ -69,7 +70,7 @@ def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
             )
         )
     head = (
-        '<tr><th rowspan="2">Recording</th><th rowspan="2">Verdict</th><th rowspan="2">Codes</th>'
+        '<tr><th rowspan="2">Recording</th><th rowspan="2">Verdict</th><th rowspan="2">Reason</th>'
         '<th colspan="4" class="group">Windows</th><th rowspan="2">Enabled</th></tr>'
         "<tr><th>passed</th><th>failed</th><th>inconclusive</th><th>paper’s rule failed</th></tr>"
     )
@@ -109,7 +110,8 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
         f'<details class="recording" id="recording-{i}"{" open" if opened else ""}>'
         f"<summary><h2>{path(name)}</h2>{_tag(recording)}{_badge(recording)}</summary>"
         f'<div class="verdict {verdict}"><p><strong>{VERDICTS[verdict][1].capitalize()}'
-        f"{simulated}.</strong> {_sentence(recording)}</p>{term_list(facts)}</div>"
+        f"{simulated}.</strong> {_sentence(recording)}</p>{_confidence(recording)}"
+        f"{term_list(facts)}</div>"
         f"{_causes(recording)}{_dtcs(recording)}{_behind(recording)}"
         f'<section class="plots" data-series="series-{i}" data-name="{text(name)}{simulated}" '
         f'aria-label="Measured and predicted {text(output)} over time"></section>'
@@ -133,10 +135,16 @@ def _logger(recording: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _sentence(recording: Mapping[str, Any]) -> str:
     if recording["dtcs"]:
         return "; ".join(
-            f"{text(d['code'])} {text(fault_words(d))} ({_state(d)})" for d in recording["dtcs"]
+            f"{text(d['code'])} {text(fault_words(d))} ({_state(d)}): {text(meaning(d))}"
+            for d in recording["dtcs"]
         )
     causes = recording["not_judged"]
-    return text(Cause(**causes[0]).in_words) if causes else ""
+    return text(Cause(**causes[0]).in_words) if causes else "Every test was completed and passed."
+
+
+def _confidence(recording: Mapping[str, Any]) -> str:
+    said = confidence(recording)
+    return f"<p>Confidence: {text(said)}.</p>" if said else ""
 
 
 def _causes(recording: Mapping[str, Any]) -> str:
@@ -279,10 +287,16 @@ def _tag(recording: Mapping[str, Any]) -> str:
 def _codes(recording: Mapping[str, Any]) -> str:
     codes = [
         f'<span class="nowrap"><strong class="code">{text(d["code"])}</strong> '
-        f"{text(d['state'])}</span>"
+        f"{text(d['state'])}</span><br>{text(meaning(d))}"
         for d in recording["dtcs"]
     ]
-    return "<br>".join(codes) or "–"
+    return "<br>".join(codes) or _why(recording)
+
+
+def _why(recording: Mapping[str, Any]) -> str:
+    """Return why there is no code: the first cause if the drive was not judged."""
+    causes = recording["not_judged"]
+    return text(Cause(**causes[0]).in_words) if causes else "every test passed"
 
 
 def _window_verdict(window: Mapping[str, Any]) -> str:

@@ -211,7 +211,7 @@ def event_line(event: Happening, collector: Collector) -> str:
         return f"{collector.seconds(event.t_ns):8.1f} s  counted: {event.what.replace('_', ' ')}"
     if isinstance(event, DtcChanged):
         dtc = event.dtc
-        state = dtc.state or "not set"
+        state = dtc.state or "is no longer set"
         return f"{collector.seconds(event.t_ns):8.1f} s  {dtc.code} {dtc.fault} {state}"
     if isinstance(event, CutJudged):
         said = f"{event.outcome} {event.fault or ''}"

@@ -91,6 +91,40 @@ def meaning(dtc: Mapping[str, Any]) -> str:
     return ", or ".join(MEANINGS.get(f, f) for f in (dtc["fault"], *dtc.get("also", ())))
 
 
+def confidence(recording: Mapping[str, Any]) -> str:
+    """Return how sure the response test is of the verdict, "" if it says nothing of it.
+
+    >>> far = {"log_odds": -30.0, "needed": 9.21}
+    >>> confidence({"dtcs": [], "not_judged": None, "evidence": {"transient": far}})
+    'nearest to a fault is transient, with log odds of −30.0; a fault needs 9.2'
+    """
+    evidence: Mapping[str, Any] = recording.get("evidence") or {}
+    said = []
+    for dtc in recording["dtcs"]:
+        each = evidence.get(dtc["fault"])
+        if each and each["log_odds"] is not None:
+            said.append(
+                f"log odds of {dtc['fault']} are {_odds(each['log_odds'])}, "
+                f"a fault needs {each['needed']:.1f}"
+            )
+        if 0.0 < dtc.get("probability", 0.0) < 0.995:
+            share = 100.0 * dtc["probability"]
+            said.append(f"{share:.0f}\u00a0% for this name among those with {dtc['code']}")
+    open_tests = [(v["log_odds"], k, v["needed"]) for k, v in evidence.items()]
+    known = [each for each in open_tests if each[0] is not None]
+    if known and not recording["dtcs"] and not recording["not_judged"]:
+        odds, fault, needed = max(known)
+        said.append(
+            f"nearest to a fault is {fault}, with log odds of {_odds(odds)}; "
+            f"a fault needs {needed:.1f}"
+        )
+    return "; ".join(said)
+
+
+def _odds(value: float) -> str:
+    return f"{value:.1f}".replace("-", "−")
+
+
 def seconds(dtc: Mapping[str, Any]) -> str:
     """Return the time of a code, empty if it has none."""
     return "" if dtc.get("t_s") is None else f"{dtc['t_s']:.1f} s"

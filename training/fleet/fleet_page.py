@@ -52,6 +52,8 @@ def as_page(
         distributions=draw.distribution_figure(judged, windows, found["limits"])
         if len(judged)
         else None,
+        drives=[_drive(each) for each in found["drives_with_code"][:ROWS]],
+        more_drives=len(found["drives_with_code"]) - ROWS,
         standing=standing,
         standings=draw.standing_figure(standing, numbers) if standing else None,
         named=_named(named),
@@ -92,6 +94,24 @@ def _named(named: dict[str, list[tuple[Standing, int]]]) -> list[tuple[str, ...]
         )
         for number, (vehicle, by) in enumerate(list(named.items())[:ROWS], 1)
     ]
+
+
+def _drive(each: Figures) -> tuple[str, ...]:
+    """Return vehicle, codes, drive, its start, and when the first code was set."""
+    set_at = each["first_code_s"]
+    start = each["start"]
+    return (
+        each["vehicle"],
+        ", ".join(
+            f"{code}{NBSP}{fault.replace('_', ' ')} ({state})"
+            for code, fault, state in zip(
+                each["codes"], each["faults"], each["states"], strict=True
+            )
+        ),
+        Path(each["path"]).name,
+        start[:16].replace("T", NBSP) if start else MISSING,
+        "earlier drive" if set_at is None else f"{set_at:.0f}{NBSP}s",
+    )
 
 
 def _limit(each: Figures) -> tuple[str, ...]:

@@ -47,6 +47,7 @@ def summary(
         "simulated": int((judged["source"] == "simulated").sum()),
         "with_code": rate(int(judged["fault_flag"].sum()), len(judged)),
         "codes": codes(judged),
+        "drives_with_code": drives_with_code(judged),
         "standing_out": {
             "chance": outliers.RATE,
             "statistics": [_standing(standing) for standing in found],
@@ -81,6 +82,17 @@ def codes(judged: pl.DataFrame) -> list[Figures]:
             "rate": per_1000_h(row["drives"], seconds),
         }
         for row in table.to_dicts()
+    ]
+
+
+def drives_with_code(judged: pl.DataFrame) -> list[Figures]:
+    """Return each drive that ends with a code, by vehicle and then in the given order."""
+    order = {vehicle: i for i, vehicle in enumerate(judged["vehicle"].unique(maintain_order=True))}
+    columns = ("vehicle", "start", "path", "codes", "faults", "states", "first_code_s", "source")
+    rows = judged.filter(pl.col("fault_flag")).select(columns).to_dicts()
+    return [
+        {**row, "start": row["start"].isoformat() if row["start"] else None}
+        for row in sorted(rows, key=lambda row: order[row["vehicle"]])
     ]
 
 

@@ -6,6 +6,7 @@ from typing import Final
 from monitor.base.outputs import write_text
 from training.greybox.model import GreyboxResult
 from training.narx import free_run_figures
+from training.narx.fit_verdict import fit_verdict
 from training.pages.page import page
 
 MEANING: Final = {
@@ -20,9 +21,12 @@ MEANING: Final = {
 
 def write_report(path: Path | str, result: GreyboxResult) -> None:
     """Write the page; figures are embedded, nothing is loaded from elsewhere."""
+    verdict, kind = fit_verdict(result.card)
     text = page(
         "greybox_fit.html",
         f"Grey-box model {result.path.name}",
+        verdict=verdict,
+        kind=kind,
         warnings=result.warnings,
         result=result,
         card=result.card,

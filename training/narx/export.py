@@ -19,7 +19,7 @@ from monitor.base.errors import ModelError
 from monitor.base.outputs import replaced, write_bytes
 from monitor.base.types import FloatArray
 from monitor.model import model_file
-from monitor.model.card import ModelCard, StateLayout
+from monitor.model.card import USUAL_PREDICTION, ModelCard, StateLayout, prediction_name
 from monitor.model.step import LAMBDA_MAX, PHI_MAX, Model
 from training.narx.network import Spec, layers, linear_path
 from training.recordings.scaling import Scaling
@@ -242,7 +242,18 @@ def save(path: Path | str, network: Network, card: ModelCard) -> None:
 def write(path: Path | str, model: onnx.ModelProto, card: ModelCard) -> None:
     """Write a graph and its card to one file."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
+    name_prediction(model, prediction_name(card.output.name))
     write_bytes(path, file_content(model, card))
+
+
+def name_prediction(model: onnx.ModelProto, name: str) -> None:
+    """Name the prediction of a graph after the model's output."""
+    for output in model.graph.output:
+        if output.name == USUAL_PREDICTION:
+            output.name = name
+    for node in model.graph.node:
+        for names in (node.input, node.output):
+            names[:] = [name if each == USUAL_PREDICTION else each for each in names]
 
 
 def file_content(model: onnx.ModelProto, card: ModelCard) -> bytes:

@@ -217,7 +217,7 @@ def _training_warnings(chosen: _Choice, must_forget: bool) -> list[str]:
     gap, warnings = chosen.gap, []
     if must_forget and not gap.gap <= gap.limit:
         warnings.append(
-            f"predictions from two histories differ by up to {gap.gap:.3g} after "
+            f"two runs that begin with different past values differ by up to {gap.gap:.3g} after "
             f"{CONTRACTION_SAMPLES} samples (limit {gap.limit:.3g})"
         )
     begun = [t for t in chosen.starts if t.members == 1]

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from monitor.base.outputs import write_text
 from training.narx import free_run_figures
 from training.narx.fit import FitResult
+from training.narx.fit_verdict import fit_verdict
 from training.narx.network import describe
 from training.pages.figure import drawing
 from training.pages.page import page
@@ -19,9 +20,12 @@ def write_report(path: Path | str, result: FitResult) -> None:
     members = result.starts[result.best].members
     spec = result.network.spec
     one = replace(spec, hidden=tuple(n // members for n in spec.hidden))
+    verdict, kind = fit_verdict(result.card)
     text = page(
         "training.html",
         f"Training of {result.path.name}",
+        verdict=verdict,
+        kind=kind,
         warnings=result.warnings,
         result=result,
         card=result.card,
@@ -43,19 +47,27 @@ def _training_curves(result: FitResult) -> Figure:
         at = 0
         for stage in start.stages:
             scores = np.array(stage.scores) * result.data.scaling.y_std
-            axes.semilogy(np.arange(at, at + len(scores)), scores, color=f"C{index}")
+            label = f"start {index + 1}" if at == 0 else None
+            if label and index == result.best:
+                label += ", chosen"
+            axes.semilogy(np.arange(at, at + len(scores)), scores, color=f"C{index}", label=label)
             if index == result.best:
                 axes.axvline(at, color="0.85", linewidth=0.8)
-                label = " " + stage.name.removeprefix("horizon ")
+                name = " " + stage.name.removeprefix("horizon ")
                 axes.text(
                     at,
                     0.98,
-                    label,
+                    name,
                     transform=axes.get_xaxis_transform(),
                     va="top",
                     size=8,
                     color="0.4",
                 )
             at += len(scores) - 1
-    axes.set(xlabel="epoch; the number is the horizon in samples", ylabel="RMSE, model units")
+    unit = result.card.output.unit
+    axes.set(
+        xlabel="epoch; the numbers on top are the horizons in samples",
+        ylabel="free-run RMSE" + (f", {unit}" if unit not in ("", "-") else ""),
+    )
+    axes.legend(frameon=False)
     return figure

@@ -1,5 +1,5 @@
 "use strict";
-// Draws the plots of each recording when it comes into view. Needs uPlot; loads nothing.
+// Draws the plots of each unfolded recording, those in view first. Needs uPlot; loads nothing.
 (() => {
   const PRINT_WIDTH = 690; // px, A4 with usual margins
   const LAMBDA_RANGE = [0.7, 1.3]; // a fuel cut leaves the plot
@@ -11,6 +11,13 @@
 
   const color = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
   const digits = (value, n) => (value == null ? "–" : value.toFixed(n).replace("-", "−"));
+
+  /** As many digits as a step needs, at most five: 0.025 needs three. */
+  function places(step) {
+    let n = 0;
+    while (n < 5 && Math.abs(step * 10 ** n - Math.round(step * 10 ** n)) > 1e-6) n++;
+    return n;
+  }
 
   function element(parent, tag, properties = {}) {
     return parent.appendChild(Object.assign(document.createElement(tag), properties));
@@ -136,7 +143,7 @@
         { ...none, label: "enabled", value: word("yes", "no") },
         { ...none, label: "window", value: (u, v) => (v == null ? "–" : VERDICTS[v]) },
         { ...none, label: "paper’s rule", value: word("failed", "not failed") },
-        { ...none, label: "fault flag", value: word("set", "not set") },
+        { ...none, label: "fault flag", value: word("set", "off") },
       ];
       const figure = this.add("States", 170, [c.t, c.enabled, c.verdict, c.paper, c.flag], series, {
         range: () => [0, 4], rows: true, xlabel: "time in s",
@@ -183,7 +190,7 @@
       const ink = color("quiet"), grid = { stroke: color("grid"), width: 1 };
       const ticks = { stroke: color("line"), width: 1, size: 5 };
       const y = { stroke: ink, font, grid, ticks, size: this.width < 600 ? 78 : 84, gap: 4,
-        values: (u, splits, ai, space, step) => splits.map((v) => digits(v, Math.max(0, Math.min(5, -Math.floor(Math.log10(step) + 1e-6))))) };
+        values: (u, splits, ai, space, step) => splits.map((v) => digits(v, places(step))) };
       if (axis.rows) {
         Object.assign(y, { splits: () => [0.5, 1.5, 2.5, 3.5], values: () => ROWS, grid: { show: false }, ticks: { show: false } });
       } else {
@@ -429,6 +436,17 @@
       section.scrollIntoView({ behavior: "smooth", block: "start" });
     });
   }
+
+  // What is out of view follows when there is time, so that a picture of the whole page has it.
+  const idle = window.requestIdleCallback ?? ((work) => setTimeout(work, 50));
+  const rest = recordings.slice();
+  function buildNext() {
+    const each = rest.shift();
+    if (!each) return;
+    if (each.visible && !each.plots.length) each.build();
+    idle(buildNext);
+  }
+  addEventListener("load", () => idle(buildNext));
 
   function openTarget() {
     const target = document.getElementById(location.hash.slice(1));

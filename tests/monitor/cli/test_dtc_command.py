@@ -190,3 +190,23 @@ def test_replay_goes_on_from_a_memory_that_was_cleared(tmp_path: Path) -> None:
     assert cli.main(["dtc", "clear", "--memory", str(path)]) == 0
     with closing(Memory(path)) as memory:
         assert DtcStore(memory.load()).permanent == ("P0133",)
+
+
+def test_readiness_prints_numbers_without_exponents(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN estimates that are nearly 0, and large
+    path, store = tmp_path / "o2.db", DtcStore()
+    results = (("dead_time_rich_to_lean_s", 1.703e-12, 0.25), ("count", 123456.7, 2e5))
+    store.report(
+        [obd_records.TestResult("response", name, v, 0.0, most) for name, v, most in results]
+    )
+    store.freeze(FreezeFrame("P2195", 1, {"own": 2.5e-9}))
+    with closing(Memory(path, hold=True)) as memory:
+        memory.save(store.saved)
+    # WHEN they are printed THEN none has an exponent
+    for action in ("readiness", "freeze-frame"):
+        assert cli.main(["dtc", action, "--memory", str(path)]) == 0
+    words = capsys.readouterr().out.split()
+    assert not [word for word in words if "e-" in word or "e+" in word]
+    assert {"0", "123457"} <= set(words)

@@ -112,7 +112,7 @@ function codes(state, changed) {
 function code(body, each, { now, memory }) {
   const card = element(body, "article", { className: `dtc ${each.state || "healed"}` });
   element(card, "strong", { className: "code", textContent: each.code });
-  element(card, "span", { className: `badge ${each.state ? "failed" : "inconclusive"}`, textContent: each.state || "not set" });
+  element(card, "span", { className: `badge ${each.state ? "failed" : "inconclusive"}`, textContent: each.state || "no longer set" });
   if (memory.permanent.includes(each.code)) element(card, "span", { className: "badge inconclusive", textContent: "permanent" });
   element(card, "p", { textContent: each.meaning || words(each.fault) });
   const facts = [when(each.t_ns, now), `status 0x${each.status.toString(16).toUpperCase().padStart(2, "0")}: ${each.bits.join(", ")}`];
@@ -175,7 +175,7 @@ function response(state, changed) {
 
 /** What is sound, and how far the gauge reaches. */
 function bounds(kind, limits) {
-  if (kind === "gain") return { low: limits.gain_weak, high: Infinity, from: 0, to: 1.4 };
+  if (kind === "gain") return { low: limits.gain_sound, high: limits.gain_most, from: 0, to: 1.2 * limits.gain_most };
   if (kind === "offset") {
     const far = 2 * Math.max(Math.abs(limits.offset_low), Math.abs(limits.offset_high));
     return { low: limits.offset_low, high: limits.offset_high, from: -far, to: far };
@@ -188,7 +188,8 @@ function gauge(table, label, unit, value, std, { low, high, from, to }) {
   const with_unit = (text) => text + (unit === "s" ? " s" : "");
   const beyond = value != null && (value < low || value > high);
   const row = element(table, "div", { className: beyond ? "gauge beyond" : "gauge" });
-  const limit = low === -Infinity ? `≤ ${with_unit(digits(high, n))}` : high === Infinity ? `≥ ${digits(low, n)}` : `${signed(low, n)} to ${signed(high, n)}`;
+  const edge = (v) => (low < 0 ? signed(v, n) : digits(v, n));
+  const limit = low === -Infinity ? `≤ ${with_unit(digits(high, n))}` : `${edge(low)} to ${edge(high)}`;
   const text = value == null ? "–" : with_unit(unit === "λ" ? signed(value, n) : digits(value, n));
   element(row, "span", { className: "label", textContent: label });
   element(row, "span", { className: "quiet limit", textContent: limit });
@@ -199,7 +200,7 @@ function gauge(table, label, unit, value, std, { low, high, from, to }) {
   shape(svg, "rect", { x: 0, y: 3, width: 100, height: 4, class: "track" });
   shape(svg, "rect", { x: x(low), y: 3, width: x(high) - x(low), height: 4, class: "sound" });
   if (value != null && std != null) shape(svg, "rect", { x: x(value - 2 * std), y: 4, width: Math.max(x(value + 2 * std) - x(value - 2 * std), 0.1), height: 2, class: "spread" });
-  for (const edge of [low, high]) if (Math.abs(edge) < Infinity) shape(svg, "rect", { x: x(edge) - 0.15, y: 1, width: 0.3, height: 8, class: "limit" });
+  for (const at of [low, high]) if (Math.abs(at) < Infinity) shape(svg, "rect", { x: x(at) - 0.15, y: 1, width: 0.3, height: 8, class: "limit" });
   if (value != null) shape(svg, "rect", { x: Math.max(0, Math.min(x(value) - 0.6, 98.8)), y: 0, width: 1.2, height: 10, rx: 0.5, class: "value" });
 }
 
