@@ -14,7 +14,7 @@ from monitor.base.types import FloatArray
 from monitor.model import model_file
 from monitor.model.card import Channel, Limit, ModelCard, TrainingRecording
 from monitor.model.step import Model, from_model_units, to_model_units
-from training.narx.export import Network, build, save, update_card
+from training.narx.export import Network, build, file_content, save, update_card
 from training.narx.network import Spec, initial_weights, simulate
 from training.narx.parity import parity
 from training.recordings.scaling import Scaling
@@ -353,3 +353,20 @@ def test_the_same_network_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a.onnx", "b.onnx"):
         save(tmp_path / name, network(), card(network()))
     assert (tmp_path / "a.onnx").read_bytes() == (tmp_path / "b.onnx").read_bytes()
+
+
+def test_the_prediction_is_named_after_the_output_and_older_names_are_read(tmp_path: Path) -> None:
+    # GIVEN a model of another output, as it is written and as it was
+    net = network()
+    own = card(net)
+    level = dataclasses.replace(own, output=dataclasses.replace(own.output, name="level_m"))
+    save(tmp_path / "level.onnx", net, level)
+    (tmp_path / "older.onnx").write_bytes(file_content(build(net), level))
+    # THEN the graph says what it predicts
+    names = [each.name for each in onnx.load(str(tmp_path / "level.onnx")).graph.output]
+    assert names == ["level_m_hat", "next_state"]
+    assert onnx.load(str(tmp_path / "older.onnx")).graph.output[0].name == "lambda_hat"
+    # and both predict the same
+    u = drive(20)
+    runs = [Model.load(tmp_path / f"{name}.onnx").run_batch(u[None]) for name in ("level", "older")]
+    np.testing.assert_array_equal(*runs)

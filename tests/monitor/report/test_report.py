@@ -154,8 +154,22 @@ def test_the_page_says_verdicts_codes_and_why_a_drive_was_not_judged(tmp_path: P
 def test_the_summary_counts_windows_and_the_enabled_time(tmp_path: Path) -> None:
     page = written(tmp_path, faulty())
     cells = [a["data-label"] for a in page.of("td") if a.get("data-label")]
-    assert cells[:4] == ["Recording", "Verdict", "Codes", "Passed"]
+    assert cells[:4] == ["Recording", "Verdict", "Reason", "Passed"]
     assert "✓ 1 ✕ 1 0 1 23\u00a0s (77\u00a0%)".replace("\u00a0", " ") in page.text
+
+
+def test_reason_and_confidence_stand_beside_the_verdict(tmp_path: Path) -> None:
+    # GIVEN a fault with its evidence, a healthy drive, and one that was not judged
+    odds = {"slow_rich_to_lean": {"log_odds": 30.0, "needed": 11.513}}
+    far = {"slow_rich_to_lean": {"log_odds": -12.5, "needed": 9.21}}
+    shown = [faulty(evidence=odds), recording(evidence=far), not_judged()]
+    text = written(tmp_path, *shown).text
+    # THEN the summary says why, and the verdict how sure the test is
+    assert "P014C pending slow on rich-to-lean edges" in text
+    assert "log odds of slow_rich_to_lean are 30.0, a fault needs 11.5" in text
+    assert "nearest to a fault is slow_rich_to_lean, with log odds of −12.5" in text
+    assert "every test passed" in text
+    assert text.count("Confidence:") == 2
 
 
 def test_the_page_loads_nothing_and_allows_nothing_but_its_own_script(tmp_path: Path) -> None:

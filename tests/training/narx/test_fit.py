@@ -1,6 +1,8 @@
 """Training as a whole: a small fit, its report and its evaluation."""
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from training.cli import main
 from training.narx.fit import FitResult, fit
+from training.narx.fit_verdict import fit_verdict
 from training.narx.network import Spec, layers
 from training.narx.stability import Contraction, contraction
 from training.narx.stages import train
@@ -270,12 +273,29 @@ def test_the_budget_ends_the_training_with_the_best_so_far(
         fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", hidden=(4,), budget_minutes=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("correlation", "kind", "begins"),
+    [(0.95, "good", "The model follows"), (0.7, "", "in part"), (0.3, "bad", "too little")],
+)
+def test_the_verdict_on_a_fit_follows_its_correlation(
+    fitted: FitResult, correlation: float, kind: str, begins: str
+) -> None:
+    found = dict(fitted.card.fit["test_enabled"], correlation=correlation)
+    card = replace(fitted.card, fit={**fitted.card.fit, "test_enabled": found})
+    verdict, of_kind = fit_verdict(card)
+    assert of_kind == kind
+    assert begins in verdict
+
+
 def test_the_report_stands_alone(fitted: FitResult, tmp_path: Path) -> None:
     write_report(tmp_path / "fit.html", fitted)
     text = (tmp_path / "fit.html").read_text()
     assert text.count("data:image/svg+xml") == 3
     assert "http" not in text.replace("http-equiv", "")
     assert "Free run on held-out blocks" in text
+    # its verdict stands first, and gives its reason
+    assert re.search(r'<p class="verdict good">The model follows its vehicle: .* correlation', text)
+    assert text.index('class="verdict') < text.index("<table")
 
 
 def save_table(path: Path, drive: Recording) -> None:
