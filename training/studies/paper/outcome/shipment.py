@@ -40,8 +40,9 @@ def ship(
     warnings = []
     if not gap.gap <= gap.limit:
         warnings.append(
-            f"the model does not forget its history: predictions from two histories differ by "
-            f"{gap.gap:.3g} after {CONTRACTION_SAMPLES} samples (limit {gap.limit:.3g})"
+            "the model does not forget a wrong start: two runs that begin with different past "
+            f"values differ by {gap.gap:.3g} after {CONTRACTION_SAMPLES} samples "
+            f"(limit {gap.limit:.3g})"
         )
     card, more = _limits(task, temporary, card)
     temporary.replace(path)
