@@ -106,6 +106,7 @@ def estimate_tables(
     axes: str | Path | None = None,
     load: Literal["kpa", "mg"] | None = None,
     displacement_l: float | None = None,
+    cylinders: int = 4,
     period_s: float | None = None,
     buses: Pairs | None = None,
     columns: str | Path | None = None,
@@ -114,7 +115,8 @@ def estimate_tables(
 
     axes : TunerStudio tune (``.msq``) whose axes are used
     load : load axis, default pressure if the recordings have it
-    displacement_l : in litres
+    displacement_l : of all cylinders, in litres
+    cylinders : their number
     Other parameters as in ``load_recordings``; recordings with several periods take the slowest.
     Returns one ``EcuTable`` per table: ``estimate``, ``low`` and ``high`` (90 %) as arrays with one
     dimension per axis, NaN where nothing was measured.
@@ -126,6 +128,6 @@ def estimate_tables(
     if any(each.period_ns != slowest_ns for each in drives):
         drives = load_recordings(recordings, period_s=slowest_ns / 1e9, **how)
     check_each_once(drives)
-    subject = signals.subject_of(drives, LOADS[load], displacement_l)
+    subject = signals.subject_of(drives, LOADS[load], displacement_l, cylinders)
     own = () if axes is None else read_axes(Path(axes))
     return tables.tables(fit.fit(subject), axes_of(subject.load, *own), config.defaults())

@@ -33,16 +33,19 @@ def fit(args: argparse.Namespace, recordings: "list[Recording]") -> "GreyboxResu
     Raises RecordingError if the recordings cannot hold a fit.
     """
     from monitor.base.signals import OUTPUT
+    from training.cli.share_bar import Share
     from training.greybox.model import fit_greybox
 
-    return fit_greybox(
-        recordings,
-        args.out,
-        inputs=args.inputs,
-        output=args.output or OUTPUT,
-        seed=args.seed,
-        validate=load_all(args, args.validate, args.period),
-    )
+    with Share("grey-box fit") as bar:
+        return fit_greybox(
+            recordings,
+            args.out,
+            inputs=args.inputs,
+            output=args.output or OUTPUT,
+            seed=args.seed,
+            validate=load_all(args, args.validate, args.period),
+            progress=bar.update,
+        )
 
 
 def print_fit(result: "GreyboxResult") -> None:

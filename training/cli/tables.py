@@ -54,8 +54,16 @@ def add_parsers(commands: Any) -> None:
         "--displacement-l",
         type=float,
         metavar="L",
-        help="displacement in litres of four cylinders; without it speed density does not tell "
+        help="displacement in litres of all cylinders; without it speed density does not tell "
         "the injector flow",
+    )
+    parser.add_argument(
+        "--cylinders",
+        type=int,
+        default=4,
+        metavar="N",
+        help="number of cylinders, which turn displacement and air meter into the charge of one "
+        "(default: 4)",
     )
     add_period_option(parser)
     add_bus_options(parser)
@@ -67,18 +75,22 @@ def run(args: argparse.Namespace) -> int:
 
     Raises RecordingError or UsageError (exit code 2).
     """
+    from training.cli.share_bar import Share
     from training.ecu_tables import config, files, fit, page, signals, tables
     from training.recordings.recording import check_each_once
 
     if args.displacement_l is not None and not 0.05 <= args.displacement_l <= 30.0:
         raise UsageError(f"--displacement-l {args.displacement_l:g}: 0.05 to 30 litres are wanted")
+    if not 1 <= args.cylinders <= 16:
+        raise UsageError(f"--cylinders {args.cylinders}: 1 to 16 are wanted")
     recordings = of_one_period(args)
     check_each_once(recordings)
     load = {"kpa": "manifold_pressure_kpa", "mg": "air_mass_mg", None: None}[args.load]
-    subject = signals.subject_of(recordings, load, args.displacement_l)
+    subject = signals.subject_of(recordings, load, args.displacement_l, args.cylinders)
     axes = axes_for(args.axes, subject.load)
     _make_folder(args.out)
-    fitted = fit.fit(subject)
+    with Share("tables") as bar:
+        fitted = fit.fit(subject, bar.update)
     made = tables.tables(fitted, axes, config.defaults())
     names = [r.path.name for r in recordings]
     sources = [{"path": str(r.path), "sha256": r.sha256} for r in recordings]

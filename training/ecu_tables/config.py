@@ -14,6 +14,7 @@ class TablesConfig:
     z90: float  # half width of a 90 % interval in standard deviations
     least_s: float  # usable samples nearest to a cell, below which it is blank
     widest: Mapping[str, float]  # table → relative half width from which a cell is blank
+    small: Mapping[str, float]  # table → half width below which a cell is told all the same
     widening: Mapping[str, float]  # table → factor on the standard deviation
 
 
@@ -26,5 +27,6 @@ def defaults() -> TablesConfig:
         z90=read["interval"]["z90"],
         least_s=read["cell"]["least_s"],
         widest=read["widest"],
+        small=read["small"],
         widening=read["widening"],
     )

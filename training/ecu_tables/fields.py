@@ -41,8 +41,8 @@ class Weights:
 class Grid:
     """Knots over the logarithms of speed and load."""
 
-    speeds: FloatArray  # (KNOTS,) log rpm
-    loads: FloatArray  # (KNOTS,) log of the load
+    speeds: FloatArray  # (n,) log rpm
+    loads: FloatArray  # (m,) log of the load
 
     @property
     def size(self) -> int:
@@ -66,14 +66,14 @@ class Grid:
         return np.asarray(np.linalg.inv(covariance + sd**2 * NUGGET * np.eye(self.size)))
 
 
-def grid_over(rpm: Sequence[FloatArray], load: Sequence[FloatArray]) -> Grid:
-    """Return knots over the places that the drives visit."""
-    return Grid(_knots(np.concatenate(rpm)), _knots(np.concatenate(load)))
+def grid_over(rpm: Sequence[FloatArray], load: Sequence[FloatArray], knots: int = KNOTS) -> Grid:
+    """Return ``knots`` in each direction over the places that the drives visit."""
+    return Grid(_knots(np.concatenate(rpm), knots), _knots(np.concatenate(load), knots))
 
 
-def _knots(values: FloatArray) -> FloatArray:
+def _knots(values: FloatArray, number: int) -> FloatArray:
     low, high = np.percentile(np.log(np.maximum(values, 1.0)), EDGES)
-    return np.linspace(low, max(high, low + 0.1), KNOTS)
+    return np.linspace(low, max(high, low + 0.1), number)
 
 
 def _place(values: FloatArray, knots: FloatArray) -> tuple[IntArray, FloatArray]:

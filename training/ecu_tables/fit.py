@@ -7,15 +7,16 @@ residual is an outlier. The uncertainty is that of blocks of samples (White's sa
 holds when the residual is not quite white.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
 
 from monitor.base.types import BoolArray, FloatArray
-from training.ecu_tables.fields import grid_over
-from training.ecu_tables.parameters import Parameters
+from training.ecu_tables.fields import KNOTS, grid_over
+from training.ecu_tables.parameters import SCALARS, Parameters
 from training.ecu_tables.prediction import Case, reading, sensitivities
 from training.ecu_tables.signals import Subject
 
@@ -28,7 +29,19 @@ STEPS: Final = 15
 DELAYS_S: Final = (0.08, 0.15, 0.25, 0.4, 0.6, 0.9)  # starts, at the median flow
 PARTS: Final = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step that are tried
 BLOCK_S: Final = 15.0
-TOLERANCE: Final = 1e-3
+GAIN_LEAST: Final = 0.05  # of the logarithm of the likelihood that a further step should gain
+RATIO_LEAST: Final = 1e-3
+ROUGH_KNOTS: Final = 2
+ROUGH_STEPS: Final = 4
+ROUGH_SHARE: Final = 0.4  # of the time
+FILM_LOG_ODDS: Final = (-1.5, -4.0)  # starts: a wet wall and a dry one
+DEAD_LOG_MS: Final = (-0.1, -1.1)  # starts: 0.9 and 0.33 ms
+
+Report = Callable[[float, float], None]  # share done, scale of the residual in phi
+
+
+def _nobody(_share: float, _sigma: float) -> None:
+    """Tell nobody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,44 +69,111 @@ class _Noise:
         )
 
 
-def fit(subject: Subject) -> Fitted:
-    """Return the fit of all tables of one vehicle."""
-    p = Parameters(
-        subject,
-        grid_over(
-            [d.rpm[d.usable] for d in subject.drives], [d.load[d.usable] for d in subject.drives]
-        ),
-    )
+def fit(subject: Subject, report: Report = _nobody) -> Fitted:
+    """Return the fit of all tables of one vehicle.
+
+    report : is told the share done, 0 to 1, and the scale of the whitened residual in phi
+    """
+    first = _rough(subject, report)
+    p = _parameters(subject, KNOTS)
     cases = tuple(Case.of(d, p) for d in subject.drives)
-    x = _start(p, cases)
+    x = p.mean()
+    x[: len(SCALARS)] = first.x[: len(SCALARS)]
+    x, noise = _descent(p, x, cases, STEPS, _Progress(report, ROUGH_SHARE, 1.0))
     prior = p.precision()
-    noise = _noise(p, x, cases)
-    for _ in range(STEPS):
-        normal, slope, _ = _equations(p, x, cases, noise)
-        step = np.asarray(np.linalg.solve(normal + prior, slope - prior @ (x - p.mean())), float)
-        x = _descend(p, x, step=step, cases=cases, noise=noise, prior=prior)
-        noise = _noise(p, x, cases)
-        if np.abs(step).max() < TOLERANCE:
-            break
     normal, _, blocks = _equations(p, x, cases, noise)
     inverse = np.linalg.inv(normal + prior)
+    report(1.0, noise.sigma)
     return Fitted(p, x, inverse @ (blocks + prior) @ inverse, noise.sigma, cases)
 
 
-def _start(p: Parameters, cases: tuple[Case, ...]) -> FloatArray:
-    """Return the start: the gain by the median, the delay by the best of a few."""
-    best, least = p.mean(), np.inf
+class _Progress(NamedTuple):
+    """Tells how much of a part of the work is done, as a share of the whole."""
+
+    report: Report
+    begin: float
+    end: float
+
+    def part(self, done: float, sigma: float) -> None:
+        """Tell that a share ``done`` of this part is done."""
+        self.report(self.begin + (self.end - self.begin) * done, sigma)
+
+
+class _Rough(NamedTuple):
+    """A start after a few steps: its parameters, and minus the logarithm of its likelihood."""
+
+    x: FloatArray
+    cost: float
+
+
+def _rough(subject: Subject, report: Report) -> _Rough:
+    """Return the likeliest start after a few steps on a coarse grid and the longest drive.
+
+    A wet and a dry wall and short and long dead times explain a drive nearly alike from afar,
+    and the descent does not cross from one to the other.
+    """
+    p = _parameters(subject, ROUGH_KNOTS)
+    longest = max(subject.drives, key=lambda d: int(d.usable.sum()))
+    cases = (Case.of(longest, p),)
+    dead = DEAD_LOG_MS if subject.has_pulse else DEAD_LOG_MS[:1]
+    starts = [(film, log_ms) for film in FILM_LOG_ODDS for log_ms in dead]
+    share = ROUGH_SHARE / len(starts)
+    found = []
+    for k, (film, log_ms) in enumerate(starts):
+        x = p.mean()
+        x[p.at["film"]], x[p.at["dead_ms"]] = film, log_ms
+        x = _with_delay(p, x, cases)
+        progress = _Progress(report, k * share, (k + 1) * share)
+        x, noise = _descent(p, x, cases, ROUGH_STEPS, progress)
+        off = x - p.mean()
+        cost = _deviance(p, x, cases, noise) + 0.5 * float(off @ p.precision() @ off)
+        found.append(_Rough(x, cost))
+    return min(found, key=lambda rough: rough.cost)
+
+
+def _parameters(subject: Subject, knots: int) -> Parameters:
+    rpm = [d.rpm[d.usable] for d in subject.drives]
+    return Parameters(subject, grid_over(rpm, [d.load[d.usable] for d in subject.drives], knots))
+
+
+def _descent(
+    p: Parameters, x: FloatArray, cases: tuple[Case, ...], steps: int, progress: _Progress
+) -> tuple[FloatArray, _Noise]:
+    """Return the parameters after at most so many Gauss-Newton steps, and the noise at them."""
+    prior = p.precision()
+    noise = _noise(p, x, cases)
+    for k in range(steps):
+        normal, slope, _ = _equations(p, x, cases, noise)
+        downhill = slope - prior @ (x - p.mean())
+        step = np.asarray(np.linalg.solve(normal + prior, downhill), float)
+        if step @ downhill < GAIN_LEAST:
+            break
+        x = _descend(p, x, step=step, cases=cases, noise=noise, prior=prior)
+        noise = _noise(p, x, cases)
+        progress.part((k + 1) / steps, noise.sigma)
+    return x, noise
+
+
+def _with_delay(p: Parameters, start: FloatArray, cases: tuple[Case, ...]) -> FloatArray:
+    """Return the start with the gain by the median and the best of a few delays."""
+    best, least = start, np.inf
     flow = np.median(np.concatenate([c.point.flow_kg_h[c.drive.usable] for c in cases]))
     for seconds in DELAYS_S:
-        x = p.mean()
+        x = start.copy()
         x[p.at["delay_flow"]] = np.log(seconds * flow)
         for _ in range(2):
             ratio = [np.median(reading(p, x, c) / np.maximum(c.drive.phi, 0.1)) for c in cases]
-            x[p.at["flow"]] -= np.log(np.median(ratio))
-        cost = _cost(p, x, cases, _noise(p, x, cases))
+            x[p.at["flow"]] -= np.log(max(float(np.median(ratio)), RATIO_LEAST))
+        cost = _deviance(p, x, cases, _noise(p, x, cases))
         if cost < least:
             best, least = x, cost
     return best
+
+
+def _deviance(p: Parameters, x: FloatArray, cases: tuple[Case, ...], noise: _Noise) -> float:
+    """Return minus the logarithm of the likelihood, comparable between scales of the noise."""
+    number = sum(int(noise.kept(c.drive.usable).sum()) for c in cases)
+    return _cost(p, x, cases, noise) + number * float(np.log(noise.sigma))
 
 
 def _scale(case: Case) -> FloatArray:

@@ -36,6 +36,7 @@ class Columns(NamedTuple):
     share: int
     time: int
     delay: int
+    heat: int
     mixing: int
     lag: int
     span: int
@@ -76,6 +77,8 @@ class Way(NamedTuple):
     delay: FloatArray
     delay_slopes: FloatArray
     mixing: FloatArray
+    mixing_slopes: FloatArray  # of its logarithm; the last one is its field's, too
+    mixing_by_heat: FloatArray  # (n, 1), the same over the gas's heat
     lag: FloatArray
     lag_slopes: FloatArray
     span: float
@@ -171,7 +174,7 @@ def sensor(  # noqa: PLR0912, PLR0915  calls would cost more than the loop
         np.zeros(size),
         np.zeros(size),
     )
-    m = way.delay_slopes.shape[1]
+    m, mixers = way.delay_slopes.shape[1], way.mixing_slopes.shape[1]
     for k in range(n):
         at = min(max(k - delay[k], 0.0), k * 1.0)
         i = min(int(at), n - 2)
@@ -226,9 +229,12 @@ def sensor(  # noqa: PLR0912, PLR0915  calls would cost more than the loop
                 d_read[p] = d_pumped_last[p] = span * d_late[p]
             d_mixed[p] = keep * d_mixed[p] + newest * d_late[p] + last * d_late_last[p]
             d_late_last[p] = d_late[p]
-        d_mixed[c.mixing] += by_mixing
+        for j in range(mixers):
+            d_mixed[c.mixing + j] += by_mixing * way.mixing_slopes[k, j]
+        d_mixed[c.heat] += by_mixing * way.mixing_by_heat[k, 0]
         for j in range(4):
-            d_mixed[c.lag_field + knots[k, j]] += by_mixing * shares[k, j]
+            volume = way.mixing_slopes[k, mixers - 1] * shares[k, j]
+            d_mixed[c.lag_field + knots[k, j]] += by_mixing * volume
         for p in range(size):
             d_pumped[p] = span * d_mixed[p]
         d_pumped[c.span] += mixed - 1.0

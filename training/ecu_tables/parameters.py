@@ -39,9 +39,11 @@ SCALARS: Final = (
     Scalar("dead_exponent", 1.6, 0.4),  # of 14 V over the voltage
     Scalar("filling", 5.94, 0.4),  # log of the manifold's time constant times rpm
     Scalar("meter", -3.7, 0.5),  # log of the air meter's time constant in s
+    Scalar("charge_s", 0.0, 0.03),  # the charge behind the logged pressure
     Scalar("delay_s", 0.03, 0.03),
     Scalar("delay_rev", 1.5, 0.1),  # intake, compression, expansion, half the exhaust stroke
-    Scalar("delay_flow", 0.7, 1.0),  # log of s kg/h
+    Scalar("gas_heat", 0.1, 0.03),  # exponent of the flow in the gas's temperature
+    Scalar("delay_flow", 0.7, 1.0),  # log of s kg/h, at 40 kg/h
     Scalar("mixed_flow", -1.0, 0.8),  # log of s kg/h
     Scalar("sensor_s", -2.4, 0.4),  # log, at 40 kg/h
     Scalar("sensor_flow", 0.25, 0.12),  # share of the sensor's lag that falls with flow
@@ -56,14 +58,15 @@ SCALARS: Final = (
     Scalar("span", 1.0, 0.01),  # of the sensor about phi 1
 )
 FUEL: Final = ("flow", "dead_ms", "dead_exponent")
-AIR: Final = ("filling", "meter")
-DELAY: Final = ("delay_s", "delay_rev", "delay_flow")
+AIR: Final = ("filling", "meter", "charge_s")
+DELAY: Final = ("delay_s", "delay_rev", "gas_heat", "delay_flow")
+HEAT: Final = ("gas_heat",)
 MIXING: Final = ("mixed_flow",)
 SENSOR: Final = ("sensor_s", "sensor_flow")
 FILM: Final = ("film", "film_cold", "film_load", "film_speed")
 FILM_TIME: Final = ("time", "time_cold", "time_load", "time_speed")
 SPAN: Final = ("span",)
-FIRST: Final = tuple(n[0] for n in (FUEL, AIR, FILM, FILM_TIME, DELAY, MIXING, SENSOR, SPAN))
+FIRST: Final = tuple(n[0] for n in (FUEL, AIR, FILM, FILM_TIME, DELAY, HEAT, MIXING, SENSOR, SPAN))
 FIELDS: Final = ("gain", "delay", "lag", "share", "tau")
 FIELD_SD: Final = {"gain": 0.02, "delay": 0.15, "lag": 0.12, "share": 0.15, "tau": 0.12}
 GAIN_SD_WITHOUT_VE: Final = 0.15
@@ -122,15 +125,25 @@ class Point(NamedTuple):
     cold: FloatArray
 
 
-def point_of(drive: Drive) -> Point:
-    """Return the operating points of a drive's samples."""
-    flow = np.maximum(drive.air * drive.rpm * KG_H_PER_MG_RPM, FLOW_LEAST_KG_H)
-    return Point(drive.rpm, drive.load, flow, drive.cold)
+def point_of(drive: Drive, charge_mg: FloatArray) -> Point:
+    """Return the operating points of a drive's samples with this charge (n,) in the cylinders."""
+    flow = charge_mg * drive.rpm * KG_H_PER_MG_RPM * drive.cylinders
+    return Point(drive.rpm, drive.load, np.maximum(flow, FLOW_LEAST_KG_H), drive.cold)
 
 
 def delay_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
     """Return the dead time from injection to sensor in s at steady operating points."""
-    return near_delay_s(p, x, at) + pipe_kg_h_s(p, x, field) / at.flow_kg_h
+    return near_delay_s(p, x, at) + pipe_kg_h_s(p, x, field) / gas_flow(p, x, at)
+
+
+def gas_flow(p: Parameters, x: FloatArray, at: Point) -> FloatArray:
+    """Return the volume flow in the exhaust, as kg/h of gas that is as hot as at 40 kg/h.
+
+    Exhaust is hotter, so less dense, at a larger flow: some 450 °C at idle and 800 °C at high
+    load (Heywood, Internal Combustion Engine Fundamentals, section 6.5).
+    """
+    relative = at.flow_kg_h / FLOW_REFERENCE_KG_H
+    return np.asarray(at.flow_kg_h * relative ** p.value(x, "gas_heat"))
 
 
 def near_delay_s(p: Parameters, x: FloatArray, at: Point) -> FloatArray:
@@ -146,7 +159,7 @@ def pipe_kg_h_s(p: Parameters, x: FloatArray, field: FloatArray) -> FloatArray:
 
 def mixing_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
     """Return the lag of the mixed exhaust volume in s."""
-    return np.asarray(np.exp(p.value(x, "mixed_flow") + field) / at.flow_kg_h)
+    return np.asarray(np.exp(p.value(x, "mixed_flow") + field) / gas_flow(p, x, at))
 
 
 def sensor_s(p: Parameters, x: FloatArray, flow_kg_h: FloatArray) -> FloatArray:

@@ -25,14 +25,12 @@ class Case:
     drive: Drive
     point: Point
     weights: Weights
-    passed: FloatArray  # (n,) gas that has left the engine until each sample, in s kg/h
 
     @staticmethod
     def of(drive: Drive, p: Parameters) -> "Case":
         """Return the case of a drive."""
-        point = laws.point_of(drive)
-        passed = np.cumsum(point.flow_kg_h) * drive.period_s
-        return Case(drive, point, p.grid.weights(drive.rpm, drive.load), passed)
+        point = laws.point_of(drive, air_mg(p, p.mean(), drive))
+        return Case(drive, point, p.grid.weights(drive.rpm, drive.load))
 
 
 def reading(p: Parameters, x: FloatArray, case: Case) -> FloatArray:
@@ -112,40 +110,41 @@ def _way(
     p: Parameters, x: FloatArray, case: Case, fields: Mapping[str, FloatArray], slopes: _Slopes
 ) -> Way:
     at, period_s = case.point, case.drive.period_s
-    pipe_s, pipe_slope_s = _pipe_s(p, x, case, fields["delay"])
 
-    def near(y: FloatArray) -> FloatArray:
-        return laws.near_delay_s(p, y, at) / period_s
+    def delay(y: FloatArray) -> FloatArray:
+        volume = laws.pipe_kg_h_s(p, y, fields["delay"])
+        pipe_s = _pipe_s(laws.gas_flow(p, y, at), volume, period_s)
+        return (laws.near_delay_s(p, y, at) + pipe_s) / period_s
+
+    def log_mixing(y: FloatArray) -> FloatArray:
+        return np.asarray(np.log(laws.mixing_s(p, y, at, fields["lag"])))
 
     def log_lag(y: FloatArray) -> FloatArray:
         return np.asarray(np.log(laws.sensor_s(p, y, at.flow_kg_h)) + fields["lag"])
 
-    near_slopes = slopes.of(near, laws.DELAY[:-1])
-    pipe_slopes = (pipe_slope_s / period_s)[:, None][:, : near_slopes.shape[1]]
     return Way(
-        delay=near(x) + pipe_s / period_s,
-        delay_slopes=np.concatenate([near_slopes, pipe_slopes], axis=1),
-        mixing=laws.mixing_s(p, x, at, fields["lag"]) / period_s,
+        delay=delay(x),
+        delay_slopes=slopes.of(delay, laws.DELAY),
+        mixing=np.exp(log_mixing(x)) / period_s,
+        mixing_slopes=slopes.of(log_mixing, laws.MIXING),
+        mixing_by_heat=slopes.of(log_mixing, laws.HEAT),
         lag=np.exp(log_lag(x)) / period_s,
         lag_slopes=slopes.of(log_lag, laws.SENSOR),
         span=p.value(x, "span"),
     )
 
 
-def _pipe_s(
-    p: Parameters, x: FloatArray, case: Case, field: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the time in the pipe (n,) in s and its derivative over the volume's logarithm.
+def _pipe_s(flow: FloatArray, volume: FloatArray, period_s: float) -> FloatArray:
+    """Return the time in the pipe (n,) in s.
 
+    flow : (n,) volume flow; volume : (n,) of the pipe, in flow times s
     The gas at the sensor entered the pipe when the pipe's volume less had passed the valves.
     """
-    t_s = np.arange(len(field)) * case.drive.period_s
-    volume = laws.pipe_kg_h_s(p, x, field)
-    entered = case.passed - volume
-    before = np.maximum(case.passed[0] - entered, 0.0) / case.point.flow_kg_h[0]
-    entry_s = np.interp(entered, case.passed, t_s) - before
-    at = np.minimum(np.searchsorted(case.passed, entered), len(field) - 1)
-    return t_s - entry_s, volume / case.point.flow_kg_h[at]
+    passed = np.cumsum(flow) * period_s
+    t_s = np.arange(len(flow)) * period_s
+    entered = passed - volume
+    before = np.maximum(passed[0] - entered, 0.0) / flow[0]
+    return np.asarray(t_s - np.interp(entered, passed, t_s) + before)
 
 
 def injected_mg(p: Parameters, x: FloatArray, d: Drive) -> FloatArray:
@@ -163,9 +162,12 @@ def air_mg(p: Parameters, x: FloatArray, d: Drive) -> FloatArray:
 
     Behind the air meter stands the filling of the manifold; the meter's own lag is taken back.
     The filled mass follows the flow by (flow - charge) / time, so its lead needs no derivative.
+    A charge from the manifold's pressure is that of a moment ago: valves close after the ECU has
+    read the pressure, and a logger reads pressure and pulse one after the other.
     """
     if p.subject.air is not Air.METER:
-        return d.air
+        rate = np.gradient(np.log(np.maximum(d.air, 1.0)), d.period_s)
+        return np.asarray(d.air * np.exp(-p.value(x, "charge_s") * rate))
     filling_s = np.exp(p.value(x, "filling")) / d.rpm
     charge = _behind(d.air, filling_s / d.period_s)
     return np.asarray(charge + np.exp(p.value(x, "meter")) / filling_s * (d.air - charge))

@@ -8,7 +8,7 @@ filling of the manifold.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -19,9 +19,9 @@ from training.recordings.recording import Recording
 
 R_AIR: Final = 287.0  # J/(kg K)
 KELVIN: Final = 273.15
-CYLINDERS: Final = 4
+CYLINDERS: Final = 4  # where nobody says how many
 LITRES: Final = 2.0  # displacement where nobody says one: the flow scale is then unknown
-KG_H_PER_MG_RPM: Final = CYLINDERS / 2.0 * 60.0e-6  # kg/h of a charge of 1 mg at 1 rpm
+KG_H_PER_MG_RPM: Final = 60.0e-6 / 2.0  # kg/h of one cylinder with 1 mg per stroke at 1 rpm
 WARM_DEGC: Final = 88.0
 MANIFOLD_DEGC: Final = 35.0
 VOLTS: Final = 14.0
@@ -50,6 +50,7 @@ class Drive:
 
     name: str
     period_s: float
+    cylinders: int
     rpm: FloatArray
     load: FloatArray  # in the unit of the load axis
     pulse_ms: FloatArray | None  # 0 in fuel cut
@@ -93,12 +94,16 @@ def load_of(recordings: Sequence[Recording]) -> str:
 
 
 def subject_of(
-    recordings: Sequence[Recording], load: str | None = None, displacement_l: float | None = None
+    recordings: Sequence[Recording],
+    load: str | None = None,
+    displacement_l: float | None = None,
+    cylinders: int = CYLINDERS,
 ) -> Subject:
     """Return the drives of one vehicle.
 
     load : name of the load axis; None takes the one that the recordings fill
-    displacement_l : of four cylinders, in litres; without it speed density has no scale
+    displacement_l : of all cylinders, in litres; without it speed density has no scale
+    cylinders : turn the air meter's flow and the displacement into the charge of one
     Raises RecordingError if the recordings hold no fuel, no air, no speed or no lambda.
     """
     for name in ("engine_speed_rpm", "lambda_measured"):
@@ -115,8 +120,8 @@ def subject_of(
         raise RecordingError(
             f"{recordings[0].path}: a load axis in kPa needs manifold_pressure_kpa"
         )
-    litres = displacement_l or LITRES
-    drives = tuple(_drive(r, air, load, has_pulse, litres) for r in recordings)
+    size = _Size(displacement_l or LITRES, cylinders)
+    drives = tuple(_drive(r, air, load, has_pulse, size) for r in recordings)
     return Subject(
         drives=drives,
         air=air,
@@ -146,12 +151,19 @@ def _air_of(recordings: Sequence[Recording]) -> Air:
     )
 
 
-def _drive(r: Recording, air: Air, load: str, has_pulse: bool, litres: float) -> Drive:
+class _Size(NamedTuple):
+    """Size of the engine."""
+
+    litres: float
+    cylinders: int
+
+
+def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> Drive:
     period_s = r.period_ns / 1e9
     hold = max(round(HOLD_MOST_S / period_s), 1)
     held = {name: _held(r.values[:, i], hold) for i, name in enumerate(r.names)}
     rpm = held["engine_speed_rpm"]
-    charge = _charge(held, air, litres)
+    charge = _charge(held, air, size)
     fuel = held["injector_pulse_width_ms" if has_pulse else "fuel_mass_mg"]
     if "fuel_cut" in r.known:
         fuel = np.where(held["fuel_cut"] > 0.5, 0.0, fuel)
@@ -174,6 +186,7 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, litres: float) ->
     return Drive(
         name=r.path.name,
         period_s=period_s,
+        cylinders=size.cylinders,
         rpm=np.maximum(filled[0], 300.0),
         load=filled[3],
         pulse_ms=filled[2] if has_pulse else None,
@@ -192,17 +205,18 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, litres: float) ->
     )
 
 
-def _charge(held: Mapping[str, FloatArray], air: Air, litres: float) -> FloatArray:
+def _charge(held: Mapping[str, FloatArray], air: Air, size: _Size) -> FloatArray:
     """Return the air per stroke in mg; of an air meter before the manifold."""
     if air is Air.STROKE:
         return held["air_mass_mg"]
     if air is Air.METER:
-        return np.asarray(held["maf_kg_h"] / (KG_H_PER_MG_RPM * held["engine_speed_rpm"]))
+        per_mg = KG_H_PER_MG_RPM * size.cylinders * held["engine_speed_rpm"]
+        return np.asarray(held["maf_kg_h"] / per_mg)
     degc = held.get("manifold_temperature_degc", np.full(len(held[KPA]), MANIFOLD_DEGC))
     efficiency = np.full(len(degc), 0.85)
     if air is Air.SPEED_DENSITY_VE:
         efficiency = held["volumetric_efficiency_percent"] / 100.0
-    volume_m3 = litres * 1e-3 / CYLINDERS
+    volume_m3 = size.litres * 1e-3 / size.cylinders
     return np.asarray(efficiency * volume_m3 * held[KPA] * 1e9 / (R_AIR * (degc + KELVIN)))
 
 

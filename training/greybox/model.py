@@ -22,12 +22,22 @@ from training.greybox.chain import (
     simulate,
     with_speed,
 )
+from training.greybox.charge.error import ROUNDS as ERROR_ROUNDS
 from training.greybox.charge.error import fit_with_charge_error
 from training.greybox.charge.map import INPUTS as CHARGE_INPUTS
+from training.greybox.charge.map import ROUNDS as MAP_ROUNDS
 from training.greybox.charge.map import fit_with_charge
 from training.greybox.effects import Own
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.constants import Fitted, described, fit_constants, reference
+from training.greybox.fit.constants import (
+    ROUNDS,
+    STARTS,
+    Fitted,
+    described,
+    fit_constants,
+    reference,
+)
+from training.greybox.fit.told import Report, Told, nobody
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
 from training.greybox.graph.checks import TOLERANCE, contraction, parity, physical_inputs
@@ -74,12 +84,14 @@ def fit_greybox(
     output: str = OUTPUT,
     seed: int = 0,
     validate: "Sequence[Recording]" = (),
+    progress: Report = nobody,
 ) -> GreyboxResult:
     """Fit the chain's constants to ``recordings`` and write the model file ``out``.
 
     inputs : default those of the chain and of the vehicle's own effects. With manifold pressure
         and temperature but without air per stroke the chain makes its own charge. Further inputs
         are for effects to be added.
+    progress : is told the share done, 0 to 1, and the best RMSE so far in phi
     validate : recordings that are not fitted; by default blocks are held out of all recordings
     Raises RecordingError or UsageError if the recordings or names cannot be used, ModelError if
     ONNX and numpy disagree.
@@ -100,14 +112,23 @@ def fit_greybox(
     if further:  # a cold engine's walls
         wider = (*inputs, *further)
         return fit_greybox(
-            recordings, out, inputs=wider, output=output, seed=seed, validate=validate
+            recordings,
+            out,
+            inputs=wider,
+            output=output,
+            seed=seed,
+            validate=validate,
+            progress=progress,
         )
     if has_own_charge(inputs):
-        fitted, charge_map = fit_with_charge(*measured)
+        told = Told(progress, ROUNDS * (len(STARTS) + MAP_ROUNDS))
+        fitted, charge_map = fit_with_charge(*measured, told)
     elif "air_mass_mg" in inputs:
-        fitted, charge_error = fit_with_charge_error(*measured, own)
+        told = Told(progress, ROUNDS * (len(STARTS) + ERROR_ROUNDS))
+        fitted, charge_error = fit_with_charge_error(*measured, own, told)
     else:
-        fitted = fit_constants(*measured, own=own)
+        told = Told(progress, ROUNDS * len(STARTS))
+        fitted = fit_constants(*measured, own=own, told=told)
     greybox = replace(
         _greybox(data, limits, fitted.constants),
         charge_map=charge_map,

@@ -1,8 +1,11 @@
 """Tables for an ECU: axes of a tune, files, sensitivities, and the command end to end."""
 
+import io
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -10,15 +13,19 @@ import pytest
 
 from monitor.base.errors import UsageError
 from training.cli import main
-from training.dyno.engine import Layout
+from training.cli.share_bar import Share
+from training.dyno.engine import Layout, dead_time_ms, engine
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
+from training.ecu_tables.config import defaults
 from training.ecu_tables.fields import grid_over
 from training.ecu_tables.files import csv, tuner_studio
+from training.ecu_tables.fit import fit
 from training.ecu_tables.msq import read_axes
-from training.ecu_tables.parameters import Parameters
+from training.ecu_tables.parameters import Parameters, point_of
 from training.ecu_tables.prediction import Case, air_mg, reading, sensitivities
 from training.ecu_tables.signals import subject_of
+from training.ecu_tables.tables import _table, tables
 from training.recordings.ecu_table import EcuTable, axes_of
 from training.recordings.recording import load
 
@@ -173,3 +180,83 @@ def test_the_truth_has_the_form_of_the_tables(tmp_path: Path) -> None:
     assert delay["name"] == "lambda_delay"
     assert np.shape(delay["estimate"]) == tuple(len(a["values"]) for a in delay["axes"])
     assert 0.0 < np.min(delay["estimate"]) < np.max(delay["estimate"]) < 2.0
+
+
+def test_a_file_gets_lines_with_share_time_left_and_the_best_error_so_far() -> None:
+    out, now_s = io.StringIO(), [0.0]
+    with Share("tables", out, lambda: now_s[0]) as bar:
+        bar.update(0.1, 0.0125)  # too soon for a line
+        now_s[0] = 40.0
+        bar.update(0.25, 0.02)
+    assert out.getvalue() == "tables: 25 % done, 120 s left, best error 0.0125\n"
+
+
+def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) -> None:
+    experiment = Experiment(
+        cycle="micro_trips", duration_s=30.0, layout=Layout("port", "speed_density")
+    )
+    recording = load(write(experiment, tmp_path, "csv", 0.05))
+    four = subject_of([recording], displacement_l=2.0).drives[0]
+    six = subject_of([recording], displacement_l=3.0, cylinders=6).drives[0]
+    np.testing.assert_allclose(six.air, four.air)
+    ratio = point_of(six, six.air).flow_kg_h / point_of(four, four.air).flow_kg_h
+    np.testing.assert_allclose(ratio, 1.5)
+
+
+def test_a_charge_of_a_moment_ago_is_fitted(tmp_path: Path) -> None:
+    # GIVEN a pressure that rises by 20 % per second, read 10 ms after the charge it stands for
+    layout = Layout("port", "speed_density")
+    experiment = Experiment(cycle="micro_trips", duration_s=30.0, layout=layout)
+    subject = subject_of([load(write(experiment, tmp_path, "csv", 0.05))])
+    d = subject.drives[0]
+    p = Parameters(subject, grid_over([d.rpm], [d.load]))
+    t_s = np.arange(len(d)) * d.period_s
+    drive = replace(d, air=200.0 * np.exp(0.2 * t_s))
+    # WHEN the charge is taken 10 ms ago
+    x = p.mean()
+    x[p.at["charge_s"]] = 0.01
+    # THEN it is that of the pressure 10 ms before
+    np.testing.assert_allclose(air_mg(p, x, drive), 200.0 * np.exp(0.2 * (t_s - 0.01)))
+
+
+def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
+    # GIVEN a car whose drive is explained nearly as well by a wet wall and a long dead time
+    layout = Layout("direct", "speed_density")
+    experiment = Experiment(
+        cycle="micro_trips", vehicle=216, seed=21600, duration_s=200.0, layout=layout
+    )
+    subject = subject_of([load(write(experiment, tmp_path, "csv", 0.05))], displacement_l=2.0)
+    # WHEN its tables are made
+    made = {t.key: t for t in tables(fit(subject), axes_of(subject.load), defaults())}
+    # THEN the dead time is the true one
+    dead = made["injector_dead_time"]
+    true = dead_time_ms(engine(216, layout), np.array([14.0]))
+    assert abs(dead.estimate[dead.axes[0].values.index(14.0)] - true[0]) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("log_sd", "told", "low"),
+    [(0.1, True, 0.004), (0.9, True, 0.0), (4.0, False, np.nan)],
+)
+def test_next_to_no_film_is_told_if_its_interval_is_small(
+    log_sd: float, told: bool, low: float
+) -> None:
+    # GIVEN a film of half a percent, known within a factor
+    fitted = SimpleNamespace(x=np.log([0.005]), covariance=np.array([[log_sd**2]]))
+    config = replace(defaults(), widening={"wall_film_fraction": 1.0})
+    samples = SimpleNamespace(seconds=np.full(400, 0.05))
+    axis = axes_of("manifold_pressure_kpa", (800.0,), (30.0,))
+    # WHEN its cell is written
+    made = _table(
+        "wall_film_fraction",
+        "-",
+        (axis.speed, axis.load),
+        cast(Any, fitted),
+        cells=np.exp,
+        at=(np.zeros(400, np.int64), np.zeros(400, np.int64)),
+        samples=cast(Any, samples),
+        config=config,
+    )
+    # THEN it is told, from zero on where it may be dry, and blank where it may be 4 %
+    assert np.isfinite(made.estimate[0, 0]) == told
+    np.testing.assert_allclose(made.low[0, 0], low, atol=5e-4)

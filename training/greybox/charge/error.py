@@ -21,6 +21,7 @@ from training.greybox.charge.map import hats, knots_of
 from training.greybox.effects import Own, along
 from training.greybox.fit import ridge
 from training.greybox.fit.constants import Fitted, fit_constants
+from training.greybox.fit.told import Told
 
 SPEEDS, CHARGES = 4, 4  # knots
 TIMES_S = (1.0, 2.0, 4.0, 8.0)  # over which an air meter may correct
@@ -93,6 +94,7 @@ def fit_with_charge_error(
     scored: BoolArray,
     period_s: float,
     own: Own = (),
+    told: Told | None = None,
 ) -> tuple[Fitted, ChargeError | None]:
     """Return the constants and the charge's error with which the chain reads ``phi`` best.
 
@@ -100,7 +102,7 @@ def fit_with_charge_error(
     The error is None if it does not reduce the error on held-out blocks.
     Raises RecordingError if too few samples count.
     """
-    fitted = alone = fit_constants(signals, phi, scored, period_s, own=own)
+    fitted = alone = fit_constants(signals, phi, scored, period_s, own=own, told=told)
     error = None
     for _ in range(ROUNDS):
         error = _error(
@@ -110,7 +112,13 @@ def fit_with_charge_error(
             return alone, None
         right = dict(signals) | {"air_mass_mg": error.air_mass_mg(signals, period_s)}
         fitted = fit_constants(
-            right, phi, scored=scored, period_s=period_s, starts=[fitted.constants], own=own
+            right,
+            phi,
+            scored=scored,
+            period_s=period_s,
+            starts=[fitted.constants],
+            own=own,
+            told=told,
         )
     return fitted, error
 

@@ -15,6 +15,7 @@ import numpy as np
 from monitor.base.types import BoolArray, FloatArray
 from training.greybox.chain import STOICHIOMETRIC, Constants, base_path, simulate
 from training.greybox.fit.constants import Fitted, fit_constants
+from training.greybox.fit.told import Told
 
 INPUTS = ("fuel_mass_mg", "manifold_pressure_kpa", "manifold_temperature_degc", "engine_speed_rpm")
 SPEEDS, PRESSURES = 5, 6  # knots
@@ -71,7 +72,11 @@ def hats(x: FloatArray, knots: FloatArray) -> FloatArray:
 
 
 def fit_with_charge(
-    signals: Mapping[str, FloatArray], phi: FloatArray, scored: BoolArray, period_s: float
+    signals: Mapping[str, FloatArray],
+    phi: FloatArray,
+    scored: BoolArray,
+    period_s: float,
+    told: Told | None = None,
 ) -> tuple[Fitted, ChargeMap]:
     """Return the constants and the charge map with which the chain reads ``phi`` best.
 
@@ -81,13 +86,13 @@ def fit_with_charge(
     """
     charge_map = _flat(signals, phi, scored)
     known = dict(signals) | {"air_mass_mg": charge_map.air_mass_mg(signals)}
-    fitted = fit_constants(known, phi, scored, period_s)
+    fitted = fit_constants(known, phi, scored, period_s, told=told)
     for _ in range(ROUNDS):
         charge_map = _refitted(
             charge_map, fitted.constants, signals=signals, phi=phi, scored=scored, period_s=period_s
         )
         known = dict(signals) | {"air_mass_mg": charge_map.air_mass_mg(signals)}
-        fitted = fit_constants(known, phi, scored, period_s, [fitted.constants])
+        fitted = fit_constants(known, phi, scored, period_s, [fitted.constants], told=told)
     return fitted, charge_map
 
 

@@ -19,6 +19,7 @@ from training.greybox.chain import RANGES, Constants
 from training.greybox.effects import Own
 from training.greybox.fit.drive import Drive
 from training.greybox.fit.joint import HIGH, LOW, WHITE, Case, Fit, Search, fit, predict
+from training.greybox.fit.told import Told
 
 BLOCK_S = 45.0  # samples further apart than this count as independent in a standard error
 SAMPLES_LEAST = 500
@@ -68,12 +69,14 @@ def fit_constants(
     period_s: float,
     starts: Sequence[Constants] = STARTS,
     own: Own = (),
+    told: Told | None = None,
 ) -> Fitted:
     """Return the constants with which the chain's free run reads ``phi`` best.
 
     signals : (n,) each, see ``chain.base_path``; phi : (n,) measured; scored : (n,) bool, samples
     that count. The chain runs over all samples, so samples soon after a break should not be scored.
     own : effects of the healthy vehicle, with values that hold
+    told : of every round of every start
     Raises RecordingError if too few samples count.
     """
     drive = Drive(
@@ -86,7 +89,7 @@ def fit_constants(
             f"{SAMPLES_LEAST} are wanted to fit the grey-box chain: give longer recordings with "
             "the engine warm and in closed loop, all signals on every sample of the grid"
         )
-    ends = [_whitened(drive, at, start) for start in starts]
+    ends = [_whitened(drive, at, start, told or Told()) for start in starts]
     costs = np.array([found.cost for _, found in ends])
     case, found = ends[int(costs.argmin())]
     x, jacobian = np.array(found.base), found.jacobian
@@ -108,7 +111,7 @@ def fit_constants(
     )
 
 
-def _whitened(drive: Drive, at: IntArray, start: Constants) -> tuple[Case, Fit]:
+def _whitened(drive: Drive, at: IntArray, start: Constants, told: Told) -> tuple[Case, Fit]:
     """Return the fit from one start, in turn with the autoregression of its residual.
 
     at : the samples that count together with those before them
@@ -118,9 +121,12 @@ def _whitened(drive: Drive, at: IntArray, start: Constants) -> tuple[Case, Fit]:
     found = fit(case, (), [start], FROM_AFAR)
     for _ in range(ROUNDS - 1):
         e = predict(case, found.base, (), ())[0] - drive.phi_measured
+        told.round_done(float(np.sqrt(np.mean(e[at] ** 2))))
         newest, older = np.linalg.lstsq(e[past], e[at])[0].tolist()
         case = replace(case, ar=(newest, older))
         found = fit(case, (), [found.base], FROM_AFAR)
+    e = predict(case, found.base, (), ())[0] - drive.phi_measured
+    told.round_done(float(np.sqrt(np.mean(e[at] ** 2))))
     return case, found
 
 
