@@ -25,7 +25,7 @@ from training.ecu_tables import config, fit, signals, tables
 from training.recordings.ecu_table import EcuTable, axes_of
 from training.recordings.recording import load
 
-REPORT, CALIBRATION = range(201, 221), range(101, 121)
+REPORT, CALIBRATION = range(401, 421), range(301, 321)
 CYCLES = ("wltc_3b", "micro_trips")
 DURATION_S, PERIOD_S = 1200.0, 0.05
 FILLED_S = 30.0

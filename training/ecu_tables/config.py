@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 
+from training.ecu_tables.signals import Air
+
 
 @dataclass(frozen=True, slots=True)
 class TablesConfig:
@@ -15,7 +17,12 @@ class TablesConfig:
     least_s: float  # usable samples nearest to a cell, below which it is blank
     widest: Mapping[str, float]  # table → relative half width from which a cell is blank
     small: Mapping[str, float]  # table → half width below which a cell is told all the same
-    widening: Mapping[str, float]  # table → factor on the standard deviation
+    widening: Mapping[str, Mapping[str, float]]  # kind of air, table → factor on the deviation
+
+    def factor(self, table: str, air: Air) -> float:
+        """Return the factor on the standard deviation of a table's cells."""
+        dense = air in (Air.SPEED_DENSITY, Air.SPEED_DENSITY_VE)
+        return self.widening["density" if dense else "meter"][table]
 
 
 @cache

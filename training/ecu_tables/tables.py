@@ -228,7 +228,8 @@ def _table(
     number = np.bincount(flat[chosen], minlength=int(np.prod(shape)))
     seconds = np.bincount(flat[chosen], samples.seconds[chosen], minlength=len(number))
     value = cells(fitted.x)
-    log_sd = _log_sd(fitted, cells) * config.widening[name]
+    air = fitted.parameters.subject.air
+    log_sd = _log_sd(fitted, cells) * config.factor(name, air)
     half = config.z90 * log_sd
     wide = half > np.log1p(config.widest[name])
     small = wide & (value * half < config.small.get(name, 0.0))

@@ -24,7 +24,7 @@ from training.ecu_tables.fit import fit
 from training.ecu_tables.msq import read_axes
 from training.ecu_tables.parameters import Parameters, point_of
 from training.ecu_tables.prediction import Case, air_mg, reading, sensitivities
-from training.ecu_tables.signals import subject_of
+from training.ecu_tables.signals import Air, subject_of
 from training.ecu_tables.tables import _table, tables
 from training.recordings.ecu_table import EcuTable, axes_of
 from training.recordings.recording import load
@@ -242,8 +242,13 @@ def test_next_to_no_film_is_told_if_its_interval_is_small(
     log_sd: float, told: bool, low: float
 ) -> None:
     # GIVEN a film of half a percent, known within a factor
-    fitted = SimpleNamespace(x=np.log([0.005]), covariance=np.array([[log_sd**2]]))
-    config = replace(defaults(), widening={"wall_film_fraction": 1.0})
+    subject = SimpleNamespace(air=Air.METER)
+    fitted = SimpleNamespace(
+        x=np.log([0.005]),
+        covariance=np.array([[log_sd**2]]),
+        parameters=SimpleNamespace(subject=subject),
+    )
+    config = replace(defaults(), widening={"meter": {"wall_film_fraction": 1.0}})
     samples = SimpleNamespace(seconds=np.full(400, 0.05))
     axis = axes_of("manifold_pressure_kpa", (800.0,), (30.0,))
     # WHEN its cell is written
