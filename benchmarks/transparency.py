@@ -43,7 +43,7 @@ from monitor.report.replay import shipped_model
 from training import cli
 from training.dyno import ecu
 from training.dyno.simulation import Experiment, simulate
-from training.recordings import preparation
+from training.recordings import augmentation
 from training.recordings.metrics import rmse
 
 FAULTS = (
@@ -53,10 +53,10 @@ FAULTS = (
     ("gain_low", 0.5),
     ("biased_lean", 0.1),
 )
-CONTROLLER = preparation.CONTROLLER
+CONTROLLER = augmentation.CONTROLLER
 SIX = tuple(name for name in NARX_INPUTS if name != CONTROLLER)
 TRAINED = {
-    "seven, blurred": (NARX_INPUTS, preparation.CONTROLLER_NOISE),
+    "seven, blurred": (NARX_INPUTS, augmentation.CONTROLLER_NOISE),
     "seven, exact": (NARX_INPUTS, 0.0),
     "six": (SIX, 0.0),
 }
@@ -164,7 +164,7 @@ def models(folder: Path, training: Path, calibration: Path | None, budget: str) 
         path = found[name] = folder / f"{name.replace(', ', '_')}.onnx"
         if path.exists():
             continue
-        preparation.CONTROLLER_NOISE = noise
+        augmentation.CONTROLLER_NOISE = noise
         drives = [str(p) for p in sorted(training.glob("*.parquet"))]
         shape = ["--lags", "5", "--hidden", "8", "8", "--budget", budget]
         if cli.main(["fit", *drives, "--inputs", *inputs, "--out", str(path), *shape]):

@@ -11,7 +11,8 @@ from typing import Final, Literal
 import numpy as np
 
 from monitor.base.types import FrameBlock, IntArray
-from monitor.decode.block_decoder import BlockDecoder, Payloads, Plan
+from monitor.decode.block_decoder import BlockDecoder, Plan
+from monitor.decode.payloads import Payloads
 
 Verdict = Literal["went on", "missed", "unknown"]
 SURE_BITS: Final = 8  # counters of so many bits together go on by chance in one of 256 pauses

@@ -147,7 +147,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _matrix(args: argparse.Namespace) -> "Matrix":
     from training.studies.matrix.conditions import AMBIENTS
-    from training.studies.matrix.plan import SEVERITIES, Matrix
+    from training.studies.matrix.plan import Matrix
+    from training.studies.matrix.severities import SEVERITIES
 
     chosen = SEVERITIES if args.faults is None else dict(map(_fault, args.faults))
     return Matrix(
@@ -164,7 +165,7 @@ def _matrix(args: argparse.Namespace) -> "Matrix":
 
 
 def _fault(text: str) -> tuple[str, tuple[float, ...]]:
-    from training.studies.matrix.plan import SEVERITIES
+    from training.studies.matrix.severities import SEVERITIES
 
     name, _, values = text.partition("=")
     if name not in SEVERITIES:

@@ -16,6 +16,7 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import BoolArray, FloatArray, Quality
 from monitor.model.card import Channel
 from monitor.model.step import to_model_units
+from training.recordings.augmentation import CONTROLLER, FUEL, controller_noise, fuel_turns
 from training.recordings.outliers import outlier_mask
 from training.recordings.rows import runs
 from training.recordings.scaling import Scaling, channel_of, in_output_units, scaling_of
@@ -29,18 +30,6 @@ BLOCK_SAMPLES = (200, 2000)  # least and most samples of a block
 GROUP = 7  # of seven blocks one validates and one tests: 71/14/14 percent
 OTHER_WEIGHT = 0.1  # of samples outside the enabled region: cold start, fuel cut, open loop
 ENABLE_COLUMNS = {"closed_loop": 1.0, "sensor_ready": 1.0, "fuel_cut": 0.0}
-
-# The controller is driven by the measured lambda. A network that sees its exact output inverts it
-# and predicts the reading of a faulty sensor. So training adds noise to it, several times as large
-# as its own movement in normal operation.
-CONTROLLER = "lambda_controller"
-CONTROLLER_NOISE = 0.03
-
-# In closed loop lambda stays near 1 whatever the fuel, so recordings hardly show what a lasting
-# change of fuel does. The balance of fuel and air says it: at the same air, phi is proportional to
-# the fuel. Training turns both up and down together, so slowly that dead time and lag hardly count.
-FUEL = "fuel_mass_mg"
-FUEL_TURN, FUEL_TURN_S = 0.10, 30.0  # most of a turn, and time from one turn to the next
 
 
 class Role(IntEnum):
@@ -136,7 +125,7 @@ def prepare(
         y = y * turns
     seen = apply(transforms, inputs, u)
     if transform == "phi" and CONTROLLER in inputs:
-        seen[:, list(inputs).index(CONTROLLER)] += _blur(role == Role.TRAIN, seed)
+        seen[:, list(inputs).index(CONTROLLER)] += controller_noise(role == Role.TRAIN, seed)
     scaling = scaling_of(seen[train], y[train], transform, inputs, recordings)
     weight = np.where(cut.enabled, 1.0, other_weight) * valid
     filled = np.interp(np.arange(len(y)), np.flatnonzero(valid), y[valid])
@@ -201,26 +190,6 @@ def _stretches(
         segments=tuple(segments),
         outliers=outliers,
     )
-
-
-def _blur(rows: BoolArray, seed: int) -> FloatArray:
-    """Return the controller's noise (n,), 0 outside ``rows``."""
-    noise = np.random.default_rng([seed, 1]).standard_normal(len(rows))
-    return np.asarray(CONTROLLER_NOISE * (noise * rows))
-
-
-def fuel_turns(rows: BoolArray, period_ns: int, seed: int) -> FloatArray:
-    """Return (n,) factors of the fuel: 1 outside ``rows``, else within 1 +- ``FUEL_TURN``.
-
-    They change slowly, and are 1 at the ends of every run of rows.
-    """
-    n, step = len(rows), max(round(FUEL_TURN_S * 1e9 / period_ns), 1)
-    knots = np.random.default_rng([seed, 2]).uniform(-FUEL_TURN, FUEL_TURN, n // step + 2)
-    turn = np.interp(np.arange(n) / step, np.arange(len(knots)), knots)
-    for first, stop in runs(rows):
-        inside = np.arange(1, stop - first + 1)
-        turn[first:stop] *= np.minimum(1.0, 6.0 / step * np.minimum(inside, inside[::-1]))
-    return np.asarray(np.where(rows, 1.0 + turn, 1.0))
 
 
 def enabled_rows(recording: "Recording") -> np.ndarray:

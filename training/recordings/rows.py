@@ -1,13 +1,8 @@
 """Rows of a recording: runs of alike rows, and gaps held."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from monitor.base.types import FloatArray
-
-if TYPE_CHECKING:
-    pass
 
 
 def runs(good: np.ndarray) -> list[tuple[int, int]]:

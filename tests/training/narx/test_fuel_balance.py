@@ -7,7 +7,8 @@ import numpy as np
 from monitor.base.types import FloatArray, Quality
 from monitor.model.step import Model
 from training.narx.fit import fit
-from training.recordings.preparation import FUEL_TURN, Role, fuel_turns, prepare
+from training.recordings.augmentation import FUEL_TURN, fuel_turns
+from training.recordings.preparation import Role, prepare
 from training.recordings.recording import Recording
 
 PERIOD_NS = 100_000_000

@@ -20,15 +20,8 @@ from training.limits.targets import LIMIT_SEVERITY
 from training.studies.matrix import run
 from training.studies.matrix.conditions import AMBIENTS, weather
 from training.studies.matrix.drive import put_on, samples
-from training.studies.matrix.plan import (
-    ELECTRICAL,
-    SEVERITIES,
-    Matrix,
-    calibration,
-    reference_drives,
-    refuse_used,
-    trials,
-)
+from training.studies.matrix.plan import Matrix, calibration, reference_drives, refuse_used, trials
+from training.studies.matrix.severities import ELECTRICAL, SEVERITIES
 
 DEVELOPMENT = Matrix(first_vehicle=FIRST, seed=SEED)
 

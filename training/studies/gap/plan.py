@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.errors import UsageError
-from training.studies.matrix.plan import ELECTRICAL
-from training.studies.matrix.plan import SEVERITIES as FAULT_SEVERITIES
+from training.studies.matrix.severities import ELECTRICAL
+from training.studies.matrix.severities import SEVERITIES as FAULT_SEVERITIES
 
 KINDS: Final = ("effect", "null", "unknown", "two", "onset", "fault")
 FAULTY: Final = ("onset", "fault")  # kinds of cases with a sensor fault

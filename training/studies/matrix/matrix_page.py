@@ -10,8 +10,9 @@ from training.pages.numbers import NBSP
 from training.pages.page import page
 from training.studies.matrix import detection_figures
 from training.studies.matrix.matrix_result import cells, number
-from training.studies.matrix.plan import PLACEMENTS, SEVERITIES, Matrix
+from training.studies.matrix.plan import PLACEMENTS, Matrix
 from training.studies.matrix.rows import Row
+from training.studies.matrix.severities import SEVERITIES
 from training.studies.matrix.tables import MONITOR, of_kind
 from training.studies.matrix.targets import PLACES, of_faults
 

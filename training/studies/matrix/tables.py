@@ -13,8 +13,9 @@ from monitor.judge.enable import CONDITIONS
 from training.limits.alarm_rules import OWN, TITLES
 from training.limits.rates import Figures, median, per_1000_h, rate, roc
 from training.limits.targets import LIMIT_SEVERITY, at_limit, beyond_limit
-from training.studies.matrix.plan import ELECTRICAL, PLACEMENTS
+from training.studies.matrix.plan import PLACEMENTS
 from training.studies.matrix.rows import Row
+from training.studies.matrix.severities import ELECTRICAL
 
 HEALTHY, NONE, SEVERAL = "healthy", "none", "several names"
 MONITOR: Final = "monitor"

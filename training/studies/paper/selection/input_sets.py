@@ -12,8 +12,9 @@ from monitor.base.types import FloatArray
 from training.narx.network import Spec
 from training.narx.stages import Trained, free_run, train
 from training.recordings import metrics
+from training.recordings.augmentation import CONTROLLER
 from training.recordings.outliers import outlier_mask
-from training.recordings.preparation import CONTROLLER, Prepared, Role, Samples, prepare
+from training.recordings.preparation import Prepared, Role, Samples, prepare
 from training.recordings.recording import Recording
 from training.recordings.rows import runs
 

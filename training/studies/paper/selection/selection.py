@@ -9,8 +9,8 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.manifest import source_of
 from monitor.base.types import FloatArray
 from training.limits.data_check.measures import variance_inflation
+from training.recordings.augmentation import CONTROLLER
 from training.recordings.linear_data import cleaned, output_transform
-from training.recordings.preparation import CONTROLLER
 from training.recordings.recording import Recording
 from training.recordings.rows import runs
 from training.studies.paper.selection.input_sets import (

@@ -23,8 +23,9 @@ from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units, to_model_units
 from training.narx.network import simulate
 from training.narx.stages import measured_history
+from training.recordings.augmentation import CONTROLLER
 from training.recordings.metrics import correlation
-from training.recordings.preparation import CONTROLLER, Role, enabled_rows
+from training.recordings.preparation import Role, enabled_rows
 from training.recordings.recording import Recording
 from training.recordings.rows import runs
 from training.studies.paper.selection.input_sets import Tried, exact_inputs
