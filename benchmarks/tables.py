@@ -29,6 +29,7 @@ REPORT, CALIBRATION = range(401, 421), range(301, 321)
 CYCLES = ("wltc_3b", "micro_trips")
 DURATION_S, PERIOD_S = 1200.0, 0.05
 FILLED_S = 30.0
+SMALL_FILM = 0.01  # error of a fraction that is next to none
 TARGETS = {  # table → (largest error, relative)
     "lambda_delay": (0.020, False),
     "wall_film_fraction": (0.15, True),
@@ -118,6 +119,8 @@ def line(name: str, cells: list[dict[str, Any]], *, calibrate: bool) -> str:
         most, is_relative = TARGETS[name]
         met = (relative if is_relative else error) <= most
         text += f"; within target {100 * met.mean():.1f} %"
+        if name == "wall_film_fraction":
+            text += f", or within {SMALL_FILM:g} {100 * (met | (error <= SMALL_FILM)).mean():.1f} %"
     text += f"; covered {100 * covered.mean():.1f} %"
     if calibrate:
         half = np.log(e["high"] / e["estimate"])
