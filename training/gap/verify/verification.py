@@ -11,6 +11,7 @@ import numpy as np
 from monitor.base.errors import ConfigError, ModelError, RecordingError
 from monitor.base.faults import Fault
 from monitor.base.types import FloatArray, IntArray
+from monitor.model.card import ModelCard
 from training.gap.healthy.behaviour import columns
 from training.gap.inputs.base import check, plain_drives_of
 from training.gap.inputs.roles import FAULTS
@@ -62,8 +63,12 @@ def verify(
     Raises RecordingError if a recording cannot be scored.
     """
     progress("errors on held-out recordings")
-    overall, regimes, trace = _errors(old, new, recordings, chain)
-    on_healthy = _plain(old, new, healthy) if healthy else None
+    card = check(old)
+    drives = plain_drives_of(card, recordings)
+    before, after = _compared(old, new, recordings, drives)
+    overall, regimes = _errors(drives, before, after, chain)
+    trace = _trace(before, after) if after else None
+    on_healthy = _plain(old, new, healthy, card) if healthy else None
     if not faults:
         return Verification(overall, regimes, on_healthy, trace=trace)
     progress("faults put on held-out recordings")
@@ -98,20 +103,22 @@ def _monitors(old: Path, new: Path | None, accepted: Sequence[Recording]) -> Mon
 
 
 def _errors(
-    old: Path, new: Path | None, recordings: Sequence[Recording], chain: Constants
-) -> tuple[Error, tuple[Error, ...], Trace | None]:
-    drives = plain_drives_of(check(old), recordings)
-    before, after = _compared(old, new, recordings, drives)
+    drives: Sequence[Drive],
+    before: Sequence[Comparison],
+    after: Sequence[Comparison] | None,
+    chain: Constants,
+) -> tuple[Error, tuple[Error, ...]]:
+    """Return the errors of all samples and by regime, with the floor of the better model."""
     both = [[r.residual for r in each] for each in (before, after) if each is not None]
     best = min(both, key=lambda residuals: rms(scored(before, residuals)))
     floor = left_over(drives, before, best, chain)
     overall, *regimes = compare(before, both[1] if after else None, floor)
-    return overall, tuple(regimes), _trace(before, after) if after else None
+    return overall, tuple(regimes)
 
 
-def _plain(old: Path, new: Path | None, recordings: Sequence[Recording]) -> Error:
-    """Return the error of all samples alone, without a floor."""
-    drives = plain_drives_of(check(old), recordings)
+def _plain(old: Path, new: Path | None, recordings: Sequence[Recording], card: ModelCard) -> Error:
+    """Return the error of all samples alone, without a floor; ``card`` is the old model's."""
+    drives = plain_drives_of(card, recordings)
     before, after = _compared(old, new, recordings, drives)
     whole = compare(before, [r.residual for r in after] if after else None, None)[0]
     return replace(whole, kind="healthy", regime="healthy recordings")
