@@ -201,7 +201,7 @@ def _readiness(args: argparse.Namespace) -> int:
             done = "complete" if store.completed_since_clear(ratio.test) else "not complete"
             judged = _counted(ratio.numerator, "driving cycle")
             yield (
-                f"{ratio.test:<14} {done:<13} judged in {judged}, "
+                f"{ratio.test:<18} {done:<13} judged in {judged}, "
                 f"{ratio.denominator} count as driven"
             )
         for r in store.results:
