@@ -98,6 +98,9 @@ class PlausibilityConfig:
     constant_s: float
     start_patience_s: float
     not_ready_s: float
+    heater_full_percent: float
+    heater_full_s: float
+    heater_regulated_s: float
     engine_running_rpm: float
 
 

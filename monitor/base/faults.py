@@ -86,6 +86,7 @@ class Fault:
     drift_lambda: float = 0.0  # offset after DRIFT_S
     hold_s: float = 0.0  # of every HOLD_EVERY_S
     not_ready: bool = False
+    heater_dead: bool = False
     missing: bool = False
 
 
@@ -111,6 +112,7 @@ DEFAULT_SEVERITY = {
     "intermittent": 3.0,
     "drift_lean": 0.15,
     "drift_rich": 0.15,
+    "heater": 1.0,
 }
 NAMES = tuple(DEFAULT_SEVERITY)
 
@@ -154,6 +156,7 @@ def resolve(name: str, severity: float | None = None) -> Fault:
         "drift_lean": Fault(name, s, drift_lambda=s),
         "drift_rich": Fault(name, s, drift_lambda=-s),
         "not_ready": Fault(name, s, not_ready=True),
+        "heater": Fault(name, s, not_ready=True, heater_dead=True),
         "out_of_range": Fault(name, s, stuck_lambda=s),
         "signal_missing": Fault(name, s, missing=True),
     }[name]

@@ -37,6 +37,7 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("ambient_pressure_kpa", "kPa", 40.0, 115.0, "context"),
     Signal("battery_voltage_v", "V", 5.0, 18.0, "context"),
     Signal("purge_duty_percent", "%", 0.0, 100.0, "context"),
+    Signal("sensor_heater_percent", "%", 0.0, 100.0, "context"),
     Signal("closed_loop", "-", 0.0, 1.0, "enable"),
     Signal("fuel_cut", "-", 0.0, 1.0, "enable"),
     Signal("sensor_ready", "-", 0.0, 1.0, "enable"),

@@ -21,6 +21,7 @@ from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection
 from monitor.inject.rewrite import MessageWriter, writers
 
 READY: Final = "sensor_ready"
+DUTY: Final = "sensor_heater_percent"
 
 
 @dataclass(slots=True)
@@ -47,6 +48,7 @@ class _SensorFault:
         self.fault = resolve(what.name, what.severity) if what.name in DEFAULT_SEVERITY else None
         self.is_missing = self.fault is not None and self.fault.missing
         self.is_not_ready = self.fault is not None and self.fault.not_ready
+        self.is_heater_dead = self.fault is not None and self.fault.heater_dead
         self._reading = _reading_of(what, self.fault, seed)
 
     def read(self, t_ns: int, healthy: float) -> float:
@@ -108,7 +110,7 @@ class Injector:
     def _check(self, bus_map: BusMap, names: set[str]) -> None:
         if self._signal.can_be_missing:
             return
-        needs = {INVALID} | ({"not_ready"} if READY not in bus_map.channels else set())
+        needs = {INVALID} | ({"not_ready", "heater"} if READY not in bus_map.channels else set())
         for name in sorted(names & needs):
             raise SignalMapError(
                 f"{self._signal.channel.map_path}: {name} needs a {OUTPUT} that can be not "
@@ -172,6 +174,8 @@ class Injector:
         values: dict[str, float] = {}
         if READY in writer.signals and any(each.is_not_ready for each in acting):
             values[READY] = 0.0
+        if DUTY in writer.signals and any(each.is_heater_dead for each in acting):
+            values[DUTY] = 100.0
         if OUTPUT in writer.signals and self._signal.is_in(frame.data):
             healthy = self._signal.read(frame.data)
             read = self._read(frame.t_ns, healthy, acting)

@@ -10,6 +10,8 @@ import numpy as np
 from monitor.base.config import PlausibilityConfig
 from monitor.base.runs import Thresholds, alike
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
+from monitor.judge import heater
+from monitor.judge.heater import Heater
 from monitor.model.card import Channel
 
 _ENGINE = ("engine_speed_rpm", "sensor_ready")  # tell whether the sensor can be heated
@@ -34,6 +36,7 @@ _MISSING = TickResult("communication", True, "signal_missing")
 _NOT_VALID = TickResult("communication", True, "signal_invalid")
 _BUS_OFF = TickResult("communication", True, "bus_off")
 _READY, _NOT_READY = (TickResult("ready", failed, "not_ready") for failed in (False, True))
+_NOT_HEATED = TickResult("ready", True, "heater")
 _INSIDE, _OUTSIDE = (TickResult("range", failed, "out_of_range") for failed in (False, True))
 
 
@@ -67,17 +70,20 @@ class Plausibility:
         self._ready = at.get("sensor_ready")
         self._speed = at.get("engine_speed_rpm")
         self._running_rpm = config.engine_running_rpm
-        # two bits each for what readiness and engine speed say; those of a signal which is not
-        # provided stay _UNKNOWN
-        told = (self._ready, math.nextafter(0.0, 1.0)), (self._speed, config.engine_running_rpm)
-        self._told = Thresholds(
-            [place or 0 for place, _ in told for _ in range(2)],
-            [
-                math.nan if place is None else bound
-                for place, least in told
-                for bound in (-math.inf, least)
-            ],
+        # two bits each for what readiness, engine speed and the heater's duty say; those of a
+        # signal which is not provided stay _UNKNOWN
+        above_zero = math.nextafter(0.0, 1.0)
+        told = (
+            (self._ready, -math.inf, above_zero),
+            (self._speed, -math.inf, config.engine_running_rpm),
+            (at.get(heater.DUTY), above_zero, config.heater_full_percent),
         )
+        self._told = Thresholds(
+            [place or 0 for place, *_ in told for _ in range(2)],
+            [math.nan if place is None else bound for place, *bounds in told for bound in bounds],
+        )
+        samples = [round(s / period_s) for s in (config.heater_full_s, config.heater_regulated_s)]
+        self._heater = Heater(*samples)
         self._patience = round(config.not_ready_s / period_s)
         self._start_patience = round(config.start_patience_s / period_s)
         self.is_expected, self._heard = is_expected, False
@@ -85,6 +91,7 @@ class Plausibility:
 
     def reset(self) -> None:
         """Start as after switching on."""
+        self._heater.reset()
         self._not_ready = 0  # samples in a row with the engine running
         self._unheard = 0  # samples before the sender was heard for the first time
         self.is_expected |= self._heard
@@ -96,21 +103,30 @@ class Plausibility:
 
         values, quality : (n, n_names)
         """
-        codes = self._told.masks(values) * _N_QUALITIES  # four bits and three of the quality
+        codes = np.multiply(self._told.masks(values), _N_QUALITIES, dtype=np.uint16)
         codes += quality[:, self._output]
         found: list[Results] = []
         for begin, end, each in alike(codes):
             rest, q = divmod(each, _N_QUALITIES)
-            engine, told = divmod(rest, 4)
-            self._run(begin, end, quality=q, told=told, engine=engine, found=found)
+            rest, told = divmod(rest, 4)
+            duty, engine = divmod(rest, 4)
+            self._run(begin, end, found, quality=q, told=told, engine=engine, duty=duty)
         return found
 
     def _run(
-        self, begin: int, end: int, quality: int, told: int, engine: int, found: list[Results]
+        self,
+        begin: int,
+        end: int,
+        found: list[Results],
+        *,
+        quality: int,
+        told: int,
+        engine: int,
+        duty: int,
     ) -> None:
         """Add the results of samples that are alike.
 
-        told, engine : what ``sensor_ready`` and the engine's speed say
+        told, engine, duty : what ``sensor_ready``, the engine's speed and the heater's duty say
         """
         if quality == _GAP:  # nobody knows how long the log paused, and whether the signal came
             self._not_ready = 0
@@ -136,29 +152,26 @@ class Plausibility:
             elif quality == _INVALID and ready:
                 result = _NOT_VALID
             found.append(Results(first, end, result))
-        self._ready_run(
-            begin,
-            end,
-            found,
-            ready=ready,
-            missing=missing,
-            waits=not ready and not gone and (self._speed is None or engine == _YES),
-        )
+        runs = self._speed is None or engine == _YES
+        n_cold = self._heater.push(duty if runs else heater.UNKNOWN, end - begin)
+        if not ready and not gone and runs:
+            self._wait(begin, end, found, is_full=duty == heater.FULL)
+        else:
+            self._not_ready = 0
+            if ready and not missing:  # else it is not known yet
+                if begin < end - n_cold:
+                    found.append(Results(begin, end - n_cold, _READY))
+                if n_cold:
+                    found.append(Results(end - n_cold, end, _NOT_HEATED))
         if quality in (_GOOD, _PINNED, _OUT_OF_RANGE):
             found.append(Results(begin, end, _OUTSIDE if quality == _OUT_OF_RANGE else _INSIDE))
 
-    def _ready_run(
-        self, begin: int, end: int, found: list[Results], *, ready: bool, missing: bool, waits: bool
-    ) -> None:
-        if not waits:
-            self._not_ready = 0
-            if ready and not missing:  # else it is not known yet
-                found.append(Results(begin, end, _READY))
-            return
+    def _wait(self, begin: int, end: int, found: list[Results], *, is_full: bool) -> None:
+        """Take samples with a running engine and a sensor that is not ready."""
         first = begin + max(self._patience - self._not_ready, 0)
         self._not_ready += end - begin
         if first < end:
-            found.append(Results(first, end, _NOT_READY))
+            found.append(Results(first, end, _NOT_HEATED if is_full else _NOT_READY))
 
     def running(self, values: FloatArray) -> BoolArray:
         """Return whether the engine runs, (n,); without its speed it does."""

@@ -21,6 +21,7 @@ CODES: dict[str, tuple[str, ...]] = {
     "stuck_rich": ("P2196",),
     "stuck_at_one": ("P0134",),
     "not_ready": ("P0134",),
+    "heater": ("P0135",),
     "no_activity": ("P0134",),
     "intermittent": ("P2A00",),
     "drift_lean": ("P2195",),
@@ -65,7 +66,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "activity": ("stuck_lean", "stuck_rich", "stuck_at_one"),
     "communication": ("signal_missing", "signal_invalid", "bus_off"),
     "range": ("out_of_range",),
-    "ready": ("not_ready",),
+    "ready": ("not_ready", "heater"),
     "memory": (LOST,),
     "catalyst": ("catalyst_low",),
     "downstream": tuple(

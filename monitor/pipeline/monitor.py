@@ -27,6 +27,7 @@ from monitor.judge.enable import Enable
 from monitor.judge.findings import Evidence, Facts
 from monitor.judge.limits import Limits
 from monitor.judge.observation import Observation
+from monitor.judge.heater import DUTY
 from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, TickResult
 from monitor.judge.window import Series, Window, Windows
 from monitor.memory.codes import BEHIND
@@ -435,7 +436,7 @@ def check_names(card: ModelCard, names: Sequence[str]) -> None:
 
 def needed_names(card: ModelCard, available: Collection[str]) -> tuple[str, ...]:
     """Return which of the available signals the monitor looks at, in its order."""
-    wanted = (*card.input_names, card.output.name, *enable.SIGNALS, *CYCLE_SIGNALS)
+    wanted = (*card.input_names, card.output.name, *enable.SIGNALS, *CYCLE_SIGNALS, DUTY)
     if CATALYST_VOLTAGE in available:
         wanted = (*wanted, *CATALYST_SIGNALS)
     return tuple(name for name in dict.fromkeys(wanted) if name in available)

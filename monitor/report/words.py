@@ -18,6 +18,7 @@ MEANINGS = {
     "stuck_rich": "stuck at a rich value",
     "stuck_at_one": "stuck at 1",
     "not_ready": "does not become ready",
+    "heater": "is not heated",
     "out_of_range": "outside the plausible range",
     "no_activity": "no longer follows the mixture",
     "intermittent": "holds now and then",

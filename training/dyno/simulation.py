@@ -12,8 +12,11 @@ from training.dyno import catalyst, cycles, drive, engine, mixture, vehicle
 from training.dyno.drive import Drive
 from training.dyno.effects import Effects
 from training.dyno.engine import Engine, Layout
-from training.dyno.mixture import Mixture
+from training.dyno.mixture import SENSOR_WARM_UP_S, Mixture
 from training.dyno.vehicle import Conditions, Piece
+
+# duty of the upstream sensor's heater once it is warm, in percent: at no flow, less per kg/h, least
+HEATER_IDLE_PERCENT, HEATER_FLOW, HEATER_LEAST = 60.0, 0.25, 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +89,8 @@ def simulate(experiment: Experiment) -> dict[str, FloatArray]:
         rear=_rear(experiment, conditions),
         rear_rng=np.random.default_rng([*key, 6]) if experiment.downstream else None,
     )
-    signals = _canonical(air, fuel, conditions, np.random.default_rng([*key, 4]))
+    duty_percent = _heater_percent(experiment, air)
+    signals = _canonical(air, fuel, duty_percent, conditions, np.random.default_rng([*key, 4]))
     if experiment.downstream:
         signals |= _behind(fuel)
     return signals if own is None else signals | _logged(own, air, fuel)
@@ -111,6 +115,18 @@ def _behind(fuel: Mixture) -> dict[str, FloatArray]:
     }
 
 
+def _heater_percent(experiment: Experiment, air: Drive) -> FloatArray:
+    """Return the duty of the upstream sensor's heater: full while it is cold, less in hot exhaust.
+
+    A heater that has failed never reaches its aim, so the ECU gives it all it can.
+    """
+    t_s = np.arange(len(air.exhaust_kg_h)) * cycles.STEP_S
+    regulated = np.clip(HEATER_IDLE_PERCENT - HEATER_FLOW * air.exhaust_kg_h, HEATER_LEAST, 100.0)
+    fault = experiment.fault
+    dead = (t_s >= experiment.fault_start_s) & bool(fault and fault.heater_dead)
+    return np.where((t_s <= SENSOR_WARM_UP_S) | dead, 100.0, regulated)
+
+
 def _logged(own: Engine, air: Drive, fuel: Mixture) -> dict[str, FloatArray]:
     """Return the signals that only an ECU with a layout logs."""
     ve = engine.ecu_ve(own, air.engine_rpm, air.manifold_kpa)
@@ -122,7 +138,11 @@ def _logged(own: Engine, air: Drive, fuel: Mixture) -> dict[str, FloatArray]:
 
 
 def _canonical(
-    air: Drive, fuel: Mixture, c: Conditions, rng: np.random.Generator
+    air: Drive,
+    fuel: Mixture,
+    heater_percent: FloatArray,
+    c: Conditions,
+    rng: np.random.Generator,
 ) -> dict[str, FloatArray]:
     n = len(air.engine_rpm)
     noise = rng.standard_normal((3, n))
@@ -145,6 +165,7 @@ def _canonical(
         "ambient_pressure_kpa": np.full(n, c.ambient_kpa),
         "battery_voltage_v": air.battery_v + 0.02 * noise[2],
         "purge_duty_percent": 100.0 * air.purge_duty,
+        "sensor_heater_percent": heater_percent,
         "closed_loop": fuel.closed_loop,
         "fuel_cut": air.fuel_cut,
         "sensor_ready": fuel.sensor_ready,

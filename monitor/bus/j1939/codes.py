@@ -39,6 +39,7 @@ NUMBERS: Final[dict[str, tuple[int, int]]] = {
     "stuck_at_one": (UPSTREAM, NOT_RESPONDING),
     "no_activity": (UPSTREAM, NOT_RESPONDING),
     "not_ready": (UPSTREAM, BAD_DEVICE),
+    "heater": (UPSTREAM, OPEN_CIRCUIT),
     "intermittent": (UPSTREAM, ERRATIC),
     "out_of_range": (UPSTREAM, ERRATIC),
     "signal_missing": (UPSTREAM, UPDATE_RATE),

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.optimize import least_squares
 
+from monitor.base.outputs import write_text
 from monitor.base.config import CatalystConfig, shipped
 from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
@@ -203,4 +204,4 @@ def _constants(theta: FloatArray) -> Catalyst:
 
 def write(path: Path, fitted: Fitted, further: Mapping[str, Any]) -> None:
     """Write constants, errors and fit as JSON."""
-    path.write_text(json.dumps(fitted.tree() | dict(further), indent=1) + "\n")
+    write_text(path, json.dumps(fitted.tree() | dict(further), indent=1) + "\n")

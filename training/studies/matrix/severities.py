@@ -17,8 +17,10 @@ ELECTRICAL: Final = (
     "out_of_range",
     "not_ready",
     "signal_missing",
+    "heater",
 )
-NOT_AFTERWARDS: Final = ("not_ready", "signal_missing")  # the ECU sends them, no reading shows them
+# the ECU sends them, no reading shows them
+NOT_AFTERWARDS: Final = ("not_ready", "signal_missing", "heater")
 SEVERITIES: Final[dict[str, tuple[float, ...]]] = {
     **{name: SLOW for name in faults.NAMES if name.startswith("slow")},
     **{name: DELAY for name in faults.NAMES if name.startswith("delay")},
