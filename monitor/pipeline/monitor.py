@@ -25,9 +25,9 @@ from monitor.judge.catalyst import BehindResult, CatalystMonitor
 from monitor.judge.decisions import Decisions, ticks_to_mature
 from monitor.judge.enable import Enable
 from monitor.judge.findings import Evidence, Facts
+from monitor.judge.heater import DUTY
 from monitor.judge.limits import Limits
 from monitor.judge.observation import Observation
-from monitor.judge.heater import DUTY
 from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, TickResult
 from monitor.judge.window import Series, Window, Windows
 from monitor.memory.codes import BEHIND

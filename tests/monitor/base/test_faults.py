@@ -138,7 +138,7 @@ def test_a_stuck_sensor_reads_one_value(name: str, severity: float | None, reads
     assert SensorFault(resolve(name, severity), PERIOD_S).apply([0.8, 1.0, 1.3]) == [reads] * 3
 
 
-@pytest.mark.parametrize("name", ["not_ready", "signal_missing"])
+@pytest.mark.parametrize("name", ["not_ready", "heater", "signal_missing"])
 def test_a_sensor_that_says_nothing_reads_nan(name: str) -> None:
     got = SensorFault(resolve(name), PERIOD_S).apply([0.8, 1.0, 1.3])
     assert all(math.isnan(value) for value in got)
@@ -149,7 +149,7 @@ def test_a_sensor_that_says_nothing_reads_nan(name: str) -> None:
 @given(st.lists(st.one_of(st.floats(0.6, 2.0), st.just(math.nan)), max_size=40))
 def test_nan_stays_nan(name: str, healthy: list[float]) -> None:
     got = SensorFault(resolve(name), PERIOD_S).apply(healthy)
-    silent = name in ("not_ready", "signal_missing")
+    silent = name in ("not_ready", "heater", "signal_missing")
     assert [math.isnan(value) for value in got] == [silent or math.isnan(v) for v in healthy]
 
 

@@ -12,6 +12,7 @@ from training.dyno import cycles, drive, ecu, mixture, vehicle
 from training.dyno.effects import Effects
 from training.dyno.mixture import Mixture
 from training.dyno.simulation import Experiment
+from training.studies.matrix.plan import NOT_AFTERWARDS
 
 STEP_S = cycles.STEP_S
 
@@ -49,9 +50,7 @@ def test_every_fault_acts_inside_the_control_loop(name: str) -> None:
         np.testing.assert_array_equal(faulty[signal], healthy[signal])
 
 
-@pytest.mark.parametrize(
-    "name", [n for n in faults.NAMES if n not in ("not_ready", "signal_missing")]
-)
+@pytest.mark.parametrize("name", [n for n in faults.NAMES if n not in NOT_AFTERWARDS])
 def test_in_the_loop_a_fault_is_what_it_is_defined_to_be(name: str) -> None:
     # GIVEN what a healthy sensor would read in the faulty drive
     fault = faults.resolve(name)

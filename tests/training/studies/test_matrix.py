@@ -91,9 +91,7 @@ def test_the_literatures_rules_are_set_on_every_fault_that_must_be_found() -> No
     assert not own & {n for t in (*good, *bad) for n in (t.seed, t.vehicle)}
 
 
-@pytest.mark.parametrize(
-    "name", [n for n in faults.NAMES if n not in ("not_ready", "signal_missing")]
-)
+@pytest.mark.parametrize("name", [n for n in faults.NAMES if n not in NOT_AFTERWARDS])
 def test_a_fault_put_on_a_whole_drive_is_the_streaming_one_sample_by_sample(name: str) -> None:
     drive = simulate(Experiment(cycle="us06", vehicle=FIRST, seed=SEED, duration_s=120.0))
     healthy, fault = drive["lambda_measured"], faults.resolve(name)
