@@ -21,7 +21,7 @@ from training.studies.matrix import run
 from training.studies.matrix.conditions import AMBIENTS, weather
 from training.studies.matrix.drive import put_on, samples
 from training.studies.matrix.plan import Matrix, calibration, reference_drives, refuse_used, trials
-from training.studies.matrix.severities import ELECTRICAL, SEVERITIES
+from training.studies.matrix.severities import ELECTRICAL, NOT_AFTERWARDS, SEVERITIES
 
 DEVELOPMENT = Matrix(first_vehicle=FIRST, seed=SEED)
 
