@@ -16,7 +16,8 @@ class TablesConfig:
     z90: float  # half width of a 90 % interval in standard deviations
     least_s: float  # usable samples nearest to a cell, below which it is blank
     widest: Mapping[str, float]  # table → relative half width from which a cell is blank
-    small: Mapping[str, float]  # table → half width below which a cell is told all the same
+    small: Mapping[str, float]  # table → upper bound below which a cell is told all the same
+    small_widest: float  # relative half width from which a small cell is blank, too
     widening: Mapping[str, Mapping[str, float]]  # kind of air, table → factor on the deviation
 
     def factor(self, table: str, air: Air) -> float:
@@ -35,5 +36,6 @@ def defaults() -> TablesConfig:
         least_s=read["cell"]["least_s"],
         widest=read["widest"],
         small=read["small"],
+        small_widest=read["cell"]["small_widest"],
         widening=read["widening"],
     )

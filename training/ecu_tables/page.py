@@ -24,8 +24,12 @@ TITLES: Final = {
     "injector_flow_scale": "Injector flow",
     "sensor_lag": "The sensor's own lag over exhaust flow",
 }
-SHOWN: Final = {"s": (1000.0, "ms", 0), "-": (100.0, "%", 0), "ms": (1.0, "ms", 2)}
+SHOWN: Final = {"s": (1000.0, "ms", 0), "-": (100.0, "%", 1), "ms": (1.0, "ms", 2)}
 PLAIN: Final = (1.0, "mg/ms", 2)
+AXES: Final = {
+    "battery_voltage_v": "battery voltage [V]",
+    "exhaust_flow_kg_h": "exhaust flow [kg/h]",
+}
 
 
 def write_report(
@@ -42,7 +46,7 @@ def write_report(
         tables=tables,
         filled=filled,
         heading=heading,
-        draw=draw,
+        draw=lambda table: draw(table, period_s),
         legs=plan(tables, period_s),
         subject=subject,
         minutes=subject.samples * period_s / 60.0,
@@ -70,12 +74,13 @@ def _verdict(tables: Sequence[EcuTable]) -> str:
     return f"Lambda delay {low:.0f} to {high:.0f} ms in {cells}; blank cells were not measured."
 
 
-def draw(table: EcuTable) -> Figure:
+def draw(table: EcuTable, period_s: float) -> Figure:
     """Return a heat map, or a line with bounds for a table over one axis."""
-    return _heat_map(table) if len(table.axes) == 2 else _line(table)
+    return _heat_map(table, period_s) if len(table.axes) == 2 else _line(table)
 
 
-def _heat_map(table: EcuTable) -> Figure:
+def _heat_map(table: EcuTable, period_s: float) -> Figure:
+    """Return a map whose blank cells show their usable seconds, none where nobody drove."""
     speed, load = table.axes
     factor, unit, digits = SHOWN.get(table.unit, PLAIN)
     values = table.estimate.T * factor
@@ -90,6 +95,10 @@ def _heat_map(table: EcuTable) -> Figure:
         colour = "w" if values[j, i] < middle else "k"
         text = f"{values[j, i]:.{digits}f}\n±{half[j, i]:.{digits}f}"
         axes.text(i + 0.5, j + 0.5, text, ha="center", va="center", size=size, color=colour)
+    seconds = table.samples.T * period_s
+    for j, i in zip(*np.nonzero(~np.isfinite(values) & (seconds > 0.0)), strict=True):
+        text = f"{max(seconds[j, i], 1.0):.0f} s"
+        axes.text(i + 0.5, j + 0.5, text, ha="center", va="center", size=size, color="0.5")
     axes.set_xticks(np.arange(len(speed.values)) + 0.5, [f"{v:g}" for v in speed.values])
     axes.set_yticks(np.arange(len(load.values)) + 0.5, [f"{v:g}" for v in load.values])
     axes.set(xlabel="engine speed [1/min]", ylabel=f"load [{load.unit}]")
@@ -104,5 +113,5 @@ def _line(table: EcuTable) -> Figure:
     x, y = np.asarray(axis.values)[at], table.estimate[at] * factor
     bounds = np.abs(np.stack([table.low[at], table.high[at]]) * factor - y)
     axes.errorbar(x, y, yerr=bounds, fmt="o-", capsize=3)
-    axes.set(xlabel=f"{axis.name.replace('_', ' ')} [{axis.unit}]", ylabel=unit)
+    axes.set(xlabel=AXES[axis.name], ylabel=f"{table.name.replace('_', ' ')} [{unit}]")
     return figure

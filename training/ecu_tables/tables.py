@@ -218,9 +218,9 @@ def _table(
 ) -> EcuTable:
     """Return a table; bounds are symmetric in the logarithm, for all values are above 0.
 
-    An estimate that is small and told within a small interval is told, however wide the interval
-    is as a ratio: a film of 1 %, 0 to 3 %, says that there is almost none. Its bounds are
-    symmetric about the value, not below 0.
+    An estimate whose upper bound is small is told, however wide the interval is as a ratio: a film
+    of at most 5 % says that there is almost none. Its lower bound is 0. An interval as wide as
+    the prior's comes from no data, however small its bound is.
     """
     shape = tuple(len(a.values) for a in axes)
     flat = np.ravel_multi_index(at, shape)
@@ -232,11 +232,12 @@ def _table(
     log_sd = _log_sd(fitted, cells) * config.factor(name, air)
     half = config.z90 * log_sd
     wide = half > np.log1p(config.widest[name])
-    small = wide & (value * half < config.small.get(name, 0.0))
+    small = wide & (value * np.exp(half) < config.small.get(name, 0.0))
+    small &= half < np.log1p(config.small_widest)
     silent = (seconds < config.least_s) | (wide & ~small)
     estimate = np.where(silent, np.nan, value)
-    low = np.where(small, np.maximum(estimate * (1.0 - half), 0.0), estimate * np.exp(-half))
-    high = np.where(small, estimate * (1.0 + half), estimate * np.exp(half))
+    low = np.where(silent, np.nan, np.where(small, 0.0, value * np.exp(-half)))
+    high = estimate * np.exp(half)
     return EcuTable(
         name=name,
         unit=unit,

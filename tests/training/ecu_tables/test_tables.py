@@ -236,7 +236,7 @@ def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("log_sd", "told", "low"),
-    [(0.1, True, 0.004), (0.9, True, 0.0), (4.0, False, np.nan)],
+    [(0.1, True, 0.004), (0.7, True, 0.0), (1.2, False, np.nan)],
 )
 def test_next_to_no_film_is_told_if_its_interval_is_small(
     log_sd: float, told: bool, low: float
@@ -262,6 +262,6 @@ def test_next_to_no_film_is_told_if_its_interval_is_small(
         samples=cast(Any, samples),
         config=config,
     )
-    # THEN it is told, from zero on where it may be dry, and blank where it may be 4 %
+    # THEN it is told, from zero on where it may be dry, and blank where it may be wet
     assert np.isfinite(made.estimate[0, 0]) == told
     np.testing.assert_allclose(made.low[0, 0], low, atol=5e-4)
