@@ -21,14 +21,14 @@ class Basis:
     knots: FloatArray  # with repeated ends, or the two ends alone
 
     @classmethod
-    def of(cls, values: FloatArray) -> "Basis":
+    def of(cls, values: FloatArray, knots: int = LIMITS.knots) -> "Basis":
         """Return the basis for a variable of these values (m,)."""
         low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
         inside = values[(values >= low) & (values <= high)]
-        inner = np.unique(np.quantile(inside, np.linspace(0.0, 1.0, LIMITS.knots + 1)))
+        inner = np.unique(np.quantile(inside, np.linspace(0.0, 1.0, knots + 1)))
         if len(inner) < 4:  # a variable that mostly rests has its quantiles at one value
             inner = np.unique(
-                np.quantile(np.unique(inside), np.linspace(0.0, 1.0, LIMITS.knots + 1))
+                np.quantile(np.unique(inside), np.linspace(0.0, 1.0, knots + 1))
             )
         if len(inner) < 3:
             return cls(np.array([float(values.min()), float(values.max())]))

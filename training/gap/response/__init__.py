@@ -1,0 +1,1 @@
+"""What an output without a chain does differently from the healthy vehicle, calibrated by runs."""

@@ -1,0 +1,100 @@
+"""What the reading does differently, in words and figures an engineer can check."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from monitor.base.types import FloatArray
+from training.gap.response.equations import Held
+from training.gap.response.families import PASTS_S, Family
+from training.gap.response.regressors import lagged
+from training.gap.where.splines import Basis
+from training.gap.where.transport import transported
+from training.greybox.fit.comparison import Comparison
+
+DELAYS_S: Final = tuple(np.arange(0.0, 1.51, 0.1).tolist())
+LAGS_S: Final = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0)
+GRID: Final = 9  # points of a curve in words
+OF_READING: Final = ("gain", "timing", "lag")
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """The reading of the new runs against that of a healthy vehicle, three constants."""
+
+    gain: float
+    delay_s: float
+    lag_s: float
+
+    @property
+    def words(self) -> str:
+        """Return the constants that differ from those of a healthy vehicle."""
+        parts = [f"with a gain of {self.gain:.2f}"]
+        parts += [f"{self.delay_s:.1f} s later"] if self.delay_s > 0.0 else []
+        parts += [f"through a lag of {self.lag_s:.1f} s"] if self.lag_s > 0.0 else []
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """What a driver adds to the reading."""
+
+    x: FloatArray  # (p,) in the driver's unit
+    y: FloatArray  # (p,) in the model's unit
+
+    @property
+    def slope(self) -> float:
+        """Return the slope of the straight line through the curve."""
+        return float(np.polyfit(self.x, self.y, 1)[0])
+
+    @property
+    def straight(self) -> float:
+        """Return how much of the curve's variance the straight line has."""
+        rest = self.y - np.polyval(np.polyfit(self.x, self.y, 1), self.x)
+        return 1.0 - float(rest.var() / max(float(self.y.var()), 1e-300))
+
+
+def response_of(new: Sequence[Comparison]) -> Response:
+    """Return gain, delay and lag that bring the healthy reading nearest to the new one."""
+    rows = [r.scored for r in new]
+    measured = np.concatenate([r.phi_measured[s] for r, s in zip(new, rows, strict=True)])
+    best = (np.inf, Response(1.0, 0.0, 0.0))
+    for delay_s, lag_s in product(DELAYS_S, LAGS_S):
+        made = np.concatenate(
+            [
+                transported(
+                    r.phi_predicted, np.full(len(s), delay_s), lag_s, r.period_s
+                )[s]
+                for r, s in zip(new, rows, strict=True)
+            ]
+        )
+        x, y = made - made.mean(), measured - measured.mean()
+        gain = float(x @ y) / max(float(x @ x), 1e-300)
+        left = float(((y - gain * x) ** 2).sum())
+        if left < best[0]:
+            best = (left, Response(gain, delay_s, lag_s))
+    return best[1]
+
+
+def curve_of(family: Family, held: Held, runs: Sequence[Comparison]) -> Curve:
+    """Return what a level adds over the driver's range."""
+    assert family.driver is not None
+    seen = np.concatenate([v[r.scored] for v, r in zip(family.driver.values, runs, strict=True)])
+    x = np.quantile(seen, np.linspace(0.02, 0.98, 5 * GRID))
+    y = Basis.of(seen, family.knots)(x) @ held.coefficients
+    return Curve(x, y - y.mean())
+
+
+def past_s(held: Held, period_s: float) -> float:
+    """Return the time after which half of a driver's step has passed, from its lags' weights."""
+    t = np.arange(0.0, 60.0, period_s)
+    step = sum(
+        w * (lagged(np.r_[0.0, np.ones(len(t) - 1)], s, period_s) - 1.0)
+        for w, s in zip(held.coefficients, PASTS_S, strict=True)
+    )
+    begin = step[1]
+    after = np.flatnonzero(np.abs(step[1:]) <= 0.5 * abs(begin))
+    return float(t[after[0]]) if len(after) else float(t[-1])

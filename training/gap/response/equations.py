@@ -1,0 +1,205 @@
+"""Normal equations of one family in blocks of time, and what they say about each run.
+
+The relation that healthy runs have with the columns is taken away first, every healthy run's by the
+others. The fit of the new runs is held against each run: for a new one it comes from the other new
+runs. A run's *slope* is the part of its error along that fit, 1 where the run has all of it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from monitor.base.types import FloatArray, IntArray
+from training.gap.response.families import Family
+from training.gap.response.reference import Spread
+from training.greybox.fit.comparison import BLOCK_S, Comparison
+
+MEMORY: Final = 2  # past errors that whiten one
+RIDGE: Final = 1e-3  # of the mean diagonal
+NOTHING: Final = 1e-20  # of a sum of squares: the runs do not move the columns
+
+
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """Scored samples of all runs in blocks of time, and what makes their errors white."""
+
+    rows: tuple[IntArray, ...]  # of each run; the samples that whitening needs are scored, too
+    number: tuple[IntArray, ...]  # of each run's rows, within the run, from 0
+    run: IntArray  # (n_blocks,)
+    spread: tuple[FloatArray, ...]  # (n,) of each run's errors
+    memory: FloatArray  # (p,) of the healthy errors: how much of the last p errors stays
+
+    @classmethod
+    def of(
+        cls, new: Sequence[Comparison], healthy: Sequence[Comparison], size: Spread
+    ) -> "Blocks":
+        """Return blocks as long as the other statistics use."""
+        spread = tuple(size(r) for r in (*new, *healthy))
+        rows, number, run = [], [], []
+        for i, r in enumerate((*new, *healthy)):
+            kept = r.scored.copy()
+            for k in range(1, MEMORY + 1):
+                kept[k:] &= r.scored[:-k]
+            kept[:MEMORY] = False
+            own = np.flatnonzero(kept)
+            block = np.unique((own * r.period_s // BLOCK_S).astype(np.int64), return_inverse=True)
+            rows.append(own)
+            number.append(np.asarray(block[1], dtype=np.int64))
+            run.append(np.full(len(block[0]), i))
+        past = np.concatenate(
+            [
+                np.column_stack([(r.residual / each)[own - k] for k in range(MEMORY + 1)])
+                for r, each, own in zip(
+                    healthy, spread[len(new) :], rows[len(new) :], strict=True
+                )
+            ]
+        )
+        memory = _solve(past[:, 1:].T @ past[:, 1:], past[:, 1:].T @ past[:, 0])
+        runs = np.concatenate(run).astype(np.int64)
+        return cls(tuple(rows), tuple(number), runs, spread, memory)
+
+    def white(self, values: FloatArray, run: int) -> FloatArray:
+        """Return a run's values (n, …) over the spread, less what their past says of them.
+
+        At the run's rows, (m, …).
+        """
+        rows = self.rows[run]
+        values = (values.T / self.spread[run]).T
+        found = values[rows].astype(np.float64)
+        for k, part in enumerate(self.memory.tolist(), 1):
+            found -= part * values[rows - k]
+        return found
+
+    def starts(self, run: int) -> IntArray:
+        """Return where each block of a run begins among its rows, and the end."""
+        number = self.number[run]
+        return np.searchsorted(number, np.arange(number[-1] + 2))
+
+
+@dataclass(frozen=True, slots=True)
+class Equations:
+    """Sums of one family over every block of every run."""
+
+    gram: FloatArray  # (n_blocks, k, k)
+    right: FloatArray  # (n_blocks, k)
+    run: IntArray  # (n_blocks,)
+
+    @classmethod
+    def of(cls, family: Family, errors: Sequence[FloatArray], blocks: Blocks) -> "Equations":
+        """Return the sums for the runs' whitened errors (m,)."""
+        grams, rights = [], []
+        for i, (columns, error) in enumerate(zip(family.columns, errors, strict=True)):
+            x = blocks.white(columns, i)
+            for first, last in pairwise(blocks.starts(i).tolist()):
+                grams.append(x[first:last].T @ x[first:last])
+                rights.append(x[first:last].T @ error[first:last])
+        return cls(np.array(grams), np.array(rights), blocks.run)
+
+    def solve(self, runs: IntArray) -> FloatArray:
+        """Return the coefficients (k,) of the runs' errors together."""
+        own = np.isin(self.run, runs)
+        return _solve(self.gram[own].sum(0), self.right[own].sum(0))
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A family's fit of the new runs against every run."""
+
+    cross: FloatArray  # (n_blocks,) error times fit
+    power: FloatArray  # (n_blocks,) fit squared
+    new: IntArray  # runs
+    healthy: IntArray
+    run: IntArray  # (n_blocks,)
+    coefficients: FloatArray  # (k,) of all new runs, beyond healthy ones
+
+    @property
+    def gain(self) -> float:
+        """Return the fall of the new runs' sum of squares by fits that did not see them."""
+        own = np.isin(self.run, self.new)
+        return float((2.0 * self.cross - self.power)[own].sum())
+
+    def slopes(self, runs: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return each run's slope and its variance from block to block."""
+        each = [self.run == r for r in runs]
+        size = float(np.mean([self.power[own].sum() for own in each]))
+        if size < NOTHING:
+            return np.zeros(len(runs)), np.ones(len(runs))
+        slope = np.array([self.cross[own].sum() for own in each]) / size
+        within = [
+            float(((self.cross[own] - self.cross[own].mean()) ** 2).sum()) / size**2 for own in each
+        ]
+        return slope, np.array(within)
+
+    @property
+    def t(self) -> float:
+        """Return t of the new runs' slopes above those of the healthy ones."""
+        return two_sided(*self.slopes(self.new), *self.slopes(self.healthy))
+
+
+def hold(equations: Equations, new: IntArray, healthy: IntArray) -> Held:
+    """Return the fit of the new runs held against each, beyond the relation of healthy runs."""
+    e = equations
+    own = {int(r): np.flatnonzero(e.run == r) for r in (*new, *healthy)}
+    gram = {r: e.gram[rows].sum(0) for r, rows in own.items()}
+    right = {r: e.right[rows].sum(0) for r, rows in own.items()}
+    known, fresh = healthy.tolist(), new.tolist()
+    rest = {}
+    for r, rows in own.items():
+        others = [h for h in known if h != r]
+        usual = _solve(_sum(gram, others), _sum(right, others))
+        rest[r] = e.right[rows] - e.gram[rows] @ usual
+    right = {r: sums.sum(0) for r, sums in rest.items()}
+    whole = _solve(_sum(gram, fresh), _sum(right, fresh))
+    cross, power = np.zeros(len(e.run)), np.zeros(len(e.run))
+    for r, rows in own.items():
+        if r not in fresh:
+            parts = [(slice(None), whole)]
+        elif len(fresh) > 1:
+            others = [n for n in fresh if n != r]
+            parts = [(slice(None), _solve(_sum(gram, others), _sum(right, others)))]
+        else:  # one half of a run by the other
+            half = len(rows) // 2
+            first, last = slice(None, half), slice(half, None)
+            parts = [
+                (part, _solve(e.gram[rows[other]].sum(0), rest[r][other].sum(0)))
+                for part, other in ((first, last), (last, first))
+            ]
+        for part, fit in parts:
+            cross[rows[part]] = rest[r][part] @ fit
+            power[rows[part]] = np.einsum("i,bij,j->b", fit, e.gram[rows[part]], fit)
+    return Held(cross, power, new, healthy, e.run, whole)
+
+
+def _sum(sums: Mapping[int, FloatArray], runs: Sequence[int]) -> FloatArray:
+    return np.asarray(np.sum([sums[r] for r in runs], axis=0))
+
+
+def two_sided(
+    new: FloatArray, within_new: FloatArray, healthy: FloatArray, within_healthy: FloatArray
+) -> float:
+    """Return t of the difference of two groups of runs.
+
+    A run weighs by its variance from block to block and the variance from run to run beyond that.
+    The spread is never less than blocks within runs alone would give: few runs may be alike by
+    chance. Source: DerSimonian and Laird, Controlled Clinical Trials 7 (1986).
+    """
+    n, m = len(new), len(healthy)
+    squares = float(((new - new.mean()) ** 2).sum() + ((healthy - healthy.mean()) ** 2).sum())
+    within = float(np.concatenate([within_new, within_healthy]).mean())
+    between = max(squares / max(n + m - 2, 1) - within, 0.0)
+    sides = []
+    for slope, own in ((new, within_new), (healthy, within_healthy)):
+        weight = 1.0 / np.maximum(own + between, 1e-300)
+        sides.append((float(slope @ weight / weight.sum()), float(1.0 / weight.sum())))
+    (here, own), (there, other) = sides
+    return (here - there) / max(float(np.sqrt(own + other)), 1e-300)
+
+
+def _solve(gram: FloatArray, right: FloatArray) -> FloatArray:
+    k, size = len(right), float(np.trace(gram))
+    if size < NOTHING:
+        return np.zeros(k)
+    return np.asarray(np.linalg.solve(gram + RIDGE * size / k * np.eye(k), right))
