@@ -174,9 +174,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _period_s(model: Path) -> float:
-    from training.gap.inputs.base import check
+    from training.gap.inputs.base import card_of
 
-    return check(model).period_ns / 1e9
+    return card_of(model).period_ns / 1e9
 
 
 def _effects(names: list[str]) -> list[str]:
@@ -214,7 +214,10 @@ def _print(result: "Result", out: Path) -> None:
     print(verdict_sentence(result))
     before, after, floor, measured_on = result.rmse
     then = "" if after is None else f", {after:.4f} after"
-    print(f"RMSE in phi on {measured_on}: {before:.4f} before{then}, noise floor {floor:.4f}")
+    print(
+        f"RMSE in {result.inputs.unit} on {measured_on}: {before:.4f} before{then}, "
+        f"noise floor {floor:.4f}"
+    )
     for candidate in result.naming.trials.ranking[:5]:
         merit = candidate.merit
         print(

@@ -106,6 +106,17 @@ class ChangesConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class ResponseConfig:
+    """When a reading without a chain differs from that of healthy runs."""
+
+    false_share: float
+    sure: float
+    near: float
+    straight: float
+    runs_min: int
+
+
+@dataclass(frozen=True, slots=True)
 class HealthyConfig:
     """Operating points and the spread of healthy drives."""
 
@@ -159,6 +170,7 @@ class GapConfig:
     regimes: RegimesConfig
     bands: BandsConfig
     changes: ChangesConfig
+    response: ResponseConfig
     healthy: HealthyConfig
     add: AddConfig
     verify: VerifyConfig

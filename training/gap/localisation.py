@@ -1,7 +1,8 @@
 """The answer where no effect can be tried: where the model is wrong, and whether more than before.
 
 The library's effects act on the chain of charge and fuel. Recordings without fuel or air per stroke
-can still say in which regime, band or at what time a network is wrong.
+can still say in which regime, band or at what time a network is wrong, and with healthy recordings
+in what the reading differs from that of a healthy vehicle. So can any output other than lambda.
 """
 
 import time
@@ -18,13 +19,15 @@ from monitor.model.card import ModelCard
 from training.gap.config import CONFIG
 from training.gap.inputs import suitability
 from training.gap.name.verdict import Answer, BlockError, Naming, Trials, Verdict
+from training.gap.response.difference import Difference, References, difference_of
 from training.gap.result import Inputs, ModelFile, Result
 from training.gap.where.findings import Findings, localise
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Comparison
-from training.greybox.fit.drive import AFTER_CUT_S, OUTPUT, Drive, make
+from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, Drive, make
 from training.jobs.checkpoints import Progress
 from training.recordings.prediction import predicted_phi
+from training.recordings.preparation import hold
 from training.recordings.recording import Recording, training_recording
 
 LIMITS: Final = CONFIG.error_alone
@@ -54,10 +57,13 @@ def investigate(
         ]
         for each in (recordings, healthy)
     )
-    found = localise(new, known)
+    found, unit = localise(new, known), _unit(card)
+    difference = None
+    if len(known) >= CONFIG.response.runs_min:
+        progress("comparing runs")
+        difference = difference_of(new, References.learn(known, card.input_names), unit)
     optimism = _optimism(found, card, healthy)
-    answer = _naming(found, missing, optimism, sensor_known_good)
-    unknown = " ".join(found.significant) if answer.verdict == "unknown_effect" else None
+    answer = _naming(found, difference, missing, optimism, sensor_known_good)
     return Result(
         inputs=Inputs(
             model=ModelFile.of(model, card),
@@ -65,13 +71,26 @@ def investigate(
             healthy=tuple(map(training_recording, healthy)),
             held_out=(),
             sensor_known_good=sensor_known_good,
+            unit=unit,
         ),
         findings=found,
+        difference=difference,
         naming=answer,
-        unknown=unknown,
+        unknown=_description(found, difference) if answer.verdict == "unknown_effect" else None,
         warnings=tuple(suitability.poor_model_warnings(card)),
         seconds=time.monotonic() - began_s,
     )
+
+
+def _unit(card: ModelCard) -> str:
+    """Return what errors are in: phi, or the unit of an output that is not lambda."""
+    return "phi" if card.transform == "phi" else card.output.unit or f"units of {card.output.name}"
+
+
+def _description(found: Findings, difference: Difference | None) -> str:
+    if difference is None or difference.best is None:
+        return " ".join(found.significant)
+    return difference.best.sentence
 
 
 def _optimism(found: Findings, card: ModelCard, healthy: Sequence[Recording]) -> float | None:
@@ -90,17 +109,25 @@ def _optimism(found: Findings, card: ModelCard, healthy: Sequence[Recording]) ->
 
 def _naming(
     found: Findings,
+    difference: Difference | None,
     missing: Mapping[str, Sequence[str]],
     optimism: float | None,
     sensor_known_good: bool,
 ) -> Naming:
     """Return the verdict; every candidate is skipped."""
-    verdict, suspected = _verdict(found, optimism or 0.0, sensor_known_good)
+    verdict, suspected = _verdict(found, difference, sensor_known_good)
     names = sorted({name for group in missing.values() for name in group})
+    why = "" if not missing else f", and {', '.join(names)} cannot give {', '.join(missing)}"
+    by = "by the error alone" if difference is None else "by a comparison of runs"
     warnings = [
-        f"no effect could be tried: the library acts on the chain of charge and fuel, and "
-        f"{', '.join(names)} cannot give {', '.join(missing)}; the verdict is by the error alone"
+        "no effect could be tried: the library acts on lambda through the chain of charge and "
+        f"fuel{why}; the verdict is {by}"
     ]
+    if difference is None and found.excess.relative:
+        warnings.append(
+            f"{CONFIG.response.runs_min} healthy recordings or more tell how much runs differ "
+            "anyway; with fewer, chance is judged within the recordings"
+        )
     if not found.excess.relative:
         warnings.append(
             "no healthy recordings: a weakness of the model itself cannot be told from an effect"
@@ -126,10 +153,23 @@ def _naming(
 
 
 def _verdict(
-    found: Findings, optimism: float, sensor_known_good: bool
+    found: Findings, difference: Difference | None, sensor_known_good: bool
 ) -> tuple[Verdict, str | None]:
-    """Return the verdict and, if the sensor is suspected, the reason."""
-    if found.excess.low <= optimism or not found.significant:
+    """Return the verdict and, if the sensor is suspected, the reason.
+
+    No gap is the answer only if no question that the report shows was answered beyond chance.
+    """
+    if difference is not None:
+        best = difference.best
+        suspected = best is not None and difference.like_sensor and not sensor_known_good
+        if best is None:
+            return "no_gap", None
+        return (
+            ("sensor_fault_suspected", best.sentence.rstrip("."))
+            if suspected
+            else ("unknown_effect", None)
+        )
+    if not found.significant:
         return "no_gap", None
     change = next((c for c in found.changes if c.significant), None)
     if change is not None and not sensor_known_good:
@@ -138,10 +178,13 @@ def _verdict(
 
 
 def _drive(recording: Recording, card: ModelCard) -> Drive:
-    columns = {name: recording.column(name) for name in recording.names if name != OUTPUT}
+    output = card.output.name
+    columns = {name: recording.column(name) for name in recording.names if name != output}
     present = {name: x for name, x in columns.items() if np.isfinite(x).any()}
-    reading = recording.column(OUTPUT)
+    reading = recording.column(output)
     others = {n: x for n, x in present.items() if n in card.input_names or not _same(x, reading)}
+    if card.transform != "phi":
+        return _plain_drive(recording, others, reading)
     drive = make(
         recording.path.name,
         recording.period_ns / 1e9,
@@ -155,6 +198,22 @@ def _drive(recording: Recording, card: ModelCard) -> Drive:
         drive.phi_measured < LIMITS.lean_phi, LIMITS.before_cut_s, AFTER_CUT_S, drive.period_s
     )
     return replace(drive, scored=drive.scored & ~cut)
+
+
+def _plain_drive(
+    recording: Recording, signals: Mapping[str, FloatArray], reading: FloatArray
+) -> Drive:
+    """Return a drive of an output other than lambda: every sample with a reading is scored."""
+    period_s = recording.period_ns / 1e9
+    scored = np.isfinite(reading)
+    scored[: round(AFTER_GAP_S / period_s)] = False
+    return Drive(
+        name=recording.path.name,
+        period_s=period_s,
+        signals={name: hold(x) for name, x in signals.items()},
+        phi_measured=hold(reading),
+        scored=scored,
+    )
 
 
 def _same(signal: FloatArray, reading: FloatArray) -> bool:

@@ -14,6 +14,7 @@ from training.gap.add.addition import Addition
 from training.gap.config import CONFIG
 from training.gap.name.ranking import RIVAL_SCORE, loses
 from training.gap.name.verdict import Base, Candidate, Naming, Verdict
+from training.gap.response.difference import Difference
 from training.gap.verify.evidence import Verification
 from training.gap.where.findings import Findings
 from training.greybox.chain import Constants
@@ -23,6 +24,7 @@ from training.recordings.recording import sha256
 SCHEMA: Final = "o2train.gap/1"
 HELD_OUT_DRIVES: Final = "recordings that no fit saw"
 HELD_OUT_BLOCKS: Final = "blocks held out of the recordings"
+PHI: Final = "phi = 1 / lambda, outside fuel cut"
 NOTHING_FITTED: Final = "recordings to which nothing was fitted"
 
 
@@ -49,6 +51,7 @@ class Inputs:
     healthy: tuple[TrainingRecording, ...]
     held_out: tuple[TrainingRecording, ...]  # for verifying; no parameter of the new model saw them
     sensor_known_good: bool = False
+    unit: str = "phi"  # of errors
 
     @property
     def simulated(self) -> tuple[bool, ...]:
@@ -73,6 +76,7 @@ class Result:
     inputs: Inputs
     findings: Findings | None
     naming: Naming
+    difference: Difference | None = None  # from healthy runs, where no effect can be tried
     addition: Addition = field(default_factory=Addition)
     verified: Verification | None = None
     unknown: str | None = None  # description of an effect that is not in the library, sentences
@@ -163,12 +167,12 @@ def as_json(result: Result) -> dict[str, Any]:
     found: dict[str, Any] = {
         "schema": SCHEMA,
         "verdict": result.verdict,
-        "where": [] if result.findings is None else result.findings.where(),
+        "where": _where(result),
         "effects": [_effect(result, c) for c in result.effects],
         "rmse_before": before,
         "rmse_after": after,
         "noise_floor": floor,
-        "rmse_unit": "phi = 1 / lambda, outside fuel cut",
+        "rmse_unit": PHI if inputs.unit == "phi" else inputs.unit,
         "measured_on": measured_on,
         "detection_before": None if verified is None else verified.rate_before,
         "detection_after": None if verified is None else verified.rate_after,
@@ -205,6 +209,24 @@ def as_json(result: Result) -> dict[str, Any]:
     }
     tree: dict[str, Any] = plain(found, digits=None)
     return tree
+
+
+def _where(result: Result) -> list[dict[str, Any]]:
+    """Return the findings: of the comparison of runs if there is one, its p-values count."""
+    if result.difference is not None:
+        return [
+            {
+                "kind": "regime",
+                "regime": f.sentence,
+                "driver": f.driver or "everywhere",
+                "point": f.kind,
+                "p_value": f.p_value,
+                "separated": f is result.difference.best,
+            }
+            for f in result.difference.findings
+            if f.significant
+        ]
+    return [] if result.findings is None else result.findings.where()
 
 
 def save(result: Result, path: Path) -> None:

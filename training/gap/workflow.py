@@ -48,8 +48,9 @@ def investigate(
     Raises RecordingError or ModelError if recordings or model cannot be used.
     """
     began_s, stages = time.monotonic(), stages or Checkpoints()
-    card = base.check(material.model)
-    if missing := suitability.check_files(material.roles, card, material.model.name):
+    card = base.card_of(material.model)
+    missing = suitability.check_files(material.roles, card, material.model.name)
+    if missing or card.transform != "phi":
         return localisation.investigate(
             model=material.model,
             card=card,

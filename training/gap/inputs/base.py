@@ -12,7 +12,7 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.greybox.chain import Constants, simulate
-from training.greybox.fit.drive import Drive, from_recording
+from training.greybox.fit.drive import OUTPUT, Drive, from_recording
 from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.chain_graph import Greybox
 from training.recordings.prediction import predicted_phi
@@ -34,6 +34,15 @@ def check(model: Path) -> ModelCard:
             "lambda_measured from o2train fit"
         )
     return card
+
+
+def card_of(model: Path) -> ModelCard:
+    """Return the card of a model that the workflow can compare with recordings.
+
+    Raises ModelError if it predicts lambda, but not by way of phi.
+    """
+    card = Model.load(model).card
+    return card if card.output.name != OUTPUT else check(model)
 
 
 def constants_of(card: ModelCard) -> Constants:

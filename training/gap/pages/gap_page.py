@@ -33,7 +33,7 @@ def as_page(result: Result) -> str:
         chosen=[c.name for c in result.effects],
         added={a.name: a for a in result.addition.effects},
         units={name: limits.unit for name, limits in RANGES.items()},
-        where=where_section(result.findings) if result.findings else "",
+        where=_where(result),
         shown=SHOWN,
         cells=cells,
         draw=error_figures,
@@ -43,6 +43,24 @@ def as_page(result: Result) -> str:
             *([] if result.seconds is None else [f"The workflow took {result.seconds:.0f} s."]),
             "Packages: " + ", ".join(f"{name} {version(name)}" for name in PACKAGES),
         ],
+    )
+
+
+def _where(result: Result) -> str:
+    """Return the section: of the comparison of runs if there is one, else of the error alone."""
+    found, difference = result.findings, result.difference
+    if found is None:
+        return ""
+    if difference is None:
+        return where_section(found)
+    return part(
+        "gap/difference.html",
+        found=found,
+        difference=difference,
+        unit=result.inputs.unit,
+        shown=SHOWN,
+        draw=where_figures,
+        p_value=p_value,
     )
 
 

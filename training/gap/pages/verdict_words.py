@@ -70,8 +70,8 @@ def _no_gap(result: Result) -> str:
     found = "no candidate explains more than healthy drives differ by, evenly and as it can act"
     if not result.tried:
         found = "nothing in it is beyond chance"
-        if result.inputs.healthy:
-            found = "it is not beyond what the model left before"
+        if result.difference is not None:
+            found = "it is not beyond what healthy recordings differ by"
         found += "; no effect could be tried"
     return f"No gap: {_level(result)}, and {found}."
 
@@ -85,8 +85,9 @@ def _unknown(result: Result) -> str:
     if result.tried:
         found = f"no candidate of the library explains enough of it{_nearest(result)}"
     else:
-        before = "what the model left before" if result.inputs.healthy else "the noise"
-        found = f"it exceeds {before}; no effect could be tried"
+        found = "it exceeds the noise; no effect could be tried"
+        if result.inputs.healthy:
+            found = "it differs from healthy recordings; no effect could be tried"
     return f"Unknown effect: {_level(result)}, and {found}."
 
 
@@ -125,7 +126,8 @@ def _level(result: Result) -> str:
     before, _, floor, on = result.rmse
     healthy = result.verified.healthy if result.verified else None
     beside = f" ({phi(healthy.before)} on healthy ones)" if healthy else ""
-    return f"the error on {on} is {phi(before)} RMS in phi{beside}, the noise floor {phi(floor)}"
+    size = f"{phi(before)} RMS in {result.inputs.unit}{beside}"
+    return f"the error on {on} is {size}, the noise floor {phi(floor)}"
 
 
 def actions(result: Result) -> list[str]:
@@ -173,6 +175,8 @@ def _drive(result: Result) -> list[str]:
 
 def _describe(result: Result) -> list[str]:
     found = [result.unknown] if result.unknown else []
+    if result.difference is not None:
+        return found
     return [*found, "Look at the regimes under Where for what the library lacks."]
 
 
@@ -189,6 +193,8 @@ def _skipped(result: Result) -> list[str]:
     if not result.naming.trials.skipped:
         return []
     if not result.tried:
+        if result.inputs.unit != "phi":
+            return []
         return ["Record fuel and air per stroke, or what tells them, to have effects named."]
     names = ", ".join(result.naming.trials.skipped)
     return [f"Not looked at for want of signals: {names}. Record them if one of these is likely."]

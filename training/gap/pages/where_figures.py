@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from monitor.base.types import FloatArray
+from training.gap.response.account import Curve
 from training.gap.verify.evidence import Trace
 from training.gap.where.bands import Bands
 from training.gap.where.drivers import UNITS, WORDS
@@ -97,6 +98,15 @@ def curve_figure(regimes: Sequence[Regime]) -> Figure:
         axes.set_title(r.point)
         axes.set_xlabel(with_unit(r.words, r.unit))
         axes.set_ylabel(f"excess [{CURVE_UNITS.get(r.point, 'phi')}]")
+    return figure
+
+
+def added_figure(curve: Curve, driver: str, unit: str) -> Figure:
+    """Draw what a driver adds to the reading."""
+    figure, axes = drawing(2.6)
+    axes.plot(curve.x, curve.y, color="C0", linewidth=1.2)
+    axes.axhline(0.0, color="0.5", linewidth=0.7)
+    axes.set(xlabel=label(driver), ylabel=f"added [{unit}]")
     return figure
 
 

@@ -11,14 +11,12 @@ from monitor.base.types import FloatArray
 from training.gap.response.equations import Held
 from training.gap.response.families import PASTS_S, Family
 from training.gap.response.regressors import lagged
-from training.gap.where.splines import Basis
 from training.gap.where.transport import transported
 from training.greybox.fit.comparison import Comparison
 
 DELAYS_S: Final = tuple(np.arange(0.0, 1.51, 0.1).tolist())
 LAGS_S: Final = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0)
 GRID: Final = 9  # points of a curve in words
-OF_READING: Final = ("gain", "timing", "lag")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +63,7 @@ def response_of(new: Sequence[Comparison]) -> Response:
     for delay_s, lag_s in product(DELAYS_S, LAGS_S):
         made = np.concatenate(
             [
-                transported(
-                    r.phi_predicted, np.full(len(s), delay_s), lag_s, r.period_s
-                )[s]
+                transported(r.phi_predicted, np.full(len(s), delay_s), lag_s, r.period_s)[s]
                 for r, s in zip(new, rows, strict=True)
             ]
         )
@@ -80,11 +76,12 @@ def response_of(new: Sequence[Comparison]) -> Response:
 
 
 def curve_of(family: Family, held: Held, runs: Sequence[Comparison]) -> Curve:
-    """Return what a level adds over the driver's range."""
-    assert family.driver is not None
-    seen = np.concatenate([v[r.scored] for v, r in zip(family.driver.values, runs, strict=True)])
+    """Return what a level adds over the driver's range in the new runs, the family's first."""
+    assert family.driver is not None and family.basis is not None
+    values = family.driver.values[: len(runs)]
+    seen = np.concatenate([v[r.scored] for v, r in zip(values, runs, strict=True)])
     x = np.quantile(seen, np.linspace(0.02, 0.98, 5 * GRID))
-    y = Basis.of(seen, family.knots)(x) @ held.coefficients
+    y = family.basis(x) @ held.coefficients
     return Curve(x, y - y.mean())
 
 

@@ -33,9 +33,7 @@ class Blocks:
     memory: FloatArray  # (p,) of the healthy errors: how much of the last p errors stays
 
     @classmethod
-    def of(
-        cls, new: Sequence[Comparison], healthy: Sequence[Comparison], size: Spread
-    ) -> "Blocks":
+    def of(cls, new: Sequence[Comparison], healthy: Sequence[Comparison], size: Spread) -> "Blocks":
         """Return blocks as long as the other statistics use."""
         spread = tuple(size(r) for r in (*new, *healthy))
         rows, number, run = [], [], []
@@ -52,9 +50,7 @@ class Blocks:
         past = np.concatenate(
             [
                 np.column_stack([(r.residual / each)[own - k] for k in range(MEMORY + 1)])
-                for r, each, own in zip(
-                    healthy, spread[len(new) :], rows[len(new) :], strict=True
-                )
+                for r, each, own in zip(healthy, spread[len(new) :], rows[len(new) :], strict=True)
             ]
         )
         memory = _solve(past[:, 1:].T @ past[:, 1:], past[:, 1:].T @ past[:, 0])
@@ -191,9 +187,9 @@ def two_sided(
     within = float(np.concatenate([within_new, within_healthy]).mean())
     between = max(squares / max(n + m - 2, 1) - within, 0.0)
     sides = []
-    for slope, own in ((new, within_new), (healthy, within_healthy)):
-        weight = 1.0 / np.maximum(own + between, 1e-300)
-        sides.append((float(slope @ weight / weight.sum()), float(1.0 / weight.sum())))
+    for slopes, within_run in ((new, within_new), (healthy, within_healthy)):
+        weight = 1.0 / np.maximum(within_run + between, 1e-300)
+        sides.append((float(slopes @ weight / weight.sum()), float(1.0 / weight.sum())))
     (here, own), (there, other) = sides
     return (here - there) / max(float(np.sqrt(own + other)), 1e-300)
 

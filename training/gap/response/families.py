@@ -1,12 +1,12 @@
 """Ways in which an output may differ: of the reading as a whole, or with one driver.
 
-    offset        the output reads too much or too little
-    gain          it follows the healthy reading more or less than in proportion
-    timing        it comes late or early: a shift in time, to first order the slope
-    lag           it follows the healthy reading through a lag
-    level         a smooth function of a driver is added
-    dynamic       a driver's past is added: what a film, a volume or a slow wall leaves
-    timing with, gain with   the shift or the gain is a smooth function of a driver
+offset        the output reads too much or too little
+gain          it follows the healthy reading more or less than in proportion
+timing        it comes late or early: a shift in time, to first order the slope
+lag           it follows the healthy reading through a lag
+level         a smooth function of a driver is added
+dynamic       a driver's past is added: what a film, a volume or a slow wall leaves
+timing with, gain with   the shift or the gain is a smooth function of a driver
 """
 
 from collections.abc import Callable, Sequence
@@ -37,6 +37,7 @@ class Family:
     kind: str
     driver: Driver | None
     columns: tuple[FloatArray, ...]  # (n, k) of each run, new ones first
+    basis: Basis | None = None  # of a level
 
     @property
     def name(self) -> str:
@@ -65,7 +66,8 @@ def families_of(
         seen = np.concatenate([v[r.scored] for v, r in zip(driver.values, runs, strict=True)])
         for kind, make in _with(driver, seen, driver.name in inputs).items():
             columns = tuple(make(r, v) for r, v in zip(runs, driver.values, strict=True))
-            found.append(Family(kind, driver, columns))
+            basis = Basis.of(seen, KNOTS) if kind == "level" else None
+            found.append(Family(kind, driver, columns, basis))
     return found
 
 

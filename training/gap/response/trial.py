@@ -25,7 +25,7 @@ LOG_HALF: Final = float(np.log(0.5))
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The answers for one set of new and healthy runs, as standard normal; above 0: a difference."""
+    """The answers for one set of new and healthy runs, as standard normal values."""
 
     held: tuple[Held, ...]  # of each family
     z: FloatArray  # (n_families,)
@@ -82,8 +82,10 @@ class Questions:
         """Return the answers with these runs as new and healthy ones."""
         held = tuple(hold(e, new, healthy) for e in self.equations)
         freedom = len(new) + len(healthy) - 2
-        begins = [(self._apart(self.level, new[k:], np.r_[healthy, new[:k]]), k)
-                  for k in range(1, len(new))]
+        begins = [
+            (self._apart(self.level, new[k:], np.r_[healthy, new[:k]]), k)
+            for k in range(1, len(new))
+        ]
         z_begin, at = max(begins, key=lambda b: abs(b[0]), default=(0.0, 0))
         return Trial(
             held=held,

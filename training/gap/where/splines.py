@@ -27,9 +27,7 @@ class Basis:
         inside = values[(values >= low) & (values <= high)]
         inner = np.unique(np.quantile(inside, np.linspace(0.0, 1.0, knots + 1)))
         if len(inner) < 4:  # a variable that mostly rests has its quantiles at one value
-            inner = np.unique(
-                np.quantile(np.unique(inside), np.linspace(0.0, 1.0, knots + 1))
-            )
+            inner = np.unique(np.quantile(np.unique(inside), np.linspace(0.0, 1.0, knots + 1)))
         if len(inner) < 3:
             return cls(np.array([float(values.min()), float(values.max())]))
         return cls(np.concatenate([np.repeat(inner[0], 3), inner, np.repeat(inner[-1], 3)]))

@@ -212,4 +212,5 @@ def test_without_fuel_and_air_the_report_still_localises(
 def test_without_fuel_and_air_a_vehicle_as_it_was_has_no_gap(network: Path, tmp_path: Path) -> None:
     found, page = localised(network, tmp_path, rich=0.0)
     assert found["verdict"] == "no_gap"
-    assert "not beyond what the model left before" in page
+    assert "not beyond what healthy recordings differ by" in page
+    assert found["where"] == []

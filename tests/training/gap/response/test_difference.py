@@ -1,0 +1,99 @@
+"""In what a reading without a chain differs from that of healthy runs."""
+
+from typing import Final
+
+import numpy as np
+import pytest
+
+from monitor.base.types import FloatArray
+from training.gap.response.difference import Difference, References, difference_of
+from training.gap.response.regressors import lagged
+from training.greybox.fit.comparison import Comparison
+
+PERIOD_S: Final = 0.5
+INPUTS: Final = ("speed", "load")
+
+
+def run(seed: int) -> Comparison:
+    """A reading that follows speed and load, with slow noise of its own, 20 minutes."""
+    rng = np.random.default_rng(seed)
+    n = 2400
+    speed, load = (lagged(np.repeat(rng.normal(size=n // 20), 20), 2.0, PERIOD_S) for _ in INPUTS)
+    reading = 1.0 + 0.1 * np.tanh(speed) + 0.05 * lagged(load, 1.0, PERIOD_S)
+    reading += 0.01 * lagged(rng.normal(size=n), 1.0, PERIOD_S) + 0.002 * rng.normal()
+    return with_reading(
+        Comparison(
+            name=f"run {seed}",
+            period_s=PERIOD_S,
+            signals={"speed": speed, "load": load},
+            phi_measured=reading,
+            phi_predicted=np.zeros(n),
+            scored=np.arange(n) >= 20,
+        ),
+        reading,
+    )
+
+
+def with_reading(r: Comparison, reading: FloatArray) -> Comparison:
+    return Comparison(
+        name=r.name,
+        period_s=r.period_s,
+        signals=r.signals,
+        phi_measured=reading,
+        phi_predicted=r.phi_predicted,
+        scored=r.scored,
+    )
+
+
+@pytest.fixture(scope="module")
+def healthy() -> References:
+    return References.learn([run(seed) for seed in range(6)], INPUTS)
+
+
+@pytest.fixture(scope="module")
+def new() -> list[Comparison]:
+    return [run(seed) for seed in (11, 12, 13, 14, 15)]
+
+
+def found(new: list[Comparison], readings: list[FloatArray], healthy: References) -> Difference:
+    changed = [with_reading(r, y) for r, y in zip(new, readings, strict=True)]
+    return difference_of(changed, healthy)
+
+
+def test_runs_as_they_were_have_no_gap(healthy: References, new: list[Comparison]) -> None:
+    assert difference_of(new, healthy).best is None
+
+
+def test_a_ripple_over_speed_is_described(healthy: References, new: list[Comparison]) -> None:
+    readings = [r.phi_measured + 0.005 * np.sin(6.0 * r.signals["speed"]) for r in new]
+    answer = found(new, readings, healthy)
+    assert answer.best is not None
+    assert (answer.best.kind, answer.best.driver) == ("level", "speed")
+    assert not answer.like_sensor
+    assert "changes with the speed" in answer.best.sentence
+
+
+def test_a_gain_that_lowers_the_error_is_found(healthy: References, new: list[Comparison]) -> None:
+    readings = [1.0 + 0.7 * (r.phi_measured - 1.0) for r in new]
+    answer = found(new, readings, healthy)
+    assert answer.like_sensor
+    assert answer.response is not None
+    assert answer.response.gain == pytest.approx(0.7, abs=0.05)
+
+
+def test_a_slow_reading_is_described_by_its_lag(healthy: References, new: list[Comparison]) -> None:
+    readings = [lagged(r.phi_measured, 2.0, PERIOD_S) for r in new]
+    answer = found(new, readings, healthy)
+    assert answer.like_sensor
+    assert answer.response is not None
+    assert answer.response.lag_s + answer.response.delay_s == pytest.approx(2.0, abs=0.5)
+
+
+def test_an_offset_that_begins_with_a_run_names_the_run(
+    healthy: References, new: list[Comparison]
+) -> None:
+    readings = [r.phi_measured + 0.03 * (i >= 3) for i, r in enumerate(new)]
+    answer = found(new, readings, healthy)
+    assert answer.like_sensor
+    assert answer.best is not None
+    assert "From run 14 on the reading is +0.03" in answer.best.sentence

@@ -1,0 +1,216 @@
+"""Whether new runs of any output differ from healthy ones, in what, and how sure that is.
+
+Two references answer: the model's inputs, and all signals that were recorded. The first sees a
+change of the mixture as well as one of the reading; the second is sharper for the reading alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from training.gap.config import CONFIG
+from training.gap.response.account import Curve, Response, curve_of, past_s, response_of
+from training.gap.response.families import Family, families_of
+from training.gap.response.reference import Reference
+from training.gap.response.trial import Questions, Trial, p_value
+from training.gap.where.drivers import UNITS, WORDS, find_drivers
+from training.greybox.fit.comparison import Comparison
+
+LIMITS: Final = CONFIG.response
+SENSOR: Final = ("offset", "begins", "gain", "timing", "lag")  # what a faulty sensor does
+SIMPLE: Final = ("offset", "gain", "timing", "lag", "level", "dynamic", "timing with", "gain with")
+SHIFTS: Final = ("timing", "lag", "timing with", "gain", "gain with")
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One question with its answer."""
+
+    kind: str  # of the family, "size" or "begins"
+    driver: str  # "" for the reading as a whole
+    z: float
+    p_value: float  # of all questions together
+    gain: float  # fall of the whitened deviance of the new runs by fits that did not see them
+    sentence: str
+
+    @property
+    def significant(self) -> bool:
+        """Return whether it is beyond chance."""
+        return self.p_value < LIMITS.false_share
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The answers to all questions: the one that describes the difference, then the surest."""
+
+    findings: tuple[Finding, ...]
+    best: Finding | None  # None if nothing is beyond chance
+    response: Response | None  # where the best is a shift or a gain
+    curve: Curve | None  # where the best is a level
+
+    @property
+    def like_sensor(self) -> bool:
+        """Return whether the best finding is what a faulty sensor does."""
+        return self.best is not None and self.best.kind in SENSOR
+
+
+@dataclass(frozen=True, slots=True)
+class References:
+    """What healthy runs say, by the model's inputs and by all recorded signals."""
+
+    inputs: tuple[str, ...]
+    each: tuple[Reference, ...]
+
+    @classmethod
+    def learn(cls, healthy: Sequence[Comparison], inputs: Sequence[str]) -> "References":
+        """Return both; the same one once if no other signal was recorded."""
+        shared = [n for n in healthy[0].signals if all(n in r.signals for r in healthy)]
+        sets = dict.fromkeys((tuple(inputs), tuple(shared)))
+        return cls(tuple(inputs), tuple(Reference.learn(healthy, names) for names in sets))
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a finding comes from."""
+
+    finding: Finding
+    runs: tuple[Comparison, ...]  # the new ones as measured, beside the reference
+    family: Family | None
+    trial: Trial
+    number: int  # of the family
+
+
+def difference_of(
+    new: Sequence[Comparison], references: References, unit: str = "", seed: int = 0
+) -> Difference:
+    """Return in what new runs differ from the healthy ones.
+
+    unit : of the output, for the sentences; empty for phi
+    """
+    places = [
+        place
+        for reference in references.each
+        if all(n in r.signals for r in new for n in reference.regressors.inputs)
+        for place in _asked(new, reference, references, unit, seed)
+    ]
+    ranked = sorted(places, key=lambda p: -p.finding.z)
+    first = _described_by(ranked)
+    if first is None:
+        return Difference(tuple(p.finding for p in ranked), None, None, None)
+    others = [p.finding for p in ranked if p is not first]
+    found, response, curve = first.finding, None, None
+    if first.family is not None and found.kind in SHIFTS:
+        response = response_of(first.runs)
+    if first.family is not None and found.kind == "level":
+        curve = curve_of(first.family, first.trial.held[first.number], first.runs)
+    sentence = _sentence(first, response, curve, unit)
+    best = replace(found, sentence=sentence)
+    return Difference((best, *others), best, response, curve)
+
+
+def _described_by(ranked: Sequence[_Place]) -> _Place | None:
+    """Return the finding that describes the difference; None if nothing is beyond chance.
+
+    Of the findings that are about as sure as the surest, by the same reference, the one that
+    explains most of runs that it did not see; a simpler one that explains nearly as much goes
+    first. That the error is larger is no description as long as there is another.
+    """
+    significant = [p for p in ranked if p.finding.significant]
+    if not significant:
+        return None
+    surest = next((p for p in significant if p.finding.kind != "size"), significant[0])
+    near = [
+        p
+        for p in ranked
+        if p.family is not None
+        and p.trial is surest.trial
+        and p.finding.z >= LIMITS.sure * surest.finding.z
+    ]
+    if surest.family is None or not near:
+        return surest
+    most = max(p.finding.gain for p in near)
+    good = [p for p in near if p.finding.gain >= LIMITS.near * most]
+    return min(good, key=lambda p: (SIMPLE.index(p.finding.kind), -p.finding.gain))
+
+
+def _asked(
+    new: Sequence[Comparison], reference: Reference, references: References, unit: str, seed: int
+) -> list[_Place]:
+    fresh = reference.beside(new)
+    runs = [*fresh, *reference.healthy]
+    families = families_of(runs, find_drivers(runs), references.inputs)
+    questions = Questions.of(fresh, reference.healthy, families, reference.spread)
+    plain = tuple(
+        replace(r, phi_predicted=f.phi_predicted) for r, f in zip(new, fresh, strict=True)
+    )
+    trial, chance = questions.answer(), questions.chance(np.random.default_rng(seed))
+
+    def place(family: Family | None, z: float, kind: str, gain: float, number: int) -> _Place:
+        p = min(len(references.each) * p_value(z, chance), 1.0)
+        driver = family.driver.name if family is not None and family.driver is not None else ""
+        found = Finding(kind, driver, z, p, gain, "")
+        one = _Place(found, plain, family, trial, number)
+        return replace(one, finding=replace(found, sentence=_sentence(one, None, None, unit)))
+
+    return [
+        *(
+            place(f, float(z), f.kind, h.gain, i)
+            for i, (f, h, z) in enumerate(zip(families, trial.held, trial.z, strict=True))
+        ),
+        place(None, abs(trial.z_size), "size", 0.0, -1),
+        place(None, abs(trial.z_begin), "begins", 0.0, -1),
+    ]
+
+
+def _sentence(place: _Place, response: Response | None, curve: Curve | None, unit: str) -> str:
+    found, of = place.finding, unit or "phi"
+    words = WORDS.get(found.driver, found.driver.replace("_", " "))
+    if response is not None:
+        more = f", changing with the {words}" if found.driver else ""
+        return f"The reading follows that of the healthy vehicle {response.words}{more}."
+    if curve is not None:
+        low, high = float(curve.y.min()), float(curve.y.max())
+        straight = curve.straight >= LIMITS.straight
+        per = UNITS.get(found.driver, "unit")
+        size = f"{curve.slope:+.3g} {of} per {per}" if straight else "not in proportion"
+        return f"The reading changes with the {words}: {size}, {low:+.3g} to {high:+.3g} {of}."
+    if found.kind in _OF_RUNS:
+        return _OF_RUNS[found.kind](place, of)
+    if found.kind == "dynamic":
+        s = past_s(place.trial.held[place.number], place.runs[0].period_s)
+        after = f"half of it is gone after {s:.1f} s"
+        return f"The reading keeps a memory of changes of the {words}; {after}."
+    return _PLAIN[found.kind] + (f" {words}." if found.driver else ".")
+
+
+def _begins(place: _Place, of: str) -> str:
+    runs, at = place.runs, place.trial.begins
+    step = _mean(runs[at:]) - _mean(runs[:at]) if at else 0.0
+    return f"From {runs[at].name} on the reading is {step:+.3g} {of} off."
+
+
+def _size(place: _Place, of: str) -> str:
+    side = "larger" if place.trial.z_size > 0.0 else "smaller"
+    return f"The error is {side} than on healthy runs."
+
+
+def _offset(place: _Place, of: str) -> str:
+    off = float(place.trial.held[place.number].coefficients[0])
+    return f"The reading is {off:+.3g} {of} off everywhere."
+
+
+_OF_RUNS: Final = {"begins": _begins, "size": _size, "offset": _offset}
+_PLAIN: Final = {
+    "gain": "The reading moves more or less than in proportion",
+    "timing": "The reading comes earlier or later",
+    "lag": "The reading is slower or faster",
+    "level": "The reading changes with the",
+    "timing with": "The reading comes earlier or later, depending on the",
+    "gain with": "The reading moves more or less, depending on the",
+}
+
+
+def _mean(runs: Sequence[Comparison]) -> float:
+    return float(np.mean([r.residual[r.scored].mean() for r in runs]))
