@@ -1,6 +1,7 @@
 """The example plug-ins, installed as a user installs them, and what they do in the monitor."""
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -145,3 +146,36 @@ def test_a_rule_that_cannot_be_used_is_named(
         monkeypatch.delitem(sys.modules, "own_rules", raising=False)
     with pytest.raises(ConfigError, match=rf"\[rules\] {name}: .*{said}"):
         rules.loaded([name])
+
+
+OWN_EFFECT = """
+import numpy as np
+from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from tests.training.greybox import test_effect_forms as forms
+from training import cli
+from training.greybox.effects import LIBRARY
+from training.greybox.chain import Constants, base_path
+
+effect = LIBRARY["fuel_density"]
+signals = plain_signals()
+signals["coolant_temperature_degc"] = np.full(len(signals["fuel_mass_mg"]), 90.0)
+path = base_path(Constants(), signals)
+thinner = effect.apply(path, np.array([0.001]), signals, PERIOD_S)
+np.testing.assert_allclose(thinner.fuel_mg, 0.99 * path.fuel_mg)
+forms.test_the_arrays_and_the_graph_of_an_effect_agree(effect)
+cli.main(["gap", "--library"])
+"""
+
+
+def test_an_effect_joins_the_library_of_the_gap_workflow(site: Path) -> None:
+    # WHEN a plug-in that brings an effect is installed
+    paths = os.pathsep.join((str(site), str(ROOT)))
+    call = [sys.executable, "-c", OWN_EFFECT]
+    ran = subprocess.run(
+        call, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, check=False
+    )
+    # THEN arrays and graph of the effect agree, and the command lists it with its source
+    assert ran.returncode == 0, ran.stderr
+    listed = ran.stdout.split("fuel_density (physics, from o2-monitor-plugin-examples 1)")[1]
+    assert "expansion -0.002 to 0.004 1/K" in listed
+    assert "source: volume expansion of petrol" in listed

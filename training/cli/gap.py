@@ -31,6 +31,16 @@ Repeat the same command to continue a stopped run.
 """
 
 
+class _Library(argparse.Action):
+    """Print the library and exit."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from training.gap.pages.library import as_text
+
+        print(as_text())
+        parser.exit()
+
+
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     """Add the command ``gap`` to ``subparsers``."""
     gap = subparsers.add_parser(
@@ -92,6 +102,12 @@ def _add_recordings(parser: argparse.ArgumentParser) -> None:
 
 def _add_choices(parser: argparse.ArgumentParser) -> None:
     """Add the folder and how the workflow names and adds."""
+    parser.add_argument(
+        "--library",
+        action=_Library,
+        nargs=0,
+        help="list the effects with constants, bounds and sources, those of plug-ins too, and exit",
+    )
     parser.add_argument(
         "--out",
         type=paths.folder,
@@ -192,12 +208,14 @@ def _effects(names: list[str]) -> list[str]:
 def _identity(material: "Material", options: "Options") -> dict[str, Any]:
     """Return digests of model, options, code and recordings; equal digests give equal results."""
     from training import __file__ as package
+    from training.greybox.effects.brought import origins
     from training.jobs.run_folder import code_sha256
     from training.recordings.recording import sha256
 
     root = Path(package).parent
     return {
         "model": sha256(material.model),
+        "plugins": origins(),
         "options": repr(options),
         "code": code_sha256([*root.rglob("*.py"), *root.rglob("*.toml")], root),
         **{

@@ -19,9 +19,19 @@ from training.gap.where.drivers import UNITS, WORDS, find_drivers
 from training.greybox.fit.comparison import Comparison
 
 LIMITS: Final = CONFIG.response
-SENSOR: Final = ("offset", "begins", "gain", "timing", "lag")  # what a faulty sensor does
-SIMPLE: Final = ("offset", "gain", "timing", "lag", "level", "dynamic", "timing with", "gain with")
-SHIFTS: Final = ("timing", "lag", "timing with", "gain", "gain with")
+SENSOR: Final = (
+    "offset",
+    "begins",
+    "gain",
+    "timing",
+    "lag",
+    "response",
+)  # what a faulty sensor does
+SIMPLE: Final = (
+    *("offset", "gain", "timing", "lag", "response"),
+    *("level", "dynamic", "timing with", "gain with"),
+)
+SHIFTS: Final = ("timing", "lag", "response", "timing with", "gain", "gain with")
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +216,7 @@ _PLAIN: Final = {
     "gain": "The reading moves more or less than in proportion",
     "timing": "The reading comes earlier or later",
     "lag": "The reading is slower or faster",
+    "response": "The reading comes later, slower or in another proportion",
     "level": "The reading changes with the",
     "timing with": "The reading comes earlier or later, depending on the",
     "gain with": "The reading moves more or less, depending on the",

@@ -62,7 +62,7 @@ def families_of(
         Family(kind, None, tuple(make(r, np.zeros(len(r.residual))) for r in runs))
         for kind, make in UNIFORM.items()
     ]
-    for driver in drivers:
+    for driver in (d for d in drivers if d.name not in OF_READING):
         seen = np.concatenate([v[r.scored] for v, r in zip(driver.values, runs, strict=True)])
         for kind, make in _with(driver, seen, driver.name in inputs).items():
             columns = tuple(make(r, v) for r, v in zip(runs, driver.values, strict=True))
@@ -92,7 +92,11 @@ UNIFORM: Final[dict[str, Make]] = {
     "gain": lambda r, _: moved(r),
     "timing": lambda r, _: slope(r),
     "lag": lambda r, _: past(r, hold(r.phi_predicted), LAGS_S),
+    "response": lambda r, _: np.column_stack(
+        [slope(r), moved(r), past(r, r.phi_predicted, LAGS_S)]
+    ),
 }
+OF_READING: Final = ("phi_predicted", "phi_slope_1_s")  # the reading itself: asked above
 
 
 def _with(driver: Driver, seen: FloatArray, is_input: bool) -> dict[str, Make]:

@@ -2,11 +2,16 @@
 
 Each effect has a few constants and changes the mixture's path (``training.greybox.chain.Path``),
 nothing else. Its equation stands once in its file; a drive and a graph compute it alike. For a new
-effect write the file and enter it here; fits try the effects in this order.
+effect write the file and enter it here; fits try the effects in this order. A distribution may
+bring effects of its own, see ``brought``.
+
+``ALL`` and ``LIBRARY`` are made on first use, because a module that brings an effect imports this
+package.
 """
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Final
 
 from training.greybox.effects import (
     back_pressure,
@@ -26,9 +31,12 @@ from training.greybox.effects import (
     sensor_asymmetry,
     wall_film,
 )
+from training.greybox.effects.brought import with_brought
 from training.greybox.effects.form.effect import Effect, Own, Parameter, along
 
-ALL: tuple[Effect, ...] = (
+ALL: tuple[Effect, ...]
+LIBRARY: Mapping[str, Effect]
+OWN: Final[tuple[Effect, ...]] = (  # of this package
     wall_film.EFFECT,
     injector_offset.EFFECT,
     rail_exponent.EFFECT,
@@ -46,6 +54,15 @@ ALL: tuple[Effect, ...] = (
     sensor_asymmetry.EFFECT,
     back_pressure.EFFECT,
 )
-LIBRARY: Mapping[str, Effect] = MappingProxyType({effect.name: effect for effect in ALL})
 
-__all__ = ["ALL", "LIBRARY", "Effect", "Own", "Parameter", "along"]
+
+def __getattr__(name: str) -> object:
+    if name not in ("ALL", "LIBRARY"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    every = with_brought(OWN)
+    library = MappingProxyType({effect.name: effect for effect in every})
+    globals().update(ALL=every, LIBRARY=library)
+    return globals()[name]
+
+
+__all__ = ["ALL", "LIBRARY", "OWN", "Effect", "Own", "Parameter", "along"]

@@ -43,6 +43,7 @@ class Effect:
     optional: tuple[str, ...] = ()  # signals that the effect reads if they are present
     superseded: tuple[tuple[str, str], ...] = ()  # (optional signal, signal that replaces it)
     tag: Tag
+    source: str = ""  # where the equation is from, in words
     like: tuple[str, ...] = ()  # names from which the effect cannot be told by construction
     gain_class: bool = False  # a constant factor on the mixture: seen against a reference only
     varies: bool = False  # from drive to drive, so that the effect may begin between two drives
