@@ -1,6 +1,7 @@
 """The command ``o2train gap-study``: run the gap workflow on many simulated cases."""
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
@@ -16,6 +17,8 @@ _EXAMPLES = """examples:
   o2train gap-study --out study
   o2train gap-study --out study --base narx --kinds effect,null --cases 40
   o2train gap-study --out study --cases effect=80 fault=20 --jobs 4
+  o2train gap-study --export challenge --vehicles 4 --cases effect=20 null=10 fault=5
+  o2train gap-study --score answers.json --export challenge
 
 Repeat the same command to continue a stopped run."""
 
@@ -39,12 +42,50 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
         "workflow may then train a network again",
     )
     study.add_argument(
+        "--export",
+        type=paths.folder,
+        metavar="DIR",
+        help="write a challenge instead of running the study: recordings of every case and of its "
+        "healthy vehicle, and the hash of the truth. The truth is written beside, as "
+        "DIR-truth.json: keep it until the answers are in. Vehicles and seeds are drawn in secret",
+    )
+    study.add_argument(
+        "--score",
+        type=paths.read,
+        metavar="ANSWERS",
+        help="count the right answers of a challenge: answers.json of the folder, filled in by "
+        "anyone. With --export DIR, the truth must have the hash in DIR",
+    )
+    study.add_argument(
+        "--truth",
+        type=paths.read,
+        metavar="FILE",
+        help="truth of the challenge (default: DIR-truth.json beside --export DIR)",
+    )
+    study.add_argument(
         "--sensor-known-good",
         action="store_true",
         help="pass --sensor-known-good to the workflow; leaves the kinds onset and fault out",
     )
     add_cores_options(study)
-    study.set_defaults(func=run, also_written=lambda args: [args.out / REPORT, args.out / RESULT])
+    study.set_defaults(func=run, also_written=_written)
+
+
+def _written(args: argparse.Namespace) -> list[Path]:
+    """Return the files that the command writes beside those of the options."""
+    if args.score:
+        return []
+    if args.export:
+        return [_truth(args)]
+    return [args.out / REPORT, args.out / RESULT] if args.out else []
+
+
+def _truth(args: argparse.Namespace) -> Path:
+    if args.truth is not None:
+        return Path(args.truth)
+    if args.export is None:
+        raise UsageError("--score needs --truth FILE or --export DIR")
+    return Path(args.export).with_name(f"{Path(args.export).name}-truth.json")
 
 
 def _add_cases(parser: argparse.ArgumentParser) -> None:
@@ -59,9 +100,9 @@ def _add_cases(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out",
         type=paths.folder,
-        required=True,
         metavar="DIR",
-        help="folder for the cases, report.html and gap_study.json",
+        help="folder for the cases, report.html and gap_study.json; needed without --export and "
+        "--score",
     )
     parser.add_argument(
         "--kinds",
@@ -115,6 +156,12 @@ def run(args: argparse.Namespace) -> int:
     An interrupted run also writes a report, with the finished cases.
     Raises UsageError for an impossible option (exit code 2).
     """
+    if args.score:
+        return _score(args)
+    if args.export:
+        return _export(args)
+    if args.out is None:
+        raise UsageError("--out DIR is needed, or --export DIR, or --score ANSWERS")
     from tqdm import tqdm
 
     from training.jobs import run_folder
@@ -133,6 +180,25 @@ def run(args: argparse.Namespace) -> int:
         write_text(args.out / REPORT, as_page(rows, study, identity))
         run_folder.write_json(args.out / RESULT, result.result(rows, study, identity), indent=1)
         print(f"report: {args.out / REPORT}")
+    return 0
+
+
+def _export(args: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from training.studies.gap import challenge
+
+    study = challenge.secret(_study(args))
+    with tqdm(unit="folder", disable=args.nothing or None) as bar:
+        digest = challenge.export(study, args.export, _truth(args), bar.update)
+    print(f"challenge: {args.export}\ntruth: {_truth(args)}, sha256 {digest}")
+    return 0
+
+
+def _score(args: argparse.Namespace) -> int:
+    from training.studies.gap import challenge
+
+    print(challenge.as_text(challenge.score(args.score, _truth(args), args.export)))
     return 0
 
 
