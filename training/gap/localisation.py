@@ -27,8 +27,8 @@ from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, Drive, make
 from training.jobs.checkpoints import Progress
 from training.recordings.prediction import predicted_phi
-from training.recordings.preparation import hold
 from training.recordings.recording import Recording, training_recording
+from training.recordings.rows import hold
 
 LIMITS: Final = CONFIG.error_alone
 

@@ -20,7 +20,7 @@ from training.gap.response.regressors import lagged
 from training.gap.where.drivers import Driver, rate
 from training.gap.where.splines import Basis
 from training.greybox.fit.comparison import Comparison
-from training.recordings.preparation import hold
+from training.recordings.rows import hold
 
 LAGS_S: Final = (0.3, 1.0, 3.0)  # of the reading
 PASTS_S: Final = (0.5, 1.5, 5.0, 20.0)  # of a driver
