@@ -110,6 +110,7 @@ class ResponseConfig:
     """When a reading without a chain differs from that of healthy runs."""
 
     false_share: float
+    likely: float
     sure: float
     near: float
     straight: float

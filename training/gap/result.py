@@ -18,6 +18,7 @@ from training.gap.response.difference import Difference
 from training.gap.verify.evidence import Verification
 from training.gap.where.findings import Findings
 from training.greybox.chain import Constants
+from training.greybox.effects.empirical import formula
 from training.jobs.json_tree import plain
 from training.recordings.recording import sha256
 
@@ -90,8 +91,9 @@ class Result:
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
-        """Return the named effects, or the ambiguous set, at most three."""
-        found = self.naming.answer.effects if self.verdict in ("named", "ambiguous") else ()
+        """Return the named effects, the ambiguous set or the terms of a formula, at most three."""
+        with_effects = self.verdict in ("named", "ambiguous", "unknown_effect")
+        found = self.naming.answer.effects if with_effects else ()
         return found[: CONFIG.inputs.effects_max]
 
     @property
@@ -245,6 +247,9 @@ def _effect(result: Result, chosen: Candidate) -> dict[str, Any]:
             "parameters": dict(own.parameters),
             "standard_errors": dict(own.standard_errors),
         }
+    if chosen.kind == "empirical":
+        values = own.parameters if own is not None else chosen.parameters
+        entry["formula"] = formula(chosen.name, list(values.values()))
     return entry | {
         "runner_up": None if second is None else second.name,
         "runner_up_score": None if second is None else second.merit.score,

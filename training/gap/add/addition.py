@@ -54,7 +54,7 @@ def add(
     progress: Progress,
 ) -> Addition:
     """Write the model with the named effects to ``out`` and return the addition."""
-    if naming.verdict != "named":
+    if naming.verdict not in ("named", "unknown_effect") or not naming.answer.effects:
         return Addition()
     if (withheld := withheld_effects(naming, options)) is not None:
         return Addition(warnings=(withheld,))

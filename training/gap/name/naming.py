@@ -18,6 +18,7 @@ from training.gap.healthy.behaviour import Healthy
 from training.gap.name import scoring, yardstick
 from training.gap.name.base_state import FREE, base_state
 from training.gap.name.decision import Outcome, step
+from training.gap.name.formula import formula_of
 from training.gap.name.ranking import ADEQUATE, State, adequacy_of
 from training.gap.name.verdict import (
     Answer,
@@ -71,13 +72,26 @@ def name(
     if not sensor_known_good and first.case.prior is not None:
         candidates += FAULTS
     advance = _advance(first, candidates, steps, sensor_known_good, progress)
-    return _answer(
+    naming = _answer(
         first,
         advance,
         skipped=skipped,
         known=known,
         reference=reference,
         warnings=(*_doubts(first.case, known), *advance.warnings),
+    )
+    return _with_formula(naming, first, progress) if naming.verdict == "unknown_effect" else naming
+
+
+def _with_formula(naming: Naming, first: State, progress: Progress) -> Naming:
+    """Return the naming of an unknown effect with its formula, if there is a clear one."""
+    if not (found := formula_of(first, progress)):
+        return naming
+    after = held_out_rmse(first.case, found[-1].fit)
+    return replace(
+        naming,
+        answer=replace(naming.answer, effects=found),
+        error=replace(naming.error, after=after),
     )
 
 

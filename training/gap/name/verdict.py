@@ -7,11 +7,12 @@ from typing import Literal
 from training.gap.name.manoeuvres import Experiment
 from training.greybox.chain import Constants
 from training.greybox.effects import Effect
+from training.greybox.effects.empirical import is_empirical
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.joint import Fit, Term
 
 Verdict = Literal["named", "no_gap", "ambiguous", "unknown_effect", "sensor_fault_suspected"]
-Kind = Literal["effect", "sensor fault"]
+Kind = Literal["effect", "empirical", "sensor fault"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,9 @@ class Candidate:
 
     @property
     def kind(self) -> Kind:
-        """Return whether the candidate is an effect or a sensor fault."""
+        """Return whether the candidate is an effect, a formula of signals or a sensor fault."""
+        if is_empirical(self.name):
+            return "empirical"
         return "effect" if isinstance(self.term, Effect) else "sensor fault"
 
     @property
@@ -96,7 +99,7 @@ class Round:
 class Answer:
     """The conclusion beside the verdict."""
 
-    effects: tuple[Candidate, ...] = ()  # named, or the ambiguous set
+    effects: tuple[Candidate, ...] = ()  # named, the ambiguous set, or terms of a formula
     suspected: str | None = None  # the sensor fault, or the onset
     indistinguishable: tuple[Candidate, ...] = ()  # effects that the suspected fault looks like
     experiment: Experiment | None = None  # drive that tells an ambiguous set apart

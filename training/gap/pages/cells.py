@@ -7,6 +7,7 @@ from monitor.model.card import TrainingRecording
 from training.gap.result import Result
 from training.gap.verify.evidence import Count, Detection, Error, rate
 from training.greybox.effects import LIBRARY
+from training.greybox.effects.empirical import effect_of, is_empirical
 from training.greybox.effects.form.effect import Parameter
 from training.greybox.fit.sensor_faults import FAULTS
 from training.pages.numbers import MISSING, fixed, percent, unit_of
@@ -16,6 +17,11 @@ KNOWN: Final[Mapping[str, tuple[Parameter, ...]]] = {
     **{name: effect.parameters for name, effect in LIBRARY.items()},
     **{fault.name: fault.parameters for fault in FAULTS},
 }
+
+
+def parameters_of(name: str) -> tuple[Parameter, ...]:
+    """Return the constants of an effect or sensor fault, also of a formula's term."""
+    return effect_of(name).parameters if is_empirical(name) else KNOWN.get(name, ())
 
 
 def phi(value: float | None) -> str:
@@ -69,7 +75,7 @@ def values(
     units: Mapping[str, str],
 ) -> str:
     """Return constants with standard errors in one line; one at its bound says so."""
-    bounds = {p.name: p for p in KNOWN.get(name, ())}
+    bounds = {p.name: p for p in parameters_of(name)}
     return "; ".join(
         f"{p} {value:.3g} ± {standard_errors.get(p, float('nan')):.2g} "
         f"{unit_of(units.get(p, ''))}".rstrip()

@@ -6,6 +6,7 @@ from training.gap.name.ranking import ADEQUATE
 from training.gap.pages.cells import phi
 from training.gap.result import Result
 from training.gap.verify.evidence import Count, Detection, Error
+from training.greybox.effects.empirical import formula
 from training.pages.numbers import percent
 
 
@@ -88,7 +89,21 @@ def _unknown(result: Result) -> str:
         found = "it exceeds the noise; no effect could be tried"
         if result.inputs.healthy:
             found = "it differs from healthy recordings; no effect could be tried"
-    return f"Unknown effect: {_level(result)}, and {found}."
+    return f"Unknown effect: {_level(result)}, and {found}.{_formula(result)}"
+
+
+def _formula(result: Result) -> str:
+    """Return the formula that was added, and what it does to the error."""
+    if not result.addition.effects:
+        return ""
+    terms = [formula(e.name, list(e.parameters.values())) for e in result.addition.effects]
+    before, after, _, on = result.rmse
+    if after is None or result.addition.path is None:
+        return ""
+    return (
+        f" Added as an empirical effect: {_and(terms)}. With it the error on {on} "
+        f"{_falls(result)}, from {phi(before)} to {phi(after)}."
+    )
 
 
 def _nearest(result: Result) -> str:
@@ -177,6 +192,11 @@ def _describe(result: Result) -> list[str]:
     found = [result.unknown] if result.unknown else []
     if result.difference is not None:
         return found
+    if result.addition.path is not None:
+        found.append(
+            f"{result.addition.path} has the formula, found in these recordings and not in a "
+            "library: use it within their speeds, loads and temperatures."
+        )
     return [*found, "Look at the regimes under Where for what the library lacks."]
 
 

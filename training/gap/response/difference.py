@@ -136,6 +136,7 @@ def _described_by(ranked: Sequence[_Place]) -> _Place | None:
         for p in ranked
         if p.family is not None
         and p.trial is surest.trial
+        and p.finding.p_value < LIMITS.likely
         and p.finding.z >= LIMITS.sure * surest.finding.z
     ]
     if surest.family is None or not near:

@@ -9,6 +9,7 @@ import numpy as np
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from training.greybox.effects import LIBRARY, Effect
+from training.greybox.effects.empirical import effect_of, is_empirical
 
 AS_EXPECTED: Final = 0.8  # of the expected spread: a larger standard error tells nothing new
 
@@ -61,7 +62,7 @@ class ModelEffect:
     @property
     def effect(self) -> Effect:
         """The library's entry."""
-        return LIBRARY[self.name]
+        return _entry(self.name)
 
     @property
     def values(self) -> FloatArray:
@@ -96,6 +97,9 @@ class ModelEffect:
 
 
 def _entry(name: str) -> Effect:
+    """Return the effect of a name, of the library or empirical; raises ModelError."""
+    if is_empirical(name):
+        return effect_of(name)
     if name not in LIBRARY:
         raise ModelError(f"effect {name!r} is not in the library: {', '.join(LIBRARY)}")
     return LIBRARY[name]

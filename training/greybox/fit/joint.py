@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants, Path, simulate
 from training.greybox.effects import LIBRARY, Effect
+from training.greybox.effects.empirical import effect_of, is_empirical
 from training.greybox.fit.comparison import BLOCK_S
 from training.greybox.fit.drive import Drive, path_of
 from training.greybox.fit.sensor_faults import FAULTS, SensorFault
@@ -20,7 +21,7 @@ from training.jobs.values import Named
 Term = Effect | SensorFault
 # Terms hold functions: a file of a run holds their names, see ``training.jobs.values``.
 NAMED: Final[Named] = {
-    Effect: LIBRARY.__getitem__,
+    Effect: lambda name: effect_of(name) if is_empirical(name) else LIBRARY[name],
     SensorFault: {fault.name: fault for fault in FAULTS}.__getitem__,
 }
 LOW: Final = np.array([RANGES[name].low for name in Constants._fields])
