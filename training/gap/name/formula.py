@@ -1,7 +1,7 @@
 """An effect that no library has, as a formula of recorded signals: searched for, scored, added.
 
-Each form of the signals that may explain most is fitted and scored on held-out blocks as the library's effects are; the
-best is kept, and a further one on top of it as long as it gains clearly.
+Each form of the signals that may explain most is fitted and scored on held-out blocks as the
+library's effects are; the best is kept, and a further one on top of it as long as it gains clearly.
 """
 
 from dataclasses import replace

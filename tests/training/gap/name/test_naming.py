@@ -66,11 +66,18 @@ def test_two_effects_at_once_are_named_one_after_the_other() -> None:
     assert found.error.after < 0.5 * found.error.before
 
 
-@pytest.mark.parametrize("effect", ["battery_voltage", "intake_resonance"])
-def test_what_one_signal_explains_far_better_than_any_effect_is_unknown(effect: str) -> None:
+@pytest.mark.parametrize(
+    ("effect", "signal"),
+    [("battery_voltage", "battery_voltage_v"), ("intake_resonance", "engine_speed_rpm")],
+)
+def test_what_one_signal_explains_far_better_than_any_effect_is_unknown_and_gets_a_formula(
+    effect: str, signal: str
+) -> None:
     found = name(two_drives(2_200_300, (effect, 4.0)), known())
     assert found.verdict == "unknown_effect"
-    assert found.answer.effects == ()
+    first = found.answer.effects[0]
+    assert first.kind == "empirical"
+    assert first.name.split(":")[1] == signal
 
 
 def test_a_sensor_slow_from_the_start_is_suspected_and_nothing_is_added() -> None:
