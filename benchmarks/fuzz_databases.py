@@ -1,9 +1,9 @@
 """Fuzzes CAN databases, signal maps and settings: ``o2mon check``, ``replay`` and ``map``.
 
-A shipped database and its map get something wrong: numbers that no bus has, multiplexers that lead
-nowhere or in circles, ranges without end, keys of another type, broken text. A crash, exit code 4,
-a hang of more than 5 s, more than 500 MB and a failure without its line are failures; their files
-are kept.
+A shipped database (DBC, KCD, SYM or ARXML) and its map get something wrong: numbers that no bus
+has, multiplexers that lead nowhere or in circles, ranges without end, elements and entities out of
+place, keys of another type, broken text. A crash, exit code 4, a hang of more than 5 s, more than
+500 MB and a failure without its line are failures; their files are kept.
 """
 
 import functools
@@ -16,6 +16,8 @@ from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import cantools
+from arxml_writer import arxml_of
 from fuzz_options import fuzz_parser
 from log_seeds import DRIVE
 from mutations import TEXT, lines_of_order
@@ -27,12 +29,18 @@ from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
 
 MOST_MB = 500.0
-PAIRS = ("o2_ecu", "rusefi", "wideband", "obd2")
+PAIRS = {  # formats by database; cantools' writers and ARXML take no multiplexed messages
+    "o2_ecu": ("dbc", "kcd", "sym", "arxml"),
+    "rusefi": ("dbc", "kcd", "sym", "arxml"),
+    "wideband": ("dbc", "kcd", "sym", "arxml"),
+    "obd2": ("dbc", "kcd"),
+}
 BATCH = 100
 SIZES = "0 -1 1 2 7 8 9 16 17 63 64 65 100 1000 100000 10000000 4294967295 2147483648"
 OTHERS = "1e400 -1e400 1e-400 0.0 nan inf 1e308 -0 99999999999999999999 0x10 1.5"
 NUMBERS = (*SIZES.split(" "), *OTHERS.split(" "), "9" * 5000)
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+_ELEMENT = re.compile(r"</?[^<>]{1,200}>|\b\w+=\"[^\"]*\"|\b(?:Sig|Type|Len|Mux|ID)=[^ \r\n]*")
 _SIGNAL = re.compile(r"^( SG_ \w+)\s*(?:[mM]\w*)?\s*:", re.MULTILINE)
 TOML = (
     '"text"',
@@ -52,6 +60,18 @@ TOML = (
     '{ message = "M", signal = "S" }',
     '"\\u0000\\n"',
 )
+
+
+@functools.cache
+def database_text(name: str, kind: str) -> str:
+    """Return a shipped database in a format."""
+    if kind == "dbc":
+        return dbc.path(f"{name}.dbc").read_text("cp1252")
+    database = cantools.database.load_file(dbc.path(f"{name}.dbc"))
+    assert isinstance(database, cantools.database.Database)
+    if kind == "arxml":
+        return arxml_of(database)
+    return database.as_kcd_string() if kind == "kcd" else database.as_sym_string()
 
 
 def numbers(text: str, rng: random.Random) -> str:
@@ -97,6 +117,30 @@ def floats(text: str, rng: random.Random) -> str:
     return text
 
 
+def elements(text: str, rng: random.Random) -> str:
+    """Return a text with tags, attributes or keywords left out, doubled, changed or nested."""
+    words = list(_ELEMENT.finditer(text))
+    for place in sorted(rng.sample(words, min(len(words), rng.choice((1, 1, 4)))), key=_end)[::-1]:
+        other = rng.choice(words)[0]
+        with_ = rng.choice(("", other, place[0] * 2, place[0] * 3000, f"{place[0]}{other}"))
+        text = text[: place.start()] + with_ + text[place.end() :]
+    return text
+
+
+def _end(match: re.Match[str]) -> int:
+    return match.end()
+
+
+def entities(text: str, rng: random.Random) -> str:
+    """Return an XML text with entities that grow or that name a file."""
+    grown = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 12))
+    bomb = f'<!DOCTYPE r [<!ENTITY e0 "{"x" * 100}">{grown}]>'
+    outside = '<!DOCTYPE r [<!ENTITY e11 SYSTEM "file:///etc/passwd">]>'
+    head, mark, rest = text.partition("?>") if "?>" in text else ("", "", text)
+    at = rng.choice([m.end() for m in re.finditer(">", rest)] or [0])
+    return head + mark + rng.choice((bomb, outside)) + rest[:at] + "&e11;" + rest[at:]
+
+
 def broken(text: str, rng: random.Random) -> str:
     """Return a text with bytes, numbers or lines wrong."""
     mutate = rng.choice((*TEXT, lines_of_order))
@@ -131,24 +175,32 @@ DATABASE: tuple[Callable[[str, random.Random], str], ...] = (
     floats,
     broken,
 )
+XML: tuple[Callable[[str, random.Random], str], ...] = (
+    numbers,
+    numbers,
+    elements,
+    elements,
+    entities,
+    broken,
+)
+SYM: tuple[Callable[[str, random.Random], str], ...] = (numbers, numbers, elements, broken)
+WAYS = {"dbc": DATABASE, "kcd": XML, "arxml": XML, "sym": SYM}
 SETTINGS: tuple[Callable[[str, random.Random], str], ...] = (numbers, values, values, broken)
 
 
 def case(folder: Path, number: int, rng: random.Random, log: Path) -> list[str]:
     """Write a damaged pair or settings file; return the arguments of the command to run."""
-    name = rng.choice(PAIRS)
-    texts = {
-        "dbc": dbc.path(f"{name}.dbc").read_text("cp1252"),
-        "toml": dbc.path(f"{name}.toml").read_text(),
-    }
+    name = rng.choice(list(PAIRS))
+    form = rng.choice(PAIRS[name])
+    texts = {form: database_text(name, form), "toml": dbc.path(f"{name}.toml").read_text()}
     settings = Path(cli.__file__).parents[1] / "base" / "default.toml"
-    wrong = rng.choices(("dbc", "toml", "config"), (7, 2, 1))[0]
+    wrong = rng.choices((form, "toml", "config"), (7, 2, 1))[0]
     if wrong == "config":
         path = folder / f"{number}.config.toml"
         path.write_text(rng.choice(SETTINGS)(settings.read_text(), rng), "latin-1", "replace")
         return ["replay", "--quiet", str(log), "--config", str(path)]
     for _ in range(rng.choice((1, 1, 2))):
-        texts[wrong] = rng.choice(DATABASE if wrong == "dbc" else SETTINGS)(texts[wrong], rng)
+        texts[wrong] = rng.choice(WAYS.get(wrong, SETTINGS))(texts[wrong], rng)
     paths = [folder / f"{number}.{kind}" for kind in texts]
     for path, text in zip(paths, texts.values(), strict=True):
         path.write_text(text, "latin-1", "replace")
