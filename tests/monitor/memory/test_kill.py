@@ -1,21 +1,15 @@
 """What was announced outlives a kill at any instant; a full or read-only disk ends no judging."""
 
 import json
-import os
 import random
 import resource
 import shutil
-import signal
-import sqlite3
 import subprocess
 import sys
-import time
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -24,131 +18,27 @@ from monitor.base.errors import RecordingError
 from monitor.bus.judging import STORE_DRIVEN_S
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc import Dtc
-from monitor.memory.dtc_store import DtcStore, Saved
+from monitor.memory.dtc_store import Saved
 from monitor.memory.store import Memory
 from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
 from monitor.report.replay import set_up
 from tests.conftest import ROOT
-from tests.helpers.driven_memory import drive, told
-from tests.helpers.loop_on_memory import held
+from tests.helpers.kills import assert_sound, kills, loaded, loop_kills
 from tests.helpers.played_bus import Ear, run_on
 
 KILLS = 250
-MOST_EVENTS = 8  # before the kill
-LONGEST_S = 0.02  # between the last of these, or the process's beginning, and the kill
-
-
-def assert_sound(path: Path) -> None:
-    with closing(sqlite3.connect(path)) as db:
-        assert db.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
-
-
-def loaded(path: Path) -> Saved:
-    with closing(Memory(path)) as memory:
-        return memory.load()
-
-
-def killed(
-    starter: "subprocess.Popen[str]", path: Path, seed: int, rng: random.Random
-) -> list[str]:
-    """Let a process drive the memory, kill it, return what it has announced."""
-    assert starter.stdin is not None
-    assert starter.stdout is not None
-    starter.stdin.write(f"{path} {seed}\n")
-    starter.stdin.flush()
-    lines, n_events, pid = list[str](), rng.choice([0, rng.randrange(MOST_EVENTS)]), 0
-    while not pid or len(lines) < n_events:
-        line = starter.stdout.readline()
-        if line.startswith("pid "):
-            pid = int(line.split()[1])
-        else:
-            lines.append(line)
-    time.sleep(rng.uniform(0.0, LONGEST_S))
-    os.kill(pid, signal.SIGKILL)
-    return [*lines, *iter(starter.stdout.readline, "end\n")]
 
 
 def test_no_announced_event_is_lost_by_a_kill_at_any_instant(tmp_path: Path) -> None:
-    path, rng = tmp_path / "o2.db", random.Random(1)
-    happened: Counter[str] = Counter()
-    started = Saved()
-    with subprocess.Popen(
-        [sys.executable, "-m", "tests.helpers.driven_memory"],
-        cwd=ROOT,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as starter:
-        assert starter.stdin is not None
-        for seed in range(KILLS):
-            # GIVEN a process that goes on from what the one before it has left
-            lines = killed(starter, path, seed, rng)
-            # WHEN it is killed while it stores and announces changes
-            events = [json.loads(line) for line in lines]
-            # THEN the file is sound
-            if not path.exists():
-                assert not events
-                happened["not opened"] += 1
-                continue
-            assert_sound(path)
-            found = json.loads(json.dumps(told(DtcStore(loaded(path)))))
-            # and says what was announced last, or what was to be announced next, whole
-            store = DtcStore(started)
-            states = [json.loads(json.dumps(told(store)))]
-            states += [
-                {"what": what} | json.loads(json.dumps(told(store)))
-                for what in islice(drive(store, seed), len(events) + 1)
-            ]
-            assert events == states[1:-1]
-            possible = [without_what(state) for state in states[-2:]]
-            assert found in possible
-            happened.update(event["what"] for event in events)
-            happened["kill between storing and announcing"] += found != possible[0]
-            happened["nothing announced"] += not events
-            started = loaded(path)
-        starter.stdin.close()
+    happened = kills(tmp_path / "o2.db", KILLS, random.Random(1))
     # and there was something to lose
     assert min(happened[what] for what in ("fail", "pass", "clear", "cycle")) > 10
     assert sum(happened[what] for what in ("fail", "pass", "clear", "cycle")) > KILLS
     assert happened["nothing announced"] > 0
 
 
-def without_what(state: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in state.items() if key != "what"}
-
-
 def test_no_code_that_the_live_loop_has_told_is_lost_by_a_kill(tmp_path: Path) -> None:
-    # GIVEN what the loop tells on a bus of three drives when nothing happens to it
-    everything, rng = told_by_loop(tmp_path / "whole.db", None), random.Random(2)
-    assert len(everything) > 20
-    expected = [{"told": held(Saved())}, *everything]
-    for i in range(3):
-        # WHEN it is killed at a random instant
-        path = tmp_path / f"{i}.db"
-        events = told_by_loop(path, rng.randrange(len(everything) - 5), rng.uniform(0.0, 0.05))
-        # THEN it had told the same so far, and its memory holds that, or what was to come next
-        assert events == everything[: len(events)]
-        assert_sound(path)
-        if events:
-            found = json.loads(json.dumps({"told": held(loaded(path))}))
-            assert found in expected[len(events) : len(events) + 2]
-
-
-def told_by_loop(path: Path, kill_after: int | None, wait_s: float = 0.0) -> list[Any]:
-    """Return what the loop tells, to its end or until it is killed after so many events."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "tests.helpers.loop_on_memory", path, "3"],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as loop:
-        assert loop.stdout is not None
-        told_events = (line for line in loop.stdout if line.startswith('{"told"'))
-        lines = list(islice(told_events, kill_after))
-        if kill_after is not None:
-            time.sleep(wait_s)
-            loop.kill()
-        return [json.loads(line) for line in [*lines, *told_events]]
+    assert loop_kills(tmp_path, 3, random.Random(2)) > 20
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -1,0 +1,145 @@
+"""Processes on a fault memory that are killed at random instants; what they announced must stay."""
+
+import json
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import closing
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from monitor.memory.dtc_store import DtcStore, Saved
+from monitor.memory.store import Memory
+from tests.helpers.driven_memory import drive, told
+from tests.helpers.loop_on_memory import held
+
+ROOT = Path(__file__).resolve().parents[2]
+MOST_EVENTS = 8  # before the kill
+LONGEST_S = 0.02  # between the last of these, or the process's beginning, and the kill
+
+
+def assert_sound(path: Path) -> None:
+    """Fail if the file of the fault memory is damaged."""
+    with closing(sqlite3.connect(path)) as db:
+        assert db.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+
+
+def loaded(path: Path) -> Saved:
+    """Return what the fault memory holds."""
+    with closing(Memory(path)) as memory:
+        return memory.load()
+
+
+def killed(
+    starter: "subprocess.Popen[str]", path: Path, seed: int, rng: random.Random
+) -> list[str]:
+    """Let a process drive the memory, kill it, return what it has announced."""
+    assert starter.stdin is not None
+    assert starter.stdout is not None
+    starter.stdin.write(f"{path} {seed}\n")
+    starter.stdin.flush()
+    lines, n_events, pid = list[str](), rng.choice([0, rng.randrange(MOST_EVENTS)]), 0
+    while not pid or len(lines) < n_events:
+        line = starter.stdout.readline()
+        if line.startswith("pid "):
+            pid = int(line.split()[1])
+        else:
+            lines.append(line)
+    time.sleep(rng.uniform(0.0, LONGEST_S))
+    os.kill(pid, signal.SIGKILL)
+    return [*lines, *iter(starter.stdout.readline, "end\n")]
+
+
+def kills(path: Path, n: int, rng: random.Random) -> Counter[str]:
+    """Kill ``n`` processes, one after the other, on one fault memory; return what happened.
+
+    Fails if the file is damaged, or holds neither what was announced last nor what was to be
+    announced next.
+    """
+    happened: Counter[str] = Counter()
+    started = Saved()
+    with subprocess.Popen(
+        [sys.executable, "-m", "tests.helpers.driven_memory"],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as starter:
+        assert starter.stdin is not None
+        for seed in range(n):
+            # GIVEN a process that goes on from what the one before it has left
+            lines = killed(starter, path, seed, rng)
+            # WHEN it is killed while it stores and announces changes
+            events = [json.loads(line) for line in lines]
+            # THEN the file is sound
+            if not path.exists():
+                assert not events
+                happened["not opened"] += 1
+                continue
+            assert_sound(path)
+            found = json.loads(json.dumps(told(DtcStore(loaded(path)))))
+            # and says what was announced last, or what was to be announced next, whole
+            store = DtcStore(started)
+            states = [json.loads(json.dumps(told(store)))]
+            states += [
+                {"what": what} | json.loads(json.dumps(told(store)))
+                for what in islice(drive(store, seed), len(events) + 1)
+            ]
+            assert events == states[1:-1]
+            possible = [without_what(state) for state in states[-2:]]
+            assert found in possible
+            happened.update(event["what"] for event in events)
+            happened["kill between storing and announcing"] += found != possible[0]
+            happened["nothing announced"] += not events
+            started = loaded(path)
+        starter.stdin.close()
+    return happened
+
+
+def without_what(state: dict[str, Any]) -> dict[str, Any]:
+    """Return the state without the event that led to it."""
+    return {key: value for key, value in state.items() if key != "what"}
+
+
+def loop_kills(folder: Path, n: int, rng: random.Random) -> int:
+    """Kill ``n`` live loops on a bus of three drives, each on a fault memory of its own.
+
+    Fails if a memory holds neither what its loop told last nor what was to be told next. Returns
+    how many events a loop tells that nothing happens to.
+    """
+    everything = told_by_loop(folder / "whole.db", None)
+    expected = [{"told": held(Saved())}, *everything]
+    for i in range(n):
+        # WHEN it is killed at a random instant
+        path = folder / f"{i}.db"
+        events = told_by_loop(path, rng.randrange(len(everything) - 5), rng.uniform(0.0, 0.05))
+        # THEN it had told the same so far, and its memory holds that, or what was to come next
+        assert events == everything[: len(events)]
+        assert_sound(path)
+        if events:
+            found = json.loads(json.dumps({"told": held(loaded(path))}))
+            assert found in expected[len(events) : len(events) + 2]
+    return len(everything)
+
+
+def told_by_loop(path: Path, kill_after: int | None, wait_s: float = 0.0) -> list[Any]:
+    """Return what the loop tells, to its end or until it is killed after so many events."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "tests.helpers.loop_on_memory", path, "3"],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as loop:
+        assert loop.stdout is not None
+        told_events = (line for line in loop.stdout if line.startswith('{"told"'))
+        lines = list(islice(told_events, kill_after))
+        if kill_after is not None:
+            time.sleep(wait_s)
+            loop.kill()
+        return [json.loads(line) for line in [*lines, *told_events]]
