@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, Final
 from monitor.base.errors import O2Error
 
 _LOG: Final = logging.getLogger("o2_monitor")
-SMALL_BYTES: Final = 4 << 20  # a settings file, map or manifest; the largest real one has 200 kB
+SMALL_BYTES: Final = 1 << 20  # a settings file, map or manifest; the largest real one has 200 kB
 _TOML_BITS: Final = 64
 _KINDS: Final = (
     (stat.S_ISFIFO, "a FIFO"),

@@ -110,7 +110,7 @@ def test_limits_without_bounds_are_no_limits(tmp_path: Path) -> None:
         ("a = " + "[" * 100_000, "nested too deeply"),
         ("a = " + "{b=" * 5000, "nested too deeply"),
         ("\xff\xfe", "not a TOML file"),
-        ("#" * (SMALL_BYTES + 1), "has more than 4,194,304 bytes"),
+        ("#" * (SMALL_BYTES + 1), "has more than 1,048,576 bytes"),
         (MAP.format(", factor = '" + "x" * 10_000 + "'"), "a number is wanted"),
     ],
 )
