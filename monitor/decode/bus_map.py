@@ -115,6 +115,7 @@ def read_database(path: Path) -> tuple[Database, tuple[str, ...]]:
         raise SignalMapError(f"{path}: not a CAN database: {reason}") from error
     if not isinstance(database, Database):
         raise SignalMapError(f"{path}: a diagnostics database, a CAN database is wanted")
+    soundness.check_names(path, database)
     if notes and not database.messages:
         raise SignalMapError(f"{path}: not a CAN database: no message can be read; {notes[0]}")
     return database, notes

@@ -11,12 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from cantools.database.can import Message, Signal
+from cantools.database.can import Database, Message, Signal
 
 from monitor.base.errors import SignalMapError
 from monitor.base.inputs import in_words
 from monitor.frames.candump import MAX_BYTES
 
+MOST_LETTERS: Final = 1000  # of a name; DBC allows 128
 MOST_BYTES: Final = 64 << 20  # of a database file; large ones of whole vehicles have 10 MB
 MOST_SWITCHES: Final = 1 << 16  # values of one multiplexer: 16 bits
 MOST_BITS: Final = 8 * 64  # of a signal: a whole CAN FD frame
@@ -63,6 +64,17 @@ def check_text(path: Path, content: bytes) -> None:
                 f"{path}: signal {signal.decode()} of message {message.decode()} comes under "
                 f"{n:,} multiplexer values or more, at most {MOST_SWITCHES:,} are wanted"
             )
+
+
+def check_names(path: Path, database: Database) -> None:
+    """Raise SignalMapError for messages or signals without a name, or with an endless one."""
+    for message in database.messages:
+        for name in (message.name, *(signal.name for signal in message.signals)):
+            if not isinstance(name, str) or not 1 <= len(name) <= MOST_LETTERS:
+                where = f"a signal of {message.name}" if message.name else "a message"
+                raise SignalMapError(
+                    f"{path}: {where[:60]} has no name or one of more than {MOST_LETTERS} letters"
+                )
 
 
 def check_message(path: Path, message: Message) -> None:

@@ -80,9 +80,12 @@ def _is_asc(line: str) -> bool:
 class _Trc:
     """Knows the version of a ``.trc`` log from its header."""
 
+    _all_types: Final = _TRC_TYPES | _TRC_TYPES_2
+
     def __init__(self) -> None:
         self._types: set[str] | None = None  # version 1.0 has none
         self._is_numbered = True
+        self._has_begun = False  # frames came; before them the header names columns as they do
 
     def is_line(self, line: str) -> bool:
         """Return whether a line is a comment or whole."""
@@ -92,9 +95,11 @@ class _Trc:
             self._types = _TRC_TYPES_2 if version.startswith("2") else _TRC_TYPES
         if line.startswith(";$COLUMNS"):
             self._is_numbered = line.partition("=")[2].startswith("N")
-        if not line or line.startswith(";"):
-            return True
         cells = line.split()
+        if not line or line.startswith(";"):
+            holds_frame = len(cells) > _TRC_LEAST and not self._all_types.isdisjoint(cells)
+            return not (self._has_begun and holds_frame)
+        self._has_begun = True
         if self._is_numbered and not _TRC_NUMBER.fullmatch(cells[0]):
             return False
         if len(cells) < _TRC_LEAST or any(cell.endswith(")") for cell in cells[1:]):

@@ -7,7 +7,7 @@ import pytest
 
 from monitor.base.errors import ConfigError, SignalMapError
 from monitor.base.inputs import SMALL_BYTES, read_toml
-from monitor.decode.bus_map import load_pairs
+from monitor.decode.bus_map import load_database, load_pairs
 from monitor.decode.decoder import Decoder
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: E\n'
@@ -134,3 +134,22 @@ def test_a_settings_file_is_read_by_the_same_rules(tmp_path: Path) -> None:
     path.write_text("a = " + "[" * 100_000)
     with pytest.raises(ConfigError, match=r"settings\.toml: not a TOML file: nested too deeply"):
         read_toml(path, "the settings", ConfigError)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        ("dbc", database(signal().replace("S :", "S_" + "9" * 5000 + " :"))),
+        (
+            "kcd",
+            '<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0"><Document/>'
+            '<Bus name="B"><Message id="0x64" length="8" name="M"><Signal offset="0"/></Message>'
+            "</Bus></NetworkDefinition>",
+        ),
+    ],
+)
+def test_a_name_that_is_none_or_endless_is_refused(kind: str, text: str, tmp_path: Path) -> None:
+    path = tmp_path / f"names.{kind}"
+    path.write_text(text)
+    with pytest.raises(SignalMapError, match=r"has no name or one of more than 1000 letters"):
+        load_database(path)

@@ -38,6 +38,7 @@ End TriggerBlock
         lambda line: line.replace("Rx", "nan").replace("DT", "nan"),
         lambda line: line.replace(" ", ""),
         lambda line: line.replace(".", ";"),
+        lambda line: ";" + line if "DT" in line else "8" + line,  # a frame in a comment
     ],
 )
 @pytest.mark.parametrize("kind", [".asc", ".trc"])
