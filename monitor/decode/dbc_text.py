@@ -137,7 +137,8 @@ def _sorted(statements: list[str]) -> list[str]:
     late = [i for i in range(first, len(statements)) if _OF_MESSAGE.match(statements[i])]
     if not late:
         return statements
-    rest = [each for i, each in enumerate(statements) if i >= first and i not in set(late)]
+    moved = set(late)
+    rest = [each for i, each in enumerate(statements) if i >= first and i not in moved]
     return [*statements[:first], *(statements[i] for i in late), *rest]
 
 
