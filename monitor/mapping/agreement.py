@@ -51,6 +51,7 @@ _ALLOWED: Final = {
     "sensor_ready": r"\bpre\b|valid|heiz",
     "closed_loop": r"enable|mode\b",
     "purge_duty_percent": r"cmd|command",
+    "sensor_heater_percent": r"heater|heiz|htr",
     **dict.fromkeys(
         ("manifold_pressure_kpa", "manifold_temperature_degc", "ambient_temperature_degc"),
         r"int|intk|inlet|air",

@@ -55,6 +55,7 @@ OTHER: Final = _words(
     "heater heiz resist nernst pump voltage_raw adc integr predict average learn adapt longterm "
     "warn lamp request"
 )
+HEATING: Final = _words("heater heiz")
 _LAMBDA_NOT: Final = (
     "heater heiz temp temperature temperatur resistance ri nernst pump ip duty voltage volt "
     "current strom status error fault esr age count counter integrator learn adapt ltft long"
@@ -200,6 +201,14 @@ MEANINGS: Final[dict[str, Meaning]] = {
         without_unit=0.75,
         never="pressure temp leak level status active",
     ),
+    "sensor_heater_percent": _meaning(
+        "lambda sensor heater duty 1.0, sensor heater 1.0, lambda heater duty 0.9",
+        {"ratio": 100.0},
+        (10.0, 90.0),
+        without_unit=0.0,
+        never="seat window screen mirror steering cabin coolant oil urea adblue nox temp current "
+        "resistance power status active error target",
+    ),
     "closed_loop": _flag(
         "closed loop 1.0, lambda control active 0.95, b_lr 0.9",
         never="idle cruise boost vvt temp correction speed",
@@ -224,7 +233,8 @@ FUEL_FLOW: Final = _meaning(
 LAMBDA_FAMILY: Final = frozenset(
     {"lambda_measured", "lambda_controller", "sensor_ready", "lambda_target"}
 )
-OF_ONE_SENSOR: Final = LAMBDA_FAMILY - {"lambda_target"}  # must be upstream, of the first bank
+# must be upstream, of the first bank
+OF_ONE_SENSOR: Final = LAMBDA_FAMILY - {"lambda_target"} | {"sensor_heater_percent"}
 VARYING: Final = _words(  # move while a vehicle is driven
     "lambda_measured lambda_controller maf_kg_h air_mass_mg fuel_mass_mg "
     "manifold_pressure_kpa engine_speed_rpm vehicle_speed_km_h throttle_percent "

@@ -63,6 +63,7 @@ CONCEPTS: Final[dict[str, str]] = {
     "battery": "batt* bat ub vbat wub ubat bordnetz* kl30 kl15 supply* module* vbatt accu*",
     "voltage": "v potential* volt* spannung* vbat vbatt ub wub ubat u tension*",
     "purge": "purge* evap* tev tankentl* canister* cpv aktivkohle* akf",
+    "heater": "heater* heating* heiz* htr",
     "duty": "duty* valve* dc pwm ventil* tastverh* ratio* flow* pct ansteuerung*",
     "closed": "closed* clsd cl geschlossen* closedloop*",
     "loop": "loop* lp regelkreis* closedloop*",

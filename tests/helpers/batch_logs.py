@@ -38,6 +38,7 @@ USUAL: Final = {
     "ambient_pressure_kpa": 100.0,
     "battery_voltage_v": 12.5,
     "purge_duty_percent": 20.0,
+    "sensor_heater_percent": 40.0,
 }
 CYCLE_NS: Final = {
     192: 20 * MS,

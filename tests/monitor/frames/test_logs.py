@@ -129,7 +129,7 @@ def test_an_mf4_log_without_asammdf_names_the_extra(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "asammdf", None)
-    with pytest.raises(RecordingError, match=r"o2-monitor\[mdf\]"):
+    with pytest.raises(RecordingError, match=r"'\.\[mdf\]'"):
         read_frames(folder / "drive.mf4")
 
 
