@@ -15,6 +15,7 @@ import numpy as np
 from monitor.base.types import FloatArray, Frame
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
+from tests.helpers.logger_files import TUNER_UNITS
 from training.recordings.frame_block import FrameBlock
 from training.recordings.mf4_log import write_mf4
 from training.recordings.recording import Recording, load
@@ -29,14 +30,6 @@ LOGGERS = (".logger.csv", ".msl", ".mlg")
 KINDS = (*LOGS, *OWN, *LOGGERS)
 BINARY_KINDS = (".blf", ".mf4", ".parquet", ".mlg")
 PROFILE = "tuner.toml"
-UNITS = {  # of the logger: signal → (column, unit, factor and offset of signal = factor x + offset)
-    "lambda_measured": ("AFR", "AFR", 1 / 14.7, 0.0),
-    "manifold_pressure_kpa": ("MAP", "psi", 6.894757, 0.0),
-    "manifold_temperature_degc": ("MAT", "°F", 1 / 1.8, -32 / 1.8),
-    "coolant_temperature_degc": ("CLT", "°F", 1 / 1.8, -32 / 1.8),
-    "vehicle_speed_km_h": ("VSS", "mph", 1.609344, 0.0),
-    "maf_kg_h": ("MAF", "g/s", 3.6, 0.0),
-}
 
 
 def write_seeds(folder: Path) -> None:
@@ -88,13 +81,13 @@ def _as_logged(drive: Recording) -> dict[tuple[str, str], FloatArray]:
     """Return the drive's columns by name and unit, as the logger has them."""
     columns = {("Time", "s"): drive.t_s}
     for name, values in zip(drive.names, drive.values.T, strict=True):
-        column, unit, factor, offset = UNITS.get(name, (f"own {name}", "", 1.0, 0.0))
+        column, unit, factor, offset = TUNER_UNITS.get(name, (f"own {name}", "", 1.0, 0.0))
         columns[column, unit] = (np.nan_to_num(values, nan=1.0) - offset) / factor
     return columns
 
 
 def _profile(drive: Recording) -> str:
-    names = (f'{n} = "{UNITS.get(n, (f"own {n}",))[0]}"\n' for n in drive.names)
+    names = (f'{n} = "{TUNER_UNITS.get(n, (f"own {n}",))[0]}"\n' for n in drive.names)
     found_by = '[[recognise]]\ncolumns = ["own lambda_controller", "own fuel_mass_mg"]\n'
     return f'time = ["Time", "MLG timestamp"]\n{found_by}[signals]\n{"".join(names)}'
 

@@ -126,8 +126,7 @@ def _check_size(path: Path, section: str, key: str, number: float) -> None:
 def check_together(config: "Config", where: str) -> None:
     """Raise ConfigError if values contradict each other; ``where`` names the file."""
     _check_choices(config, where)
-    _check_ranges(config, where)
-    _check_gains(config, where)
+    _check_order(config, where)
     _check_bank(config, where)
 
 
@@ -143,35 +142,18 @@ def _check_choices(config: "Config", where: str) -> None:
         )
 
 
-def _check_ranges(config: "Config", where: str) -> None:
-    enable = config.enable
-    for key, low, high in (
-        ("engine_speed_{}_rpm", enable.engine_speed_min_rpm, enable.engine_speed_max_rpm),
-        (
-            "manifold_pressure_{}_kpa",
-            enable.manifold_pressure_min_kpa,
-            enable.manifold_pressure_max_kpa,
-        ),
+def _check_order(config: "Config", where: str) -> None:
+    """A value that bounds another from below must lie under it."""
+    for table, lower, higher in (
+        ("enable", "engine_speed_min_rpm", "engine_speed_max_rpm"),
+        ("enable", "manifold_pressure_min_kpa", "manifold_pressure_max_kpa"),
+        ("response", "gain_weak_max", "gain_sound_min"),
+        ("response", "gain_transient_max", "gain_slow_min"),
+        ("response", "gain_sound_min", "gain_max"),
     ):
-        if high <= low:
-            raise ConfigError(
-                f"{where}: [enable] {key.format('max')} = {high}, wanted above "
-                f"{key.format('min')} = {low}"
-            )
-
-
-def _check_gains(config: "Config", where: str) -> None:
-    bank = config.response
-    for lower, higher in (
-        ("gain_weak_max", "gain_sound_min"),
-        ("gain_transient_max", "gain_slow_min"),
-        ("gain_sound_min", "gain_max"),
-    ):
-        if getattr(bank, lower) >= getattr(bank, higher):
-            raise ConfigError(
-                f"{where}: [response] {lower} = {getattr(bank, lower)}, wanted below "
-                f"{higher} = {getattr(bank, higher)}"
-            )
+        low, high = (getattr(getattr(config, table), key) for key in (lower, higher))
+        if low >= high:
+            raise ConfigError(f"{where}: [{table}] {lower} = {low}, wanted below {higher} = {high}")
 
 
 def _check_bank(config: "Config", where: str) -> None:

@@ -34,7 +34,7 @@ def compiled_parser() -> Parser | None:
     for point in entry_points(group=GROUP):
         try:
             parser: Parser = point.load()
-        except Exception:  # a library that is missing or broken
+        except ImportError:  # a library that is missing or does not fit
             continue
         return parser
     return None

@@ -11,6 +11,14 @@ from numpy.typing import NDArray
 from monitor.base.types import FloatArray
 
 CODES = {"u1": 0, "i1": 1, ">u2": 2, ">i2": 3, ">u4": 4, ">i4": 5, ">i8": 6, ">f4": 7}
+TUNER_UNITS = {  # signal → (column, unit, factor and offset of signal = factor x + offset)
+    "lambda_measured": ("AFR", "AFR", 1 / 14.7, 0.0),
+    "manifold_pressure_kpa": ("MAP", "psi", 6.894757, 0.0),
+    "manifold_temperature_degc": ("MAT", "°F", 1 / 1.8, -32 / 1.8),
+    "coolant_temperature_degc": ("CLT", "°F", 1 / 1.8, -32 / 1.8),
+    "vehicle_speed_km_h": ("VSS", "mph", 1.609344, 0.0),
+    "maf_kg_h": ("MAF", "g/s", 3.6, 0.0),
+}
 
 
 @dataclass(frozen=True, slots=True)

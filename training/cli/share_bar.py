@@ -1,23 +1,16 @@
-"""The progress of a fit that says which share of it is done, on the standard error.
+"""The progress of a fit that says which share of it is done."""
 
-A terminal shows a bar; a file or pipe gets a line now and then. Both tell the best error so far
-and the time that is left.
-"""
-
-import sys
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Final, TextIO
 
-from tqdm import tqdm
+from training.cli.progress import Progress
 
-LINE_S: Final = 30.0  # between two lines where there is no terminal
 PARTS: Final = 1000
 
 
-class Share:
-    """A bar over the whole fit.
+class Share(Progress):
+    """A bar over the whole fit, with its best error so far and the time that is left.
 
     what : what is fitted
     monotonic_s : clock in s
@@ -29,38 +22,18 @@ class Share:
         out: TextIO | None = None,
         monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._what, self._out, self._now_s = what, out or sys.stderr, monotonic_s
-        self._bar = tqdm(
-            total=PARTS,
-            desc=what,
-            leave=False,
-            disable=None,
-            file=self._out,
-            bar_format="{desc} {percentage:3.0f} %|{bar}| {remaining} left{postfix}",
-        )
-        self._best = float("inf")
-        self._began_s = self._told_s = monotonic_s()
-
-    def __enter__(self) -> "Share":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._bar.close()
+        form = "{desc} {percentage:3.0f} %|{bar}| {remaining} left{postfix}"
+        super().__init__(out, monotonic_s, total=PARTS, desc=what, bar_format=form)
+        self._what, self._best = what, float("inf")
 
     def update(self, done: float, error: float) -> None:
         """Show the share done, 0 to 1, and an error in phi, of which the least so far is told."""
         self._best = error = min(self._best, error)
         self._bar.set_postfix_str(f"best error {error:.4f}", refresh=False)
         self._bar.update(round(PARTS * done) - self._bar.n)
-        now_s = self._now_s()
-        if not self._bar.disable or now_s - self._told_s < LINE_S or done <= 0.0:
-            return
-        self._told_s = now_s
-        left_s = (now_s - self._began_s) * (1.0 - done) / done
-        line = f"{self._what}: {100 * done:.0f} % done, {left_s:.0f} s left, best error {error:.4f}"
-        print(line, file=self._out, flush=True)
+        if done > 0.0:
+            left_s = self.elapsed_s * (1.0 - done) / done
+            self.tell(
+                f"{self._what}: {100 * done:.0f} % done, {left_s:.0f} s left, "
+                f"best error {error:.4f}"
+            )

@@ -10,19 +10,12 @@ from monitor import cli
 from monitor.base.errors import RecordingError
 from monitor.frames.tables import parquet, readers
 from monitor.grid.tables import read_table
-from tests.helpers.logger_files import drive, write_text_table
+from tests.helpers.logger_files import TUNER_UNITS, drive, write_text_table
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 
-UNITS = {  # of a logger: name → (column, its unit, factor, offset of canonical = f * x + o)
-    "lambda_measured": ("AFR", "AFR", 1 / 14.7, 0.0),
-    "manifold_pressure_kpa": ("MAP", "psi", 6.894757, 0.0),
-    "manifold_temperature_degc": ("MAT", "°F", 1 / 1.8, -32 / 1.8),
-    "coolant_temperature_degc": ("CLT", "°F", 1 / 1.8, -32 / 1.8),
-    "vehicle_speed_km_h": ("VSS", "mph", 1.609344, 0.0),
-    "maf_kg_h": ("MAF", "g/s", 3.6, 0.0),
-    "lambda_controller": ("EGO", "", 0.01, 0.0),
-}
+# the controller in per cent as well
+UNITS = {**TUNER_UNITS, "lambda_controller": ("EGO", "", 0.01, 0.0)}
 
 
 @pytest.fixture(scope="module")

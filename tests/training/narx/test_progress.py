@@ -2,7 +2,8 @@
 
 import io
 
-from training.cli.progress_bar import LINE_S, Bar
+from training.cli.progress import LINE_S
+from training.cli.progress_bar import Bar
 from training.narx.stages import EPOCHS
 
 HORIZON = min(EPOCHS)
