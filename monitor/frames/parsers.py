@@ -5,6 +5,7 @@ announces its own, which needs numba of the extra [fleet]. Its frames, counters 
 of numpy's parser in ``monitor.frames.candump_blocks``, which serves where there is none.
 """
 
+import logging
 from collections.abc import Iterable
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Final
 
 from monitor.frames.candump_blocks import Parser
 
+_LOG: Final = logging.getLogger("o2_monitor")
 GROUP: Final = "o2_monitor.candump_parsers"
 # Loading and unloading numba and its code takes 0.7 s of processor time. The compiled parser takes
 # 1.0 ms per MB, numpy's 3.2 ms: with less than 330 MB of text, numpy's is done sooner.
@@ -34,7 +36,8 @@ def compiled_parser() -> Parser | None:
     for point in entry_points(group=GROUP):
         try:
             parser: Parser = point.load()
-        except ImportError:  # a library that is missing or does not fit
+        except Exception as error:  # whatever ails it, numpy's parser reads the log
+            _LOG.info("compiled parser %r is left out: %s", point.name, error)
             continue
         return parser
     return None

@@ -48,9 +48,10 @@ def test_the_compiled_parser_serves_for_long_logs_only(
 
 
 @pytest.mark.usefixtures("announced")
-def test_a_parser_whose_library_is_missing_or_broken_is_passed_over(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_parser_whose_library_is_missing_or_broken_is_passed_over_and_the_log_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
+    caplog.set_level("INFO")
     monkeypatch.delitem(sys.modules, "training.fleet.candump_parser")
     monkeypatch.setitem(sys.modules, "numba", None)
     assert parsers.compiled_parser() is None
@@ -60,6 +61,7 @@ def test_a_parser_whose_library_is_missing_or_broken_is_passed_over(
     announce(broken, "broken_parser:parse_lines")
     monkeypatch.syspath_prepend(broken)
     assert parsers.compiled_parser() is None
+    assert "cannot cache function" in caplog.text
 
 
 @pytest.mark.usefixtures("announced")
