@@ -40,7 +40,7 @@ def multisine(
 
 
 @njit
-def _tanks(pump, level):
+def tank_levels(pump, level):
     height = np.zeros(len(pump))
     upper, lower, step_s = level, level, 0.1
     for t in range(len(pump)):
@@ -60,13 +60,13 @@ def tanks(seed: int) -> tuple[Records, Records]:
     def one(number: int) -> tuple[np.ndarray, np.ndarray]:
         rng = np.random.default_rng(number)
         pump = np.clip(2.9 + multisine(1024, rng, (0.0, 0.0576), 1.5), 0.0, 7.0)
-        return pump, _tanks(pump, 5.0) + 0.02 * rng.standard_normal(1024)
+        return pump, tank_levels(pump, 5.0) + 0.02 * rng.standard_normal(1024)
 
     return [one(seed)], [one(seed + 1)]
 
 
 @njit
-def _oscillator(force):
+def oscillator_places(force):
     place = np.zeros(len(force))
     x, v, step = 0.0, 0.0, 0.7 / 8
     for t in range(len(force)):
@@ -83,8 +83,15 @@ def oscillator(seed: int) -> tuple[Records, Records]:
     waves = [multisine(n, rng, (0.002, 0.11), 0.13) for n in (40_000, 8_192)]
     sweep = signal.sosfilt(signal.butter(6, 0.2, output="sos"), rng.standard_normal(20_000))
     waves.append(0.13 * sweep / sweep.std() * np.linspace(0.0, 2.0, 20_000))
-    records = [(w, _oscillator(w) + 2e-4 * rng.standard_normal(len(w))) for w in waves]
+    records = [(w, oscillator_places(w) + 2e-4 * rng.standard_normal(len(w))) for w in waves]
     return records[:1], records[1:]
+
+
+def sandwich_output(u: np.ndarray) -> np.ndarray:
+    """Return a saturation between two filters of third order, driven by u (n,)."""
+    x = signal.sosfilt(signal.cheby1(3, 0.5, 0.172, output="sos"), u)
+    z = np.where(x > 0.0, 0.3 * np.tanh(2.67 * x) + 0.1 * x, x)
+    return np.asarray(signal.sosfilt(signal.cheby2(3, 40, 0.195, output="sos"), z))
 
 
 def sandwich(seed: int) -> tuple[Records, Records]:
@@ -94,16 +101,13 @@ def sandwich(seed: int) -> tuple[Records, Records]:
         rng = np.random.default_rng(number)
         u = signal.sosfilt(signal.butter(4, 0.4, output="sos"), rng.standard_normal(n))
         u /= u.std()
-        x = signal.sosfilt(signal.cheby1(3, 0.5, 0.172, output="sos"), u)
-        z = np.where(x > 0.0, 0.3 * np.tanh(2.67 * x) + 0.1 * x, x)
-        y = signal.sosfilt(signal.cheby2(3, 40, 0.195, output="sos"), z)
-        return u, y + 1e-4 * rng.standard_normal(n)
+        return u, sandwich_output(u) + 1e-4 * rng.standard_normal(n)
 
     return [one(seed, 100_000)], [one(seed + 1, 20_000)]
 
 
 @njit
-def _hysteresis(force):
+def hysteresis_places(force):
     place = np.zeros(len(force))
     x, v, z, step_s = 0.0, 0.0, 0.0, 1.0 / 15_000
     for t in range(len(force)):
@@ -122,7 +126,7 @@ def hysteresis(seed: int) -> tuple[Records, Records]:
     def one(number: int, n: int) -> tuple[np.ndarray, np.ndarray]:
         rng = np.random.default_rng(number)
         force = multisine(n, rng, (5 / 750, 150 / 750), 50.0)
-        return force, _hysteresis(force) + 8e-3 * rng.standard_normal(n)
+        return force, hysteresis_places(force) + 8e-3 * rng.standard_normal(n)
 
     return [one(seed, 40_960)], [one(seed + 1, 8_192)]
 

@@ -1,0 +1,83 @@
+"""The public scoreboard: files as ``nonlinear_benchmarks`` stores them, one row per test."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from public import measure, row
+from public_data import PLANTS, Plant, Record, find, plant_of
+from public_models import MODELS
+from public_stand_ins import STAND_INS, ced
+from scipy.io import savemat
+
+
+def _resonance(seed: int, n: int) -> Record:
+    """A weakly damped resonance behind a saturation, 1 % of noise."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1.0, 1.0, n // 10), 10)
+    y = np.zeros(n)
+    for t in range(2, n):
+        y[t] = 1.6 * y[t - 1] - 0.8 * y[t - 2] + 0.2 * np.tanh(2.0 * u[t - 1])
+    return Record(u[:, None], y + 0.01 * rng.standard_normal(n))
+
+
+def test_drives_are_split_as_the_public_package_splits_them(tmp_path: Path) -> None:
+    # GIVEN a file of coupled electric drives, its name in other letters, in a folder of its own
+    (tmp_path / "CED").mkdir()
+    content = ced(np.random.default_rng(0))
+    savemat(tmp_path / "CED" / "dataunif.mat", content, oned_as="column")
+    # WHEN it is read
+    file = find(tmp_path, "ced")
+    assert file is not None
+    plant = plant_of("ced", file)
+    # THEN the first 400 samples train, the others test, of both records
+    assert [len(record.y) for record in plant.train] == [400, 400]
+    assert np.array_equal(plant.train[1].u[:, 0], content["u12"][:400])
+    assert np.array_equal(plant.tests["high input"].y, content["z12"][400:])
+    assert plant.washout == 10
+
+
+def test_a_stand_in_is_called_synthetic_and_has_no_goals(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    content = {"uEst": rng.random((60, 2)), "yEst": rng.random(60), "Ts": 4.0}
+    content |= {"uVal": content["uEst"], "yVal": content["yEst"]}
+    for synthetic in ({}, {"synthetic": 1.0}):
+        savemat(tmp_path / "pilotPlant.mat", content | synthetic, oned_as="column")
+        plant = plant_of("pilot_plant", tmp_path / "pilotPlant.mat")
+        assert plant.train[0].u.shape == (60, 2)
+        assert plant.name == ("synthetic pilot plant" if synthetic else "pilot plant")
+        assert plant.goals == ({} if synthetic else {"test": 25.0})
+
+
+def test_every_plant_has_a_file_name_and_a_stand_in() -> None:
+    assert PLANTS.keys() == STAND_INS.keys()
+
+
+def test_the_scoreboard_compares_free_runs_of_all_models(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    # GIVEN a small plant that a network describes better than a linear model
+    test = _resonance(2, 500)
+    plant = Plant(
+        name="resonance",
+        period_s=0.1,
+        unit="mV",
+        per_unit=1e3,
+        washout=50,
+        train=(_resonance(1, 300),),
+        tests={"test": test},
+        goals={"test": 40.0},
+    )
+    # WHEN all models are measured
+    errors = measure(plant, list(MODELS), seeds=1, budget_minutes=0.2, epochs=20)
+    # THEN the network is better than the ARX
+    assert max(errors["NARX"]["test"]) < errors["ARX"]["test"][0] < 1e3 * test.y.std()
+    line = row(plant, "test", errors, list(MODELS))
+    assert line.startswith("| resonance, test | mV | ") and line.endswith(" | ≤ 40 |")
+    # AND a package that is not installed is said
+    said = capsys.readouterr().err
+    for model, package in (("FROLS", "sysidentpy"), ("jax-sysid", "jax_sysid")):
+        missing = importlib.util.find_spec(package) is None
+        assert (f"{model} is skipped" in said) == missing
+        assert (model not in errors) == missing
