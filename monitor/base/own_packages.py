@@ -1,7 +1,8 @@
 """Whether ``monitor``, ``training`` and ``dbc`` are the packages of this project.
 
 The names are short, and another distribution may have a package of the same name: in a folder that
-comes first on Python's path, or in the same folder, where the later installation wins.
+comes first on Python's path, or in the same folder, where the later installation wins. A plain
+folder of the name wins over a project that is installed editable.
 """
 
 from collections.abc import Iterable
@@ -22,11 +23,13 @@ def check(names: Iterable[str] = NAMES) -> None:
     """Raise UsageError if a package of one of these names is another distribution's."""
     for name in names:
         spec = find_spec(name)
-        place = spec.origin if spec else None
-        if place is None:
+        if spec is None:
             raise UsageError(
                 f"the package {name} of o2-monitor is missing: install o2-monitor anew"
             )
+        if spec.origin is None:  # a folder of this name, such as one of databases
+            raise UsageError(in_the_way(name, ", ".join(spec.submodule_search_locations or ())))
+        place = spec.origin
         if MARK not in Path(place).read_text("utf-8", "replace"):
             raise UsageError(in_the_way(name, place))
 
