@@ -15,7 +15,7 @@ from training.cli import main
 from training.recordings.table_files import write_table
 
 INPUTS = ("fuel", "air")
-QUICK = {"lags": 3, "hidden": (4,), "starts": 1, "budget_minutes": 0.1, "threads": 1}
+QUICK = {"lags": 3, "hidden": (4,), "starts": 1, "budget_minutes": 3.0, "threads": 1}
 
 
 def drive_of(seed: int, n: int = 2100) -> dict[str, np.ndarray]:

@@ -57,7 +57,7 @@ def test_a_network_learned_in_closed_loop_follows_a_lasting_change_of_fuel(tmp_p
         lags=4,
         hidden=(4,),
         starts=1,
-        budget_minutes=0.15,
+        budget_minutes=3.0,
         threads=1,
     )
     other = closed_loop(2, noise=0.0)
