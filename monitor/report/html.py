@@ -24,6 +24,7 @@ from monitor.report.words import (
     verdict_of,
 )
 
+VERDICTS_WORST_FIRST = ("failed", "inconclusive", "passed")
 OPEN_AT_FIRST = 4  # up to this number, all recordings are shown unfolded
 
 
@@ -45,8 +46,28 @@ def body(
         _recording(i, recording, output, opened) for i, recording in enumerate(recordings)
     )
     return (
-        f"<header><h1>{text(title)}</h1>{note}</header>\n<main>\n{_summary(recordings)}\n"
+        f"<header><h1>{text(title)}</h1>{_lead(recordings)}{note}</header>\n<main>\n"
+        f"{_summary(recordings)}\n"
         f"{sections}\n{_model(model_info)}\n</main>"
+    )
+
+
+def _lead(recordings: Sequence[Mapping[str, Any]]) -> str:
+    """Return the verdict on the page's worst recording, its reason and its confidence."""
+    if not recordings:
+        return ""
+    verdicts = [verdict_of(recording) for recording in recordings]
+    worst = next(verdict for verdict in VERDICTS_WORST_FIRST if verdict in verdicts)
+    own = recordings[verdicts.index(worst)]
+    words = VERDICTS[worst][1].capitalize()
+    if len(recordings) > 1:
+        words += f" in {verdicts.count(worst)} of {len(recordings)} recordings"
+    reason = _sentence(own)
+    if len(recordings) > 1 and worst != "passed":
+        reason = f"{path(PurePath(str(own['path'])).name)}: {reason}"
+    return (
+        f'<div class="verdict {worst}" role="status"><p><strong>{words}.</strong> {reason}</p>'
+        f"{_confidence(own)}</div>"
     )
 
 
@@ -143,8 +164,7 @@ def _sentence(recording: Mapping[str, Any]) -> str:
 
 
 def _confidence(recording: Mapping[str, Any]) -> str:
-    said = confidence(recording)
-    return f"<p>Confidence: {text(said)}.</p>" if said else ""
+    return f"<p>Confidence: {text(confidence(recording))}.</p>"
 
 
 def _causes(recording: Mapping[str, Any]) -> str:

@@ -93,7 +93,7 @@ def meaning(dtc: Mapping[str, Any]) -> str:
 
 
 def confidence(recording: Mapping[str, Any]) -> str:
-    """Return how sure the response test is of the verdict, "" if it says nothing of it.
+    """Return how sure the verdict is: by the evidence of the response test, where that judged.
 
     >>> far = {"log_odds": -30.0, "needed": 9.21}
     >>> confidence({"dtcs": [], "not_judged": None, "evidence": {"transient": far}})
@@ -119,7 +119,11 @@ def confidence(recording: Mapping[str, Any]) -> str:
             f"nearest to a fault is {fault}, with log odds of {_odds(odds)}; "
             f"a fault needs {needed:.1f}"
         )
-    return "; ".join(said)
+    if said:
+        return "; ".join(said)
+    if recording["dtcs"]:
+        return "not given: the test of this code has limits, no odds"
+    return "none, a test is missing" if recording["not_judged"] else "every test ended"
 
 
 def _odds(value: float) -> str:

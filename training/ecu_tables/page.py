@@ -43,6 +43,7 @@ def write_report(
         "ecu_tables.html",
         "Tables from recordings",
         verdict=_verdict(tables),
+        confidence=_confidence(tables, period_s),
         tables=tables,
         filled=filled,
         heading=heading,
@@ -72,6 +73,23 @@ def _verdict(tables: Sequence[EcuTable]) -> str:
     low, high = 1000.0 * good.min(), 1000.0 * good.max()
     cells = counted(len(good), "cell")
     return f"Lambda delay {low:.0f} to {high:.0f} ms in {cells}; blank cells were not measured."
+
+
+def _confidence(tables: Sequence[EcuTable], period_s: float) -> str:
+    """Return how narrow the intervals of the lambda delay are, and how many cells are blank."""
+    delay = next(t for t in tables if t.name == "lambda_delay")
+    at = np.isfinite(delay.estimate)
+    cells = sum(t.estimate.size for t in tables)
+    filled = sum(int(np.isfinite(t.estimate).sum()) for t in tables)
+    share = f"{filled} of {cells} cells of all tables are filled"
+    if not at.any():
+        return f"none for the delay; {share}."
+    half_ms = 1000.0 * float(np.median((delay.high - delay.low)[at])) / 2.0
+    minutes = float(delay.samples[at].sum()) * period_s / 60.0
+    return (
+        f"a cell's delay is known to ±{half_ms:.0f} ms in the median (90 % interval, "
+        f"{minutes:.1f} minutes of driving); {share}."
+    )
 
 
 def draw(table: EcuTable, period_s: float) -> Figure:

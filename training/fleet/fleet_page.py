@@ -13,7 +13,7 @@ from training.fleet.outliers import Standing
 from training.fleet.run import windows_path
 from training.jobs import run_folder
 from training.limits.rates import Figures
-from training.pages.numbers import MISSING, NBSP, TO, plain, short
+from training.pages.numbers import MISSING, NBSP, TO, counted, plain, short
 from training.pages.page import page
 
 ROWS: Final = 40  # of a table, at most
@@ -47,7 +47,9 @@ def as_page(
     return page(
         "fleet.html",
         "Fleet",
-        verdict=_sentence(found),
+        verdict=_verdict(found),
+        confidence=_confidence(found),
+        extent=_extent(found),
         found=found,
         distributions=draw.distribution_figure(judged, windows, found["limits"])
         if len(judged)
@@ -70,7 +72,36 @@ def as_page(
     )
 
 
-def _sentence(found: Figures) -> str:
+def _verdict(found: Figures) -> str:
+    """Return how many vehicles have a code, and which code most of them have."""
+    vehicles = len({each["vehicle"] for each in found["drives_with_code"]})
+    text = f"{vehicles:,} of {counted(found['vehicles'], 'vehicle')} have a code"
+    if not vehicles:
+        reason = ": no judged recording ends with one"
+    else:
+        most = found["codes"][0]
+        reason = (
+            f", in {found['with_code']['events']:,} of {found['judged']:,} judged recordings; most "
+            f"often {most['code']} ({most['fault'].replace('_', ' ')}), in "
+            f"{counted(most['drives'], 'recording')}"
+        )
+    failed = counted(found["errors"], "recording")
+    return f"{text}{reason}." + (f" {failed} could not be judged." if found["errors"] else "")
+
+
+def _confidence(found: Figures) -> str:
+    """Return in how many recordings a test came to its end; silence of the others is no health."""
+    done = found["completed"]
+    if done["rate"] is None:
+        return "none: no recording was judged."
+    low, high = (100.0 * done[k] for k in ("low", "high"))
+    return (
+        f"the response test came to a decision in {100.0 * done['rate']:.0f} % of the judged "
+        f"recordings (95 % bounds {low:.0f} to {high:.0f}); no code in the others is no health."
+    )
+
+
+def _extent(found: Figures) -> str:
     text = (
         f"{found['drives']:,} recordings of {found['vehicles']:,} vehicles: {found['judged']:,} "
         f"judged, {found['errors']:,} could not be; {found['hours']:,.1f} h of driving, of which "

@@ -6,6 +6,7 @@ from typing import Final
 from monitor.base.outputs import write_text
 from training.greybox.model import GreyboxResult
 from training.narx import free_run_figures
+from training.narx.fit_confidence import fit_confidence
 from training.narx.fit_verdict import fit_verdict
 from training.pages.page import page
 
@@ -26,6 +27,7 @@ def write_report(path: Path | str, result: GreyboxResult) -> None:
         "greybox_fit.html",
         f"Grey-box model {result.path.name}",
         verdict=verdict,
+        confidence=fit_confidence(result),
         kind=kind,
         warnings=result.warnings,
         result=result,

@@ -5,7 +5,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from training.pages.figure import drawing
-from training.pages.numbers import with_unit
+from training.pages.numbers import counted, with_unit
 from training.pages.page import page
 
 
@@ -48,6 +48,29 @@ def sentence(result: dict[str, Any]) -> str:
         f"window. Of {f['windows']} healthy windows in {f['drives']} drive(s){simulated} "
         f"{f['alarms']} alarm; upper 95 % bound {f['bound']:.3g} if windows are independent "
         f"(Clopper and Pearson{paid}), {drives}. {held_out(f['held_out'], f['windows'])}"
+    )
+
+
+def holds(result: dict[str, Any]) -> bool:
+    """Return whether the bound of the false alarms keeps the wanted rate."""
+    return bool(result["false_alarms"]["bound"] <= result["false_alarms_wanted"])
+
+
+def verdict(result: dict[str, Any]) -> str:
+    """Return whether the limits keep the wanted false-alarm rate, and why."""
+    f, wanted = result["false_alarms"], result["false_alarms_wanted"]
+    found = "keep" if holds(result) else "are not shown to keep"
+    return (
+        f"The limits {found} the wanted rate of at most {wanted:g} false alarms per window: "
+        f"{f['alarms']} of {f['windows']} healthy windows in {counted(f['drives'], 'drive')} alarm."
+    )
+
+
+def _confidence(result: dict[str, Any]) -> str:
+    f = result["false_alarms"]
+    return (
+        f"with {100 * f['bound_confidence']:g} % at most {f['bound']:.3g} per window if windows "
+        f"are independent. {held_out(f['held_out'], f['windows'])}"
     )
 
 
@@ -106,9 +129,12 @@ def as_page(result: dict[str, Any]) -> str:
     return page(
         "calibration.html",
         f"Calibration of {result['model']}",
-        verdict=sentence(result),
+        verdict=verdict(result),
+        confidence=_confidence(result),
+        kind="good" if holds(result) else "bad",
         warnings=result["warnings"],
         result=result,
+        sentence=sentence(result),
         drives={kind: [cells(row) for row in result[kind]] for kind in ("healthy", "faulty")},
         detection=detection(result) if result["detection"] else "",
         monitor=monitor(result),

@@ -37,7 +37,8 @@ class Fit(Protocol):
         """Rows that were not trained on."""
 
 
-def _output_units(result: Fit) -> tuple[FloatArray, FloatArray]:
+def output_units(result: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return measurement and free run (n,) in the output's unit; NaN where there is none."""
     data = result.data
     measured = np.where(data.samples.weight > 0, data.scaling.unscale_y(data.samples.y), np.nan)
     return (
@@ -48,12 +49,12 @@ def _output_units(result: Fit) -> tuple[FloatArray, FloatArray]:
 
 def held_out_run(result: Fit) -> Figure:
     """Draw free run and measurement on the longest held-out blocks."""
-    measured, predicted = _output_units(result)
+    measured, predicted = output_units(result)
     tests = [h for h in result.held_out if h.role == "test"]
     chosen = sorted(tests, key=lambda h: h.first - h.stop)[:3]
     figure, grid = panels(len(chosen), 1, height=2.4)
     for axes, block in zip(grid, chosen, strict=True):
-        rows = _rows(result, block)[:FIGURE_SAMPLES]
+        rows = rows_of(result, block)[:FIGURE_SAMPLES]
         t_s = (block.first + np.arange(len(rows))) * result.data.period_ns / 1e9
         axes.plot(t_s, measured[rows], linewidth=0.9, color=MEASURED, label="measured")
         axes.plot(t_s, predicted[rows], linewidth=0.9, color="C1", label="model, free run")
@@ -64,7 +65,8 @@ def held_out_run(result: Fit) -> Figure:
     return figure
 
 
-def _rows(result: Fit, block: HeldOut) -> np.ndarray:
+def rows_of(result: Fit, block: HeldOut) -> np.ndarray:
+    """Return the rows of a held-out block among the samples of the fit."""
     for s in result.data.segments:
         if s.recording == block.recording and s.first <= block.first < s.first + s.stop - s.start:
             return np.arange(s.start + block.first - s.first, s.start + block.stop - s.first)
@@ -81,7 +83,7 @@ def _robust_limits(result: Fit) -> tuple[float, float]:
 
 def scatter(result: Fit) -> Figure:
     """Draw prediction over measurement, and the residuals, on held-out enabled samples."""
-    measured, predicted = _output_units(result)
+    measured, predicted = output_units(result)
     rows = (result.data.role == 2) & result.data.enabled & np.isfinite(predicted)
     a, b = measured[rows], predicted[rows]
     figure, (left, right) = panels(2, 2, height=3.6)

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from monitor.base.outputs import write_text
 from training.narx import free_run_figures
 from training.narx.fit import FitResult
+from training.narx.fit_confidence import fit_confidence
 from training.narx.fit_verdict import fit_verdict
 from training.narx.network import describe
 from training.pages.figure import drawing
@@ -25,6 +26,7 @@ def write_report(path: Path | str, result: FitResult) -> None:
         "training.html",
         f"Training of {result.path.name}",
         verdict=verdict,
+        confidence=fit_confidence(result),
         kind=kind,
         warnings=result.warnings,
         result=result,

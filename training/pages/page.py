@@ -18,10 +18,14 @@ LONG: Final = 5  # headings from which a page has a list of contents
 _HEADING: Final = re.compile(r'<h2(?: id="([^"]+)")?>(.*?)</h2>', re.DOTALL)
 
 
-def page(template: str, title: str, *, verdict: str = "", kind: str = "", **values: Any) -> str:
+def page(
+    template: str, title: str, *, verdict: str, confidence: str, kind: str = "", **values: Any
+) -> str:
     """Return a whole page: title, verdict, contents if it is long, body, footer.
 
     template : of the body, below ``templates/``
+    verdict : sentences with the verdict and its reason; every page has one
+    confidence : how sure the verdict is and why, behind "Confidence:"
     kind : class of the verdict: good, bad, or a name of its own
     values : for the body's template; ``warnings`` stand below the verdict, ``footer`` holds lines
         about models, code and recordings
@@ -40,6 +44,7 @@ def page(template: str, title: str, *, verdict: str = "", kind: str = "", **valu
         "page.html",
         title=title,
         verdict=verdict,
+        confidence=confidence,
         kind=kind,
         warnings=warnings,
         contents=[(name, _html(text)) for name, text in headings if len(headings) >= LONG],

@@ -21,7 +21,7 @@ def templates(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_page_runs_no_script_and_its_style_is_the_one_it_allows() -> None:
-    text = page("body.html", "A <title>", titles=[])
+    text = page("body.html", "A <title>", titles=[], verdict="v", confidence="c")
     style = re.findall(r"<style>(.*?)</style>", text, re.DOTALL)[0]
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
     assert f"default-src 'none'; img-src data:; style-src 'sha256-{digest}'" in text
@@ -32,13 +32,22 @@ def test_a_page_runs_no_script_and_its_style_is_the_one_it_allows() -> None:
 
 def test_a_long_page_has_a_list_of_contents() -> None:
     titles = ["one", "two & a half", "three", "four", "five"]
-    text = page("body.html", "Long", titles=titles)
+    text = page("body.html", "Long", titles=titles, verdict="v", confidence="c")
     assert '<a href="#part2">two &amp; a half</a>' in text
     assert '<h2 id="part2">two &amp; a half</h2>' in text
-    assert "<nav>" not in page("body.html", "Short", titles=titles[:4])
+    assert "<nav>" not in page("body.html", "Short", titles=titles[:4], verdict="v", confidence="c")
 
 
-def test_verdict_and_warnings_stand_first() -> None:
-    text = page("body.html", "T", verdict="a > b", kind="bad", warnings=["<w>"], titles=["one"])
-    places = [text.index(t) for t in ('"verdict bad">a &gt; b', "&lt;w&gt;", "<h2", "<footer>")]
+def test_verdict_confidence_and_warnings_stand_first() -> None:
+    text = page(
+        "body.html",
+        "T",
+        verdict="a > b",
+        confidence="high",
+        kind="bad",
+        warnings=["<w>"],
+        titles=["one"],
+    )
+    first = ('"verdict bad">a &gt; b', "Confidence: high", "&lt;w&gt;", "<h2", "<footer>")
+    places = [text.index(t) for t in first]
     assert places == sorted(places)

@@ -8,6 +8,7 @@ from typing import Final
 from monitor.base.outputs import write_text
 from training.gap.name.verdict import Candidate
 from training.gap.pages import cells, error_figures, where_figures
+from training.gap.pages.confidence_words import confidence
 from training.gap.pages.verdict_words import actions, cautions, verdict_sentence
 from training.gap.result import Result
 from training.gap.where.findings import Findings
@@ -25,6 +26,7 @@ def as_page(result: Result) -> str:
         "gap/report.html",
         f"Model gap: {model.path.name}",
         verdict=verdict_sentence(result),
+        confidence=confidence(result),
         kind=result.verdict,
         result=result,
         actions=actions(result),

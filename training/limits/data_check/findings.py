@@ -38,13 +38,38 @@ def verdict(result: dict[str, Any]) -> str:
 def as_page(result: dict[str, Any]) -> str:
     """Return a self-contained HTML page."""
     kind = "good" if result["usable"] else "bad"
-    sentence = f"The data is {verdict(result)}."
-    return page("check.html", "Is the data enough?", verdict=sentence, kind=kind, **_view(result))
+    return page(
+        "check.html",
+        "Is the data enough?",
+        verdict=f"The data is {verdict(result)}.{_reason(result)}",
+        confidence=_confidence(result),
+        kind=kind,
+        **_view(result),
+    )
 
 
 def section(result: dict[str, Any]) -> str:
     """Return the findings as a section of another page."""
     return part("study/check.html", verdict=verdict(result), **_view(result))
+
+
+def _reason(result: dict[str, Any]) -> str:
+    """Return the topics that stand against the recordings, the errors first."""
+    topics = [f["topic"] for level in ("error", "warning") for f in _of(result, level)]
+    return f" Against it: {', '.join(dict.fromkeys(topics))}." if topics else ""
+
+
+def _confidence(result: dict[str, Any]) -> str:
+    """Return on how much the verdict rests; whether a model will be good, only a fit says."""
+    seconds = sum(r["duration_s"] for r in result["recordings"])
+    return (
+        f"{counted(len(result['findings']), 'check')} of {seconds / 60.0:.0f} minutes of driving; "
+        "they find recordings that cannot do. Only a fit shows that a model is good."
+    )
+
+
+def _of(result: dict[str, Any], level: str) -> list[dict[str, Any]]:
+    return [f for f in result["findings"] if f["level"] == level]
 
 
 def _view(result: dict[str, Any]) -> dict[str, Any]:

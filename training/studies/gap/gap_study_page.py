@@ -12,27 +12,31 @@ from training.studies.gap.answers import done, large
 from training.studies.gap.case import ADD, RETRAIN_MINUTES, Row
 from training.studies.gap.gap_study_result import ERRORS_SHOWN, cells, hidden, reached
 from training.studies.gap.plan import HEALTHY_DRIVES, Study
-from training.studies.gap.targets import assess
+from training.studies.gap.targets import Target, assess
 from training.studies.matrix.detection_figures import confusion_figure
 
+MISSED_SHOWN: Final = 3
 FINAL: Final = 5000  # vehicles with lower numbers serve development
 
 
 def as_page(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
     """Return the page of a study."""
     noises = [r["noise"] for r in rows if r["noise"] is not None]
+    targets = assess(rows, study.base)
     retrained = study.fitted_with_effect and study.base != GREYBOX
     return page(
         "gap_study.html",
         f"Simulated study of the gap workflow, base {study.base}",
-        verdict=f"Everything here is simulated. {reached(rows, study)}.",
+        verdict=f"{_verdict(targets)} {reached(rows, study)}.",
+        confidence=_confidence(targets),
+        kind="bad" if any(t.met is False for t in targets) else "good",
         study=study,
         is_development=study.first_vehicle < FINAL,
         noise=f"{min(noises):.4f} to {max(noises):.4f}" if noises else "not known",
         healthy_drives=HEALTHY_DRIVES,
         retrain_s=60.0 * RETRAIN_MINUTES if retrained else None,
         add=ADD,
-        targets=[cells(target) for target in assess(rows, study.base)],
+        targets=[cells(target) for target in targets],
         two=tables.two(rows),
         confusion=tables.confusion(rows) if rows else None,
         confusions=_confusions(rows),
@@ -42,6 +46,25 @@ def as_page(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
         errors_shown=ERRORS_SHOWN,
         hidden=hidden,
         footer=[f"Code {identity['code_sha256'][:12]}"],
+    )
+
+
+def _verdict(targets: Sequence[Target]) -> str:
+    """Return how many targets are met, and which one is missed most plainly."""
+    judged = [t for t in targets if t.met is not None]
+    missed = [t for t in judged if not t.met]
+    text = f"{len(judged) - len(missed)} of {len(judged)} targets are met."
+    if not missed:
+        return text
+    return f"{text} Missed: {'; '.join(f'{t.where}: {t.what}' for t in missed[:MISSED_SHOWN])}."
+
+
+def _confidence(targets: Sequence[Target]) -> str:
+    """Return how many of the met targets are proved."""
+    met = [t for t in targets if t.met]
+    return (
+        f"{sum(bool(t.proved) for t in met)} of {len(met)} met targets are proved, their 95 % "
+        "bounds meet them, too; the others need more cases. Everything here is simulated."
     )
 
 

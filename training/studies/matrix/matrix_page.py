@@ -1,6 +1,7 @@
 """The result of a matrix as one self-contained page: targets first, then every table."""
 
 from collections.abc import Sequence
+from typing import Final
 
 from monitor.judge.enable import CONDITIONS
 from training.limits.alarm_rules import OWN, TITLES
@@ -16,6 +17,7 @@ from training.studies.matrix.severities import SEVERITIES
 from training.studies.matrix.tables import MONITOR, of_kind
 from training.studies.matrix.targets import PLACES, of_faults
 
+MISSED_SHOWN: Final = 3
 Times = dict[str, dict[str, list[float | None]]]
 
 
@@ -27,7 +29,9 @@ def as_page(found: Figures, rows: Sequence[Row]) -> str:
         "matrix.html",
         "Simulated matrix of drives and faults",
         verdict=f"{sum(judged)} of {len(judged)} targets are met"
-        + (f", {len(met) - len(judged)} not judged." if len(judged) < len(met) else "."),
+        + (f", {len(met) - len(judged)} not judged" if len(judged) < len(met) else "")
+        + _farthest(found["targets"]),
+        confidence=_confidence(found["targets"]),
         kind="good" if all(judged) else "bad",
         found=found,
         targets=[_target(target) for target in found["targets"]],
@@ -48,6 +52,25 @@ def as_page(found: Figures, rows: Sequence[Row]) -> str:
             f"{found['config_sha256'][:12]}, code {found['code_sha256'][:12]}, seeds from "
             f"{found['matrix']['seed']}"
         ],
+    )
+
+
+def _farthest(targets: Sequence[Figures]) -> str:
+    """Return which targets are missed, as the reason of the verdict."""
+    missed = [f"{t['where']}: {t['what']}" for t in targets if t["met"] is False]
+    if not missed:
+        return "."
+    more = f" and {len(missed) - MISSED_SHOWN} more" if len(missed) > MISSED_SHOWN else ""
+    return f". Missed: {'; '.join(missed[:MISSED_SHOWN])}{more}."
+
+
+def _confidence(targets: Sequence[Figures]) -> str:
+    """Return how many of the met targets are proved."""
+    met = [t for t in targets if t["met"]]
+    proved = sum(t["proved"] is not False for t in met)
+    return (
+        f"{proved} of {len(met)} met targets are proved, their 95 % bounds meet them, too; the "
+        "others need more drives. Everything here is simulated."
     )
 
 

@@ -37,6 +37,7 @@ def report(parts: Mapping[str, Any], warnings: list[str]) -> str:
         "study/report.html",
         f"Study of {output}",
         verdict=parts["choice"]["reason"],
+        confidence=_confidence(parts["choice"]),
         warnings=warnings,
         parts=parts,
         data=parts["data"],
@@ -53,6 +54,22 @@ def report(parts: Mapping[str, Any], warnings: list[str]) -> str:
             faulty(parts["sensor"]),
             _or_skipped("steady", "Steady training, transient use", parts),
         ],
+    )
+
+
+def _confidence(choice: Mapping[str, Any]) -> str:
+    """Return how the chosen model does on samples that chose nothing, and who is beside it."""
+    own = choice["candidates"][choice["chosen"]]
+    found = (own.get("after") or own.get("before") or {}).get("all") or {}
+    equal = len(choice["equal"]) - 1
+    beside = (
+        "no other model is as good" if not equal else f"{equal} others are not told apart from it"
+    )
+    if found.get("fit_percent") is None:
+        return f"{beside} on the validation blocks."
+    return (
+        f"on {choice['test']}, which chose nothing, its free run has a fit of "
+        f"{found['fit_percent']:.1f} %; {beside} on the validation blocks."
     )
 
 
