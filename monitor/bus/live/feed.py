@@ -17,10 +17,12 @@ from monitor.bus.live.codes import fault_memory
 from monitor.bus.live.describe import Conditions, response_limits, signal_rows
 from monitor.bus.live.process import Server
 from monitor.judge.findings import WindowJudged
+from monitor.pipeline.entry import evidence_entry
 from monitor.pipeline.events import Event, Tick
 from monitor.pipeline.monitor import Monitor
 from monitor.report import catalyst
 from monitor.report.replay import Setup
+from monitor.report.words import confidence
 
 MESSAGE_S: Final = 0.25
 SLOW_S: Final = 1.0  # interval of health and fault memory
@@ -167,8 +169,23 @@ class LiveFeed:
                 "page_restarts": self._restarts,
             }
             behind = catalyst.rows(self._monitor.catalyst.entry())
-            message["memory"] = fault_memory(self._monitor.store) | {"behind": behind}
+            message["memory"] = fault_memory(self._monitor.store) | {
+                "behind": behind,
+                "confidence": self._confidence(),
+            }
         return json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+
+    def _confidence(self) -> str:
+        """Return how sure the verdict so far is, in the words of the report."""
+        monitor = self._monitor
+        codes = [{"fault": dtc.fault} for dtc in monitor.store.all if dtc.state]
+        return confidence(
+            {
+                "dtcs": codes,
+                "not_judged": not monitor.completed,
+                "evidence": evidence_entry(monitor.evidence()),
+            }
+        )
 
     def _now(self, tick: Tick) -> dict[str, Any]:
         monitor, sample = self._monitor, tick.sample

@@ -52,6 +52,7 @@ function overview() {
   $("verdict").className = `verdict ${kind}`;
   put($("verdict-words"), words);
   put($("verdict-more"), more);
+  put($("verdict-sure"), memory?.confidence ? `Confidence: ${memory.confidence}.` : "");
   document.title = (kind === "failed" ? `${words.replace("Fault: ", "✕ ")} – ` : "") + "Oxygen sensor monitor";
   put($("where"), [state.channel, state.model, state.version && `o2mon ${state.version}`].filter(Boolean).join(" · "));
   const bus = state.health?.state ?? "active";
