@@ -19,7 +19,8 @@ of the manifest, share its fault memory and its reference, as with o2mon replay 
 manifest and without --vehicle, every recording is judged alone.
 
 The command writes results.parquet (one row per recording), results.windows.parquet (one row per
-window), results.html and results.json. Repeat the same command to continue a killed run.
+window), results.html and results.json, and the pages of the first drives with a code in the folder
+results.drives. Repeat the same command to continue a killed run.
 Exit code 3: no recording could be judged."""
 
 
@@ -75,6 +76,14 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         help="false-alarm rate, per window or per drive, for the limits that the report proposes "
         "(default 0.001)",
     )
+    fleet.add_argument(
+        "--reports",
+        type=int,
+        default=10,
+        metavar="N",
+        help="drives with a code whose own page is written beside, for the fleet's page to link "
+        "(default 10)",
+    )
     add_cores_options(fleet)
     fleet.add_argument("--config", type=paths.read, help="TOML file that changes shipped settings")
     add_bus_options(fleet)
@@ -97,6 +106,7 @@ def run(args: argparse.Namespace) -> int:
 
     from monitor.base import config
     from monitor.base.errors import UsageError
+    from training.cli import drive_reports
     from training.fleet import fleet_page, partitions
     from training.fleet import run as fleet
     from training.fleet.bench import Bench
@@ -104,6 +114,8 @@ def run(args: argparse.Namespace) -> int:
 
     if not 0.0 < args.false_alarms < 1.0:
         raise UsageError("--false-alarms is above 0 and below 1")
+    if args.reports < 0:
+        raise UsageError(f"--reports {args.reports}: must not be negative")
     written = fleet.written_paths(args.out)
     if args.partitioned:
         partitions.check(args.partitioned)
@@ -121,7 +133,9 @@ def run(args: argparse.Namespace) -> int:
             bar.update(chunk["drives"])
 
         result = fleet.run(drives, bench, args.out, done, jobs=jobs, scheduler=args.scheduler)
-    html, json_path = fleet_page.write(args.out, bench, result, args.false_alarms)
+    html, json_path = fleet_page.write(
+        args.out, bench, result, args.false_alarms, lambda drives: drive_reports.write(args, drives)
+    )
     if args.partitioned:
         partitions.write(args.out, fleet.windows_path(args.out), args.partitioned)
     fleet.finish(args.out)

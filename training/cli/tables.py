@@ -78,6 +78,7 @@ def run(args: argparse.Namespace) -> int:
     from training.cli.share_bar import Share
     from training.ecu_tables import config, files, fit, page, signals, tables
     from training.recordings.recording import check_each_once
+    from training.recordings.start import start_text
 
     if args.displacement_l is not None and not 0.05 <= args.displacement_l <= 30.0:
         raise UsageError(f"--displacement-l {args.displacement_l:g}: 0.05 to 30 litres are wanted")
@@ -93,7 +94,10 @@ def run(args: argparse.Namespace) -> int:
         fitted = fit.fit(subject, bar.update)
     made = tables.tables(fitted, axes, config.defaults())
     names = [r.path.name for r in recordings]
-    sources = [{"path": str(r.path), "sha256": r.sha256} for r in recordings]
+    sources = [
+        {"path": str(r.path), "sha256": r.sha256, "start": start_text(r.begin_ns)}
+        for r in recordings
+    ]
     files.write_files(args.out, made, recordings=sources)
     page.write_report(args.out / "report.html", fitted, made, names)
     for line in summary(made):

@@ -19,6 +19,13 @@ _WHICH: Final[Columns] = {
     "drive": (pl.UInt32(), "number of the drive among the drives of its vehicle, from 0"),
 }
 
+_START: Final[Columns] = {
+    "start": (
+        pl.Datetime("us", "UTC"),
+        "time of the recording's first sample, UTC; null if its times have no date",
+    ),
+}
+
 ESTIMATES: Final[Columns] = {
     f"{what}_{edge}{kind}_s": (
         pl.Float64(),
@@ -65,10 +72,7 @@ RECORDINGS: Final[Columns] = {
     "sha256": (pl.String(), "sha256 of the file"),
     "size_bytes": (pl.UInt64(), "size of the file, bytes"),
     "source": (pl.String(), "source in the manifest.json beside the file, for example simulated"),
-    "start": (
-        pl.Datetime("us", "UTC"),
-        "time of the first sample, UTC; null if the times of the recording have no date",
-    ),
+    **_START,
     "samples": (pl.UInt32(), "number of samples on the grid of the model"),
     "duration_s": (pl.Float64(), "number of samples times the period of the grid, s"),
     "enabled_s": (pl.Float64(), "time in which all enable conditions hold, s"),
@@ -174,6 +178,7 @@ RECORDINGS: Final[Columns] = {
 
 WINDOWS: Final[Columns] = {
     **_WHICH,
+    **_START,
     "window": (pl.UInt32(), "number of the window in the recording, from 0"),
     "t_start_s": (pl.Float64(), "time of the first sample, s from the start of the recording"),
     "t_end_s": (pl.Float64(), "time of the last sample, s from the start of the recording"),

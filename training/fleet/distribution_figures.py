@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from training.fleet.outliers import Standing
 from training.limits.rates import Figures
@@ -21,7 +22,7 @@ def distribution_figure(
     recordings: pl.DataFrame, windows: Path, limits: Sequence[Figures]
 ) -> Figure:
     """Draw histograms of windows and drives; lines are present (dashed) and proposed limits."""
-    figure, grid = panels(6, 3, height=2.6)
+    figure, grid = panels(6, 3, height=2.8)
     by_name = {each["name"]: each for each in limits}
     contents: tuple[tuple[str, str, bool, str | None], ...] = (
         ("mean", "mean residual of a window", True, "j_mu"),
@@ -90,6 +91,8 @@ def _histogram(axes: Axes, values: np.ndarray, title: str, limit: Figures | None
     inside = np.clip(values, low - 0.02 * span, high + 0.02 * span)  # the ends gather the rest
     axes.hist(inside, bins=BINS, color="C0")
     axes.set_yscale("log")
+    axes.set_ylim(bottom=0.7)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
     if limit is None:
         return
     sides = (-1.0, 1.0) if values.min() < 0.0 else (1.0,)

@@ -1,6 +1,6 @@
 """The report of a fleet: a page and the same figures as JSON."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,16 +14,25 @@ from training.fleet.run import windows_path
 from training.jobs import run_folder
 from training.limits.rates import Figures
 from training.pages.numbers import MISSING, NBSP, TO, counted, plain, short
-from training.pages.page import page
+from training.pages.page import breakable, page
 
+Reports = Callable[[Sequence[str]], Mapping[str, str]]
 ROWS: Final = 40  # of a table, at most
 
 
-def write(out: Path, bench: Bench, run: Mapping[str, Any], wished: float) -> tuple[Path, Path]:
+def _none(drives: Sequence[str]) -> Mapping[str, str]:
+    """Return that no drive has a page."""
+    return {}
+
+
+def write(
+    out: Path, bench: Bench, run: Mapping[str, Any], wished: float, reports: Reports = _none
+) -> tuple[Path, Path]:
     """Write the page and the JSON beside the table ``out``; return their paths.
 
     run : what ``run.run`` returned
     wished : false-alarm rate for the limits to propose, per window or drive
+    reports : takes the paths of the drives with a code, returns the pages that it wrote of them
     """
     recordings, windows = pl.read_parquet(out), windows_path(out)
     limits = tools_of(bench).limits
@@ -32,14 +41,22 @@ def write(out: Path, bench: Bench, run: Mapping[str, Any], wished: float) -> tup
     found = summary.summary(recordings, windows, run=run, limits=now, wished=wished, found=standing)
     html, tree = out.with_suffix(".html"), out.with_suffix(".json")
     run_folder.write_json(tree, found, indent=1)
-    write_text(html, as_page(found, recordings, windows, standing))
+    pages = reports([each["path"] for each in found["drives_with_code"][:ROWS]])
+    write_text(html, as_page(found, recordings, windows, standing, pages))
     return html, tree
 
 
 def as_page(
-    found: Figures, recordings: pl.DataFrame, windows: Path, standing: Sequence[Standing]
+    found: Figures,
+    recordings: pl.DataFrame,
+    windows: Path,
+    standing: Sequence[Standing],
+    reports: Mapping[str, str],
 ) -> str:
-    """Return the page of a fleet's summary and its tables."""
+    """Return the page of a fleet's summary and its tables.
+
+    reports : path of a drive → its page, relative to this one
+    """
     judged = recordings.filter(pl.col("error").is_null())
     named = outliers.named(standing)
     numbers = {vehicle: i for i, vehicle in enumerate(named, 1)}
@@ -54,7 +71,9 @@ def as_page(
         distributions=draw.distribution_figure(judged, windows, found["limits"])
         if len(judged)
         else None,
-        drives=[_drive(each) for each in found["drives_with_code"][:ROWS]],
+        drives=[
+            _drive(each, reports.get(each["path"])) for each in found["drives_with_code"][:ROWS]
+        ],
         more_drives=len(found["drives_with_code"]) - ROWS,
         standing=standing,
         standings=draw.standing_figure(standing, numbers) if standing else None,
@@ -127,19 +146,19 @@ def _named(named: dict[str, list[tuple[Standing, int]]]) -> list[tuple[str, ...]
     ]
 
 
-def _drive(each: Figures) -> tuple[str, ...]:
-    """Return vehicle, codes, drive, its start, and when the first code was set."""
+def _drive(each: Figures, page: str | None) -> tuple[str, ...]:
+    """Return vehicle, codes, drive with a link to its page, its start, time of the first code."""
     set_at = each["first_code_s"]
     start = each["start"]
     return (
-        each["vehicle"],
+        breakable(each["vehicle"]),
         ", ".join(
             f"{code}{NBSP}{fault.replace('_', ' ')} ({state})"
             for code, fault, state in zip(
                 each["codes"], each["faults"], each["states"], strict=True
             )
         ),
-        Path(each["path"]).name,
+        breakable(Path(each["path"]).name, page),
         start[:16].replace("T", NBSP) if start else MISSING,
         "earlier drive" if set_at is None else f"{set_at:.0f}{NBSP}s",
     )

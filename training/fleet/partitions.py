@@ -27,7 +27,7 @@ def write(recordings: Path, windows: Path, folder: Path) -> None:
     Raises UsageError if the folder cannot be written.
     """
     drives = pl.scan_parquet(recordings).with_columns(pl.col("start").dt.date().alias("date"))
-    days = drives.select("recording", "start", "date")
+    days = drives.select("recording", "date")
     tables = {
         "recordings": drives,
         "windows": pl.scan_parquet(windows).join(days, on="recording", how="left"),

@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime, timedelta
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +15,9 @@ from training.fleet.columns import BEHIND_KEYS, COUNTERS, ESTIMATES
 from training.fleet.drives import Drive
 from training.fleet.reading import Read
 from training.limits.alarm_rules import own_scores
+from training.recordings.start import start_of
 
 Row = dict[str, Any]
-EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-DATED_FROM_NS: Final = 10**18  # the year 2001; a smaller time counts from the recording's start
 
 
 def failed_row(drive: Drive, reason: str) -> Row:
@@ -42,7 +40,7 @@ def recording_row(drive: Drive, read: Read, judged: Judged, card: ModelCard, kno
         "sha256": read.sha256,
         "size_bytes": read.size_bytes,
         "source": declared[1] if declared and declared[0] == read.sha256 else None,
-        "start": _start(read.begin_ns),
+        "start": start_of(read.begin_ns),
         "samples": len(judged.enabled),
         "duration_s": len(judged.enabled) * period_s,
         "enabled_s": int(judged.enabled.sum()) * period_s,
@@ -77,7 +75,7 @@ def recording_row(drive: Drive, read: Read, judged: Judged, card: ModelCard, kno
 
 def window_rows(drive: Drive, read: Read, judged: Judged) -> list[Row]:
     """Return one row per window of a judged recording."""
-    t0_ns, which = int(read.block.t_ns[0]), _which(drive)
+    t0_ns, which = int(read.block.t_ns[0]), _which(drive) | {"start": start_of(read.begin_ns)}
     return [
         {
             **which,
@@ -104,13 +102,6 @@ def _which(drive: Drive) -> Row:
         "vehicle": drive.vehicle,
         "drive": drive.drive,
     }
-
-
-def _start(begin_ns: int) -> datetime | None:
-    """Return the time of the first sample, None if times count from the start of the recording."""
-    if begin_ns <= DATED_FROM_NS:
-        return None
-    return EPOCH + timedelta(microseconds=begin_ns // 1000)
 
 
 def _first_code(block: SampleBlock, judged: Judged, period_s: float) -> Row:

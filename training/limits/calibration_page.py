@@ -69,7 +69,7 @@ def verdict(result: dict[str, Any]) -> str:
 def _confidence(result: dict[str, Any]) -> str:
     f = result["false_alarms"]
     return (
-        f"with {100 * f['bound_confidence']:g} % at most {f['bound']:.3g} per window if windows "
+        f"with {100 * f['bound_confidence']:.4g} % at most {f['bound']:.3g} per window if windows "
         f"are independent. {held_out(f['held_out'], f['windows'])}"
     )
 

@@ -1,7 +1,8 @@
 """One style of figures for every page: matplotlib to SVG within the page."""
 
 import base64
-from collections.abc import Sequence
+import math
+from decimal import Decimal
 from io import BytesIO
 from typing import Any, Final, Literal
 
@@ -11,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from training.pages.page import part
 
@@ -36,8 +37,6 @@ STYLE: Final[Any] = {
     "axes.spines.right": False,
     "axes.prop_cycle": cycler(color=COLOURS),
 }
-_POWER: Final = r"\mathdefault"  # in matplotlib's own labels of logarithmic axes
-
 mpl.rcParams.update(STYLE)  # figures are drawn for pages only
 
 
@@ -78,21 +77,30 @@ def legend(axes: Axes, where: Literal["above", "beside"] = "above", columns: int
 def figure(drawn: Figure, caption: str) -> str:
     """Return the figure as HTML with embedded SVG; the same figure gives the same bytes."""
     buffer = BytesIO()
-    texts = [text for text in drawn.findobj(Text) if isinstance(text, Text)]
-    has_dollars = any("$" in t.get_text() and _POWER not in t.get_text() for t in texts)
-    if has_dollars:
-        _take_no_formulas(drawn, texts)
-    with mpl.rc_context({"svg.hashsalt": "o2-monitor", "text.parse_math": not has_dollars}):
+    for axis in drawn.findobj(Axis):
+        if isinstance(axis, Axis) and axis.get_scale() in ("log", "symlog"):
+            _show_in_full(axis)
+    for text in drawn.findobj(Text):
+        if isinstance(text, Text):
+            text.set_parse_math(False)  # names of files and signals may hold dollars
+    with mpl.rc_context({"svg.hashsalt": "o2-monitor", "text.parse_math": False}):
         drawn.savefig(buffer, format="svg", metadata={"Date": None})
     data = base64.b64encode(buffer.getvalue()).decode()
     return part("figure.html", data=data, caption=caption)
 
 
-def _take_no_formulas(drawn: Figure, texts: Sequence[Text]) -> None:
-    """Show dollars as they are: names of files and signals may hold some."""
-    for text in texts:
-        text.set_parse_math(False)
-    for axis in drawn.findobj(Axis):
-        if isinstance(axis, Axis) and axis.get_scale() != "linear":
-            axis.set_major_formatter("{x:g}")  # its powers are formulas
-            axis.set_minor_formatter(NullFormatter())
+def _show_in_full(axis: Axis) -> None:
+    """Label a logarithmic axis with plain numbers, 0.001 and 1,000 instead of powers."""
+    low, high = axis.get_view_interval()
+    has_power = low <= 0.0 or math.floor(math.log10(high)) >= math.ceil(math.log10(low))
+    axis.set_major_formatter(FuncFormatter(_in_full))
+    axis.set_minor_formatter(NullFormatter() if has_power else FuncFormatter(_in_full))
+
+
+def _in_full(value: float, _: int | None = None) -> str:
+    """Return a number without an exponent.
+
+    >>> _in_full(1e-5), _in_full(2e4)
+    ('0.00001', '20,000')
+    """
+    return f"{Decimal(f'{value:.6g}'):,f}".replace("-", "\N{MINUS SIGN}")

@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Mapping
+from decimal import Decimal
 from typing import Any, Final
 
 NBSP: Final = "\N{NO-BREAK SPACE}"
 TO: Final = "–\N{WORD JOINER}"  # between two bounds
+TINY: Final = 1e-9  # a smaller number is not told from 0
 MISSING: Final = "–"
 
 
@@ -29,8 +31,20 @@ def fixed(value: float | None, digits: int) -> str:
 
 
 def short(value: float | None, digits: int = 4) -> str:
-    """Return a number with so many significant digits."""
-    return form(value, f".{digits}g")
+    """Return a number with so many significant digits and without an exponent.
+
+    >>> short(0.00000051234), short(1.703e-12), short(123456.0)
+    ('0.0000005123', 'below 0.000000001', '123,500')
+    """
+    text = form(value, f".{digits}g")
+    if "e" not in text:
+        return text
+    return f"below {TINY:.9f}" if abs(value or 0.0) < TINY else f"{Decimal(text):,f}"
+
+
+def p_value(p: float) -> str:
+    """Return a p-value with as many digits as a reader needs."""
+    return "below 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 
 def signed(value: float | None, digits: int) -> str:

@@ -6,6 +6,7 @@ import re
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import quote
 
 from monitor import __version__
 from training.pages import numbers
@@ -60,6 +61,18 @@ def part(template: str, /, **values: Any) -> str:
     return _html(_environment().get_template(template).render(values))
 
 
+def breakable(name: str, link: str | None = None) -> str:
+    """Return a file's name as HTML that may wrap behind its underscores, as a link if there is one.
+
+    >>> str(breakable("a_b", "x y.html"))
+    '<a href="x%20y.html">a_<wbr>b</a>'
+    """
+    from markupsafe import escape  # noqa: PLC0415
+
+    text = _html(str(escape(name)).replace("_", "_<wbr>"))
+    return text if link is None else _html('<a href="{}">{}</a>').format(quote(link), text)
+
+
 def _html(text: str) -> str:
     from markupsafe import Markup  # noqa: PLC0415
 
@@ -81,7 +94,17 @@ def _environment() -> "Environment":
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    for name in ("form", "fixed", "short", "signed", "count", "plain", "percent", "percent_rate"):
+    for name in (
+        "form",
+        "fixed",
+        "short",
+        "p_value",
+        "signed",
+        "count",
+        "plain",
+        "percent",
+        "percent_rate",
+    ):
         environment.filters[name] = getattr(numbers, name)
     for name in ("median_s", "with_unit", "unit_of", "words", "unbroken", "counted"):
         environment.filters[name] = getattr(numbers, name)

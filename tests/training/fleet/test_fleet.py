@@ -1,5 +1,6 @@
 """A fleet judged: the verdicts of a replay, memory over a vehicle's drives, bad files, resuming."""
 
+import re
 import shutil
 import signal
 import subprocess
@@ -372,6 +373,9 @@ def test_the_command_says_what_it_found(
     rows, windows = fleet_drives.tables(out)
     assert rows.schema == pl.Schema(columns.schema(columns.RECORDINGS))
     assert windows.schema == pl.Schema(columns.schema(columns.WINDOWS))
+    # AND the page lists vehicle, code and drive, whose own page says the same
+    (link,) = re.findall(r'<a href="(out\.drives/[^"]+)">', out.with_suffix(".html").read_text())
+    assert "P015A" in (tmp_path / link).read_text()
     (tmp_path / "empty.log").touch()
     call[1] = str(tmp_path / "empty.log")
     assert main(call) == 3
@@ -435,6 +439,7 @@ def test_tables_with_names_of_their_own_and_logs_with_another_map_are_judged(
     call = ["fleet", str(tmp_path / "drive.csv"), str(LOGS / DELAYED), "--model", MODEL]
     call += ["--out", str(out), "--jobs", "1", "--columns", str(tmp_path / "names.toml")]
     call += ["--dbc", str(tmp_path / "mine.dbc"), "--map", str(tmp_path / "mine.toml")]
+    call += ["--reports", "0"]
     # WHEN they are judged THEN both are
     assert main(call) == 0
     rows, _ = fleet_drives.tables(out)

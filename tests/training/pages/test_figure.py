@@ -31,7 +31,13 @@ def test_dollars_in_names_are_shown_as_they_are(name: str) -> None:
     assert "<!-- 10 -->" in svg
 
 
-def test_logarithmic_axes_have_powers_otherwise() -> None:
+def test_ticks_of_logarithmic_axes_are_numbers_in_full() -> None:
+    # GIVEN an axis over many powers of ten, and one within a power
     drawn = Figure()
-    drawn.subplots().loglog([1.0, 100.0], [1.0, 100.0])
-    assert r"$\mathdefault{10^{1}}$" in _svg(drawn)
+    drawn.subplots().plot([1e-5, 2e4], [2.0, 8.0])
+    drawn.axes[0].set(xscale="log", yscale="log", ylim=(2.0, 8.0))
+    # WHEN it is drawn
+    ticks = re.findall(r"<!-- (.*?) -->", _svg(drawn))
+    # THEN no tick is a power, and both axes have ticks
+    assert {"0.0001", "10,000", "2", "5"} <= set(ticks)
+    assert not [t for t in ticks if "e" in t or "^" in t]

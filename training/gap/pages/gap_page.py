@@ -13,6 +13,7 @@ from training.gap.pages.verdict_words import actions, cautions, verdict_sentence
 from training.gap.result import Result
 from training.gap.where.findings import Findings
 from training.greybox.chain import RANGES
+from training.pages.numbers import p_value
 from training.pages.page import page, part
 
 SHOWN: Final = 8  # candidates before the rest folds away
@@ -69,11 +70,6 @@ def _where(result: Result) -> str:
 def where_section(found: Findings) -> str:
     """Return the section that says where model and vehicle disagree."""
     return part("gap/where.html", found=found, draw=where_figures, p_value=p_value)
-
-
-def p_value(p: float) -> str:
-    """Return a p-value with as many digits as a reader needs."""
-    return "below 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 
 def save(result: Result, path: Path) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from training.pages.numbers import short
+from training.pages.numbers import p_value, short
 from training.pages.page import part
 from training.studies.paper.linear import linear_figures
 from training.studies.paper.linear.linear_figures import TITLES, Result
@@ -57,12 +57,11 @@ def _delays(delays: Sequence[int]) -> str:
 def _verdicts(tests: dict[str, Any]) -> list[str]:
     """Return the cells of one model: whiteness, p, lags, independence, correlation, feedback."""
     white, each = tests["whiteness"], tests["independence"]
-    p = white["p_value"]
     sizes = [max(abs(c) for c in t["correlation"][len(t["lags"]) // 2 :]) for t in each]
     worst = int(np.argmax(sizes))
     return [
         "rejected" if white["rejected"] else "not rejected",
-        "below 1e-16" if p < 1e-16 else f"{p:.2g}",
+        p_value(white["p_value"]),
         f"{white['outside']} of {white['lags']}",
         _named("rejected", [t["input"] for t in each if t["rejected"]], len(each)),
         f"{sizes[worst]:.2f}, {each[worst]['input']}",
