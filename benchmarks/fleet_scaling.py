@@ -20,13 +20,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import psutil
+from repository import ROOT
 
 from monitor.decode.bus_map import load_pairs
 from monitor.report.replay import shipped_model
 from training.recordings.can_log import broadcast, write_log
 from training.recordings.recording import default_pairs, load, write_table
 
-LOGS = Path(__file__).parent.parent / "replay_logs"
+LOGS = ROOT / "replay_logs"
 SOURCES = ("healthy_micro_trips_v102_s102.blf", "healthy_wltc_3b_v101_s101.blf")
 DISTINCT = 16
 SAMPLES = 1200  # of 0.1 s in a recording

@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import repository  # noqa: F401
 
 from monitor.base import config
 from monitor.judge.limits import Limits

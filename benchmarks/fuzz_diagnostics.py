@@ -17,13 +17,12 @@ from pathlib import Path
 from typing import Final
 
 import isotp.tools
+import repository  # noqa: F401
 from fuzz_options import fuzz_parser
 
 from monitor.base.types import Frame
 from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.server import Address, Diagnostics
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from tests.helpers.diagnostics_state import Vehicle, tick
 
 _VALID: Final = (

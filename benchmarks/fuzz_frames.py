@@ -16,6 +16,7 @@ from pathlib import Path
 import can
 from fuzz_options import fuzz_parser
 from played import Played, rss_mb
+from repository import ROOT
 
 from monitor.base import config
 from monitor.base.types import Frame
@@ -26,7 +27,6 @@ from monitor.decode.checksum import payload_checksum
 from monitor.frames.logs import read_frames
 from monitor.report import replay
 
-ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
 BEGIN_NS = 1_700_000_000_000_000_000
 N_DATA, CHECKSUM_BYTE = 8, 7  # of every message of the project's ECU

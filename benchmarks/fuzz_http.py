@@ -14,9 +14,8 @@ import urllib.request
 from collections import Counter
 from pathlib import Path
 
+import repository  # noqa: F401
 from fuzz_options import fuzz_parser
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from tests.helpers.http_fuzz import ask, request
 from tests.helpers.live_player import Player, frames_of

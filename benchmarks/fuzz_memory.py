@@ -11,9 +11,8 @@ from collections import Counter
 from contextlib import closing
 from pathlib import Path
 
+import repository  # noqa: F401
 from fuzz_options import fuzz_parser
-
-sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from monitor.memory.store import Memory
 from tests.helpers.memory_damage import (

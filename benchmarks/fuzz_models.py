@@ -11,9 +11,8 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import repository  # noqa: F401
 from fuzz_options import fuzz_parser
-
-sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from monitor.report.replay import shipped_model
 from tests.helpers.model_damage import damaged, hostile, outcome

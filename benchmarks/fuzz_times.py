@@ -15,6 +15,7 @@ from typing import Any
 import can
 import numpy as np
 from fuzz_options import fuzz_parser
+from repository import ROOT
 
 from monitor.base import config
 from monitor.base.types import Frame, FrameBlock
@@ -35,7 +36,6 @@ from monitor.pipeline.side_by_side import slices
 from monitor.report import replay
 from monitor.report.sinks import Collector
 
-ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 BEGIN_NS = 1_700_000_000_000_000_000
 S = 1_000_000_000

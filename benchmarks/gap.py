@@ -25,7 +25,7 @@ from training.dyno.simulation import Experiment
 from training.gap.inputs.roles import Material, Options
 from training.gap.name import yardstick
 from training.gap.name.naming import name
-from training.gap.pages import report
+from training.gap.pages import gap_page
 from training.gap.result import save
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
@@ -117,7 +117,7 @@ def study(new: list[Path], healthy: list[Path]) -> tuple[float, float]:
 
 def _written(found: Any, folder: Path) -> None:
     save(found, folder / "gap.json")
-    report.save(found, folder / "report.html")
+    gap_page.save(found, folder / "report.html")
 
 
 def main() -> None:

@@ -13,9 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import repository  # noqa: F401
 from fuzz_options import fuzz_parser
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from tests.helpers.kills import kills, loop_kills
 

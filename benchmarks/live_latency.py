@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from repository import ROOT
 from udp_can import Address, UdpCan
 
 from monitor.base import config
@@ -36,7 +37,6 @@ from monitor.pipeline.events import Event, Tick
 from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 
-ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
 START_S = 300.0  # of the drive: warm and under way
 WARM_UP_S = 3.0  # at the begin of a run, not measured

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from repository import ROOT
 
 from monitor.base.types import FloatArray, Frame
 from monitor.frames.logs import read_frames
@@ -21,7 +22,6 @@ from training.recordings.mf4_log import write_mf4
 from training.recordings.recording import Recording, load
 from training.recordings.table_files import write_table
 
-ROOT = Path(__file__).resolve().parent.parent
 DRIVE = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
 BEGIN_S, LENGTH_S = 200.0, 30.0
 LOGS = (".log", ".asc", ".csv", ".trc", ".blf", ".mf4")

@@ -11,11 +11,10 @@ import random
 import sys
 import time
 from collections import Counter
-from pathlib import Path
 
+import repository  # noqa: F401
 from odxtools.exceptions import OdxError
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from monitor.bus.diagnostics.answer import answer
 from tests.helpers.odx_reader import drawn_vehicle, read, requests
 

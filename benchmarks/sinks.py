@@ -11,10 +11,10 @@ import os
 import sys
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from repository import ROOT
 
 from monitor.base import config
 from monitor.bus.loop import Loop
@@ -24,11 +24,8 @@ from monitor.report import replay
 from monitor.sinks.outlet import Outlet
 from monitor.sinks.record import Record
 from monitor.sinks.stream import Stream
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from tests.helpers.played_bus import PlayedBus
 
-ROOT = Path(__file__).resolve().parent.parent
 LOG = next((ROOT / "replay_logs").glob("delay_rich_to_lean_*.blf"))
 
 

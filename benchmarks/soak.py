@@ -21,6 +21,7 @@ from pathlib import Path
 
 import can
 from played import SILENCE_S, Played, rss_mb
+from repository import ROOT
 
 from monitor.base import config
 from monitor.base.types import Frame
@@ -32,7 +33,6 @@ from monitor.frames.logs import read_frames
 from monitor.memory.store import Memory
 from monitor.report import replay
 
-ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
 PAUSE_S = 2.0  # between two drives: time marks are made, no communication is lost yet
 BEGIN_NS = 1_700_000_000_000_000_000

@@ -19,6 +19,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
+from repository import ROOT
 
 from monitor.base import config
 from monitor.base.types import FloatArray, Frame, SampleBlock
@@ -37,7 +38,6 @@ from monitor.pipeline.events import Ticks, WindowJudged
 from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 
-ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
 US = 1e6
 TARGETS_US = {"decode and assemble": 1.2, "whole sample": 150.0, "whole window": 200.0}

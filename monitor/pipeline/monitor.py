@@ -22,7 +22,8 @@ from monitor.judge import bank, enable, rules
 from monitor.judge.catalyst import SIGNALS as CATALYST_SIGNALS
 from monitor.judge.catalyst import VOLTAGE as CATALYST_VOLTAGE
 from monitor.judge.catalyst import BehindResult, CatalystMonitor
-from monitor.judge.decisions import Decisions, ticks_to_mature
+from monitor.judge.counters import ticks_to_mature
+from monitor.judge.decisions import Decisions
 from monitor.judge.enable import Enable
 from monitor.judge.findings import Evidence, Facts
 from monitor.judge.heater import DUTY

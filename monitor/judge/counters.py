@@ -1,0 +1,106 @@
+"""Step 9: results of the tests advance debounce counters, and counters that mature change codes."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+from monitor.base.config import Config, DebounceConfig
+from monitor.judge.findings import Change, Counted, DtcChanged
+from monitor.memory.codes import CODES, codes_on
+from monitor.memory.debounce import FAILED, PASSED, Debounce
+from monitor.memory.dtc import Dtc
+from monitor.memory.dtc_store import DtcStore
+
+
+class Counters:
+    """One debounce counter for each test, and the fault that it last failed with.
+
+    tests : their names
+    """
+
+    def __init__(self, tests: Iterable[str], config: Config, store: DtcStore) -> None:
+        self._config, self._store = config, store
+        self._debounce = dict.fromkeys(tests, Debounce())
+        self._failing: dict[str, str] = {}  # the latest fault of each test
+        self._named: dict[str, str] = {}  # the fault that each matured test has set
+        self.decided: set[str] = set()  # tests that reached a decision
+
+    def failed(self, test: str) -> bool:
+        """Return whether the test's counter says failed."""
+        return self._debounce[test].failed
+
+    def passed(self, test: str) -> bool:
+        """Return whether the test's counter says passed."""
+        return self._debounce[test].passed
+
+    def named(self, test: str) -> str | None:
+        """Return the fault that a matured test has set."""
+        return self._named.get(test)
+
+    def prefailed(self) -> dict[str, int]:
+        """Return the codes whose tests have failed, but not often enough, with their counters."""
+        return {
+            code: self._debounce[test].count
+            for test, fault in self._failing.items()
+            if 0 < self._debounce[test].count < FAILED
+            for code in self._codes(fault)
+        }
+
+    def step(
+        self, test: str, *, failed: bool, fault: str, also: tuple[str, ...], t_ns: int
+    ) -> Sequence[Change]:
+        """Advance one test's counter; a counter that matures sets or completes codes."""
+        before = self._debounce[test]
+        if before.count == (FAILED if failed else PASSED):  # no result can change it
+            return self._renamed(test, fault, also, t_ns) if failed else ()
+        if failed:
+            self._failing[test] = fault
+        debounce = self._config.debounce
+        by = debounce.response_fail if failed else debounce.response_pass
+        after = self._debounce[test] = before.step(failed=failed, by=by)
+        if not after.failed and not after.passed:
+            return ()
+        return self.set_codes(test, failed=after.failed, fault=fault, also=also, t_ns=t_ns)
+
+    def mature(self, test: str, *, failed: bool, fault: str, t_ns: int) -> list[Change]:
+        """Take the last of so many alike results in a row."""
+        self._debounce[test] = Debounce(FAILED if failed else PASSED)
+        return self.set_codes(test, failed=failed, fault=fault, also=(), t_ns=t_ns)
+
+    def set_codes(
+        self, test: str, *, failed: bool, fault: str, also: tuple[str, ...], t_ns: int
+    ) -> list[Change]:
+        """Set the codes of a fault, or complete those of a test."""
+        self.decided.add(test)
+        counted = [Counted(t_ns, "numerator")] if self._store.count_judged(test) else []
+        if failed:
+            self._named[test] = fault
+            changed = self._fail(fault, also, t_ns)
+        else:
+            changed = self._store.complete(test)
+        return [*(DtcChanged(t_ns, dtc) for dtc in changed), *counted]
+
+    def _renamed(self, test: str, fault: str, also: tuple[str, ...], t_ns: int) -> Sequence[Change]:
+        """Give a code the name that more evidence speaks for, if both names have the same code."""
+        before = self._named.get(test, fault)
+        if fault == before or CODES[fault] != CODES[before]:
+            return ()
+        self._named[test] = fault
+        return [DtcChanged(t_ns, dtc) for dtc in self._fail(fault, also, t_ns)]
+
+    def _fail(self, fault: str, also: tuple[str, ...], t_ns: int) -> list[Dtc]:
+        return self._store.fail(fault, t_ns, also, self._codes(fault))
+
+    def _codes(self, fault: str) -> tuple[str, ...]:
+        return codes_on(fault, close_coupled=self._config.catalyst.close_coupled)
+
+
+def ticks_to_mature(config: DebounceConfig, period_s: float) -> tuple[int, int]:
+    """Return how many failed, and how many passed, results on samples in a row mature.
+
+    A counter begins a row from zero, so nothing before it counts.
+    """
+    fail_by, pass_by = (
+        max(1, math.ceil(-PASSED * period_s / seconds))
+        for seconds in (config.tick_fail_s, config.tick_pass_s)
+    )
+    return math.ceil(FAILED / fail_by), math.ceil(-PASSED / pass_by)

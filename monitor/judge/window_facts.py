@@ -1,0 +1,153 @@
+"""What windows say, before anything is decided: the response rule, its offset, and movement."""
+
+import math
+from collections.abc import Sequence
+from itertools import groupby
+from operator import attrgetter
+from typing import Final
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.base.types import FloatArray
+from monitor.judge.bank import Hypothesis
+from monitor.judge.claims import Noise
+from monitor.judge.findings import Evidence, Facts
+from monitor.judge.limits import Limits
+from monitor.judge.movement import UNKNOWN, MovementRule
+from monitor.judge.residual import lambda_of, means_and_stds
+from monitor.judge.response import Response, ResponseRule
+from monitor.judge.window import Window
+from monitor.memory.codes import CODES
+
+LAMBDA_LEAST: Final = 0.1  # what stays of a measurement whose offset is taken off
+
+
+class WindowFacts:
+    """The facts of one driving cycle's windows, and the evidence that they sum up to.
+
+    transform : of the model, "phi" or "none"
+    """
+
+    def __init__(
+        self,
+        limits: Limits,
+        config: Config,
+        hypotheses: tuple[Hypothesis, ...],
+        transform: str,
+        period_s: float,
+    ) -> None:
+        self._limits, self._transform = limits, transform
+        self._stuck_range = config.plausibility.stuck_range
+        self._window_s = config.window.n_samples * period_s
+        noise = Noise(limits.noise, limits.noise_memory)
+        self._response = ResponseRule(
+            config=config.response,
+            bank=hypotheses,
+            noise=noise,
+            period_s=period_s,
+            evidence_weight=limits.evidence,
+            gain_reference=limits.gain_expected,
+        )
+        # edges of fuel cuts are judged by the same claims, and their evidence is the same
+        self._cut_response = ResponseRule(
+            config=config.response,
+            bank=hypotheses,
+            noise=noise,
+            period_s=period_s,
+            evidence_weight=limits.evidence_cut,
+            gain_reference=limits.gain_cut,
+            shares=self._response,
+        )
+        self._movement = MovementRule(
+            config.movement,
+            limits.noise,
+            limits.noise_memory,
+            period_s,
+            self._response.evidence_fail,
+        )
+
+    def of(self, windows: Sequence[Window]) -> list[Facts]:
+        """Return the facts of windows that follow each other; every window goes through once."""
+        found: list[Facts] = []
+        for is_cut, group in groupby(windows, attrgetter("is_cut")):
+            facts_of = self._around_cuts if is_cut else self._enabled
+            found += facts_of([*group])
+        return found
+
+    @property
+    def drive_gain(self) -> float:
+        """Return the gain of the likeliest sound sensor over all windows."""
+        return self._response.drive_gain
+
+    def evidence(self) -> dict[str, Evidence]:
+        """Return how far the response test is from a decision about each fault.
+
+        The time left supposes that the evidence goes on to grow as it did so far.
+        """
+        rule, n_cuts = self._response, self._cut_response.windows
+        # a window around a fuel cut has half the samples
+        seconds = (rule.windows + 0.5 * n_cuts) * self._window_s
+        found = {}
+        for fault, odds in rule.odds.items():
+            needed = rule.evidence_fail if odds > 0.0 else rule.evidence_pass
+            missing = max(needed - abs(odds), 0.0)
+            left = missing / abs(odds) * seconds if odds else None
+            found[fault] = Evidence(odds, needed, left)
+        return found
+
+    def probability(self, fault: str) -> float:
+        """Return the probability of a fault's name among the names with the same code."""
+        odds = self._response.odds
+        if fault not in odds:
+            return 1.0
+        alike = [value for name, value in odds.items() if CODES[name] == CODES[fault]]
+        return math.exp(odds[fault] - max(alike)) / sum(math.exp(v - max(alike)) for v in alike)
+
+    def _around_cuts(self, windows: Sequence[Window]) -> list[Facts]:
+        measured = np.array([window.measured for window in windows])
+        mean, std = means_and_stds(np.array([window.residual for window in windows]))
+        banks = [window.bank for window in windows]
+        ignore = np.zeros(len(windows), dtype=np.bool_)
+        responses = self._cut_response.judge(self._orient(measured), banks, ignore)
+        return [
+            Facts(m, s, no_evidence=False, beyond=None, offset=0.0, response=each, moved=UNKNOWN)
+            for m, s, each in zip(mean.tolist(), std.tolist(), responses, strict=True)
+        ]
+
+    def _enabled(self, windows: Sequence[Window]) -> list[Facts]:
+        measured = np.array([window.measured for window in windows])
+        mean, std = means_and_stds(np.array([window.residual for window in windows]))
+        span = np.maximum.reduce(measured, axis=1) - np.minimum.reduce(measured, axis=1)
+        ignore = span <= self._stuck_range
+        beyond: list[float] | list[None] = [None] * len(windows)
+        if self._limits.region is not None:
+            apart = self._limits.region.beyond(np.array([window.inputs for window in windows]))
+            ignore |= apart > 1.0
+            beyond = apart.tolist()
+        # an offset in lambda would change the gain in phi
+        phi = self._orient(measured - mean[:, np.newaxis])
+        banks = [window.bank for window in windows]
+        responses = self._response.judge(phi, banks, ignore)
+        offset = self._offset(measured, banks, responses)
+        healthy = np.array([bank[:, 0] for bank in banks])
+        moved = self._movement.judge(phi, healthy, ignore)
+        own = mean.tolist(), std.tolist(), ignore.tolist(), beyond
+        return list(map(Facts, *own, offset.tolist(), responses, moved))
+
+    def _offset(
+        self, measured: FloatArray, banks: Sequence[FloatArray], responses: Sequence[Response]
+    ) -> FloatArray:
+        """Return each window's mean of the measurement against the likeliest sensor, (w,).
+
+        A sensor slow or late on one edge rectifies the modulation, which shifts its mean.
+        """
+        likeliest = [bank[:, each.column] for bank, each in zip(banks, responses, strict=True)]
+        beside = measured - lambda_of(np.array(likeliest), self._transform)
+        offset: FloatArray = np.add.reduce(beside, axis=1) / beside.shape[1]
+        return offset
+
+    def _orient(self, measured: FloatArray) -> FloatArray:
+        if self._transform == "phi":
+            return np.asarray(1.0 / np.maximum(measured, LAMBDA_LEAST))
+        return -measured
