@@ -18,11 +18,11 @@ import numpy as np
 
 from monitor.model.step import Model
 from training.narx.fit import fit
+from training.narx.linear.arx import choose_arx, fit_arx
 from training.narx.network import describe
 from training.recordings import metrics
 from training.recordings.recording import Recording, load
 from training.studies.evaluation import predict
-from training.studies.paper.linear.arx import choose_arx, fit_arx
 
 OUTPUTS = ("o2_z", "t_exh_manifold_z", "nox_z", "lambda_z")
 INPUTS = ("speed_z", "load_z", "lambda_z", "ignition_angle_z", "fuel_cutoff_z")

@@ -20,11 +20,11 @@ from public_data import Plant, Record
 from training_packages import package
 
 from training.narx.fit import fit
+from training.narx.linear.arx import choose_arx
 from training.narx.network import describe
 from training.recordings.prediction import Model
 from training.recordings.recording import of_columns
 from training.studies.evaluation import predict
-from training.studies.paper.linear.arx import choose_arx
 
 FROLS_LAGS, FROLS_DEGREES, FROLS_INFO_VALUES = (2, 3, 5), (1, 2, 3), 30
 FROLS_VALUES = 3e7  # numbers in the largest matrix of regressors, 240 MB

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import cont2discrete, dlsim, lfilter
 
 from monitor.base.types import FloatArray
-from training.studies.paper.linear.regressors import Stretch
+from training.narx.linear.regressors import Stretch
 
 RNG = np.random.default_rng
 PERIOD_S = 0.1

@@ -71,9 +71,10 @@ def limits_of(
     windows = [window for drive in drives for window in drive]
     if len(windows) < MINIMUM_WINDOWS:
         cause = most_common_cause(recordings, card, config)
+        driven = " with the vehicle warm and in closed loop" if card.transform == "phi" else ""
         raise RecordingError(
             f"{len(windows)} healthy windows, {MINIMUM_WINDOWS} are wanted to set limits: "
-            f"{cause or 'give more or longer recordings with the vehicle warm and in closed loop'}"
+            f"{cause or f'give more or longer recordings{driven}'}"
         )
     unit = card.output.unit
     means = np.array([w.mean for w in windows])

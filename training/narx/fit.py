@@ -12,9 +12,11 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.narx.export import Network
+from training.narx.linear.arx import Arx
+from training.narx.linear_start import best_arx, linear_starts, with_memory
 from training.narx.model_file import HeldOut, held_out, write_model
 from training.narx.network import Spec
-from training.narx.stability import CONTRACTION_SAMPLES, Contraction
+from training.narx.stability import Contraction
 from training.narx.stages import Trained, free_run
 from training.narx.starts import Shape, Starts, committees
 from training.narx.structure import Search, Try
@@ -87,11 +89,15 @@ def fit(
     short = len(data.role) < SHORT_SAMPLES
     end_s = began_s + 60.0 * budget_minutes
     shapes, tries = [_shape(data, lags, hidden, input_lag_start)], tuple[Try, ...]()
+    arx = None
     if lags is None and hidden is None:
         rotations = [
             data,
             *(source.prepared(seed + i) for i in range(1, ROTATIONS if short else 1)),
         ]
+        if arx := best_arx(data):
+            rotations = [with_memory(each, arx) for each in rotations]
+        data = rotations[0]
         search_end_s = began_s + SEARCH_SHARE * 60.0 * budget_minutes
         search = Search(rotations, search_end_s, threads, tried)
         shapes = [(found.spec(data), found.decay) for found in search.run()]
@@ -99,7 +105,7 @@ def fit(
     warnings = [*data.warnings, *_size_warnings(data, shapes[0][0])]
     runs = Starts(data, seed, end_s, threads, progress)
     count = starts or (STARTS_SHORT if short else STARTS)
-    chosen = _train(runs, shapes, count, join=bool(tries))
+    chosen = _train(runs, shapes, count, arx, join=bool(tries))
     if not np.isfinite(chosen.model.score):
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
     written = _write(out, data, chosen)
@@ -116,7 +122,7 @@ def fit(
         seconds=time.monotonic() - began_s,
         warnings=(
             *warnings,
-            *_training_warnings(chosen, data.must_forget),
+            *_training_warnings(chosen, data.memory),
             *_parity_warnings(written.card),
         ),
     )
@@ -170,10 +176,18 @@ class _Choice:
         return self.starts[self.best]
 
 
-def _train(runs: Starts, shapes: Sequence[Shape], count: int, *, join: bool) -> _Choice:
-    """Train every shape from ``count`` starts; with ``join`` their committees are candidates."""
+def _train(
+    runs: Starts, shapes: Sequence[Shape], count: int, arx: Arx | None, *, join: bool
+) -> _Choice:
+    """Train every shape from ``count`` starts.
+
+    arx : linear model, which is a candidate, as it is and trained further
+    join : committees of the starts are candidates
+    """
+    linear = linear_starts(runs.data, arx, runs.deadline_s) if arx else ()
     trained = runs.train([(start, shape) for shape in shapes for start in range(count)])
     trained = (*trained, *committees(runs.data, trained)) if join else trained
+    trained += linear
     return _Choice(*runs.until_one_forgets(trained, shapes[0], first=count))
 
 
@@ -213,12 +227,12 @@ def _size_warnings(data: Prepared, spec: Spec) -> list[str]:
     return []
 
 
-def _training_warnings(chosen: _Choice, must_forget: bool) -> list[str]:
+def _training_warnings(chosen: _Choice, memory: int) -> list[str]:
     gap, warnings = chosen.gap, []
-    if must_forget and not gap.gap <= gap.limit:
+    if memory and not gap.gap <= gap.limit:
         warnings.append(
             f"two runs that begin with different past values differ by up to {gap.gap:.3g} after "
-            f"{CONTRACTION_SAMPLES} samples (limit {gap.limit:.3g})"
+            f"{gap.samples} samples (limit {gap.limit:.3g})"
         )
     begun = [t for t in chosen.starts if t.members == 1]
     cut = sum(t.stages[-1].stop == "budget" if t.stages else True for t in begun)

@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from monitor.base.signals import BY_NAME
 from monitor.model.card import ModelCard
 from training.pages.numbers import short
 
@@ -24,8 +25,10 @@ def fit_verdict(card: ModelCard) -> tuple[str, str]:
         f"{correlation:.3f} with the measured {card.output.name} (good from {GOOD:g}, too little "
         f"below {POOR:g}) and an RMSE of {short(rmse)} {unit}".rstrip()
     )
+    known = card.output.name in BY_NAME  # a signal of vehicles
+    subject, records = ("vehicle", "drives") if known else ("system", "recordings")
     if correlation >= GOOD:
-        return f"The model follows its vehicle: {reason}.", "good"
+        return f"The model follows its {subject}: {reason}.", "good"
     if correlation < POOR:
-        return f"The model knows too little: {reason}. Give more drives, or more signals.", "bad"
-    return f"The model follows its vehicle in part: {reason}. More drives may help.", ""
+        return f"The model knows too little: {reason}. Give more {records}, or more signals.", "bad"
+    return f"The model follows its {subject} in part: {reason}. More {records} may help.", ""

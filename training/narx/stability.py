@@ -6,41 +6,47 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.narx.network import Spec, last_outputs
-from training.recordings.preparation import Prepared
+from training.recordings.preparation import LAMBDA_MEMORY, Prepared
 
-CONTRACTION_SAMPLES = 50  # one window
-CONTRACTION_LIMIT = 0.01  # phi, whose range is 1.7; other outputs: the same share of their range
-PAIRS = 2000
+CONTRACTION_SAMPLES = LAMBDA_MEMORY  # unless the data say another memory
+CONTRACTION_LIMIT = 0.01  # phi; other outputs: the same share of their range
+PHI_SPAN = 1.7
+STEPS = 100_000  # of all pairs together: 2,000 pairs over 50 samples
 
 
 @dataclass(frozen=True, slots=True)
 class Contraction:
-    """The largest difference after 50 samples among all pairs, in model units."""
+    """The largest difference after ``samples`` samples among all pairs, in model units."""
 
     gap: float
     limit: float
     pairs: int
+    samples: int = CONTRACTION_SAMPLES
 
     def to_card(self) -> dict[str, float]:
         """Return the entry for a card."""
         return {
             "gap": self.gap,
-            "samples": CONTRACTION_SAMPLES,
+            "samples": self.samples,
             "pairs": self.pairs,
             "limit": self.limit,
         }
 
 
 def contraction(
-    data: Prepared, spec: Spec, weights: FloatArray, seed: int, pairs: int = PAIRS
+    data: Prepared, spec: Spec, weights: FloatArray, seed: int, pairs: int | None = None
 ) -> Contraction:
-    """Return how far predictions from random pairs of histories are apart after 50 samples.
+    """Return how far predictions from random pairs of histories are apart after a while.
+
+    The while is the data's memory, or 50 samples if they have none.
 
     Histories are drawn evenly over the output's range (phi 0 .. 1.7), half of them constant, at
     random places of all recordings; one pair in eight starts at the two ends of the range.
     """
     rng = np.random.default_rng(seed)
-    length = CONTRACTION_SAMPLES + 1
+    samples = data.memory or CONTRACTION_SAMPLES
+    pairs = pairs or STEPS // samples
+    length = samples + 1
     places = np.concatenate(
         [
             np.arange(s.start + spec.memory, max(s.stop - length, s.start + spec.memory + 1))
@@ -59,4 +65,4 @@ def contraction(
         )
     gap = float(np.abs(ends[0] - ends[1]).max()) * data.scaling.y_std
     span = data.scaling.y_high - data.scaling.y_low
-    return Contraction(gap, CONTRACTION_LIMIT * span / 1.7, pairs)
+    return Contraction(gap, CONTRACTION_LIMIT * span / PHI_SPAN, pairs, samples)

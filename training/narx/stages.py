@@ -27,8 +27,8 @@ EPOCHS = {1: 40, 5: 15, 20: 15, 100: 20, 1000: 30}  # most epochs of each stage
 EARLY_SAMPLES = 30_000  # training samples of horizons below 100
 WARM_UP = 1000  # most samples of free run before a block is scored
 FORGET_FROM = 20  # horizon from which random histories take part
-FORGET = 30  # samples after which a random history must no longer matter
-RANDOM_LENGTH = 80  # samples of a stretch that starts from a random history
+FORGET = 0.6  # of the memory: after it a random history must no longer matter
+RANDOM_LENGTH = 1.6  # of the memory: a stretch that starts from a random history
 RANDOM_SHARE = 0.15  # of the training samples
 FORGET_SHARE, FORGET_EPOCHS = 1.0, 25  # of the stages after the horizons
 LESS_FEEDBACK = 0.8  # factor of the weights on the model's output, repeated until it forgets
@@ -131,10 +131,14 @@ def pieces(data: Prepared, spec: Spec, horizon: int, n_samples: int | None = Non
     return Pieces(start, end, np.zeros_like(start), measured_history(data, spec.lags, start))
 
 
-def random_pieces(
-    data: Prepared, spec: Spec, rng: np.random.Generator, count: int, length: int, skip: int
-) -> Pieces:
-    """Return stretches of training samples from histories drawn evenly over the output's range."""
+def random_pieces(data: Prepared, spec: Spec, rng: np.random.Generator, n_samples: float) -> Pieces:
+    """Return stretches of training samples from histories drawn evenly over the output's range.
+
+    There are ``n_samples`` in all, none if a model need not forget its history. A stretch is scored
+    from the sample on at which the history must be forgotten.
+    """
+    length, skip = max(1, round(RANDOM_LENGTH * data.memory)), round(FORGET * data.memory)
+    count = int(n_samples / length) if data.memory else 0
     train = pieces(data, spec, length)
     whole = np.flatnonzero(train.stop - train.start == length)
     if not len(whole):
@@ -170,12 +174,8 @@ def train(
         weights, horizons = initial_weights(spec, rng), (1, *horizons)
     best = Trained(spec, weights, np.inf)
     validation = blocks_of(data, spec)
-    forget = data.must_forget  # other outputs may have a long memory
     n_train = int((data.role == Role.TRAIN).sum())
-    count = int(RANDOM_SHARE * min(n_train, n_samples or n_train) / RANDOM_LENGTH)
-    random = random_pieces(
-        data, spec, rng=rng, count=count if forget else 0, length=RANDOM_LENGTH, skip=FORGET
-    )
+    random = random_pieces(data, spec, rng, RANDOM_SHARE * min(n_train, n_samples or n_train))
     for horizon in horizons:
         if time.monotonic() > deadline_s:
             if best.stages:
@@ -198,7 +198,7 @@ def train(
         if outcome.score < best.score:
             best.weights, best.score = outcome.weights, outcome.score
         weights = outcome.weights
-    if forget and np.isfinite(best.score) and epochs is EPOCHS:
+    if data.memory and np.isfinite(best.score) and epochs is EPOCHS:
         _learn_to_forget(data, spec, best, rng, deadline_s)
     return best
 
@@ -229,9 +229,11 @@ def _learn_to_forget(
     before = penalised(best.weights)
     if before <= best.score or time.monotonic() > deadline_s:
         return
-    count = int(FORGET_SHARE * (data.role == Role.TRAIN).sum() / RANDOM_LENGTH)
-    many = random_pieces(data, spec, rng=rng, count=count, length=RANDOM_LENGTH, skip=FORGET)
-    objective = ClosedLoop(spec, data.samples, pieces(data, spec, 100) + many)
+    n_samples = FORGET_SHARE * (data.role == Role.TRAIN).sum()
+    many = random_pieces(data, spec, rng, n_samples)
+    objective = ClosedLoop(
+        spec, data.samples, pieces(data, spec, max(100, round(RANDOM_LENGTH * data.memory))) + many
+    )
     options = Options(epochs=FORGET_EPOCHS, max_fail=8)
     outcome = tune("forget", best.weights, penalised)
     if outcome.score < before:

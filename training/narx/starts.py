@@ -63,7 +63,7 @@ class Starts:
         best, gap = choose(self.data, trained, self.seed)
         for start in range(first, first + FURTHER_STARTS):
             forgets = gap.gap <= gap.limit
-            if not self.data.must_forget or forgets or time.monotonic() > latest_s:
+            if not self.data.memory or forgets or time.monotonic() > latest_s:
                 break
             trained += self.train([(start, shape)], before=len(trained))
             best, gap = choose(self.data, trained, self.seed)
@@ -73,13 +73,15 @@ class Starts:
 def choose(data: Prepared, trained: Sequence[Trained], seed: int) -> tuple[int, Contraction]:
     """Return the number of the best training and how well it forgets its history.
 
-    A lambda that forgets its history comes before one that does not.
+    If the data have a memory, a network that forgets its history comes before one that does not. A
+    linear model comes before both if it follows the held-out blocks better.
     """
     gaps = [contraction(data, t.spec, t.weights, seed) for t in trained]
-    best = min(
-        range(len(trained)),
-        key=lambda i: (data.must_forget and not gaps[i].gap <= gaps[i].limit, trained[i].score),
-    )
+    late = [bool(data.memory) and not gap.gap <= gap.limit for gap in gaps]
+    networks = [i for i, each in enumerate(trained) if each.spec.hidden]
+    linear = [i for i, each in enumerate(trained) if not each.spec.hidden]
+    first = min(networks, key=lambda i: (late[i], trained[i].score), default=None)
+    best = min([*linear, *([] if first is None else [first])], key=lambda i: trained[i].score)
     return best, gaps[best]
 
 
@@ -89,7 +91,7 @@ def committees(data: Prepared, trained: Sequence[Trained]) -> list[Trained]:
     A committee's score is raised by ``LEAST_GAIN``, because a larger model must be better.
     """
     found = []
-    for spec in dict.fromkeys(t.spec for t in trained):
+    for spec in dict.fromkeys(t.spec for t in trained if t.spec.hidden):
         same = [t for t in trained if t.spec == spec and np.isfinite(t.score)]
         same.sort(key=lambda t: t.score)
         for count in range(2, min(len(same), MOST_MEMBERS) + 1):

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 BLOCK_S = 45.0  # length of a block that is held out or trained on as a whole
 BLOCK_SAMPLES = (200, 2000)  # least and most samples of a block
 GROUP = 7  # of seven blocks one validates and one tests: 71/14/14 percent
+LAMBDA_MEMORY = 50  # samples, one window, after which lambda has forgotten what was before
 OTHER_WEIGHT = 0.1  # of samples outside the enabled region: cold start, fuel cut, open loop
 ENABLE_COLUMNS = {"closed_loop": 1.0, "sensor_ready": 1.0, "fuel_cut": 0.0}
 
@@ -79,11 +80,13 @@ class Prepared:
     period_ns: int
     outliers: dict[str, int]
     warnings: tuple[str, ...]
+    memory: int = 0  # samples after which a model must have forgotten its history; 0: it need not
 
     @property
-    def must_forget(self) -> bool:
-        """Whether the output has a short memory, as lambda and phi have."""
-        return self.output.name.startswith("lambda")
+    def longest_block(self) -> int:
+        """Samples of the longest stretch that is trained on or held out as a whole."""
+        edges = np.flatnonzero(np.diff(self.role))
+        return int(np.diff(edges, prepend=-1).max(initial=0))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -143,6 +146,7 @@ def prepare(
         period_ns=period_ns,
         outliers=cut.outliers,
         warnings=tuple(_warnings(u[train], y[train], inputs, output, cut.outliers)),
+        memory=LAMBDA_MEMORY if output.startswith("lambda") else 0,
     )
 
 

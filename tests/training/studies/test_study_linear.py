@@ -8,12 +8,12 @@ from scipy.signal import lfilter
 
 from monitor.base.errors import RecordingError, UsageError
 from tests.helpers.plants import PERIOD_S, RNG, modes, tank, two_inputs
+from training.narx.linear.arx import Arx, choose_arx, fit_arx
+from training.narx.linear.free_run import free_run_error
+from training.narx.linear.regressors import Stretch
 from training.recordings.metrics import fit_percent
-from training.studies.paper.linear.arx import Arx, choose_arx, fit_arx
 from training.studies.paper.linear.baselines import Regime, linear
-from training.studies.paper.linear.free_run import free_run_error
 from training.studies.paper.linear.linear_section import section
-from training.studies.paper.linear.regressors import Stretch
 from training.studies.paper.linear.residual_tests import independence, whiteness
 
 
@@ -36,6 +36,17 @@ def test_an_unstable_plant_is_said_to_be_unstable() -> None:
     assert result["models"]["arx_mdl"]["fit_percent"] is None
     assert result["models"][result["best"]]["stable"]
     assert "unstable" in section(json.loads(json.dumps(result, allow_nan=False)))
+
+
+def test_a_short_record_has_its_linear_baselines() -> None:
+    # GIVEN a record whose held-out blocks have 50 samples
+    u, y = two_inputs(600, 5)
+    parts = [(u[i : i + 60], y[i : i + 60]) for i in range(0, 600, 60)]
+    held_out = [(a[:50], b[:50]) for a, b in parts[:2]]
+    # WHEN the baselines are fitted THEN shorter models take the place of none
+    result = linear(parts[2:], held_out[:1], held_out[1:], ["a", "b"], "y", period_s=PERIOD_S)
+    assert 2 <= result["largest_order"] <= 12
+    assert result["models"][result["best"]]["fit_percent"] > 50
 
 
 def test_whiteness_and_independence_reject_an_undermodelled_plant() -> None:

@@ -6,12 +6,12 @@ from scipy.optimize import least_squares
 
 from monitor.base.types import FloatArray
 from tests.helpers.plants import PERIOD_S, RNG, coloured, continuous, held_steps, modes, two_inputs
+from training.narx.linear.arx import Arx, arx_delays, fit_arx, order_grid
+from training.narx.linear.free_run import free_run_error
+from training.narx.linear.regressors import Stretch, triangle
 from training.recordings.metrics import fit_percent
-from training.studies.paper.linear.arx import Arx, arx_delays, fit_arx, order_grid
-from training.studies.paper.linear.free_run import free_run_error
 from training.studies.paper.linear.impulse import impulse_response
 from training.studies.paper.linear.output_error import OutputError, fit_output_error, refine
-from training.studies.paper.linear.regressors import Stretch, triangle
 from training.studies.paper.linear.residual_tests import effective_samples
 from training.studies.paper.linear.subspace import best_state_space, subspace
 

@@ -10,7 +10,7 @@ import numpy as np
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
-from training.studies.paper.linear.arx import (
+from training.narx.linear.arx import (
     FREE_RUN_DELAYS,
     GRID_DELAYS,
     MAX_ORDER,
@@ -22,22 +22,23 @@ from training.studies.paper.linear.arx import (
     order_grid,
     solve_arx,
 )
-from training.studies.paper.linear.free_run import LinearModel
-from training.studies.paper.linear.impulse import impulse_response
-from training.studies.paper.linear.output_error import fit_output_error
-from training.studies.paper.linear.regressors import (
+from training.narx.linear.free_run import LinearModel
+from training.narx.linear.regressors import (
     Stretch,
     Triangle,
     checked,
     largest_order,
     triangle,
 )
+from training.studies.paper.linear.impulse import impulse_response
+from training.studies.paper.linear.output_error import fit_output_error
 from training.studies.paper.linear.scores import example, residuals, scores
 from training.studies.paper.linear.subspace import Subspace, best_state_space, subspace
 
 __all__ = ["Regime", "linear"]
 
 MAX_STATES = 12
+LEAST_ORDER = 2
 IMPULSE_LAGS = 50  # samples
 
 
@@ -69,15 +70,17 @@ def linear(
         ``train``, orders chosen on ``validate``, fits in percent taken on ``test``
     unit : unit of the output, for the axes
     regime : signal by whose ranges the fits are split
-    max_order : largest order of the ARX models; few samples lower it
+    max_order : largest order of the ARX models; few samples and short stretches lower it
     The first samples of a stretch (``skip`` in the result, twice the order) set the state of every
     model and are not scored. Stretches shorter than twice ``skip`` are left out.
     Raises RecordingError for values that are not finite, wrong shapes or too few samples, and
     UsageError for a regime that does not fit the test stretches.
     """
-    order = largest_order(checked(train, inputs, "training"), max_order)
-    skip = 2 * order
     roles = {"training": train, "validation": validate, "test": test}
+    order = largest_order(checked(train, inputs, "training"), max_order)
+    longest = min(max((len(y) for _, y in each), default=0) for each in roles.values())
+    order = min(order, max(LEAST_ORDER, longest // 4))
+    skip = 2 * order
     usable = {role: _usable(each, inputs, role, skip) for role, each in roles.items()}
     learn, choose, judge = ([s for _, s in usable[role]] for role in roles)
     ranges = _ranges(regime, test, [index for index, _ in usable["test"]], skip)

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from monitor.base.types import FloatArray
-from training.studies.paper.linear.regressors import Stretch, triangle
+from training.narx.linear.regressors import Stretch, triangle
 from training.studies.paper.linear.residual_tests import autocorrelation, effective_samples
 
 LEVEL = 0.01  # bands hold 99 %

@@ -16,9 +16,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import lfilter
 
 from monitor.base.types import FloatArray
-from training.studies.paper.linear.arx import Arx, fit_arx
-from training.studies.paper.linear.free_run import free_run_error
-from training.studies.paper.linear.regressors import Stretch
+from training.narx.linear.arx import Arx, fit_arx
+from training.narx.linear.free_run import free_run_error
+from training.narx.linear.regressors import Stretch
 
 LARGEST_POLE = 0.9999
 SEARCH_SAMPLES = 30_000  # training samples used to compare starts; the best is refined on all

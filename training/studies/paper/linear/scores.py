@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from monitor.base.types import FloatArray
+from training.narx.linear.free_run import LinearModel, free_runs
+from training.narx.linear.regressors import Stretch
 from training.recordings.metrics import correlation, fit_percent, rmse
-from training.studies.paper.linear.free_run import LinearModel, free_runs
-from training.studies.paper.linear.regressors import Stretch
 from training.studies.paper.linear.residual_tests import independence, whiteness
 
 FIGURE_SAMPLES = 600  # length of the excerpt

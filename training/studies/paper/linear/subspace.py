@@ -20,9 +20,9 @@ from numba import njit
 from scipy.signal import ss2tf
 
 from monitor.base.types import FloatArray
-from training.studies.paper.linear.arx import Arx
-from training.studies.paper.linear.free_run import free_run_error
-from training.studies.paper.linear.regressors import Stretch, Triangle
+from training.narx.linear.arx import Arx
+from training.narx.linear.free_run import free_run_error
+from training.narx.linear.regressors import Stretch, Triangle
 
 
 @dataclass(frozen=True, slots=True)

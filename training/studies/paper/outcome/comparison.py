@@ -8,6 +8,7 @@ import numpy as np
 from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
+from training.narx.linear.regressors import Stretch as Pair
 from training.narx.network import Spec
 from training.narx.stages import free_run
 from training.recordings import metrics
@@ -15,7 +16,6 @@ from training.recordings.linear_data import LinearData, Stretch, linear_stretche
 from training.recordings.preparation import Role
 from training.recordings.rows import runs
 from training.studies.paper.linear.baselines import Regime, linear
-from training.studies.paper.linear.regressors import Stretch as Pair
 from training.studies.paper.task import Task, judged_on
 
 SPEEDS = ("engine_speed_rpm", "speed_z")

@@ -12,8 +12,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.signal import lfilter, lfiltic
 
 from monitor.base.types import FloatArray
-from training.studies.paper.linear.free_run import free_run_error
-from training.studies.paper.linear.regressors import Stretch, Triangle, largest_order, triangle
+from training.narx.linear.free_run import free_run_error
+from training.narx.linear.regressors import Stretch, Triangle, largest_order, triangle
 
 MAX_ORDER = 20
 MAX_DELAY = 20  # samples

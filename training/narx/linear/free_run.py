@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.studies.paper.linear.regressors import Stretch
+from training.narx.linear.regressors import Stretch
 
 
 class LinearModel(Protocol):

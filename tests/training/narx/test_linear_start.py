@@ -1,0 +1,92 @@
+"""The linear model among the starts: it equals its ARX, and it tells the memory of the samples."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from training.narx.linear.arx import Arx, choose_arx
+from training.narx.linear_start import as_network, linear_starts, stretches, with_memory
+from training.narx.network import Spec, simulate
+from training.narx.stages import Trained, measured_history, pieces, random_pieces
+from training.narx.starts import choose
+from training.recordings.preparation import Prepared, Role, prepare
+from training.recordings.recording import Recording
+
+
+def drive(pole: float, n: int = 4000, seed: int = 1) -> Recording:
+    """Two inputs held for random times, a first-order lag, 0.5 s dead time of the second."""
+    rng = np.random.default_rng(seed)
+    u = rng.uniform(-1, 1, (n // 20, 2)).repeat(20, axis=0)
+    late = np.concatenate([np.zeros(5), u[:-5, 1]])
+    y = lfilter([1 - pole], [1, -pole], u[:, 0] - 0.5 * late) + 0.01 * rng.standard_normal(n)
+    values = np.column_stack([u, y])
+    return Recording(
+        path=Path("drive.csv"),
+        sha256="0" * 64,
+        period_ns=100_000_000,
+        t_s=np.arange(n) * 0.1,
+        names=("u0", "u1", "y"),
+        values=values,
+        quality=np.zeros(values.shape, np.uint8),
+    )
+
+
+def prepared(pole: float, n: int = 4000) -> Prepared:
+    return prepare([drive(pole, n)], ["u0", "u1"], "y")
+
+
+def small_arx(data: Prepared) -> Arx:
+    return choose_arx(stretches(data, Role.TRAIN), stretches(data, Role.VALIDATE), 3)
+
+
+def test_the_first_network_runs_as_its_arx_does() -> None:
+    data = prepared(0.8)
+    arx = Arx(np.array([-0.5, -0.1]), np.array([[0.2, 0.1], [-0.3, 0.4]]), (0, 3), 0.05)
+    spec, weights = as_network(arx, data)
+    start, stop = np.array([40]), np.array([400])
+    history = measured_history(data, spec.lags, start)
+    own = simulate(spec, weights, u=data.samples.u, start=start, stop=stop, history=history)
+    wanted = arx.simulate(data.samples.u[:400], data.samples.y[:40])
+    np.testing.assert_allclose(own[40:400], wanted[40:], atol=1e-12)
+
+
+def test_a_fit_has_the_arx_among_its_starts_and_never_chooses_worse() -> None:
+    data = prepared(0.8)
+    arx = small_arx(data)
+    plain, further = linear_starts(data, arx, np.inf)
+    assert further.score <= plain.score
+    rng = np.random.default_rng(0)
+    poor = Spec(2, 2, (3,), 0, *data.scaling.y_scaled_limits)
+    network = Trained(poor, 0.1 * rng.normal(size=poor.n_weights), 2.0 * plain.score)
+    assert choose(data, (network, plain, further), 0)[0] > 0
+    network.score = 0.5 * further.score
+    assert choose(data, (network, plain, further), 0)[0] == 0
+
+
+def test_a_network_must_forget_after_twice_the_time_of_the_linear_model() -> None:
+    data = prepared(0.95)  # 0.95^100 is 0.006, a hundredth of the range of phi
+    arx = small_arx(data)
+    longer = with_memory(data, arx)
+    assert longer.memory == pytest.approx(200, rel=0.3)
+    # WHEN stretches begin with random histories THEN they are scored after the memory
+    spec = Spec(2, 1, (3,), 0, -3.0, 3.0)
+    found = random_pieces(longer, spec, np.random.default_rng(0), 2000.0)
+    assert len(found.start) > 0
+    assert found.skip[0] < longer.memory < found.stop[0] - found.start[0]
+    assert len(random_pieces(data, spec, np.random.default_rng(0), 2000.0).start) == 0
+
+
+def test_blocks_too_short_to_show_the_memory_ask_for_none() -> None:
+    data = prepared(0.97, 1400)
+    arx = small_arx(data)
+    assert data.longest_block < 500
+    assert with_memory(data, arx).memory == 0
+    assert pieces(data, Spec(2, 1, (3,), 0), 50).skip.max() == 0
+
+
+def test_a_linear_model_that_integrates_has_no_memory() -> None:
+    data = prepared(0.8)
+    integrator = Arx(np.array([-1.0]), np.array([[0.1], [0.1]]), (1, 1), 0.0)
+    assert with_memory(data, integrator) is data

@@ -1,0 +1,1 @@
+"""Linear models of the samples: ARX of all orders, its free run, lagged regressors."""
