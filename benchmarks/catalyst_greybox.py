@@ -10,10 +10,10 @@ import argparse
 
 import numpy as np
 
-from benchmarks.catalyst import PERIOD_S, Case, drive
 from monitor.base import config
 from training.dyno import vehicle as vehicles
 from training.greybox.catalyst.fit import Drive, fit
+from training.studies.catalyst.cases import PERIOD_S, Case, drive
 
 CAPACITIES_G = (0.06, 0.25, None)
 

@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.catalyst import CYCLES, PERIOD_S, Case, drive
 from training.cli import main as o2train
 from training.recordings.oxygen_store import held_g
+from training.studies.catalyst.cases import CYCLES, PERIOD_S, Case, drive
 
 VEHICLE: Final = 451
 BASE: Final = ("x_upstream", "maf_kg_h", "catalyst_temperature_degc", "fuel_cut")

@@ -15,11 +15,11 @@ from joblib import Parallel, delayed
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.helpers.second_engine import SOUND, Sensor, drive
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import yardstick
 from training.gap.name.naming import name
 from training.greybox.chain import Constants
+from training.studies.second.engine import SOUND, Sensor, drive
 
 HEALTHY_DRIVES, DRIVES, NULLS = 8, 6, 5
 SIZES = {

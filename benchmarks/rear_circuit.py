@@ -12,10 +12,10 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.catalyst import CIRCUIT, CYCLES, PERIOD_S, Case, drive
-from benchmarks.catalyst_matrix import MODES
+from benchmarks.catalyst import CIRCUIT
 from monitor.base import config
 from monitor.judge.rear_circuit import RearCircuit
+from training.studies.catalyst.cases import CYCLES, MODES, PERIOD_S, Case, drive
 
 FIRST: Final = 2501
 SECONDS: Final = 400.0

@@ -100,16 +100,19 @@ class CatalystBank:
             np.array([getattr(s, name) for s in sensors]).reshape(column)
             for name in ("tau_to_rich_s", "tau_to_lean_s")
         )
-        self._to_rich = 1.0 - np.exp(-period_s / to_rich)
-        self._to_lean = 1.0 - np.exp(-period_s / to_lean)
+        rising = 1.0 - np.exp(-period_s / to_rich)
+        self._falling = 1.0 - np.exp(-period_s / to_lean)
+        self._more_rising = rising - self._falling
         self._gain = config.voltage_span_v * np.array([s.gain for s in sensors]).reshape(column)
         low = config.voltage_low_v - MID_V
         self._low_v = MID_V + low * np.array([s.gain for s in sensors]).reshape(column)
         self._ticks = max(round(config.sensor_late_s / period_s), 1)
         shares = np.array(config.zone_shares) / sum(config.zone_shares)
-        self._zones_g = [share * members.capacity_g for share in shares.tolist()]
+        self._zones_g = shares[:, np.newaxis, np.newaxis] * members.capacity_g
         self._late = [(i, s.direction) for i, s in enumerate(sensors) if s.delay_s > 0.0]
-        self._leaks = [(i, s.leak_phi) for i, s in enumerate(sensors) if s.leak_phi > 0.0]
+        leaks = [i for i, s in enumerate(sensors) if s.leak_phi > 0.0]
+        self._leaks = slice(leaks[0], leaks[-1] + 1) if leaks else None  # they stand together
+        self._leak_phi = np.array([sensors[i].leak_phi for i in leaks])[:, np.newaxis, np.newaxis]
         self.reset()
 
     def reset(self) -> None:
@@ -117,11 +120,14 @@ class CatalystBank:
         shape = self._members.shape
         self._filling = np.full((len(self._zones_g), *shape[1:]), 0.5)
         self._richness = np.full(shape, 0.5)
+        self._step, self._rise, self._v = (np.empty(shape) for _ in range(3))
         self._past = np.full((self._ticks, *shape[1:]), 0.5)  # a ring of the sensors' steady states
         self._at = 0
 
     def push(self, x: FloatArray, air_g_s: FloatArray) -> Iterator[FloatArray]:
         """Yield the voltages of all members on each tick, (n_sensors, n_capacities, n_offsets).
+
+        The array holds until the next tick; the caller may write into it.
 
         x : (n,) 1 - 1/lambda upstream; air_g_s : (n,)
         """
@@ -135,17 +141,20 @@ class CatalystBank:
         Shape (n_capacities, n_offsets).
         """
         config, own = self._config, x + self._members.offset
-        out, lean = own, own > 0.0
-        for zone, share_g in enumerate(self._zones_g):
-            filling = self._filling[zone]
-            passes = np.where(lean, filling, 1.0 - filling) ** config.breakthrough
-            room = np.where(lean, 1.0 - filling, -filling) * share_g
-            kept = grams * out * (1.0 - passes)
-            stored = np.where(lean, np.minimum(kept, room), np.maximum(kept, room))
-            filling += stored / share_g
-            np.clip(filling, 0.0, 1.0, out=filling)
-            out = out - stored / max(grams, 1e-9)
-        shift = config.equilibrium_phi * (2.0 * filling - 1.0) - config.hydrogen_phi
+        rich = np.where(own > 0.0, 0.0, 1.0)
+        free = 1.0 - np.abs(self._filling - rich)  # part of each zone, in the gas's direction
+        reaching = 1.0 - power(1.0 - free, config.breakthrough)
+        room = free * self._zones_g
+        carried = np.broadcast_to(grams * np.abs(own), room.shape[1:]).copy()  # oxygen, or its want
+        for zone, most in enumerate(room):
+            stored = reaching[zone]
+            stored *= carried
+            np.minimum(stored, most, out=stored)
+            carried -= stored
+        free -= reaching / self._zones_g
+        self._filling = np.abs(1.0 - free - rich)
+        out = carried * (1.0 - 2.0 * rich) / max(grams, 1e-9)
+        shift = config.equilibrium_phi * (2.0 * self._filling[-1] - 1.0) - config.hydrogen_phi
         return np.asarray(out + shift)
 
     def _richness_of(self, x: FloatArray) -> FloatArray:
@@ -154,19 +163,42 @@ class CatalystBank:
 
     def _volts(self, x: FloatArray, grams: float) -> FloatArray:
         steady = self._richness_of(x)
-        now = np.broadcast_to(steady, self._members.shape).copy()
-        if self._leaks:
+        step, rise, volts, richness = self._step, self._rise, self._v, self._richness
+        step[:] = steady
+        if self._leaks is not None:
             full = OXYGEN_IN_AIR * self._members.period_s * self._config.leak_flow_g_s
             share = 1.0 / (1.0 + (grams / full) ** 2)
-            for i, leak_phi in self._leaks:
-                now[i] = self._richness_of(x + leak_phi * share)
+            step[self._leaks] = self._richness_of(x + self._leak_phi * share)
         if self._late:
             late = self._past[self._at]
             for i, direction in self._late:
                 one_sided = {1: np.minimum, -1: np.maximum}.get(direction)
-                now[i] = one_sided(steady, late) if one_sided else late
+                step[i] = one_sided(steady, late) if one_sided else late
             self._past[self._at] = steady
             self._at = (self._at + 1) % self._ticks
-        step = now - self._richness
-        self._richness += step * np.where(step > 0.0, self._to_rich, self._to_lean)
-        return np.asarray(self._low_v + self._gain * self._richness)
+        step -= richness
+        np.maximum(step, 0.0, out=rise)
+        rise *= self._more_rising
+        step *= self._falling
+        richness += step
+        richness += rise
+        np.multiply(richness, self._gain, out=volts)
+        volts += self._low_v
+        return volts
+
+
+def power(base: FloatArray, exponent: float) -> FloatArray:
+    """Return a power; a whole exponent costs a few products.
+
+    >>> power(np.array([0.5]), 5.0).item(), power(np.array([0.25]), 0.5).item()
+    (0.03125, 0.5)
+    """
+    if not exponent.is_integer() or exponent < 1.0:
+        return np.asarray(base**exponent)
+    whole, result = int(exponent), np.ones_like(base)
+    while whole:
+        if whole & 1:
+            result *= base
+        base = base * base
+        whole >>= 1
+    return result

@@ -17,10 +17,12 @@ import numpy as np
 from monitor.base.config import CatalystConfig
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.catalyst_bank import LEAK, MID_V, STUCK, WEAK, CatalystBank, Members
+from monitor.judge.catalyst_estimate import Capacity, CapacityCurve, jackknife
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 CATALYST: Final = "catalyst_low"
-TAIL_90: Final = 1.645  # standard deviations to either end of a 90 % interval
+SMALLEST: Final = 1e-300  # likelihood relative to the likeliest, so that it has a logarithm
+PRODUCT: Final = 50  # samples whose likelihoods are multiplied before a logarithm is taken
 IMPOSSIBLE: Final = -1e9  # log likelihood of a member that the voltage rules out
 
 
@@ -32,16 +34,6 @@ class Claim:
     fault: str | None
     log_odds: float  # of the likeliest fault over all that is none
     also: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Capacity:
-    """The capacity of the catalyst, with a 90 % interval."""
-
-    grams: float
-    low_g: float
-    high_g: float
-    is_bound: bool  # nothing showed the upper end: at least ``low_g``
 
 
 class CatalystRule:
@@ -58,11 +50,13 @@ class CatalystRule:
         self.evidence_fail = math.log((1.0 - beta) / alpha)
         self.evidence_pass = math.log((1.0 - alpha) / beta)
         capacity = members.capacity_g[:, 0]
+        self._curve = CapacityCurve(np.log(capacity))
         margin = config.threshold_margin
         self._is_low = capacity < config.threshold_g / margin
         self._is_sound = capacity > config.threshold_g * margin
         self._faults = [s.fault for s in members.sensors]
-        self._stuck = np.array([fault in STUCK for fault in self._faults])
+        stuck = [i for i, fault in enumerate(self._faults) if fault in STUCK]
+        self._stuck = slice(stuck[0], stuck[-1] + 1)  # they stand together
         prior = -0.5 * (members.offset / config.offset_std_phi) ** 2
         bad = np.array([config.sensor_prior if f else 0.0 for f in self._faults])
         self._has_leak = np.array([fault == LEAK for fault in self._faults])
@@ -77,7 +71,9 @@ class CatalystRule:
         self._evidence = np.zeros(self.members.shape)
         self._parts = np.zeros((self._config.offset_parts, *self.members.shape))
         self._segment = np.zeros(self.members.shape)
+        self._product = np.ones(self.members.shape)
         self._n = self.segments = 0
+        self._capacity: Capacity | None = None  # of the segments so far, once it was asked for
         self._low_v, self._high_v = math.inf, -math.inf
         self._sum_v, self._n_v = 0.0, 0
         self.interrupt()
@@ -91,6 +87,7 @@ class CatalystRule:
     def _begin(self) -> None:
         """Begin a segment."""
         self._segment[:] = 0.0
+        self._product[:] = 1.0
         self._least, self._most = math.inf, -math.inf  # of the measured voltage
         self._least_of = np.full(self.members.shape, math.inf)  # of each member's
         self._most_of = np.full(self.members.shape, -math.inf)
@@ -123,12 +120,22 @@ class CatalystRule:
         self._least, self._most = min(self._least, volts), max(self._most, volts)
         np.minimum(self._least_of, predicted, out=self._least_of)
         np.maximum(self._most_of, predicted, out=self._most_of)
-        z = (volts - predicted) / self._config.voltage_std_v
-        nu = self._config.tail
-        self._segment -= 0.5 * (nu + 1.0) * np.log1p(z * z / nu)
+        predicted -= volts
+        predicted *= predicted
+        predicted *= 1.0 / (self._config.tail * self._config.voltage_std_v**2)
+        predicted += 1.0
+        self._product *= predicted
         self._n += 1
+        if self._n % PRODUCT == 0:
+            self._add_product()
+
+    def _add_product(self) -> None:
+        """Add the log likelihood of the samples since the last call to the segment's."""
+        self._segment -= 0.5 * (self._config.tail + 1.0) * np.log(self._product)
+        self._product[:] = 1.0
 
     def _close(self) -> None:
+        self._add_product()
         most = self._config.segment_most
         segment = self._fairly() * self._weight
         possible = [self._may_be(fault) for fault in self._faults]
@@ -138,6 +145,7 @@ class CatalystRule:
         top = self._evidence[possible].max()
         np.clip(self._evidence, top - self._config.evidence_most, top, out=self._evidence)
         self._begin()
+        self._capacity = None
         self.segments += 1
 
     def _fairly(self) -> FloatArray:
@@ -222,19 +230,19 @@ class CatalystRule:
         """Return the estimated capacity, None before any evidence."""
         if not self.segments:
             return None
-        total = self._config.interval_weight * self._posterior
-        weight = np.exp(total - total.max()).sum(axis=(0, 2))
-        weight /= weight.sum()
-        log_g = np.log(self.members.capacity_g[:, 0])
-        middle = 0.5 * (log_g[1:] + log_g[:-1])
-        edges = np.concatenate([[2 * log_g[0] - middle[0]], middle, [2 * log_g[-1] - middle[-1]]])
-        below = np.concatenate([[0.0], np.cumsum(weight)])
-        low, high = np.interp([0.05, 0.95], below, edges)
-        middle_g, shared = float(weight @ log_g), TAIL_90 * self._config.capacity_model
-        low = middle_g - math.hypot(max(middle_g - low, 0.0), shared)
-        high = middle_g + math.hypot(max(high - middle_g, 0.0), shared)
-        is_bound = bool(weight[-1] > 0.05)
-        return Capacity(math.exp(middle_g), math.exp(low), math.exp(high), is_bound)
+        if self._capacity is None:
+            whole = self._parts.sum(axis=0)
+            without = np.array([self._by_capacity(whole - part) for part in self._parts])
+            own, shared = self._by_capacity(self._evidence), self._config.capacity_model
+            self._capacity = self._curve.estimate(own, without, shared)
+        return self._capacity
+
+    def _by_capacity(self, evidence: FloatArray) -> FloatArray:
+        """Return the log likelihood of each capacity, (n_capacities,)."""
+        total = self._config.interval_weight * self._restricted(evidence)
+        top = total.max()
+        likelihood = np.exp(total - top).sum(axis=(0, 2))
+        return np.asarray(top + np.log(np.maximum(likelihood, SMALLEST)))
 
     def sensor_lags(self) -> dict[str, float]:
         """Return the expected lag and dead time of the downstream sensor in s, by edge."""
@@ -263,14 +271,12 @@ class CatalystRule:
         the Bootstrap, chapter 11). To that comes the width of what the evidence allows, since the
         errors of the model repeat in every part.
         """
-        n = len(self._parts)
         whole = self._parts.sum(axis=0)
-        without = np.array([self._mean_offset(whole - part) for part in self._parts])
-        spread = (n - 1) / n * float(((without - without.mean()) ** 2).sum())
+        spread = jackknife(np.array([self._mean_offset(whole - part) for part in self._parts]))
         weight = self._offset_weight(self._evidence)
         mean = float(weight @ self.members.offset)
         width = float(weight @ (self.members.offset - mean) ** 2)
-        return math.sqrt(spread + width + self._config.offset_model_phi**2)
+        return math.sqrt(spread**2 + width + self._config.offset_model_phi**2)
 
     def _mean_offset(self, evidence: FloatArray) -> float:
         return float(self._offset_weight(evidence) @ self.members.offset)

@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from monitor.base import option_paths as paths
-from training.cli import matrix
+from training.cli import catalyst_matrix, matrix
 from training.cli.recordings import add_recordings, load_all
 
 _EXAMPLES = """examples:
@@ -12,6 +12,7 @@ _EXAMPLES = """examples:
   o2train evaluate --model model.onnx drive4.log drive5.log --washout 20 --json figures.json
   o2train evaluate --model model.onnx --matrix --out matrix
   o2train evaluate --model model.onnx --matrix --out matrix --faults delay_symmetric=0.4 --jobs 4
+  o2train evaluate --model model.onnx --matrix --parts catalyst --out behind
 """
 
 
@@ -48,7 +49,9 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     evaluate.set_defaults(
         func=run,
         also_written=lambda args: [
-            args.out / name for name in (matrix.REPORT, matrix.RESULT) if args.out
+            args.out / name
+            for name in (matrix.REPORT, matrix.RESULT, catalyst_matrix.PAGE)
+            if args.out
         ],
     )
 

@@ -3,15 +3,20 @@
 import argparse
 from typing import TYPE_CHECKING
 
+from monitor.base import config
 from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
 from monitor.base.outputs import write_text
+from training.cli import catalyst_matrix
 from training.cli.cores import add_cores_options, jobs_of
 
 if TYPE_CHECKING:
+    from monitor.base.config import Config
+    from training.limits.rates import Figures
     from training.studies.matrix.plan import Matrix
 
 REPORT, RESULT = "report.html", "matrix.json"
+PARTS = ("sensor", "catalyst")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -30,8 +35,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for the rows, report.html and matrix.json (required)",
     )
+    group.add_argument(
+        "--parts",
+        nargs="+",
+        choices=PARTS,
+        default=list(PARTS),
+        help="parts of the matrix: sensor, catalyst (default: both; of both, matrix.json holds "
+        "the second one under the key catalyst)",
+    )
     _add_vehicles(group)
     _add_conditions(group)
+    catalyst_matrix.add_options(group)
     add_cores_options(group)
     group.add_argument("--config", type=paths.read, help="TOML file that changes shipped settings")
 
@@ -110,25 +124,38 @@ def _add_conditions(parser: argparse._ArgumentGroup) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate and judge the matrix, write its report and return exit code 0.
+    """Simulate and judge the parts of the matrix, write their pages and return exit code 0.
 
     Raises UsageError for an impossible option (exit code 2).
     """
     import json
 
+    if args.recordings:
+        raise UsageError("--matrix drives the simulated vehicle, no RECORDING is wanted")
+    if args.out is None:
+        raise UsageError("--matrix needs --out DIR")
+    settings = config.load(args.config)
+    result = _sensor(args, settings) if "sensor" in args.parts else {}
+    if "catalyst" in args.parts:
+        behind = catalyst_matrix.run(args, settings)
+        result = result | {"catalyst": behind} if result else behind
+    text = json.dumps(result, indent=1, allow_nan=False) + "\n"
+    for path in (args.out / RESULT, args.json):
+        if path is not None:
+            write_text(path, text)
+    return 0
+
+
+def _sensor(args: argparse.Namespace, settings: "Config") -> "Figures":
+    """Simulate and judge the drives of the upstream sensor, write their page; return the result."""
     from tqdm import tqdm
 
-    from monitor.base import config
     from training.jobs import run_folder
     from training.studies.matrix import matrix_result
     from training.studies.matrix import run as matrix_run
     from training.studies.matrix.matrix_page import as_page
 
-    if args.recordings:
-        raise UsageError("--matrix drives the simulated vehicle, no RECORDING is wanted")
-    if args.out is None:
-        raise UsageError("--matrix needs --out DIR")
-    matrix, settings = _matrix(args), config.load(args.config)
+    matrix = _matrix(args)
     cores = matrix_run.Cores(jobs_of(args), args.scheduler)
     with tqdm(total=matrix_run.count(matrix), unit="drive", disable=args.nothing or None) as bar:
         rows = matrix_run.run(
@@ -137,12 +164,8 @@ def run(args: argparse.Namespace) -> int:
     result = matrix_result.result(rows, run_folder.identity_of(args.out), args.model.name)
     print(matrix_result.as_text(result))
     write_text(args.out / REPORT, as_page(result, rows))
-    text = json.dumps(result, indent=1, allow_nan=False) + "\n"
-    for path in (args.out / RESULT, args.json):
-        if path is not None:
-            write_text(path, text)
     print(f"report: {args.out / REPORT}")
-    return 0
+    return result
 
 
 def _matrix(args: argparse.Namespace) -> "Matrix":

@@ -9,7 +9,7 @@ from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.catalyst import NEEDED, BehindResult, CatalystMonitor
 from monitor.judge.catalyst_bank import CatalystBank, Members
-from tests.helpers import second_catalyst
+from training.studies.second import catalyst as second_catalyst
 
 PERIOD_S = 0.1
 BIASES = [

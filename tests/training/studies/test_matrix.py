@@ -211,6 +211,8 @@ def test_the_command_drives_a_small_matrix_and_reports_it(
         "--model",
         str(shipped_model()),
         "--matrix",
+        "--parts",
+        "sensor",
         "--out",
         str(tmp_path / "m"),
         "--vehicles",

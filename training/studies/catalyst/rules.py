@@ -8,19 +8,31 @@
 - Delay: from the begin of a fuel cut until the rear voltage falls, as oxygen in g; its inverse.
 - Threshold: path of the rear voltage over the path behind a simulated catalyst at the threshold.
 
-Only warm samples count, outside fuel cut and its refill but for the delay.
+Only warm samples count, outside fuel cut and its refill but for the delay. A rule's limit is the
+middle between 0.06 g and 0.25 g, in logarithms, on vehicles that no matrix drives.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from monitor.base import config
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.catalyst_bank import CatalystBank, Members
+from monitor.judge.catalyst_bank import OXYGEN_IN_AIR, CatalystBank, Members
+from training.studies.catalyst.cases import CYCLES, PERIOD_S, Case, drive
 
-OXYGEN_IN_AIR = 0.23
+TITLES: Final = {
+    "switches": "switching frequency, rear over front",
+    "amplitude": "amplitude, rear over front",
+    "locus": "length of the locus",
+    "delay": "delay in fuel cuts, as oxygen",
+    "threshold": "path behind a threshold catalyst",
+}
+LEARNING: Final = (3, 4, 5, 11, 12, 13, 14, 15, 16)  # vehicles that set the limits
+LEARNING_G: Final = (0.06, 0.25)
+SMALLEST: Final = 1e-3  # added to an index, so that it has a logarithm
 MID_V, HYSTERESIS_V = 0.45, 0.08
 WARM_DEGC = 420.0
 AFTER_CUT_S, SLOW_S = 12.0, 10.0
@@ -102,7 +114,7 @@ def indices(names: tuple[str, ...], values: FloatArray, period_s: float) -> Mapp
     """Return each rule's index of one drive, nan where it has nothing to look at."""
     s = Signals(names, values, period_s)
     if s.calm.sum() < round(60.0 / period_s):
-        return dict.fromkeys(("switches", "amplitude", "locus", "delay", "threshold"), np.nan)
+        return dict.fromkeys(TITLES, np.nan)
     volts, front = s.volts[s.calm], s.front[s.calm]
     rear, ahead = without_slow(volts, period_s), without_slow(front, period_s)
     span_v = config.shipped().catalyst.voltage_span_v
@@ -114,3 +126,22 @@ def indices(names: tuple[str, ...], values: FloatArray, period_s: float) -> Mapp
         "delay": 1.0 / max(oxygen_until_lean(s), 1e-3),
         "threshold": path(s.volts, s.calm) / max(path(behind_threshold(s), s.calm), 1e-6),
     }
+
+
+def limits(seconds: float, vehicles: Sequence[int] = LEARNING) -> dict[str, float | None]:
+    """Return each rule's limit from drives of ``seconds``, None where they show it nothing."""
+    found: dict[float, list[Mapping[str, float]]] = {grams: [] for grams in LEARNING_G}
+    for vehicle in vehicles:
+        for grams, rows in found.items():
+            case, cycle = Case("rules", grams, ethanol=5.0), CYCLES[vehicle % len(CYCLES)]
+            names, values, _ = drive(vehicle, cycle, case, seconds)
+            rows.append(indices(names, values, PERIOD_S))
+    middle: dict[str, float | None] = {}
+    for rule in TITLES:
+        bad, sound = ([r[rule] for r in found[g] if np.isfinite(r[rule])] for g in LEARNING_G)
+        if not bad or not sound:
+            middle[rule] = None
+            continue
+        logs = [np.median(np.log(np.array(each) + SMALLEST)) for each in (bad, sound)]
+        middle[rule] = float(np.exp(0.5 * (logs[0] + logs[1])) - SMALLEST)
+    return middle

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from monitor.base.types import FloatArray
-from tests.helpers import second_engine
+from training.studies.second import engine as second_engine
 
 PERIOD_S = second_engine.PERIOD_S
 SUBSTEPS = 20  # of a sample
