@@ -14,8 +14,9 @@ from monitor.base.errors import SignalMapError, UsageError
 from monitor.base.types import Frame
 from monitor.bus.polling import answer
 from monitor.bus.polling.answer import Address, Reassembly, values_of
-from monitor.bus.polling.pids import wanted
+from monitor.bus.polling.pids import BITMAPS, wanted
 from monitor.bus.polling.poller import ObdPoller
+from monitor.bus.polling.schedule import Schedule
 from monitor.cli import options
 from monitor.decode.bus_map import load_pairs
 from tests.helpers.examples import inputs
@@ -68,7 +69,21 @@ def test_the_sensor_behind_the_catalyst_is_asked_for_on_demand() -> None:
         poller = options.obd_poller(parser.parse_args(["--obd", *words]), bus_map)
         return set(poller._lengths)
 
-    assert lengths("--obd-optional") - lengths() == {0x15, 0x3C}
+    assert lengths("--obd-optional") - lengths() == {0x15, 0x3C, 0x3E}
+
+
+@pytest.mark.parametrize(("supported", "asked"), [((0x3C, 0x3E), 0x3C), ((0x3E,), 0x3E)])
+def test_the_catalysts_temperature_comes_from_the_sensor_that_the_engine_has(
+    supported: tuple[int, ...], asked: int
+) -> None:
+    (parameter,) = wanted(OBD, ["catalyst_temperature_degc"])
+    schedule = Schedule([parameter])
+    for bitmap in BITMAPS[:2]:
+        assert schedule.choose(0.0) == (bitmap,)
+        own = [pid for pid in (*supported, 0x20) if bitmap < pid <= bitmap + 0x20]
+        bits = sum(1 << (bitmap + 0x20 - pid) for pid in own)
+        schedule.answered((bitmap,), {bitmap: bits.to_bytes(4, "big")})
+    assert schedule.choose(1.0) == (asked,)
 
 
 def test_bitmaps_that_the_ecu_does_not_announce_are_not_asked_for() -> None:
