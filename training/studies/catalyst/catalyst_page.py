@@ -38,7 +38,8 @@ def as_page(found: Figures) -> str:
     return page(
         "catalyst_matrix.html",
         "Simulated drives with a catalyst",
-        verdict=f"{sum(met)} of {len(met)} targets are met.",
+        verdict=_verdict(found["targets"]),
+        confidence=_confidence(found["targets"]),
         kind="good" if all(met) else "bad",
         found=found,
         targets=[
@@ -51,4 +52,20 @@ def as_page(found: Figures) -> str:
             f"Configuration {found['config_sha256'][:12]}, code {found['code_sha256'][:12]}, "
             f"vehicles from {first}"
         ],
+    )
+
+
+def _verdict(targets: Sequence[Figures]) -> str:
+    judged = [t for t in targets if t["met"] is not None]
+    missed = [t["what"] for t in judged if not t["met"]]
+    told = f"{len(judged) - len(missed)} of {len(judged)} targets are met"
+    return f"{told}. Missed: {'; '.join(missed)}." if missed else f"{told}."
+
+
+def _confidence(targets: Sequence[Figures]) -> str:
+    met = [t for t in targets if t["met"]]
+    proved = sum(t["proved"] is True for t in met)
+    return (
+        f"the exact 95 % bounds of {proved} of {len(met)} met targets meet them, too; the others "
+        "need more drives or have no bound. Everything here is simulated."
     )
