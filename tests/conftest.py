@@ -55,6 +55,7 @@ MARKS = {
         "monitor/inject/test_gateway.py",
         "monitor/memory/test_kill.py",
         "monitor/sinks/test_servers.py",
+        "monitor/sinks/test_secure_servers.py",
         "test_packaging.py",
     ),
 }

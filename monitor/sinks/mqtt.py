@@ -34,7 +34,9 @@ class Mqtt:
 
     def __init__(self, url: SplitResult, tags: Tags) -> None:
         if find_spec("paho") is None:
-            raise UsageError("a sink mqtt:// needs paho-mqtt: pip install 'o2-monitor[mqtt]'")
+            raise UsageError(
+                "a sink mqtt:// needs paho-mqtt: pip install '.[mqtt]' in the project's folder"
+            )
         if not url.hostname:
             raise UsageError("an MQTT sink needs a host: mqtt://HOST:1883/TOPIC")
         self._is_safe = url.scheme == "mqtts"
