@@ -63,8 +63,8 @@ def _confidence(targets: Sequence[Target]) -> str:
     """Return how many of the met targets are proved."""
     met = [t for t in targets if t.met]
     return (
-        f"{sum(bool(t.proved) for t in met)} of {len(met)} met targets are proved, their 95 % "
-        "bounds meet them, too; the others need more cases. Everything here is simulated."
+        f"{sum(bool(t.proved) for t in met)} of {len(met)} met targets are proved (their 95 % "
+        "bounds meet them, too); the others need more cases. Everything here is simulated."
     )
 
 

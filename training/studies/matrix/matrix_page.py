@@ -69,7 +69,7 @@ def _confidence(targets: Sequence[Figures]) -> str:
     met = [t for t in targets if t["met"]]
     proved = sum(t["proved"] is not False for t in met)
     return (
-        f"{proved} of {len(met)} met targets are proved, their 95 % bounds meet them, too; the "
+        f"{proved} of {len(met)} met targets are proved (their 95 % bounds meet them, too); the "
         "others need more drives. Everything here is simulated."
     )
 
