@@ -49,8 +49,9 @@ def test_a_broker_behind_tls_gets_the_events_and_a_strange_one_gets_nothing(
     safe, plain = free_port(), free_port()
     settings = tmp_path / "mosquitto.conf"
     settings.write_text(
-        f"user root\nlistener {safe} 127.0.0.1\ncertfile {own}\nkeyfile {key}\nallow_anonymous true\n"
-        f"listener {plain} 127.0.0.1\nallow_anonymous true\n"
+        "user root\nallow_anonymous true\n"
+        f"listener {plain} 127.0.0.1\n"
+        f"listener {safe} 127.0.0.1\ncertfile {own}\nkeyfile {key}\n"
     )
     with running([program("mosquitto"), "-c", str(settings)], plain, tmp_path):
         subscriber = Subscriber(plain)
