@@ -2,7 +2,7 @@
 
 FOLDER holds logs, one folder per vehicle and logger; a loose table is a vehicle alone. For each
 vehicle the last log is left out of the fit; a vehicle with one log has its last 40 % of rows left
-out. All figures are of what is left out:
+out, behind a guard of 60 s that nobody uses. All figures are of what is left out:
 
 - free run: correlation r and fit of the model that reads only its own past;
 - healthy: codes (each is a false alarm, as far as is known), and the share of time in windows with
@@ -36,9 +36,11 @@ from monitor.base.errors import O2Error
 from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
 from monitor.base.signals import OUTPUT
+from monitor.frames.profiles.signals import PINNED_WITHIN
 from monitor.grid.tables import Table, is_table, read_table
 from monitor.report import replay
 from training.cli import main as o2train
+from training.recordings.preparation import pinned_rows
 from training.recordings.recording import Recording, load, write_table
 
 FAULTS: Final = (
@@ -56,6 +58,7 @@ FAULTS: Final = (
     "stuck_at_one",
 )
 PART: Final = 0.6  # of a vehicle's only log that is fitted
+GUARD_S: Final = 60.0  # between the fitted and the left-out part of a log
 LEAST_S: Final = 60.0  # of a log that is worth a fit
 COLUMNS: Final = (
     ("vehicle", 26),
@@ -67,7 +70,7 @@ COLUMNS: Final = (
     ("r", 6),
     ("fit %", 6),
     ("codes", 22),
-    ("judged %", 9),
+    ("judged", 16),
     ("found", 8),
     ("named", 8),
 )
@@ -101,17 +104,22 @@ def _alike(paths: Sequence[Path]) -> list[list[Path]]:
     return list(groups.values())
 
 
-def parts(path: Path, into: Path) -> tuple[Path, Path]:
-    """Write the first and the last rows of a text log as two logs."""
+def parts(path: Path, span_s: float, into: Path) -> tuple[Path, Path]:
+    """Write the first and the last rows of a text log of ``span_s`` as two logs.
+
+    The rows of ``GUARD_S`` between them are in neither; rows are taken as evenly spaced.
+    """
     opened = gzip.open if path.suffix == ".gz" else open
     with opened(path, "rb") as file:
         lines = file.read().splitlines(keepends=True)
     first = next(i for i, line in enumerate(lines) if i and line[:1].isdigit())
-    cut = first + round(PART * (len(lines) - first))
+    rows = len(lines) - first
+    cut = first + round(PART * rows)
+    guard = round(GUARD_S / max(span_s, GUARD_S) * rows)
     name = path.name.removesuffix(".gz")
     fitted, left_out = into / f"first_{name}", into / f"last_{name}"
     fitted.write_bytes(b"".join(lines[:cut]))
-    left_out.write_bytes(b"".join((*lines[:first], *lines[cut:])))
+    left_out.write_bytes(b"".join((*lines[:first], *lines[cut + guard :])))
     return fitted, left_out
 
 
@@ -128,12 +136,19 @@ def judged(path: Path, setup: replay.Setup) -> dict[str, Any]:
 
 
 def faulty(recording: Recording, name: str, path: Path) -> Path:
-    """Write the recording with a fault on its lambda, from a third of its time on."""
+    """Write the recording with a fault on its lambda, from a third of its time on.
+
+    A table of canonical columns has no mark for a reading at an end of its range, so those the
+    recording has are left out, also where the fault moves them.
+    """
     values = recording.values.copy()
     place = recording.names.index(OUTPUT)
+    ends = np.unique(values[pinned_rows(recording, OUTPUT), place])
     begin = len(values) // 3
     fault = SensorFault(resolve(name), recording.period_ns / 1e9)
     values[begin:, place] = fault.apply(values[begin:, place].tolist())
+    at_end = np.isclose(values[:, [place]], ends, rtol=PINNED_WITHIN).any(axis=1)
+    values[at_end, place] = np.nan
     write_table(path, recording.t_s, recording.names, values)
     return path
 
@@ -155,7 +170,9 @@ def row_of(vehicle: Vehicle, work: Path, kind: str, budget: float) -> dict[str, 
             print(f"  {table.path.name}: {note}")
     if OUTPUT not in tables[0].names or sum(spans_s) < LEAST_S or _stands(tables):
         return row | {"codes": "no usable lambda"}
-    *fitted, left_out = vehicle.paths if len(tables) > 1 else parts(vehicle.paths[0], work)
+    *fitted, left_out = (
+        vehicle.paths if len(tables) > 1 else parts(vehicle.paths[0], spans_s[0], work)
+    )
     return row | _scored(
         vehicle, list(fitted), left_out=left_out, work=work, kind=kind, budget=budget
     )
@@ -187,7 +204,8 @@ def _scored(
     decided = sum(w["verdict"] != "inconclusive" for w in healthy["windows"])
     codes = " ".join(sorted({dtc["fault"] for dtc in healthy["dtcs"]})) or "none"
     row |= {"codes": codes[:21] if healthy["completed"] or codes != "none" else "not judged"}
-    row["judged %"] = f"{100 * 50 * decided / max(healthy['samples'], 1):.0f}"
+    number = max(healthy["samples"] // 50, 1)
+    row["judged"] = f"{decided}/{number}, {100 * decided / number:.0f} %"
     period_s = setup.model.card.period_ns / 1e9
     recording = load(left_out, period_s=period_s, columns=vehicle.profile)
     setup = replay.set_up(model, [], load_config(None))

@@ -103,7 +103,7 @@ def _is_grave(cause: Cause) -> bool:
 
     Good signals of an ordinary drive keep a quarter of its samples from being judged.
     """
-    is_of_driving = cause.reason in ("below", "above", "interrupted", "untrained")
+    is_of_driving = cause.reason in ("below", "above", "interrupted", "untrained", "pinned")
     return not is_of_driving or cause.held_share is None or cause.held_share < HALF
 
 
@@ -133,12 +133,25 @@ def _of_condition(condition: str, share: float, seen: Observed, asked: Asked) ->
         ranges = [each for each in seen.ranges if each.condition == condition]
         beside = [_beside(seen, each) for each in ranges]
         signal = ranges[int(np.argmax(beside))].signal
+        output = asked.card.output.name
+        pinned = int(seen.quality[Quality.PINNED, seen.names.index(output)])
+        if pinned > max(beside):
+            return Cause(condition, round(share, 6), output, "pinned", _pinned(pinned, seen))
         if max(beside) == 0:  # NaN is outside, too
             signal = _worst(seen, asked.card.input_names)
     else:
         signal = NEEDS[condition]
     reason, advice = _of_signal(condition, signal, seen, asked)
     return Cause(condition, round(share, 6), signal, reason, advice)
+
+
+def _pinned(pinned: int, seen: Observed) -> str:
+    """Return the advice for a reading at an end of its range."""
+    share = f"{100 * pinned / seen.samples:.0f} % of the samples"
+    return (
+        f"the sensor's reading stands at an end of its range in {share}: cold, "
+        "broken, or in a fuel cut that the log does not tell; log fuel_cut or the pulse width"
+    )
 
 
 def _worst(seen: Observed, names: Sequence[str]) -> str:

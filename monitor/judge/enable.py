@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from monitor.base.config import EnableConfig
 from monitor.base.runs import since
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.model.card import ModelCard
 
 SIGNALS: Final = (
@@ -157,6 +157,7 @@ class Enable:
         self._broken = np.array([_VALID, _TRAINED, cut, _STEADY])
         columns |= {"inputs_valid": _VALID} | {name: i for i, name in enumerate(_RECOVERING)}
         self._held = np.array([columns.get(name, _HOLDS) for name in CONDITIONS])
+        self._measured, self._cut = at[output], at.get("fuel_cut")
         self._purge = at.get("purge_duty_percent")
         self._open_percent, self._step_percent = (
             config.purge_open_percent,
@@ -191,10 +192,12 @@ class Enable:
         self._since[0] = 0
         self._duties: FloatArray | None = None  # of the purge valve in the last second
 
-    def push(self, values: FloatArray) -> BoolArray:
+    def push(self, values: FloatArray, quality: QualityArray | None = None) -> BoolArray:
         """Return the conditions of samples, (n, n_conditions) in the order of CONDITIONS.
 
         values : (n, n_names); a sample is enabled if all its conditions hold
+        quality : (n, n_names); a reading pinned at an end of its range was left out of the
+            training, except in fuel cut, where that is the right reading
         """
         n = len(values)
         if n == 0:
@@ -204,12 +207,22 @@ class Enable:
         inside &= x <= self._high
         said = np.ones((n, self._n_columns), dtype=np.bool_)
         np.logical_and.reduceat(inside, self._firsts, axis=1, out=said[:, _VALID:])
+        if quality is not None:
+            pinned = quality[:, self._measured] == Quality.PINNED
+            if pinned.any():
+                said[:, _TRAINED] &= ~(pinned & ~self._in_cut(values))
         if self._purge is not None:
             self._purge_stays(values[:, self._purge], said[:, _STEADY])
         count = since(~said.take(self._broken, axis=1), self._since)
         self._since = count[-1]
         np.greater_equal(count, self._recovery, out=said[:, : len(_RECOVERING)])
         return said.take(self._held, axis=1)
+
+    def _in_cut(self, values: FloatArray) -> BoolArray:
+        """Return whether fuel is known to be cut, (n,)."""
+        if self._cut is None:
+            return np.zeros(len(values), dtype=np.bool_)
+        return np.asarray(values[:, self._cut] >= NO_CUT)
 
     def _purge_stays(self, duty: FloatArray, stays: BoolArray) -> None:
         """Find whether the purge valve stays open or shut, moves slowly and is known, (n,)."""

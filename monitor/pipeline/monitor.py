@@ -241,7 +241,7 @@ class Monitor:
                 self._start()
             part = slice(begin, end)
             own = values[part]
-            held = conditions[part] = self._enable.push(own)
+            held = conditions[part] = self._enable.push(own, block.quality[part])
             mask = masks[part] = enable.masks(held)
             segments += [(begin + a, begin + b) for a, b in runs(enable.INPUTS_VALID[mask])]
             results = self._plausibility.push(own, block.quality[part])

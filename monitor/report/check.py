@@ -138,7 +138,7 @@ def held_up(recording: OpenRecording, card: ModelCard, config: Config) -> list[C
     observation = Observation(enable, names, config.plausibility, period_s)
     for part in recording.parts:
         if isinstance(part, SampleBlock):
-            observation.push(part.values, part.quality, enable.push(part.values))
+            observation.push(part.values, part.quality, enable.push(part.values, part.quality))
     return causes(observation.observed(), Asked(card, config, recording.sources))
 
 

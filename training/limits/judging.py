@@ -23,7 +23,8 @@ __all__ = ["Judged", "enabled_samples", "judge", "judge_recordings", "most_commo
 def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
     """Return (n,) bool, True for samples at which all enable conditions hold."""
     names = _names(recording, card)
-    conditions = Enable.of(config.enable, names, card).push(_block(recording, names).values)
+    block = _block(recording, names)
+    conditions = Enable.of(config.enable, names, card).push(block.values, block.quality)
     return np.asarray(conditions.all(axis=1))
 
 
@@ -33,7 +34,8 @@ def why_not(recording: Recording, card: ModelCard, config: Config) -> list[Cause
     enable_, period_s = Enable.of(config.enable, names, card), card.period_ns * 1e-9
     observation = Observation(enable_, names, config.plausibility, period_s)
     block = _block(recording, names)
-    observation.push(block.values, block.quality, enable_.push(block.values))
+    held = enable_.push(block.values, block.quality)
+    observation.push(block.values, block.quality, held)
     return causes(observation.observed(), Asked(card, config))
 
 

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base import config
+from monitor.base.types import Quality
 from monitor.judge import enable
 from monitor.judge.enable import CONDITIONS, Enable
 from monitor.judge.window import Series, Span, Window, Windows
@@ -232,6 +233,30 @@ def test_a_second_fuel_cut_starts_the_recovery_anew() -> None:
     for _ in range(29):
         assert blocking(bench.step()) == {"fuel_cut_recovered"}
     assert blocking(bench.step()) == set()
+
+
+@pytest.mark.parametrize(
+    ("names", "cut", "blocked"),
+    [
+        (tuple(name for name in NAMES if name != "fuel_cut"), 0.0, {"trained_range"}),
+        (NAMES, 0.0, {"trained_range"}),
+        (NAMES, 1.0, {"fuel_cut_recovered"}),
+    ],
+)
+def test_a_reading_at_the_end_of_its_range_is_judged_in_fuel_cut_only(
+    names: tuple[str, ...], cut: float, blocked: set[str]
+) -> None:
+    # GIVEN a settled drive
+    bench = Bench(names)
+    bench.settle()
+    # WHEN the reading stands at the end of its range, with fuel, without, or nobody knows
+    row = GOOD | {"fuel_cut": cut}
+    values = np.array([[row[name] for name in names]])
+    quality = np.zeros(values.shape, np.uint8)
+    quality[0, names.index("lambda_measured")] = Quality.PINNED
+    (held,) = bench.subject.push(values, quality).tolist()
+    # THEN the sample is unlike those of the training, but where fuel is known to be cut
+    assert blocking(dict(zip(CONDITIONS, held, strict=True))) == blocked
 
 
 def test_a_reset_is_like_switching_on() -> None:
