@@ -25,7 +25,7 @@ from training.ecu_tables import config, fit, signals, tables
 from training.recordings.ecu_table import EcuTable, axes_of
 from training.recordings.recording import load
 
-REPORT, CALIBRATION = range(401, 421), range(301, 321)
+REPORT, CALIBRATION = range(501, 521), (*range(301, 313), *range(401, 421))
 CYCLES = ("wltc_3b", "micro_trips")
 DURATION_S, PERIOD_S = 1200.0, 0.05
 FILLED_S = 30.0
@@ -42,7 +42,7 @@ def main() -> int:
     """Simulate, fit, compare and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--calibrate", action="store_true", help="the vehicles of the calibration")
-    parser.add_argument("--vehicles", type=int, default=20, help="number of vehicles (default 20)")
+    parser.add_argument("--vehicles", type=int, help="number of vehicles (default: all)")
     parser.add_argument("--json", type=Path, help="write all cells")
     args = parser.parse_args()
     vehicles = (CALIBRATION if args.calibrate else REPORT)[: args.vehicles]

@@ -10,7 +10,7 @@ from monitor.base.errors import UsageError
 from training.cli.recordings import add_bus_options, add_period_option, load_all
 
 if TYPE_CHECKING:
-    from training.recordings.ecu_table import TableAxes
+    from training.recordings.ecu_table import EcuTable, TableAxes
     from training.recordings.recording import Recording
 
 _EXAMPLES = """examples:
@@ -65,6 +65,12 @@ def add_parsers(commands: Any) -> None:
         help="number of cylinders, which turn displacement and air meter into the charge of one "
         "(default: 4)",
     )
+    parser.add_argument(
+        "--rough",
+        action="store_true",
+        help="also write cells whose 90 %% interval is wider than an ECU needs: a delay beyond "
+        "22 ms, an injector dead time beyond 0.05 ms",
+    )
     add_period_option(parser)
     add_bus_options(parser)
     parser.set_defaults(func=run)
@@ -92,7 +98,9 @@ def run(args: argparse.Namespace) -> int:
     _make_folder(args.out)
     with Share("tables") as bar:
         fitted = fit.fit(subject, bar.update)
-    made = tables.tables(fitted, axes, config.defaults())
+    strict, rough = config.defaults(), config.rough()
+    made = tables.tables(fitted, axes, rough if args.rough else strict)
+    beside = [] if args.rough else tables.tables(fitted, axes, rough)
     names = [r.path.name for r in recordings]
     sources = [
         {"path": str(r.path), "sha256": r.sha256, "start": start_text(r.begin_ns)}
@@ -100,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
     ]
     files.write_files(args.out, made, recordings=sources)
     page.write_report(args.out / "report.html", fitted, made, names)
-    for line in summary(made):
+    for line in summary(made, beside):
         print(line)
     print(f"{args.out / 'report.html'}: {subject.samples} usable samples, {subject.air.value}")
     return 0
@@ -134,15 +142,21 @@ def _make_folder(path: Path) -> None:
         raise UsageError(f"{path}: {error.strerror}") from None
 
 
-def summary(made: "list[Any]") -> list[str]:
-    """Return one line per table: filled cells and the range of the estimates."""
+def summary(made: "list[EcuTable]", rough: "list[EcuTable]") -> list[str]:
+    """Return one line per table: filled cells and the range of the estimates.
+
+    rough : the same tables with the cells that ``--rough`` writes, none if it was given
+    """
     import numpy as np
 
+    more = {t.key: int(np.isfinite(t.estimate).sum()) for t in rough}
     lines = []
     for table in made:
         good = table.estimate[np.isfinite(table.estimate)]
         told = f"{len(good)} of {table.estimate.size} cells"
         if len(good):
             told += f", {good.min():.3g} to {good.max():.3g} {table.unit}".rstrip(" -")
+        left = more.get(table.key, 0) - len(good)
+        told += f"; {left} more with wide intervals: --rough" if left > 0 else ""
         lines.append(f"{table.key}: {told}")
     return lines

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 
@@ -16,6 +16,7 @@ class TablesConfig:
     z90: float  # half width of a 90 % interval in standard deviations
     least_s: float  # usable samples nearest to a cell, below which it is blank
     widest: Mapping[str, float]  # table → relative half width from which a cell is blank
+    bluntest: Mapping[str, float]  # table → half width in its unit from which a cell is blank
     small: Mapping[str, float]  # table → upper bound below which a cell is told all the same
     small_widest: float  # relative half width from which a small cell is blank, too
     widening: Mapping[str, Mapping[str, float]]  # kind of air, table → factor on the deviation
@@ -35,7 +36,13 @@ def defaults() -> TablesConfig:
         z90=read["interval"]["z90"],
         least_s=read["cell"]["least_s"],
         widest=read["widest"],
+        bluntest=read["bluntest"],
         small=read["small"],
         small_widest=read["cell"]["small_widest"],
         widening=read["widening"],
     )
+
+
+def rough() -> TablesConfig:
+    """Return the settings that fill a cell however wide its interval is in the table's unit."""
+    return replace(defaults(), bluntest={})

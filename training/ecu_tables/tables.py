@@ -220,7 +220,8 @@ def _table(
 
     An estimate whose upper bound is small is told, however wide the interval is as a ratio: a film
     of at most 5 % says that there is almost none. Its lower bound is 0. An interval as wide as
-    the prior's comes from no data, however small its bound is.
+    the prior's comes from no data, however small its bound is. A delay that is known as a ratio,
+    but not within what an ECU can use, is blank, too.
     """
     shape = tuple(len(a.values) for a in axes)
     flat = np.ravel_multi_index(at, shape)
@@ -232,6 +233,7 @@ def _table(
     log_sd = _log_sd(fitted, cells) * config.factor(name, air)
     half = config.z90 * log_sd
     wide = half > np.log1p(config.widest[name])
+    wide |= value * np.expm1(half) > config.bluntest.get(name, np.inf)
     small = wide & (value * np.exp(half) < config.small.get(name, 0.0))
     small &= half < np.log1p(config.small_widest)
     silent = (seconds < config.least_s) | (wide & ~small)

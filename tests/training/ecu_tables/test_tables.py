@@ -142,10 +142,17 @@ def test_the_charge_behind_an_air_meter_is_free_of_its_lag_and_of_the_manifolds_
     assert np.abs(charge - (200.0 + 50.0 * swing.real))[settled].max() < 1.0
 
 
-def test_a_log_becomes_tables_with_bounds_and_blank_cells(tmp_path: Path, drive: Path) -> None:
+def test_a_log_becomes_tables_with_bounds_and_blank_cells(
+    tmp_path: Path, drive: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     tune, out = tmp_path / "t.msq", tmp_path / "out"
     tune.write_text(TUNE)
-    assert main(["tables", str(drive), "--out", str(out), "--axes", str(tune)]) == 0
+    # a short log knows no delay within what an ECU needs, and the command says so
+    call = ["tables", str(drive), "--out", str(out), "--axes", str(tune)]
+    assert main(call) == 0
+    assert "more with wide intervals: --rough" in capsys.readouterr().out
+    assert main([*call, "--rough"]) == 0
+    assert "more with" not in capsys.readouterr().out
     document = json.loads((out / "tables.json").read_text())
     assert document["schema"] == "o2train.tables/1"
     names = [t["name"] for t in document["tables"]]
@@ -234,6 +241,28 @@ def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
     assert abs(dead.estimate[dead.axes[0].values.index(14.0)] - true[0]) < 0.05
 
 
+def cell(name: str, value: float, log_sd: float) -> tuple[float, float]:
+    """Return estimate and lower bound of a table's only cell, 20 s of samples."""
+    subject = SimpleNamespace(air=Air.METER)
+    fitted = SimpleNamespace(
+        x=np.log([value]),
+        covariance=np.array([[log_sd**2]]),
+        parameters=SimpleNamespace(subject=subject),
+    )
+    axis = axes_of("manifold_pressure_kpa", (800.0,), (30.0,))
+    made = _table(
+        name,
+        "-",
+        (axis.speed, axis.load),
+        cast(Any, fitted),
+        cells=np.exp,
+        at=(np.zeros(400, np.int64), np.zeros(400, np.int64)),
+        samples=cast(Any, SimpleNamespace(seconds=np.full(400, 0.05))),
+        config=replace(defaults(), widening={"meter": {name: 1.0}}),
+    )
+    return float(made.estimate[0, 0]), float(made.low[0, 0])
+
+
 @pytest.mark.parametrize(
     ("log_sd", "told", "low"),
     [(0.1, True, 0.004), (0.7, True, 0.0), (1.2, False, np.nan)],
@@ -241,27 +270,18 @@ def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
 def test_next_to_no_film_is_told_if_its_interval_is_small(
     log_sd: float, told: bool, low: float
 ) -> None:
-    # GIVEN a film of half a percent, known within a factor
-    subject = SimpleNamespace(air=Air.METER)
-    fitted = SimpleNamespace(
-        x=np.log([0.005]),
-        covariance=np.array([[log_sd**2]]),
-        parameters=SimpleNamespace(subject=subject),
-    )
-    config = replace(defaults(), widening={"meter": {"wall_film_fraction": 1.0}})
-    samples = SimpleNamespace(seconds=np.full(400, 0.05))
-    axis = axes_of("manifold_pressure_kpa", (800.0,), (30.0,))
-    # WHEN its cell is written
-    made = _table(
-        "wall_film_fraction",
-        "-",
-        (axis.speed, axis.load),
-        cast(Any, fitted),
-        cells=np.exp,
-        at=(np.zeros(400, np.int64), np.zeros(400, np.int64)),
-        samples=cast(Any, samples),
-        config=config,
-    )
+    # WHEN the cell of a film of half a percent is written, known within a factor
+    estimate, bound = cell("wall_film_fraction", 0.005, log_sd)
     # THEN it is told, from zero on where it may be dry, and blank where it may be wet
-    assert np.isfinite(made.estimate[0, 0]) == told
-    np.testing.assert_allclose(made.low[0, 0], low, atol=5e-4)
+    assert np.isfinite(estimate) == told
+    np.testing.assert_allclose(bound, low, atol=5e-4)
+
+
+@pytest.mark.parametrize(("delay_s", "told"), [(0.1, True), (0.3, False)])
+def test_a_delay_that_is_not_known_within_what_an_ecu_needs_is_blank(
+    delay_s: float, told: bool
+) -> None:
+    # GIVEN delays that are known within a tenth: of 100 ms within 10, of 300 ms within 30
+    estimate, _ = cell("lambda_delay", delay_s, 0.06)
+    # THEN only the first one is told
+    assert np.isfinite(estimate) == told
