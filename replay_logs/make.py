@@ -22,7 +22,14 @@ from training.dyno.simulation import Experiment
 HERE = Path(__file__).parent
 FIRST_VEHICLE, FIRST_SEED = 101, 101
 FIRST_BEHIND = 150  # vehicles and seeds with a sensor behind the catalyst follow
-BEHIND = ("catalyst_low", "downstream_slow_rich_to_lean")
+BEHIND = {  # faults and the length of their drives in s
+    "catalyst_low": 420.0,
+    "downstream_slow_rich_to_lean": 420.0,
+    "downstream_low": 90.0,
+    "downstream_high": 90.0,
+    "downstream_inactive": 90.0,
+    "downstream_heater": 90.0,
+}
 RESPONSE_S, SHORT_S = 420.0, 150.0  # length of a drive: response faults and healthy, other faults
 SEVERITY = {"drift_lean": 0.9, "drift_rich": 0.8}  # beyond the limit within the drive
 FAULT_START_S = {"signal_missing": 60.0}
@@ -57,10 +64,10 @@ def experiments() -> list[tuple[str, Experiment]]:
 
 def behind() -> list[tuple[str, Experiment]]:
     """Return (file stem, drive) with a sensor behind the catalyst, warm at the start."""
-    faults = (None, *map(downstream_faults.resolve, BEHIND))
+    drives = {None: RESPONSE_S, **{downstream_faults.resolve(n): s for n, s in BEHIND.items()}}
     number, seed = FIRST_BEHIND, FIRST_BEHIND
     chosen = []
-    for fault in faults:
+    for fault, duration_s in drives.items():
         number, seed = number + 1, seed + 1
         while vehicle.conditions(seed).coolant_start_degc < 66.0:
             seed += 1
@@ -68,7 +75,7 @@ def behind() -> list[tuple[str, Experiment]]:
             cycle="micro_trips",
             vehicle=number,
             seed=seed,
-            duration_s=RESPONSE_S,
+            duration_s=duration_s,
             downstream=True,
             downstream_fault=fault,
         )

@@ -175,7 +175,7 @@ def truth(row: Row) -> str:
 
 def names(rows: Sequence[Row]) -> list[Figures]:
     """Return how often each condition got which names, the most frequent first."""
-    given = Counter((truth(r), " + ".join(r["faults"].values()) or "none") for r in rows)
+    given = Counter((truth(r), " + ".join(sorted(r["faults"].values())) or "none") for r in rows)
     return [{"driven": a, "named": b, "drives": n} for (a, b), n in sorted(given.items())]
 
 
