@@ -182,6 +182,24 @@ def test_identifiers_hold_the_parameters_monitors_and_information_of_j1979() -> 
     assert (ask("22 F8 00", vehicle) or "").startswith("62 f8 00 55")
 
 
+@pytest.mark.parametrize("group", ["F4", "F5", "F6", "F8"])
+def test_each_identifier_is_answered_if_it_is_listed_and_only_then(group: str) -> None:
+    # GIVEN a vehicle with engine speed, lambda and coolant temperature
+    vehicle = Vehicle(1500.0)
+    vehicle.state.is_obd_on_uds = True
+    # WHEN a tester asks for all 256 identifiers of a group one by one
+    asked = [ask(f"22 {group} {low:02X}", vehicle) or "" for low in range(256)]
+    # THEN those that the lists name are answered, and no other
+    listed = set()
+    for base in range(0, 256, 32):
+        if asked[base].startswith("62"):
+            bits = int(asked[base][9:].replace(" ", ""), 16)
+            listed |= {base + n for n in range(1, 33) if bits >> (32 - n) & 1}
+    answered = {low for low, text in enumerate(asked) if text.startswith("62")}
+    assert answered == listed | {0}
+    assert {text for text in asked if not text.startswith("62")} <= {"7f 22 31"}
+
+
 def test_the_protocol_is_told_only_where_the_whole_vehicle_speaks_it() -> None:
     vehicle = Vehicle()
     assert ask("22 F8 10", vehicle) == "7f 22 31"
