@@ -92,7 +92,7 @@ def _histogram(axes: Axes, values: np.ndarray, title: str, limit: Figures | None
     axes.hist(inside, bins=BINS, color="C0")
     axes.set_yscale("log")
     axes.set_ylim(bottom=0.7)
-    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.xaxis.set_major_locator(MaxNLocator(5, steps=(1, 2, 2.5, 5, 10)))
     if limit is None:
         return
     sides = (-1.0, 1.0) if values.min() < 0.0 else (1.0,)
