@@ -70,6 +70,33 @@ class Sensor(NamedTuple):
 SOUND = Sensor()
 
 
+class Form(NamedTuple):
+    """In which way effects act; other values than these make other engines."""
+
+    flow_power: float = 1.0  # of the flow in dead time and mixing
+    film_speed: float = 0.0  # powers of engine speed in the film's time, of the charge in its share
+    film_load: float = 0.0
+    leak_power: float = 1.0
+    rail_curve: float = 0.0  # of the injector over the rail's pressure
+    injector_speed: float = 0.4
+    purge_power: float = 1.0  # of the pressure that draws the vapour
+    back_power: float = 1.0  # of the flow in the sensor's sensitivity
+    tail_power: float = 1.0  # of the flow in the emptying after a fuel cut
+    own_film: float = 0.0  # share of the fuel that always wets walls
+    curve: float = 0.0  # of the sound sensor
+
+    @classmethod
+    def of(cls, vehicle: int) -> "Form":
+        """Return the form of a vehicle of its own kind."""
+        rng = np.random.default_rng([79, vehicle])
+        low = cls(0.6, -0.5, -0.6, 0.6, -0.15, -0.3, 0.5, 0.6, 0.6, 0.0, -0.15)
+        high = cls(1.3, 0.8, 0.6, 1.3, 0.15, 1.0, 1.5, 1.5, 1.3, 0.02, 0.15)
+        return cls(*rng.uniform(low, high).tolist())
+
+
+FORM = Form()
+
+
 class Piece(NamedTuple):
     """What differs from vehicle to vehicle."""
 
@@ -80,9 +107,14 @@ class Piece(NamedTuple):
 
 
 def drive(
-    vehicle: int, seed: int, hidden: Mapping[str, float] | None = None, sensor: Sensor = SOUND
+    vehicle: int,
+    seed: int,
+    hidden: Mapping[str, float] | None = None,
+    sensor: Sensor = SOUND,
+    length_s: float = LENGTH_S,
+    form: Form = FORM,
 ) -> Drive:
-    """Return ten minutes of one vehicle at 10 Hz."""
+    """Return a drive of one vehicle at 10 Hz."""
     own = np.random.default_rng([77, vehicle])
     piece = Piece(
         own.normal(1, 0.01), own.normal(0, 0.008), own.uniform(0.8, 1.25), own.uniform(0.06, 0.12)
@@ -90,7 +122,7 @@ def drive(
     rng = np.random.default_rng([78, seed])
     cold, ambient_degc = rng.random() < 0.4, rng.uniform(5.0, 28.0)
     ambient_kpa = rng.uniform(94.0, 101.5)
-    speed = wished_speed(rng, round(LENGTH_S / STEP_S))
+    speed = wished_speed(rng, round(length_s / STEP_S))
     effects = Hidden(**(hidden or {}))
     car = drive_car(speed, ambient_degc, bool(cold))
     noise = rng.standard_normal((4, len(speed)))
@@ -100,6 +132,7 @@ def drive(
         charge[0],
         piece=piece,
         e=effects,
+        form=form,
         sensor=sensor,
         ambient_kpa=ambient_kpa,
         noise=noise[1:],
@@ -232,12 +265,13 @@ def mix(
     charge: FloatArray,
     piece: Piece,
     e: Hidden,
+    form: Form,
     sensor: Sensor,
     ambient_kpa: float,
     noise: FloatArray,
 ) -> dict[str, FloatArray]:
     """Return what the ECU sends of fuel and lambda."""
-    made = _mix(car, charge, piece, e, sensor, ambient_kpa, noise)
+    made = _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise)
     names = (
         "fuel_mass_mg",
         "rail_pressure_mpa",
@@ -250,7 +284,7 @@ def mix(
 
 
 @njit(cache=True)
-def _mix(car, charge, piece, e, sensor, ambient_kpa, noise):  # type: ignore[no-untyped-def]  # noqa: PLR0915
+def _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise):  # type: ignore[no-untyped-def]  # noqa: PLR0915
     n = len(charge)
     out = np.zeros((6, n))
     valve, gas_read = np.ones(1024), np.ones(1024)
@@ -273,37 +307,45 @@ def _mix(car, charge, piece, e, sensor, ambient_kpa, noise):  # type: ignore[no-
         # what enters
         injected = fuel * (1.0 + piece.injector * np.sin(charge[k] / 170.0))
         injected *= (rail / 9.0) ** (0.02 * e.rail_exponent)
-        injected += 0.0 if cut else 0.12 * e.injector_offset * (1.0 + 0.4 * rpm / 3000.0)
+        injected *= 1.0 + 0.02 * e.rail_exponent * form.rail_curve * (rail / 9.0 - 1.0) ** 2
+        by_speed = 1.0 + form.injector_speed * rpm / 3000.0
+        injected += 0.0 if cut else 0.12 * e.injector_offset * by_speed
         cold = max(80.0 - coolant, 0.0) / 60.0
-        share, film_s = min(0.045 * e.wall_film * (1.0 + cold), 0.6), 0.5 + 0.6 * cold
+        wet = (form.own_film + 0.045 * e.wall_film) * (
+            max(charge[k], 20.0) / 250.0
+        ) ** form.film_load
+        share = min(wet * (1.0 + cold), 0.6)
+        film_s = (0.5 + 0.6 * cold) * (2000.0 / rpm) ** form.film_speed
         film += STEP_S * (share * injected * strokes - film / film_s)
         entered = injected * (1.0 - share) + film / film_s / strokes
         open_ = coolant > 65.0 and not cut and t_s % 70.0 > 22.0 and rpm > 1000.0
         wanted = min(15.0 + 0.6 * car.throttle_kg_h[k], 75.0) if open_ else 0.0
         duty += np.sign(wanted - duty) * min(abs(wanted - duty), 40.0 * STEP_S)
         load *= np.exp(-STEP_S * duty / 100.0 / 400.0)
-        drawn = 2.25 * e.purge * load * duty / 100.0 * max(ambient_kpa - p, 0.0) / 60.0
+        draught = (max(ambient_kpa - p, 0.0) / 60.0) ** form.purge_power
+        drawn = 2.25 * e.purge * load * duty / 100.0 * draught
         vapour += STEP_S / 0.5 * (drawn - vapour)
         entered = 0.0 if cut else entered + vapour / strokes
         through = max(p - 96.0, 0.0) / 30.0 * max(1.0 - (rpm - 800.0) / 1800.0, 0.0)
         air *= 1.0 + 0.012 * e.scavenging * through
         valve[k % 1024] = 14.55 * (1.0 - 0.004 * e.ethanol) * entered / max(air, 5.0)
         # the way to the sensor
-        late_s = 96.0 / rpm + (2.7 * piece.pipe + 0.35 * e.delay_flow) / flow + 0.03
+        filling = 1.0 / flow if form.flow_power == 1.0 else 0.05 * (20.0 / flow) ** form.flow_power
+        late_s = 96.0 / rpm + (2.7 * piece.pipe + 0.35 * e.delay_flow) * filling + 0.03
         steps = min(late_s / STEP_S, 1000.0)
         whole = int(steps)
         part = steps - whole
         gas = valve[(k - whole) % 1024] * (1.0 - part) + valve[(k - whole - 1) % 1024] * part
-        mixed += STEP_S / (0.05 + (0.6 + 0.4 * e.mix_flow) / flow) * (gas - mixed)
-        gas = mixed * (1.0 - 0.0048 * e.exhaust_leak * 18.0 / (flow + 8.0))
-        lean = 1.0 if cut else lean * np.exp(-STEP_S * flow / 25.0)
+        mixed += STEP_S / (0.05 + (0.6 + 0.4 * e.mix_flow) * filling) * (gas - mixed)
+        gas = mixed * (1.0 - 0.0048 * e.exhaust_leak * (18.0 / (flow + 8.0)) ** form.leak_power)
+        lean = 1.0 if cut else lean * np.exp(-STEP_S * (flow / 25.0) ** form.tail_power)
         gas *= 1.0 if cut else 1.0 - 0.045 * e.fuel_cut_tail * lean
-        gas = 1.0 + (gas - 1.0) * (1.0 + 0.0006 * e.back_pressure * flow)
+        gas = 1.0 + (gas - 1.0) * (1.0 + 0.03 * e.back_pressure * (flow / 50.0) ** form.back_power)
         rising = 1.0 + 0.35 * e.sensor_asymmetry if gas > sensed else 1.0
         sensed += STEP_S / (piece.sensor_s * rising) * (gas - sensed)
         # how it is read
-        gas_read[k % 1024] = sensed
-        reading = sensed
+        reading = sensed + form.curve * (sensed - 1.0) ** 2
+        gas_read[k % 1024] = reading
         if t_s >= sensor.start_s:
             back = min(sensor.dead_time_s, t_s - sensor.start_s)
             reading = gas_read[(k - int(back / STEP_S)) % 1024]
