@@ -24,10 +24,11 @@ from threadpoolctl import threadpool_limits
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks import gap_second_engine
-from benchmarks.gap_naming_table import table
 from tests.helpers.second_engine import FORM, SOUND, Form
 from tests.helpers.second_engine import drive as second_drive
+
+from benchmarks import gap_second_engine
+from benchmarks.gap_naming_table import table
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import yardstick
 from training.gap.name.naming import name
