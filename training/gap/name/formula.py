@@ -32,11 +32,12 @@ def formula_of(state: State, progress: Progress = lambda _: None) -> tuple[Candi
     while terms and len(found) < TERMS_MOST:
         progress("formula")
         ranking = rank(state, terms, lambda _: None)
-        good = [c for c in ranking if c.merit.score >= NEARLY * ranking[0].merit.score]
-        best = min(good, key=lambda c: (len(c.term.parameters), -c.merit.score))
         least = max(GAIN_LEAST, SHARE_LEAST * (found[0].merit.score if found else 0.0))
-        if best.merit.score < least or best.merit.t < T_LEAST:
+        nearly = max(least, NEARLY * ranking[0].merit.score)
+        good = [c for c in ranking if c.merit.score >= nearly and c.merit.t >= T_LEAST]
+        if not good:
             break
+        best = min(good, key=lambda c: (len(c.term.parameters), -c.merit.score))
         found.append(best)
         signal = best.name.split(":")[1]
         terms = [t for t in terms if t.name.split(":")[1] != signal]

@@ -13,6 +13,7 @@ from tests.training.greybox.test_effect_forms import (
 )
 from training.gap.name.base_state import base_state
 from training.gap.name.formula import formula_of
+from training.gap.name.scoring import Score
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import Path
 from training.greybox.effects.empirical import effect_of, formula, name_of
@@ -33,6 +34,14 @@ def test_a_share_per_degree_is_found_with_its_size() -> None:
     _, signal, form, _, width = term.name.split(":")
     assert (signal, form) == ("manifold_temperature_degc", "factor")
     assert term.parameters["size"] / float(width) == pytest.approx(-0.88, rel=0.05)
+
+
+def test_where_no_form_gains_on_held_out_blocks_there_is_no_formula(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # GIVEN forms that all lose on blocks that their fit did not see
+    monkeypatch.setattr("training.gap.name.scoring.score", lambda *_: Score(-1.0, 0.0))
+    assert found(warm_intake) == ()
 
 
 @pytest.mark.parametrize("form", ["mass", "slow", "curve"])
