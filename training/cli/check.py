@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
 from training.cli.recordings import (
+    FORMATS,
     add_bus_options,
     add_period_option,
     add_signal_options,
@@ -41,7 +42,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         nargs="+",
         type=paths.read,
         metavar="RECORDING",
-        help="CAN logs, tables or measurement files",
+        help=FORMATS,
     )
     add_signal_options(check)
     check.add_argument(

@@ -3,7 +3,7 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from monitor.base import option_paths as paths
 
@@ -77,6 +77,12 @@ def _add_log(subparsers: "argparse._SubParsersAction[Any]") -> None:
     log.set_defaults(func=run_log)
 
 
+FORMATS: Final = (
+    "CAN logs (.log .asc .blf .trc .csv .mf4), tables (.csv .parquet), logs of tuning tools (.msl "
+    ".mlg .csv) or measurement files (.dat .mdf .mf4); logs and tables of text also with .gz"
+)
+
+
 def add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
     """Add the recordings, their period and their bus to a command that reads several."""
     parser.add_argument(
@@ -84,7 +90,7 @@ def add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
         nargs=number,
         type=paths.read,
         metavar="RECORDING",
-        help="CAN logs, tables, logs of tuning tools or measurement files",
+        help=FORMATS,
     )
     add_period_option(parser)
     add_bus_options(parser)

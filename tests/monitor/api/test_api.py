@@ -167,6 +167,16 @@ def test_a_result_is_plain_data() -> None:
     assert json.loads(json.dumps(verdict.to_dict())) == rounded(dict(verdict.entry))
 
 
+def test_the_version_is_said_before_any_library_is_loaded() -> None:
+    code = (
+        "import sys; from monitor.cli import main\n"
+        "try: main(['--version'])\n"
+        "except SystemExit: print(sorted({'numpy', 'can', 'onnxruntime'} & set(sys.modules)))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.splitlines() == [f"o2mon {monitor.__version__}", "[]"]
+
+
 def test_importing_the_package_loads_no_library() -> None:
     code = "import sys, monitor; print(*sorted({'numpy', 'can', 'onnxruntime'} & set(sys.modules)))"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
