@@ -16,7 +16,8 @@ from training.narx.linear.arx import Arx
 from training.narx.linear_start import best_arx, linear_starts, with_memory
 from training.narx.model_file import HeldOut, held_out, write_model
 from training.narx.network import Spec
-from training.narx.stability import Contraction
+from training.narx.refit import all_but_test, may_refit, refitted
+from training.narx.stability import Contraction, contraction
 from training.narx.stages import Trained, free_run
 from training.narx.starts import Shape, Starts, committees
 from training.narx.structure import Search, Try
@@ -108,6 +109,8 @@ def fit(
     chosen = _train(runs, shapes, count, arx, join=bool(tries))
     if not np.isfinite(chosen.model.score):
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
+    if arx and short and not validate and may_refit(data):
+        data, chosen = _refit(data, chosen, seed, end_s)
     written = _write(out, data, chosen)
     return FitResult(
         path=Path(out),
@@ -189,6 +192,16 @@ def _train(
     trained = (*trained, *committees(runs.data, trained)) if join else trained
     trained += linear
     return _Choice(*runs.until_one_forgets(trained, shapes[0], first=count))
+
+
+def _refit(data: Prepared, chosen: _Choice, seed: int, end_s: float) -> tuple[Prepared, _Choice]:
+    """Return data without validation blocks and the model refitted to them, if it forgets."""
+    everything = all_but_test(data)
+    again = refitted(everything, chosen.starts, chosen.best, seed, end_s)
+    if again is None:
+        return data, chosen
+    gap = contraction(everything, again.spec, again.weights, seed)
+    return everything, _Choice((*chosen.starts, again), len(chosen.starts), gap)
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,6 +56,7 @@ class Trained:
     score: float  # free-run validation, mean of the blocks' RMSE, scaled and weighted
     stages: list[Stage] = field(default_factory=list)
     members: int = 1  # trainings in a committee; a committee has no stages
+    decay: float = 0.0  # of the weights, see ``ClosedLoop``
 
 
 def measured_history(data: Prepared, lags: int, start: IntArray) -> FloatArray:
@@ -172,7 +173,7 @@ def train(
     rng = np.random.default_rng(seed)
     if weights is None:
         weights, horizons = initial_weights(spec, rng), (1, *horizons)
-    best = Trained(spec, weights, np.inf)
+    best = Trained(spec, weights, np.inf, decay=decay)
     validation = blocks_of(data, spec)
     n_train = int((data.role == Role.TRAIN).sum())
     random = random_pieces(data, spec, rng, RANDOM_SHARE * min(n_train, n_samples or n_train))
