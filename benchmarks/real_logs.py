@@ -193,7 +193,9 @@ def _scored(
     if code:
         return {"codes": said.strip().splitlines()[-1][-60:]}
     print("  " + next((s for s in said.splitlines() if s.startswith("inputs:")), "inputs: paper's"))
-    quietly("evaluate", "--model", model, left_out, "--json", figures, *own)
+    code, said = quietly("evaluate", "--model", model, left_out, "--json", figures, *own)
+    if code:
+        return {"codes": said.strip().splitlines()[-1][-60:]}
     scores = json.loads(figures.read_text())["recordings"][0]
     row = {"r": f"{scores['correlation']:.3f}", "fit %": f"{scores['fit_percent']:.0f}"}
     try:

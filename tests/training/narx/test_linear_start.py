@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from training.narx.linear.arx import Arx, choose_arx
+from training.narx.linear.free_run import free_runs
 from training.narx.linear_start import as_network, linear_starts, stretches, with_memory
 from training.narx.network import Spec, simulate
 from training.narx.stages import Trained, measured_history, pieces, random_pieces
@@ -90,3 +91,13 @@ def test_a_linear_model_that_integrates_has_no_memory() -> None:
     data = prepared(0.8)
     integrator = Arx(np.array([-1.0]), np.array([[0.1], [0.1]]), (1, 1), 0.0)
     assert with_memory(data, integrator) is data
+
+
+def test_a_stretch_as_short_as_its_start_is_all_measured() -> None:
+    # GIVEN a model without memory of its output, and a stretch between two readings left out
+    model = Arx(delays=(0,), b=np.array([[0.5]]), a=np.zeros(0), offset=0.0)
+    short, long = np.ones((3, 1)), np.ones((5, 1))
+    # WHEN both run freely behind three measured samples
+    runs = free_runs(model, [(short, np.full(3, 2.0)), (long, np.full(5, 2.0))], skip=3)
+    # THEN the short one is what was measured
+    assert [run.tolist() for run in runs] == [[2.0, 2.0, 2.0], [2.0, 2.0, 2.0, 0.5, 0.5]]

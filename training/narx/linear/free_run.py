@@ -31,8 +31,11 @@ class LinearModel(Protocol):
 
 
 def free_runs(model: LinearModel, records: Sequence[Stretch], skip: int) -> list[FloatArray]:
-    """Return the free run (n,) of every stretch; its first ``skip`` outputs are measured ones."""
-    return [model.simulate(u, y[:skip]) for u, y in records]
+    """Return the free run (n,) of every stretch; its first ``skip`` outputs are measured ones.
+
+    A stretch of no more samples is all measured.
+    """
+    return [model.simulate(u, y[:skip]) if len(y) > skip else y for u, y in records]
 
 
 def free_run_error(model: LinearModel, records: Sequence[Stretch], skip: int) -> float:
