@@ -9,7 +9,7 @@ from typing import Any, Final
 from cantools.database.can import Database, Message, Signal
 
 from monitor.mapping.agreement import doubts
-from monitor.mapping.meanings import FUEL_FLOW, HEATING, MEANINGS, OF_ONE_SENSOR, OTHER, Meaning
+from monitor.mapping.meanings import FUEL_FLOW, MEANINGS, OF_ONE_SENSOR, Meaning
 from monitor.mapping.own_names import own_name
 from monitor.mapping.scaling import scaling_of
 from monitor.mapping.vocabulary import match, words_of
@@ -154,8 +154,7 @@ def _is_other(meaning: Meaning, words: tuple[str, ...]) -> bool:
     ):
         return False
     name = "_".join(words) + "_"
-    others = OTHER.difference(HEATING) if "heater" in " ".join(meaning.phrases) else OTHER
-    return any(stem in words if len(stem) < 5 else stem in name for stem in others)
+    return any(stem in words if len(stem) < 5 else stem in name for stem in meaning.others)
 
 
 def _numbered(candidate: Candidate) -> Candidate:

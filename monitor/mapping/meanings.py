@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from monitor.mapping.vocabulary import carried
+
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
@@ -14,6 +16,7 @@ class Meaning:
     typical: tuple[float, float]  # a signal that cannot carry these values is another quantity
     without_unit: float  # confidence that is left without a unit
     never: frozenset[str]  # words of another quantity
+    others: frozenset[str]  # stems of ``OTHER`` that its own concepts do not carry
     is_flag: bool
 
 
@@ -39,6 +42,7 @@ def _meaning(
         typical=typical,
         without_unit=without_unit,
         never=_words(never),
+        others=OTHER - carried(weights),
         is_flag=is_flag,
     )
 
@@ -55,7 +59,6 @@ OTHER: Final = _words(
     "heater heiz resist nernst pump voltage_raw adc integr predict average learn adapt longterm "
     "warn lamp request"
 )
-HEATING: Final = _words("heater heiz")
 _LAMBDA_NOT: Final = (
     "heater heiz temp temperature temperatur resistance ri nernst pump ip duty voltage volt "
     "current strom status error fault esr age count counter integrator learn adapt ltft long"

@@ -153,6 +153,18 @@ def _told(concept: str, words: tuple[str, ...]) -> set[str]:
     return told
 
 
+def carried(phrases: Mapping[str, float]) -> frozenset[str]:
+    """Return the stems of the concepts that occur in phrases, without their marks.
+
+    A stem that a meaning's own concepts carry does not speak against it.
+
+    >>> "heiz" in carried({"sensor heater": 1.0}), "heiz" in carried({"lambda": 1.0})
+    (True, False)
+    """
+    concepts = {concept for phrase in phrases for concept in phrase.split()}
+    return frozenset(stem.strip("=*") for concept in concepts for stem in _STEMS[concept])
+
+
 def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> float:
     """Return how sure a name's words are of the best phrase, 0 to 1.
 
