@@ -65,6 +65,7 @@ def fit(
     seed: int = 0,
     threads: int = 2,
     validate: Sequence["Recording"] = (),
+    keep_validation: bool = False,
     progress: Callable[[int, int, int, float], None] | None = None,
     tried: Callable[[Try], None] | None = None,
 ) -> FitResult:
@@ -75,6 +76,8 @@ def fit(
         paper's (5; 8, 8)
     validate : recordings that choose and stop the training and are not trained on; without them,
         held-out blocks do
+    keep_validation : never train on the validation blocks, which a short recording otherwise does
+        in the end; for a comparison with other models on these blocks
     starts : trainings from different random weights, default 3, on short recordings 8; up to
         three more while none of them forgets how it began and there is time
     transforms : of inputs, see ``training.recordings.transforms``
@@ -109,7 +112,7 @@ def fit(
     chosen = _train(runs, shapes, count, arx, join=bool(tries))
     if not np.isfinite(chosen.model.score):
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
-    if arx and short and not validate and may_refit(data):
+    if arx and short and not (validate or keep_validation) and may_refit(data):
         data, chosen = _refit(data, chosen, seed, end_s)
     written = _write(out, data, chosen)
     return FitResult(

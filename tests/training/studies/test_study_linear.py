@@ -1,6 +1,9 @@
 """The study of linear baselines: residual tests, tanks as a whole, bad input."""
 
 import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +18,8 @@ from training.recordings.metrics import fit_percent
 from training.studies.paper.linear.baselines import Regime, linear
 from training.studies.paper.linear.linear_section import section
 from training.studies.paper.linear.residual_tests import independence, whiteness
+from training.studies.paper.outcome import choice
+from training.studies.paper.task import Settings
 
 
 @pytest.fixture(scope="module")
@@ -173,3 +178,20 @@ def test_bad_input_is_refused_with_one_clear_line(plants: list[Stretch]) -> None
         study([])
     with pytest.raises(UsageError, match=r"speed: \(10,\) values for test stretch 0"):
         study([(u, y)], regime=Regime("speed", "rpm", [y[:10]]))
+
+
+def test_the_model_of_the_study_leaves_the_blocks_alone_that_compare_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, Any] = {}
+
+    def fit(*_: Any, **options: Any) -> None:
+        asked.update(options)
+
+    monkeypatch.setattr(choice, "fit", fit)
+    monkeypatch.setattr(choice, "_free_dict", lambda task, result: {})
+    task = SimpleNamespace(
+        folder=tmp_path, settings=Settings(), recordings=[], inputs=[], output="y", jobs=1
+    )
+    choice.free_structure(task)  # type: ignore[arg-type]
+    assert asked["keep_validation"]

@@ -121,8 +121,8 @@ def _complete(task: Task, step: Step) -> bool:
 def _data(task: Task) -> dict[str, Any]:
     uses = {
         "train, choose": task.recordings,
-        "held-out drive": task.test,
-        "faulty drive": task.faulty,
+        "held-out recording": task.test,
+        "faulty recording": task.faulty,
         "steady driving": task.steady,
     }
     return {

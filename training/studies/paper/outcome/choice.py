@@ -2,7 +2,7 @@
 
 Candidates are the tuned models of the NARX study and the free structure, a model whose memory and
 size are chosen by the data. Only the free-run error on the validation blocks decides; test blocks
-and held-out drives are only reported.
+and held-out recordings are only reported.
 """
 
 import time
@@ -61,6 +61,7 @@ def free_structure(task: Task) -> dict[str, Any]:
         budget_minutes=settings.budget_minutes,
         seed=settings.seed,
         threads=task.jobs,
+        keep_validation=True,  # the blocks compare this model with the 29 others
     )
     return _free_dict(task, result)
 
@@ -190,7 +191,7 @@ def choose(task: Task, models: Sequence[Contender]) -> dict[str, Any]:
             }
         )
     chosen, equal, reason = _decide(rows, squares, strict=data.transform == "phi")
-    test = "held-out drives" if task.test else "test blocks"
+    test = "held-out recordings" if task.test else "test blocks"
     result = {
         "candidates": rows,
         "chosen": chosen,

@@ -73,7 +73,7 @@ def against_sensor(
             "unit": task.data.output.unit,
             "period_s": task.data.period_ns / 1e9,
             "healthy_source": source(task.test or task.recordings),
-            "healthy_on": "held-out drives" if task.test else "test blocks",
+            "healthy_on": "held-out recordings" if task.test else "test blocks",
             "views": views,
             "limits": j,
             "edges": np.linspace(-span, span, BINS + 1),

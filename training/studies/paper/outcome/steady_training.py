@@ -56,7 +56,7 @@ def steady_against_mixed(task: Task) -> dict[str, Any]:
     n = min(*counts, settings.n_samples)
     if n < FEWEST:
         raise RecordingError(
-            f"{counts[0]} training samples of steady driving ({rule}), {FEWEST} are wanted"
+            f"{counts[0]} training samples of steady operation ({rule}), {FEWEST} are wanted"
         )
     names = {"steady": (steady, steady_recordings), "mixed": (mixed, mixed_recordings)}
     few = [replace(thin(data, n), recordings=tuple(own)) for data, own in names.values()]
@@ -118,7 +118,7 @@ def _result(task: Task, rule: str, n: int, trained: dict[str, Model]) -> dict[st
             "period_s": task.data.period_ns / 1e9,
             "output": task.output,
             "unit": task.data.output.unit,
-            "test": "held-out drives" if task.test else "test blocks of the recordings",
+            "test": "held-out recordings" if task.test else "test blocks of the recordings",
             "test_source": source(task.test or task.recordings),
         }
     )
