@@ -27,7 +27,7 @@ from training.recordings.recording import of_columns
 from training.studies.evaluation import predict
 
 FROLS_LAGS, FROLS_DEGREES, FROLS_INFO_VALUES = (2, 3, 5), (1, 2, 3), 30
-FROLS_VALUES = 1e7  # numbers in the largest matrix of regressors, 80 MB
+FROLS_VALUES = 5e6  # numbers in the largest matrix of regressors; a fit then takes minutes
 STATES, NEURONS, EPOCHS = 4, 8, 1000  # of jax-sysid; epochs of Adam, then of L-BFGS, as its guide
 
 
