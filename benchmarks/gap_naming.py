@@ -1,8 +1,9 @@
 """Naming on stored cases: drives are simulated once, any version of the code answers them.
 
-Cases come from the dynamometer of the gap study and from the tests' second engine, whose equations
-are others. The set ``choose`` is for setting numbers, ``report`` holds other vehicles and seeds.
-Drives last five minutes, four (dynamometer) or six (second engine) per case, eight healthy ones.
+Cases come from the dynamometer of the gap study, from the second engine, whose equations are
+others, and from vehicles of the second engine in which every effect has another form. The set
+``choose`` is for setting numbers, ``report`` holds other vehicles and seeds. Drives last five
+minutes, four (dynamometer) or six (second engine) per case, eight healthy ones.
 
     python benchmarks/gap_naming.py make FOLDER
     python benchmarks/gap_naming.py answer FOLDER --set report --out answers.jsonl
@@ -24,9 +25,6 @@ from threadpoolctl import threadpool_limits
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.helpers.second_engine import FORM, SOUND, Form
-from tests.helpers.second_engine import drive as second_drive
-
 from benchmarks import gap_second_engine
 from benchmarks.gap_naming_table import table
 from training.gap.healthy.behaviour import Healthy
@@ -37,6 +35,8 @@ from training.greybox.fit.drive import Drive, from_recording, path_of
 from training.jobs import run_folder
 from training.studies.gap import drive as dyno
 from training.studies.gap import plan
+from training.studies.second.engine import FORM, SOUND, Form
+from training.studies.second.engine import drive as second_drive
 
 ROOT: Final = Path(__file__).parents[1]
 LENGTH_S: Final = 300.0

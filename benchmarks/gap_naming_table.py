@@ -8,9 +8,13 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import beta
 
+from training.greybox.fit.sensor_faults import FAULTS
+
 Row = Mapping[str, Any]
 SUSPECTED: Final = "sensor_fault_suspected"
 CONFIDENCE: Final = 0.95
+SENSOR: Final = (*(fault.name for fault in FAULTS), "onset", "base_moved")
+LIKE_SENSOR: Final = ("ethanol", "sensor_asymmetry")
 BINS: Final = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)
 
 
@@ -126,27 +130,42 @@ def any_posterior(answers: Mapping[str, Row]) -> bool:
     return any(row["posterior"] for row in answers.values())
 
 
-def truth(row: Row) -> tuple[str, ...]:
-    """Return the hypotheses of the posterior that are true in a case."""
+def truth(row: Row) -> set[str]:
+    """Return the hypotheses of the posterior that are right in a case.
+
+    What moves the error by less than the noise may be taken for nothing. Another fuel is of the
+    gain class, and so is a biased sensor; a slow direction is one of the sensor.
+    """
+    small = {"none"} if ratio(row) < 1.0 else set()
     if row["kind"] in ("fault", "onset"):
-        return ("sensor",)
+        return {"sensor", *LIKE_SENSOR} | small
     if row["kind"] == "unknown":
-        return ("unknown",)
-    return ("none",) if row["kind"] == "null" else ("+".join(row["hidden"]),)
+        return {"unknown"} | small
+    if row["kind"] == "null":
+        return {"none"}
+    return (
+        {*row["hidden"]} | ({"sensor"} if set(row["hidden"]) & set(LIKE_SENSOR) else set()) | small
+    )
+
+
+def grouped(probabilities: Mapping[str, float]) -> dict[str, float]:
+    """Return the posterior with all hypotheses of the sensor as one."""
+    found = {name: p for name, p in probabilities.items() if name not in SENSOR}
+    return found | {"sensor": sum(p for name, p in probabilities.items() if name in SENSOR)}
 
 
 def calibration(rows: Sequence[Row]) -> str:
     """Return the reliability diagram of the likeliest hypothesis as text, and its error.
 
-    Effects below the noise count as right if ``none`` is the answer.
     Source: Naeini, Cooper, Hauskrecht, Obtaining well calibrated probabilities, AAAI 2015.
     """
     said = []
     for row in rows:
         if not row["posterior"] or row["kind"] == "two":
             continue
-        best = max(row["posterior"], key=row["posterior"].get)
-        said.append((row["posterior"][best], best in truth(row)))
+        every = grouped(row["posterior"])
+        best = max(every, key=lambda name: every[name])
+        said.append((every[best], best in truth(row)))
     p, right = np.array([a for a, _ in said]), np.array([b for _, b in said])
     place = np.clip(np.digitize(p, BINS) - 1, 0, len(BINS) - 2)
     lines, error = ["probability said: right"], 0.0

@@ -137,6 +137,28 @@ class HealthyConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class NameConfig:
+    """Probabilities of the hypotheses about a gap."""
+
+    healthy_energy: float
+    effect_form: float
+    fault_form: float
+    unknown_nats: float
+    unknown_scale: float
+    impossible_nats: float
+    even_t: float
+    gap_nats: float
+    gap_temperature: float
+    rival_temperature: float
+    rival_t: float
+    rival_spread_nats: float
+    log_prior_unknown: float
+    log_prior_onset: float
+    log_prior_moved: float
+    log_prior_fault: float
+
+
+@dataclass(frozen=True, slots=True)
 class AddConfig:
     """Choice between forms, and inputs corrected before a network."""
 
@@ -173,6 +195,7 @@ class GapConfig:
     changes: ChangesConfig
     response: ResponseConfig
     healthy: HealthyConfig
+    name: NameConfig
     add: AddConfig
     verify: VerifyConfig
 

@@ -186,6 +186,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "indistinguishable": [c.name for c in answer.indistinguishable],
         "unknown_effect": result.unknown,
         "explained_share": result.naming.error.explained_share,
+        "posterior": dict(result.naming.posterior),
         "ranking": [_candidate(c) for c in trials.ranking],
         "skipped": {name: list(signals) for name, signals in trials.skipped.items()},
         "steps": [{"added": s.added or None, "rmse": s.rmse} for s in result.steps],

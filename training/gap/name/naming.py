@@ -19,6 +19,8 @@ from training.gap.name import scoring, yardstick
 from training.gap.name.base_state import FREE, base_state
 from training.gap.name.decision import Outcome, step
 from training.gap.name.formula import formula_of
+from training.gap.name.hypotheses import hypotheses
+from training.gap.name.posterior import posterior
 from training.gap.name.ranking import ADEQUATE, State, adequacy_of
 from training.gap.name.verdict import (
     Answer,
@@ -80,6 +82,9 @@ def name(
         reference=reference,
         warnings=(*_doubts(first.case, known), *advance.warnings),
     )
+    if known is not None:
+        weighed = hypotheses(first, advance.first, sensor_known_good=sensor_known_good)
+        naming = replace(naming, posterior=posterior(weighed))
     return _with_formula(naming, first, progress) if naming.verdict == "unknown_effect" else naming
 
 
@@ -103,6 +108,7 @@ class _Advance:
     outcome: Outcome
     rounds: tuple[Round, ...]
     warnings: tuple[str, ...]
+    first: tuple[Candidate, ...]  # the ranking of the first step
 
 
 def _advance(
@@ -127,7 +133,8 @@ def _advance(
         candidates = [c for c in candidates if c.name != best.name]
         deviance = scoring.deviance(best.fit, state.case.blocks)
         state = replace(state, current=best.fit, deviance=deviance)
-    return _Advance(state, outcome, tuple(rounds), tuple(warnings))
+    first = rounds[0].ranking if rounds else outcome.ranking
+    return _Advance(state, outcome, tuple(rounds), tuple(warnings), first)
 
 
 def _check_one_period(drives: Sequence[Drive], healthy: Sequence[Drive] | Healthy | None) -> None:

@@ -143,3 +143,4 @@ class Naming:
     base: Base | None  # None where no effect could be tried
     error: BlockError
     warnings: tuple[str, ...]
+    posterior: Mapping[str, float] = field(default_factory=dict)  # hypothesis → probability

@@ -15,7 +15,7 @@ from training.greybox.fit.joint import (
 )
 
 
-def _explained(strength: FloatArray, size: FloatArray | None = None) -> tuple[Case, Fit, Fit]:
+def explained(strength: FloatArray, size: FloatArray | None = None) -> tuple[Case, Fit, Fit]:
     """Return a case whose gap is a signature times a strength by sample, and both fits.
 
     size : of the signature, default 1
@@ -32,12 +32,12 @@ def _explained(strength: FloatArray, size: FloatArray | None = None) -> tuple[Ca
 
 def test_what_begins_within_a_drive_is_an_onset_and_what_is_always_there_is_none() -> None:
     begins = (np.arange(6000) > 2500).astype(float)
-    found = guards.onset_s(*_explained(begins))
+    found = guards.onset_s(*explained(begins))
     assert found is not None
     assert found[0] == "drive 1"
     assert found[1] == pytest.approx(285.0, abs=75.0)
-    assert guards.onset_s(*_explained(np.ones(6000))) is None
-    assert guards.onset_s(*_explained(0.6 + 0.4 * begins)) is None
+    assert guards.onset_s(*explained(np.ones(6000))) is None
+    assert guards.onset_s(*explained(0.6 + 0.4 * begins)) is None
 
 
 def test_a_little_that_hardly_shows_before_is_no_onset() -> None:
@@ -45,7 +45,7 @@ def test_a_little_that_hardly_shows_before_is_no_onset() -> None:
     begins = (np.arange(6000) > 2500).astype(float)
     for before, onset in ((0.4, False), (2.0, True)):  # of the size where it is there
         size = np.where(begins > 0.0, 5.0, before)
-        assert (guards.onset_s(*_explained(begins, size)) is not None) == onset
+        assert (guards.onset_s(*explained(begins, size)) is not None) == onset
 
 
 def test_a_shift_of_gain_or_of_the_whole_lag_is_said_and_a_small_one_is_not() -> None:

@@ -22,6 +22,10 @@ def test_drives_like_the_healthy_ones_have_no_gap() -> None:
     assert found.verdict == "no_gap"
     assert found.answer.effects == ()
     assert found.error.after is None
+    # AND no gap is the likeliest of all hypotheses
+    assert next(iter(found.posterior)) == "none"
+    assert {"unknown", "onset", "base_moved"} <= set(found.posterior)
+    assert sum(found.posterior.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
@@ -35,6 +39,7 @@ def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str, severity: flo
     # THEN it is named, with constants and their uncertainty, and most of the gap is gone
     assert (found.verdict, [e.name for e in found.answer.effects]) == ("named", [effect])
     best = found.answer.effects[0]
+    assert found.posterior[effect] > 0.9
     assert all(error > 0.0 for error in best.standard_errors.values())
     assert found.error.after is not None
     gap = found.error.before**2 - found.error.floor**2
