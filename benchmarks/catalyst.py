@@ -1,6 +1,6 @@
 """How well the catalyst monitor judges simulated vehicles on which nothing was chosen.
 
-    python benchmarks/catalyst.py [--vehicles 12] [--duration 700] [--out rows.jsonl]
+    python benchmarks/catalyst.py [--vehicles 12] [--duration 700] [--period 0.1] [--out rows.jsonl]
 
 Vehicles from 301 on, one seed each, three cycles in turn; the drive passes through the simulated
 ECU's messages. All numbers are simulated.
@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base import config
-from training.studies.catalyst.cases import BIAS_LAMBDA, CYCLES, Case, drive, judged
+from training.studies.catalyst.cases import BIAS_LAMBDA, CYCLES, PERIOD_S, Case, drive, judged
 from training.studies.catalyst.tables import estimates
 
 FIRST_VEHICLE: Final = 301
@@ -57,6 +57,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--vehicles", type=int, default=12)
     parser.add_argument("--duration", type=float, default=700.0)
+    parser.add_argument("--period", type=float, default=PERIOD_S, help="of the samples in s")
     parser.add_argument("--out", type=Path, default=Path("catalyst.jsonl"))
     args = parser.parse_args()
     settings = config.load()
@@ -64,9 +65,11 @@ def main() -> None:
         for i in range(args.vehicles):
             vehicle, cycle = FIRST_VEHICLE + i, CYCLES[i % len(CYCLES)]
             for case in cases():
-                names, values, true_g = drive(vehicle, cycle, case, args.duration)
+                names, values, true_g = drive(
+                    vehicle, cycle, case, args.duration, period_s=args.period
+                )
                 row = {"vehicle": vehicle, "cycle": cycle, "case": case.name, "true_g": true_g}
-                file.write(json.dumps(row | judged(names, values, settings)) + "\n")
+                file.write(json.dumps(row | judged(names, values, settings, args.period)) + "\n")
                 file.flush()
     report([json.loads(line) for line in args.out.read_text().splitlines()])
 

@@ -166,6 +166,7 @@ class CatalystConfig:
     rest_weight: float
     memory_s: float
     evidence_weight: float
+    evidence_segments: int
     evidence_most: float
     evidence_alike: float
     interval_weight: float

@@ -2,9 +2,12 @@
 
 Each member of the bank predicts the voltage. The log likelihood of the measured voltage, in a
 distribution with heavy tails, is summed over segments of a few seconds. No segment counts for more
-than ``segment_most`` against any member, so one oddity decides nothing. Claims are compared by the
-sequential test of the response rule: a claim holds when it leads by the log odds of the stated
-probabilities of a false alarm and of a miss (Wald, Sequential Analysis, section 3.2).
+than ``segment_most`` against any member, so one oddity decides nothing. A long drive counts as
+``evidence_segments``, the latest most: errors of the model repeat in every segment, and would win
+by the length of a drive alone.
+Claims are compared by the sequential test of the response rule: a claim holds when it leads by the
+log odds of the stated probabilities of a false alarm and of a miss (Wald, Sequential Analysis,
+section 3.2).
 """
 
 import math
@@ -140,6 +143,10 @@ class CatalystRule:
         segment = self._fairly() * self._weight
         possible = [self._may_be(fault) for fault in self._faults]
         gained = np.clip(segment - segment[possible].max(), -most, 0.0)
+        if self.segments >= self._config.evidence_segments:
+            keep = 1.0 - 1.0 / self._config.evidence_segments
+            self._evidence *= keep
+            self._parts *= keep
         self._evidence += gained
         self._parts[self.segments // self._config.offset_block % len(self._parts)] += gained
         top = self._evidence[possible].max()

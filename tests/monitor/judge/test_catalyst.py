@@ -1,6 +1,7 @@
 """The catalyst monitor on signals that are made here, apart from the simulated dynamometer."""
 
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.catalyst import NEEDED, BehindResult, CatalystMonitor
 from monitor.judge.catalyst_bank import CatalystBank, Members
+from monitor.judge.catalyst_rule import CatalystRule
 from training.studies.second import catalyst as second_catalyst
 
 PERIOD_S = 0.1
@@ -116,6 +118,26 @@ def test_the_offset_has_a_standard_error_from_the_spread_of_the_drive() -> None:
         stds.append(entry["upstream_offset_std"])
     assert min(stds) >= SETTINGS.offset_model_phi
     assert np.abs(errors).max() < 3.0 * max(stds)
+
+
+@pytest.mark.parametrize(
+    ("segments", "fades"), [(SETTINGS.evidence_segments, True), (10_000, False)]
+)
+def test_a_longer_drive_makes_no_error_of_the_model_certain(segments: int, fades: bool) -> None:
+    # GIVEN segments that all speak a little for the same wrong sensor
+    rule = CatalystRule(replace(SETTINGS, evidence_segments=segments), PERIOD_S)
+    wrong = rule._faults.index("downstream_slow_lean_to_rich")
+    odds = []
+    for _ in range(8 * 60):
+        rule._least, rule._most = 0.1, 0.8
+        rule._segment[:] = np.where(
+            np.arange(len(rule._faults)) == wrong, 0.0, -0.05 / rule._weight
+        )[:, np.newaxis, np.newaxis]
+        rule._close()
+        odds.append(rule.sensor().log_odds)
+    # THEN the claim stays open however long the drive is, unless nothing fades
+    assert (max(odds) < rule.evidence_fail) is fades
+    assert odds[-1] > odds[0]
 
 
 @pytest.mark.parametrize("offset", [0.02, -0.02])
