@@ -1,11 +1,25 @@
 """How sure the gap report is of its verdict, in one sentence."""
 
+from training.gap.name.hypotheses import NONE
 from training.gap.name.verdict import Candidate
 from training.gap.result import Result
 from training.pages.numbers import percent
 
 
 def confidence(result: Result) -> str:
+    """Return the likeliest hypotheses, how far the best is beyond chance, and beyond the next."""
+    return f"{_likeliest(result)}{_beyond_chance(result)}"
+
+
+def _likeliest(result: Result) -> str:
+    """Return the two likeliest hypotheses with their probabilities, "" if none were weighed."""
+    ordered = sorted(result.naming.posterior.items(), key=lambda each: -each[1])[:2]
+    named = [("no gap" if name == NONE else name.replace("_", " "), p) for name, p in ordered]
+    words = ", ".join(f"{percent(p)} for {name}" for name, p in named)
+    return f"of all hypotheses, {words}; " if words else ""
+
+
+def _beyond_chance(result: Result) -> str:
     """Return how far the best candidate is beyond chance, and beyond the next one."""
     ranking = _ranking(result)
     if not ranking:

@@ -323,6 +323,14 @@ def test_what_is_not_finite_is_null_and_numpy_is_plain() -> None:
     assert type(tree["ranking"][0]["score"]) is float
 
 
+def test_the_page_says_how_sure_it_is_beside_the_verdict() -> None:
+    found = made("named")
+    weighed = replace(found.naming, posterior={"wall_film": 0.97, "none": 0.02, "purge": 0.01})
+    page = gap_page.as_page(replace(found, naming=weighed)).replace("\xa0", " ")
+    first = page[: page.index("<h2")]
+    assert "Confidence: of all hypotheses, 97 % for wall film, 2 % for no gap; the best" in first
+
+
 def test_where_is_what_localising_found() -> None:
     tree = as_json(made("named", localised=True))
     assert tree["where"]
