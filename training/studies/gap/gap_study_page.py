@@ -29,7 +29,7 @@ def as_page(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
         f"Simulated study of the gap workflow, base {study.base}",
         verdict=f"{_verdict(targets)} {reached(rows, study)}.",
         confidence=_confidence(targets),
-        kind="bad" if any(t.met is False for t in targets) else "good",
+        kind="bad" if any(t.met is False for t in targets) else "good" if rows else "",
         study=study,
         is_development=study.first_vehicle < FINAL,
         noise=f"{min(noises):.4f} to {max(noises):.4f}" if noises else "not known",
