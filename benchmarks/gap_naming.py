@@ -13,20 +13,17 @@ minutes, four (dynamometer) or six (second engine) per case, eight healthy ones.
 import argparse
 import json
 import pickle
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+import gap_second_engine
 import numpy as np
+from gap_naming_table import table
 from threadpoolctl import threadpool_limits
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-from benchmarks import gap_second_engine
-from benchmarks.gap_naming_table import table
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import yardstick
 from training.gap.name.naming import name

@@ -6,14 +6,10 @@ All drives are simulated, by other equations than those of the dynamometer and t
 """
 
 import argparse
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 from joblib import Parallel, delayed
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import yardstick

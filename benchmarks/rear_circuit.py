@@ -11,8 +11,8 @@ from collections import Counter
 from typing import Final
 
 import numpy as np
+from catalyst import CIRCUIT
 
-from benchmarks.catalyst import CIRCUIT
 from monitor.base import config
 from monitor.judge.rear_circuit import RearCircuit
 from training.studies.catalyst.cases import CYCLES, MODES, PERIOD_S, Case, drive
