@@ -193,6 +193,7 @@ def _scored(
     if code:
         return {"codes": said.strip().splitlines()[-1][-60:]}
     print("  " + next((s for s in said.splitlines() if s.startswith("inputs:")), "inputs: paper's"))
+    print("".join(f"  {s}\n" for s in said.splitlines() if "no decision limits" in s), end="")
     code, said = quietly("evaluate", "--model", model, left_out, "--json", figures, *own)
     if code:
         return {"codes": said.strip().splitlines()[-1][-60:]}

@@ -72,7 +72,7 @@ def _verdict(tables: Sequence[EcuTable]) -> str:
         return "The recordings do not tell the lambda delay of any cell."
     low, high = 1000.0 * good.min(), 1000.0 * good.max()
     cells = counted(len(good), "cell")
-    return f"Lambda delay {low:.0f} to {high:.0f} ms in {cells}; blank cells were not measured."
+    return f"Lambda delay {low:.0f} to {high:.0f} ms in {cells}; blank: not known well enough."
 
 
 def _confidence(tables: Sequence[EcuTable], period_s: float) -> str:

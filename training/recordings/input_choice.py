@@ -27,6 +27,9 @@ CAUSES: Final = (
 )
 # without fuel these tell that fuel is enriched or cut
 WITHOUT_FUEL: Final = (("throttle_percent",), ("lambda_target",))
+# least range of a signal in the recordings together: intake air follows the weather, and a model
+# that learned a few kelvin judges no other day
+RANGE_LEAST: Final = {"manifold_temperature_degc": 25.0}
 LEAST: Final = 2  # inputs of a model
 MOVES: Final = 1e-6  # of its mean: the spread of a signal that is not constant
 
@@ -39,6 +42,7 @@ def choose_inputs(recordings: "Sequence[Recording]", output: str) -> tuple[str, 
     common = frozenset.intersection(*(moving(each) for each in recordings)) - {output}
     if frozenset(NARX_INPUTS) <= frozenset.intersection(*(each.known for each in recordings)):
         return NARX_INPUTS
+    common = frozenset(name for name in common if not _is_narrow(recordings, name))
     causes = CAUSES if common & {*CAUSES[0]} else (*CAUSES, *WITHOUT_FUEL)
     found = (next((name for name in cause if name in common), None) for cause in causes)
     inputs = tuple(dict.fromkeys(name for name in found if name is not None))
@@ -49,6 +53,15 @@ def choose_inputs(recordings: "Sequence[Recording]", output: str) -> tuple[str, 
             f"{', '.join(inputs) or 'none'}; --inputs names others"
         )
     return inputs
+
+
+def _is_narrow(recordings: "Sequence[Recording]", name: str) -> bool:
+    """Return whether a signal's range is too small to be learned."""
+    if name not in RANGE_LEAST:
+        return False
+    columns = [each.column(name) for each in recordings]
+    low, high = min(map(np.nanmin, columns)), max(map(np.nanmax, columns))
+    return bool(high - low < RANGE_LEAST[name])
 
 
 def moving(recording: "Recording") -> frozenset[str]:

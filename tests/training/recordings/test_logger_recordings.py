@@ -50,6 +50,19 @@ def test_the_inputs_are_those_of_the_paper_where_they_are_there() -> None:
     assert choose_inputs([every], "lambda_measured") == NARX_INPUTS
 
 
+@pytest.mark.parametrize(("hottest_degc", "chosen"), [(31.0, False), (55.0, True)])
+def test_intake_air_is_an_input_if_the_logs_know_more_than_the_weather_of_their_days(
+    hottest_degc: float, chosen: bool
+) -> None:
+    # GIVEN two logs, the air of one between 24 and 28 degC, of the other up to the hottest
+    names = ("injector_pulse_width_ms", "manifold_temperature_degc", "engine_speed_rpm")
+    logs = [recording((*names, "lambda_measured")) for _ in range(2)]
+    for log, high in zip(logs, (28.0, hottest_degc), strict=True):
+        log.values[:, 1] = np.linspace(24.0, high, len(log.values))
+    # THEN it is an input only where their range is wide
+    assert (names[1] in choose_inputs(logs, "lambda_measured")) == chosen
+
+
 def test_of_each_cause_the_best_signal_that_moves_is_an_input() -> None:
     names = ("injector_pulse_width_ms", "load_g_per_rev", "engine_speed_rpm", "lambda_controller")
     log = recording((*names, "lambda_measured", "throttle_percent"))
