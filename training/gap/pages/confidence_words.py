@@ -12,8 +12,14 @@ def confidence(result: Result) -> str:
 
 
 def _likeliest(result: Result) -> str:
-    """Return the two likeliest hypotheses with their probabilities, "" if none were weighed."""
+    """Return the two likeliest hypotheses with their probabilities, "" if none were weighed.
+
+    Beside the verdict that there is no gap, which needs other evidence, they are said only if they
+    agree with it.
+    """
     ordered = sorted(result.naming.posterior.items(), key=lambda each: -each[1])[:2]
+    if result.verdict == "no_gap" and ordered and ordered[0][0] != NONE:
+        return ""
     named = [("no gap" if name == NONE else name.replace("_", " "), p) for name, p in ordered]
     words = ", ".join(f"{percent(p)} for {name}" for name, p in named)
     return f"of all hypotheses, {words}; " if words else ""

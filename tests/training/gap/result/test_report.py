@@ -331,6 +331,16 @@ def test_the_page_says_how_sure_it_is_beside_the_verdict() -> None:
     assert "Confidence: of all hypotheses, 97 % for wall film, 2 % for no gap; the best" in first
 
 
+@pytest.mark.parametrize(("likeliest", "is_said"), [("none", True), ("wall_film", False)])
+def test_no_probability_speaks_against_the_headline_that_there_is_no_gap(
+    likeliest: str, is_said: bool
+) -> None:
+    found = made("no_gap")
+    weighed = replace(found.naming, posterior={likeliest: 0.9, "purge": 0.1})
+    page = gap_page.as_page(replace(found, naming=weighed))
+    assert ("of all hypotheses" in page) is is_said
+
+
 def test_where_is_what_localising_found() -> None:
     tree = as_json(made("named", localised=True))
     assert tree["where"]
