@@ -139,7 +139,7 @@ def faulty(recording: Recording, name: str, path: Path) -> Path:
     """Write the recording with a fault on its lambda, from a third of its time on.
 
     A table of canonical columns has no mark for a reading at an end of its range, so those the
-    recording has are left out, also where the fault moves them.
+    recording has outside fuel cuts are left out, also where the fault moves them.
     """
     values = recording.values.copy()
     place = recording.names.index(OUTPUT)
@@ -148,6 +148,8 @@ def faulty(recording: Recording, name: str, path: Path) -> Path:
     fault = SensorFault(resolve(name), recording.period_ns / 1e9)
     values[begin:, place] = fault.apply(values[begin:, place].tolist())
     at_end = np.isclose(values[:, [place]], ends, rtol=PINNED_WITHIN).any(axis=1)
+    if "fuel_cut" in recording.names:
+        at_end &= ~(recording.column("fuel_cut") >= 0.5)
     values[at_end, place] = np.nan
     write_table(path, recording.t_s, recording.names, values)
     return path
