@@ -74,13 +74,17 @@ def choose(data: Prepared, trained: Sequence[Trained], seed: int) -> tuple[int, 
     """Return the number of the best training and how well it forgets its history.
 
     If the data have a memory, a network that forgets its history comes before one that does not. A
-    linear model comes before both if it follows the held-out blocks better.
+    linear model comes before both if it follows the held-out blocks better, and does not remember
+    what such a network forgets.
     """
     gaps = [contraction(data, t.spec, t.weights, seed) for t in trained]
     late = [bool(data.memory) and not gap.gap <= gap.limit for gap in gaps]
     networks = [i for i, each in enumerate(trained) if each.spec.hidden]
-    linear = [i for i, each in enumerate(trained) if not each.spec.hidden]
     first = min(networks, key=lambda i: (late[i], trained[i].score), default=None)
+    forgets = first is not None and np.isfinite(trained[first].score) and not late[first]
+    linear = [
+        i for i, each in enumerate(trained) if not each.spec.hidden and not (forgets and late[i])
+    ]
     best = min([*linear, *([] if first is None else [first])], key=lambda i: trained[i].score)
     return best, gaps[best]
 
