@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ from monitor.base import option_paths as paths
 from training.cli.recordings import add_bus_options, add_period_option, load_all
 
 if TYPE_CHECKING:
-    from training.gap.inputs.roles import Material, Options
+    from training.gap.inputs.roles import Material
     from training.gap.result import Result
 
 REPORT, RESULT, STAGES = "report.html", "gap.json", "stages"
@@ -158,6 +159,7 @@ def run(args: argparse.Namespace) -> int:
     from training.gap.result import save
     from training.gap.workflow import NEW_MODEL, investigate
     from training.greybox.fit.joint import NAMED
+    from training.jobs.cache import cache
     from training.jobs.checkpoints import Checkpoints
 
     options = options_of(args.steps, args.sensor_known_good, _effects(args.add), args.retrain)
@@ -170,14 +172,19 @@ def run(args: argparse.Namespace) -> int:
         ),
     )
     args.out.mkdir(parents=True, exist_ok=True)
-    stages = Checkpoints.of(args.out / STAGES, _identity(material, options), NAMED)
+    vehicle = _identity(material, ("healthy",))
+    learned = cache("healthy", vehicle, NAMED)
+    rest = _identity(material, ("recordings", "verify")) | {"options": repr(options)}
+    stages = Checkpoints.of(args.out / STAGES, [vehicle, rest], NAMED)
     with tqdm(unit="step", leave=False, disable=args.nothing or None) as bar:
 
         def progress(text: str) -> None:
             bar.set_description_str(text)
             bar.update()
 
-        result = investigate(material, args.out, options, stages=stages, progress=progress)
+        result = investigate(
+            material, args.out, options, stages=stages, learned=learned, progress=progress
+        )
     if result.addition.path is None:  # an earlier run may have left a model
         (args.out / NEW_MODEL).unlink(missing_ok=True)
     for warning in cautions(result):
@@ -205,8 +212,8 @@ def _effects(names: list[str]) -> list[str]:
     return names
 
 
-def _identity(material: "Material", options: "Options") -> dict[str, Any]:
-    """Return digests of model, options, code and recordings; equal digests give equal results."""
+def _identity(material: "Material", roles: Sequence[str]) -> dict[str, Any]:
+    """Return digests of model, code and the recordings in roles; equal ones give equal results."""
     from training import __file__ as package
     from training.greybox.effects.brought import origins
     from training.jobs.run_folder import code_sha256
@@ -216,12 +223,8 @@ def _identity(material: "Material", options: "Options") -> dict[str, Any]:
     return {
         "model": sha256(material.model),
         "plugins": origins(),
-        "options": repr(options),
         "code": code_sha256([*root.rglob("*.py"), *root.rglob("*.toml")], root),
-        **{
-            role: [(r.path.name, r.read_sha256) for r in getattr(material, role)]
-            for role in ("recordings", "healthy", "verify")
-        },
+        **{role: [(r.path.name, r.read_sha256) for r in getattr(material, role)] for role in roles},
     }
 
 

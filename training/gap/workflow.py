@@ -36,6 +36,7 @@ def investigate(
     *,
     known: Healthy | None = None,
     stages: Checkpoints | None = None,
+    learned: Checkpoints | None = None,
     progress: Progress = lambda _: None,
 ) -> Result:
     """Return the result of all steps; a new model, if there is one, is ``out``/model.onnx.
@@ -45,6 +46,7 @@ def investigate(
     known : the healthy behaviour, if ``yardstick.learn`` has learned it before; else it is learned
         from the healthy recordings, or read from the model's card
     stages : folder in which a run that was stopped keeps its results
+    learned : where the healthy behaviour is kept for later runs, else in ``stages``
     Raises RecordingError or ModelError if recordings or model cannot be used.
     """
     began_s, stages = time.monotonic(), stages or Checkpoints()
@@ -61,10 +63,10 @@ def investigate(
             progress=progress,
         )
     subject = Subject.of(material, card)
-    learned = Knowledge.of(subject, known, stages, progress)
+    found = Knowledge.of(subject, known, learned or stages, progress)
     findings = _findings(subject, options, stages, progress)
-    naming = _naming(subject, learned, options, stages, progress)
-    knowledge = learned.after(naming, subject)
+    naming = _naming(subject, found, options, stages, progress)
+    knowledge = found.after(naming, subject)
     addition = add(
         subject=subject,
         naming=naming,

@@ -31,16 +31,19 @@ class Knowledge:
 
     @classmethod
     def of(
-        cls, subject: Subject, known: Healthy | None, stages: Checkpoints, progress: Progress
+        cls, subject: Subject, known: Healthy | None, kept: Checkpoints, progress: Progress
     ) -> "Knowledge":
-        """Return the knowledge from the best source that there is."""
+        """Return the knowledge from the best source that there is.
+
+        kept : where the behaviour in the healthy recordings is kept
+        """
         start = subject.start
         if known is not None:
             return cls(start, known)
         if subject.material.healthy:
             return cls(
                 start,
-                stages.done(
+                kept.done(
                     "healthy",
                     Healthy,
                     lambda: yardstick.learn(subject.healthy_drives(), start, progress),
