@@ -25,11 +25,13 @@ from training.dyno.simulation import Experiment
 from training.gap.inputs.roles import Material, Options
 from training.gap.name import yardstick
 from training.gap.name.naming import name
+from training.gap.name.verdict import Naming
 from training.gap.pages import gap_page
-from training.gap.result import save
+from training.gap.result import Result, save
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
 from training.greybox.fit.drive import from_recording
+from training.greybox.fit.joint import NAMED
 from training.greybox.model import fit_greybox
 from training.jobs.checkpoints import Checkpoints
 from training.limits.decision_limits import set_limits
@@ -37,7 +39,7 @@ from training.recordings.recording import Recording, load
 
 CYCLES: Final = ("wltc_3b", "micro_trips", "udds", "us06", "hwfet")
 DRIVES, STUDY_DRIVES, DURATION_S = 10, 6, 600.0
-WHOLE_MOST_S, STUDY_MOST_S = 120.0, 15.0
+WHOLE_MOST_S, AGAIN_MOST_S, STUDY_MOST_S = 120.0, 30.0, 15.0
 FIRST_SEED: Final = 2_900_000  # 100 further for the drives with the effect
 WORDS: Final = {
     "read": "read 20 tables",
@@ -52,14 +54,14 @@ WORDS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Clock(Checkpoints):
-    """Checkpoints that are timed, not kept: wall and processor seconds."""
+    """Checkpoints that are timed: wall and processor seconds."""
 
     seconds: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def done(self, name: str, make: Callable[[], Any]) -> Any:
+    def done(self, name: str, kind: Any, make: Callable[[], Any]) -> Any:
         """Return a stage's result."""
         wall_s, cpu_s = time.perf_counter(), time.process_time()
-        result = make()
+        result = Checkpoints.done(self, name, kind, make)
         self.seconds[name] = (time.perf_counter() - wall_s, time.process_time() - cpu_s)
         return result
 
@@ -91,16 +93,26 @@ def base(recordings: list[Recording], out: Path) -> Path:
 
 
 def whole(model: Path, new: list[Path], healthy: list[Path], folder: Path) -> Clock:
-    """Return the times of one case, its verdict printed."""
+    """Return the times of one case, its verdict printed.
+
+    The healthy vehicle is learned in the first case of a folder, and read in the next ones.
+    """
     clock = Clock()
+    learned = Clock(folder / "learned", "vehicle", NAMED, clock.seconds)
     given = clock.done(
-        "read", lambda: Material(model, [load(p) for p in new], [load(p) for p in healthy])
+        "read",
+        Material,
+        lambda: Material(model, [load(p) for p in new], [load(p) for p in healthy]),
     )
-    found = clock.done("rest", lambda: investigate(given, folder, Options(), stages=clock))
+    found = clock.done(
+        "rest",
+        Result,
+        lambda: investigate(given, folder, Options(), stages=clock, learned=learned),
+    )
     inside = [clock.seconds[each] for each in ("healthy", "where", "name", "verify")]
     wall_s, cpu_s = clock.seconds["rest"]
     clock.seconds["rest"] = (wall_s - sum(w for w, _ in inside), cpu_s - sum(c for _, c in inside))
-    clock.done("write", lambda: _written(found, folder))
+    clock.done("write", type(None), lambda: _written(found, folder))
     print(f"verdict: {found.verdict}, {', '.join(c.name for c in found.effects) or 'no name'}")
     return clock
 
@@ -110,9 +122,13 @@ def study(new: list[Path], healthy: list[Path]) -> tuple[float, float]:
     drives, known = ([from_recording(load(p)) for p in each] for each in (new, healthy))
     taught = yardstick.learn(known, Constants())
     clock = Clock()
-    found = clock.done("name", lambda: name(drives[:STUDY_DRIVES], taught))
+    found = clock.done("name", Naming, lambda: name(drives[:STUDY_DRIVES], taught))
     print(f"verdict of the study's case: {found.verdict}")
     return clock.seconds["name"]
+
+
+def _row(words: str, *times: tuple[float, ...]) -> None:
+    print(f"{words:52s}" + "".join(f" {wall_s:6.1f} {cpu_s:12.1f}" for wall_s, cpu_s in times))
 
 
 def _written(found: Any, folder: Path) -> None:
@@ -134,12 +150,16 @@ def main() -> None:
         new = tables(folder / "new", args.vehicle, FIRST_SEED + 100, hidden)
         model = base([load(p) for p in healthy], folder / "base.onnx")
         clock = whole(model, new, healthy, folder / "gap")
+        again = whole(model, new, healthy, folder / "gap")
         study_s = study(new, healthy)
-    print(f"{'':52s} wall s  processor s")
+    print(f"{'':52s} wall s  processor s  again: wall s  processor s")
     for stage, words in WORDS.items():
-        print(f"{words:52s} {clock.seconds[stage][0]:6.1f} {clock.seconds[stage][1]:12.1f}")
-    wall_s, cpu_s = (sum(each[i] for each in clock.seconds.values()) for i in (0, 1))
-    print(f"{'all':52s} {wall_s:6.1f} {cpu_s:12.1f}, target {WHOLE_MOST_S:g} s")
+        _row(words, clock.seconds[stage], again.seconds[stage])
+    first, second = (
+        tuple(sum(each[i] for each in clock.seconds.values()) for i in (0, 1))
+        for clock in (clock, again)
+    )
+    _row(f"all, targets {WHOLE_MOST_S:g} s, and {AGAIN_MOST_S:g} s again", first, second)
     words = f"naming alone of {STUDY_DRIVES} recordings (a case of the study)"
     print(f"{words:52s} {study_s[0]:6.1f} {study_s[1]:12.1f}, target {STUDY_MOST_S:g} s")
 
