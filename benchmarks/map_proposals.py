@@ -54,7 +54,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--labels", type=Path, default=LABELS)
-    parser.add_argument("--set", type=int, default=3, help="set of labels (default: 3)")
+    parser.add_argument("--set", type=int, default=4, help="set of labels (default: 4)")
     args = parser.parse_args()
     labels = tomllib.loads(args.labels.read_text())
     paths = {path.stem: path for path in args.folder.rglob("*.dbc")}
