@@ -1,5 +1,6 @@
 """The linear model among the starts: it equals its ARX, and it tells the memory of the samples."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,20 @@ def test_a_fit_has_the_arx_among_its_starts_and_never_chooses_worse() -> None:
     assert choose(data, (network, plain, further), 0)[0] > 0
     network.score = 0.5 * further.score
     assert choose(data, (network, plain, further), 0)[0] == 0
+
+
+def test_a_linear_model_that_remembers_does_not_come_before_a_network_that_forgets() -> None:
+    # GIVEN samples with a memory of 50, a network that feeds nothing back, and a slow linear model
+    data = replace(prepared(0.8), memory=50)
+    own = Spec(2, 1, (3,), 0, *data.scaling.y_scaled_limits)
+    network = Trained(own, np.zeros(own.n_weights), 1.0)
+    arx = Arx(np.array([-0.999]), np.array([[0.1], [0.1]]), (0, 0), 0.0)
+    slow = Trained(*as_network(arx, data), 0.9)
+    # WHEN the linear model is a little better THEN the network is the model
+    assert choose(data, (network, slow), 0)[0] == 0
+    # and where neither forgets, or no network was trained, the linear model is
+    network.score = np.inf
+    assert choose(data, (network, slow), 0)[0] == 1
 
 
 def test_a_network_must_forget_after_twice_the_time_of_the_linear_model() -> None:
