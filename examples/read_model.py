@@ -24,6 +24,8 @@ def predict(path: str, columns: dict[str, np.ndarray]) -> np.ndarray:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("usage: read_model.py MODEL.onnx TABLE.csv, with the model's inputs as columns")
     table = np.genfromtxt(sys.argv[2], delimiter=",", names=True)
     names = table.dtype.names or ()
     print(*predict(sys.argv[1], {name: table[name] for name in names}), sep="\n")
