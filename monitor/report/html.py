@@ -353,9 +353,13 @@ def _limits(limits: Mapping[str, Any]) -> list[tuple[str, str]]:
     symbols = {
         "j_mu": "J<sub>μ</sub>",
         "j_sigma": "J<sub>σ</sub>",
-        "offset_low": "offset from",
-        "offset_high": "to",
         "gain": "gain of this vehicle",
     }
-    words = [f"{symbols.get(k, text(k))} {number(v)}" for k, v in limits.items()]
+    words = [
+        f"{symbols.get(k, text(k))} {number(v)}"
+        for k, v in limits.items()
+        if k not in ("offset_low", "offset_high")
+    ]
+    if "offset_low" in limits:
+        words.append(f"offset {number(limits['offset_low'])} to {number(limits['offset_high'])}")
     return [("Limits", ", ".join(words))] if words else []

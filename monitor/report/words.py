@@ -1,8 +1,10 @@
 """The words of the report: meanings of faults, verdicts, numbers with their units; no HTML."""
 
+import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
+_SUPERSCRIPT: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 MEANINGS = {
     "slow_rich_to_lean": "slow on rich-to-lean edges",
     "slow_lean_to_rich": "slow on lean-to-rich edges",
@@ -97,28 +99,22 @@ def confidence(recording: Mapping[str, Any]) -> str:
 
     >>> far = {"log_odds": -30.0, "needed": 9.21}
     >>> confidence({"dtcs": [], "not_judged": None, "evidence": {"transient": far}})
-    'nearest to a fault is transient, with log odds of −30.0; a fault needs 9.2'
+    'nearest to a fault is transient: odds against it are 10¹³ to 1, 10⁴ to 1 are needed'
     """
     evidence: Mapping[str, Any] = recording.get("evidence") or {}
     said = []
     for dtc in recording["dtcs"]:
         each = evidence.get(dtc["fault"])
         if each and each["log_odds"] is not None:
-            said.append(
-                f"log odds of {dtc['fault']} are {_odds(each['log_odds'])}, "
-                f"a fault needs {each['needed']:.1f}"
-            )
+            said.append(f"odds for {dtc['fault']} are {_odds(each)}")
         if 0.0 < dtc.get("probability", 0.0) < 0.995:
             share = 100.0 * dtc["probability"]
             said.append(f"{share:.0f}\u00a0% for this name among those with {dtc['code']}")
-    open_tests = [(v["log_odds"], k, v["needed"]) for k, v in evidence.items()]
-    known = [each for each in open_tests if each[0] is not None]
+    known = [(v["log_odds"], k) for k, v in evidence.items() if v["log_odds"] is not None]
     if known and not recording["dtcs"] and not recording["not_judged"]:
-        odds, fault, needed = max(known)
-        said.append(
-            f"nearest to a fault is {fault}, with log odds of {_odds(odds)}; "
-            f"a fault needs {needed:.1f}"
-        )
+        odds, fault = max(known)
+        side = "for" if odds > 0.0 else "against"
+        said.append(f"nearest to a fault is {fault}: odds {side} it are {_odds(evidence[fault])}")
     if said:
         return "; ".join(said)
     if recording["dtcs"]:
@@ -126,8 +122,14 @@ def confidence(recording: Mapping[str, Any]) -> str:
     return "none, a test is missing" if recording["not_judged"] else "every test ended"
 
 
-def _odds(value: float) -> str:
-    return f"{value:.1f}".replace("-", "−")
+def _odds(evidence: Mapping[str, Any]) -> str:
+    """Return how the evidence stands and what a decision needs, as odds to 1."""
+    return f"{_to_one(evidence['log_odds'])}, {_to_one(evidence['needed'])} are needed"
+
+
+def _to_one(log_odds: float) -> str:
+    power = f"{abs(log_odds) / math.log(10.0):.0f}".translate(_SUPERSCRIPT)
+    return f"10{power} to 1"
 
 
 def seconds(dtc: Mapping[str, Any]) -> str:

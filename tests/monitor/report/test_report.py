@@ -166,15 +166,15 @@ def test_reason_and_confidence_stand_beside_the_verdict(tmp_path: Path) -> None:
     text = written(tmp_path, *shown).text
     # THEN the summary says why, and the verdict how sure the test is
     assert "P014C pending slow on rich-to-lean edges" in text
-    assert "log odds of slow_rich_to_lean are 30.0, a fault needs 11.5" in text
-    assert "nearest to a fault is slow_rich_to_lean, with log odds of −12.5" in text
+    assert "odds for slow_rich_to_lean are 10¹³ to 1, 10⁵ to 1 are needed" in text
+    assert "nearest to a fault is slow_rich_to_lean: odds against it are 10⁵ to 1" in text
     assert "every test passed" in text
     assert "Confidence: none, a test is missing." in text
     assert text.count("Confidence:") == 4  # of each recording, and of the worst on top
     # AND the worst of them leads the page
     lead = text[: text.index("3 recordings · ")]
     assert "Fault found in 1 of 3 recordings." in lead
-    assert "log odds of slow_rich_to_lean are 30.0" in lead
+    assert "odds for slow_rich_to_lean are 10¹³ to 1" in lead
 
 
 def test_the_page_loads_nothing_and_allows_nothing_but_its_own_script(tmp_path: Path) -> None:
