@@ -305,9 +305,13 @@ def unit_of(text: str | None) -> Unit | None:
     'rotation'
     >>> round(unit_of("°F").factor * 212 + unit_of("°F").offset, 9)
     100.0
+    >>> unit_of("pressure:kPa").dimension
+    'pressure'
     >>> unit_of("furlong") is None
     True
     """
     plain = re.sub(r"[\s\[\]]", "", _read_again(text or "").lower()).replace("unit_", "")
     plain = plain.replace("grad c", "degc").replace("\xba", "°")
-    return _UNIT_OF.get(plain) or _UNIT_OF.get(plain.strip("()"))
+    kind_left_out = re.sub(r"^[a-z]+:", "", plain)  # "pressure:kPa" of several ECU makers
+    tries = (plain, plain.strip("()"), kind_left_out)
+    return next((unit for each in tries if (unit := _UNIT_OF.get(each))), None)

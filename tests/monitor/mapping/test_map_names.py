@@ -107,6 +107,22 @@ def test_abbreviations_and_imperial_units_are_understood() -> None:
     }
 
 
+def test_a_unit_may_stand_behind_its_kind() -> None:
+    got = found(
+        database_of(
+            'MAP (0.1,0) [0|6553.5] "pressure:kPa"',
+            'CoolantTemp (0.1,0) [0|6553.5] "temperature:F"',
+            'VehicleSpeed (0.1,0) [0|6553.5] "speed:mph"',
+            'ECU_BatteryVoltage (0.01,0) [0|655.35] "voltage:furlong"',
+        )
+    )
+    assert got == {
+        "manifold_pressure_kpa": ("MAP", 1.0, 0.0),
+        "coolant_temperature_degc": ("CoolantTemp", pytest.approx(5 / 9), pytest.approx(-160 / 9)),
+        "vehicle_speed_km_h": ("VehicleSpeed", pytest.approx(1.609344), 0.0),
+    }
+
+
 def test_bosch_labels_are_understood() -> None:
     got = found(
         database_of(
