@@ -91,7 +91,7 @@ _HIGHEST_RPM: Final = 20_000.0  # a range below it and above 4000 is in 1/min
 def doubts(name: str, meaning: Meaning, message: Message, signal: Signal) -> Iterator[str]:
     """Yield why a signal may not be the canonical one ``name``, in words."""
     words = words_of(own_name(message, signal))
-    yield from _by_name(name, meaning, message, words)
+    yield from _by_name(name, meaning, message, signal, words)
     yield from _by_unit(name, meaning, signal, words)
     end = min(span(signal, declared=declared)[1] for declared in (False, True))
     if name == "engine_speed_rpm" and end * _per_min(signal) <= _LEAST_RPM:
@@ -112,12 +112,16 @@ def _is_bare(words: tuple[str, ...]) -> bool:
 
 
 def _by_name(
-    name: str, meaning: Meaning, message: Message, words: tuple[str, ...]
+    name: str, meaning: Meaning, message: Message, signal: Signal, words: tuple[str, ...]
 ) -> Iterator[str]:
     allowed = _ALLOWED.get(name, r"(?!)")
-    own, of_message = (re.sub(allowed, "", " ".join(w)) for w in (words, words_of(message.name)))
-    for pattern in (_OF_SIGNAL, _PART, _ELSEWHERE):
-        if qualified := re.search(pattern, own):
+    own, full, of_message = (
+        re.sub(allowed, "", " ".join(w))
+        for w in (words, words_of(signal.name), words_of(message.name))
+    )
+    # a prefix that all signals of a message have may name the device
+    for pattern, text in ((_OF_SIGNAL, own), (_PART, own), (_ELSEWHERE, full)):
+        if qualified := re.search(pattern, text):
             yield f"its name says {qualified[0].strip()!r}"
             return
     if "motor" in words and _ENGLISH & set(words):

@@ -44,6 +44,20 @@ def test_what_all_names_of_a_message_begin_with_says_nothing_about_one() -> None
     }
 
 
+def test_a_device_that_all_names_of_a_message_begin_with_is_no_part_of_the_engine() -> None:
+    got = stands(
+        'Charger_Ambient_Temp (1,-64) [-64|191] "C"',
+        'Charger_Cold_Plate_Temp (1,-64) [-64|191] "C"',
+        'Charger_Output_Current (0.1,0) [0|1000] "A"',
+        'Charger_Output_Voltage (0.1,0) [0|1000] "V"',
+        'Charger_Ready_Flag (1,0) [0|1] ""',
+        'Charger_Error_Flag (1,0) [0|1] ""',
+        'Charger_Error_Code (1,0) [0|255] ""',
+        message="Status_A1",
+    )
+    assert got == {}
+
+
 def test_a_torque_of_the_engine_s_message_is_the_engine_s() -> None:
     torque = 'EstimatedTorque (0.5,-100) [-100|800] "Nm"'
     assert stands(torque, message="Status_1") == {}
