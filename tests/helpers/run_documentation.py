@@ -9,6 +9,7 @@ short by a wrapper: what counts is that the command works as written.
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -19,10 +20,11 @@ from tests.helpers.documentation import Block, blocks, commands, pages
 
 ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 600  # most for a line
+MAPS = re.compile(r"--out (\S+\.toml)")
 DRIVES = ("drive1", "drive2", "drive3", "drive4", "drive9")
 SIMULATED = {  # stem -> options; CAN logs
-    **{name: f"--seed {seed}" for seed, name in enumerate(DRIVES, 1)},
-    "drive": "--seed 6",
+    **{name: f"--seed {seed} --downstream" for seed, name in enumerate(DRIVES, 1)},
+    "drive": "--seed 6 --downstream",
     "healthy1": "--seed 11",
     "healthy2": "--seed 12",
     "other1": "--seed 13",
@@ -64,7 +66,8 @@ def shared_files(folder: Path) -> None:
             shutil.rmtree(work)
     for name in ("drive3.parquet", "wltc.parquet", "slow.parquet", "run_1.csv", "run_2.csv"):
         stem = Path(name).stem
-        table = [simulate[0], "table", str(folder / "drive3.log"), "--out", str(folder / name)]
+        log = folder / ("drive4.log" if stem == "run_2" else "drive3.log")
+        table = [simulate[0], "table", str(log), "--out", str(folder / name)]
         subprocess.run(table, check=True, capture_output=True)
         if stem.startswith("run"):
             text = (folder / name).read_text()
@@ -165,6 +168,8 @@ def main() -> int:
                 if text.count("\n") < 2:
                     print(f"{block.place}: not run: {block.reason}", flush=True)
                     continue
+                for made in MAPS.findall(block.text):  # a map is never overwritten
+                    (work / made).unlink(missing_ok=True)
                 finished = subprocess.run(
                     ["sh", "-c", text],
                     cwd=work,

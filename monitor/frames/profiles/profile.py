@@ -127,12 +127,15 @@ def path_of(given: str | Path) -> Path:
 
 
 def is_profile(path: Path) -> bool:
-    """Return whether a TOML file is a profile and not a columns map."""
+    """Return whether a TOML file is a profile: no columns map, and no map of a bus's messages."""
     try:
         raw = read_toml(path, "the columns map", ConfigError)
     except ConfigError:
         return False
-    return isinstance(raw.get("signals"), dict) or "based_on" in raw
+    signals = raw.get("signals")
+    if not isinstance(signals, dict):
+        return "based_on" in raw
+    return not any(isinstance(each, dict) and "message" in each for each in signals.values())
 
 
 def load_profile(path: Path) -> Profile:

@@ -1,12 +1,14 @@
 """Profiles: recognition, units, pinned values, derived signals, times, a logger of one's own."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import dbc
 from monitor.base.errors import ConfigError, RecordingError
 from monitor.base.types import Quality
 from monitor.frames.profiles.profile import (
@@ -285,6 +287,7 @@ def test_an_own_profile_beside_the_log_or_in_the_user_s_folder_is_recognised(
     assert read_table(log).profile == "e85"
     # WHEN another one stands beside the log, with files that are no profiles
     (drives / "map.toml").write_text('time_s = "Time"\n')
+    shutil.copy(dbc.path("o2_ecu.toml"), drives / "bus.toml")  # map of a bus's messages
     (drives / "race.toml").write_text('based_on = "megasquirt"\nstoich_afr = 6.4\n')
     # THEN it comes first, and check says where it is
     table = read_table(log)
