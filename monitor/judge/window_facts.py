@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from itertools import groupby
 from operator import attrgetter
 from typing import Final
@@ -40,21 +41,16 @@ class WindowFacts:
         self._limits, self._transform = limits, transform
         self._stuck_range = config.plausibility.stuck_range
         self._window_s = config.window.n_samples * period_s
-        noise = Noise(limits.noise, limits.noise_memory)
-        self._response = ResponseRule(
+        rule = partial(
+            ResponseRule,
             config=config.response,
             bank=hypotheses,
-            noise=noise,
+            noise=Noise(limits.noise, limits.noise_memory),
             period_s=period_s,
-            evidence_weight=limits.evidence,
-            gain_reference=limits.gain_expected,
         )
+        self._response = rule(evidence_weight=limits.evidence, gain_reference=limits.gain_expected)
         # edges of fuel cuts are judged by the same claims, and their evidence is the same
-        self._cut_response = ResponseRule(
-            config=config.response,
-            bank=hypotheses,
-            noise=noise,
-            period_s=period_s,
+        self._cut_response = rule(
             evidence_weight=limits.evidence_cut,
             gain_reference=limits.gain_cut,
             shares=self._response,
