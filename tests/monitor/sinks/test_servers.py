@@ -1,10 +1,11 @@
 """The sinks against the real servers: mosquitto, influxd and prometheus of Debian."""
 
 import json
+import signal
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import can
 import pytest
 
 from monitor import cli
+from monitor.base.types import Frame
 from monitor.bus.link.recorder import message_of
 from monitor.sinks.address import open_sink
 from monitor.sinks.line_protocol import HttpLines
@@ -72,17 +74,30 @@ class Subscriber:
         self._client.loop_stop()
 
 
-def drive_until_the_broker_dies(folder: Path, port: int, got: list[tuple[str, str]]) -> None:
-    """Let an ECU send for two seconds while a broker runs, then end the broker."""
-    with mosquitto(folder, port), can.Bus(interface="virtual", channel="sinks") as bus:
-        subscriber = Subscriber(port)
-        begin_s = time.monotonic()
-        for frame in frames_of("healthy_micro_trips", 2.0):
-            time.sleep(max(0.0, begin_s + frame.t_ns / 1e9 - time.monotonic()))
-            bus.send(message_of(frame._replace(t_ns=time.time_ns())))
-        wait_for(lambda: len(subscriber.got) > 50)
-        subscriber.close()
-        got += subscriber.got
+def send_as_driven(bus: can.BusABC, frames: Iterable[Frame]) -> None:
+    """Send frames at the pace of their times, the first one at once."""
+    begin_s, first_ns = time.monotonic(), None
+    for frame in frames:
+        first_ns = frame.t_ns if first_ns is None else first_ns
+        time.sleep(max(0.0, begin_s + (frame.t_ns - first_ns) / 1e9 - time.monotonic()))
+        bus.send(message_of(frame._replace(t_ns=time.time_ns())))
+
+
+def outlive_the_broker(folder: Path, port: int, got: list[tuple[str, str]]) -> None:
+    """Let an ECU send for two seconds while a broker runs and for two more, then end the run."""
+    frames = list(frames_of("healthy_micro_trips", 4.0))
+    half_ns = frames[0].t_ns + 2_000_000_000
+    try:
+        with can.Bus(interface="virtual", channel="sinks") as bus:
+            with mosquitto(folder, port):
+                subscriber = Subscriber(port)
+                send_as_driven(bus, [each for each in frames if each.t_ns < half_ns])
+                wait_for(lambda: len(subscriber.got) > 50)
+                subscriber.close()
+                got += subscriber.got
+            send_as_driven(bus, [each for each in frames if each.t_ns >= half_ns])
+    finally:
+        signal.raise_signal(signal.SIGINT)  # the main thread takes it, and the run ends
 
 
 def test_a_run_publishes_its_signals_and_survives_the_broker_s_death(
@@ -91,11 +106,11 @@ def test_a_run_publishes_its_signals_and_survives_the_broker_s_death(
     port, result = free_port(), tmp_path / "run.json"
     program("mosquitto")
     got: list[tuple[str, str]] = []
-    ecu = threading.Thread(target=drive_until_the_broker_dies, args=[tmp_path, port, got])
+    ecu = threading.Thread(target=outlive_the_broker, args=[tmp_path, port, got])
     address = f"mqtt://127.0.0.1:{port}/car"
-    run = f"run -i virtual -c sinks --duration 5 --json {result} --sink-rate 5 --sink {address}"
+    run = f"run -i virtual -c sinks --duration 60 --json {result} --sink-rate 5 --sink {address}"
     ecu.start()
-    assert cli.main([*run.split(), "--sink-tag", "vehicle=17"]) == 0  # U0100: the ECU is silent
+    assert cli.main([*run.split(), "--sink-tag", "vehicle=17"]) == 3  # four seconds are too few
     ecu.join()
     assert ("car/status", "online") in got
     speeds = [text for topic, text in got if topic == "car/Vehicle/OBD/EngineSpeed"]
