@@ -72,8 +72,8 @@ def replay(
     >>> import numpy as np
     >>> from monitor import load_model
     >>> card = load_model().card
-    >>> columns = {name: np.full(900, 1.0) for name in (*card.input_names, card.output.name)}
-    >>> verdict = replay({"time_s": np.arange(900) / 10, **columns})
+    >>> columns = {name: np.full(1200, 1.0) for name in (*card.input_names, card.output.name)}
+    >>> verdict = replay({"time_s": np.arange(1200) / 10, **columns})
     >>> verdict.has_fault, [code.code for code in verdict.codes]  # it never moves
     (True, ['P0134'])
     """

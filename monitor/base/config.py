@@ -98,6 +98,7 @@ class PlausibilityConfig:
     constant_s: float
     start_patience_s: float
     not_ready_s: float
+    first_move_s: float
     heater_full_percent: float
     heater_full_s: float
     heater_regulated_s: float

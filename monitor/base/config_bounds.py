@@ -49,6 +49,7 @@ _LOWEST: Final = {
     "plausibility.start_patience_s": 0.0,
     "plausibility.stuck_band_at_one": 0.0,
     "plausibility.not_ready_s": 0.0,
+    "plausibility.first_move_s": 0.0,
     "plausibility.engine_running_rpm": 0.0,
     "cycles.denominator_idle_km_h": 0.0,
     "cycles.denominator_ambient_min_degc": -273.15,

@@ -12,9 +12,9 @@ from monitor.base.runs import Thresholds, alike
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.judge import heater
 from monitor.judge.heater import Heater
+from monitor.judge.readiness import ENGINE, READY
 from monitor.model.card import Channel
 
-_ENGINE = ("engine_speed_rpm", "sensor_ready")  # tell whether the sensor can be heated
 _GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS, _PINNED, _GAP = (
     int(quality) for quality in Quality
 )
@@ -67,8 +67,8 @@ class Plausibility:
     ) -> None:
         at = {name: i for i, name in enumerate(names)}
         self._output = at[output]
-        self._ready = at.get("sensor_ready")
-        self._speed = at.get("engine_speed_rpm")
+        self._ready = at.get(READY)
+        self._speed = at.get(ENGINE)
         self._running_rpm = config.engine_running_rpm
         # two bits each for what readiness, engine speed and the heater's duty say; those of a
         # signal which is not provided stay _UNKNOWN
@@ -84,7 +84,8 @@ class Plausibility:
         )
         samples = [round(s / period_s) for s in (config.heater_full_s, config.heater_regulated_s)]
         self._heater = Heater(*samples)
-        self._patience = round(config.not_ready_s / period_s)
+        patience_s = config.first_move_s if self._ready is None else config.not_ready_s
+        self._patience = round(patience_s / period_s)
         self._start_patience = round(config.start_patience_s / period_s)
         self.is_expected, self._heard = is_expected, False
         self.reset()
@@ -98,12 +99,18 @@ class Plausibility:
         self._heard = False
         self._stood = False  # the engine stood when its speed was last known
 
-    def push(self, values: FloatArray, quality: QualityArray) -> list[Results]:
+    def push(
+        self, values: FloatArray, quality: QualityArray, ready: BoolArray | None = None
+    ) -> list[Results]:
         """Return the results that samples allow, test by test within each run of alike ones.
 
         values, quality : (n, n_names)
+        ready : (n,) whether the sensor is ready, where no signal says so
         """
-        codes = np.multiply(self._told.masks(values), _N_QUALITIES, dtype=np.uint16)
+        masks = self._told.masks(values)
+        if self._ready is None and ready is not None:
+            masks[~ready] |= _NO
+        codes = np.multiply(masks, _N_QUALITIES, dtype=np.uint16)
         codes += quality[:, self._output]
         found: list[Results] = []
         for begin, end, each in alike(codes):
@@ -163,7 +170,7 @@ class Plausibility:
                     found.append(Results(begin, end - n_cold, _READY))
                 if n_cold:
                     found.append(Results(end - n_cold, end, _NOT_HEATED))
-        if quality in (_GOOD, _PINNED, _OUT_OF_RANGE):
+        if ready and quality in (_GOOD, _PINNED, _OUT_OF_RANGE):
             found.append(Results(begin, end, _OUTSIDE if quality == _OUT_OF_RANGE else _INSIDE))
 
     def _wait(self, begin: int, end: int, found: list[Results], *, is_full: bool) -> None:
@@ -214,7 +221,6 @@ class ActivityTest:
         fuel cut lasts, if nothing says whether the fuel is cut
     cold : reading of a healthy sensor that is not heated yet, if it may be read unknowingly
     still_s : time for which this car's healthy reading may stand still, if longer than usual
-    is_ready : a signal says when the sensor is ready; else one that has not moved yet may be cold
     """
 
     def __init__(
@@ -225,13 +231,11 @@ class ActivityTest:
         cold: float = -math.inf,
         *,
         still_s: float = 0.0,
-        is_ready: bool = True,
     ) -> None:
-        self._config, self._is_ready = config, is_ready
+        self._config = config
         self._saturated, self._cold = saturated, cold
         self._n = max(round(max(config.stuck_s, still_s) / period_s), 2)
         self._cuts = math.ceil(config.fuel_cut_most_s / (self._n * period_s))
-        self._warming = math.ceil(config.not_ready_s / (self._n * period_s))
         self.reset()
 
     @classmethod
@@ -249,17 +253,12 @@ class ActivityTest:
         reading, heater and engine off, if it dwelt there in training.
         """
         dwelt = output.percentile_0_1 - output.minimum <= config.stuck_range
-        cold = output.minimum if dwelt and not set(_ENGINE) & set(names) else -math.inf
+        cold = output.minimum if dwelt and not {ENGINE, READY} & set(names) else -math.inf
         saturated = math.inf if "fuel_cut" in names else output.maximum
-        is_ready = "sensor_ready" in names
-        return cls(config, saturated, period_s, cold, still_s=still_s, is_ready=is_ready)
+        return cls(config, saturated, period_s, cold, still_s=still_s)
 
     def reset(self) -> None:
-        """Begin anew, with a sensor that may be cold."""
-        self._cold_stretches = 0 if not self._is_ready else self._warming
-        self._interrupt()
-
-    def _interrupt(self) -> None:
+        """Begin anew."""
         self._begin()
         self._rested = 0  # stretches in a row at the end of the range
 
@@ -276,7 +275,7 @@ class ActivityTest:
         found = []
         for first, end, is_active in alike(active):
             if not is_active:
-                self._interrupt()
+                self.reset()
                 continue
             begin = first
             while begin < end:
@@ -296,11 +295,6 @@ class ActivityTest:
     def _judged(self, last: float) -> tuple[bool, str] | None:
         frozen = self._high - self._low <= self._config.stuck_range
         if frozen and last <= self._cold + self._config.stuck_range:
-            return None
-        if not frozen:
-            self._cold_stretches = self._warming
-        elif self._cold_stretches < self._warming:
-            self._cold_stretches += 1
             return None
         self._rested = self._rested + 1 if frozen and last >= self._saturated else 0
         if 0 < self._rested <= self._cuts:

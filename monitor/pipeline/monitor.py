@@ -22,14 +22,14 @@ from monitor.judge import bank, enable, rules
 from monitor.judge.catalyst import SIGNALS as CATALYST_SIGNALS
 from monitor.judge.catalyst import VOLTAGE as CATALYST_VOLTAGE
 from monitor.judge.catalyst import BehindResult, CatalystMonitor
-from monitor.judge.counters import ticks_to_mature
 from monitor.judge.decisions import Decisions
+from monitor.judge.electrical import ElectricalTests
 from monitor.judge.enable import Enable
 from monitor.judge.findings import Evidence, Facts
 from monitor.judge.heater import DUTY
 from monitor.judge.limits import Limits
 from monitor.judge.observation import Observation
-from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, TickResult
+from monitor.judge.plausibility import TickResult
 from monitor.judge.window import Series, Window, Windows
 from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import SIGNALS as CYCLE_SIGNALS
@@ -107,17 +107,18 @@ class Monitor:
         self._judge, self.names = judge, names
         self.store, self.limits, self.output = store, limits, card.output.name
         self._output = names.index(self.output)
-        plausibility, output, period_s = config.plausibility, card.output, judge.period_s
-        self._cycles = Cycles(
-            config.cycles, config.profile, names, output.name, plausibility.engine_running_rpm
-        )
+        output, period_s = card.output, judge.period_s
+        running_rpm = config.plausibility.engine_running_rpm
+        self._cycles = Cycles(config.cycles, config.profile, names, output.name, running_rpm)
         self._enable = Enable.of(config.enable, names, card)
-        is_expected = is_live or bool(store.counts.sensor_heard)
-        self._plausibility = Plausibility(
-            plausibility, names, output.name, period_s, is_expected=is_expected
+        self._electrical = ElectricalTests(
+            config,
+            names,
+            output,
+            period_s,
+            still_s=limits.still_s,
+            is_expected=is_live or bool(store.counts.sensor_heard),
         )
-        self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
-        self._activity = ActivityTest.of(plausibility, output, names, period_s, limits.still_s)
         self.catalyst = CatalystMonitor(config.catalyst, names, period_s)
         n_samples, n_hypotheses = config.window.n_samples, len(judge.hypotheses)
         self._windows = Windows(n_samples, n_hypotheses)
@@ -198,7 +199,7 @@ class Monitor:
 
     def expect_sensor(self) -> None:
         """Take a sensor that is silent from the start for a fault from here on."""
-        self._plausibility.is_expected = True
+        self._electrical.expect_sensor()
 
     def push(self, block: SampleBlock) -> Iterator[BlockEvent]:
         """Take a block of samples and yield its events; all of them must be taken."""
@@ -230,7 +231,7 @@ class Monitor:
         for k, moment in counting.moments:
             then.append((k, _COUNTED, partial(self._count, moment, block, k)))
         if self._clearings != self.store.clearings:
-            self._maturing.reset()
+            self._electrical.forget()
             self.catalyst.reset()
         measured = values[:, self._output]
         conditions = np.empty((n, len(enable.CONDITIONS)), dtype=np.bool_)
@@ -244,16 +245,14 @@ class Monitor:
             held = conditions[part] = self._enable.push(own, block.quality[part])
             mask = masks[part] = enable.masks(held)
             segments += [(begin + a, begin + b) for a, b in runs(enable.INPUTS_VALID[mask])]
-            results = self._plausibility.push(own, block.quality[part])
-            for k, result in self._maturing.push(results):
+            found = self._electrical.push(own, block.quality[part], enable.BURNING[mask])
+            for k, result in found.matured:
                 happen = partial(self._mature, result, block, begin + k)
                 then.append((begin + k, _MATURED, happen))
-            running = self._plausibility.running(own)
-            active = running & enable.BURNING[mask]
-            for k, failed, fault in self._activity.push(measured[part], active):
+            for k, failed, fault in found.stretches:
                 act = partial(self._act, block, begin + k, failed=failed, fault=fault)
                 then.append((begin + k, _ACTIVE, act))
-            for behind in self.catalyst.push(own, running):
+            for behind in self.catalyst.push(own, found.running):
                 k = begin + behind.at
                 then.append((k, _BEHIND, partial(self._judge_behind, behind, block, k)))
         goes_on = bool(segments) and segments[0][0] == 0 and 0 not in cuts
@@ -275,9 +274,7 @@ class Monitor:
     def _start(self) -> None:
         """Begin a driving cycle as one begins after switching on."""
         self._enable.reset()
-        self._plausibility.reset()
-        self._maturing.reset()
-        self._activity.reset()
+        self._electrical.reset()
         self.catalyst.reset()
 
     def end(self, part: Part) -> Iterator[BlockEvent]:

@@ -1,65 +1,43 @@
-"""Tables without the model's signals, but with a downstream sensor: only the catalyst is judged."""
+"""The catalyst in a table without the model's signals, judged by how the rear sensor moves."""
 
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from monitor.base.config import CatalystConfig, Config
+from monitor.base.config import CatalystConfig
 from monitor.base.types import FloatArray
-from monitor.grid.tables import Table, is_table, read_table
+from monitor.grid.tables import Table
 from monitor.judge.catalyst import VOLTAGE
+from monitor.judge.causes import Cause
 from monitor.judge.rear_activity import RearActivity
 from monitor.memory.codes import codes_on
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
-from monitor.pipeline.entry import dtc_entry, seconds
+from monitor.pipeline.entry import seconds
 
 FRONT: Final = "upstream_voltage_v"  # of a front sensor that only switches
-NOTE: Final = "without the model's signals only the catalyst is judged"
 
 
-def behind_table(path: Path, columns: Path | None) -> Table | None:
-    """Return the table if it has a downstream voltage, None for any other recording."""
-    if not is_table(path):
-        return None
-    table = read_table(path, columns)
-    return table if VOLTAGE in table.names else None
-
-
-def judge_table(table: Table, store: DtcStore, config: Config) -> dict[str, Any]:
-    """Return the table's entry in ``o2mon.replay/1``, without its path and sha256.
+def judge_behind(
+    table: Table, store: DtcStore, config: CatalystConfig
+) -> tuple[dict[str, Any], list[Cause]]:
+    """Return the entry of the catalyst, and why it was not judged, nothing if it was.
 
     store : fault memory, in which a driving cycle has begun
     """
-    activity = RearActivity(config.catalyst)
+    activity = RearActivity(config)
     if FRONT in table.names:
-        _follow(table, activity, store, config.catalyst)
+        _follow(table, activity, store, config)
     claim = activity.claim()
-    causes = [] if claim.outcome != "inconclusive" else [_cause(table, activity)]
-    return {
-        "samples": len(table.t_ns),
-        "enabled_samples": 0,
-        "windows": [],
-        "windows_interrupted": 0,
-        "windows_dropped": 0,
-        "dtcs": [dtc_entry(dtc, int(table.t_ns[0]), 1.0) for dtc in store.active],
-        "fault_flag": store.fault_flag,
-        "completed": False,
-        "not_judged": None if store.fault_flag else causes or None,
-        "evidence": {},
-        "counters": {},
-        "catalyst": {
-            "method": "activity",
-            "trials": activity.trials,
-            "followed": activity.followed,
-            "verdict": claim.outcome,
-            "log_odds": round(claim.log_odds, 3),
-            "needed": round(activity.evidence_fail, 3),
-        },
-        "profile": table.profile,
-        "notes": [*table.notes.lines, NOTE],
+    entry = {
+        "method": "activity",
+        "trials": activity.trials,
+        "followed": activity.followed,
+        "verdict": claim.outcome,
+        "log_odds": round(claim.log_odds, 3),
+        "needed": round(activity.evidence_fail, 3),
     }
+    return entry, [] if claim.outcome != "inconclusive" else [_cause(table, activity)]
 
 
 def _follow(table: Table, activity: RearActivity, store: DtcStore, config: CatalystConfig) -> None:
@@ -87,28 +65,22 @@ def _follow(table: Table, activity: RearActivity, store: DtcStore, config: Catal
             store.count_judged("catalyst")
 
 
-def _cause(table: Table, activity: RearActivity) -> dict[str, Any]:
+def _cause(table: Table, activity: RearActivity) -> Cause:
     """Return why the catalyst was not judged."""
     if FRONT not in table.names:
         missing = next(n for n in ("lambda_measured", "maf_kg_h", FRONT) if n not in table.names)
         advice = f"the capacity needs upstream lambda and the air flow: record {missing}, too"
-        return _entry(missing, "signal_missing", advice)
+        return _because(missing, "signal_missing", advice)
     step_s = seconds(int(np.median(np.diff(table.t_ns))), 0) if len(table.t_ns) > 1 else 0.0
     if not activity.trials:
         advice = f"one sample each {step_s:.2g} s, wanted two a second: log fewer signals"
-        return _entry(VOLTAGE, "too_slow", advice)
+        return _because(VOLTAGE, "too_slow", advice)
     advice = f"the front sensor switched {activity.trials} times: record a longer drive"
-    return _entry(VOLTAGE, "undecided", advice)
+    return _because(VOLTAGE, "undecided", advice)
 
 
-def _entry(signal: str, reason: str, advice: str) -> dict[str, Any]:
-    return {
-        "condition": "catalyst",
-        "held_share": None,
-        "signal": signal,
-        "reason": reason,
-        "advice": advice,
-    }
+def _because(signal: str, reason: str, advice: str) -> Cause:
+    return Cause("catalyst", None, signal, reason, advice)
 
 
 def _column(table: Table, name: str) -> FloatArray:

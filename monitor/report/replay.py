@@ -28,7 +28,7 @@ from monitor.pipeline.frames import FramePipeline
 from monitor.pipeline.monitor import Judge, Monitor
 from monitor.pipeline.recordings import OpenRecording, RecordingReader
 from monitor.pipeline.side_by_side import slices
-from monitor.report.behind import behind_table, judge_table
+from monitor.report import without_model
 from monitor.report.sinks import SCHEMA, Collector
 from monitor.report.text import Trace
 from monitor.sinks.written import Written
@@ -126,25 +126,30 @@ def replay(
     reader = RecordingReader(setup.bus_map, setup.model.card, setup.columns, setup.parse)
     try:
         opened = reader.open(path)
-    except MissingSignalsError:
-        table = behind_table(path, setup.columns)
+    except MissingSignalsError as lacking:
+        table = without_model.table_of(path, setup.columns)
         if table is None:
             raise
-        recording, series = judged_behind(table, sha256, setup.config, memory), Trace.empty()
+        recording, series = _without_model(table, sha256, setup.config, memory, lacking)
     else:
         recording, series = judged(opened, sha256, setup, memory, trace=trace, sinks=sinks)
     return recording | {"source": source_of(path, sha256)}, series
 
 
-def judged_behind(
-    table: Table, sha256: str, config: Config, memory: Memory | None
-) -> dict[str, Any]:
-    """Judge the catalyst alone, in a table without the model's signals."""
+def _without_model(
+    table: Table,
+    sha256: str,
+    config: Config,
+    memory: Memory | None,
+    lacking: MissingSignalsError,
+) -> tuple[dict[str, Any], Trace]:
+    """Judge a table that lacks signals of the model, by the tests that need no model."""
     store = store_of(memory, config.profile)
-    recording = {"path": str(table.path), "sha256": sha256} | judge_table(table, store, config)
+    recording = {"path": str(table.path), "sha256": sha256}
+    recording |= without_model.judge(table, store, config, lacking)
     if memory:
         memory.save(store.saved)
-    return recording | of_memory(memory)
+    return recording | of_memory(memory), Trace.empty()
 
 
 def judged(

@@ -108,8 +108,10 @@ def test_evidence_does_not_depend_on_where_blocks_begin() -> None:
 # Whole drives
 
 
-def judged(change: FloatArray | None, *, without: tuple[str, ...] = ()) -> Verdict:
-    drive = columns()
+def judged(
+    change: FloatArray | None, *, without: tuple[str, ...] = (), **more: FloatArray
+) -> Verdict:
+    drive = columns() | more
     n = len(drive["lambda_measured"])
     if change is not None:
         drive["lambda_measured"] = np.where(
@@ -172,8 +174,12 @@ def test_a_cold_sensor_may_stand_still_where_nothing_says_that_it_is_ready() -> 
     assert not judged(still, without=("sensor_ready",)).codes
 
 
-def test_a_sensor_that_never_moves_is_found_where_nothing_says_whether_it_is_ready() -> None:
-    still = np.full(len(columns()["lambda_measured"]), 0.997)
-    assert [code.fault for code in judged(still, without=("sensor_ready",)).codes] == [
-        "stuck_at_one"
-    ]
+def test_a_sensor_that_never_moves_is_not_ready_where_no_signal_says_so() -> None:
+    n = len(columns()["lambda_measured"])
+    codes = judged(np.full(n, 0.997), without=("sensor_ready",)).codes
+    assert [code.fault for code in codes] == ["not_ready"]
+    # nor does a heater at full duty change that it never moved: then the heater is named
+    heated = judged(
+        np.full(n, 0.997), without=("sensor_ready",), sensor_heater_percent=np.full(n, 100.0)
+    )
+    assert [code.fault for code in heated.codes] == ["heater"]

@@ -143,7 +143,7 @@ def test_without_a_ready_signal_a_sensor_that_says_invalid_is_not_ready() -> Non
     names = ("lambda_measured", "engine_speed_rpm")
     plausibility = subject(names)
     assert not fails(plausibility.step(sample(Quality.GOOD, names=names)), "ready")
-    for _ in range(600):
+    for _ in range(round(CONFIG.plausibility.first_move_s / PERIOD_S)):
         results = by_test(plausibility.step(sample(Quality.INVALID, names=names)))
         assert not any(result.failed for result in results.values())
     assert fails(plausibility.step(sample(Quality.INVALID, names=names)), "ready")

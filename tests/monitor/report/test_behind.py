@@ -128,4 +128,6 @@ def test_a_real_log_of_one_sample_a_second_says_what_is_missing(
 ) -> None:
     code, recording = replayed(shared_data / "logs" / "golf_torque" / "golf07_2.csv", tmp_path)
     assert code == 3
-    assert recording["not_judged"][0]["signal"] == "maf_kg_h"
+    reasons = {cause["condition"]: cause for cause in recording["not_judged"]}
+    assert reasons["catalyst"]["signal"] == "maf_kg_h"
+    assert reasons["response"]["reason"] == "no_model"

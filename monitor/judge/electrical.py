@@ -1,0 +1,77 @@
+"""The tests of the measured signal that need no model, on blocks of samples.
+
+The signal is missing, invalid, out of range, not ready, or frozen.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from monitor.base.config import Config
+from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
+from monitor.judge.counters import ticks_to_mature
+from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, TickResult
+from monitor.judge.readiness import Readiness
+from monitor.model.card import Channel
+
+
+class Electrical(NamedTuple):
+    """The findings on a block."""
+
+    matured: list[tuple[int, TickResult]]  # sample, and the result of which so many came in a row
+    stretches: list[tuple[int, bool, str]]  # sample, whether the reading was frozen, and its fault
+    running: BoolArray  # (n,) whether the engine runs
+
+
+class ElectricalTests:
+    """The tests of one sensor.
+
+    names : signals of a sample
+    output : the measured signal among them, with its range in training
+    still_s : time for which this car's healthy reading may stand still, if longer than usual
+    is_expected : whether the sender is known, so that its silence from the start is a fault
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        names: Sequence[str],
+        output: Channel,
+        period_s: float,
+        *,
+        still_s: float = 0.0,
+        is_expected: bool = True,
+    ) -> None:
+        own = config.plausibility
+        self._output = names.index(output.name)
+        self._readiness = Readiness(own, names, period_s)
+        self._plausibility = Plausibility(
+            own, names, output.name, period_s, is_expected=is_expected
+        )
+        self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
+        self._activity = ActivityTest.of(own, output, names, period_s, still_s)
+
+    def reset(self) -> None:
+        """Start as after switching on."""
+        for each in (self._readiness, self._plausibility, self._maturing, self._activity):
+            each.reset()
+
+    def forget(self) -> None:
+        """Begin every row of results anew."""
+        self._maturing.reset()
+
+    def expect_sensor(self) -> None:
+        """Take a sensor that is silent from the start for a fault from here on."""
+        self._plausibility.is_expected = True
+
+    def push(self, values: FloatArray, quality: QualityArray, burning: BoolArray) -> Electrical:
+        """Return the findings on samples.
+
+        values, quality : (n, n_names)
+        burning : (n,) whether a live sensor moves while the engine runs
+        """
+        measured = values[:, self._output]
+        running = self._plausibility.running(values)
+        ready = self._readiness.push(measured, quality[:, self._output] == Quality.GOOD, running)
+        results = self._plausibility.push(values, quality, ready)
+        stretches = self._activity.push(measured, running & burning & ready)
+        return Electrical(self._maturing.push(results), stretches, running)

@@ -1,0 +1,131 @@
+"""Tables without the model's signals: the tests that need no model judge them.
+
+The electrical tests judge the wideband sensor where the log has its reading and the engine's speed;
+the catalyst is judged where it has the voltage behind it.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.base.errors import MissingSignalsError
+from monitor.base.signals import OUTPUT
+from monitor.base.types import SampleBlock
+from monitor.grid.table_samples import table_block
+from monitor.grid.tables import Table, is_table, read_table
+from monitor.judge.catalyst import VOLTAGE
+from monitor.judge.causes import Cause
+from monitor.judge.counters import Counters
+from monitor.judge.electrical import ElectricalTests
+from monitor.judge.enable import BURNING, Enable, masks
+from monitor.judge.findings import Change, DtcChanged
+from monitor.judge.readiness import ENGINE
+from monitor.memory.dtc import Status
+from monitor.memory.dtc_store import DtcStore
+from monitor.memory.obd_records import FreezeFrame
+from monitor.model.card import Channel
+from monitor.pipeline.entry import dtc_entry, not_judged
+from monitor.report.behind import judge_behind
+
+TESTS: Final = ("communication", "range", "ready", "activity")
+CUT, PULSE = "fuel_cut", "injector_pulse_width_ms"
+
+
+def table_of(path: Path, columns: Path | None) -> Table | None:
+    """Return the table if some test can judge it, None for any other recording.
+
+    An own table that lacks a column is a mistake of its maker; a logger's file lacks what its car
+    does not tell.
+    """
+    if not is_table(path):
+        return None
+    table = read_table(path, columns)
+    has_reading = bool(table.profile) and {OUTPUT, ENGINE} <= set(table.names)
+    return table if VOLTAGE in table.names or has_reading else None
+
+
+def judge(
+    table: Table, store: DtcStore, config: Config, lacking: MissingSignalsError
+) -> dict[str, Any]:
+    """Return the table's entry in ``o2mon.replay/1``, without its path and sha256.
+
+    store : fault memory, in which a driving cycle has begun
+    lacking : why the model cannot judge the table
+    """
+    causes: list[Cause] = []
+    catalyst: dict[str, Any] = {}
+    judged = []
+    if {OUTPUT, ENGINE} <= set(table.names):
+        _judge_reading(table, store, config)
+        advice = str(lacking).removeprefix(f"{table.path}: ")
+        causes.append(Cause("response", None, None, "no_model", advice))
+        judged.append("the electrical state of the sensor")
+    if VOLTAGE in table.names:
+        catalyst, why = judge_behind(table, store, config.catalyst)
+        causes += why
+        judged.append("the catalyst")
+    begin_ns = int(table.t_ns[0])
+    return {
+        "samples": len(table.t_ns),
+        "enabled_samples": 0,
+        "windows": [],
+        "windows_interrupted": 0,
+        "windows_dropped": 0,
+        "dtcs": [dtc_entry(dtc, begin_ns, 1.0) for dtc in store.active],
+        "fault_flag": store.fault_flag,
+        "completed": False,
+        "not_judged": None if store.fault_flag else not_judged(causes),
+        "evidence": {},
+        "counters": {},
+        **({"catalyst": catalyst} if catalyst else {}),
+        "profile": table.profile,
+        "notes": [*table.notes.lines, f"without a model only {' and '.join(judged)} is judged"],
+    }
+
+
+def _judge_reading(table: Table, store: DtcStore, config: Config) -> None:
+    """Let the electrical tests judge the wideband sensor.
+
+    A reading near lambda 1 is not judged: a controller holds the mixture there, and without a model
+    nobody knows how long a coarse logger shows the same number. Nor does anything tell the lean end
+    of the sensor's range, so where the log has no fuel cut, any lean reading may be that of one.
+    """
+    names = tuple(name for name in table.names if name != CUT or _tells_cut(table))
+    block = table_block(table, names)
+    period_s = float(np.median(np.diff(block.t_ns))) / 1e9 if len(block.t_ns) > 1 else 1.0
+    lean = 1.0 + config.plausibility.stuck_band_at_one
+    output = Channel(OUTPUT, "-", 0.0, lean, lean, lean)
+    nothing = np.empty(0)
+    enable = Enable(config.enable, names, (), OUTPUT, nothing, nothing, period_s)
+    tests = ElectricalTests(config, names, output, period_s)
+    burning = BURNING[masks(enable.push(block.values, block.quality))]
+    found = tests.push(block.values, block.quality, burning)
+    counters = Counters(TESTS, config, store)
+    for k, result in found.matured:
+        t_ns = block.t_ns.item(k)
+        matured = counters.mature(result.test, failed=result.failed, fault=result.fault, t_ns=t_ns)
+        _freeze(matured, store, names, block, k)
+    for k, failed, fault in found.stretches:
+        if fault != "stuck_at_one":
+            t_ns = block.t_ns.item(k)
+            changes = counters.step("activity", failed=failed, fault=fault, also=(), t_ns=t_ns)
+            _freeze(changes, store, names, block, k)
+
+
+def _tells_cut(table: Table) -> bool:
+    """Return whether a fuel cut is known; one made of a low manifold pressure is a guess."""
+    return PULSE in table.names or table.columns.get(CUT, CUT).startswith("column")
+
+
+def _freeze(
+    changes: Sequence[Change], store: DtcStore, names: Sequence[str], block: SampleBlock, k: int
+) -> None:
+    """Keep the signals of sample k for each code that fails."""
+    for change in changes:
+        if isinstance(change, DtcChanged) and change.dtc.status & Status.TEST_FAILED:
+            read = zip(names, block.values[k].tolist(), strict=True)
+            signals = {name: value for name, value in read if np.isfinite(value)}
+            store.freeze(FreezeFrame(change.dtc.code, change.t_ns, signals))

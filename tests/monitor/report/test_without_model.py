@@ -1,0 +1,76 @@
+"""A logger's file of a car without a model of its own: the tests that need no model judge it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor import cli
+from monitor.base.types import FloatArray
+from tests.helpers.logger_files import drive, write_text_table
+
+RATE_HZ, N = 10.0, 3000  # five minutes
+
+
+def replayed(folder: Path, afr: FloatArray, **more: FloatArray) -> tuple[int, dict[str, Any]]:
+    """Judge a MegaSquirt's log with these readings."""
+    d = drive(n=N, period_s=1.0 / RATE_HZ)
+    pulse_ms = np.full(N, 3.0)
+    columns = {"Time": d["t_s"], "RPM": d["rpm"], "MAP": d["map_kpa"], "AFR": afr, "PW": pulse_ms}
+    path = write_text_table(folder / "drive.msl", columns | more)
+    out = folder / "out.json"
+    options = ("--profile", "megasquirt", "--quiet", "--json", str(out))
+    code = cli.main(["replay", str(path), *options])
+    (recording,) = json.loads(out.read_text())["recordings"]
+    return code, recording
+
+
+def alive() -> FloatArray:
+    return 14.7 + 0.3 * np.random.default_rng(5).standard_normal(N).round(1)
+
+
+def from_half(afr: FloatArray | float) -> FloatArray:
+    return np.where(np.arange(N) < N // 2, alive(), afr)
+
+
+def test_a_live_sensor_has_no_code_and_the_response_is_not_judged(tmp_path: Path) -> None:
+    code, recording = replayed(tmp_path, alive())
+    assert (code, recording["dtcs"]) == (3, [])
+    assert [each["reason"] for each in recording["not_judged"]] == ["no_model"]
+    assert any("electrical" in note for note in recording["notes"])
+
+
+@pytest.mark.parametrize(("afr", "fault"), [(22.3, "stuck_lean"), (7.4, "stuck_rich")])
+def test_a_sensor_at_its_rail_while_fuel_is_injected_is_found(
+    afr: float, fault: str, tmp_path: Path
+) -> None:
+    code, recording = replayed(tmp_path, from_half(afr))
+    assert code == 1
+    assert [dtc["fault"] for dtc in recording["dtcs"]] == [fault]
+
+
+def test_a_sensor_at_its_lean_rail_in_a_fuel_cut_is_sound(tmp_path: Path) -> None:
+    pulse_ms = np.where(np.arange(N) < N // 2, 3.0, 0.0)
+    code, recording = replayed(tmp_path, from_half(22.3), PW=pulse_ms)
+    assert (code, recording["dtcs"]) == (3, [])
+
+
+@pytest.mark.parametrize("afr", [7.4, 22.3, 14.7])
+def test_a_sensor_that_never_moves_is_not_ready(afr: float, tmp_path: Path) -> None:
+    code, recording = replayed(tmp_path, np.full(N, afr))
+    assert code == 1
+    (dtc,) = recording["dtcs"]
+    assert (dtc["code"], dtc["fault"]) == ("P0134", "not_ready")
+
+
+def test_a_controller_that_says_no_sensor_for_a_minute_is_only_cold(tmp_path: Path) -> None:
+    cold = np.arange(N) < 60 * RATE_HZ
+    code, recording = replayed(tmp_path, np.where(cold, 7.4, alive()))
+    assert (code, recording["dtcs"]) == (3, [])
+
+
+def test_a_reading_that_holds_near_one_is_left_alone(tmp_path: Path) -> None:
+    code, recording = replayed(tmp_path, from_half(14.7))
+    assert (code, recording["dtcs"]) == (3, [])
