@@ -66,6 +66,7 @@ class Judgement:
     unfinished: tuple[str, ...] = ()  # tests without a decision
     left_s: float | None = None  # enabled driving that the response test still needs
     outside: int = 0  # windows with driving that the model never learned
+    judges_cuts: bool = False  # the edges of fuel cuts are evidence, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,7 +291,8 @@ def _evidence(seen: Observed, judgement: Judgement) -> list[Cause]:
         moved = f"in {excited} of {n} windows the prediction moves clearly"
         left_s = judgement.left_s
         more = "more" if left_s is None else f"about {left_s:.0f} s more"
-        advice = f"{had}, {moved}: drive {more} like this, less with changing load"
+        quicker = "changing load or fuel cuts" if judgement.judges_cuts else "changing load"
+        advice = f"{had}, {moved}: drive {more} like this, less with {quicker}"
         reason = "not_excited" if excited < n / 2 else "undecided"
         return [Cause("evidence", round(excited / n, 6), None, reason, advice)]
     advice = f"{had}, without a decision of {tests}: record a longer drive"

@@ -9,7 +9,7 @@ from typing import Any
 
 from monitor.judge.causes import Cause
 from monitor.pipeline.entry import fault_words
-from monitor.report import catalyst
+from monitor.report import catalyst, evidence
 from monitor.report.elements import number, path, row, table, term_list, text
 from monitor.report.words import (
     STATISTICS,
@@ -133,7 +133,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
         f'<div class="verdict {verdict}"><p><strong>{VERDICTS[verdict][1].capitalize()}'
         f"{simulated}.</strong> {_sentence(recording)}</p>{_confidence(recording)}"
         f"{term_list(facts)}</div>"
-        f"{_causes(recording)}{_dtcs(recording)}{_behind(recording)}"
+        f"{_causes(recording)}{_dtcs(recording)}{_evidence(recording)}{_behind(recording)}"
         f'<section class="plots" data-series="series-{i}" data-name="{text(name)}{simulated}" '
         f'aria-label="Measured and predicted {text(output)} over time"></section>'
         f'<noscript><p class="quiet">The plots need JavaScript.</p></noscript>'
@@ -211,6 +211,21 @@ def _dtcs(recording: Mapping[str, Any]) -> str:
     return "<h3>Trouble codes</h3>" + table(
         ("Code", "Fault", "Meaning", "State", "Set at", "Status byte"), rows, "cards"
     )
+
+
+def _evidence(recording: Mapping[str, Any]) -> str:
+    """Return the evidence about each fault of the response test, folded up."""
+    rows = [
+        row(
+            ("Fault", f"<code>{text(fault)}</code>"), ("Odds", text(odds)), ("Decision", text(left))
+        )
+        for fault, odds, left in evidence.rows(recording)
+    ]
+    if not rows:
+        return ""
+    shown = table(("Fault", "Odds", "Decision"), rows, "cards")
+    title = "Evidence about each fault of the response test"
+    return f"<details><summary>{title}</summary>{shown}</details>"
 
 
 def _behind(recording: Mapping[str, Any]) -> str:

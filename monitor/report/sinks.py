@@ -33,6 +33,7 @@ from monitor.pipeline.events import (
     WindowJudged,
 )
 from monitor.pipeline.monitor import Monitor
+from monitor.report import evidence
 from monitor.report.text import Trace
 
 SCHEMA = "o2mon.replay/1"
@@ -110,6 +111,7 @@ class Collector:
             monitor.unfinished,
             _left_s(monitor),
             self._n_outside,
+            judges_cuts=monitor.limits.evidence_cut > 0.0,
         )
         is_faulty = monitor.store.fault_flag
         why = [] if is_faulty else causes(seen, self._asked, judgement)
@@ -242,6 +244,10 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
         f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
         f"{judged}; paper's rule failed {paper}"
     )
+    if recording["not_judged"]:
+        for fault, odds, left in evidence.rows(recording):
+            if left not in evidence.DECIDED:
+                yield f"  {fault}: {odds}; {left}"
     if not recording["fault_flag"]:
         for d in recording["dtcs"]:  # of the monitor itself
             yield f"  {d['code']} {d['fault']} ({d['state']})"

@@ -106,15 +106,15 @@ def confidence(recording: Mapping[str, Any]) -> str:
     for dtc in recording["dtcs"]:
         each = evidence.get(dtc["fault"])
         if each and each["log_odds"] is not None:
-            said.append(f"odds for {dtc['fault']} are {_odds(each)}")
+            said.append(f"odds for {dtc['fault']} are {odds(each)}")
         if 0.0 < dtc.get("probability", 0.0) < 0.995:
             share = 100.0 * dtc["probability"]
             said.append(f"{share:.0f}\u00a0% for this name among those with {dtc['code']}")
     known = [(v["log_odds"], k) for k, v in evidence.items() if v["log_odds"] is not None]
     if known and not recording["dtcs"] and not recording["not_judged"]:
-        odds, fault = max(known)
-        side = "for" if odds > 0.0 else "against"
-        said.append(f"nearest to a fault is {fault}: odds {side} it are {_odds(evidence[fault])}")
+        log_odds, fault = max(known)
+        side = "for" if log_odds > 0.0 else "against"
+        said.append(f"nearest to a fault is {fault}: odds {side} it are {odds(evidence[fault])}")
     if said:
         return "; ".join(said)
     if recording["dtcs"]:
@@ -122,7 +122,7 @@ def confidence(recording: Mapping[str, Any]) -> str:
     return "none, a test is missing" if recording["not_judged"] else "every test ended"
 
 
-def _odds(evidence: Mapping[str, Any]) -> str:
+def odds(evidence: Mapping[str, Any]) -> str:
     """Return how the evidence stands and what a decision needs, as odds to 1."""
     return f"{_to_one(evidence['log_odds'])}, {_to_one(evidence['needed'])} are needed"
 

@@ -11,6 +11,8 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, Final
 
+import numpy as np
+
 from monitor import __version__
 from monitor.base.types import Frame
 from monitor.bus.live.codes import fault_memory
@@ -18,10 +20,11 @@ from monitor.bus.live.describe import Conditions, response_limits, signal_rows
 from monitor.bus.live.process import Server
 from monitor.judge.findings import WindowJudged
 from monitor.pipeline.entry import evidence_entry
-from monitor.pipeline.events import Event, Tick
+from monitor.pipeline.events import CycleStarted, Event, Tick
 from monitor.pipeline.monitor import Monitor
-from monitor.report import catalyst
+from monitor.report import catalyst, evidence
 from monitor.report.replay import Setup
+from monitor.report.vehicle_offset import VehicleOffset
 from monitor.report.words import confidence
 
 MESSAGE_S: Final = 0.25
@@ -54,6 +57,7 @@ class LiveFeed:
         self._server, self._monitor, self._health, self._say = server, monitor, health, say
         card = setup.model.card
         self._conditions = Conditions(monitor, setup.config.enable, card)
+        self._offset = self._vehicle_offset()
         self._step = max(1, math.ceil(SAMPLE_NS / card.period_ns))
         self._output = monitor.names.index(monitor.output)
         self._samples: deque[list[Any]] = deque(maxlen=SAMPLES)
@@ -87,6 +91,8 @@ class LiveFeed:
         elif isinstance(event, WindowJudged):
             self._keep(self._windows, self._window(event))
         else:
+            if isinstance(event, CycleStarted):
+                self._offset = self._vehicle_offset()
             self._slow_s = -math.inf
 
     def work(self, now_s: float) -> Iterable[Frame]:
@@ -123,10 +129,13 @@ class LiveFeed:
         sample = tick.sample
         if self._t0_ns is None:
             self._t0_ns = sample.t_ns
+        measured = sample.values.item(self._output)
+        if tick.enabled and not self._monitor.store.fault_flag:
+            self._offset.push(np.array([measured - tick.predicted]))
         if sample.index % self._step:
             return
         held = sum(1 << i for i, condition in enumerate(tick.conditions) if condition)
-        values = _number(sample.values.item(self._output)), _number(tick.predicted)
+        values = _number(measured), _number(tick.predicted)
         self._keep(self._samples, [self._ms(sample.t_ns), *values, held])
 
     def _keep(self, kept: deque[Any], item: Any) -> None:
@@ -172,8 +181,16 @@ class LiveFeed:
             message["memory"] = fault_memory(self._monitor.store) | {
                 "behind": behind,
                 "confidence": self._confidence(),
+                "evidence": [[fault, left] for fault, _, left in evidence.rows(self._evidence())],
             }
+            offset = self._offset.value(dtc.fault for dtc in self._monitor.store.active)
+            message["vehicle_offset"] = None if offset is None else _number(offset)
         return json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+
+    def _vehicle_offset(self) -> VehicleOffset:
+        """Return what is known of the vehicle's offset when a driving cycle begins: nothing."""
+        judge, limits = self._monitor.judge, self._monitor.limits
+        return VehicleOffset(limits.offset_low, limits.offset_high, judge.period_s)
 
     def _confidence(self) -> str:
         """Return how sure the verdict so far is, in the words of the report."""
@@ -183,9 +200,12 @@ class LiveFeed:
             {
                 "dtcs": codes,
                 "not_judged": not monitor.completed,
-                "evidence": evidence_entry(monitor.evidence()),
+                **self._evidence(),
             }
         )
+
+    def _evidence(self) -> dict[str, Any]:
+        return {"evidence": evidence_entry(self._monitor.evidence())}
 
     def _now(self, tick: Tick) -> dict[str, Any]:
         monitor, sample = self._monitor, tick.sample

@@ -160,8 +160,9 @@ def test_the_summary_counts_windows_and_the_enabled_time(tmp_path: Path) -> None
 
 def test_reason_and_confidence_stand_beside_the_verdict(tmp_path: Path) -> None:
     # GIVEN a fault with its evidence, a healthy drive, and one that was not judged
-    odds = {"slow_rich_to_lean": {"log_odds": 30.0, "needed": 11.513}}
-    far = {"slow_rich_to_lean": {"log_odds": -12.5, "needed": 9.21}}
+    decided = {"needed": 11.513, "seconds_to_decision": 0.0}
+    odds = {"slow_rich_to_lean": {"log_odds": 30.0, **decided}}
+    far = {"slow_rich_to_lean": {"log_odds": -12.5, **decided, "needed": 9.21}}
     shown = [faulty(evidence=odds), recording(evidence=far), not_judged()]
     text = written(tmp_path, *shown).text
     # THEN the summary says why, and the verdict how sure the test is

@@ -7,7 +7,7 @@ import pytest
 
 from monitor.pipeline.entry import fault_words
 from monitor.report.text import Trace
-from monitor.report.vehicle_offset import vehicle_offset
+from monitor.report.vehicle_offset import VehicleOffset, vehicle_offset
 
 
 def drive(offset: float, later: float | None = None) -> Trace:
@@ -44,6 +44,17 @@ def test_what_comes_later_in_the_drive_does_not_change_this_vehicles_offset() ->
 
 def test_what_comes_after_a_code_is_not_looked_at() -> None:
     assert vehicle_offset(recording({"fault": "gain_low", "t_s": 20.0}), drive(0.03)) is None
+
+
+def test_sample_by_sample_the_offset_comes_once_there_is_enough_and_then_stays() -> None:
+    own = VehicleOffset(-0.065, 0.065, 0.1)
+    seen = []
+    for k in range(4000):
+        own.push(np.array([0.02 if k < 1800 else 0.2]))
+        seen.append(own.value(()))
+    assert seen[298] is None
+    assert seen[299] == seen[-1] == pytest.approx(0.02)
+    assert own.value(["stuck_lean"]) is None
 
 
 def test_of_two_names_the_likelier_stands_first_with_its_probability() -> None:

@@ -155,7 +155,7 @@ const ESTIMATES = [
 ];
 
 function response(state, changed) {
-  if (!changed.windows && !changed.limits) return;
+  if (!changed.windows && !changed.limits && !changed.memory) return;
   const body = fresh("response");
   const last = state.windows[state.windows.length - 1];
   if (!last) return element(body, "p", { className: "quiet", textContent: "No window has been filled yet." });
@@ -171,6 +171,7 @@ function response(state, changed) {
   const evidence = s.evidence == null ? "" : `; likeliest sensor: ${words(String(s.hypothesis))}, evidence for a fault ${signed(s.evidence, 1)}`;
   const still = last.excited ? "" : "; the mixture hardly moved";
   element(body, "p", { className: "quiet", textContent: verdict + evidence + still + "." });
+  pairs(body, (state.memory?.evidence ?? []).map(([fault, left]) => [words(fault), left]));
 }
 
 /** What is sound, and how far the gauge reaches. */

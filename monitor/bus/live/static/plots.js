@@ -88,7 +88,9 @@ export class Plots {
 
   update() {
     if (!this.state.samples.length) return;
-    if (!this.plots.length) return this.build();
+    const isOther = (this.state.vehicle_offset == null) !== (this.offset == null);
+    if (!this.plots.length || isOther) return this.build();
+    this.offset = this.state.vehicle_offset ?? null;
     this.c = this.columns();
     for (const { plot, data } of this.plots) {
       plot.setData(data(this.c));
@@ -112,9 +114,14 @@ export class Plots {
     const [blue, orange, violet] = ["measured", "predicted", "residual"].map(color);
     const number = (u, v) => digits(v, 4);
     const plus = (u, v) => signed(v, 4);
+    this.offset = this.state.vehicle_offset ?? null;
+    const shifted = (c) => c.predicted.map((p) => (p == null ? null : p + this.offset));
+    const adapted = this.offset == null ? [] : [{ label: "predicted for this vehicle", stroke: orange, width: 3, value: number }];
+    const plain = adapted.length ? { label: "predicted, as trained", stroke: color("quiet"), width: 1.25, dash: [6, 4] } : { label: "predicted", stroke: orange, width: 3 };
     const hidden = { paths: () => null, stroke: color("quiet"), width: 0 };
-    this.add(`Measured and predicted ${name}`, this.inner < 600 ? 200 : 230, (c) => [c.t, c.predicted, c.measured], [
-      { label: "predicted", stroke: orange, width: 3, value: number },
+    this.add(`Measured and predicted ${name}`, this.inner < 600 ? 200 : 230, (c) => [c.t, c.predicted, ...adapted.map(() => shifted(c)), c.measured], [
+      { value: number, ...plain },
+      ...adapted,
       { label: "measured", stroke: blue, width: 1.3, value: number },
     ], { range: () => this.outputRange(), top: 8 });
     this.add("Residual, enabled samples", 120, (c) => [c.t, c.residual], [
