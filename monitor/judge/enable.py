@@ -6,6 +6,7 @@ A provided signal that is not valid blocks.
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -172,12 +173,17 @@ class Enable:
 
     @classmethod
     def of(cls, config: EnableConfig, names: Sequence[str], card: ModelCard) -> "Enable":
-        """Return the conditions for a model on samples of ``names``."""
+        """Return the conditions for a model on samples of ``names``.
+
+        A model that remembers its history for longer than a window settles as much longer.
+        """
+        remembered = card.memory_samples if card.memory_samples > card.window_samples else 0
+        settle = max(config.model_settle_samples, remembered)
         low = np.array([channel.minimum for channel in card.inputs])
         high = np.array([channel.maximum for channel in card.inputs])
         period_s = card.period_ns * 1e-9
         return cls(
-            config=config,
+            config=replace(config, model_settle_samples=settle),
             names=names,
             inputs=card.input_names,
             output=card.output.name,

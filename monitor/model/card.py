@@ -17,6 +17,7 @@ T = TypeVar("T")
 
 SCHEMA = "o2_monitor.card/1"
 WINDOW_SAMPLES = 50  # Model Based Diagnosis of Oxygen Sensors, section 2
+MEMORY_MOST = 100_000  # samples after which a model forgets its history
 # field → least and largest value
 RANGES: Final = {
     "period_ns": (1_000_000, 3_600_000_000_000),  # 1 ms to 1 h
@@ -131,6 +132,11 @@ class ModelCard:
     def input_names(self) -> tuple[str, ...]:
         """Return the names of the inputs in the order of ``u``."""
         return tuple(channel.name for channel in self.inputs)
+
+    @property
+    def memory_samples(self) -> int:
+        """Return the samples after which the model must forget its history, 0 if not said."""
+        return int(self.checks.get("contraction", {}).get("samples", 0))
 
     def to_json(self) -> str:
         """Return the card as JSON, with the keys in the order of the fields.
@@ -249,6 +255,11 @@ def _check_fields(data: Mapping[str, Any], path: str) -> None:
     for name in ("kind", "transform", "graph_sha256"):
         if not isinstance(data[name], str):
             raise ModelError(f"{path}: {name} is {_shown(data[name])}, wanted a text")
+    contraction = data["checks"].get("contraction", {})
+    samples = contraction.get("samples", 0) if isinstance(contraction, dict) else contraction
+    if type(samples) is not int or not 0 <= samples <= MEMORY_MOST:
+        wanted = f"samples, a whole number from 0 to {MEMORY_MOST}"
+        raise ModelError(f"{path}: checks.contraction has {_shown(samples)}, wanted {wanted}")
     if data["residual_std"] < 0.0:
         raise ModelError(f"{path}: residual_std is {data['residual_std']}, wanted 0 or more")
     if data["transform"] not in ("phi", "none"):

@@ -96,6 +96,18 @@ def _remember(history, y):  # pragma: no cover
     history[0] = y
 
 
+@njit(inline="always")
+def _error(value, y, low, high):  # pragma: no cover
+    """Return ``value - y``; a reading at an end of its range only says that the output is beyond.
+
+    Source: Tobin, Estimation of relationships for limited dependent variables (1958): the reading
+    is the output, censored.
+    """
+    if (y == high and value > high) or (y == low and value < low):
+        return 0.0
+    return value - y
+
+
 @njit(nogil=True, cache=True)
 def simulate(weights, sizes, x, lags, start, stop, history, low, high, out):  # pragma: no cover
     """Write the free run of every piece to ``out`` (n,)."""
@@ -139,7 +151,7 @@ def cost(
             _fill_regressor(x, t, past, activations[0])
             value = _evaluate(weights, sizes, activations)
             if t - start[i] >= skip[i]:
-                total[i] += weight[t] * (value - y[t]) ** 2
+                total[i] += weight[t] * _error(value, y[t], low, high) ** 2
             _remember(past, min(max(value, low), high))
     return total
 
@@ -224,10 +236,12 @@ def fill(
                 for k in range(len(row)):
                     row[k] += gain[j] * old[k]
             if root_weight[t] > 0.0 and t - start[piece] >= skip[piece]:
+                missed = _error(value, y[t], low, high)
+                counts = root_weight[t] if missed != 0.0 else 0.0
                 scored = jacobian[rows]
                 for k in range(len(row)):
-                    scored[k] = row[k] * root_weight[t]
-                error[rows] = (value - y[t]) * root_weight[t]
+                    scored[k] = row[k] * counts
+                error[rows] = missed * counts
                 rows += 1
             clipped = min(max(value, low), high)
             if value != clipped:

@@ -18,6 +18,7 @@ from training.narx.linear.regressors import Stretch
 from training.narx.network import Spec
 from training.narx.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, PHI_SPAN
 from training.narx.stages import RANDOM_LENGTH, Stage, Trained, free_run_score, train
+from training.recordings.augmentation import FUEL
 from training.recordings.preparation import Prepared, Role
 from training.recordings.rows import runs
 
@@ -63,15 +64,23 @@ def linear_starts(data: Prepared, arx: Arx, deadline_s: float) -> tuple[Trained,
 
 
 def with_memory(data: Prepared, arx: Arx) -> Prepared:
-    """Return the data with the memory of their linear model, if they have none of their own.
+    """Return the data with the memory of their linear model.
 
-    It is twice the time after which the ARX has forgotten any history up to the limit. Data whose
-    blocks are too short to show it, or whose linear model integrates, have no memory.
+    It is twice the time after which the ARX has forgotten any history up to the limit, and one
+    window at least. Where the blocks are too short to show it, lambda must be forgotten within the
+    longest time that they show, and other outputs, which may integrate, need not be. If the linear
+    model integrates, the data stay as they are, and where fuel is an input: the mixture then
+    follows from it at once. Without it, lambda follows an aim of the ECU, which may be slow, such
+    as the enrichment that cools hot parts.
     """
-    if data.memory or not arx.stable:
+    if not arx.stable or (data.memory and FUEL in data.names):
         return data
-    memory = max(CONTRACTION_SAMPLES, round(MEMORY_MARGIN * settling(arx, data.longest_block)))
-    return replace(data, memory=memory) if RANDOM_LENGTH * memory <= data.longest_block else data
+    longest = data.longest_block
+    memory = max(CONTRACTION_SAMPLES, round(MEMORY_MARGIN * settling(arx, longest)))
+    shown = int(longest / RANDOM_LENGTH)
+    if memory > shown and not data.memory:
+        return data
+    return replace(data, memory=max(data.memory, min(memory, shown)))
 
 
 def settling(arx: Arx, most: int) -> int:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 
 MARGIN = {"phi": 0.05, "none": 0.3}  # of the trained range, by which signals may leave it
+NEAR_END = 0.05  # of the output's range; a reading that moves passes it on its way to an end
+LEAST_AT_END = 0.002  # of the readings; a single peak is no end
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +76,7 @@ def scaling_of(
     if transform == "phi":
         y_low, y_high = 0.0, PHI_MAX
     else:
-        span = float(y.max() - y.min())
-        y_low, y_high = float(y.min()) - share * span, float(y.max()) + share * span
+        y_low, y_high = _output_range(y, share)
     return Scaling(
         u_mean=u.mean(axis=0),
         u_std=std,
@@ -86,6 +87,21 @@ def scaling_of(
         y_low=y_low,
         y_high=y_high,
     )
+
+
+def _output_range(y: FloatArray, share: float) -> tuple[float, float]:
+    """Return the output's range, with a margin at the ends at which no sensor stands.
+
+    A sensor stands at an end of its range if more readings equal the end than come close to it.
+    """
+    low, high = float(y.min()), float(y.max())
+    margins = []
+    for end in (low, high):
+        at = int((y == end).sum())
+        near = int((np.abs(y - end) <= NEAR_END * (high - low)).sum()) - at
+        stands = at > max(near, LEAST_AT_END * len(y))
+        margins.append(0.0 if stands else share * (high - low))
+    return low - margins[0], high + margins[1]
 
 
 def in_output_units(transform: str, y: FloatArray) -> FloatArray:

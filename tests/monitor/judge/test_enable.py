@@ -1,6 +1,7 @@
 """Enable conditions, and the windows that enabled samples fill."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from monitor.base.types import Quality
 from monitor.judge import enable
 from monitor.judge.enable import CONDITIONS, Enable
 from monitor.judge.window import Series, Span, Window, Windows
+from monitor.model.step import Model
+from monitor.report.replay import shipped_model
 
 CONFIG = config.load().enable
 PERIOD_S = 0.1
@@ -88,6 +91,17 @@ def test_the_model_settles_for_exactly_its_time() -> None:
     for _ in range(SETTLE):
         assert blocking(bench.step()) == {"model_settled"}
     assert blocking(bench.step()) == set()
+
+
+@pytest.mark.parametrize(("forgets_after", "wanted"), [(120, 120), (50, SETTLE), (20, SETTLE)])
+def test_a_model_that_forgets_slowly_settles_for_longer(forgets_after: int, wanted: int) -> None:
+    card = Model.load(shipped_model()).card
+    slow = replace(card, checks={"contraction": {"samples": forgets_after}})
+    names = (*card.input_names, card.output.name)
+    subject = Enable.of(CONFIG, names, slow)
+    middle = [0.5 * (channel.minimum + channel.maximum) for channel in (*card.inputs, card.output)]
+    settled = subject.push(np.tile(middle, (200, 1)))[:, CONDITIONS.index("model_settled")]
+    assert int(np.argmax(settled)) == wanted
 
 
 @pytest.mark.parametrize("condition", BREAKS)

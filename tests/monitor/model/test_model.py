@@ -302,6 +302,8 @@ def test_a_state_of_another_size_is_refused(path: Path) -> None:
         ({"schema": "o2_monitor.card/9"}, "wanted 'o2_monitor.card/1'"),
         ({"output": {"name": "y"}}, "output lacks"),
         ({"recordings": 7}, "wrong type"),
+        ({"checks": {"contraction": {"samples": 1e9}}}, "checks.contraction has 1000000000.0"),
+        ({"checks": {"contraction": "soon"}}, "checks.contraction has 'soon'"),
         (
             {"limits": {"j_mu": {"value": "a", "unit": "-", "origin": ""}}},
             "limits.j_mu.value is 'a'",

@@ -102,6 +102,22 @@ def test_blocks_too_short_to_show_the_memory_ask_for_none() -> None:
     assert pieces(data, Spec(2, 1, (3,), 0), 50).skip.max() == 0
 
 
+def test_lambda_without_fuel_may_be_slow_and_with_fuel_is_forgotten_within_a_window() -> None:
+    # GIVEN lambda of a slow linear model, from inputs that do not tell the fuel
+    data = replace(prepared(0.95), memory=50)
+    arx = small_arx(data)
+    assert with_memory(data, arx).memory == pytest.approx(200, rel=0.3)
+    # WHEN fuel is an input THEN the mixture follows from it at once
+    fuel = replace(data.inputs[0], name="fuel_mass_mg")
+    assert with_memory(replace(data, inputs=(fuel, *data.inputs[1:])), arx).memory == 50
+
+
+def test_lambda_must_be_forgotten_within_the_longest_time_that_blocks_show() -> None:
+    data = replace(prepared(0.97, 1400), memory=50)
+    asked = with_memory(data, small_arx(data)).memory
+    assert 50 < asked <= data.longest_block / 1.6
+
+
 def test_a_linear_model_that_integrates_has_no_memory() -> None:
     data = prepared(0.8)
     integrator = Arx(np.array([-1.0]), np.array([[0.1], [0.1]]), (1, 1), 0.0)
