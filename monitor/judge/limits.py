@@ -20,7 +20,14 @@ NAMES: Final = (
     "offset_std",
 )  # in the card
 # not every card has them
-OPTIONAL: Final = ("evidence", "gain_model", "evidence_cut", "gain_cut", "still_s")
+OPTIONAL: Final = (
+    "evidence",
+    "evidence_window",
+    "gain_model",
+    "evidence_cut",
+    "gain_cut",
+    "still_s",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +43,7 @@ class Limits:
     offset_high: float
     offset_std: float  # of healthy windows' means, output's unit
     evidence: float = 1.0  # most of a window's samples that count as independent
+    evidence_window: float = inf  # most that one window says against a claim
     gain_model: float = 1.0  # measurement over prediction of healthy sensors
     evidence_cut: float = 0.0  # like evidence, in windows around fuel cuts; 0 leaves them out
     gain_cut: float = 1.0  # like gain_model, in windows around fuel cuts

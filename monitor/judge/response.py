@@ -55,6 +55,8 @@ class ResponseRule:
 
     noise : of the healthy residual
     evidence_weight : at most that of the settings; lower for a model whose errors look like faults
+    window_most : no claim falls further behind the best one in one window; for a model that
+        predicts steps early or late, which then look like a delay
     gain_reference : this vehicle's healthy gain, which the gains of the claims are relative to
     shares : a rule on other windows of the same drive, to whose evidence this one's adds; a drive
         has one gain relative to the references
@@ -68,6 +70,7 @@ class ResponseRule:
         period_s: float,
         evidence_weight: float = 1.0,
         gain_reference: float = 1.0,
+        window_most: float = math.inf,
         shares: "ResponseRule | None" = None,
     ) -> None:
         self._config, self._noise = config, noise
@@ -76,6 +79,7 @@ class ResponseRule:
         alpha, beta = config.false_alarm_probability, config.miss_probability
         self.evidence_fail = math.log((1.0 - beta) / alpha)
         self.evidence_pass = math.log((1.0 - alpha) / beta)
+        self._window_most = window_most
         self._claims, self._n_columns = claims(config, bank), len(bank)
         self._columns = np.array([c.column for c in self._claims])
         self._gain_reference = gain_reference
@@ -189,6 +193,7 @@ class ResponseRule:
         sums += weighted
         error_var = self._error_var(moments, self._gain(sums))
         log_likelihood = -0.5 * self._weight * n_new * np.log(error_var)
+        np.maximum(log_likelihood, log_likelihood.max() - self._window_most, out=log_likelihood)
         log_likelihood -= log_likelihood[0]
         evidence += log_likelihood
         # a long healthy time must not outweigh the fault that follows it (Page's test)

@@ -47,6 +47,7 @@ class WindowFacts:
             bank=hypotheses,
             noise=Noise(limits.noise, limits.noise_memory),
             period_s=period_s,
+            window_most=limits.evidence_window,
         )
         self._response = rule(evidence_weight=limits.evidence, gain_reference=limits.gain_expected)
         # edges of fuel cuts are judged by the same claims, and their evidence is the same

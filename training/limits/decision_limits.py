@@ -32,6 +32,7 @@ MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost n
 EVIDENCE_SAFETY = (
     3.0  # the healthy recordings' largest evidence of a fault stays so far below a code
 )
+WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
 LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
 STILL_SAFETY = 1.5  # times the time after which no healthy reading was called stuck
 
@@ -199,24 +200,34 @@ def response_limits(
     """Return the healthy gains, the weights of evidence and how long the reading may stand still.
 
     The gain's spread from drive to drive, and a model that follows its vehicle poorly, look like a
-    weak or late sensor; the evidence counts less by as much as it says so. Windows around fuel
-    cuts have a gain and a weight of their own; the weight is 0 without such windows. A coarse or
-    clipped reading that stands still in healthy recordings is given more time before it is stuck.
+    weak or late sensor; then no window alone may say more than half of what a code needs, and the
+    evidence counts less by as much as the recordings still say so. Windows around fuel cuts have a
+    gain and a weight of their own; the weight is 0 without such windows. A coarse or clipped
+    reading that stands still in healthy recordings is given more time before it is stuck.
     """
     where = f"{len(recordings)} healthy recordings"
     full = config.response.evidence_weight
     plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
-    plain = replace(plain, still_s=0.0)
+    unbound = 2.0 * config.response.evidence_most  # from its lead to the last place
+    plain = replace(plain, still_s=0.0, evidence_window=unbound)
     judged = judge_recordings(recordings, model, plain, config)
     still_s = _still_s(judged, model, recordings, plain, config)
     gain = _healthy_gain([_last_gain(each.windows) for each in judged], config)
     used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
+    used = replace(used, evidence_window=unbound)
     most = _most_evidence(model, recordings, used, config)
+    if most > _allowed(config):
+        used = replace(used, evidence_window=_of_a_code(config) / WINDOWS_OF_A_CODE)
     used = _calmed(model, recordings, used, "evidence", config)
     found = {
         "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
         "evidence": Limit(
             used.evidence, "-", f"largest evidence of a fault {most:.3g} at full weight, {where}"
+        ),
+        "evidence_window": Limit(
+            used.evidence_window,
+            "-",
+            f"half of a code's evidence where {where} show more than a third, else no bound",
         ),
         "still_s": Limit(
             still_s,
@@ -280,15 +291,24 @@ def _calmed(
     config: Config,
 ) -> Limits:
     """Return the limits with a weight so low that healthy recordings stay well below a code."""
-    alpha, beta = config.response.false_alarm_probability, config.response.miss_probability
-    allowed = math.log((1.0 - beta) / alpha) / EVIDENCE_SAFETY
-    weight = config.response.evidence_weight
+    allowed, weight = _allowed(config), config.response.evidence_weight
     most = _most_evidence(model, recordings, limits, config)
     while most > allowed and weight > LEAST_EVIDENCE:  # evidence has bounds, so it is not linear
         weight *= max(allowed / most, 0.5)
         limits = _weighted(limits, name, weight)
         most = _most_evidence(model, recordings, limits, config)
     return limits
+
+
+def _of_a_code(config: Config) -> float:
+    """Return the evidence from which a window fails."""
+    alpha, beta = config.response.false_alarm_probability, config.response.miss_probability
+    return math.log((1.0 - beta) / alpha)
+
+
+def _allowed(config: Config) -> float:
+    """Return the largest evidence of a fault that healthy recordings may show."""
+    return _of_a_code(config) / EVIDENCE_SAFETY
 
 
 def _most_evidence(

@@ -139,8 +139,15 @@ def healthy_noise() -> Noise:
     return Noise(float(windows.std()), float(memory))
 
 
-def new_rule(gain_reference: float = 1.0) -> ResponseRule:
-    return ResponseRule(CONFIG, BANK, healthy_noise(), PERIOD_S, gain_reference=gain_reference)
+def new_rule(gain_reference: float = 1.0, window_most: float = math.inf) -> ResponseRule:
+    return ResponseRule(
+        CONFIG,
+        BANK,
+        healthy_noise(),
+        PERIOD_S,
+        gain_reference=gain_reference,
+        window_most=window_most,
+    )
 
 
 def judge(measured: FloatArray, predicted: FloatArray, rule: ResponseRule) -> list[Response]:
@@ -322,6 +329,23 @@ def test_after_a_long_healthy_time_a_fault_is_found_as_soon_as_from_the_start() 
     # within half a minute, with its code within a minute
     assert {v.outcome for v in after[6:]} == {"failed"}
     assert {CODES[v.fault or ""] for v in after[12:]} == {CODES["slow_symmetric"]}
+
+
+def test_one_window_says_no_more_than_its_bound() -> None:
+    # GIVEN a healthy drive with one step that the model predicts a second early
+    measured, predicted = drive(healthy, 21, 60.0)
+    step = np.zeros(len(predicted))
+    step[345:380] = 0.3
+    early = np.zeros(len(predicted))
+    early[335:380] = 0.3
+
+    def steps(rule: ResponseRule) -> FloatArray:
+        found = judge(measured + step, predicted + early, rule)
+        return np.diff(np.array([v.statistics["evidence"] for v in found], dtype=float))
+
+    # THEN its window alone would decide, and with a bound it does not
+    assert steps(new_rule()).max() > new_rule().evidence_fail
+    assert steps(new_rule(window_most=5.0)).max() <= 5.0 + 1e-9
 
 
 def test_a_vehicle_of_little_gain_is_judged_against_its_own_gain() -> None:

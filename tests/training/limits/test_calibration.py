@@ -142,7 +142,7 @@ def test_only_the_limits_of_the_file_change(drives: Path, calibrated: Path) -> N
     assert replace(new, limits=old.limits) == old
     assert new.limits["j_mu"] != old.limits["j_mu"]
     # older cards lack them
-    learned = {"evidence", "gain_model", "evidence_cut", "gain_cut", "still_s"}
+    learned = {"evidence", "evidence_window", "gain_model", "evidence_cut", "gain_cut", "still_s"}
     assert new.limits.keys() == old.limits.keys() | learned
     assert 0.0 < new.limits["evidence_cut"].value <= 0.75
 
