@@ -33,6 +33,7 @@ SENSORS: Final = (
 CIRCUIT: Final = ("downstream_low", "downstream_high", "downstream_inactive", "downstream_heater")
 UPSTREAM: Final = ("biased_lean", "biased_rich")
 LEAK: Final = 0.02  # of the exhaust, at idle
+SULPHUR: Final = 0.3  # of the capacity is blocked at the start
 ETHANOL_PERCENT: Final = 10.0
 
 
@@ -49,6 +50,8 @@ def cases() -> Iterator[Case]:
         yield Case(f"{name} {BIAS_LAMBDA:g}", upstream=name)
     yield Case("leak between the sensors", leak=LEAK)
     yield Case("0.06 and leak", 0.06, leak=LEAK)
+    yield Case("sulphur", sulphur=SULPHUR)
+    yield Case("0.25 and sulphur", 0.25, sulphur=SULPHUR)
     yield Case("10 % ethanol", ethanol=ETHANOL_PERCENT)
 
 

@@ -113,6 +113,8 @@ class CatalystConfig:
     threshold_margin: float
     capacities_g: tuple[float, ...]
     offsets_phi: tuple[float, ...]
+    upstream_lag_s: float
+    upstream_lag_most_phi: float
     offset_std_phi: float
     offset_sound_phi: float
     offset_biased_phi: float
@@ -127,6 +129,7 @@ class CatalystConfig:
     equilibrium_phi: float
     hydrogen_phi: float
     switching_phi: float
+    wide_phi: float
     voltage_low_v: float
     voltage_span_v: float
     voltage_std_v: float

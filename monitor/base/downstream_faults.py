@@ -48,6 +48,12 @@ class DownstreamFault:
     stuck_v: float = 0.0  # 0: not stuck
     heating: float = 1.0  # part of the heating power that is left
     leak: float = 0.0  # air drawn in between the sensors at idle, as a part of the exhaust
+    sulphur: float = 0.0  # part of the capacity that sulphur blocks until hot rich gas takes it
+
+    @property
+    def suits_wide(self) -> bool:
+        """Return whether a wide-range sensor can have the fault: it needs no voltage."""
+        return self.gain == self.heating == 1.0 and self.stuck_v == 0.0
 
 
 def resolve(name: str, severity: float | None = None) -> DownstreamFault:

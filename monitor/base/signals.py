@@ -49,6 +49,7 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("pump_current_ma", "mA", -20.0, 20.0, "foreign"),
     Signal("upstream_voltage_v", "V", -0.2, 5.0, "foreign"),
     Signal("downstream_voltage_v", "V", -0.2, 5.0, "foreign"),
+    Signal("downstream_lambda", "-", 0.5, 16.0, "foreign"),
     Signal("catalyst_temperature_degc", "degC", -40.0, 1300.0, "foreign"),
     Signal("downstream_heater_percent", "%", 0.0, 100.0, "foreign"),
 )

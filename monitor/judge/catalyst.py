@@ -1,8 +1,9 @@
 """The catalyst monitor: samples in, verdicts on catalyst and downstream sensor out.
 
-It works where the samples hold the downstream voltage, upstream lambda and the air flow, from the
-first good voltage on. Samples that are missing for a moment are bridged with the last values; after
-a longer gap the filling of the catalyst is found anew.
+It works where the samples hold upstream lambda, the air flow and a downstream sensor, from its
+first good reading on. The lambda of a wide-range downstream sensor is turned into the voltage of a
+switching one; its circuit is not judged. Samples that are missing for a moment are bridged with the
+last values; after a longer gap the filling of the catalyst is found anew.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,16 +15,20 @@ import numpy as np
 from monitor.base.config import CatalystConfig
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.judge.behind_results import circuit_results, rule_results
-from monitor.judge.catalyst_bank import LEAK
+from monitor.judge.catalyst_bank import LEAK, switching_volts
 from monitor.judge.catalyst_rule import CatalystRule, Claim
 from monitor.judge.rear_circuit import CIRCUIT, HEATER, CircuitResult, RearCircuit
 from monitor.memory.obd_records import TestResult
 
 VOLTAGE: Final = "downstream_voltage_v"
-NEEDED: Final = (VOLTAGE, "lambda_measured", "maf_kg_h")
+WIDE: Final = "downstream_lambda"  # of a wide-range sensor in its place
+REAR: Final = (VOLTAGE, WIDE)
+UPSTREAM: Final = ("lambda_measured", "maf_kg_h")
+NEEDED: Final = (VOLTAGE, *UPSTREAM)
 DUTY: Final = "downstream_heater_percent"
 SIGNALS: Final = (
-    *NEEDED,
+    *REAR,
+    *UPSTREAM,
     "catalyst_temperature_degc",
     DUTY,
     "engine_speed_rpm",
@@ -73,20 +78,23 @@ class CatalystMonitor:
 
     def __init__(self, config: CatalystConfig, names: Sequence[str], period_s: float) -> None:
         at = {name: i for i, name in enumerate(names)}
-        self.is_possible = all(name in at for name in NEEDED)
-        self._places = np.array([at.get(name, 0) for name in NEEDED])
+        has_upstream = all(name in at for name in UPSTREAM)
+        self._rear = [at[name] for name in REAR if name in at]
+        self.is_possible = has_upstream and bool(self._rear)
+        self._places = [at.get(name, 0) for name in UPSTREAM]
         self._brick = at.get("catalyst_temperature_degc")
-        self._voltage, self._duty = at.get(VOLTAGE, 0), at.get(DUTY)
+        self._wide, self._duty = at.get(WIDE), at.get(DUTY)
+        self._sensor, self._is_wide = 0, False  # column of the downstream sensor that is heard
         self.circuit = RearCircuit(config, period_s)
         self._config, self._period_s = config, period_s
         self._n_hold = round(config.hold_s / period_s)
         self._n_warm_up = round(config.warm_up_s / period_s)
-        self.rule: CatalystRule | None = None  # from the first good voltage on
+        self.rule: CatalystRule | None = None  # from the first good reading on
         self.reset()
 
     @property
     def is_heard(self) -> bool:
-        """Return whether a good voltage came, so that there is something to judge."""
+        """Return whether a good reading came, so that there is something to judge."""
         return self.rule is not None
 
     def reset(self) -> None:
@@ -107,25 +115,37 @@ class CatalystMonitor:
         if not self.is_possible or not len(values):
             return ()
         if self.rule is None:
-            if not np.logical_or.reduce(np.isfinite(values[:, self._voltage])):
+            good = np.isfinite(values[:, self._rear])
+            if not good.any():
                 self._running += int(np.count_nonzero(running))
                 return ()
-            self.rule = CatalystRule(self._config, self._period_s)
+            first = good[good.any(axis=1).argmax()]  # row of the first reading
+            self.rule = self._rule_of(self._rear[int(first.argmax())])
         return self._heard(self.rule, values, running)
+
+    def _rule_of(self, sensor: int) -> CatalystRule:
+        """Return the rule for the downstream sensor in this column."""
+        self._sensor, self._is_wide = sensor, sensor == self._wide
+        if self._is_wide:
+            self._config = replace(self._config, switching_phi=self._config.wide_phi)
+        return CatalystRule(self._config, self._period_s, wide=self._is_wide)
 
     def _heard(
         self, rule: CatalystRule, values: FloatArray, running: BoolArray
     ) -> Iterator[BehindResult]:
         run = self._running + np.cumsum(running)
         self._running = run.item(-1)
-        own = values.take(self._places, axis=1)
-        duty = values[:, self._duty] if self._duty is not None else np.full(len(values), np.nan)
+        own = values.take([self._sensor, *self._places], axis=1)
+        unknown = np.full(len(values), np.nan)
+        volts = unknown if self._is_wide else own[:, 0]
+        if self._is_wide:
+            own[:, 0] = switching_volts(_x_of(own[:, 0]), self._config)
         found, doubtful = self.circuit.push(
-            volts=own[:, 0],
+            volts=volts,
             x=_x_of(own[:, 1]),
             air_g_s=own[:, 2] / KG_H_PER_G_S,
             running=run,
-            duty_percent=duty,
+            duty_percent=unknown if self._duty is None else values[:, self._duty],
         )
         for each in found:
             measured = tuple(circuit_results(each, self._config))
@@ -136,9 +156,9 @@ class CatalystMonitor:
         self, rule: CatalystRule, own: FloatArray, fit: BoolArray
     ) -> Iterator[BehindResult]:
         """Yield how the evidence stands; ``fit`` says which samples may be judged."""
-        good = np.isfinite(own)
+        good, before = np.isfinite(own), _x_of(self._last[1:2])
         held, usable = self._held(own, good)
-        x = _x_of(held[:, 1])
+        x = self._entering(_x_of(held[:, 1]), before)
         air_g_s = held[:, 2] / KG_H_PER_G_S
         counts = fit & good.all(axis=1) & (air_g_s <= self._config.flow_most_g_s)
         begin, edges = 0, [*(np.flatnonzero(np.diff(usable)) + 1).tolist(), len(usable)]
@@ -156,6 +176,15 @@ class CatalystMonitor:
                     for each in balance_results(at, rule.balance()):
                         yield each._replace(capacity_g=grams)
             begin = end
+
+    def _entering(self, x: FloatArray, before: FloatArray) -> FloatArray:
+        """Return x of the gas that the upstream sensor follows with its lag, (n,).
+
+        x : as measured; before : (1,) of the sample before
+        """
+        most = self._config.upstream_lag_most_phi
+        rise = np.nan_to_num(np.diff(x, prepend=before)) / self._period_s
+        return np.minimum(x + np.clip(self._config.upstream_lag_s * rise, -most, most), 1.0)
 
     def _held(self, own: FloatArray, good: BoolArray) -> tuple[FloatArray, BoolArray]:
         """Return the values with short gaps bridged, (n, 3), and where they can be used, (n,)."""
@@ -185,11 +214,12 @@ class CatalystMonitor:
         """Return the tests behind the catalyst that the signals so far allow."""
         if not self.is_heard:
             return ()
+        circuit = () if self._is_wide else (CIRCUIT,)
         heater = (HEATER,) if self.circuit.can_judge_heater else ()
-        return ("catalyst", "downstream", "balance", CIRCUIT, *heater)
+        return ("catalyst", "downstream", "balance", *circuit, *heater)
 
     def entry(self) -> dict[str, Any] | None:
-        """Return the report's entry of the catalyst, None without a downstream voltage."""
+        """Return the report's entry of the catalyst, None without a downstream sensor."""
         if self.rule is None:
             return None
         rule, capacity = self.rule, self.rule.capacity()

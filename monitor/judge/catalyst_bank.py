@@ -90,11 +90,15 @@ class Members:
 
 
 class CatalystBank:
-    """Runs all members; the state goes on from block to block."""
+    """Runs all members; the state goes on from block to block.
 
-    def __init__(self, members: Members) -> None:
+    wide : the sensors are of wide range. Their lags act on x, and what they read is turned into
+        the voltage of a switching sensor as the measured lambda is.
+    """
+
+    def __init__(self, members: Members, *, wide: bool = False) -> None:
         config, sensors, period_s = members.config, members.sensors, members.period_s
-        self._members, self._config = members, config
+        self._members, self._config, self._wide = members, config, wide
         column = (len(sensors), 1, 1)
         to_rich, to_lean = (
             np.array([getattr(s, name) for s in sensors]).reshape(column)
@@ -119,7 +123,7 @@ class CatalystBank:
         """Begin with every catalyst half full."""
         shape = self._members.shape
         self._filling = np.full((len(self._zones_g), *shape[1:]), 0.5)
-        self._richness = np.full(shape, 0.5)
+        self._reading = np.full(shape, 0.5)
         self._step, self._rise, self._v = (np.empty(shape) for _ in range(3))
         self._past = np.full((self._ticks, *shape[1:]), 0.5)  # a ring of the sensors' steady states
         self._at = 0
@@ -157,18 +161,18 @@ class CatalystBank:
         shift = config.equilibrium_phi * (2.0 * self._filling[-1] - 1.0) - config.hydrogen_phi
         return np.asarray(out + shift)
 
-    def _richness_of(self, x: FloatArray) -> FloatArray:
-        """Return the reading of a switching sensor in the steady state, 0 to 1."""
-        return np.asarray(0.5 - 0.5 * np.tanh(x / (2.0 * self._config.switching_phi)))
+    def _steady(self, x: FloatArray) -> FloatArray:
+        """Return the readings in the steady state: richness, or -x of wide-range sensors."""
+        return -x if self._wide else richness(x, self._config)
 
     def _volts(self, x: FloatArray, grams: float) -> FloatArray:
-        steady = self._richness_of(x)
-        step, rise, volts, richness = self._step, self._rise, self._v, self._richness
+        steady = self._steady(x)
+        step, rise, volts, reading = self._step, self._rise, self._v, self._reading
         step[:] = steady
         if self._leaks is not None:
             full = OXYGEN_IN_AIR * self._members.period_s * self._config.leak_flow_g_s
             share = 1.0 / (1.0 + (grams / full) ** 2)
-            step[self._leaks] = self._richness_of(x + self._leak_phi * share)
+            step[self._leaks] = self._steady(x + self._leak_phi * share)
         if self._late:
             late = self._past[self._at]
             for i, direction in self._late:
@@ -176,15 +180,27 @@ class CatalystBank:
                 step[i] = one_sided(steady, late) if one_sided else late
             self._past[self._at] = steady
             self._at = (self._at + 1) % self._ticks
-        step -= richness
+        step -= reading
         np.maximum(step, 0.0, out=rise)
         rise *= self._more_rising
         step *= self._falling
-        richness += step
-        richness += rise
-        np.multiply(richness, self._gain, out=volts)
+        reading += step
+        reading += rise
+        seen = richness(-reading, self._config) if self._wide else reading
+        np.multiply(seen, self._gain, out=volts)
         volts += self._low_v
         return volts
+
+
+def richness(x: FloatArray, config: CatalystConfig) -> FloatArray:
+    """Return the reading of a sound switching sensor in the steady state, 0 to 1."""
+    return np.asarray(0.5 - 0.5 * np.tanh(x / (2.0 * config.switching_phi)))
+
+
+def switching_volts(x: FloatArray, config: CatalystConfig) -> FloatArray:
+    """Return the voltage that a sound switching sensor shows where a wide-range one measures x."""
+    seen = richness(x - config.hydrogen_phi, config)
+    return np.asarray(config.voltage_low_v + config.voltage_span_v * seen)
 
 
 def power(base: FloatArray, exponent: float) -> FloatArray:

@@ -40,12 +40,15 @@ class Claim:
 
 
 class CatalystRule:
-    """Sequential comparison of the bank's members, constant memory."""
+    """Sequential comparison of the bank's members, constant memory.
 
-    def __init__(self, config: CatalystConfig, period_s: float) -> None:
+    wide : the downstream sensor is one of wide range
+    """
+
+    def __init__(self, config: CatalystConfig, period_s: float, *, wide: bool = False) -> None:
         self._config = config
         self.members = members = Members(config, period_s)
-        self._bank = CatalystBank(members)
+        self._bank = CatalystBank(members, wide=wide)
         self._n_segment = max(round(config.segment_s / period_s), 1)
         self._n_settle = round(config.settle_s / period_s)
         self._weight = config.evidence_weight * period_s / config.memory_s

@@ -19,9 +19,8 @@ from monitor.base.runs import runs
 from monitor.base.signals import CAPACITY
 from monitor.base.types import SampleBlock
 from monitor.judge import bank, enable, rules
+from monitor.judge.catalyst import REAR, BehindResult, CatalystMonitor
 from monitor.judge.catalyst import SIGNALS as CATALYST_SIGNALS
-from monitor.judge.catalyst import VOLTAGE as CATALYST_VOLTAGE
-from monitor.judge.catalyst import BehindResult, CatalystMonitor
 from monitor.judge.decisions import Decisions
 from monitor.judge.electrical import ElectricalTests
 from monitor.judge.enable import Enable
@@ -435,6 +434,6 @@ def check_names(card: ModelCard, names: Sequence[str]) -> None:
 def needed_names(card: ModelCard, available: Collection[str]) -> tuple[str, ...]:
     """Return which of the available signals the monitor looks at, in its order."""
     wanted = (*card.input_names, card.output.name, *enable.SIGNALS, *CYCLE_SIGNALS, DUTY)
-    if CATALYST_VOLTAGE in available:
+    if any(name in available for name in REAR):
         wanted = (*wanted, *CATALYST_SIGNALS)
     return tuple(name for name in dict.fromkeys(wanted) if name in available)

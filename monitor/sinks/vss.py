@@ -13,6 +13,7 @@ SIGNALS: Final[dict[str, tuple[str, float]]] = {  # canonical name: path, factor
     "lambda_measured": (f"{OBD}.O2WR.Sensor1.Lambda", 1.0),
     "pump_current_ma": (f"{OBD}.O2WR.Sensor1.Current", 1e-3),  # A
     "downstream_voltage_v": (f"{OBD}.O2.Sensor2.Voltage", 1.0),
+    "downstream_lambda": (f"{OBD}.O2WR.Sensor2.Lambda", 1.0),
     "engine_speed_rpm": (f"{OBD}.EngineSpeed", 1.0),
     "vehicle_speed_km_h": (f"{OBD}.Speed", 1.0),
     "maf_kg_h": (f"{OBD}.MAF", 1.0 / 3.6),  # g/s

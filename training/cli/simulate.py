@@ -73,8 +73,11 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--downstream",
-        action="store_true",
-        help="give the vehicle a catalyst with a sensor behind it; a fault of either does so, too",
+        nargs="?",
+        choices=("switching", "wide"),
+        const="switching",
+        help="give the vehicle a catalyst with a sensor behind it, by default one that switches; a "
+        "fault of either does so, too",
     )
     parser.add_argument(
         "--active-steps",
@@ -173,6 +176,10 @@ def run(args: argparse.Namespace) -> int:
     if not 0.0 <= args.active_steps <= 0.1:
         raise UsageError(f"--active-steps {args.active_steps:g}: 0 to 0.1 is wanted")
     fault, downstream_fault = _faults(args.fault)
+    if args.downstream == "wide" and downstream_fault and not downstream_fault.suits_wide:
+        raise UsageError(
+            f"--fault {downstream_fault.name}: only of a downstream sensor that switches"
+        )
     hidden = effects.from_severities(dict(map(_severity, args.effect)))
     try:
         args.out.mkdir(parents=True, exist_ok=True)
@@ -189,7 +196,8 @@ def run(args: argparse.Namespace) -> int:
             effects=hidden,
             duration_s=args.duration,
             layout=layout,
-            downstream=args.downstream or downstream_fault is not None or args.active_steps > 0.0,
+            downstream=bool(args.downstream or downstream_fault or args.active_steps > 0.0),
+            wide_downstream=args.downstream == "wide",
             active_steps_phi=args.active_steps,
             downstream_fault=downstream_fault,
         )

@@ -12,7 +12,10 @@ Sources:
 - Auckenthaler, Modelling and control of three-way catalytic converters, ETH 16018 (2005): cells in
   series, slower reduction than oxidation of ceria, hydrogen that shifts the switching sensor;
 - Peyton Jones, Roberts, Pan and Jackson, SAE 1999-01-0860: storage and release at unequal rates;
-- Kumar, Makki and Filev, SAE 2014: capacity and activity that follow the brick's temperature.
+- Kumar, Makki and Filev, SAE 2014: capacity and activity that follow the brick's temperature;
+- Furey and Monroe, SAE 811228, SAE 872163 and SAE 910844: sulphur on ceria and alumina hinders
+  three-way activity in rich gas; rich operation takes it off, and above 700 degC it matters less;
+- Fisher, Theis, Casarella and Mahan, SAE 931034: the role of ceria in the monitoring of catalysts.
 """
 
 from typing import Final, NamedTuple
@@ -38,11 +41,15 @@ TIP_AIM_DEGC: Final = 680.0  # the ECU heats to here
 TIP_BAND_DEGC: Final = 60.0  # below the aim, within which the duty falls from full
 TIP_WAKES_DEGC: Final = 350.0  # below it the electrolyte does not conduct
 TIP_ACTIVE_DEGC: Final = 480.0
+WIDE_NOISE: Final = 0.0005  # of a wide-range sensor, in x
 TRIM_MOST: Final = 0.02  # authority of the outer trim, in phi
 REFILL_PHI: Final = 0.03  # enrichment after a fuel cut, until the downstream sensor reads rich
 REFILLED_V: Final = 0.55
 REFILL_MOST_S: Final = 12.0
 TRIM_AFTER_S: Final = 3.0  # after a fuel cut
+SULPHUR_S: Final = 600.0  # rich gas of 700 degC takes sulphur away with this time constant
+SULPHUR_DEGC: Final = 60.0  # hotter by so much, it goes e times as fast
+SULPHUR_SLOWS: Final = 2.0  # release over a store that sulphur blocks
 STEPS_WARM_DEGC: Final = 450.0  # active steps: brick, air flow and rest before they begin
 STEPS_AIR_G_S: Final = (4.0, 45.0)
 STEPS_AFTER_S: Final = 4.0
@@ -58,7 +65,7 @@ class Downstream(NamedTuple):
     active: float  # 0: the vehicle has none of it
     capacity_g: float  # of oxygen, warm
     fill_half: float  # part of a cell's room at which rho is 1/2
-    release_half: float  # part of a cell's filling at which rho is 1/2; larger: release is slower
+    release_half: float  # the same of its filling, without sulphur; larger: release is slower
     flow_g_s: float  # air flow at which the gas stays so short that rho falls to 63 %
     hydrogen: float  # shift of the switching point by hydrogen, in x
     equilibrium: float  # x of the gas over a last cell that is full, or empty (negative)
@@ -67,7 +74,7 @@ class Downstream(NamedTuple):
     span_v: float
     pipe_l: float  # from the catalyst to the sensor
     brick_start_degc: float
-    sulphur: float  # part of the capacity that sulphur blocks
+    sulphur: float  # part of the capacity that sulphur blocks at the start
     leak: float  # air drawn in between the sensors at idle, as a part of the exhaust
     tau_to_rich_s: float  # fault: added lag
     tau_to_lean_s: float
@@ -77,6 +84,10 @@ class Downstream(NamedTuple):
     stuck_v: float  # fault: frozen voltage, 0 is none
     heating: float  # fault: part of the heating power that is left
     start_s: float  # of a fault of the sensor
+    wide: (
+        float  # 1: a wide-range sensor behind the catalyst, whose reading the ECU turns into volts
+    )
+    wide_offset: float  # of such a sensor, in x
     steps: float  # active steps of the commanded phi, one side; 0: the ECU makes none
 
 
@@ -89,7 +100,7 @@ class Brick(NamedTuple):
     degc: float
     x_out: float  # of the gas that leaves the catalyst
     x_pipe: float  # of the gas at the sensor
-    richness: float  # of the sensor's signal behind its lag, 0 to 1
+    reading: float  # behind the sensor's lag: richness, 0 to 1; of a wide-range sensor -x
     volts: float
     trim: float  # added to the commanded phi
     integral: float
@@ -98,13 +109,14 @@ class Brick(NamedTuple):
     step: float  # of an active test: 1 rich, -1 lean, 0 none
     step_s: float  # since the half period began; between tests, since the engine is steady
     halves: float  # half periods so far
+    sulphur: float  # part of the capacity that sulphur blocks
     refill: float  # 1 while the ECU enriches after a fuel cut, until the sensor reads rich
 
 
 def piece(vehicle: int) -> Downstream:
     """Return the catalyst and sensor of the vehicle with this number, within production spread."""
     rng = np.random.default_rng([0x0_2, 6, vehicle])
-    u = rng.uniform(-1.0, 1.0, 10)
+    u = rng.uniform(-1.0, 1.0, 11)
     return Downstream(
         active=1.0,
         capacity_g=float(0.55 * np.exp(0.5 * u[0])),  # full useful life to fresh, 0.33 to 0.9
@@ -128,6 +140,8 @@ def piece(vehicle: int) -> Downstream:
         stuck_v=0.0,
         heating=1.0,
         start_s=np.inf,
+        wide=0.0,
+        wide_offset=0.002 * u[10],
         steps=0.0,
     )
 
@@ -138,9 +152,13 @@ def installed(
     start_s: float,
     brick_start_degc: float,
     steps_phi: float = 0.0,
+    *,
+    wide: bool = False,
 ) -> Downstream:
     """Return the vehicle's catalyst and sensor with a fault; a catalyst is bad from the start."""
-    own = piece(vehicle)._replace(brick_start_degc=brick_start_degc, steps=steps_phi)
+    own = piece(vehicle)._replace(
+        brick_start_degc=brick_start_degc, steps=steps_phi, wide=float(wide)
+    )
     if fault is None:
         return own
     return own._replace(
@@ -153,6 +171,7 @@ def installed(
         stuck_v=fault.stuck_v,
         heating=fault.heating,
         leak=fault.leak,
+        sulphur=fault.sulphur,
         start_s=start_s,
     )
 
@@ -163,7 +182,7 @@ def begin(d: Downstream, warm: float) -> Brick:
         degc=d.brick_start_degc + warm * 280.0,
         x_out=0.0,
         x_pipe=0.0,
-        richness=0.5,
+        reading=0.5 - 0.5 * d.wide,
         volts=0.45,
         trim=0.0,
         integral=0.0,
@@ -172,6 +191,7 @@ def begin(d: Downstream, warm: float) -> Brick:
         step=0.0,
         step_s=0.0,
         halves=0.0,
+        sulphur=d.sulphur,
         refill=0.0,
     )
 
@@ -196,10 +216,14 @@ def store(
     air_g_s: float,
     step_s: float,
     usable: float,
+    release_half: float,
     d: Downstream,
     lit: float,
 ) -> float:
-    """Fill or empty the cells, (CELLS,) g each, for one step; return x of the gas behind them."""
+    """Fill or empty the cells, (CELLS,) g each, for one step; return x of the gas behind them.
+
+    release_half : part of a cell's filling at which rho of rich gas is 1/2
+    """
     room = usable / len(cells_g)
     reach = lit * (1.0 - np.exp(-d.flow_g_s / air_g_s))
     x = x_in
@@ -211,7 +235,7 @@ def store(
             stored = min(rho * inflow, free)
         else:
             held = max(cells_g[j], 0.0)
-            rho = reach * held / (held + d.release_half * room)
+            rho = reach * held / (held + release_half * room)
             stored = -min(-rho * inflow, held)
         cells_g[j] += stored
         if inflow != 0.0:
@@ -231,10 +255,24 @@ def _brick_degc(degc: float, x_in: float, x_out: float, air_g_s: float, cut: boo
 
 
 @numba.njit(cache=True)
-def _sensed(d: Downstream, x: float, degc: float) -> float:
+def _sulphur(blocked: float, degc: float, x_in: float) -> float:
+    """Return the part that sulphur blocks one step later: hot rich gas takes it away."""
+    if x_in >= 0.0:
+        return blocked
+    rate = np.exp(min((degc - 700.0) / SULPHUR_DEGC, 3.0)) / SULPHUR_S
+    return blocked * (1.0 - STEP_S * rate)
+
+
+@numba.njit(cache=True)
+def _shift(d: Downstream, degc: float, sulphur: float) -> float:
+    """Return by how much hydrogen lets the gas seem richer, in x; sulphur hinders its making."""
+    return d.hydrogen * (1.5 - 0.5 * activity(degc)) * (1.0 - sulphur)
+
+
+@numba.njit(cache=True)
+def _richness(d: Downstream, x: float) -> float:
     """Return the richness that a switching sensor shows in the steady state, 0 to 1."""
-    shift = d.hydrogen * (1.5 - 0.5 * activity(degc))
-    return 1.0 / (1.0 + np.exp(min(max((x - shift) / d.width, -40.0), 40.0)))
+    return 1.0 / (1.0 + np.exp(min(max(x / d.width, -40.0), 40.0)))
 
 
 @numba.njit(cache=True)
@@ -283,23 +321,26 @@ def step(
 ) -> Brick:
     """Return the state one step of 10 ms later; ``cells_g`` and ``ring`` change in place.
 
-    ring : (RING,) the sensor's steady richness of the last steps, for its dead time
+    ring : (RING,) the sensor's steady reading of the last steps, for its dead time
     since_cut_s : since the last fuel cut, 0 within one
     closed : whether the lambda controller is active; the outer trim follows it
     """
     t_s, air, cut = k * STEP_S, max(air_g_s, 0.5), since_cut_s <= 0.0
     x_in, lit = 1.0 - phi_in, activity(b.degc)
-    usable = usable_g(d.capacity_g, b.degc) * (1.0 - d.sulphur)
+    usable = usable_g(d.capacity_g, b.degc) * (1.0 - b.sulphur)
+    release_half = d.release_half * (1.0 + SULPHUR_SLOWS * b.sulphur)
     x_out = 0.0
     for _ in range(SUBSTEPS):
-        x_out += store(cells_g, x_in, air, STEP_S / SUBSTEPS, usable, d, lit) / SUBSTEPS
+        part_s = STEP_S / SUBSTEPS
+        x_out += store(cells_g, x_in, air, part_s, usable, release_half, d, lit) / SUBSTEPS
     degc = _brick_degc(b.degc, x_in, x_out, air, cut)
     pipe_s = d.pipe_l / (air * 2.4)  # exhaust of 450 °C: 2.4 l per g
     filled = lit * (2.0 * cells_g[-1] / max(usable / len(cells_g), 1e-9) - 1.0)
     leaked = x_out + d.equilibrium * filled + d.leak * np.exp(-(air - 3.0) / 8.0)
     x_pipe = b.x_pipe + (leaked - b.x_pipe) * (1.0 - np.exp(-STEP_S / pipe_s))
     faulty = t_s >= d.start_s
-    ring[k % RING] = _sensed(d, x_pipe, degc)
+    seen = x_pipe - _shift(d, degc, b.sulphur)
+    ring[k % RING] = -(seen + d.wide_offset) if d.wide > 0.0 else _richness(d, seen)
     now = ring[k % RING]
     if faulty and d.delay_to_rich_s + d.delay_to_lean_s > 0.0:
         late_rich = ring[(k - int(d.delay_to_rich_s / STEP_S)) % RING]
@@ -310,15 +351,15 @@ def step(
             now = max(now, late_lean)
         else:
             now = late_rich
-    rising = now > b.richness
+    rising = now > b.reading
     tau_s = LAG_TO_RICH_S if rising else LAG_TO_LEAN_S
     if faulty:
         tau_s += d.tau_to_rich_s if rising else d.tau_to_lean_s
-    richness = b.richness + (now - b.richness) * (1.0 - np.exp(-STEP_S / tau_s))
+    reading = b.reading + (now - b.reading) * (1.0 - np.exp(-STEP_S / tau_s))
     # a cold sensor rests at 0.45 V behind its high resistance
     tip_degc, heater, heated = _heated(b, degc, d.heating if faulty else 1.0)
     hot_v = d.span_v * (1.0 - 0.00015 * max(degc - 400.0, 0.0))
-    volts = d.low_v + hot_v * richness
+    volts = d.low_v + hot_v * (_richness(d, -reading) if d.wide > 0.0 else reading)
     if faulty:
         volts = 0.45 + d.gain * (volts - 0.45)
     volts = 0.45 + heated * (volts - 0.45)
@@ -340,7 +381,7 @@ def step(
         degc=degc,
         x_out=x_out,
         x_pipe=x_pipe,
-        richness=richness,
+        reading=reading,
         volts=volts,
         trim=trim,
         integral=integral,
@@ -349,5 +390,6 @@ def step(
         step=step,
         step_s=step_s,
         halves=halves,
+        sulphur=_sulphur(b.sulphur, degc, x_in),
         refill=refill,
     )

@@ -59,9 +59,10 @@ class Mixture(NamedTuple):
     closed_loop: FloatArray
     sensor_ready: FloatArray
     phi_sensor: FloatArray  # reading of a healthy sensor in this vehicle
-    downstream_v: FloatArray  # of the switching sensor; (0,) without one, as the two below
+    downstream_v: FloatArray  # of the switching sensor; (0,) without one, as those below
     downstream_heater: FloatArray  # duty, 0 to 1
     brick_degc: FloatArray
+    downstream_reading: FloatArray  # of a wide-range sensor, as -x
 
 
 @numba.njit(cache=True)
@@ -316,7 +317,7 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
     exhaust, control = _Exhaust(0, 1.0, 1.0, 0.0, 1.0), _Control(1.0, 0.0, 0.0)
     uego, slow, phase, since_cut, lambda_read = 1.0, 1.0, 0.0, 10.0, np.nan
     stoichiometric = STOICHIOMETRIC_AIR_FUEL - 5.7 * e.ethanol
-    behind = np.empty((3, len(rear_noise)))
+    behind = np.empty((4, len(rear_noise)))
     cells_g, ring = np.zeros(catalyst.CELLS), np.full(catalyst.RING, 0.5)
     brick = _begin_brick(rear, rear_warm)
     for k in range(n):
@@ -416,6 +417,7 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
                 rear,
             )
             behind[0, k], behind[1, k], behind[2, k] = brick.volts, brick.heater, brick.degc
+            behind[3, k] = brick.reading + catalyst.WIDE_NOISE * rear_noise[k]
     return Mixture(
         fuel_ecu_mg=out[0],
         lambda_measured=out[1],
@@ -427,6 +429,7 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
         downstream_v=behind[0],
         downstream_heater=behind[1],
         brick_degc=behind[2],
+        downstream_reading=behind[3],
     )
 
 

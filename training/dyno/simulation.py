@@ -35,6 +35,7 @@ class Experiment:
     layout: Layout | None = None  # of injection and metering; None is the type's ideal one
     downstream: bool = False  # catalyst and downstream sensor are there
     downstream_fault: DownstreamFault | None = None  # needs ``downstream``
+    wide_downstream: bool = False  # the downstream sensor is one of wide range
     active_steps_phi: float = 0.0  # of the ECU's own test of the catalyst, one side; 0: it has none
     piece: Piece | None = None  # engine and sensor; None is the vehicle's own
 
@@ -92,7 +93,7 @@ def simulate(experiment: Experiment) -> dict[str, FloatArray]:
     duty_percent = _heater_percent(experiment, air)
     signals = _canonical(air, fuel, duty_percent, conditions, np.random.default_rng([*key, 4]))
     if experiment.downstream:
-        signals |= _behind(fuel)
+        signals |= _behind(fuel, wide=experiment.wide_downstream)
     return signals if own is None else signals | _logged(own, air, fuel)
 
 
@@ -102,14 +103,24 @@ def _rear(experiment: Experiment, c: Conditions) -> catalyst.Downstream:
         return catalyst.NONE
     fault, start_s = experiment.downstream_fault, experiment.fault_start_s
     return catalyst.installed(
-        experiment.vehicle, fault, start_s, c.ambient_degc, experiment.active_steps_phi
+        experiment.vehicle,
+        fault,
+        start_s,
+        c.ambient_degc,
+        experiment.active_steps_phi,
+        wide=experiment.wide_downstream,
     )
 
 
-def _behind(fuel: Mixture) -> dict[str, FloatArray]:
+def _behind(fuel: Mixture, *, wide: bool) -> dict[str, FloatArray]:
     """Return the signals from behind the catalyst."""
-    return {
-        "downstream_voltage_v": fuel.downstream_v,
+    reading = fuel.downstream_reading
+    sensor = (
+        {"downstream_lambda": 1.0 / np.clip(1.0 + reading, 1.0 / 16.0, 2.0)}
+        if wide
+        else {"downstream_voltage_v": fuel.downstream_v}
+    )
+    return sensor | {
         "downstream_heater_percent": 100.0 * fuel.downstream_heater,
         "catalyst_temperature_degc": fuel.brick_degc,
     }

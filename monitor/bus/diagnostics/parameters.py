@@ -44,6 +44,7 @@ PARAMETERS: Final[Mapping[int, Parameter]] = {
     0x15: Parameter("downstream_voltage_v", 1, 200.0, tail=b"\xff"),
     0x23: Parameter("rail_pressure_mpa", 2, 100.0),
     0x24: Parameter("lambda_measured", 2, 32768.0, tail=bytes(2)),  # no voltage of the sensor
+    0x25: Parameter("downstream_lambda", 2, 32768.0, tail=bytes(2)),
     0x2E: Parameter("purge_duty_percent", 1, 2.55),
     0x33: Parameter("ambient_pressure_kpa", 1, 1.0),
     0x3C: Parameter("catalyst_temperature_degc", 2, 10.0, 400.0),

@@ -69,14 +69,22 @@ def test_the_sensor_behind_the_catalyst_is_asked_for_on_demand() -> None:
         poller = options.obd_poller(parser.parse_args(["--obd", *words]), bus_map)
         return set(poller._lengths)
 
-    assert lengths("--obd-optional") - lengths() == {0x15, 0x3C, 0x3E}
+    assert lengths("--obd-optional") - lengths() == {0x15, 0x25, 0x35, 0x3C, 0x3E}
 
 
-@pytest.mark.parametrize(("supported", "asked"), [((0x3C, 0x3E), 0x3C), ((0x3E,), 0x3E)])
-def test_the_catalysts_temperature_comes_from_the_sensor_that_the_engine_has(
-    supported: tuple[int, ...], asked: int
+@pytest.mark.parametrize(
+    ("name", "supported", "asked"),
+    [
+        ("catalyst_temperature_degc", (0x3C, 0x3E), 0x3C),
+        ("catalyst_temperature_degc", (0x3E,), 0x3E),
+        ("downstream_lambda", (0x25,), 0x25),
+        ("downstream_lambda", (0x35,), 0x35),
+    ],
+)
+def test_a_value_of_two_parameters_comes_from_the_one_that_the_engine_has(
+    name: str, supported: tuple[int, ...], asked: int
 ) -> None:
-    (parameter,) = wanted(OBD, ["catalyst_temperature_degc"])
+    (parameter,) = wanted(OBD, [name])
     schedule = Schedule([parameter])
     for bitmap in BITMAPS[:2]:
         assert schedule.choose(0.0) == (bitmap,)

@@ -8,7 +8,7 @@ import pytest
 
 from monitor.base import config
 from monitor.base.types import FloatArray
-from monitor.judge.catalyst import NEEDED, BehindResult, CatalystMonitor
+from monitor.judge.catalyst import NEEDED, WIDE, BehindResult, CatalystMonitor
 from monitor.judge.catalyst_bank import CatalystBank, Members
 from monitor.judge.catalyst_rule import CatalystRule
 from training.studies.second import catalyst as second_catalyst
@@ -68,8 +68,22 @@ def a_drive(
     return np.column_stack([volts, measured, 3.6 * air_g_s, np.full(n, 2000.0)])
 
 
-def judged(values: FloatArray, block: int = 700) -> tuple[CatalystMonitor, list[BehindResult]]:
-    monitor = CatalystMonitor(SETTINGS, NAMES, PERIOD_S)
+def wide_lambda(x: FloatArray, air_g_s: FloatArray, capacity_g: float, lag_s: float) -> FloatArray:
+    """Lambda of a wide-range sensor behind an ideal tank, 0.001 too lean."""
+    held, read, seen = 0.5 * capacity_g, 0.0, []
+    for each, air in zip(x.tolist(), air_g_s.tolist(), strict=True):
+        held += 0.23 * air * each * PERIOD_S
+        passes = each if not 0.0 <= held <= capacity_g else 0.002 * held / capacity_g - 0.001
+        held = min(max(held, 0.0), capacity_g)
+        read += (passes - read) * (1.0 - np.exp(-PERIOD_S / lag_s))
+        seen.append(read + 0.001)
+    return np.asarray(1.0 / (1.0 - np.array(seen)))
+
+
+def judged(
+    values: FloatArray, block: int = 700, names: tuple[str, ...] = NAMES
+) -> tuple[CatalystMonitor, list[BehindResult]]:
+    monitor = CatalystMonitor(SETTINGS, names, PERIOD_S)
     results = []
     for first in range(0, len(values), block):
         own = values[first : first + block]
@@ -87,6 +101,39 @@ def test_a_catalyst_is_judged_by_what_it_stores(capacity_g: float) -> None:
     assert entry["sensor_verdict"] != "failed"
     if capacity_g > 0.1:
         assert entry["capacity_g"] == pytest.approx(capacity_g, rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("capacity_g", "lag_s"), [(0.05, 0.1), (0.3, 0.1), (0.05, 1.5), (0.3, 1.5)]
+)
+def test_a_wide_range_sensor_behind_the_catalyst_tells_what_it_stores(
+    capacity_g: float, lag_s: float
+) -> None:
+    values = a_drive(capacity_g)
+    air_g_s = values[:, 2] / 3.6
+    values[:, 0] = wide_lambda(1.0 - 1.0 / values[:, 1], air_g_s, capacity_g, lag_s)
+    monitor, results = judged(values, names=(WIDE, *NAMES[1:]))
+    entry = monitor.entry()
+    assert entry is not None
+    assert entry["verdict"] == ("failed" if capacity_g < 0.1 else "passed")
+    # THEN a sound sensor is never called, and a slow one never passes
+    assert entry["sensor_verdict"] != ("passed" if lag_s > 1.0 else "failed")
+    # and its circuit is left to other tests
+    assert {r.test for r in results} <= {"catalyst", "downstream", "balance", "bias"}
+    assert "downstream_circuit" not in monitor.supported
+
+
+def test_the_lag_of_the_upstream_sensor_is_taken_off_the_gas_that_enters() -> None:
+    rise = np.linspace(-0.02, 0.02, 50)
+    slope = (rise[1] - rise[0]) / PERIOD_S
+    monitor = CatalystMonitor(SETTINGS, NAMES, PERIOD_S)
+    lagging = rise - SETTINGS.upstream_lag_s * slope
+    found = monitor._entering(lagging[1:], lagging[:1])
+    np.testing.assert_allclose(found, rise[1:], atol=1e-12)
+    # and the edges of a fuel cut weigh alike, the first sample nothing
+    edges = monitor._entering(np.array([0.01, 0.9, 0.01]), np.array([np.nan]))
+    most = SETTINGS.upstream_lag_most_phi
+    np.testing.assert_allclose(edges, [0.01, 0.9 + most, 0.01 - most])
 
 
 @pytest.mark.parametrize("lag_s", [1.5, 3.0])

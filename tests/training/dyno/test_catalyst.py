@@ -34,7 +34,7 @@ def test_what_enters_and_does_not_leave_is_stored(
     cells_g = np.full(catalyst.CELLS, filling * usable / catalyst.CELLS)
     for x_in in x:
         before = cells_g.sum()
-        x_out = catalyst.store(cells_g, x_in, air_g_s, 0.0025, usable, own, lit)
+        x_out = catalyst.store(cells_g, x_in, air_g_s, 0.0025, usable, own.release_half, own, lit)
         stored = catalyst.OXYGEN_IN_AIR * air_g_s * (x_in - x_out) * 0.0025
         assert cells_g.sum() - before == pytest.approx(stored, abs=1e-12)
         # and no cell is ever over full or below empty, and the gas never changes its sign
@@ -47,7 +47,7 @@ def test_at_15_g_s_and_lambda_1_03_a_catalyst_stores_a_tenth_of_a_gram_each_seco
     own = catalyst.piece(1)._replace(capacity_g=1.5)
     cells_g = np.zeros(catalyst.CELLS)
     for _ in range(400):
-        catalyst.store(cells_g, 1.0 - 1.0 / 1.03, 15.0, 0.0025, 1.5, own, 1.0)
+        catalyst.store(cells_g, 1.0 - 1.0 / 1.03, 15.0, 0.0025, 1.5, own.release_half, own, 1.0)
     assert cells_g.sum() == pytest.approx(0.1, rel=0.05)
 
 
@@ -160,8 +160,32 @@ def test_without_a_fuel_cut_on_overrun_there_is_none() -> None:
 def test_a_cold_brick_stores_nothing() -> None:
     own = catalyst.piece(1)
     cells_g = np.zeros(catalyst.CELLS)
-    x = catalyst.store(cells_g, 0.03, 15.0, 0.01, 0.2, own, catalyst.activity(20.0))
+    lit = catalyst.activity(20.0)
+    x = catalyst.store(cells_g, 0.03, 15.0, 0.01, 0.2, own.release_half, own, lit)
     assert x == pytest.approx(0.03, rel=1e-3)
+
+
+def test_hot_rich_gas_takes_sulphur_away_and_lean_or_cool_gas_does_not() -> None:
+    def left(degc: float, x_in: float) -> float:
+        blocked = 0.3
+        for _ in range(6000):  # a minute
+            blocked = catalyst._sulphur(blocked, degc, x_in)
+        return blocked
+
+    assert left(750.0, 0.02) == 0.3
+    assert left(450.0, -0.02) == pytest.approx(0.3, rel=0.01)
+    assert 0.2 < left(750.0, -0.02) < 0.27
+
+
+def test_a_wide_range_sensor_behind_the_catalyst_reads_lambda_and_no_voltage() -> None:
+    drive = Experiment(
+        cycle="udds", vehicle=3, seed=2, duration_s=400.0, downstream=True, wide_downstream=True
+    )
+    signals = simulate(drive)
+    wide, cut = (signals[name][30000:] for name in ("downstream_lambda", "fuel_cut"))
+    assert "downstream_voltage_v" not in signals
+    assert np.median(np.abs(wide[cut < 0.5] - 1.0)) < 0.005
+    assert wide[cut > 0.5].max() > 5.0
 
 
 def test_an_impossible_fault_behind_the_sensor_is_refused() -> None:

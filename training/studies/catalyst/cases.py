@@ -38,6 +38,7 @@ class Case:
     sensor: str = ""  # fault of the downstream sensor
     upstream: str = ""  # fault of the upstream sensor
     leak: float = 0.0
+    sulphur: float = 0.0  # part of the capacity that it blocks at the start
     ethanol: float = 0.0  # percent
     bias_lambda: float = BIAS_LAMBDA
     sensor_severity: float | None = None
@@ -71,7 +72,8 @@ def drive(
     )
     healthy = downstream_faults.DownstreamFault("", 0.0)
     fault = downstream_faults.resolve(case.sensor, case.sensor_severity) if case.sensor else healthy
-    fault = replace(fault, capacity_g=case.grams or own, leak=case.leak)
+    fault = replace(fault, capacity_g=case.grams or own)
+    fault = replace(fault, leak=case.leak, sulphur=case.sulphur)
     signals = simulate(
         Experiment(
             cycle=cycle,
