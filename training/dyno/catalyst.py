@@ -249,8 +249,9 @@ def _brick_degc(degc: float, x_in: float, x_out: float, air_g_s: float, cut: boo
     gas = 20.0 if cut else 60.0
     gas += 420.0 + 330.0 * air_g_s / (air_g_s + 15.0) if not cut else 180.0
     exotherm = 60.0 * activity(degc) if not cut else 0.0
+    # CO over ceria gives at most some 1,700 K per unit of x; part of it leaves with the gas
     exotherm += 900.0 * abs(x_in - x_out) * activity(degc) if not cut else 0.0
-    rate = 0.010 + 0.0035 * air_g_s  # 1/s, of a brick of about 1 kg
+    rate = 0.010 + 0.0035 * air_g_s  # 1/s, of a brick of 0.35 kg, 0.7 l of coated cordierite
     return degc + STEP_S * (rate * (gas + exotherm - degc) - 0.0008 * (degc - 20.0))
 
 
@@ -334,7 +335,7 @@ def step(
         part_s = STEP_S / SUBSTEPS
         x_out += store(cells_g, x_in, air, part_s, usable, release_half, d, lit) / SUBSTEPS
     degc = _brick_degc(b.degc, x_in, x_out, air, cut)
-    pipe_s = d.pipe_l / (air * 2.4)  # exhaust of 450 °C: 2.4 l per g
+    pipe_s = d.pipe_l / (air * 2.4)  # exhaust of 570 °C: 2.4 l per g
     filled = lit * (2.0 * cells_g[-1] / max(usable / len(cells_g), 1e-9) - 1.0)
     leaked = x_out + d.equilibrium * filled + d.leak * np.exp(-(air - 3.0) / 8.0)
     x_pipe = b.x_pipe + (leaked - b.x_pipe) * (1.0 - np.exp(-STEP_S / pipe_s))
