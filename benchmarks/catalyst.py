@@ -2,7 +2,7 @@
 
     python benchmarks/catalyst.py [--vehicles 12] [--duration 700] [--period 0.1] [--out rows.jsonl]
 
-Vehicles from 301 on, one seed each, three cycles in turn; the drive passes through the simulated
+Vehicles from 32001 on, one seed each, three cycles in turn; the drive passes through the simulated
 ECU's messages. All numbers are simulated.
 """
 
@@ -18,7 +18,7 @@ from monitor.base import config
 from training.studies.catalyst.cases import BIAS_LAMBDA, CYCLES, PERIOD_S, Case, drive, judged
 from training.studies.catalyst.tables import estimates
 
-FIRST_VEHICLE: Final = 301
+FIRST_VEHICLE: Final = 32_001
 CAPACITIES_G: Final = (0.03, 0.06, 0.25, 0.4)
 SENSORS: Final = (
     "downstream_slow_symmetric",
