@@ -222,6 +222,7 @@ def test_a_result_that_cannot_be_written_is_refused_before_the_work(
     "arguments",
     [
         ["simulate", "--seed", "-1"],
+        ["simulate", "--downstream", "wide", "--fault", "downstream_weak"],
         ["simulate", "--effect", "wall_film=nan"],
         ["simulate", "--fault", "gain_low=1.5"],
         ["simulate", "--fault", "sticky"],
