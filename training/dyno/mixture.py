@@ -12,8 +12,7 @@ import numpy as np
 from monitor.base import faults
 from monitor.base.faults import Fault
 from monitor.base.types import FloatArray
-from training.dyno import catalyst
-from training.dyno.catalyst import Downstream
+from training.dyno import catalyst, downstream
 from training.dyno.cycles import STEP_S
 from training.dyno.drive import Drive
 from training.dyno.effects import Effects
@@ -28,7 +27,7 @@ EXHAUST_KG_M3 = 0.45
 _lag_step = numba.njit(cache=True)(faults.lag_step)
 _aged = numba.njit(cache=True)(faults.aged)
 _one_sided = numba.njit(cache=True)(faults.one_sided)
-_begin_brick = numba.njit(cache=True)(catalyst.begin)
+_begin_brick = numba.njit(cache=True)(downstream.begin)
 _behind = catalyst.step
 
 
@@ -296,7 +295,7 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
     noise: FloatArray,
     phi_step: FloatArray,
     forced_trim: FloatArray,
-    rear: Downstream,
+    rear: downstream.Downstream,
     rear_noise: FloatArray,
     rear_warm: float,
 ) -> Mixture:
@@ -444,7 +443,7 @@ def run(
     phi_step: FloatArray,
     forced_trim: FloatArray | None = None,
     course: Course | None = None,
-    rear: Downstream = catalyst.NONE,
+    rear: downstream.Downstream = downstream.NONE,
     rear_rng: np.random.Generator | None = None,
 ) -> Mixture:
     """Return the mixture side of a drive.

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base import manifest
-from training.dyno import catalyst, ecu, logger
+from training.dyno import downstream, ecu, logger
 from training.dyno.simulation import Experiment, simulate
 from training.recordings.can_log import write_log
 from training.recordings.recording import sha256, write_table
@@ -68,7 +68,7 @@ def _of_downstream(experiment: Experiment) -> dict[str, Any]:
     if not experiment.downstream:
         return {}
     fault = experiment.downstream_fault
-    rear = catalyst.installed(experiment.vehicle, fault, experiment.fault_start_s, 0.0)
+    rear = downstream.installed(experiment.vehicle, fault, experiment.fault_start_s, 0.0)
     own = {"downstream": True, "catalyst_capacity_g": round(rear.capacity_g, 4)}
     if fault is None:
         return own

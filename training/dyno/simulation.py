@@ -8,7 +8,7 @@ from monitor.base.downstream_faults import DownstreamFault
 from monitor.base.faults import Fault
 from monitor.base.signals import OWN
 from monitor.base.types import FloatArray
-from training.dyno import catalyst, cycles, drive, engine, mixture, vehicle
+from training.dyno import cycles, downstream, drive, engine, mixture, vehicle
 from training.dyno.drive import Drive
 from training.dyno.effects import Effects
 from training.dyno.engine import Engine, Layout
@@ -97,12 +97,12 @@ def simulate(experiment: Experiment) -> dict[str, FloatArray]:
     return signals if own is None else signals | _logged(own, air, fuel)
 
 
-def _rear(experiment: Experiment, c: Conditions) -> catalyst.Downstream:
+def _rear(experiment: Experiment, c: Conditions) -> downstream.Downstream:
     """Return catalyst and downstream sensor of the experiment."""
     if not experiment.downstream:
-        return catalyst.NONE
+        return downstream.NONE
     fault, start_s = experiment.downstream_fault, experiment.fault_start_s
-    return catalyst.installed(
+    return downstream.installed(
         experiment.vehicle,
         fault,
         start_s,

@@ -11,7 +11,7 @@ from monitor.base import downstream_faults
 from monitor.base.errors import UsageError
 from monitor.base.types import FloatArray
 from tests.helpers.examples import inputs
-from training.dyno import catalyst, ecu
+from training.dyno import catalyst, downstream, ecu
 from training.dyno.simulation import Experiment, simulate
 from training.dyno.vehicle import conditions
 
@@ -29,7 +29,7 @@ WARM_S = 300.0
 def test_what_enters_and_does_not_leave_is_stored(
     capacity_g: float, degc: float, air_g_s: float, x: list[float], filling: float
 ) -> None:
-    own = catalyst.piece(1)._replace(capacity_g=capacity_g)
+    own = downstream.piece(1)._replace(capacity_g=capacity_g)
     lit, usable = catalyst.activity(degc), catalyst.usable_g(capacity_g, degc)
     cells_g = np.full(catalyst.CELLS, filling * usable / catalyst.CELLS)
     for x_in in x:
@@ -44,7 +44,7 @@ def test_what_enters_and_does_not_leave_is_stored(
 
 
 def test_at_15_g_s_and_lambda_1_03_a_catalyst_stores_a_tenth_of_a_gram_each_second() -> None:
-    own = catalyst.piece(1)._replace(capacity_g=1.5)
+    own = downstream.piece(1)._replace(capacity_g=1.5)
     cells_g = np.zeros(catalyst.CELLS)
     for _ in range(400):
         catalyst.store(cells_g, 1.0 - 1.0 / 1.03, 15.0, 0.0025, 1.5, own.release_half, own, 1.0)
@@ -158,7 +158,7 @@ def test_without_a_fuel_cut_on_overrun_there_is_none() -> None:
 
 
 def test_a_cold_brick_stores_nothing() -> None:
-    own = catalyst.piece(1)
+    own = downstream.piece(1)
     cells_g = np.zeros(catalyst.CELLS)
     lit = catalyst.activity(20.0)
     x = catalyst.store(cells_g, 0.03, 15.0, 0.01, 0.2, own.release_half, own, lit)

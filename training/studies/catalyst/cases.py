@@ -16,7 +16,7 @@ from monitor.judge.catalyst import BehindResult, CatalystMonitor
 from monitor.judge.decisions import CIRCUIT_TESTS
 from monitor.memory.codes import CODES
 from monitor.memory.debounce import PASSED, Debounce
-from training.dyno import catalyst, ecu, effects
+from training.dyno import downstream, ecu, effects
 from training.dyno.simulation import Experiment, simulate
 from training.dyno.vehicle import Conditions, conditions, piece
 
@@ -64,7 +64,7 @@ def drive(
 
     weather : by default what the vehicle's number draws
     """
-    own = catalyst.piece(vehicle).capacity_g
+    own = downstream.piece(vehicle).capacity_g
     outside = weather or conditions(vehicle)
     parts = piece(vehicle)
     parts = parts._replace(
