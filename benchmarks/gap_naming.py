@@ -41,12 +41,12 @@ DYNO_DRIVES: Final = 4
 HEALTHY_DRIVES: Final = 8
 HALF: Final = 0.5  # of the second engine's sizes, in its second vehicle of each set
 STUDIES: Final = {
-    "choose": ((52_000, 4), (48, 16, 6, 6, 10, 10)),  # first vehicle, vehicles; cases by kind
-    "report": ((53_000, 3), (48, 30, 6, 6, 12, 12)),
+    "choose": ((52_000, 4), (48, 16, 18, 18, 10, 10)),  # first vehicle, vehicles; cases by kind
+    "report": ((54_000, 4), (48, 30, 18, 18, 12, 12)),
 }
-SECOND: Final = {"choose": (31, 32), "report": (41, 42)}
+SECOND: Final = {"choose": (31, 32), "report": (51, 52)}
 # Engines of the second one's structure in which every effect has a form of its own.
-OTHERS: Final = {"choose": (131, 132), "report": (141, 142)}
+OTHERS: Final = {"choose": (131, 132), "report": (151, 152)}
 KINDS: Final = ("effect", "null", "unknown", "two", "onset", "fault")
 OF_SECOND: Final = {
     "nothing": "null",

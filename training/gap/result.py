@@ -12,7 +12,7 @@ from monitor.base.outputs import write_text
 from monitor.model.card import ModelCard, TrainingRecording
 from training.gap.add.addition import Addition
 from training.gap.config import CONFIG
-from training.gap.name.ranking import RIVAL_SCORE, loses
+from training.gap.name.ranking import HALF, loses
 from training.gap.name.verdict import Base, Candidate, Naming, Verdict
 from training.gap.response.difference import Difference
 from training.gap.verify.evidence import Verification
@@ -156,8 +156,7 @@ def separated(result: Result, effect: Candidate) -> bool:
     return all(
         c.merit.win is None or loses(c)
         for c in result.ranking_of(effect.name)
-        if c.name not in (effect.name, *effect.like)
-        and c.merit.score >= RIVAL_SCORE * effect.merit.score
+        if c.name not in (effect.name, *effect.like) and c.merit.score >= HALF * effect.merit.score
     )
 
 
@@ -184,6 +183,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "withdrawn": addition.withdrawn,
         "suspected": answer.suspected,
         "indistinguishable": [c.name for c in answer.indistinguishable],
+        "beside": [c.name for c in answer.beside],
         "unknown_effect": result.unknown,
         "explained_share": result.naming.error.explained_share,
         "posterior": dict(result.naming.posterior),

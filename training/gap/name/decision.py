@@ -9,17 +9,16 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.gap.name import guards, scoring
 from training.gap.name.base_state import FREE
-from training.gap.name.description import Plain, plainest
+from training.gap.name.description import plainest
 from training.gap.name.manoeuvres import Experiment, separate
 from training.gap.name.ranking import (
-    ADEQUATE,
+    COMPLETE,
+    HALF,
     RANKED_CLOSELY,
-    RIVAL_SCORE,
     WIN,
     State,
     adequacy_of,
     against,
-    matters,
     rank,
 )
 from training.gap.name.verdict import Candidate, Verdict
@@ -29,14 +28,10 @@ from training.jobs.checkpoints import Progress
 
 T_LEAST: Final = 3.0
 T_STRANGE: Final = 2.0  # from which a constant of the wrong sign speaks against the best
-LARGE: Final = 2.0  # times the score needed, far more than healthy drives give
-FAULT_ADEQUATE: Final = 0.5
 AMBIGUOUS_MOST: Final = 3
-EQUAL: Final = 0.9  # of a score, from which it is as good
 GAIN_WORDS: Final = "the gain"
 OFFSETS: Final = 1.5  # times healthy drives' own, from which an offset of all drives is one
 GAIN_CLASS: Final = ("ethanol", "biased")  # a factor on the mixture, and what looks like it
-BIAS_NEAR: Final = 0.75  # of the best score: in the loop a bias is close to much that loses to it
 GAIN_SUSPECTED: Final = (
     "a factor on the mixture (ethanol, humidity, slope errors) or a biased sensor"
 )
@@ -50,6 +45,7 @@ class Outcome:
     ranking: tuple[Candidate, ...]  # best first
     best: tuple[Candidate, ...] = ()  # named, the ambiguous set, or effects alike to the fault
     suspected: str | None = None
+    fault: Candidate | None = None  # suspected, as it was fitted; None of an onset or a moved base
     experiment: Experiment | None = None
 
 
@@ -64,42 +60,39 @@ def step(
 ) -> Outcome:
     """Return the outcome of one forward step.
 
-    more : whether another may follow; then of two that explain a part each the better one goes on
+    more : whether another may follow; then the best of several that explain a part each goes on,
+        as the first of ``Outcome.best``
     """
     ranking = rank(state, candidates, progress)
-    held = [c for c in ranking if _holds(c)]
-    strong = [c for c in held if matters(c)]
+    strong = [c for c in ranking if c.merit.physical and _holds(c)]
     strange = [c for c in ranking if not c.merit.physical and _holds(c, T_STRANGE)]
-    strange += [c for c in held[:1] if c.merit.physical and c not in strong]
-    plain = plainest(state)
-    no_rival = plain is not None and _is_no_rival(state, ranking[0], plain)
     if strong and (
-        no_rival
-        or not _is_confirmed(state, strong[0])
-        or any(_rules_out(state, c, strong[0]) for c in strange)
+        not _is_confirmed(state, strong[0]) or any(_rules_out(state, c, strong[0]) for c in strange)
     ):
         strong = []
     if strong:
         ranking, rivals = against(state, strong[0], ranking)
         strong = [strong[0], *rivals]
     return (
-        (None if no_rival else _of_the_gain(state, ranking, sensor_known_good))
+        _of_the_gain(state, ranking, sensor_known_good)
         or _at_fault(state, strong, ranking, sensor_known_good)
         or _of_effects(strong, ranking, more)
-        or Outcome(_nothing(added, strange, plain), ranking)
+        or Outcome("no_gap" if added else _nothing(state, strange), ranking)
     )
 
 
 def _holds(candidate: Candidate, t_least: float = T_LEAST) -> bool:
     """Return whether a gain is more than chance and even over the blocks that it moves."""
-    merit = candidate.merit
-    return merit.score >= merit.needed and merit.t >= t_least
+    return _is_large(candidate) and candidate.merit.t >= t_least
+
+
+def _is_large(candidate: Candidate) -> bool:
+    """Return whether the gain is more than healthy drives give, if only in some blocks."""
+    return candidate.merit.score >= candidate.merit.needed
 
 
 def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
-    """Return whether an implausible candidate (too small, or wrong sign) beats the best."""
-    if strange.merit.physical:
-        return best.merit.score < EQUAL * strange.merit.score
+    """Return whether the best does not beat a candidate of the wrong sign."""
     blocks = state.case.blocks
     own, other = (scoring.deviance(c.fit, blocks) for c in (best, strange))
     return scoring.win(own, other) < WIN
@@ -115,57 +108,37 @@ def _is_confirmed(state: State, best: Candidate) -> bool:
     return scoring.explained(state.current, state.roof, state.case.blocks) > 0.0
 
 
-def _is_no_rival(state: State, best: Candidate, plain: Plain) -> bool:
-    """Return whether one plain function of a signal explains far more than the best candidate."""
-    own = scoring.deviance(best.fit, state.case.blocks)
-    far = best.merit.score < RIVAL_SCORE * plain.score.gain
-    return far and scoring.win(plain.deviance, own) >= WIN
-
-
-def _is_large(candidate: Candidate) -> bool:
-    """Return whether the gain is far more than healthy drives give, if only in some blocks."""
-    return candidate.merit.score > LARGE * candidate.merit.needed
-
-
 def _of_effects(
     strong: Sequence[Candidate], ranking: tuple[Candidate, ...], more: bool
 ) -> Outcome | None:
-    """Return the name, or several that explain as much.
-
-    Neither a fault that explains little is an answer nor several of which none explains enough.
-    """
+    """Return the name, or several that explain as much."""
     if not strong or strong[0].kind == "sensor fault":
         return None
-    best, among = strong[0], tuple(c for c in strong if c.kind == "effect")[:AMBIGUOUS_MOST]
-    parts = all((c.merit.adequacy or 0.0) < ADEQUATE for c in among)
-    if len(among) == 1 or (parts and more):
-        return Outcome("named", ranking, best=(best,))
-    if parts:
-        return Outcome("unknown_effect", ranking)
-    return Outcome("ambiguous", ranking, best=among, experiment=separate(best.fit, among[1].fit))
+    among = tuple(c for c in strong if c.kind == "effect")[:AMBIGUOUS_MOST]
+    if len(among) == 1:
+        return Outcome("named", ranking, best=among)
+    parts = all((c.merit.adequacy or 0.0) < COMPLETE for c in among)
+    verdict: Verdict = "named" if parts and more else "ambiguous"
+    return Outcome(verdict, ranking, best=among, experiment=separate(among[0].fit, among[1].fit))
 
 
-def _nothing(
-    added: Sequence[Candidate], strange: Sequence[Candidate], plain: Plain | None
-) -> Verdict:
+def _nothing(state: State, strange: Sequence[Candidate]) -> Verdict:
     """Tell a gap that no candidate explains from no gap.
 
-    strange : what is more than chance with constants that the effect cannot have, or too small
+    strange : what is more than chance with constants that the effect cannot have
     """
-    if added:
-        return "no_gap"
-    unlike = any(_is_large(c) and not c.merit.physical for c in strange)
-    return "unknown_effect" if unlike or plain is not None else "no_gap"
+    unlike = any(_is_large(c) for c in strange) or plainest(state) is not None
+    return "unknown_effect" if unlike else "no_gap"
 
 
 def _is_felt(state: State, fault: Candidate) -> bool:
     """Return whether a sensor fault is beyond chance and explains half of the ceiling."""
-    if not (_is_large(fault) or _holds(fault)):
+    if not _is_large(fault):
         return False
     share = fault.merit.adequacy
     if share is None:
         share = adequacy_of(state, fault.merit.score, fault.fit)
-    return share >= FAULT_ADEQUATE
+    return share >= HALF
 
 
 def _at_fault(
@@ -181,10 +154,8 @@ def _at_fault(
     if sensor_known_good:
         return None
     if strong and strong[0].name == GAIN_CLASS[0]:
-        factor = (strong[0],)
-        return Outcome("sensor_fault_suspected", ranking, best=factor, suspected=GAIN_SUSPECTED)
-    near = [c for c in ranking if strong and _is_near_bias(c, strong[0])]
-    at_fault = [c for c in (*strong, *near) if c.kind == "sensor fault" and _is_felt(state, c)]
+        return _of_a_factor(ranking, strong[0])
+    at_fault = [c for c in strong if c.kind == "sensor fault" and _is_felt(state, c)]
     words = at_fault[0].name if at_fault else None
     as_good = _as_good(strong, ranking, words) if words else ()
     looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if _is_large(c)]
@@ -195,14 +166,18 @@ def _at_fault(
         if began is not None:
             words = f"it begins in {began[0]} at {began[1]:.0f} s"
     rivals = [c for c in ranking if c.kind == "sensor fault" or c.name in GAIN_CLASS]
-    least = RIVAL_SCORE * ranking[0].merit.score
+    least = HALF * ranking[0].merit.score
     felt = not strong and any(c.merit.score >= least and _is_felt(state, c) for c in rivals)
     if words is None and felt and (shift := _shift(state)) is not None:
         words = f"{shift} left its healthy reference"
     if words is None:
         return None
     return Outcome(
-        "sensor_fault_suspected", ranking, best=as_good[:AMBIGUOUS_MOST], suspected=words
+        "sensor_fault_suspected",
+        ranking,
+        best=as_good[:AMBIGUOUS_MOST],
+        suspected=words,
+        fault=at_fault[0] if at_fault else None,
     )
 
 
@@ -214,12 +189,6 @@ def _as_good(
     return tuple(
         c for c in ranking if c.kind == "effect" and (c.name in as_good or fault in c.like)
     )
-
-
-def _is_near_bias(candidate: Candidate, best: Candidate) -> bool:
-    """Return whether a candidate is a biased sensor that explains nearly as much as the best."""
-    near = candidate.merit.score >= BIAS_NEAR * best.merit.score
-    return candidate.name == GAIN_CLASS[1] and near and matters(candidate)
 
 
 def _shift(state: State) -> str | None:
@@ -241,10 +210,18 @@ def _of_the_gain(
     """
     if _shift(state) != GAIN_WORDS or not _is_of_the_gain(state, ranking):
         return None
-    effect = tuple(c for c in ranking if c.name == GAIN_CLASS[0])
+    effect = next((c for c in ranking if c.name == GAIN_CLASS[0]), None)
     if sensor_known_good and effect:
-        return Outcome("named", ranking, best=effect)
-    return Outcome("sensor_fault_suspected", ranking, best=effect, suspected=GAIN_SUSPECTED)
+        return Outcome("named", ranking, best=(effect,))
+    return _of_a_factor(ranking, effect)
+
+
+def _of_a_factor(ranking: tuple[Candidate, ...], effect: Candidate | None) -> Outcome:
+    """Suspect a factor on the mixture; ``effect`` is the library's, if it was tried."""
+    best = (effect,) if effect else ()
+    return Outcome(
+        "sensor_fault_suspected", ranking, best=best, suspected=GAIN_SUSPECTED, fault=effect
+    )
 
 
 def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:
@@ -275,7 +252,7 @@ def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:
         if size <= OFFSETS * state.offset_phi:
             continue
         gain = float((whole.deviance - deviance).sum())
-        if adequacy_of(whole, gain, found) < FAULT_ADEQUATE:
+        if adequacy_of(whole, gain, found) < HALF:
             continue
         if rival is None or scoring.win(deviance, rival) >= WIN:
             return True

@@ -8,18 +8,13 @@ import numpy as np
 from monitor.base.types import FloatArray, IntArray
 from training.greybox.chain import Constants
 from training.greybox.fit.joint import Case, Fit
-from training.greybox.fit.sensor_faults import SensorFault
 
-# A sensor that shifted by less is no suspect. DESIGN, "what a prototype taught", has the 20 ms, and
-# 0.004 of the mixture, which is the offset here and ``GAIN_SHIFT`` of the base.
-SMALLEST: Final = {"time": 0.020, "gain": 0.02, "offset": 0.004}
 ONSET_T: Final = 6.0
 ONSET_T_SORTED: Final = 9.0  # if drives were put in the order that suits an onset best
 ONSET_BEFORE: Final = 0.25  # of the strength after, below which it was absent before
 ONSET_BLOCKS: Final = 4  # at least, on either side
 ONSET_KNOWN: Final = 0.02  # of all that is known of the strength, at least before it
 ONSET_WEIGHT: Final = 1e-4  # of all that is known of the strength, below which a block says nothing
-
 
 GAIN_SHIFT: Final = 0.004  # DESIGN, "what a prototype taught"
 TIME_SHIFT_S: Final = 0.020
@@ -37,15 +32,6 @@ def shifted(reference: Constants, refitted: Constants) -> str | None:
     if abs(dead_time_s + moved["mixing_s"] + moved["sensor_s"]) > TIME_SHIFT_S:
         return "the lag or dead time"
     return "the gain" if abs(moved["gain"]) > GAIN_SHIFT else None
-
-
-def large_enough(fault: SensorFault, parameters: FloatArray) -> bool:
-    """Return whether a fitted sensor fault exceeds the spread of pieces and drives."""
-    around = {"gain": 1.0}
-    return any(
-        abs(value - around.get(p.name, 0.0)) > SMALLEST[p.name]
-        for p, value in zip(fault.parameters, parameters, strict=True)
-    )
 
 
 def onset_s(case: Case, before: Fit, after: Fit) -> tuple[str, float] | None:

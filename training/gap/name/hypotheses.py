@@ -16,7 +16,7 @@ from training.gap.config import CONFIG
 from training.gap.name import scoring
 from training.gap.name.evidence import Directions, Seen, freedom
 from training.gap.name.onset import Beginning, beginnings
-from training.gap.name.ranking import State, matters
+from training.gap.name.ranking import State
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import Constants
 from training.greybox.effects import Effect
@@ -59,8 +59,7 @@ def hypotheses(
         if not candidate.merit.physical:
             impossible.append(nats)
             continue
-        if matters(candidate):
-            found.append(judge.hypothesis(candidate, nats, sensor_known_good))
+        found.append(judge.hypothesis(candidate, nats, sensor_known_good))
         if place < LOOKED_AT and not getattr(candidate.term, "varies", False):
             onsets += judge.onsets(candidate)
     if not sensor_known_good:

@@ -8,7 +8,7 @@ and nothing speaks for the sensor.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -17,11 +17,12 @@ from monitor.base.errors import RecordingError
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import scoring, yardstick
 from training.gap.name.base_state import FREE, base_state
-from training.gap.name.decision import Outcome, step
+from training.gap.name.decision import Outcome
 from training.gap.name.formula import formula_of
 from training.gap.name.hypotheses import hypotheses
 from training.gap.name.posterior import posterior
-from training.gap.name.ranking import ADEQUATE, State, adequacy_of
+from training.gap.name.ranking import HALF, State, adequacy_of
+from training.gap.name.steps import Advance, advance
 from training.gap.name.verdict import (
     Answer,
     Base,
@@ -40,8 +41,6 @@ from training.greybox.fit.joint import Case, Prior, Term, fit
 from training.greybox.fit.sensor_faults import FAULTS
 from training.jobs.checkpoints import Progress
 
-ADEQUATE_ALONE: Final = 0.5  # of what can be explained, where no other candidate comes near
-FAR: Final = 1.0 / 3.0  # of the best score, below which another is far from it
 LARGER: Final = 1.6  # times the usual error on healthy drives, from which there is a gap
 
 
@@ -73,17 +72,17 @@ def name(
     candidates: list[Term] = [e for e in first.case.drives[0].effects if e.name not in skipped]
     if not sensor_known_good and first.case.prior is not None:
         candidates += FAULTS
-    advance = _advance(first, candidates, steps, sensor_known_good, progress)
+    found = advance(first, candidates, steps, sensor_known_good, progress)
     naming = _answer(
         first,
-        advance,
+        found,
         skipped=skipped,
         known=known,
         reference=reference,
-        warnings=(*_doubts(first.case, known), *advance.warnings),
+        warnings=(*_doubts(first.case, known), *found.warnings),
     )
     if known is not None:
-        weighed = hypotheses(first, advance.first, sensor_known_good=sensor_known_good)
+        weighed = hypotheses(first, found.first, sensor_known_good=sensor_known_good)
         naming = replace(naming, posterior=posterior(weighed))
     return _with_formula(naming, first, progress) if naming.verdict == "unknown_effect" else naming
 
@@ -98,43 +97,6 @@ def _with_formula(naming: Naming, first: State, progress: Progress) -> Naming:
         answer=replace(naming.answer, effects=found),
         error=replace(naming.error, after=after),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Advance:
-    """All steps: one round per effect that a step named, and the outcome of the last step."""
-
-    last: State  # with the effects of all rounds
-    outcome: Outcome
-    rounds: tuple[Round, ...]
-    warnings: tuple[str, ...]
-    first: tuple[Candidate, ...]  # the ranking of the first step
-
-
-def _advance(
-    state: State,
-    candidates: Sequence[Term],
-    steps: int,
-    sensor_known_good: bool,
-    progress: Progress,
-) -> _Advance:
-    """Return the steps until one names nothing, or until there are as many as were asked for."""
-    outcome, rounds, warnings = Outcome("no_gap", ()), list[Round](), list[str]()
-    for number in range(steps):
-        more = number + 1 < steps
-        added = [r.effect for r in rounds]
-        outcome = step(state, candidates, added, sensor_known_good, progress, more=more)
-        if outcome.verdict != "named":
-            break
-        best = outcome.best[0]
-        rounds.append(Round(best, held_out_rmse(state.case, best.fit), outcome.ranking))
-        if best.tag == "fault-like" and not sensor_known_good:
-            warnings.append(f"{best.name} may be a fault: add it only if it is known not to be")
-        candidates = [c for c in candidates if c.name != best.name]
-        deviance = scoring.deviance(best.fit, state.case.blocks)
-        state = replace(state, current=best.fit, deviance=deviance)
-    first = rounds[0].ranking if rounds else outcome.ranking
-    return _Advance(state, outcome, tuple(rounds), tuple(warnings), first)
 
 
 def _check_one_period(drives: Sequence[Drive], healthy: Sequence[Drive] | Healthy | None) -> None:
@@ -178,14 +140,7 @@ def _kept(
         return ()
     gain = float((first.deviance - last.deviance).sum())
     share = adequacy_of(first, gain, last.current)
-    enough = ADEQUATE_ALONE if all(_is_alone(r.ranking) for r in rounds) else ADEQUATE
-    return tuple(r.effect for r in rounds) if share >= enough else ()
-
-
-def _is_alone(ranking: Sequence[Candidate]) -> bool:
-    """Return whether no other candidate comes near the best."""
-    best, *others = ranking
-    return all(each.merit.score < FAR * best.merit.score for each in others)
+    return tuple(r.effect for r in rounds) if share >= HALF else ()
 
 
 def _is_larger(rmse: float, drives: Sequence[Drive], known: Healthy | None) -> bool:
@@ -200,14 +155,14 @@ def _is_larger(rmse: float, drives: Sequence[Drive], known: Healthy | None) -> b
 
 def _answer(
     first: State,
-    advance: _Advance,
+    found: Advance,
     *,
     skipped: Mapping[str, tuple[str, ...]],
     known: Healthy | None,
     reference: Constants | None,
     warnings: Sequence[str],
 ) -> Naming:
-    last, outcome, rounds = advance.last, advance.outcome, advance.rounds
+    last, outcome, rounds = found.last, found.outcome, found.rounds
     added = _kept(first, last, outcome, rounds)
     error = _error(first, last, with_effects=bool(added))
     verdict: Verdict = "named" if added else outcome.verdict
@@ -222,6 +177,7 @@ def _answer(
             effects=added or (outcome.best if outcome.verdict == "ambiguous" else ()),
             suspected=outcome.suspected,
             indistinguishable=outcome.best if verdict == "sensor_fault_suspected" else (),
+            beside=found.beside if verdict in ("named", "sensor_fault_suspected") else (),
             experiment=outcome.experiment,
         ),
         trials=Trials(outcome.ranking, rounds if added else (), skipped),

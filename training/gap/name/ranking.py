@@ -5,20 +5,18 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from monitor.base.types import FloatArray, IntArray
-from training.gap.name import guards, scoring
+from training.gap.name import scoring
 from training.gap.name.verdict import Candidate, Merit
 from training.greybox.fit.joint import Case, Fit, Term, fit, has_its_signs
-from training.greybox.fit.sensor_faults import SensorFault
 from training.jobs.checkpoints import Progress
 
 WIN: Final = 0.95  # of resampled blocks
-ADEQUATE: Final = 0.85  # of what can be explained at all; DESIGN, "what a prototype taught"
-RIVAL_SCORE: Final = 0.5  # of the best, below which a candidate is no rival
-EDGE: Final = 1e-3  # of a constant's range
+HALF: Final = 0.5  # of what can be explained, for a name; of the best score, for a rival
+COMPLETE: Final = 0.85  # of what can be explained; with less, another effect may be there
 USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
 RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
-SCORE_LEAST: Final = 160.0
 OVER_HEALTHY: Final = 80.0  # times what healthy drives give; see docs/how_it_works/gap.md
+UNKNOWN_SURPLUS: Final = 2.0  # that healthy drives may give where none are at hand
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +32,7 @@ class State:
 
     def needed(self, name: str) -> float:
         """Return the score from which a candidate exceeds its score on healthy drives."""
-        return max(SCORE_LEAST, OVER_HEALTHY * self.surplus.get(name, 1.0))
+        return OVER_HEALTHY * self.surplus.get(name, UNKNOWN_SURPLUS)
 
 
 def rank(state: State, candidates: Sequence[Term], progress: Progress) -> tuple[Candidate, ...]:
@@ -57,7 +55,7 @@ def rank(state: State, candidates: Sequence[Term], progress: Progress) -> tuple[
             score=score.gain,
             needed=needed,
             t=score.t,
-            physical=is_physical(fitted.terms[-1], fitted.parameters[-1]),
+            physical=has_its_signs(fitted.terms[-1], fitted.parameters[-1]),
             adequacy=adequacy,
             win=win,
         )
@@ -72,25 +70,6 @@ def adequacy_of(state: State, gain: float, fitted: Fit) -> float:
     return max(gain, 0.0) / max(max(gain, 0.0) + rest, 1e-9)
 
 
-def is_physical(term: Term, values: FloatArray) -> bool:
-    """Return whether constants have a possible sign, and size and form are not both at an edge.
-
-    There, something else is imitated as far as the library allows.
-    """
-    limits = zip(term.parameters, values, strict=True)
-    edges = [min(v - p.low, p.high - v) < EDGE * (p.high - p.low) for p, v in limits]
-    return has_its_signs(term, values) and not (edges[0] and any(edges[1:]))
-
-
-def matters(candidate: Candidate) -> bool:
-    """Return whether the size exceeds the spread of drives and pieces."""
-    term = candidate.term
-    if isinstance(term, SensorFault):
-        return guards.large_enough(term, candidate.fit.parameters[-1])
-    sizes = zip(term.parameters, candidate.parameters.values(), strict=True)
-    return candidate.merit.physical and all(abs(size) >= p.least for p, size in sizes)
-
-
 def against(
     state: State, best: Candidate, ranking: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], list[Candidate]]:
@@ -99,8 +78,8 @@ def against(
     own = scoring.deviance(best.fit, blocks)
     judged = [c if c is best else _beaten_by(own, c, blocks) for c in ranking]
     rivals = [c for c in judged if c.name != best.name and not loses(c)]
-    least = RIVAL_SCORE * best.merit.score
-    return tuple(judged), [c for c in rivals if c.merit.score >= least and matters(c)]
+    least = HALF * best.merit.score
+    return tuple(judged), [c for c in rivals if c.merit.score >= least and c.merit.physical]
 
 
 def _beaten_by(deviance: FloatArray, candidate: Candidate, blocks: IntArray) -> Candidate:

@@ -102,6 +102,7 @@ class Answer:
     effects: tuple[Candidate, ...] = ()  # named, the ambiguous set, or terms of a formula
     suspected: str | None = None  # the sensor fault, or the onset
     indistinguishable: tuple[Candidate, ...] = ()  # effects that the suspected fault looks like
+    beside: tuple[Candidate, ...] = ()  # one of these after a name, all beside a suspected fault
     experiment: Experiment | None = None  # drive that tells an ambiguous set apart
 
 

@@ -1,8 +1,7 @@
 """Sentences of the gap report: the verdict with its figures, the next steps, the warnings."""
 
 from training.gap.name.decision import T_LEAST
-from training.gap.name.naming import ADEQUATE_ALONE
-from training.gap.name.ranking import ADEQUATE
+from training.gap.name.ranking import HALF
 from training.gap.pages.cells import phi
 from training.gap.result import Result
 from training.gap.verify.evidence import Count, Detection, Error
@@ -18,7 +17,7 @@ def verdict_sentence(result: Result) -> str:
         "ambiguous": _ambiguous,
         "unknown_effect": _unknown,
         "sensor_fault_suspected": _sensor,
-    }[result.verdict](result)
+    }[result.verdict](result) + _beside(result)
     if not any(result.inputs.simulated):
         return sentence
     every = all(result.inputs.simulated)
@@ -116,11 +115,11 @@ def _nearest(result: Result) -> str:
         return f"; {best.name} comes first with constants that it cannot have"
     if merit.t < T_LEAST:
         return f"; {best.name} comes first, but unevenly (t {merit.t:.1f}, {T_LEAST:g} needed)"
-    if merit.adequacy is None or merit.adequacy >= ADEQUATE:
+    if merit.adequacy is None or merit.adequacy >= HALF:
         return ""
     return (
         f"; {best.name} comes first with {percent(merit.adequacy)} of what can be explained "
-        f"({percent(ADEQUATE)} needed, {percent(ADEQUATE_ALONE)} of one far ahead)"
+        f"({percent(HALF)} needed)"
     )
 
 
@@ -130,6 +129,13 @@ def _sensor(result: Result) -> str:
         f"Sensor fault suspected: {why}; {_level(result)}. Nothing was added to the model."
         f"{_looks_like(result)}"
     )
+
+
+def _beside(result: Result) -> str:
+    """Return what may be there beside the named effect or the suspected fault."""
+    between = "or" if result.verdict == "named" else "and"
+    names = _and([f"{c.name} ({c.term.says})" for c in result.naming.answer.beside], between)
+    return f" Beside it there may be {names}." if names else ""
 
 
 def _looks_like(result: Result) -> str:

@@ -26,7 +26,7 @@ def _equation(at: Place, p: Values) -> dict[str, Quantity]:
 EFFECT: Final = Effect(
     name="manifold_filling",
     says="the charge is later or earlier than broadcast while load moves",
-    parameters=(Parameter("time", "s", -0.4, 0.4, (0.02, -0.02), least=0.005),),
+    parameters=(Parameter("time", "s", -0.4, 0.4, (0.02, -0.02)),),
     needs=("engine_speed_rpm",),
     tag="physics",
     equation=_equation,

@@ -9,10 +9,8 @@ from monitor.base.errors import RecordingError
 from tests.helpers.gap_simulated import known, two_drives
 from training.gap.name.decision import Outcome
 from training.gap.name.naming import name
-from training.gap.name.ranking import is_physical
 from training.gap.name.vehicle_mix import chain_of
 from training.greybox.chain import Constants
-from training.greybox.effects import LIBRARY
 from training.greybox.fit import drive as drives
 from training.greybox.fit.drive import Drive
 
@@ -181,17 +179,6 @@ def test_what_gains_where_functions_with_more_freedom_lose_is_no_name(
     assert (found.verdict == "named", bool(found.answer.effects)) == (named, named)
 
 
-def test_a_size_at_its_edge_with_a_form_at_its_edge_is_of_something_else() -> None:
-    tail, purge = LIBRARY["fuel_cut_tail"], LIBRARY["purge"]
-    low, high = ([getattr(p, end) for p in tail.parameters] for end in ("low", "high"))
-    assert not is_physical(tail, np.array([high[0], 0.3, high[2]]))
-    assert is_physical(tail, np.array([high[0], 0.3, 0.5]))
-    assert is_physical(tail, np.array([0.5, low[1], high[2]]))
-    largest = np.array([p.high for p in purge.parameters])
-    assert is_physical(purge, largest)  # one constant may be larger than the library thinks
-    assert not is_physical(LIBRARY["wall_film"], np.array([-0.05, 0.5, 1.0]))
-
-
 def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -205,7 +192,7 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
             Outcome("ambiguous", (film, *others), best=(film, *others[:1])),
         ]
     )
-    monkeypatch.setattr("training.gap.name.naming.step", lambda *_, **__: next(steps))
+    monkeypatch.setattr("training.gap.name.steps.step", lambda *_, **__: next(steps))
     # WHEN two steps are asked for
     found = name(driven, known(), steps=2)
     # THEN the second's candidates are the answer, and the first is not lost

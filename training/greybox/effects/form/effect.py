@@ -23,7 +23,6 @@ class Parameter:
     low: float
     high: float
     start: tuple[float, ...]  # a fit begins from each of these
-    least: float = 0.0  # a smaller size could also come from the phases of the bus's messages
     positive: bool = False  # a value below 0 is another effect
     spread: float | None = None  # standard deviation about its start; None if any value may be
 
