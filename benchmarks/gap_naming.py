@@ -16,12 +16,13 @@ import pickle
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import cycle, islice
 from pathlib import Path
 from typing import Any, Final
 
 import gap_second_engine
 import numpy as np
-from gap_naming_table import table
+from gap_naming_table import LIKE_SENSOR, table
 from threadpoolctl import threadpool_limits
 
 from training.gap.healthy.behaviour import Healthy
@@ -48,6 +49,9 @@ SECOND: Final = {"choose": (31, 32), "report": (51, 52)}
 # Engines of the second one's structure in which every effect has a form of its own.
 OTHERS: Final = {"choose": (131, 132), "report": (151, 152)}
 KINDS: Final = ("effect", "null", "unknown", "two", "onset", "fault")
+BESIDE: Final = 12  # cases with an effect of one of the larger sizes beside a fault from the start
+LARGER: Final = 3  # index into the sizes of an effect
+STEPS: Final = {"two": 2, "beside": 2}  # of the naming, by kind; 1 for the others
 OF_SECOND: Final = {
     "nothing": "null",
     "effect": "effect",
@@ -125,7 +129,7 @@ def answer(folder: Path, out: Path, only: str) -> None:
 
 def _row(case: Stored, known: Healthy) -> dict[str, Any]:
     began_s = time.process_time()
-    naming = name(case.drives, known)
+    naming = name(case.drives, known, steps=STEPS.get(case.kind, 1))
     took_s = time.process_time() - began_s
     merits = [
         {"name": c.name}
@@ -144,6 +148,7 @@ def _row(case: Stored, known: Healthy) -> dict[str, Any]:
         "verdict": naming.verdict,
         "effects": [each.name for each in naming.answer.effects],
         "suspected": naming.answer.suspected,
+        "beside": [each.name for each in getattr(naming.answer, "beside", ())],
         "posterior": dict(getattr(naming, "posterior", None) or {}),
         "ranking": merits,
         "before": naming.error.before,
@@ -192,9 +197,23 @@ def _of_dyno(set_: str) -> Made:
             f"dyno_{vehicle}",
             lambda v=vehicle, p=parts: _plain(map(from_recording, dyno.healthy(p, v, LENGTH_S))),
         )
-    for case in plan.cases(study):
+    for case in (*plan.cases(study), *_beside(study)):
         key = f"case_dyno_{case.kind}_{case.number:03d}_{case.what.replace(' ', '')}"
         yield key, lambda k=key, c=case: _dyno_case(k, c)
+
+
+def _beside(study: plan.Study) -> Iterator[plan.Case]:
+    """Yield effects with a fault of the sensor from the start beside them."""
+    every = plan.cases(study)
+    faults = cycle(case.fault for case in every if case.kind == "fault")
+    large = (c for c in every if c.kind == "effect" and _is_large(*c.hidden[0]))
+    for case in islice(large, BESIDE):
+        parts = tuple(replace(part, fault_start_s=0.0) for part in case.parts)
+        yield replace(case, kind="beside", fault=next(faults), parts=parts)
+
+
+def _is_large(effect: str, severity: float) -> bool:
+    return effect not in LIKE_SENSOR and severity >= plan.SEVERITIES[effect][LARGER]
 
 
 def _dyno_case(key: str, case: plan.Case) -> Stored:

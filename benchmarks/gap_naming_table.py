@@ -15,6 +15,7 @@ SUSPECTED: Final = "sensor_fault_suspected"
 CONFIDENCE: Final = 0.95
 SENSOR: Final = (*(fault.name for fault in FAULTS), "onset", "base_moved")
 LIKE_SENSOR: Final = ("ethanol", "sensor_asymmetry")
+NEAR: Final = 1.1  # times the error without the effect
 BINS: Final = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)
 
 
@@ -72,6 +73,21 @@ def _in_set(row: Row) -> bool:
     return said and set(row["hidden"]) <= set(row["effects"])
 
 
+def _both(row: Row) -> bool:
+    return _named(row) and set(row["effects"]) == set(row["hidden"])
+
+
+def _said(row: Row) -> bool:
+    """Return whether every effect is named, in the ambiguous set, or said to be beside it."""
+    alike = {"ethanol"} if row["verdict"] == SUSPECTED else set()
+    said = {*row["effects"], *row.get("beside", ())} | alike
+    return set(row["hidden"]) <= said
+
+
+def _formula(row: Row) -> bool:
+    return bool(row["after"]) and row["after"] <= NEAR * row["without"]
+
+
 def _single(low: float, high: float = np.inf) -> Callable[[Row], bool]:
     return lambda row: row["kind"] == "effect" and low <= ratio(row) < high
 
@@ -117,6 +133,13 @@ FIGURES: Final[Mapping[str, Callable[[Any], str]]] = {
         _kind("unknown", 2.0), lambda r: r["verdict"] == "unknown_effect"
     ),
     "outside, named": _count(_kind("unknown"), _named),
+    "two, twice: both right": _count(_kind("two", 2.0), _both),
+    "two, twice: right or in a set": _count(_kind("two", 2.0), _said),
+    "beside a fault: suspected": _count(_kind("beside"), lambda r: r["verdict"] == SUSPECTED),
+    "beside a fault: and the effect said": _count(
+        _kind("beside"), lambda r: r["verdict"] == SUSPECTED and _said(r)
+    ),
+    "unknown, twice: formula within 10 %": _count(_kind("unknown", 2.0), _formula),
     "two: a wrong name": _count(
         _kind("two"), lambda r: _named(r) and not set(r["effects"]) <= set(r["hidden"])
     ),
@@ -161,7 +184,7 @@ def calibration(rows: Sequence[Row]) -> str:
     """
     said = []
     for row in rows:
-        if not row["posterior"] or row["kind"] == "two":
+        if not row["posterior"] or row["kind"] in ("two", "beside"):
             continue
         every = grouped(row["posterior"])
         best = max(every, key=lambda name: every[name])

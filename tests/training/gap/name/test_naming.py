@@ -203,6 +203,29 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
     assert chain_of(found, Constants()).terms == film.fit.terms
 
 
+def test_the_best_of_several_is_no_name_if_nothing_is_found_beside_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # GIVEN a first step that goes on with the better of two, and a second that finds nothing
+    driven = two_drives(2_200_140, ("wall_film", 4.0))
+    film, *others = name(driven, known()).trials.ranking
+    two = (film, next(c for c in others if c.kind == "effect"))
+    steps = iter([Outcome("named", (film, *others), best=two), Outcome("no_gap", tuple(others))])
+    monkeypatch.setattr("training.gap.name.steps.step", lambda *_, **__: next(steps))
+    # WHEN two steps are asked for, THEN either may be there
+    found = name(driven, known(), steps=2)
+    assert (found.verdict, found.answer.effects) == ("ambiguous", two)
+
+
+def test_an_effect_beside_a_slow_sensor_is_said_with_the_suspicion() -> None:
+    slow = ("slow_rich_to_lean", 0.6)
+    for effect, beside in ((None, []), (("wall_film", 4.0), ["wall_film"])):
+        found = name(two_drives(2_200_181, effect, fault=slow), known(), steps=2)
+        assert found.verdict == "sensor_fault_suspected"
+        assert found.answer.effects == ()
+        assert [c.name for c in found.answer.beside] == beside
+
+
 def test_a_candidate_without_its_signals_is_skipped_and_said_so() -> None:
     fed = [
         drives.make(

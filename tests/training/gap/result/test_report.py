@@ -437,10 +437,8 @@ def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> N
         ({"physical": False}, "; purge comes first with constants that it cannot have."),
         ({"t": 2.3}, "enough of it; purge comes first, but unevenly (t 2.3, 3 needed)."),
         (
-            {"adequacy": 0.83},
-            "with 83 % of what can be explained (85 % needed, 50 % of one far ahead)".replace(
-                " %", "\u00a0%"
-            ),
+            {"adequacy": 0.43},
+            "with 43 % of what can be explained (50 % needed)".replace(" %", "\u00a0%"),
         ),
         ({"score": 70.0}, "no candidate of the library explains enough of it."),
     ],
@@ -461,6 +459,15 @@ def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:
     now = page[page.index('id="now"') : page.index('id="much"')]
     assert "run again with --sensor-known-good: then purge may be named." in now
     assert as_json(replace(made("named"), naming=found))["indistinguishable"] == ["purge"]
+
+
+@pytest.mark.parametrize(("verdict", "word"), [("named", "or"), ("sensor_fault_suspected", "and")])
+def test_the_first_sentence_says_what_may_be_there_beside_it(verdict: Verdict, word: str) -> None:
+    found = naming(verdict, beside=RANKING[1:3])
+    says = [f"{c.name} ({c.term.says})" for c in RANKING[1:3]]
+    sentence = verdict_sentence(replace(made(verdict), naming=found))
+    assert f"Beside it there may be {says[0]} {word} {says[1]}." in sentence
+    assert "Beside it" not in verdict_sentence(made(verdict))
 
 
 def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
