@@ -67,6 +67,7 @@ class ResponseConfig:
     false_alarm_probability: float
     miss_probability: float
     evidence_alike: float
+    evidence_window: float
     evidence_most: float
 
 

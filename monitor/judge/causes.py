@@ -10,6 +10,7 @@ from monitor.base.config import Config
 from monitor.base.signals import BY_NAME
 from monitor.base.types import Quality
 from monitor.judge.enable import CONDITIONS, NEEDS, Range
+from monitor.judge.limits import Limits
 from monitor.judge.liveness import dead_at_end
 from monitor.judge.observation import Observed
 from monitor.model.card import ModelCard
@@ -76,6 +77,7 @@ class Asked:
     card: ModelCard
     config: Config
     sources: Mapping[str, Source] = field(default_factory=dict)  # by canonical name
+    limits: Limits | None = None  # with which the recording was judged
 
 
 def causes(seen: Observed, asked: Asked, judgement: Judgement | None = None) -> list[Cause]:
@@ -302,7 +304,7 @@ def _evidence(seen: Observed, judgement: Judgement) -> list[Cause]:
 def _dead(seen: Observed, asked: Asked) -> list[Cause]:
     """Return the cause of a sensor that was not alive when the recording ended."""
     output = asked.card.output
-    reason = dead_at_end(seen, output, asked.config.plausibility)
+    reason = dead_at_end(seen, asked.card, asked.config, asked.limits)
     if reason is None:
         return []
     words = {
@@ -312,6 +314,7 @@ def _dead(seen: Observed, asked: Asked) -> list[Cause]:
         "not_ready": "was not ready",
         "frozen": "did not move any more",
         "pegged": "stood at the end of its range",
+        "lifeless": "no longer followed the mixture",
     }[reason]
     advice = f"{output.name} {words} when the recording ended: check the sensor, record further"
     return [Cause("sensor_alive", None, output.name, reason, advice)]

@@ -4,17 +4,22 @@ A test that passed early says nothing of a sensor that dies later. An electrical
 seconds until it sets a code; within this time the recording may end.
 """
 
+import math
 from typing import Final, Literal
 
 import numpy as np
 
-from monitor.base.config import PlausibilityConfig
+from monitor.base.config import Config, PlausibilityConfig
+from monitor.base.runs import runs
 from monitor.base.types import BoolArray, FloatArray, Quality
 from monitor.judge.enable import CONDITIONS
+from monitor.judge.limits import Limits
+from monitor.judge.movement import MovementRule
 from monitor.judge.observation import Observed
-from monitor.model.card import Channel
+from monitor.judge.residual import oriented
+from monitor.model.card import Channel, ModelCard
 
-Dead = Literal["stale", "invalid", "out_of_range", "not_ready", "frozen", "pegged"]
+Dead = Literal["stale", "invalid", "out_of_range", "not_ready", "frozen", "pegged", "lifeless"]
 _BY_QUALITY: Final[dict[int, Dead]] = {
     Quality.STALE: "stale",
     Quality.OFF_BUS: "stale",
@@ -23,17 +28,36 @@ _BY_QUALITY: Final[dict[int, Dead]] = {
 }
 _VALID: Final = CONDITIONS.index("measured_valid")
 _RECOVERED: Final = CONDITIONS.index("fuel_cut_recovered")
+# while they hold, the prediction is the mixture's, in idle, too
+_FOLLOWED: Final = [
+    CONDITIONS.index(name)
+    for name in (
+        "inputs_valid",
+        "measured_valid",
+        "model_settled",
+        "trained_range",
+        "closed_loop",
+        "fuel_cut_recovered",
+        "sensor_ready",
+    )
+]
 
 
-def dead_at_end(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead | None:
+def dead_at_end(
+    seen: Observed, card: ModelCard, config: Config, limits: Limits | None
+) -> Dead | None:
     """Return how the sensor was dead when the recording ended, None if it was alive.
 
-    output : the model's output
+    limits : with which the recording was judged; without them nobody knows the model's error
     A sensor need not be alive while the engine stands.
     """
     if not len(seen.end_values):
         return None
-    return _silent(seen, output, config) or _still(seen, output, config)
+    own = config.plausibility
+    found = _silent(seen, card.output, own) or _still(seen, card.output, own)
+    if found is None and limits is not None:
+        return _lifeless(seen, card, config, limits)
+    return found
 
 
 def _silent(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead | None:
@@ -64,6 +88,27 @@ def _still(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead 
         return "frozen"
     burning = np.count_nonzero(seen.end_conditions[-n:, _RECOVERED])
     return "pegged" if burning >= least else None
+
+
+def _lifeless(seen: Observed, card: ModelCard, config: Config, limits: Limits) -> Dead | None:
+    """Return the state of the sensor if its last readings are noise while the prediction moves."""
+    n = config.window.n_samples
+    held: BoolArray = np.logical_and.reduce(seen.end_conditions[:, _FOLLOWED], axis=1)
+    held &= _running(seen, config.plausibility, len(held)) & np.isfinite(seen.end_predicted)
+    spans = [(begin, end) for begin, end in runs(held) if end - begin >= n]
+    if not spans:
+        return None
+    begin, end = spans[-1]
+    n_windows = (end - begin) // n
+    last = slice(end - n_windows * n, end)
+    measured = seen.end_values[last, seen.names.index(card.output.name)]
+    measured, healthy = (
+        oriented(values, card.transform).reshape(n_windows, n)
+        for values in (measured, seen.end_predicted[last])
+    )
+    rule = MovementRule(config.movement, limits.noise, limits.noise_memory, seen.period_s, math.inf)
+    odds = rule.dead_ratios(measured, healthy).sum()
+    return "lifeless" if odds >= config.movement.doubt else None
 
 
 def _running(seen: Observed, config: PlausibilityConfig, n: int) -> BoolArray:

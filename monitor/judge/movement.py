@@ -58,7 +58,7 @@ class MovementRule:
         measured, healthy : (w, n) reading, and what a healthy sensor would read, like phi
         no_evidence : (w,) windows that count for nothing
         """
-        dead = self._dead_ratios(measured, healthy)
+        dead = self.dead_ratios(measured, healthy)
         holds = self._hold_ratios(measured, healthy)
         found = []
         bound = self._needed * self._config.bound
@@ -74,8 +74,11 @@ class MovementRule:
             found.append(Moved(fault, self._dead, self._holds))
         return found
 
-    def _dead_ratios(self, measured: FloatArray, healthy: FloatArray) -> FloatArray:
-        """Return the log likelihood ratio of each window, (w,), limited to half a decision."""
+    def dead_ratios(self, measured: FloatArray, healthy: FloatArray) -> FloatArray:
+        """Return the log likelihood ratio of each window, (w,), limited to half a decision.
+
+        measured, healthy : (w, n) as in ``judge``
+        """
         config, n = self._config, measured.shape[1]
         own = measured.var(axis=1)
         moves = np.maximum(healthy.var(axis=1) - config.error_share * self._noise_var, 0.0)

@@ -47,12 +47,18 @@ class WindowFacts:
             bank=hypotheses,
             noise=Noise(limits.noise, limits.noise_memory),
             period_s=period_s,
-            window_most=limits.evidence_window,
         )
-        self._response = rule(evidence_weight=limits.evidence, gain_reference=limits.gain_expected)
-        # edges of fuel cuts are judged by the same claims, and their evidence is the same
+        # a model errs for a whole manoeuvre: a window may decide, but not turn a decision over
+        self._response = rule(
+            evidence_weight=limits.evidence,
+            window_most=min(limits.evidence_window, config.response.evidence_window),
+            gain_reference=limits.gain_expected,
+        )
+        # edges of fuel cuts are judged by the same claims, and their evidence is the same; their
+        # steps are far larger than the model's errors
         self._cut_response = rule(
             evidence_weight=limits.evidence_cut,
+            window_most=limits.evidence_window,
             gain_reference=limits.gain_cut,
             shares=self._response,
         )

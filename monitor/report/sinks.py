@@ -61,7 +61,7 @@ class Collector:
         self._t0_ns: int | None = None
         self._observation = monitor.observation()
         judge = monitor.judge
-        self._asked = Asked(judge.card, judge.config, sources or {})
+        self._asked = Asked(judge.card, judge.config, sources or {}, monitor.limits)
         self._windows: deque[dict[str, Any]] = deque(maxlen=keep)
         self._n_windows = self._n_excited = self._n_outside = self._n_cuts = 0
         self._series = _Series(keep_samples) if trace else None
@@ -95,7 +95,7 @@ class Collector:
         if self._t0_ns is None:
             self._t0_ns = ticks.block.t_ns.item(0)
         block = ticks.block
-        self._observation.push(block.values, block.quality, ticks.conditions)
+        self._observation.push(block.values, block.quality, ticks.conditions, ticks.predicted)
         if self._series is not None:
             t_s = (ticks.block.t_ns - self._t0_ns) / 1e9
             measured = ticks.block.values[:, self._output]

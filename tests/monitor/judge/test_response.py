@@ -348,6 +348,18 @@ def test_one_window_says_no_more_than_its_bound() -> None:
     assert steps(new_rule(window_most=5.0)).max() <= 5.0 + 1e-9
 
 
+def test_a_manoeuvre_on_which_the_model_errs_turns_no_decision_over() -> None:
+    # GIVEN a sound sensor, and a model that is right but for one manoeuvre of two windows, in which
+    # it moves twice as much as the mixture
+    measured, predicted = drive(healthy, 21)
+    wrong = slice(20 * WINDOW, 22 * WINDOW)
+    predicted[wrong] = 1.0 + 2.0 * (predicted[wrong] - 1.0)
+    # THEN no window fails, and the sensor passes again soon
+    found = judge(measured, predicted, new_rule(window_most=CONFIG.evidence_window))
+    assert "failed" not in {v.outcome for v in found}
+    assert {v.outcome for v in found[26:]} == {"passed"}
+
+
 def test_a_vehicle_of_little_gain_is_judged_against_its_own_gain() -> None:
     # GIVEN a vehicle whose healthy sensor follows with 0.86 of the model's amplitude
     # WHEN its sensor weakens to 0.85 of that, which is within specification

@@ -110,6 +110,15 @@ def test_a_drive_without_a_verdict_names_the_column_at_fault(
     assert got.recording["not_judged"][0]["held_share"] < 0.1
 
 
+def noisy(data: Columns) -> None:
+    """End the drive before its last fuel cut, at standstill, with a sensor that died with noise."""
+    for name in data:
+        data[name] = data[name][:-60]
+    last = data["lambda_measured"][-110:]
+    last[:] = 1.02 + 0.003 * np.random.default_rng(4).standard_normal(len(last))
+    data["vehicle_speed_km_h"][-110:] = 0.0  # so that nothing is judged
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -118,8 +127,9 @@ def test_a_drive_without_a_verdict_names_the_column_at_fault(
         (held("sensor_ready", 0.0, 12.0), "not_ready"),
         (held("lambda_measured", 1.02, 11.0), "frozen"),
         (held("lambda_measured", 15.9, 11.0), "pegged"),
+        (noisy, "lifeless"),
     ],
-    ids=["no value", "implausible", "not ready", "frozen", "pegged"],
+    ids=["no value", "implausible", "not ready", "frozen", "pegged", "noise"],
 )
 def test_a_sensor_that_dies_after_its_tests_passed_gives_no_clean_bill(
     replayed: Callable[[Change], Replayed], change: Change, reason: str
