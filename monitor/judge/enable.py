@@ -98,6 +98,13 @@ class Range(NamedTuple):
     high: float
 
 
+def settings_for(config: EnableConfig, card: ModelCard) -> EnableConfig:
+    """Return the settings for a model: one with a memory longer than a window settles as long."""
+    remembered = card.memory_samples if card.memory_samples > card.window_samples else 0
+    settle = max(config.model_settle_samples, remembered)
+    return replace(config, model_settle_samples=settle)
+
+
 class Enable:
     """Checks every condition on each sample; recovery times count samples.
 
@@ -173,17 +180,12 @@ class Enable:
 
     @classmethod
     def of(cls, config: EnableConfig, names: Sequence[str], card: ModelCard) -> "Enable":
-        """Return the conditions for a model on samples of ``names``.
-
-        A model that remembers its history for longer than a window settles as much longer.
-        """
-        remembered = card.memory_samples if card.memory_samples > card.window_samples else 0
-        settle = max(config.model_settle_samples, remembered)
+        """Return the conditions for a model on samples of ``names``."""
         low = np.array([channel.minimum for channel in card.inputs])
         high = np.array([channel.maximum for channel in card.inputs])
         period_s = card.period_ns * 1e-9
         return cls(
-            config=replace(config, model_settle_samples=settle),
+            config=settings_for(config, card),
             names=names,
             inputs=card.input_names,
             output=card.output.name,

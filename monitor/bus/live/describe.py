@@ -8,7 +8,7 @@ from typing import Any, Final
 from monitor.base import signals
 from monitor.base.config import Config, EnableConfig
 from monitor.base.types import Quality, Sample
-from monitor.judge.enable import CONDITIONS
+from monitor.judge.enable import CONDITIONS, settings_for
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.pipeline.events import Tick
@@ -82,7 +82,7 @@ class Conditions:
         self._signals = _SIGNAL_OF | {"measured_valid": monitor.output}
         self._at = {name: i for i, name in enumerate(monitor.names)}
         self._unavailable = monitor.unavailable
-        self._config = config
+        self._config = settings_for(config, card)
         margins = [config.range_margin * (c.maximum - c.minimum) for c in card.inputs]
         self._trained = {
             c.name: (c.minimum - margin, c.maximum + margin)
