@@ -43,7 +43,8 @@ class RearSensor:
 def sensors(config: CatalystConfig) -> tuple[RearSensor, ...]:
     """Return the sensors of the bank, sound ones first."""
     sound, late = config.sensor_lag_s, config.sensor_late_s
-    found = [RearSensor("", tau, tau) for tau in config.sensor_sound_lags_s]
+    lags = config.sensor_sound_lags_s
+    found = [RearSensor("", to_rich, to_lean) for to_rich in lags for to_lean in lags]
     for tau in config.sensor_slow_lags_s:
         found += [
             RearSensor("downstream_slow_symmetric", tau, tau),

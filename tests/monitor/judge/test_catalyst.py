@@ -24,9 +24,17 @@ NAMES = (*NEEDED, "engine_speed_rpm")
 
 
 def tank_volts(
-    x: FloatArray, air_g_s: FloatArray, capacity_g: float, lag_s: float, leak: float = 0.0
+    x: FloatArray,
+    air_g_s: FloatArray,
+    capacity_g: float,
+    lag_s: float,
+    leak: float = 0.0,
+    to_lean_s: float = 0.0,
 ) -> FloatArray:
-    """Voltage behind an ideal tank: nothing passes until it is full, or empty."""
+    """Voltage behind an ideal tank: nothing passes until it is full, or empty.
+
+    to_lean_s : lag towards lean, if another one
+    """
     held, richness, volts = 0.5 * capacity_g, 0.5, []
     for each, air in zip(x.tolist(), air_g_s.tolist(), strict=True):
         held += 0.23 * air * each * PERIOD_S
@@ -35,7 +43,8 @@ def tank_volts(
         if leak * np.exp(-air / 8.0) > 0.003 and held >= 0.0:
             now = 0.0
         held = min(max(held, 0.0), capacity_g)
-        richness += (now - richness) * (1.0 - np.exp(-PERIOD_S / lag_s))
+        own_s = to_lean_s if to_lean_s and now < richness else lag_s
+        richness += (now - richness) * (1.0 - np.exp(-PERIOD_S / own_s))
         volts.append(0.07 + 0.72 * richness)
     return np.array(volts)
 
@@ -48,6 +57,7 @@ def a_drive(
     offset: float = 0.0,
     leak: float = 0.0,
     unseen_fuel: float = 0.0,
+    to_lean_s: float = 0.0,
 ) -> FloatArray:
     """Modulated driving with changing load and a fuel cut each 40 s, (n, n_names).
 
@@ -63,7 +73,8 @@ def a_drive(
     air_g_s[cut] = 4.0
     x = np.where(cut, 0.93, np.where(refill, -0.06, x))
     gas = np.where(refill, x - unseen_fuel, x)
-    volts = tank_volts(gas, air_g_s, capacity_g, lag_s, leak) + 0.01 * rng.standard_normal(n)
+    volts = tank_volts(gas, air_g_s, capacity_g, lag_s, leak, to_lean_s)
+    volts += 0.01 * rng.standard_normal(n)
     measured = 1.0 / (1.0 - x) + offset
     return np.column_stack([volts, measured, 3.6 * air_g_s, np.full(n, 2000.0)])
 
@@ -142,6 +153,16 @@ def test_a_slow_sensor_passes_no_bad_catalyst(lag_s: float) -> None:
     entry = monitor.entry()
     assert entry is not None
     assert entry["verdict"] != "passed" or entry["sensor_verdict"] == "failed"
+
+
+@pytest.mark.parametrize(("to_rich_s", "to_lean_s"), [(0.1, 0.45), (0.45, 0.1)])
+def test_a_sensor_that_is_slower_in_one_direction_within_the_spread_is_sound(
+    to_rich_s: float, to_lean_s: float
+) -> None:
+    monitor, _ = judged(a_drive(0.25, to_rich_s, to_lean_s=to_lean_s))
+    entry = monitor.entry()
+    assert entry is not None
+    assert (entry["verdict"], entry["sensor_verdict"]) == ("passed", "passed")
 
 
 @pytest.mark.parametrize(("offset", "faults"), BIASES)
