@@ -33,6 +33,7 @@ EVIDENCE_SAFETY = (
     3.0  # the healthy recordings' largest evidence of a fault stays so far below a code
 )
 WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
+STEPS = (0.5, 0.8)  # of a weight that is still too large, at least and at most
 LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
 STILL_SAFETY = 1.5  # times the time after which no healthy reading was called stuck
 
@@ -290,11 +291,17 @@ def _calmed(
     name: str,
     config: Config,
 ) -> Limits:
-    """Return the limits with a weight so low that healthy recordings stay well below a code."""
-    allowed, weight = _allowed(config), config.response.evidence_weight
+    """Return the limits with a weight so low that healthy recordings stay well below a code.
+
+    Evidence that the recordings show with the least weight, too, comes from other windows.
+    """
     most = _most_evidence(model, recordings, limits, config)
+    if most <= _allowed(config):
+        return limits
+    others = _most_evidence(model, recordings, _weighted(limits, name, LEAST_EVIDENCE), config)
+    allowed, weight = max(_allowed(config), others), config.response.evidence_weight
     while most > allowed and weight > LEAST_EVIDENCE:  # evidence has bounds, so it is not linear
-        weight *= max(allowed / most, 0.5)
+        weight *= float(np.clip(allowed / most, *STEPS))
         limits = _weighted(limits, name, weight)
         most = _most_evidence(model, recordings, limits, config)
     return limits

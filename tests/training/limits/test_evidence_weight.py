@@ -1,0 +1,41 @@
+"""The weight of evidence that healthy recordings allow."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from monitor.base import config
+from monitor.judge.limits import Limits
+from monitor.report.replay import set_up
+from training.limits import decision_limits
+
+CONFIG = config.load()
+LIMITS: Limits = set_up(None, (), CONFIG).limits
+ALLOWED = decision_limits._allowed(CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("others", "own", "wanted"),
+    [
+        (0.0, 4.0, 0.75),  # all that fuel cuts say is allowed
+        (0.0, 10.0, ALLOWED / 10.0),
+        (1.0001 * ALLOWED, 4.0, 0.0),  # the other windows leave no room
+    ],
+)
+def test_the_weight_of_fuel_cuts_is_found_in_few_steps(
+    others: float, own: float, wanted: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN healthy recordings whose evidence of a fault is that of fuel cuts beside the others'
+    asked = []
+
+    def most(_model: Any, _recordings: Any, limits: Limits, _config: Any) -> float:
+        asked.append(limits.evidence_cut)
+        return others + own * limits.evidence_cut
+
+    monkeypatch.setattr(decision_limits, "_most_evidence", most)
+    full = replace(LIMITS, evidence_cut=0.75)
+    # WHEN the weight of fuel cuts is set THEN it is at most a fifth too low, and soon found
+    found = decision_limits._calmed(None, (), full, "evidence_cut", CONFIG)  # type: ignore[arg-type]
+    assert 0.8 * wanted <= found.evidence_cut <= wanted + 1e-3
+    assert len(asked) < 40
