@@ -74,6 +74,8 @@ ENABLED: Final = _where_all(CONDITIONS)
 INPUTS_VALID: Final = _where_all(["inputs_valid"])
 # a live sensor must move while these hold and the engine runs, whatever the model's state
 BURNING: Final = _where_all(["measured_valid", "fuel_cut_recovered", "sensor_ready"])
+# the prediction is the mixture's while these hold, in idle, too
+FOLLOWED: Final = _where_all(CONDITIONS[: CONDITIONS.index("coolant_warm")])
 # nothing but a fuel cut, or the recovery from it, disables the sample
 IN_FUEL_CUT: Final = _where_all(set(CONDITIONS) - set(_CUT_BREAKS)) & ~_where_all(
     ["fuel_cut_recovered"]

@@ -12,7 +12,7 @@ import numpy as np
 from monitor.base.config import Config, PlausibilityConfig
 from monitor.base.runs import runs
 from monitor.base.types import BoolArray, FloatArray, Quality
-from monitor.judge.enable import CONDITIONS
+from monitor.judge.enable import CONDITIONS, FOLLOWED, masks
 from monitor.judge.limits import Limits
 from monitor.judge.movement import MovementRule
 from monitor.judge.observation import Observed
@@ -28,19 +28,6 @@ _BY_QUALITY: Final[dict[int, Dead]] = {
 }
 _VALID: Final = CONDITIONS.index("measured_valid")
 _RECOVERED: Final = CONDITIONS.index("fuel_cut_recovered")
-# while they hold, the prediction is the mixture's, in idle, too
-_FOLLOWED: Final = [
-    CONDITIONS.index(name)
-    for name in (
-        "inputs_valid",
-        "measured_valid",
-        "model_settled",
-        "trained_range",
-        "closed_loop",
-        "fuel_cut_recovered",
-        "sensor_ready",
-    )
-]
 
 
 def dead_at_end(
@@ -93,7 +80,7 @@ def _still(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead 
 def _lifeless(seen: Observed, card: ModelCard, config: Config, limits: Limits) -> Dead | None:
     """Return the state of the sensor if its last readings are noise while the prediction moves."""
     n = config.window.n_samples
-    held: BoolArray = np.logical_and.reduce(seen.end_conditions[:, _FOLLOWED], axis=1)
+    held = FOLLOWED[masks(seen.end_conditions)]
     held &= _running(seen, config.plausibility, len(held)) & np.isfinite(seen.end_predicted)
     spans = [(begin, end) for begin, end in runs(held) if end - begin >= n]
     if not spans:

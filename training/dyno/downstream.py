@@ -32,9 +32,7 @@ class Downstream(NamedTuple):
     stuck_v: float  # fault: frozen voltage, 0 is none
     heating: float  # fault: part of the heating power that is left
     start_s: float  # of a fault of the sensor
-    wide: (
-        float  # 1: a wide-range sensor behind the catalyst, whose reading the ECU turns into volts
-    )
+    wide: float  # 1: a sensor of wide range, whose reading the ECU turns into volts
     wide_offset: float  # of such a sensor, in x
     steps: float  # active steps of the commanded phi, one side; 0: the ECU makes none
 

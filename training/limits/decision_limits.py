@@ -29,9 +29,7 @@ HELD_OUT = "test blocks held out of the training recordings"
 ALL_OF_A_CHAIN = "the recordings of the fit, which changed a few constants only"
 ALSO_CHOSEN_ON = " and blocks that chose the weights, because these hold too few windows"
 MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost no information
-EVIDENCE_SAFETY = (
-    3.0  # the healthy recordings' largest evidence of a fault stays so far below a code
-)
+EVIDENCE_SAFETY = 3.0  # times the healthy recordings' largest evidence of a fault, for a code
 WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
 STEPS = (0.5, 0.8)  # of a weight that is still too large, at least and at most
 LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
@@ -219,7 +217,7 @@ def response_limits(
     most = _most_evidence(model, recordings, used, config)
     if most > _allowed(config):
         used = replace(used, evidence_window=_of_a_code(config) / WINDOWS_OF_A_CODE)
-    used = _calmed(model, recordings, used, "evidence", config)
+    used, _ = _calmed(model, recordings, used, "evidence", config)
     found = {
         "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
         "evidence": Limit(
@@ -243,8 +241,7 @@ def response_limits(
         return found
     gain = _healthy_gain([_last_gain(each.cuts) for each in judged], config)
     used = replace(used, gain_cut=gain, evidence_cut=full)
-    most = _most_evidence(model, recordings, used, config)
-    used = _calmed(model, recordings, used, "evidence_cut", config)
+    used, most = _calmed(model, recordings, used, "evidence_cut", config)
     where = f"{n_cuts} windows around fuel cuts of {where}"
     return found | {
         "gain_cut": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
@@ -290,21 +287,22 @@ def _calmed(
     limits: Limits,
     name: str,
     config: Config,
-) -> Limits:
-    """Return the limits with a weight so low that healthy recordings stay well below a code.
+) -> tuple[Limits, float]:
+    """Return limits with which healthy recordings stay well below a code; their evidence before.
 
-    Evidence that the recordings show with the least weight, too, comes from other windows.
+    The weight is lowered. Evidence that the recordings show with the least weight, too, comes from
+    other windows.
     """
-    most = _most_evidence(model, recordings, limits, config)
+    most = before = _most_evidence(model, recordings, limits, config)
     if most <= _allowed(config):
-        return limits
+        return limits, before
     others = _most_evidence(model, recordings, _weighted(limits, name, LEAST_EVIDENCE), config)
     allowed, weight = max(_allowed(config), others), config.response.evidence_weight
     while most > allowed and weight > LEAST_EVIDENCE:  # evidence has bounds, so it is not linear
         weight *= float(np.clip(allowed / most, *STEPS))
         limits = _weighted(limits, name, weight)
         most = _most_evidence(model, recordings, limits, config)
-    return limits
+    return limits, before
 
 
 def _of_a_code(config: Config) -> float:

@@ -36,6 +36,7 @@ def test_the_weight_of_fuel_cuts_is_found_in_few_steps(
     monkeypatch.setattr(decision_limits, "_most_evidence", most)
     full = replace(LIMITS, evidence_cut=0.75)
     # WHEN the weight of fuel cuts is set THEN it is at most a fifth too low, and soon found
-    found = decision_limits._calmed(None, (), full, "evidence_cut", CONFIG)  # type: ignore[arg-type]
+    found, before = decision_limits._calmed(None, (), full, "evidence_cut", CONFIG)  # type: ignore[arg-type]
+    assert before == others + 0.75 * own
     assert 0.8 * wanted <= found.evidence_cut <= wanted + 1e-3
     assert len(asked) < 40
