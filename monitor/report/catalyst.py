@@ -1,7 +1,27 @@
 """What is known behind the catalyst, in words, for the report and the live page."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
+
+from monitor.memory.codes import TEST_OF
+
+LOG_ODDS: Final = {  # of each test
+    "catalyst": "log_odds",
+    "downstream": "sensor_log_odds",
+    "balance": "balance_log_odds",
+}
+
+
+def evidence(recording: Mapping[str, Any], fault: str) -> dict[str, float] | None:
+    """Return the evidence for a fault behind the catalyst, None if its test has no odds.
+
+    >>> low = {"catalyst": {"log_odds": 12.0, "needed": 9.21}}
+    >>> evidence(low, "catalyst_low")
+    {'log_odds': 12.0, 'needed': 9.21}
+    """
+    entry: Mapping[str, float] = recording.get("catalyst") or {}
+    key = LOG_ODDS.get(TEST_OF.get(fault, ""), "")
+    return {"log_odds": entry[key], "needed": entry["needed"]} if key in entry else None
 
 
 def rows(entry: Mapping[str, Any] | None) -> list[list[str]]:

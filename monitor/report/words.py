@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
+from monitor.report import catalyst
+
 _SUPERSCRIPT: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 MEANINGS = {
     "slow_rich_to_lean": "slow on rich-to-lean edges",
@@ -95,7 +97,7 @@ def meaning(dtc: Mapping[str, Any]) -> str:
 
 
 def confidence(recording: Mapping[str, Any]) -> str:
-    """Return how sure the verdict is: by the evidence of the response test, where that judged.
+    """Return how sure the verdict is: by the evidence of the response test, or behind the catalyst.
 
     >>> far = {"log_odds": -30.0, "needed": 9.21}
     >>> confidence({"dtcs": [], "not_judged": None, "evidence": {"transient": far}})
@@ -104,7 +106,7 @@ def confidence(recording: Mapping[str, Any]) -> str:
     evidence: Mapping[str, Any] = recording.get("evidence") or {}
     said = []
     for dtc in recording["dtcs"]:
-        each = evidence.get(dtc["fault"])
+        each = evidence.get(dtc["fault"]) or catalyst.evidence(recording, dtc["fault"])
         if each and each["log_odds"] is not None:
             said.append(f"odds for {dtc['fault']} are {odds(each)}")
         if 0.0 < dtc.get("probability", 0.0) < 0.995:

@@ -200,6 +200,7 @@ class LiveFeed:
             {
                 "dtcs": codes,
                 "not_judged": not monitor.completed,
+                "catalyst": monitor.catalyst.entry(),
                 **self._evidence(),
             }
         )

@@ -17,7 +17,7 @@ from monitor.memory.codes import CODES
 from monitor.report import html
 from monitor.report import text as report
 from monitor.report.text import Trace, series, thinned, write_report
-from monitor.report.words import MEANINGS
+from monitor.report.words import MEANINGS, confidence
 from tests.conftest import ROOT
 
 SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
@@ -176,6 +176,19 @@ def test_reason_and_confidence_stand_beside_the_verdict(tmp_path: Path) -> None:
     lead = text[: text.index("3 recordings · ")]
     assert "Fault found in 1 of 3 recordings." in lead
     assert "odds for slow_rich_to_lean are 10¹³ to 1" in lead
+
+
+def test_a_worn_catalyst_has_the_odds_of_its_own_test() -> None:
+    # GIVEN a code of the catalyst, whose response test of the upstream sensor says nothing
+    worn = {"dtcs": [{"fault": "catalyst_low", "code": "P0420"}], "not_judged": None}
+    bank = {"log_odds": 13.8, "sensor_log_odds": -11.5, "needed": 9.21}
+    # THEN the verdict is as sure as the bank is, or as the front sensor's excursions are
+    expected = "odds for catalyst_low are 10⁶ to 1, 10⁴ to 1 are needed"
+    assert confidence(worn | {"catalyst": bank}) == expected
+    assert confidence(worn | {"catalyst": {"method": "activity"} | bank}) == expected
+    # AND a circuit has limits, no odds
+    open_circuit = {"dtcs": [{"fault": "downstream_inactive", "code": "P0140"}], "catalyst": bank}
+    assert confidence(open_circuit).startswith("not given")
 
 
 def test_the_page_loads_nothing_and_allows_nothing_but_its_own_script(tmp_path: Path) -> None:
