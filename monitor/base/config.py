@@ -72,6 +72,18 @@ class ResponseConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class FuelCutConfig:
+    """What the steps of a fuel cut show."""
+
+    least_s: float
+    return_s: float
+    level_after_s: float
+    level_s: float
+    level_spread: float
+    step_residual: float
+
+
+@dataclass(frozen=True, slots=True)
 class BiasConfig:
     """The bias rule and the vehicle's healthy reference."""
 
@@ -265,6 +277,7 @@ class Config:
     window: WindowConfig
     enable: EnableConfig
     response: ResponseConfig
+    fuel_cut: FuelCutConfig
     bias: BiasConfig
     movement: MovementConfig
     plausibility: PlausibilityConfig
@@ -328,6 +341,7 @@ def _build(tree: dict[str, Any], where: str) -> Config:
         window=section(WindowConfig, "window"),
         enable=section(EnableConfig, "enable"),
         response=section(ResponseConfig, "response"),
+        fuel_cut=section(FuelCutConfig, "fuel_cut"),
         bias=section(BiasConfig, "bias"),
         movement=section(MovementConfig, "movement"),
         plausibility=section(PlausibilityConfig, "plausibility"),

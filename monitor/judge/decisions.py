@@ -12,7 +12,10 @@ from monitor.judge.bank import Hypothesis
 from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.catalyst_rule import Claim
 from monitor.judge.counters import Counters
-from monitor.judge.findings import Change, CutJudged, Evidence, Facts, WindowJudged
+from monitor.judge.findings import Change, Counted, CutJudged, Evidence, Facts, WindowJudged
+from monitor.judge.fuel_cut import LEVEL, Cut
+from monitor.judge.fuel_cut_response import TEST as FUEL_CUT_TEST
+from monitor.judge.fuel_cut_response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.judge.movement import Moved
 from monitor.judge.plausibility import TickResult
@@ -21,7 +24,7 @@ from monitor.judge.response import EDGES, Response
 from monitor.judge.rules import RuleClass, opinion
 from monitor.judge.window import Window
 from monitor.judge.window_facts import WindowFacts
-from monitor.memory.codes import OF_VEHICLE
+from monitor.memory.codes import OF_VEHICLE, TESTS
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import TestResult
 from monitor.memory.reference import Seen
@@ -50,6 +53,7 @@ class Decisions:
         self.store, self._limits, self._config = store, limits, config
         self._transform = transform
         self._facts = WindowFacts(limits, config, hypotheses, transform, period_s)
+        self.fuel_cuts = FuelCutResponse(config, limits.fuel_cut, transform)
         self._may_be_dead = False
         self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)
         self._rules = {test: kind() for test, kind in (rules or {}).items()}
@@ -60,12 +64,12 @@ class Decisions:
 
     @property
     def unfinished(self) -> tuple[str, ...]:
-        """Return the tests that have reached no decision."""
+        """Return the tests that have reached no decision, of those that set codes."""
         decided = self._counters.decided
         return tuple(
             test
             for test in OF_VEHICLE
-            if test not in decided or (test == "response" and self._may_be_dead)
+            if (TESTS[test] and test not in decided) or (test == "response" and self._may_be_dead)
         )
 
     def matured(self, result: TickResult, t_ns: int) -> list[Change]:
@@ -131,6 +135,18 @@ class Decisions:
         yield CutJudged(t_ns, response.outcome, response.fault, response.statistics)
         self._suspicious |= response.outcome == "failed"
         yield from self._response_step(response, t_ns)
+
+    def cut_over(self, cut: Cut, t_ns: int) -> Iterator[Change]:
+        """Take the steps of a fuel cut that is over; its level is evidence of the sensor's gain."""
+        test, store = self.fuel_cuts, self.store
+        test.add(cut)
+        store.report(list(test.results()))
+        if LEVEL in cut.seen and test.gain is not None:
+            self._facts.weigh_level(*test.gain, is_most=test.is_clipped)
+        if test.verdict != "inconclusive":
+            store.decide(FUEL_CUT_TEST)
+            if store.count_judged(FUEL_CUT_TEST):
+                yield Counted(t_ns, "numerator")
 
     def prefailed(self) -> dict[str, int]:
         """Return the codes whose tests have failed, but not often enough, with their counters."""

@@ -76,10 +76,9 @@ INPUTS_VALID: Final = _where_all(["inputs_valid"])
 BURNING: Final = _where_all(["measured_valid", "fuel_cut_recovered", "sensor_ready"])
 # the prediction is the mixture's while these hold, in idle, too
 FOLLOWED: Final = _where_all(CONDITIONS[: CONDITIONS.index("coolant_warm")])
-# nothing but a fuel cut, or the recovery from it, disables the sample
-IN_FUEL_CUT: Final = _where_all(set(CONDITIONS) - set(_CUT_BREAKS)) & ~_where_all(
-    ["fuel_cut_recovered"]
-)
+# nothing but a fuel cut, or the recovery from it, disables the sample, if anything does
+AROUND_FUEL_CUT: Final = _where_all(set(CONDITIONS) - set(_CUT_BREAKS))
+IN_FUEL_CUT: Final = AROUND_FUEL_CUT & ~_where_all(["fuel_cut_recovered"])
 
 
 def masks(conditions: BoolArray) -> NDArray[np.uint16]:

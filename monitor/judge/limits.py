@@ -6,6 +6,7 @@ from typing import Final
 
 from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import ConfigError, ModelError
+from monitor.judge.fuel_cut_response import FuelCutReference
 from monitor.judge.region import Region
 from monitor.memory.reference import Reference
 from monitor.model.card import ModelCard
@@ -50,6 +51,7 @@ class Limits:
     still_s: float = 0.0  # time for which the healthy reading may stand still, if it is long
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
     region: Region | None = None  # of the inputs, outside of which a window is no evidence
+    fuel_cut: FuelCutReference | None = None  # steps and levels of healthy fuel cuts
 
     @property
     def gain_expected(self) -> float:
@@ -83,8 +85,13 @@ class Limits:
             offset = max(offset, config.bias.offset_limit_lambda)
             values["offset_std"] = max(values["offset_std"], config.bias.window_std_lambda)
         values |= {name: card.limits[name].value for name in OPTIONAL if name in card.limits}
-        region = Region.from_card(card.region, where)
-        return cls(**values, offset_low=-offset, offset_high=offset, region=region)
+        return cls(
+            **values,
+            offset_low=-offset,
+            offset_high=offset,
+            region=Region.from_card(card.region, where),
+            fuel_cut=FuelCutReference.from_card(card.fuel_cut, where),
+        )
 
     def of_vehicle(self, reference: Reference, config: BiasConfig) -> "Limits":
         """Return the limits of the vehicle that the reference was learned on."""

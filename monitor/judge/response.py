@@ -103,6 +103,7 @@ class ResponseRule:
         n, known = len(self._claims), self._config.gain_known
         self._evidence.fill(0.0)
         self._gain_sums.fill(known)
+        self._of_level = np.zeros(n)  # part of the evidence that ``weigh_level`` has added
         self._drive_sums = np.zeros((3, n))  # like gain sums and evidence, but nothing fades
         self.windows = 0  # that were not ignored
 
@@ -123,6 +124,21 @@ class ResponseRule:
         sound = self._sound[self._drive_sums[2, self._sound].argmax()]
         sxx, sxy, _ = self._drive_sums[:, sound].tolist()
         return self._gain_reference * sxy / sxx if sxx > 0.0 else 1.0
+
+    def weigh_level(self, gain: float, std: float, *, is_most: bool) -> None:
+        """Take the sensor's gain by its level in air, in place of the one taken before.
+
+        It says as much as one window at most, and nothing of a sensor that is none at all.
+        is_most : the gain may be less
+        """
+        most = math.inf if is_most else self._gain_high
+        apart = (gain - np.clip(gain, self._gain_low, most)) / std
+        said = np.maximum(-0.5 * apart**2, -self._config.evidence_window)
+        said[-1] = said[:-1].max()
+        evidence = self._evidence
+        evidence += said - self._of_level
+        np.maximum(evidence, evidence.max() - self._config.evidence_most, out=evidence)
+        self._of_level = said
 
     def judge(
         self, measured: FloatArray, banks: Sequence[FloatArray], ignore: BoolArray

@@ -78,6 +78,13 @@ class WindowFacts:
             found += facts_of([*group])
         return found
 
+    def weigh_level(self, gain: float, std: float, *, is_most: bool) -> None:
+        """Take the sensor's gain by its level in air.
+
+        is_most : the gain may be less
+        """
+        self._response.weigh_level(gain, std, is_most=is_most)
+
     @property
     def drive_gain(self) -> float:
         """Return the gain of the likeliest sound sensor over all windows."""

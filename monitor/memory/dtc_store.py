@@ -10,12 +10,12 @@ from types import MappingProxyType
 
 from monitor.base.config import ProfileConfig, shipped
 from monitor.memory.codes import (
-    BEHIND,
     CODES,
     CONTINUOUS,
     LOST,
     OF_MONITOR,
     OF_VEHICLE,
+    OPTIONAL,
     TEST_OF,
     TESTS,
     codes_of,
@@ -201,6 +201,10 @@ class DtcStore:
         self._ratios[test] = _bounded(replace(before, numerator=before.numerator + 1))
         return True
 
+    def decide(self, test: str) -> None:
+        """Record that a test without codes of its own has reached a result."""
+        self._completed.add(test)
+
     def count_general_denominator(self) -> None:
         """Count this driving cycle in the general denominator, at most once."""
         if self._is_general:
@@ -300,10 +304,10 @@ class DtcStore:
     def supported_ratios(self) -> tuple[Ratio, ...]:
         """Return the in-use performance of the tests that this vehicle is known to support.
 
-        A test behind the catalyst is one of them once it has decided something.
+        A test behind the catalyst, or of fuel cuts, is one of them once it has decided something.
         """
         known = self._completed | {test for test, ratio in self._ratios.items() if ratio.numerator}
-        return tuple(r for r in self.ratios if r.test not in BEHIND or r.test in known)
+        return tuple(r for r in self.ratios if r.test not in OPTIONAL or r.test in known)
 
     @property
     def counts(self) -> Counts:

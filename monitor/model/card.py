@@ -122,6 +122,8 @@ class ModelCard:
     packages: Mapping[str, str] = field(default_factory=dict)
     # joint region of the inputs in which the model was learned; {} in older cards
     region: Mapping[str, Any] = field(default_factory=dict)
+    # steps and levels of healthy fuel cuts; {} without any, and in older cards
+    fuel_cut: Mapping[str, Any] = field(default_factory=dict)
     # the logger's profile that was given to the fit, as its TOML tree; {} in older cards
     profile: Mapping[str, Any] = field(default_factory=dict)
     # of all parts of the file but its metadata, entered by the writer; "" in older cards
@@ -171,6 +173,7 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
         "graph_sha256": "",
         "profile": {},
         "region": {},
+        "fuel_cut": {},
     } | data  # older cards lack them
     _keys(data, ModelCard, path, "model card")
     try:
@@ -189,7 +192,16 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
         data["layers"] = tuple(int(n) for n in data["layers"])
         for name in ("transforms", "effects"):
             data[name] = tuple(dict(item) for item in data[name])
-        for name in ("structure", "fit", "checks", "reference", "packages", "profile", "region"):
+        for name in (
+            "structure",
+            "fit",
+            "checks",
+            "reference",
+            "packages",
+            "profile",
+            "region",
+            "fuel_cut",
+        ):
             data[name] = dict(data[name])
         for name in ("residual_mean", "residual_std"):
             data[name] = float(data[name])

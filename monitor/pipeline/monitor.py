@@ -25,10 +25,13 @@ from monitor.judge.decisions import Decisions
 from monitor.judge.electrical import ElectricalTests
 from monitor.judge.enable import Enable
 from monitor.judge.findings import Evidence, Facts
+from monitor.judge.fuel_cut import Cut, FuelCuts, Stretch
+from monitor.judge.fuel_cut_response import FuelCutResponse
 from monitor.judge.heater import DUTY
 from monitor.judge.limits import Limits
 from monitor.judge.observation import Observation
 from monitor.judge.plausibility import TickResult
+from monitor.judge.residual import oriented
 from monitor.judge.window import Series, Window, Windows
 from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import SIGNALS as CYCLE_SIGNALS
@@ -125,6 +128,12 @@ class Monitor:
         is_judged = limits.evidence_cut > 0.0
         cut_windows = Windows(n_samples // 2, n_hypotheses, is_cut=True)
         self._cut_windows = cut_windows if is_judged else None
+        self._cuts: FuelCuts | None = None
+        if "fuel_cut" in names:
+            self._cut_flag = names.index("fuel_cut")
+            settings, most_s = config.fuel_cut, config.plausibility.fuel_cut_most_s
+            least = settings.step_residual * card.residual_std
+            self._cuts = FuelCuts(settings, period_s, least, most_s)
         self._run: RunState | None = None
         self._driven: list[Driven] = []  # not counted yet
         self._decide = partial(
@@ -162,6 +171,11 @@ class Monitor:
         """
         behind = self.catalyst.supported
         return tuple(t for t in self._decisions.unfinished if t not in BEHIND or t in behind)
+
+    @property
+    def fuel_cuts(self) -> FuelCutResponse:
+        """Return the test of the fuel-cut response in this driving cycle."""
+        return self._decisions.fuel_cuts
 
     def evidence(self) -> dict[str, Evidence]:
         """Return how far the response test is from a decision about each fault."""
@@ -298,8 +312,24 @@ class Monitor:
                 then.append((begin, _WINDOWS_KNOWN, partial(self._know, own, anew=anew)))
         for k, window in windows:
             then.append((k, _JUDGED, partial(self._judged, window, part.block, k)))
+        for k, cut in self._cuts_over(part):
+            then.append((k, _JUDGED, partial(self._cut_over, cut, part.block, k)))
         then.sort(key=itemgetter(0, 1))
         yield from self._events(part, then)
+
+    def _cuts_over(self, part: Part) -> list[tuple[int, Cut]]:
+        """Return the fuel cuts that are over, each with the number of the sample after it."""
+        if self._cuts is None:
+            return []
+        transform, flag = self._judge.card.transform, part.block.values[:, self._cut_flag]
+        measured, predicted = (oriented(x, transform) for x in (part.measured, part.predicted))
+        usable = enable.AROUND_FUEL_CUT[enable.masks(part.conditions)]
+        usable &= np.isfinite(measured) & np.isfinite(predicted) & np.isfinite(flag)
+        samples = Stretch(part.block.t_ns, measured, predicted, flag >= enable.NO_CUT)
+        return self._cuts.push(samples, usable)
+
+    def _cut_over(self, cut: Cut, block: SampleBlock, k: int) -> Iterator[Happening]:
+        yield from self._decisions.cut_over(cut, block.t_ns.item(k))
 
     def _events(self, part: Part, then: Sequence[Then]) -> Iterator[BlockEvent]:
         """Yield the happenings in the order of time, with the ticks before them."""

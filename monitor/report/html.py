@@ -9,7 +9,7 @@ from typing import Any
 
 from monitor.judge.causes import Cause
 from monitor.pipeline.entry import fault_words
-from monitor.report import catalyst, evidence
+from monitor.report import catalyst, evidence, fuel_cuts
 from monitor.report.elements import number, path, row, table, term_list, text
 from monitor.report.words import (
     STATISTICS,
@@ -133,7 +133,8 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
         f'<div class="verdict {verdict}"><p><strong>{VERDICTS[verdict][1].capitalize()}'
         f"{simulated}.</strong> {_sentence(recording)}</p>{_confidence(recording)}"
         f"{term_list(facts)}</div>"
-        f"{_causes(recording)}{_dtcs(recording)}{_evidence(recording)}{_behind(recording)}"
+        f"{_causes(recording)}{_dtcs(recording)}{_evidence(recording)}{_fuel_cuts(recording)}"
+        f"{_behind(recording)}"
         f'<section class="plots" data-series="series-{i}" data-name="{text(name)}{simulated}" '
         f'aria-label="Measured and predicted {text(output)} over time"></section>'
         f'<noscript><p class="quiet">The plots need JavaScript.</p></noscript>'
@@ -226,6 +227,17 @@ def _evidence(recording: Mapping[str, Any]) -> str:
     shown = table(("Fault", "Odds", "Decision"), rows, "cards")
     title = "Evidence about each fault of the response test"
     return f"<details><summary>{title}</summary>{shown}</details>"
+
+
+def _fuel_cuts(recording: Mapping[str, Any]) -> str:
+    """Return the test of the fuel-cut response, "" without a fuel cut."""
+    test: Mapping[str, Any] | None = recording.get("fuel_cut_response")
+    if test is None:
+        return ""
+    head = ("Quantity", "Measured", "Predicted", "Limits", "Verdict")
+    cells = [row(*zip(head, map(text, each), strict=True)) for each in fuel_cuts.rows(recording)]
+    title = f"Fuel-cut response: {fuel_cuts.verdict(test)}, {many(test['cuts'], 'fuel cut')}"
+    return f"<details><summary>{text(title)}</summary>{table(head, cells, 'cards')}</details>"
 
 
 def _behind(recording: Mapping[str, Any]) -> str:

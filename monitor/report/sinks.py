@@ -17,6 +17,7 @@ from monitor.pipeline.entry import (
     enable_shares,
     evidence_entry,
     fault_words,
+    fuel_cuts_entry,
     limits_entry,
     not_judged,
     seconds,
@@ -33,7 +34,7 @@ from monitor.pipeline.events import (
     WindowJudged,
 )
 from monitor.pipeline.monitor import Monitor
-from monitor.report import evidence
+from monitor.report import evidence, fuel_cuts
 from monitor.report.text import Trace
 
 SCHEMA = "o2mon.replay/1"
@@ -116,6 +117,7 @@ class Collector:
         is_faulty = monitor.store.fault_flag
         why = [] if is_faulty else causes(seen, self._asked, judgement)
         behind = monitor.catalyst.entry()
+        cuts = monitor.fuel_cuts
         return {
             "path": path,
             "sha256": sha256,
@@ -132,6 +134,7 @@ class Collector:
             "completed": monitor.completed,
             "not_judged": not_judged(why),
             **({"windows_fuel_cut": self._n_cuts} if monitor.limits.evidence_cut else {}),
+            **({"fuel_cut_response": fuel_cuts_entry(cuts)} if cuts.cuts else {}),
             "evidence": evidence_entry(monitor.evidence()),
             "enable": enable_shares(seen.held.tolist(), monitor.samples, monitor.unavailable),
             "limits": limits_entry(monitor.limits),
@@ -244,6 +247,7 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
         f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
         f"{judged}; paper's rule failed {paper}"
     )
+    yield from (f"  {line}" for line in fuel_cuts.lines(recording, in_detail=windows))
     if recording["not_judged"]:
         for fault, odds, left in evidence.rows(recording):
             if left not in evidence.DECIDED:

@@ -18,7 +18,7 @@ from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
-from training.limits.decision_limits import limits_of, response_limits
+from training.limits.decision_limits import limits_of, response_limits, with_fuel_cuts
 from training.limits.judging import Judged, judge_recordings, most_common_cause, why_not
 from training.limits.paper_limits import PaperLimits, Residuals, choose, held_out
 from training.limits.tolerance import CONFIDENCE, rate_bounds
@@ -57,10 +57,10 @@ def calibrate(
             f"{path}: its limits are for windows of {model.card.window_samples} samples, "
             f"[window] n_samples is {config.window.n_samples}"
         )
-    good, bad = (
-        [judged.windows for judged in judge_recordings(drives, model, NO_LIMITS, config)]
-        for drives in (healthy, faulty)
+    judged, judged_bad = (
+        judge_recordings(drives, model, NO_LIMITS, config) for drives in (healthy, faulty)
     )
+    good, bad = ([each.windows for each in drives] for drives in (judged, judged_bad))
     seen, seen_bad = _residuals(good), _residuals(bad) if any(bad) else None
     try:
         chosen = choose(seen, seen_bad, rate)
@@ -71,6 +71,7 @@ def calibrate(
     card = _with_limits(
         model.card, healthy, good=good, bad=bad, chosen=chosen, rate=rate, config=config
     )
+    card = with_fuel_cuts(card, judged, config)
     limits = Limits.from_card(card, config, str(path))
     response = response_limits(model, healthy, limits, config)
     card = replace(card, limits={**card.limits, **response})

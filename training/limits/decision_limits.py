@@ -16,6 +16,7 @@ from monitor.memory.codes import TESTS
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged, WindowJudged
+from training.limits.fuel_cuts import reference_of
 from training.limits.judging import Judged, judge_recordings, most_common_cause
 from training.limits.region import region_of
 from training.narx.export import update_card
@@ -180,9 +181,17 @@ def with_limits(
         limits={**model.card.limits, **limits},
         region=region.to_card() if region else {},
     )
+    card = with_fuel_cuts(card, judged, config)
     used = Limits.from_card(card, config, origin)
     response = response_limits(model, recordings, used, config)
     return replace(card, limits={**card.limits, **response}), sum(map(len, drives))
+
+
+def with_fuel_cuts(card: ModelCard, judged: Sequence[Judged], config: Config) -> ModelCard:
+    """Return the card with what the fuel cuts of healthy drives show, if they show anything."""
+    drives = [each.fuel_cuts for each in judged]
+    reference = reference_of(drives, config, card.transform, card.period_ns * 1e-9)
+    return replace(card, fuel_cut=reference.to_card() if reference else card.fuel_cut)
 
 
 def whole(recordings: Sequence[Recording]) -> list[HeldOut]:

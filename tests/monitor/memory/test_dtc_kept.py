@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from monitor.memory import obd_records
-from monitor.memory.codes import BEHIND, TESTS
+from monitor.memory.codes import OPTIONAL, TESTS
 from monitor.memory.dtc import Dtc
 from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.obd_records import Counts, FreezeFrame
@@ -212,7 +212,7 @@ def test_a_code_that_keeps_a_test_from_judging_pauses_its_ratio() -> None:
     assert not store.count_judged("response")
     assert store.count_judged("communication")
     paused = {r.test for r in store.ratios if not r.denominator}
-    assert paused == {"response", "bias", "activity", *BEHIND}
+    assert paused == {"response", "bias", "activity", *OPTIONAL}
     assert store.counts.general_denominator == 1
 
 

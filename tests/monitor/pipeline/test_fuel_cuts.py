@@ -7,6 +7,7 @@ import pytest
 
 from monitor.base import faults
 from monitor.base.types import SampleBlock
+from monitor.judge.fuel_cut_response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.side_by_side import Judged, judge_all
@@ -50,6 +51,15 @@ def test_fuel_cuts_alone_name_a_sensor_that_is_slow_or_late_on_one_edge(
 ) -> None:
     got = judged(fault, severity, ONLY_CUTS)
     assert [dtc.fault for dtc in got.dtcs if dtc.fault.startswith(("slow", "delay"))] == [fault]
+    assert response(got).faults == (fault,)
+
+
+def response(judged: Judged) -> FuelCutResponse:
+    """Return the test of the fuel-cut response after a drive."""
+    test = FuelCutResponse(SHIPPED, ONLY_CUTS.fuel_cut, MODEL.card.transform)
+    for cut in judged.fuel_cuts:
+        test.add(cut)
+    return test
 
 
 def test_fuel_cuts_alone_call_a_sound_sensor_sound() -> None:
@@ -57,6 +67,7 @@ def test_fuel_cuts_alone_call_a_sound_sensor_sound() -> None:
     assert got.dtcs == []
     assert got.completed
     assert len(got.cuts) >= 10
+    assert response(got).verdict == "passed"
 
 
 def test_without_a_weight_in_the_card_fuel_cuts_say_nothing() -> None:

@@ -1,0 +1,48 @@
+"""The test of the fuel-cut response in words: verdict, and each quantity with its limits."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from monitor.judge.fuel_cut import LEVEL
+from monitor.report.elements import plain
+from monitor.report.words import many
+
+WORDS: Final = {
+    "delay_rich_to_lean_s": "delay to lean, s",
+    "rise_rich_to_lean_s": "rise to lean, s",
+    "delay_lean_to_rich_s": "delay to rich, s",
+    "rise_lean_to_rich_s": "rise to rich, s",
+    LEVEL: "level in air",
+}
+VERDICTS: Final = {"passed": "passed", "failed": "failed", "inconclusive": "not decided"}
+
+
+def verdict(test: Mapping[str, Any]) -> str:
+    """Return the verdict in words."""
+    names = ", ".join(test["faults"])
+    return VERDICTS[test["verdict"]] + (f" ({names})" if names else "")
+
+
+def rows(recording: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str, str]]:
+    """Yield quantity, measured, predicted, limits and verdict of a recording's fuel cuts."""
+    test = recording.get("fuel_cut_response") or {"findings": {}}
+    for name, each in test["findings"].items():
+        known = each["low"] is not None and each["high"] is not None
+        limits = f"{plain(each['low'])} to {plain(each['high'])}" if known else "none"
+        values = plain(each["measured"]), plain(each["predicted"])
+        yield WORDS[name], *values, limits, VERDICTS[each["verdict"]]
+
+
+def lines(recording: Mapping[str, Any], *, in_detail: bool) -> Iterator[str]:
+    """Yield the lines that a command prints about a recording's fuel cuts.
+
+    in_detail : each quantity, also if the test has not failed
+    """
+    test = recording.get("fuel_cut_response")
+    if test is None:
+        return
+    yield f"fuel-cut response: {verdict(test)}, {many(test['cuts'], 'fuel cut')}"
+    if not in_detail and test["verdict"] != "failed":
+        return
+    for words, measured, predicted, limits, own in rows(recording):
+        yield f"  {words}: {measured}, predicted {predicted}, limits {limits}; {own}"

@@ -1,0 +1,61 @@
+"""What fuel cuts show in healthy drives, with its spread, for the model card."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.judge.fuel_cut import LEVEL, QUANTITIES, Cut
+from monitor.judge.fuel_cut_response import FuelCutReference, Healthy
+
+LEAST_DRIVES: Final = 2  # that show a quantity
+LEAST_CUTS: Final = 3  # of each
+STEP_SHARE: Final = 0.29  # standard deviation of a time known to one sample, in samples
+CLIPPED_SHARE: Final = 0.5  # of the levels at the leanest one; it is the end of the range
+
+
+def reference_of(
+    drives: Sequence[Sequence[Cut]], config: Config, transform: str, period_s: float
+) -> FuelCutReference | None:
+    """Return what the fuel cuts of healthy drives show, None if they show nothing.
+
+    transform : of the model; a level has a meaning only in phi
+    """
+    levels = np.concatenate([np.empty(0), *(_values(cuts, LEVEL) for cuts in drives)])
+    is_clipped = bool(
+        len(levels)
+        and (levels - levels.min() <= config.plausibility.stuck_range).mean() > CLIPPED_SHARE
+    )
+    healthy: dict[str, Healthy] = {}
+    for name in QUANTITIES:
+        if name == LEVEL and (is_clipped or transform != "phi"):
+            if is_clipped and transform == "phi":
+                healthy[name] = Healthy(round(float(levels.min()), 5), 0.0, 0.0)
+            continue
+        own = [_values(cuts, name) for cuts in drives]
+        own = [values for values in own if len(values) >= LEAST_CUTS]
+        if len(own) >= LEAST_DRIVES:
+            least = 0.0 if name == LEVEL else STEP_SHARE * period_s
+            healthy[name] = _healthy(own, least)
+    return FuelCutReference(healthy, is_clipped) if healthy else None
+
+
+def _values(cuts: Sequence[Cut], name: str) -> np.ndarray:
+    """Return a quantity of a drive's cuts: measured less predicted, or the level."""
+    seen = [cut.seen[name] for cut in cuts if name in cut.seen]
+    return np.array([s.measured - (0.0 if name == LEVEL else s.predicted) for s in seen])
+
+
+def _healthy(drives: Sequence[np.ndarray], least: float) -> Healthy:
+    """Return mean and spreads over drives.
+
+    least : spread of drives at least
+    """
+    means = np.array([values.mean() for values in drives])
+    within = float(np.mean([values.var(ddof=1) for values in drives]))
+    return Healthy(
+        mean=round(float(means.mean()), 5),
+        std=round(float(np.sqrt(within)), 5),
+        drive_std=round(max(float(means.std(ddof=1)), least), 5),
+    )
