@@ -44,6 +44,7 @@ class Cut:
 
     t_ns: int  # of the first sample with fuel cut
     seen: dict[str, Seen]  # some of QUANTITIES
+    is_flat: bool = False  # the reading of its level does not move at all
 
 
 class Stretch(NamedTuple):
@@ -75,11 +76,13 @@ def cuts_of(stretch: Stretch, config: FuelCutConfig, period_s: float, least: flo
             continue
         stop = min(following, end + round(config.return_s / period_s))
         seen = _edge("rich_to_lean", stretch.part(begin - 1, end), -least, period_s)
+        is_flat = False
         seen |= _edge("lean_to_rich", stretch.part(end - 1, stop), least, period_s)
         if (end - begin) * period_s >= config.level_after_s:
             last = stretch.part(end - round(config.level_s / period_s), end)
             seen[LEVEL] = Seen(float(np.median(last.measured)), float(np.median(last.predicted)))
-        found.append(Cut(stretch.t_ns.item(begin), seen))
+            is_flat = bool(np.ptp(last.measured) == 0.0)
+        found.append(Cut(stretch.t_ns.item(begin), seen, is_flat))
     return found
 
 

@@ -87,6 +87,12 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
         help="the ECU tests its catalyst with steps of the commanded mixture by so much, as 0.03",
     )
     parser.add_argument(
+        "--linear-reading",
+        action="store_true",
+        help="the ECU takes lambda as linear in the sensor's pump current: it reads 2.0 in air, "
+        "where the usual one ends at 15.9",
+    )
+    parser.add_argument(
         "--fault-start",
         type=float,
         default=0.0,
@@ -200,6 +206,7 @@ def run(args: argparse.Namespace) -> int:
             wide_downstream=args.downstream == "wide",
             active_steps_phi=args.active_steps,
             downstream_fault=downstream_fault,
+            linear_reading=args.linear_reading,
         )
         print(write(experiment, args.out, args.format, args.period))
         if args.truth is not None and seed == args.seed:

@@ -12,7 +12,7 @@ from monitor.judge.fuel_cut_response import FuelCutReference, Healthy
 LEAST_DRIVES: Final = 2  # that show a quantity
 LEAST_CUTS: Final = 3  # of each
 STEP_SHARE: Final = 0.29  # standard deviation of a time known to one sample, in samples
-CLIPPED_SHARE: Final = 0.5  # of the levels at the leanest one; it is the end of the range
+CLIPPED_SHARE: Final = 0.5  # of the levels; if so many do not move and are alike, the range ends
 
 
 def reference_of(
@@ -22,16 +22,18 @@ def reference_of(
 
     transform : of the model; a level has a meaning only in phi
     """
-    levels = np.concatenate([np.empty(0), *(_values(cuts, LEVEL) for cuts in drives)])
-    is_clipped = bool(
-        len(levels)
-        and (levels - levels.min() <= config.plausibility.stuck_range).mean() > CLIPPED_SHARE
-    )
+    levels = [cut for cuts in drives for cut in cuts if LEVEL in cut.seen]
+    leanest = min((cut.seen[LEVEL].measured for cut in levels), default=0.0)
+    at_end = [
+        cut.is_flat and cut.seen[LEVEL].measured - leanest <= config.plausibility.stuck_range
+        for cut in levels
+    ]
+    is_clipped = sum(at_end) > CLIPPED_SHARE * len(levels)
     healthy: dict[str, Healthy] = {}
     for name in QUANTITIES:
         if name == LEVEL and (is_clipped or transform != "phi"):
             if is_clipped and transform == "phi":
-                healthy[name] = Healthy(round(float(levels.min()), 5), 0.0, 0.0)
+                healthy[name] = Healthy(round(leanest, 5), 0.0, 0.0)
             continue
         own = [_values(cuts, name) for cuts in drives]
         own = [values for values in own if len(values) >= LEAST_CUTS]

@@ -149,9 +149,15 @@ def test_what_healthy_drives_show_is_learned_with_its_spread() -> None:
     assert FuelCutReference.from_card(found.to_card(), "card") == found
 
 
-def test_levels_that_are_all_alike_are_the_end_of_the_range() -> None:
-    cuts = [Cut(0, {LEVEL: Seen(level, 0.0)}) for level in (0.063, 0.063, 0.063, 0.1)]
-    found = reference_of([cuts, cuts], CONFIG, "phi", PERIOD_S)
+def test_levels_that_are_alike_and_do_not_move_are_the_end_of_the_range() -> None:
+    levels = 0.063, 0.063, 0.063, 0.1
+    still, moving = (
+        [Cut(0, {LEVEL: Seen(each, 0.0)}, is_flat) for each in levels] for is_flat in (True, False)
+    )
+    found = reference_of([still, still], CONFIG, "phi", PERIOD_S)
     assert found is not None
-    assert found.is_clipped
-    assert found.healthy[LEVEL].mean == pytest.approx(0.063)
+    assert (found.is_clipped, found.healthy[LEVEL].mean) == (True, 0.063)
+    # WHEN the reading moves there THEN it is a level that no range ends
+    found = reference_of([moving, moving], CONFIG, "phi", PERIOD_S)
+    assert found is not None
+    assert not found.is_clipped
