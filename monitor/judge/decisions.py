@@ -13,7 +13,7 @@ from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.catalyst_rule import Claim
 from monitor.judge.counters import Counters
 from monitor.judge.findings import Change, Counted, CutJudged, Evidence, Facts, WindowJudged
-from monitor.judge.fuel_cut import LEVEL, Cut
+from monitor.judge.fuel_cut import Cut
 from monitor.judge.fuel_cut_response import TEST as FUEL_CUT_TEST
 from monitor.judge.fuel_cut_response import FuelCutResponse
 from monitor.judge.limits import Limits
@@ -100,12 +100,13 @@ class Decisions:
             return counters.set_codes(test, failed=failed, fault=fault, also=(), t_ns=t_ns)
         return counters.step(test, failed=failed, fault=fault, also=claim.also, t_ns=t_ns)
 
-    def facts(self, windows: Sequence[Window]) -> list[Facts]:
-        """Return the facts of windows that follow each other.
+    def facts(self, items: Sequence[Window | Cut]) -> list[Facts]:
+        """Return the facts of the windows among items that follow each other.
 
-        Every window goes through here once, before ``window`` or ``cut`` decides.
+        Every window and every fuel cut goes through here once, before ``window``, ``cut`` or
+        ``cut_over`` decides.
         """
-        return self._facts.of(windows)
+        return self._facts.of(items)
 
     def window(self, window: Window, facts: Facts) -> Iterator[WindowJudged | Change]:
         """Take a full window; yield its verdict, then the codes that it changes."""
@@ -137,12 +138,10 @@ class Decisions:
         yield from self._response_step(response, t_ns)
 
     def cut_over(self, cut: Cut, t_ns: int) -> Iterator[Change]:
-        """Take the steps of a fuel cut that is over; its level is evidence of the sensor's gain."""
+        """Take a fuel cut that is over; yield what the test of the fuel-cut response changes."""
         test, store = self.fuel_cuts, self.store
         test.add(cut)
         store.report(list(test.results()))
-        if LEVEL in cut.seen and test.gain is not None:
-            self._facts.weigh_level(*test.gain, is_most=test.is_clipped)
         if test.verdict != "inconclusive":
             store.decide(FUEL_CUT_TEST)
             if store.count_judged(FUEL_CUT_TEST):

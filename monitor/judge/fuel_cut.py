@@ -137,6 +137,11 @@ class FuelCuts:
         self._before: list[Stretch] = []  # the sample before, if it is usable
         self._open: list[Stretch] = []
 
+    @property
+    def is_idle(self) -> bool:
+        """Return whether no cut was near the latest sample."""
+        return not self._open and bool(self._since[0] > self._return)
+
     def push(self, samples: Stretch, usable: BoolArray) -> list[tuple[int, Cut]]:
         """Take samples; return the cuts that are over, each with the number of the sample after.
 

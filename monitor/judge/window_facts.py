@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 from functools import partial
 from itertools import groupby
-from operator import attrgetter
 from typing import Final
 
 import numpy as np
@@ -14,6 +13,8 @@ from monitor.base.types import FloatArray
 from monitor.judge.bank import Hypothesis
 from monitor.judge.claims import Noise
 from monitor.judge.findings import Evidence, Facts
+from monitor.judge.fuel_cut import LEVEL, Cut
+from monitor.judge.fuel_cut_response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.judge.movement import UNKNOWN, MovementRule
 from monitor.judge.residual import lambda_of, means_and_stds
@@ -22,6 +23,12 @@ from monitor.judge.window import Window
 from monitor.memory.codes import CODES
 
 LAMBDA_LEAST: Final = 0.1  # what stays of a measurement whose offset is taken off
+
+
+def _kind(item: Window | Cut) -> str:
+    if isinstance(item, Cut):
+        return "cut"
+    return "around_cut" if item.is_cut else "enabled"
 
 
 class WindowFacts:
@@ -39,6 +46,7 @@ class WindowFacts:
         period_s: float,
     ) -> None:
         self._limits, self._transform = limits, transform
+        self._cuts = FuelCutResponse(config, limits.fuel_cut, transform)
         self._stuck_range = config.plausibility.stuck_range
         self._window_s = config.window.n_samples * period_s
         rule = partial(
@@ -70,20 +78,27 @@ class WindowFacts:
             self._response.evidence_fail,
         )
 
-    def of(self, windows: Sequence[Window]) -> list[Facts]:
-        """Return the facts of windows that follow each other; every window goes through once."""
+    def of(self, items: Sequence[Window | Cut]) -> list[Facts]:
+        """Return the facts of the windows among items that follow each other.
+
+        Every window and every fuel cut goes through once. The level of a cut in air is evidence
+        of the sensor's gain.
+        """
         found: list[Facts] = []
-        for is_cut, group in groupby(windows, attrgetter("is_cut")):
-            facts_of = self._around_cuts if is_cut else self._enabled
-            found += facts_of([*group])
+        for kind, group in groupby(items, _kind):
+            if kind == "cut":
+                self._weigh([each for each in group if isinstance(each, Cut)])
+                continue
+            facts_of = self._around_cuts if kind == "around_cut" else self._enabled
+            found += facts_of([each for each in group if isinstance(each, Window)])
         return found
 
-    def weigh_level(self, gain: float, std: float, *, is_most: bool) -> None:
-        """Take the sensor's gain by its level in air.
-
-        is_most : the gain may be less
-        """
-        self._response.weigh_level(gain, std, is_most=is_most)
+    def _weigh(self, cuts: Sequence[Cut]) -> None:
+        """Take the levels of fuel cuts."""
+        for cut in cuts:
+            self._cuts.add(cut)
+            if LEVEL in cut.seen and self._cuts.gain is not None:
+                self._response.weigh_level(*self._cuts.gain, is_most=self._cuts.is_clipped)
 
     @property
     def drive_gain(self) -> float:

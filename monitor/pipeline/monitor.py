@@ -25,13 +25,12 @@ from monitor.judge.decisions import Decisions
 from monitor.judge.electrical import ElectricalTests
 from monitor.judge.enable import Enable
 from monitor.judge.findings import Evidence, Facts
-from monitor.judge.fuel_cut import Cut, FuelCuts, Stretch
+from monitor.judge.fuel_cut import Cut
 from monitor.judge.fuel_cut_response import FuelCutResponse
 from monitor.judge.heater import DUTY
 from monitor.judge.limits import Limits
 from monitor.judge.observation import Observation
 from monitor.judge.plausibility import TickResult
-from monitor.judge.residual import oriented
 from monitor.judge.window import Series, Window, Windows
 from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import SIGNALS as CYCLE_SIGNALS
@@ -53,6 +52,7 @@ from monitor.pipeline.events import (
     Ticks,
     WindowJudged,
 )
+from monitor.pipeline.fuel_cuts import CutWatch
 from monitor.pipeline.segments import Part, RunState, Segments, Then
 
 # the order of what happens at one sample; its tick comes before those from _MATURED on
@@ -128,12 +128,8 @@ class Monitor:
         is_judged = limits.evidence_cut > 0.0
         cut_windows = Windows(n_samples // 2, n_hypotheses, is_cut=True)
         self._cut_windows = cut_windows if is_judged else None
-        self._cuts: FuelCuts | None = None
-        if "fuel_cut" in names:
-            self._cut_flag = names.index("fuel_cut")
-            settings, most_s = config.fuel_cut, config.plausibility.fuel_cut_most_s
-            least = settings.step_residual * card.residual_std
-            self._cuts = FuelCuts(settings, period_s, least, most_s)
+        has_cut = "fuel_cut" in names
+        self._cuts = CutWatch(config, card, names.index("fuel_cut")) if has_cut else None
         self._run: RunState | None = None
         self._driven: list[Driven] = []  # not counted yet
         self._decide = partial(
@@ -301,35 +297,20 @@ class Monitor:
         windows = self._windows.push(part.spans, series, goes_on=goes_on)
         if self._cut_windows is not None:
             windows += self._cut_windows.push(part.cut_spans, series, goes_on=goes_on)
-            windows.sort(key=itemgetter(0))
+        cuts = self._cuts.over(part) if self._cuts else []
+        items: list[tuple[int, Window | Cut]] = sorted([*windows, *cuts], key=itemgetter(0))
         then = part.then
         is_cleared, self._clearings = self._clearings != self.store.clearings, self.store.clearings
         edges = sorted({0, *part.cuts, len(part.measured)})
         for begin, end in pairwise(edges):
-            own = [window for k, window in windows if begin <= k < end]
+            own = [item for k, item in items if begin <= k < end]
             anew = is_cleared and begin == 0
             if own or anew:
                 then.append((begin, _WINDOWS_KNOWN, partial(self._know, own, anew=anew)))
-        for k, window in windows:
-            then.append((k, _JUDGED, partial(self._judged, window, part.block, k)))
-        for k, cut in self._cuts_over(part):
-            then.append((k, _JUDGED, partial(self._cut_over, cut, part.block, k)))
+        for k, item in items:
+            then.append((k, _JUDGED, partial(self._judged, item, part.block, k)))
         then.sort(key=itemgetter(0, 1))
         yield from self._events(part, then)
-
-    def _cuts_over(self, part: Part) -> list[tuple[int, Cut]]:
-        """Return the fuel cuts that are over, each with the number of the sample after it."""
-        if self._cuts is None:
-            return []
-        transform, flag = self._judge.card.transform, part.block.values[:, self._cut_flag]
-        measured, predicted = (oriented(x, transform) for x in (part.measured, part.predicted))
-        usable = enable.AROUND_FUEL_CUT[enable.masks(part.conditions)]
-        usable &= np.isfinite(measured) & np.isfinite(predicted) & np.isfinite(flag)
-        samples = Stretch(part.block.t_ns, measured, predicted, flag >= enable.NO_CUT)
-        return self._cuts.push(samples, usable)
-
-    def _cut_over(self, cut: Cut, block: SampleBlock, k: int) -> Iterator[Happening]:
-        yield from self._decisions.cut_over(cut, block.t_ns.item(k))
 
     def _events(self, part: Part, then: Sequence[Then]) -> Iterator[BlockEvent]:
         """Yield the happenings in the order of time, with the ticks before them."""
@@ -373,14 +354,14 @@ class Monitor:
             self.store.drive(self._driven)
             self._driven = []
 
-    def _know(self, windows: Sequence[Window], *, anew: bool) -> Iterable[Happening]:
-        """Take the windows up to the next driving cycle or the end of the block.
+    def _know(self, items: Sequence[Window | Cut], *, anew: bool) -> Iterable[Happening]:
+        """Take the windows and fuel cuts up to the next driving cycle or the end of the block.
 
         anew : forget the conclusions so far
         """
         if anew:
             self._decisions = self._decide(self.limits)
-        self._facts = iter(self._decisions.facts(windows) if windows else ())
+        self._facts = iter(self._decisions.facts(items) if items else ())
         return ()
 
     def _count(self, moment: Moment, block: SampleBlock, k: int) -> Iterator[Happening]:
@@ -426,9 +407,12 @@ class Monitor:
         estimates = {} if grams is None else {CAPACITY: grams}
         return list(self._frozen(changes, block, k, estimates))
 
-    def _judged(self, window: Window, block: SampleBlock, k: int) -> Iterator[Happening]:
-        decide = self._decisions.cut if window.is_cut else self._decisions.window
-        yield from self._frozen(decide(window, next(self._facts)), block, k)
+    def _judged(self, item: Window | Cut, block: SampleBlock, k: int) -> Iterator[Happening]:
+        if isinstance(item, Cut):
+            yield from self._decisions.cut_over(item, block.t_ns.item(k))
+            return
+        decide = self._decisions.cut if item.is_cut else self._decisions.window
+        yield from self._frozen(decide(item, next(self._facts)), block, k)
 
     def _frozen(
         self,

@@ -10,7 +10,7 @@ from monitor.judge.fuel_cut import LEVEL, QUANTITIES, Cut
 from monitor.judge.fuel_cut_response import FuelCutReference, Healthy
 
 LEAST_DRIVES: Final = 2  # that show a quantity
-LEAST_CUTS: Final = 3  # of each
+LEAST_CUTS: Final = 6  # that they show in all
 STEP_SHARE: Final = 0.29  # standard deviation of a time known to one sample, in samples
 CLIPPED_SHARE: Final = 0.5  # of the levels; if so many do not move and are alike, the range ends
 
@@ -36,8 +36,8 @@ def reference_of(
                 healthy[name] = Healthy(round(leanest, 5), 0.0, 0.0)
             continue
         own = [_values(cuts, name) for cuts in drives]
-        own = [values for values in own if len(values) >= LEAST_CUTS]
-        if len(own) >= LEAST_DRIVES:
+        own = [values for values in own if len(values)]
+        if len(own) >= LEAST_DRIVES and sum(map(len, own)) >= LEAST_CUTS:
             least = 0.0 if name == LEVEL else STEP_SHARE * period_s
             healthy[name] = _healthy(own, least)
     return FuelCutReference(healthy, is_clipped) if healthy else None
@@ -55,7 +55,8 @@ def _healthy(drives: Sequence[np.ndarray], least: float) -> Healthy:
     least : spread of drives at least
     """
     means = np.array([values.mean() for values in drives])
-    within = float(np.mean([values.var(ddof=1) for values in drives]))
+    squares = sum(float(np.square(values - values.mean()).sum()) for values in drives)
+    within = squares / max(sum(map(len, drives)) - len(drives), 1)
     return Healthy(
         mean=round(float(means.mean()), 5),
         std=round(float(np.sqrt(within)), 5),
