@@ -28,6 +28,7 @@ _DELAY, _RISE = (
     0.2,
     0.8,
 )  # of a step: its delay lasts to the first, its rise from there to the other
+_MOVING: Final = 0.15  # of a step that still goes on within its end, so that nobody knows its size
 _SETTLED_S: Final = 0.5  # the end of a step, which shows where it leads
 
 
@@ -103,8 +104,9 @@ def _step(values: FloatArray, least: float, period_s: float) -> tuple[float, flo
     settled = max(round(_SETTLED_S / period_s), 1)
     if len(values) <= 2 * settled:
         return None
-    size = float(np.median(values[-settled:])) - values.item(0)
-    if size / least < 1.0:
+    end = values[-settled:]
+    size = float(np.median(end)) - values.item(0)
+    if size / least < 1.0 or (end[-1] - end[0]) / size > _MOVING:
         return None
     share = (values - values[0]) / size
     delay, both = _reached(share, _DELAY), _reached(share, _RISE)

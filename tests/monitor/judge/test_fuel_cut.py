@@ -68,6 +68,12 @@ def test_a_lag_is_a_longer_rise() -> None:
         assert 0.5 < slow.measured - slow.predicted < 0.8
 
 
+def test_a_step_that_still_goes_on_at_its_end_shows_nothing() -> None:
+    first, second = cuts_of(stretch(lag_s=1.0), CONFIG.fuel_cut, PERIOD_S, LEAST)
+    assert "rise_rich_to_lean_s" in first.seen  # of a cut of 5 s
+    assert "rise_rich_to_lean_s" not in second.seen  # of 2 s
+
+
 def test_only_a_long_cut_shows_a_level_and_a_short_one_shows_nothing() -> None:
     cuts = cuts_of(stretch(), CONFIG.fuel_cut, PERIOD_S, LEAST)
     assert [LEVEL in cut.seen for cut in cuts] == [True, False]
