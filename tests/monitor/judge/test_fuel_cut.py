@@ -69,7 +69,7 @@ def test_a_lag_is_a_longer_rise() -> None:
 
 
 def test_a_step_that_still_goes_on_at_its_end_shows_nothing() -> None:
-    first, second = cuts_of(stretch(lag_s=1.5), CONFIG.fuel_cut, PERIOD_S, LEAST)
+    first, second = cuts_of(stretch(lag_s=2.0), CONFIG.fuel_cut, PERIOD_S, LEAST)
     assert "rise_rich_to_lean_s" in first.seen  # of a cut of 5 s
     assert "rise_rich_to_lean_s" not in second.seen  # of 2 s
 
