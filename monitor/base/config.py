@@ -3,6 +3,7 @@
 ``default.toml`` gives the reason of every value; the unit stands in the key.
 """
 
+import math
 import tomllib
 from dataclasses import dataclass, replace
 from functools import cache
@@ -69,6 +70,16 @@ class ResponseConfig:
     evidence_alike: float
     evidence_window: float
     evidence_most: float
+
+    @property
+    def evidence_fail(self) -> float:
+        """Return the log odds from which a fault is called."""
+        return math.log((1.0 - self.miss_probability) / self.false_alarm_probability)
+
+    @property
+    def evidence_pass(self) -> float:
+        """Return the log odds from which the sensor is called sound."""
+        return math.log((1.0 - self.false_alarm_probability) / self.miss_probability)
 
 
 @dataclass(frozen=True, slots=True)

@@ -133,7 +133,7 @@ class Decisions:
         response, t_ns = facts.response, window.t_end_ns
         if self._may_be_dead:
             response = replace(response, outcome="inconclusive", fault=None, also=())
-        yield CutJudged(t_ns, response.outcome, response.fault, response.statistics)
+        yield CutJudged(t_ns, facts.std, response.outcome, response.fault, response.statistics)
         self._suspicious |= response.outcome == "failed"
         yield from self._response_step(response, t_ns)
 

@@ -35,6 +35,7 @@ class CutJudged:
     """The test of the fuel-cut response has judged a window around a fuel cut."""
 
     t_ns: int
+    std: float  # of the residual, oriented like phi
     outcome: Outcome
     fault: str | None
     statistics: dict[str, float | str | None]
@@ -62,7 +63,7 @@ Change = DtcChanged | Counted
 class Facts(NamedTuple):
     """The findings of a window, before a decision."""
 
-    mean: float  # of the residual, output's unit
+    mean: float  # of the residual, output's unit; around fuel cuts oriented like phi
     std: float
     no_evidence: bool  # the measurement does not move, or the model learned no such driving
     beyond: float | None  # of the learned region, from 1 on outside; None without a region

@@ -27,6 +27,7 @@ OPTIONAL: Final = (
     "gain_model",
     "evidence_cut",
     "gain_cut",
+    "noise_cut",
     "still_s",
 )
 
@@ -48,6 +49,7 @@ class Limits:
     gain_model: float = 1.0  # measurement over prediction of healthy sensors
     evidence_cut: float = 0.0  # like evidence, in windows around fuel cuts; 0 leaves them out
     gain_cut: float = 1.0  # like gain_model, in windows around fuel cuts
+    noise_cut: float = 0.0  # like noise, in windows around fuel cuts, at least noise
     still_s: float = 0.0  # time for which the healthy reading may stand still, if it is long
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
     region: Region | None = None  # of the inputs, outside of which a window is no evidence

@@ -76,9 +76,6 @@ class ResponseRule:
         self._config, self._noise = config, noise
         self._weight = min(evidence_weight, config.evidence_weight)
         self._least_var = config.noise_least * noise.innovation_var
-        alpha, beta = config.false_alarm_probability, config.miss_probability
-        self.evidence_fail = math.log((1.0 - beta) / alpha)
-        self.evidence_pass = math.log((1.0 - alpha) / beta)
         self._window_most = window_most
         self._claims, self._n_columns = claims(config, bank), len(bank)
         self._columns = np.array([c.column for c in self._claims])
@@ -266,11 +263,11 @@ class ResponseRule:
             outcome: Outcome = "inconclusive"
             name: str | None = None
             also: tuple[str, ...] = ()
-            if is_usable and gap >= self.evidence_fail:
+            if is_usable and gap >= self._config.evidence_fail:
                 likeliest = int(self._faults[fault[i]])
                 outcome, name = "failed", self._claims[likeliest].fault
                 also = self._alike(evidence[i], likeliest)
-            elif is_usable and sound_gap >= self.evidence_pass:
+            elif is_usable and sound_gap >= self._config.evidence_pass:
                 outcome = "passed"
             claim = self._claims[own]
             statistics: dict[str, float | str | None] = {

@@ -47,24 +47,26 @@ class WindowFacts:
     ) -> None:
         self._limits, self._transform = limits, transform
         self._cuts = FuelCutResponse(config, limits.fuel_cut, transform)
+        self._config = config.response
         self._stuck_range = config.plausibility.stuck_range
         self._window_s = config.window.n_samples * period_s
         rule = partial(
             ResponseRule,
             config=config.response,
             bank=hypotheses,
-            noise=Noise(limits.noise, limits.noise_memory),
             period_s=period_s,
         )
         # a model errs for a whole manoeuvre: a window may decide, but not turn a decision over
         self._response = rule(
+            noise=Noise(limits.noise, limits.noise_memory),
             evidence_weight=limits.evidence,
             window_most=min(limits.evidence_window, config.response.evidence_window),
             gain_reference=limits.gain_expected,
         )
         # edges of fuel cuts are judged by the same claims, and their evidence is the same; their
-        # steps are far larger than the model's errors
+        # steps are far larger, and so are the model's errors there
         self._cut_response = rule(
+            noise=Noise(max(limits.noise, limits.noise_cut), limits.noise_memory),
             evidence_weight=limits.evidence_cut,
             window_most=limits.evidence_window,
             gain_reference=limits.gain_cut,
@@ -75,7 +77,7 @@ class WindowFacts:
             limits.noise,
             limits.noise_memory,
             period_s,
-            self._response.evidence_fail,
+            config.response.evidence_fail,
         )
 
     def of(self, items: Sequence[Window | Cut]) -> list[Facts]:
@@ -110,12 +112,12 @@ class WindowFacts:
 
         The time left supposes that the evidence goes on to grow as it did so far.
         """
-        rule, n_cuts = self._response, self._cut_response.windows
+        rule, n_cuts, config = self._response, self._cut_response.windows, self._config
         # a window around a fuel cut has half the samples
         seconds = (rule.windows + 0.5 * n_cuts) * self._window_s
         found = {}
         for fault, odds in rule.odds.items():
-            needed = rule.evidence_fail if odds > 0.0 else rule.evidence_pass
+            needed = config.evidence_fail if odds > 0.0 else config.evidence_pass
             missing = max(needed - abs(odds), 0.0)
             left = missing / abs(odds) * seconds if odds else None
             found[fault] = Evidence(odds, needed, left)
@@ -130,11 +132,11 @@ class WindowFacts:
         return math.exp(odds[fault] - max(alike)) / sum(math.exp(v - max(alike)) for v in alike)
 
     def _around_cuts(self, windows: Sequence[Window]) -> list[Facts]:
-        measured = np.array([window.measured for window in windows])
-        mean, std = means_and_stds(np.array([window.residual for window in windows]))
+        phi = self._orient(np.array([window.measured for window in windows]))
         banks = [window.bank for window in windows]
+        mean, std = means_and_stds(phi - np.array([bank[:, 0] for bank in banks]))
         ignore = np.zeros(len(windows), dtype=np.bool_)
-        responses = self._cut_response.judge(self._orient(measured), banks, ignore)
+        responses = self._cut_response.judge(phi, banks, ignore)
         return [
             Facts(m, s, no_evidence=False, beyond=None, offset=0.0, response=each, moved=UNKNOWN)
             for m, s, each in zip(mean.tolist(), std.tolist(), responses, strict=True)

@@ -225,7 +225,7 @@ def response_limits(
     used = replace(used, evidence_window=unbound)
     most = _most_evidence(model, recordings, used, config)
     if most > _allowed(config):
-        used = replace(used, evidence_window=_of_a_code(config) / WINDOWS_OF_A_CODE)
+        used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
     used, _ = _calmed(model, recordings, used, "evidence", config)
     found = {
         "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
@@ -249,11 +249,14 @@ def response_limits(
     if not n_cuts:
         return found
     gain = _healthy_gain([_last_gain(each.cuts) for each in judged], config)
-    used = replace(used, gain_cut=gain, evidence_cut=full)
+    unit = "-" if model.card.transform == "phi" else model.card.output.unit
+    noise = float(np.median([cut.std for each in judged for cut in each.cuts]))
+    used = replace(used, gain_cut=gain, noise_cut=noise, evidence_cut=full)
     used, most = _calmed(model, recordings, used, "evidence_cut", config)
     where = f"{n_cuts} windows around fuel cuts of {where}"
     return found | {
         "gain_cut": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
+        "noise_cut": Limit(noise, unit, f"median spread of the residual, {where}"),
         "evidence_cut": Limit(
             used.evidence_cut,
             "-",
@@ -314,15 +317,9 @@ def _calmed(
     return limits, before
 
 
-def _of_a_code(config: Config) -> float:
-    """Return the evidence from which a window fails."""
-    alpha, beta = config.response.false_alarm_probability, config.response.miss_probability
-    return math.log((1.0 - beta) / alpha)
-
-
 def _allowed(config: Config) -> float:
     """Return the largest evidence of a fault that healthy recordings may show."""
-    return _of_a_code(config) / EVIDENCE_SAFETY
+    return config.response.evidence_fail / EVIDENCE_SAFETY
 
 
 def _most_evidence(

@@ -344,7 +344,7 @@ def test_one_window_says_no_more_than_its_bound() -> None:
         return np.diff(np.array([v.statistics["evidence"] for v in found], dtype=float))
 
     # THEN its window alone would decide, and with a bound it does not
-    assert steps(new_rule()).max() > new_rule().evidence_fail
+    assert steps(new_rule()).max() > CONFIG.evidence_fail
     assert steps(new_rule(window_most=5.0)).max() <= 5.0 + 1e-9
 
 
