@@ -288,6 +288,20 @@ def test_windows_that_say_little_decide_together() -> None:
     assert found[-1].fault == "delay_symmetric"
 
 
+def test_a_small_step_that_fits_a_weak_sensor_by_chance_says_little() -> None:
+    # GIVEN one step of the mixture, half as high in the reading
+    predicted = 1.0 + 0.01 * (np.arange(WINDOW) >= WINDOW // 2)
+    measured = 1.0 + 0.5 * (predicted - 1.0)
+
+    def evidence(noise_std: float) -> float:
+        rule = ResponseRule(CONFIG, BANK, Noise(noise_std, 0.0), PERIOD_S)
+        return float(judge(measured, predicted, rule)[-1].statistics["evidence"] or 0.0)
+
+    # THEN a model that errs by less is believed, and one that errs by more is not
+    assert evidence(0.001) > CONFIG.evidence_fail
+    assert evidence(0.02) < 1.0
+
+
 def test_an_ignored_window_leaves_no_evidence() -> None:
     measured, predicted = drive(late("symmetric", 0.6), 1, 40.0)
     rule, other = new_rule(), new_rule()

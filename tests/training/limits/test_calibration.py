@@ -147,6 +147,7 @@ def test_only_limits_and_fuel_cuts_of_the_file_change(drives: Path, calibrated: 
     learned |= {"evidence_cut", "gain_cut", "noise_cut"}
     assert new.limits.keys() == old.limits.keys() | learned
     assert 0.0 < new.limits["evidence_cut"].value <= 0.75
+    assert new.limits["noise_cut"].value > new.limits["noise"].value
 
 
 def test_the_card_says_where_its_limits_come_from(drives: Path, calibrated: Path) -> None:
