@@ -19,6 +19,7 @@ from monitor.pipeline.events import CutJudged, WindowJudged
 from training.limits.fuel_cuts import reference_of
 from training.limits.judging import Judged, judge_recordings, most_common_cause
 from training.limits.region import region_of
+from training.limits.repeated_model import RepeatedModel
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
 from training.recordings.recording import Recording
@@ -166,6 +167,7 @@ def with_limits(
     recordings' evidence of a fault stays well below a code.
     Raises RecordingError if there are fewer than 10 windows.
     """
+    model = RepeatedModel.of(model)
     judged = judge_recordings(recordings, model, NO_LIMITS, config)
     everything = [each.windows for each in judged]
     drives = _held_out_windows(everything, recordings, held_out, ("test",))

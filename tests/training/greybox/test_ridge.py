@@ -42,7 +42,7 @@ def test_random_coefficients_take_out_their_own_direction_and_leave_the_rest() -
     other = rng.standard_normal(1000)
     other -= column[:, 0] * (other @ column[:, 0]) / (column[:, 0] @ column[:, 0])
     np.testing.assert_allclose(root.apply(other), other, atol=1e-9)
-    np.testing.assert_allclose(root.apply_columns(other[:, None])[:, 0], other, atol=1e-9)
+    np.testing.assert_allclose(root.apply(other[:, None])[:, 0], other, atol=1e-9)
     # the covariance that the root stands for
     whole = np.linalg.inv(np.eye(1000) + 100.0 * column @ column.T)
     np.testing.assert_allclose(

@@ -19,7 +19,7 @@ from training.greybox.effects.form.dynamics import ramp_lag
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import BLOCK_S, FOLDS
 from training.greybox.fit.drive import Drive, path_of
-from training.greybox.fit.joint import WHITE, Case, Fit, Term, fit, reading
+from training.greybox.fit.joint import WHITE, Case, Fit, Run, Term, fit, reading
 from training.greybox.fit.ridge import Ridge
 from training.greybox.fit.sensor_faults import FAULTS
 from training.greybox.fit.vehicle_effects import own_of, with_more
@@ -270,8 +270,8 @@ def noise(kept: Sequence[BoolArray], rest: FloatArray) -> tuple[tuple[float, flo
 
 def columns(drive: Drive, base: Constants) -> dict[str, FloatArray]:
     """Return the columns of a drive: plain functions and every effect's signature."""
-    path = path_of(drive, base)
-    phi = simulate(path, drive.period_s)
+    run = Run.of(drive, base)
+    path, phi = run.path, run.phi
     found = features(drive, path, phi)
     made = dict(zip(found.names, found.values.T, strict=True))
     made[SKEW] = (simulate(_skewed(path, drive.period_s), drive.period_s) - phi) / SKEW_S
@@ -280,7 +280,7 @@ def columns(drive: Drive, base: Constants) -> dict[str, FloatArray]:
         if isinstance(term, Effect) and not set(term.needs) <= set(drive.signals):
             continue
         for start in product(*(p.start for p in term.parameters)):
-            changed = reading(drive, base, (term,), (np.array(start),))
+            changed = reading(drive, base, (term,), (np.array(start),), run=run)
             made[f"{term.name} {start}"] = (changed - phi) / abs(start[0])
     return made
 

@@ -90,7 +90,7 @@ def ceiling(case: Case, plain: Sequence[FloatArray]) -> Ceiling:
     taps = np.array([1.0, -case.ar[0], -case.ar[1]])
     white = [lfilter(taps, [1.0], x, axis=0)[k] for x, k in zip(plain, case.kept, strict=True)]
     if case.shrinks:
-        white = [shrink.apply_columns(x) for shrink, x in zip(case.shrinks, white, strict=True)]
+        white = [shrink.apply(x) for shrink, x in zip(case.shrinks, white, strict=True)]
     return Ceiling(np.concatenate(white) / case.sigma)
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from monitor.base.errors import ConfigError, ModelError, RecordingError
 from monitor.base.faults import Fault
 from monitor.base.types import FloatArray, IntArray
-from monitor.model.card import ModelCard
 from training.gap.healthy.behaviour import columns
 from training.gap.inputs.base import check, plain_drives_of
 from training.gap.inputs.roles import FAULTS
@@ -64,11 +63,13 @@ def verify(
     """
     progress("errors on held-out recordings")
     card = check(old)
-    drives = plain_drives_of(card, recordings)
-    before, after = _compared(old, new, recordings, drives)
+    drives, known = (plain_drives_of(card, each) for each in (recordings, healthy))
+    run, run_new = _compared(old, new, [*recordings, *healthy], [*drives, *known])
+    n = len(drives)
+    before, after = run[:n], run_new and run_new[:n]
     overall, regimes = _errors(drives, before, after, chain)
     trace = _trace(before, after) if after else None
-    on_healthy = _plain(old, new, healthy, card) if healthy else None
+    on_healthy = _plain(run[n:], run_new and run_new[n:]) if healthy else None
     if not faults:
         return Verification(overall, regimes, on_healthy, trace=trace)
     progress("faults put on held-out recordings")
@@ -116,10 +117,8 @@ def _errors(
     return overall, tuple(regimes)
 
 
-def _plain(old: Path, new: Path | None, recordings: Sequence[Recording], card: ModelCard) -> Error:
-    """Return the error of all samples alone, without a floor; ``card`` is the old model's."""
-    drives = plain_drives_of(card, recordings)
-    before, after = _compared(old, new, recordings, drives)
+def _plain(before: Sequence[Comparison], after: Sequence[Comparison] | None) -> Error:
+    """Return the error of all samples of healthy recordings alone, without a floor."""
     whole = compare(before, [r.residual for r in after] if after else None, None)[0]
     return replace(whole, kind="healthy", regime="healthy recordings")
 

@@ -63,6 +63,20 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True)
+class Run:
+    """The base on a drive, without any terms."""
+
+    path: Path
+    phi: FloatArray  # (n,) that the sensor reads
+
+    @classmethod
+    def of(cls, drive: Drive, base: Constants) -> "Run":
+        """Return the run of a base on a drive."""
+        path = path_of(drive, base)
+        return cls(path, simulate(path, drive.period_s))
+
+
+@dataclass(frozen=True, slots=True)
 class Case:
     """Drives to explain and everything that a fit needs beside its starting values."""
 
@@ -76,13 +90,13 @@ class Case:
     scales: tuple[float, ...] = ()  # per drive, of its errors, in sigma; empty if all are 1
 
     kept: tuple[BoolArray, ...] = field(init=False)  # per drive (n,), see ``Drive.kept``
-    paths: tuple[Path, ...] = field(init=False)  # per drive, of a fixed base
+    runs: tuple[Run, ...] = field(init=False)  # per drive, of a fixed base
 
     def __post_init__(self) -> None:
         fixed = self.fixed
-        paths = () if fixed is None else tuple(path_of(drive, fixed) for drive in self.drives)
+        runs = () if fixed is None else tuple(Run.of(drive, fixed) for drive in self.drives)
         object.__setattr__(self, "kept", tuple(drive.kept for drive in self.drives))
-        object.__setattr__(self, "paths", paths)
+        object.__setattr__(self, "runs", runs)
 
     @property
     def blocks(self) -> IntArray:
@@ -126,10 +140,10 @@ def predict(
     case: Case, base: Constants, terms: Sequence[Term], parameters: Sequence[FloatArray]
 ) -> list[FloatArray]:
     """Return the predicted reading of the sensor, per drive (n,) in phi."""
-    paths = case.paths if base == case.fixed else (None,) * len(case.drives)
+    runs = case.runs if base == case.fixed else (None,) * len(case.drives)
     return [
-        reading(drive, base, terms=terms, parameters=parameters, correction=correction, path=path)
-        for drive, correction, path in zip(case.drives, case.corrections, paths, strict=True)
+        reading(drive, base, terms=terms, parameters=parameters, correction=correction, run=run)
+        for drive, correction, run in zip(case.drives, case.corrections, runs, strict=True)
     ]
 
 
@@ -139,18 +153,19 @@ def reading(
     terms: Sequence[Term],
     parameters: Sequence[FloatArray],
     correction: FloatArray | float = 0.0,
-    path: Path | None = None,
+    run: Run | None = None,
 ) -> FloatArray:
     """Return the chain's phi (n,) with effects on the path and sensor faults after the chain.
 
     correction : (n,) in phi, from the chain to the reading of a healthy sensor
-    path : of the base on the drive, computed by default
+    run : of the base on the drive, computed by default
     """
-    path = path_of(drive, base) if path is None else path
+    path = run.path if run else path_of(drive, base)
     for term, values in zip(terms, parameters, strict=True):
         if isinstance(term, Effect):
             path = term.apply(path, values, drive.signals, drive.period_s)
-    phi = simulate(path, drive.period_s) + correction
+    read = run.phi if run and path is run.path else simulate(path, drive.period_s)
+    phi = read + correction
     for term, values in zip(terms, parameters, strict=True):
         if isinstance(term, SensorFault):
             phi = term.read(phi, values, drive.period_s)
@@ -159,14 +174,26 @@ def reading(
 
 def errors(case: Case, phi: Sequence[FloatArray]) -> FloatArray:
     """Return prediction minus measurement on the kept samples, whitened, in sigma: (m,)."""
+    return _judged(case, _white(case, phi))
+
+
+def _white(case: Case, phi: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return each drive's errors on its kept samples, whitened, before drives' differences."""
     a, b = case.ar
     parts = []
-    for i, (drive, predicted) in enumerate(zip(case.drives, phi, strict=True)):
+    for drive, predicted, kept in zip(case.drives, phi, case.kept, strict=True):
         e = predicted - drive.phi_measured
         e[2:] = e[2:] - a * e[1:-1] - b * e[:-2]
-        own = e[case.kept[i]] / case.sigma
-        own = case.shrinks[i].apply(own) if case.shrinks else own
-        parts.append(own / case.scales[i] if case.scales else own)
+        parts.append(e[kept] / case.sigma)
+    return parts
+
+
+def _judged(case: Case, parts: Sequence[FloatArray]) -> FloatArray:
+    """Return white errors of all drives by how drives differ: of (m,) or (m, k) per drive."""
+    if case.shrinks:
+        parts = [shrink.apply(part) for shrink, part in zip(case.shrinks, parts, strict=True)]
+    if case.scales:
+        parts = [part / scale for scale, part in zip(case.scales, parts, strict=True)]
     return np.concatenate(parts)
 
 
@@ -236,11 +263,46 @@ class Layout:
         high = self.join(HIGH.tolist(), [[p.high for p in term.parameters] for term in self.terms])
         return low, high
 
-    def errors(self, x: FloatArray) -> FloatArray:
-        """Return the errors in sigma, followed by those of the prior and of the terms."""
+    def white(self, x: FloatArray) -> list[FloatArray]:
+        """Return the white errors of each drive, then those of the prior and of the terms."""
         base, own = self.split(x)
-        e = errors(self.case, predict(self.case, base, self.terms, own))
-        return np.concatenate([e, _prior_rows(self.case, base), _term_rows(self.terms, own)])
+        rows = np.concatenate([_prior_rows(self.case, base), _term_rows(self.terms, own)])
+        return [*_white(self.case, predict(self.case, base, self.terms, own)), rows]
+
+    def judged(self, parts: Sequence[FloatArray]) -> FloatArray:
+        """Return the parts of ``white``, or of their slopes, as errors in sigma."""
+        *white, rows = parts
+        return np.concatenate([_judged(self.case, white), rows])
+
+
+@dataclass(slots=True)
+class _Errors:
+    """The errors of a layout; a slope is asked for where an error was asked for last."""
+
+    layout: Layout
+    steps: FloatArray  # (p,) of the constants, for derivatives
+    x: FloatArray | None = None
+    parts: list[FloatArray] = field(default_factory=list)
+
+    def at(self, x: FloatArray) -> FloatArray:
+        """Return the errors in sigma."""
+        return self.layout.judged(self._white(x))
+
+    def slope(self, x: FloatArray) -> FloatArray:
+        """Return the derivatives (m, p) of the errors."""
+        at, high, columns = self._white(x), self.layout.limits[1], []
+        for i, size in enumerate(self.steps.tolist()):
+            step = size if x[i] + size < high[i] else -size
+            moved = x.copy()
+            moved[i] += step
+            pairs = zip(self.layout.white(moved), at, strict=True)
+            columns.append([(after - before) / step for after, before in pairs])
+        return self.layout.judged([np.column_stack(own) for own in zip(*columns, strict=True)])
+
+    def _white(self, x: FloatArray) -> list[FloatArray]:
+        if self.x is None or not np.array_equal(x, self.x):
+            self.x, self.parts = x.copy(), self.layout.white(x)
+        return self.parts
 
 
 def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray, search: Search) -> Fit:
@@ -250,8 +312,9 @@ def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray, search: Sea
         search.scale, [[_scale(p.start) for p in term.parameters] for term in terms]
     )
     x = start[len(start) - len(low) :]
+    tried = _Errors(layout, STEP * scale)
     if len(x) == 0:
-        e = layout.errors(x)
+        e = tried.at(x)
         return Fit(
             terms=terms,
             base=layout.split(x)[0],
@@ -262,21 +325,11 @@ def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray, search: Sea
             cost=float(e @ e) / 2.0,
         )
 
-    def slope(x: FloatArray) -> FloatArray:
-        at = layout.errors(x)
-        columns = []
-        for i in range(len(x)):
-            step = STEP * scale[i] * (1.0 if x[i] + STEP * scale[i] < high[i] else -1.0)
-            moved = x.copy()
-            moved[i] += step
-            columns.append((layout.errors(moved) - at) / step)
-        return np.column_stack(columns)
-
     margin = INSIDE * (high - low)
     found = least_squares(
-        layout.errors,
+        tried.at,
         np.clip(x, low + margin, high - margin),
-        slope,
+        tried.slope,
         (low, high),
         x_scale=scale,
         ftol=search.tolerance,

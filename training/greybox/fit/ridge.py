@@ -51,25 +51,21 @@ def fit(
     scale = np.where(used & (not alike), size, 1.0)
     x = np.where(used, columns / scale, 0.0)
     y = target
-    folds = np.unique(fold)
-    grams = [x[fold == f].T @ x[fold == f] for f in folds]
-    moments = [x[fold == f].T @ y[fold == f] for f in folds]
+    rows = [np.flatnonzero(fold == f) for f in np.unique(fold)]
+    parts = [x[own] for own in rows]
+    grams = [part.T @ part for part in parts]
+    moments = [part.T @ y[own] for part, own in zip(parts, rows, strict=True)]
     gram, moment = sum(grams), sum(moments)
     identity = np.eye(x.shape[1])
     prior = np.zeros_like(identity) if prior is None else prior
     known = prior / np.outer(scale, scale)
-    best: tuple[float, float, FloatArray] | None = None
-    for penalty in penalties:
-        held_out = np.zeros_like(y)
-        for f, own_gram, own_moment in zip(folds, grams, moments, strict=True):
-            shrunk = gram - own_gram + penalty * len(y) * identity + known
-            held_out[fold == f] = x[fold == f] @ np.linalg.solve(shrunk, moment - own_moment)
-        error = float(((y - held_out) ** 2).sum())
-        if best is None or error < best[0]:
-            best = (error, penalty, held_out)
-    assert best is not None
-    _, penalty, held_out = best
-    weights = np.linalg.solve(gram + penalty * len(y) * identity + known, moment) / scale
+    ridges = [penalty * len(y) * identity + known for penalty in penalties]
+    held_out = np.zeros((len(ridges), len(y)))
+    for own, part, own_gram, own_moment in zip(rows, parts, grams, moments, strict=True):
+        rest, wanted = gram - own_gram, moment - own_moment
+        held_out[:, own] = np.stack([np.linalg.solve(rest + r, wanted) for r in ridges]) @ part.T
+    best = int(((y - held_out) ** 2).sum(axis=1).argmin())
+    weights = np.linalg.solve(gram + ridges[best], moment) / scale
     weights = np.where(used | (np.diag(prior) > 0.0), weights, 0.0)
     low, high = limits or (columns.min(axis=0), columns.max(axis=0))
-    return Ridge(weights, low, high, held_out, penalty)
+    return Ridge(weights, low, high, held_out[best], penalties[best])

@@ -23,13 +23,9 @@ class Shrink:
     share: FloatArray  # (q,)
 
     def apply(self, error: FloatArray) -> FloatArray:
-        """Return errors (m,) with the random coefficients integrated out."""
-        return np.asarray(error - self.directions @ (self.share * (self.directions.T @ error)))
-
-    def apply_columns(self, columns: FloatArray) -> FloatArray:
-        """Return columns (m, k) transformed like the errors."""
-        inner = self.share[:, np.newaxis] * (self.directions.T @ columns)
-        return np.asarray(columns - self.directions @ inner)
+        """Return errors, (m,) or (m, k), with the random coefficients integrated out."""
+        inner = ((self.directions.T @ error).T * self.share).T
+        return np.asarray(error - self.directions @ inner)
 
 
 def shrink(columns: FloatArray, spread: FloatArray) -> Shrink:
