@@ -132,12 +132,18 @@ def _set_limits(outcome: FitOutcome, recordings: Sequence[Recording]) -> list[st
         _, n_windows = set_limits(outcome.path, recordings, outcome.held_out, config.load())
     except RecordingError as error:
         return [f"no decision limits: {error}"]
+    warnings = []
+    if len(recordings) == 1:
+        warnings.append(
+            "one recording does not show how drives differ, so the model may give a healthy sensor "
+            "a code on another drive; train on several drives"
+        )
     if n_windows < MANY_WINDOWS:
-        return [
+        warnings.append(
             f"the decision limits rest on {n_windows} windows, {MANY_WINDOWS} and more are wanted: "
             "a healthy drive may be judged faulty; train on more or longer drives"
-        ]
-    return []
+        )
+    return warnings
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -11,7 +12,9 @@ import training
 from monitor import O2Error, replay
 from monitor.base.signals import OUTPUT
 from training import estimate_tables, evaluate, find_gap, fit, load_recordings
+from training.api import models
 from training.cli import main
+from training.limits.decision_limits import MANY_WINDOWS
 from training.recordings.table_files import write_table
 
 INPUTS = ("fuel", "air")
@@ -97,3 +100,15 @@ def test_public_names_are_there() -> None:
         assert getattr(training, name).__doc__
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = training.nothing
+
+
+@pytest.mark.parametrize(("drives", "warns"), [(1, True), (2, False)])
+def test_a_fit_to_one_drive_says_what_it_cannot_know(
+    drives: int, warns: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN windows enough for limits
+    monkeypatch.setattr(models, "set_limits", lambda *_: (None, MANY_WINDOWS))
+    # WHEN they come from one drive THEN the fit warns, and from several it does not
+    outcome = SimpleNamespace(path=None, held_out=())
+    said = models._set_limits(outcome, load_recordings([drive_of(i) for i in range(drives)]))  # type: ignore[arg-type]
+    assert [("one recording" in each) for each in said] == [True] * warns
