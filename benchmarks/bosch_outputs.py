@@ -1,12 +1,13 @@
 """Free run of four outputs on real recordings of a Bosch engine, compared with the best ARX.
 
-Training uses runs 10 to 15 and 30 to 33, the test runs 53 and 54; 10 Hz, all channels z-scored by
-their authors (boschresearch/Bosch-Engine-Datasets, CC BY-SA 4.0). ``fit`` runs with its defaults.
-Runs 30 to 33 choose the orders of the ARX, which is then fitted to all training runs. Figures are
-fits in percent, of each test run and of both, on all samples and without fuel cut and the seconds
-after it.
+Training uses runs 10 to 15 and 30 to 33 and the test runs 53 and 54, unless other ones are named;
+10 Hz, all channels z-scored by their authors (boschresearch/Bosch-Engine-Datasets, CC BY-SA 4.0).
+``fit`` runs with its defaults. The last 40 % of the training runs choose the orders of the ARX,
+which is then fitted to all of them. Figures are fits in percent, of each test run and of all, on
+all samples and without fuel cut and the seconds after it.
 
     python benchmarks/bosch_outputs.py FOLDER [--budget MINUTES] [--outputs NAME ...] [--split]
+        [--train RUN ...] [--test RUN ...] [--seed N] [--threads N]
 """
 
 import argparse
@@ -26,7 +27,8 @@ from training.studies.evaluation import predict
 
 OUTPUTS = ("o2_z", "t_exh_manifold_z", "nox_z", "lambda_z")
 INPUTS = ("speed_z", "load_z", "lambda_z", "ignition_angle_z", "fuel_cutoff_z")
-FIRST, SECOND, TEST = (10, 11, 12, 13, 14, 15), (30, 31, 32, 33), (53, 54)
+TRAIN, TEST = (10, 11, 12, 13, 14, 15, 30, 31, 32, 33), (53, 54)
+CHOOSING_SHARE = 0.4  # of the training runs, the last ones choose the orders of the ARX
 WASHOUT = 60  # samples that drive both models with the measured output
 RECOVERY_S = 5.0  # after fuel cut
 PERIOD_S = 0.1
@@ -60,22 +62,30 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--budget", type=float, default=10.0, metavar="MINUTES")
     parser.add_argument("--outputs", nargs="+", default=OUTPUTS)
+    parser.add_argument("--train", nargs="+", type=int, default=TRAIN, metavar="RUN")
+    parser.add_argument("--test", nargs="+", type=int, default=TEST, metavar="RUN")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=2)
     parser.add_argument(
-        "--split", action="store_true", help="train on runs 10 to 15, validate on 30 to 33"
+        "--split", action="store_true", help="the last training runs validate the network too"
     )
     args = parser.parse_args()
-    runs = {n: load(args.folder / f"run_{n:06d}.csv.gz") for n in (*FIRST, *SECOND, *TEST)}
-    first, second, test = ([runs[n] for n in group] for group in (FIRST, SECOND, TEST))
-    print(f"fits of runs {TEST[0]} / {TEST[1]} / both in percent, free run")
+    train, test = (
+        [load(args.folder / f"run_{n:06d}.csv.gz") for n in group]
+        for group in (args.train, args.test)
+    )
+    cut = len(train) - int(CHOOSING_SHARE * len(train))
+    first, second = train[:cut], train[cut:]
+    print(f"fits of runs {' / '.join(map(str, args.test))} / all in percent, free run")
     print("| output | all: NARX | ARX | no fuel cut: NARX | ARX | seconds | shape |")
     print("|---|---|---|---|---|---|---|")
     for output in args.outputs:
         inputs = [name for name in INPUTS if name != output]
         chosen = choose_arx(stretches(first, inputs, output), stretches(second, inputs, output))
-        everything = stretches([*first, *second], inputs, output)
+        everything = stretches(train, inputs, output)
         arx = fit_arx(everything, len(chosen.a), chosen.b.shape[1], chosen.delays)
         with tempfile.TemporaryDirectory() as folder:
-            training, judges = (first, second) if args.split else ([*first, *second], [])
+            training, judges = (first, second) if args.split else (train, [])
             result = fit(
                 training,
                 inputs,
@@ -83,6 +93,8 @@ def main() -> None:
                 Path(folder) / "model.onnx",
                 validate=judges,
                 budget_minutes=args.budget,
+                seed=args.seed,
+                threads=args.threads,
             )
             model = Model.load(result.path)
             narx = [predict(model, r, max(WASHOUT, model.card.lags))[:2] for r in test]
