@@ -30,8 +30,8 @@ from training.gap.pages import gap_page
 from training.gap.result import Result, save
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
+from training.greybox.fit.case import NAMED
 from training.greybox.fit.drive import from_recording
-from training.greybox.fit.joint import NAMED
 from training.greybox.model import fit_greybox
 from training.jobs.checkpoints import Checkpoints
 from training.limits.decision_limits import set_limits

@@ -5,8 +5,8 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.effects import LIBRARY
+from training.greybox.fit.case import Case
 from training.greybox.fit.drive import Drive, make
-from training.greybox.fit.joint import Case
 
 PERIOD_S = 0.1
 BASE = Constants(

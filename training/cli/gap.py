@@ -158,7 +158,7 @@ def run(args: argparse.Namespace) -> int:
     from training.gap.pages.verdict_words import cautions
     from training.gap.result import save
     from training.gap.workflow import NEW_MODEL, investigate
-    from training.greybox.fit.joint import NAMED
+    from training.greybox.fit.case import NAMED
     from training.jobs.cache import cache
     from training.jobs.checkpoints import Checkpoints
 

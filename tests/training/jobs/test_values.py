@@ -19,7 +19,8 @@ from training.gap.where.findings import Findings
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.form.air_meter import following
-from training.greybox.fit.joint import NAMED, Fit
+from training.greybox.fit.case import NAMED
+from training.greybox.fit.joint import Fit
 from training.greybox.fit.sensor_faults import FAULTS
 from training.jobs import values
 from training.jobs.checkpoints import Checkpoints

@@ -25,7 +25,8 @@ from training.gap.name.ranking import State
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.joint import Case, Fit, fit
+from training.greybox.fit.case import Case
+from training.greybox.fit.joint import Fit, fit
 
 
 def constant_choices(

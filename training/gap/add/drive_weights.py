@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.greybox.fit.joint import Case, Fit, fit, plain_errors, predict
+from training.greybox.fit.case import Case, plain_errors, predict
+from training.greybox.fit.joint import Fit, fit
 
 ROUNDS: Final = 4
 

@@ -17,9 +17,10 @@ from training.greybox.charge.error import ChargeError, fit_with_charge_error
 from training.greybox.effects import LIBRARY, Effect, Own
 from training.greybox.effects.form.dynamics import ramp_lag
 from training.greybox.fit import ridge
+from training.greybox.fit.case import WHITE, Case, Run, Term, reading
 from training.greybox.fit.comparison import BLOCK_S, FOLDS
 from training.greybox.fit.drive import Drive, path_of
-from training.greybox.fit.joint import WHITE, Case, Fit, Run, Term, fit, reading
+from training.greybox.fit.joint import Fit, fit
 from training.greybox.fit.ridge import Ridge
 from training.greybox.fit.sensor_faults import FAULTS
 from training.greybox.fit.vehicle_effects import own_of, with_more

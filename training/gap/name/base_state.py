@@ -12,8 +12,9 @@ from training.gap.healthy.behaviour import SKEW, Healthy, white
 from training.gap.name import scoring
 from training.gap.name.ranking import State
 from training.greybox.chain import Constants
+from training.greybox.fit.case import WHITE, Case, Prior, errors, predict
 from training.greybox.fit.drive import MIN_SCORED_S, Drive
-from training.greybox.fit.joint import WHITE, Case, Prior, errors, fit, predict
+from training.greybox.fit.joint import fit
 from training.greybox.fit.variation import Shrink, shrink
 
 # Constants from a card: of other drives, without what the base missed on them.

@@ -23,7 +23,8 @@ from training.gap.name.ranking import (
 )
 from training.gap.name.verdict import Candidate, Verdict
 from training.greybox.effects.ethanol import GAIN_OF_ETHANOL
-from training.greybox.fit.joint import Fit, Prior, Term, fit
+from training.greybox.fit.case import Prior, Term
+from training.greybox.fit.joint import Fit, fit
 from training.jobs.checkpoints import Progress
 
 T_LEAST: Final = 3.0
@@ -83,12 +84,7 @@ def step(
 
 def _holds(candidate: Candidate, t_least: float = T_LEAST) -> bool:
     """Return whether a gain is more than chance and even over the blocks that it moves."""
-    return _is_large(candidate) and candidate.merit.t >= t_least
-
-
-def _is_large(candidate: Candidate) -> bool:
-    """Return whether the gain is more than healthy drives give, if only in some blocks."""
-    return candidate.merit.score >= candidate.merit.needed
+    return candidate.merit.is_large and candidate.merit.t >= t_least
 
 
 def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
@@ -127,18 +123,29 @@ def _nothing(state: State, strange: Sequence[Candidate]) -> Verdict:
 
     strange : what is more than chance with constants that the effect cannot have
     """
-    unlike = any(_is_large(c) for c in strange) or plainest(state) is not None
+    unlike = any(c.merit.is_large for c in strange) or plainest(state) is not None
     return "unknown_effect" if unlike else "no_gap"
 
 
 def _is_felt(state: State, fault: Candidate) -> bool:
     """Return whether a sensor fault is beyond chance and explains half of the ceiling."""
-    if not _is_large(fault):
+    if not fault.merit.is_large:
         return False
     share = fault.merit.adequacy
     if share is None:
         share = adequacy_of(state, fault.merit.score, fault.fit)
     return share >= HALF
+
+
+def _stands_out(state: State, fault: Candidate) -> bool:
+    """Return whether no plain function of the signals clearly explains more than a sensor fault.
+
+    The sensor's own fault may have another form, of which the library's explains a part.
+    """
+    plain = plainest(state)
+    if plain is None:
+        return True
+    return scoring.win(plain.deviance, scoring.deviance(fault.fit, state.case.blocks)) < WIN
 
 
 def _at_fault(
@@ -156,9 +163,16 @@ def _at_fault(
     if strong and strong[0].name == GAIN_CLASS[0]:
         return _of_a_factor(ranking, strong[0])
     at_fault = [c for c in strong if c.kind == "sensor fault" and _is_felt(state, c)]
+    if (
+        not at_fault
+        and strong
+        and strong[0].kind == "sensor fault"
+        and _stands_out(state, strong[0])
+    ):
+        at_fault = [strong[0]]
     words = at_fault[0].name if at_fault else None
     as_good = _as_good(strong, ranking, words) if words else ()
-    looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if _is_large(c)]
+    looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if c.merit.is_large]
     for candidate in () if words else looked_at:
         if strong and getattr(candidate.term, "varies", False):
             continue

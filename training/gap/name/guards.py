@@ -7,7 +7,8 @@ import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
 from training.greybox.chain import Constants
-from training.greybox.fit.joint import Case, Fit
+from training.greybox.fit.case import Case
+from training.greybox.fit.joint import Fit
 
 ONSET_T: Final = 6.0
 ONSET_T_SORTED: Final = 9.0  # if drives were put in the order that suits an onset best

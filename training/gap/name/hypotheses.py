@@ -20,7 +20,7 @@ from training.gap.name.ranking import State
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import Constants
 from training.greybox.effects import Effect
-from training.greybox.fit.joint import errors, predict
+from training.greybox.fit.case import errors, predict
 
 LIMITS: Final = CONFIG.name
 NONE, UNKNOWN, ONSET, MOVED = "none", "unknown", "onset", "base_moved"

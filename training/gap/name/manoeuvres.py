@@ -8,8 +8,9 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import MG_RPM_PER_KG_H, STOICHIOMETRIC
+from training.greybox.fit.case import reading
 from training.greybox.fit.drive import Drive, make
-from training.greybox.fit.joint import Fit, reading
+from training.greybox.fit.joint import Fit
 
 PERIOD_S: Final = 0.1
 MODULATION_S: Final = 1.8  # the lambda controller's forced oscillation

@@ -21,7 +21,7 @@ from training.gap.name.decision import Outcome
 from training.gap.name.formula import formula_of
 from training.gap.name.hypotheses import hypotheses
 from training.gap.name.posterior import posterior
-from training.gap.name.ranking import HALF, State, adequacy_of
+from training.gap.name.ranking import HALF, State, adequacy_of, against
 from training.gap.name.steps import Advance, advance
 from training.gap.name.verdict import (
     Answer,
@@ -35,9 +35,10 @@ from training.gap.name.verdict import (
 )
 from training.greybox.chain import Constants
 from training.greybox.effects import ALL, Effect
+from training.greybox.fit.case import Case, Prior, Term
 from training.greybox.fit.drive import Drive
 from training.greybox.fit.held_out import held_out_rmse
-from training.greybox.fit.joint import Case, Prior, Term, fit
+from training.greybox.fit.joint import fit
 from training.greybox.fit.sensor_faults import FAULTS
 from training.jobs.checkpoints import Progress
 
@@ -84,12 +85,19 @@ def name(
     if known is not None:
         weighed = hypotheses(first, found.first, sensor_known_good=sensor_known_good)
         naming = replace(naming, posterior=posterior(weighed))
-    return _with_formula(naming, first, progress) if naming.verdict == "unknown_effect" else naming
+    if naming.verdict == "unknown_effect":
+        return _with_formula(naming, first, found.first, progress)
+    return naming
 
 
-def _with_formula(naming: Naming, first: State, progress: Progress) -> Naming:
-    """Return the naming of an unknown effect with its formula, if there is a clear one."""
-    if not (found := formula_of(first, progress)):
+def _with_formula(
+    naming: Naming, first: State, ranking: Sequence[Candidate], progress: Progress
+) -> Naming:
+    """Return the naming of an unknown effect with its formula, or with the sensor suspected."""
+    found = formula_of(first, progress)
+    if suspect := _suspect(first, found, ranking):
+        return replace(naming, answer=replace(naming.answer, suspected=suspect.name))
+    if not found:
         return naming
     after = held_out_rmse(first.case, found[-1].fit)
     return replace(
@@ -97,6 +105,14 @@ def _with_formula(naming: Naming, first: State, progress: Progress) -> Naming:
         answer=replace(naming.answer, effects=found),
         error=replace(naming.error, after=after),
     )
+
+
+def _suspect(
+    first: State, formula: Sequence[Candidate], ranking: Sequence[Candidate]
+) -> Candidate | None:
+    """Return the sensor fault that leads the ranking, or that a formula does not clearly beat."""
+    rivals = against(first, formula[0], ranking)[1] if formula else ranking[:1]
+    return next((c for c in rivals if c.kind == "sensor fault" and c.merit.is_large), None)
 
 
 def _check_one_period(drives: Sequence[Drive], healthy: Sequence[Drive] | Healthy | None) -> None:

@@ -7,7 +7,8 @@ from typing import Final
 from monitor.base.types import FloatArray, IntArray
 from training.gap.name import scoring
 from training.gap.name.verdict import Candidate, Merit
-from training.greybox.fit.joint import Case, Fit, Term, fit, has_its_signs
+from training.greybox.fit.case import Case, Term, has_its_signs
+from training.greybox.fit.joint import Fit, fit
 from training.jobs.checkpoints import Progress
 
 WIN: Final = 0.95  # of resampled blocks

@@ -10,9 +10,10 @@ from scipy.signal import lfilter
 from monitor.base.types import FloatArray, IntArray
 from training.gap.healthy.behaviour import columns, noise
 from training.greybox.fit import ridge
+from training.greybox.fit.case import Case, plain_errors, predict
 from training.greybox.fit.comparison import FOLDS
 from training.greybox.fit.held_out import held_out
-from training.greybox.fit.joint import Case, Fit, plain_errors, predict
+from training.greybox.fit.joint import Fit
 
 LARGEST: Final = 5.0  # of a whitened error in sigma, beyond which it counts no more
 BOOTSTRAPS: Final = 2000

@@ -8,8 +8,8 @@ from training.gap.name.decision import Outcome, step
 from training.gap.name.ranking import State
 from training.gap.name.verdict import Candidate, Round
 from training.greybox.effects import Effect
+from training.greybox.fit.case import Term
 from training.greybox.fit.held_out import held_out_rmse
-from training.greybox.fit.joint import Term
 from training.jobs.checkpoints import Progress
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from monitor.base.types import FloatArray, IntArray
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
+from training.greybox.fit.case import WHITE, Case, Term, errors, predict
 from training.greybox.fit.drive import Drive
-from training.greybox.fit.joint import WHITE, Case, Term, errors, predict
 from training.pages.numbers import NBSP, fixed, percent
 
 DRIVES_LEAST: Final = 3

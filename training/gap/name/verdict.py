@@ -9,7 +9,8 @@ from training.greybox.chain import Constants
 from training.greybox.effects import Effect
 from training.greybox.effects.empirical import is_empirical
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.joint import Fit, Term
+from training.greybox.fit.case import Term
+from training.greybox.fit.joint import Fit
 
 Verdict = Literal["named", "no_gap", "ambiguous", "unknown_effect", "sensor_fault_suspected"]
 Kind = Literal["effect", "empirical", "sensor fault"]
@@ -25,6 +26,11 @@ class Merit:
     physical: bool  # whether the effect can have such constants
     adequacy: float | None  # of all that can be explained; None if not worked out
     win: float | None  # how often resampled blocks prefer the best to this; None for the best
+
+    @property
+    def is_large(self) -> bool:
+        """Return whether the gain is more than healthy drives give, if only in some blocks."""
+        return self.score >= self.needed
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +106,7 @@ class Answer:
     """The conclusion beside the verdict."""
 
     effects: tuple[Candidate, ...] = ()  # named, the ambiguous set, or terms of a formula
-    suspected: str | None = None  # the sensor fault, or the onset
+    suspected: str | None = None  # the sensor fault, or the onset; one that bars a formula, too
     indistinguishable: tuple[Candidate, ...] = ()  # effects that the suspected fault looks like
     beside: tuple[Candidate, ...] = ()  # one of these after a name, all beside a suspected fault
     experiment: Experiment | None = None  # drive that tells an ambiguous set apart

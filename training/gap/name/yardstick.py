@@ -20,9 +20,10 @@ from training.gap.healthy.behaviour import CONSTANT, Healthy
 from training.gap.name.base_state import base_state
 from training.gap.name.ranking import State
 from training.greybox.chain import Constants, simulate
+from training.greybox.fit.case import Term
 from training.greybox.fit.drive import Drive, path_of
 from training.greybox.fit.held_out import held_out_rmse
-from training.greybox.fit.joint import Term, fit
+from training.greybox.fit.joint import fit
 from training.greybox.fit.sensor_faults import FAULTS
 from training.jobs.checkpoints import Progress
 

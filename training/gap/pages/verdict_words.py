@@ -88,7 +88,15 @@ def _unknown(result: Result) -> str:
         found = "it exceeds the noise; no effect could be tried"
         if result.inputs.healthy:
             found = "it differs from healthy recordings; no effect could be tried"
-    return f"Unknown effect: {_level(result)}, and {found}.{_formula(result)}"
+    return f"Unknown effect: {_level(result)}, and {found}.{_formula(result)}{_suspects(result)}"
+
+
+def _suspects(result: Result) -> str:
+    """Return the sensor fault that explains as much as any formula, if there is one."""
+    suspected = result.naming.answer.suspected
+    if suspected is None:
+        return ""
+    return f" The sensor is among the suspects: {suspected} explains as much as any formula."
 
 
 def _formula(result: Result) -> str:
@@ -109,7 +117,7 @@ def _nearest(result: Result) -> str:
     """Return the reason why the best candidate is no name, where it is far above chance."""
     best = result.naming.trials.ranking[0]
     merit = best.merit
-    if merit.score < merit.needed:
+    if not merit.is_large:
         return ""
     if not merit.physical:
         return f"; {best.name} comes first with constants that it cannot have"
@@ -196,6 +204,8 @@ def _drive(result: Result) -> list[str]:
 
 def _describe(result: Result) -> list[str]:
     found = [result.unknown] if result.unknown else []
+    if result.naming.answer.suspected:
+        found += _check_sensor(result)
     if result.difference is not None:
         return found
     if result.addition.path is not None:

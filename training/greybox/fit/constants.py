@@ -17,8 +17,9 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants
 from training.greybox.effects import Own
+from training.greybox.fit.case import WHITE, Case, predict
 from training.greybox.fit.drive import Drive
-from training.greybox.fit.joint import HIGH, LOW, WHITE, Case, Fit, Search, fit, predict
+from training.greybox.fit.joint import HIGH, LOW, Fit, Search, fit
 from training.greybox.fit.told import Told
 
 BLOCK_S = 45.0  # samples further apart than this count as independent in a standard error

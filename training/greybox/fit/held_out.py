@@ -3,8 +3,9 @@
 import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
+from training.greybox.fit.case import Case, plain_errors, predict
 from training.greybox.fit.comparison import FOLDS
-from training.greybox.fit.joint import Case, Fit, Layout, plain_errors, predict
+from training.greybox.fit.joint import Fit, Layout
 
 
 def held_out(found: Fit, blocks: IntArray) -> FloatArray:

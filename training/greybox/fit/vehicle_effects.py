@@ -13,8 +13,9 @@ import numpy as np
 from monitor.base.types import BoolArray, FloatArray
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY, Effect, Own
+from training.greybox.fit.case import WHITE, Case, has_its_signs
 from training.greybox.fit.drive import Drive
-from training.greybox.fit.joint import WHITE, Case, Fit, fit, has_its_signs
+from training.greybox.fit.joint import Fit, fit
 
 OF_SOME: Final = ("wall_film", "manifold_filling")
 FALL: Final = 0.3  # relative fall of the squared error with which the first effect is accepted

@@ -10,7 +10,7 @@ from typing import Any, Final
 import monitor
 from monitor.base.outputs import write_bytes
 from training.gap import config
-from training.greybox.fit.joint import NAMED
+from training.greybox.fit.case import NAMED
 from training.jobs import parallel, run_folder, values
 from training.studies.gap import case
 from training.studies.gap.case import Row, Vehicle

@@ -9,7 +9,8 @@ from tests.helpers.gap_drives import BASE, case_of, noisy_drive
 from training.gap.add.drive_weights import fit_weighted, left_out_ratio
 from training.gap.name.base_state import SPREAD_CARD
 from training.greybox.effects import LIBRARY
-from training.greybox.fit.joint import Case, Fit, Prior, fit
+from training.greybox.fit.case import Case, Prior
+from training.greybox.fit.joint import Fit, fit
 
 OFFSET = (LIBRARY["injector_offset"],)
 

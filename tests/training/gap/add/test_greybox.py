@@ -27,8 +27,8 @@ from training.greybox.chain import Constants
 from training.greybox.charge.map import INPUTS as CHARGE_INPUTS
 from training.greybox.effects import ALL, LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.fit.case import reading
 from training.greybox.fit.drive import Drive
-from training.greybox.fit.joint import reading
 from training.greybox.graph.chain_graph import Greybox, build, chain_nodes
 from training.greybox.graph.effect import graph_effect
 from training.greybox.graph.effect_parity import TOLERANCE, made_inputs

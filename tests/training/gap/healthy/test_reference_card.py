@@ -26,8 +26,8 @@ from training.gap.result import Result
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
+from training.greybox.fit.case import reading
 from training.greybox.fit.drive import from_recording
-from training.greybox.fit.joint import reading
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.model import fit_greybox
 from training.narx.export import update_card

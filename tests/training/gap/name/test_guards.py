@@ -8,11 +8,8 @@ import pytest
 from monitor.base.types import FloatArray
 from tests.helpers.gap_drives import BASE, case_of, noisy_drive
 from training.gap.name import guards
-from training.greybox.fit.joint import (
-    Case,
-    Fit,
-    fit,
-)
+from training.greybox.fit.case import Case
+from training.greybox.fit.joint import Fit, fit
 
 
 def explained(strength: FloatArray, size: FloatArray | None = None) -> tuple[Case, Fit, Fit]:

@@ -7,9 +7,7 @@ import numpy as np
 from tests.helpers.gap_drives import BASE, case_of, noisy_drive
 from training.gap.name.manoeuvres import library, separate
 from training.greybox.effects import LIBRARY
-from training.greybox.fit.joint import (
-    fit,
-)
+from training.greybox.fit.joint import fit
 
 
 def test_the_manoeuvre_that_separates_two_models_is_the_one_they_differ_on() -> None:

@@ -94,6 +94,30 @@ def test_a_sensor_slow_from_the_start_is_suspected_and_nothing_is_added() -> Non
     assert lag_s == pytest.approx(0.3, abs=0.1)
 
 
+def test_a_sensor_fault_that_leads_is_suspected_though_it_explains_less_than_half() -> None:
+    # GIVEN a sensor so late from rich to lean that other faults come first, with 43 %
+    found = name(two_drives(2_200_310, fault=("delay_rich_to_lean", 2.0)), known())
+    first = found.trials.ranking[0]
+    assert first.kind == "sensor fault"
+    assert first.merit.adequacy == pytest.approx(0.43, abs=0.05)
+    # THEN the sensor is suspected, and nothing is added
+    assert (found.verdict, found.answer.suspected) == ("sensor_fault_suspected", first.name)
+    assert found.answer.effects == ()
+
+
+def test_a_formula_that_does_not_beat_a_sensor_fault_is_not_added(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # GIVEN an unknown effect that a sensor of another gain explains in part, and no candidate that
+    # loses against another
+    monkeypatch.setattr("training.gap.name.ranking.HALF", 0.0)
+    monkeypatch.setattr("training.gap.name.ranking.loses", lambda _: False)
+    found = name(two_drives(2_200_300, ("battery_voltage", 8.0)), known())
+    # THEN the effect stays without formula, and the sensor is among the suspects
+    assert (found.verdict, found.answer.suspected) == ("unknown_effect", "gain_low")
+    assert (found.answer.effects, found.error.after) == ((), None)
+
+
 def test_a_sensor_slow_in_one_direction_may_be_made_so() -> None:
     found = name(two_drives(2_200_181, fault=("slow_rich_to_lean", 0.6)), known())
     assert found.verdict == "sensor_fault_suspected"

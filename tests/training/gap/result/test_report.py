@@ -27,7 +27,7 @@ from training.gap.name.verdict import (
     Verdict,
 )
 from training.gap.pages import gap_page
-from training.gap.pages.verdict_words import verdict_sentence
+from training.gap.pages.verdict_words import actions, verdict_sentence
 from training.gap.result import Inputs, ModelFile, Result, as_json
 from training.gap.verify.evidence import Count, Detection, Error, Trace, Verification
 from training.gap.where.findings import Findings, localise
@@ -449,6 +449,12 @@ def test_an_unknown_effect_says_what_the_first_candidate_lacks(
     best = but(RANKING[0], **changes)
     found = naming("unknown_effect", ranking=(best, *RANKING[1:]))
     assert words in verdict_sentence(replace(made("unknown_effect"), naming=found))
+
+
+def test_an_unknown_effect_that_a_sensor_fault_explains_as_well_has_the_sensor_checked() -> None:
+    found = replace(made("unknown_effect"), naming=naming("unknown_effect", suspected="gain_low"))
+    assert "The sensor is among the suspects: gain_low explains" in verdict_sentence(found)
+    assert any(each.startswith("Check the sensor") for each in actions(found))
 
 
 def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:

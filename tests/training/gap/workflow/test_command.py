@@ -24,8 +24,8 @@ from training.gap.name import yardstick
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.fit.case import NAMED
 from training.greybox.fit.drive import Drive
-from training.greybox.fit.joint import NAMED
 from training.jobs.checkpoints import Checkpoints
 from training.recordings.recording import Recording, load
 

@@ -1,0 +1,153 @@
+"""Drives to explain: what a base with terms predicts for them, and its whitened errors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from monitor.base.types import BoolArray, FloatArray, IntArray
+from training.greybox.chain import Constants, Path, simulate
+from training.greybox.effects import LIBRARY, Effect
+from training.greybox.effects.empirical import effect_of, is_empirical
+from training.greybox.fit.comparison import BLOCK_S
+from training.greybox.fit.drive import Drive, path_of
+from training.greybox.fit.sensor_faults import FAULTS, SensorFault
+from training.greybox.fit.variation import Shrink
+from training.jobs.values import Named
+
+Term = Effect | SensorFault
+# Terms hold functions: a file of a run holds their names, see ``training.jobs.values``.
+NAMED: Final[Named] = {
+    Effect: lambda name: effect_of(name) if is_empirical(name) else LIBRARY[name],
+    SensorFault: {fault.name: fault for fault in FAULTS}.__getitem__,
+}
+WHITE: Final = (0.9, 0.0)  # nearly differences: slow errors are left to the correction
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """Expected constants of the chain."""
+
+    mean: Constants
+    spread: Constants  # standard deviation
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """The base on a drive, without any terms."""
+
+    path: Path
+    phi: FloatArray  # (n,) that the sensor reads
+
+    @classmethod
+    def of(cls, drive: Drive, base: Constants) -> "Run":
+        """Return the run of a base on a drive."""
+        path = path_of(drive, base)
+        return cls(path, simulate(path, drive.period_s))
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Drives to explain and everything that a fit needs beside its starting values."""
+
+    drives: tuple[Drive, ...]
+    corrections: tuple[FloatArray, ...]  # per drive (n,) in phi: error of the base when healthy
+    ar: tuple[float, float] = (0.0, 0.0)  # autoregression of the noise, newest first
+    sigma: float = 1.0  # of the whitened noise, in phi
+    prior: Prior | None = None
+    fixed: Constants | None = None  # of the base; a fit then moves the terms' parameters only
+    shrinks: tuple[Shrink, ...] = ()  # per drive; empty if the variation of drives is unknown
+    scales: tuple[float, ...] = ()  # per drive, of its errors, in sigma; empty if all are 1
+
+    kept: tuple[BoolArray, ...] = field(init=False)  # per drive (n,), see ``Drive.kept``
+    runs: tuple[Run, ...] = field(init=False)  # per drive, of a fixed base
+
+    def __post_init__(self) -> None:
+        fixed = self.fixed
+        runs = () if fixed is None else tuple(Run.of(drive, fixed) for drive in self.drives)
+        object.__setattr__(self, "kept", tuple(drive.kept for drive in self.drives))
+        object.__setattr__(self, "runs", runs)
+
+    @property
+    def blocks(self) -> IntArray:
+        """The block of each kept sample, (m,), numbered through all drives."""
+        numbers, first = [], 0
+        for drive, kept in zip(self.drives, self.kept, strict=True):
+            of = np.arange(len(drive)) // round(BLOCK_S / drive.period_s)
+            numbers.append(of[kept] + first)
+            first += int(of[-1]) + 1
+        _, compact = np.unique(np.concatenate(numbers), return_inverse=True)
+        return np.asarray(compact, dtype=np.int64)
+
+
+def has_its_signs(term: Term, values: FloatArray) -> bool:
+    """Whether all parameters of a term that must be above 0 are above 0."""
+    return all(v > 0.0 for p, v in zip(term.parameters, values, strict=True) if p.positive)
+
+
+def predict(
+    case: Case, base: Constants, terms: Sequence[Term], parameters: Sequence[FloatArray]
+) -> list[FloatArray]:
+    """Return the predicted reading of the sensor, per drive (n,) in phi."""
+    runs = case.runs if base == case.fixed else (None,) * len(case.drives)
+    return [
+        reading(drive, base, terms=terms, parameters=parameters, correction=correction, run=run)
+        for drive, correction, run in zip(case.drives, case.corrections, runs, strict=True)
+    ]
+
+
+def reading(
+    drive: Drive,
+    base: Constants,
+    terms: Sequence[Term],
+    parameters: Sequence[FloatArray],
+    correction: FloatArray | float = 0.0,
+    run: Run | None = None,
+) -> FloatArray:
+    """Return the chain's phi (n,) with effects on the path and sensor faults after the chain.
+
+    correction : (n,) in phi, from the chain to the reading of a healthy sensor
+    run : of the base on the drive, computed by default
+    """
+    path = run.path if run else path_of(drive, base)
+    for term, values in zip(terms, parameters, strict=True):
+        if isinstance(term, Effect):
+            path = term.apply(path, values, drive.signals, drive.period_s)
+    read = run.phi if run and path is run.path else simulate(path, drive.period_s)
+    phi = read + correction
+    for term, values in zip(terms, parameters, strict=True):
+        if isinstance(term, SensorFault):
+            phi = term.read(phi, values, drive.period_s)
+    return phi
+
+
+def errors(case: Case, phi: Sequence[FloatArray]) -> FloatArray:
+    """Return prediction minus measurement on the kept samples, whitened, in sigma: (m,)."""
+    return judged(case, white(case, phi))
+
+
+def white(case: Case, phi: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return each drive's errors on its kept samples, whitened, before drives' differences."""
+    a, b = case.ar
+    parts = []
+    for drive, predicted, kept in zip(case.drives, phi, case.kept, strict=True):
+        e = predicted - drive.phi_measured
+        e[2:] = e[2:] - a * e[1:-1] - b * e[:-2]
+        parts.append(e[kept] / case.sigma)
+    return parts
+
+
+def judged(case: Case, parts: Sequence[FloatArray]) -> FloatArray:
+    """Return white errors of all drives by how drives differ: of (m,) or (m, k) per drive."""
+    if case.shrinks:
+        parts = [shrink.apply(part) for shrink, part in zip(case.shrinks, parts, strict=True)]
+    if case.scales:
+        parts = [part / scale for scale, part in zip(case.scales, parts, strict=True)]
+    return np.concatenate(parts)
+
+
+def plain_errors(case: Case, phi: Sequence[FloatArray]) -> FloatArray:
+    """Return prediction minus measurement on the kept samples in phi, (m,)."""
+    parts = zip(phi, case.drives, case.kept, strict=True)
+    return np.concatenate([(each - drive.phi_measured)[kept] for each, drive, kept in parts])
