@@ -12,15 +12,17 @@ Gains act around z = -0.065; offsets are left out on both engines, since engine 
 published. On engine 2 the recorded lambda stands still for up to 42 s, exact in all digits, which
 the plausibility test calls stuck; its codes are counted beside those of the response test.
 
-    python benchmarks/bosch_verdicts.py FOLDER SPLIT [--model MODEL] [--budget MINUTES] [-v]
+    python benchmarks/bosch_verdicts.py FOLDER SPLIT [--model MODEL] [--budget MINUTES]
+        [--faults NAME…]
 
-FOLDER holds the runs of the engine; SPLIT is 1a, 1b, 2a, 2b or 2c.
+FOLDER holds the runs of the engine; SPLIT is 1a, 1b, 2a, 2b or 2c, or 1:RUN or 2:RUN, in which one
+run trains and all others are judged.
 """
 
 import argparse
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -68,6 +70,20 @@ SPLITS: Final = {
 }
 
 
+def split_of(name: str) -> Split:
+    """Return the split of this name.
+
+    Raises ValueError for an unknown one.
+    """
+    if name in SPLITS:
+        return SPLITS[name]
+    engine, _, run = name.partition(":")
+    runs = {n for key, split in SPLITS.items() if key[0] == engine for n in split.test}
+    if not run.isdigit() or int(run) not in runs:
+        raise ValueError(f"{name}: wanted {', '.join(SPLITS)} or ENGINE:RUN")
+    return Split((int(run),), tuple(sorted(runs - {int(run)})), has_cut=engine == "1")
+
+
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """What the response test said of one drive."""
@@ -104,11 +120,13 @@ def _nth_in_a_row(outcomes: Sequence[str], wanted: str, n: int) -> int | None:
     return None
 
 
-def drives(recording: Recording) -> list[tuple[str, Recording]]:
-    """Return the run as it is and with every fault put on."""
+def drives(recording: Recording, names: Collection[str] = NAMES) -> list[tuple[str, Recording]]:
+    """Return the run as it is and with every fault of these names put on."""
     column, period_s = recording.names.index(OUTPUT), recording.period_ns / 1e9
     found = [("", recording)]
     for name, severity in FAULTS:
+        if name not in names:
+            continue
         values = recording.values.copy()
         values[:, column] = faulty(values[:, column], faults.resolve(name, severity), period_s)
         found.append((name, replace(recording, values=values)))
@@ -118,10 +136,11 @@ def drives(recording: Recording) -> list[tuple[str, Recording]]:
 def fit(folder: Path, split: Split, columns: Path | None, budget: str, path: Path) -> None:
     """Fit the split's model with all defaults, and its limits."""
     runs = [str(folder / f"run_{n:06d}.csv.gz") for n in split.training]
-    inputs = INPUTS if split.has_cut else INPUTS[:-1]
     mask = ["--columns", str(columns)] if columns else []
-    used = ["--inputs", *inputs, "--output", OUTPUT, "--budget", budget]
-    cli.main(["fit", *runs, *mask, *used, "--out", str(path)])
+    used = [*mask, "--output", OUTPUT, "--budget", budget, "--out", str(path)]
+    for inputs in (INPUTS, INPUTS[:-1])[not split.has_cut :]:  # some runs have no fuel cut
+        if cli.main(["fit", *runs, *used, "--inputs", *inputs]) == 0:
+            return
 
 
 def table(title: str, verdicts: Sequence[Verdict]) -> None:
@@ -159,12 +178,13 @@ def main() -> None:
     """Fit unless a model is given, then judge the runs left out."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("split", choices=SPLITS)
+    parser.add_argument("split", type=split_of)
+    parser.add_argument("--faults", nargs="+", choices=sorted(NAMES), default=sorted(NAMES))
     parser.add_argument("--model", type=Path)
     parser.add_argument("--budget", default="8")
     parser.add_argument("--no-mask", action="store_true", help="judge fuel cuts as any driving")
     args = parser.parse_args()
-    split, settings = SPLITS[args.split], config.load()
+    split, settings = args.split, config.load()
     with tempfile.TemporaryDirectory() as name:
         masks = split.has_cut and not args.no_mask
         columns = Path(name) / "columns.toml" if masks else None
@@ -179,7 +199,7 @@ def main() -> None:
         verdicts = []
         for run in split.test:
             recording = load(args.folder / f"run_{run:06d}.csv.gz", columns=columns)
-            cases = drives(recording)
+            cases = drives(recording, args.faults)
             judged = judge_recordings([r for _, r in cases], model, limits, settings)
             on = judged[0].enabled & np.isfinite(judged[0].predicted)
             share = metrics.fit_percent(judged[0].measured[on], judged[0].predicted[on])
@@ -187,7 +207,7 @@ def main() -> None:
             told = " ".join(v.named or ("SOUND" if v.sound_first else "-") for v in own)
             print(f"run {run}: fit {share:.0f} %, {on.sum()} samples: {told}", flush=True)
             verdicts += own
-    table(f"split {args.split}, {len(split.test)} runs", verdicts)
+    table(f"trained on {split.training}, {len(split.test)} runs", verdicts)
 
 
 if __name__ == "__main__":

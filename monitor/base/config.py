@@ -62,6 +62,7 @@ class ResponseConfig:
     gain_least: float
     gain_known: float
     gain_memory: float
+    movement_known: float
     excitation_noise: float
     noise_least: float
     evidence_weight: float

@@ -33,6 +33,7 @@ _LOWEST: Final = {
     "response.gain_known": 0.0,
     "response.gain_least": 0.0,
     "response.gain_memory": 0.0,
+    "response.movement_known": 0.0,
     "bias.variance_shared": 0.0,
     "bias.memory": 0.0,
     "bias.gain_drives": 0.0,

@@ -29,6 +29,7 @@ OPTIONAL: Final = (
     "gain_cut",
     "noise_cut",
     "still_s",
+    "movement",
 )
 
 
@@ -51,6 +52,7 @@ class Limits:
     gain_cut: float = 1.0  # like gain_model, in windows around fuel cuts
     noise_cut: float = 0.0  # like noise, in windows around fuel cuts, at least noise
     still_s: float = 0.0  # time for which the healthy reading may stand still, if it is long
+    movement: float = 0.0  # reading over prediction in healthy drives; 0 if not known
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
     region: Region | None = None  # of the inputs, outside of which a window is no evidence
     fuel_cut: FuelCutReference | None = None  # steps and levels of healthy fuel cuts

@@ -31,3 +31,13 @@ def oriented(values: FloatArray, transform: str) -> FloatArray:
 def lambda_of(oriented_values: FloatArray, transform: str) -> FloatArray:
     """Return values oriented like phi, none of them 0, in the output's unit again."""
     return 1.0 / oriented_values if transform == "phi" else -oriented_values
+
+
+def whitened(x: FloatArray, memory: float) -> FloatArray:
+    """Return the new part of each sample of windows, (w, n, ...), its mean taken off.
+
+    memory : correlation of neighbouring samples
+    """
+    new: FloatArray = x[:, 1:] - memory * x[:, :-1]
+    new -= (np.add.reduce(new, axis=1) / new.shape[1])[:, np.newaxis]
+    return new

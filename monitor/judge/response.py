@@ -25,9 +25,11 @@ from monitor.base.config import ResponseConfig
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.bank import Hypothesis
 from monitor.judge.claims import UNRELATED, Noise, claims
-from monitor.judge.residual import means_and_stds
+from monitor.judge.movement_gain import MovementGain
+from monitor.judge.residual import means_and_stds, whitened
 
 Outcome = Literal["passed", "failed", "inconclusive"]
+WEAK = "gain_low"
 EDGES = ("rich_to_lean", "lean_to_rich")
 _WINDOWS = 8  # regressed at once: what fits into the processor's cache
 
@@ -58,6 +60,7 @@ class ResponseRule:
     window_most : no claim falls further behind the best one in one window; for a model that
         predicts steps early or late, which then look like a delay
     gain_reference : this vehicle's healthy gain, which the gains of the claims are relative to
+    movement : the gain by the reading's movement, without which no sensor is called weak
     shares : a rule on other windows of the same drive, to whose evidence this one's adds; a drive
         has one gain relative to the references
     """
@@ -71,6 +74,7 @@ class ResponseRule:
         evidence_weight: float = 1.0,
         gain_reference: float = 1.0,
         window_most: float = math.inf,
+        movement: MovementGain | None = None,
         shares: "ResponseRule | None" = None,
     ) -> None:
         self._config, self._noise = config, noise
@@ -79,7 +83,8 @@ class ResponseRule:
         self._window_most = window_most
         self._claims, self._n_columns = claims(config, bank), len(bank)
         self._columns = np.array([c.column for c in self._claims])
-        self._gain_reference = gain_reference
+        self._gain_reference, self._movement = gain_reference, movement
+        self._adds_movement = shares is None
         self._gain_low = np.array([c.gain_low for c in self._claims])
         self._gain_high = np.array([c.gain_high for c in self._claims])
         names = np.array([c.fault for c in self._claims])
@@ -100,6 +105,8 @@ class ResponseRule:
         n, known = len(self._claims), self._config.gain_known
         self._evidence.fill(0.0)
         self._gain_sums.fill(known)
+        if self._movement:
+            self._movement.reset()
         self._of_level = np.zeros(n)  # part of the evidence that ``weigh_level`` has added
         self._drive_sums = np.zeros((3, n))  # like gain sums and evidence, but nothing fades
         self.windows = 0  # that were not ignored
@@ -113,7 +120,13 @@ class ResponseRule:
         for i in self._faults.tolist():
             name = self._claims[i].fault
             leads[name] = max(leads.get(name, -math.inf), float(evidence[i] - other))
+        if not self._may_be_weak:
+            leads[WEAK] = min(leads[WEAK], 0.0)
         return leads
+
+    @property
+    def _may_be_weak(self) -> bool:
+        return self._movement is None or self._movement.is_weak
 
     @property
     def drive_gain(self) -> float:
@@ -149,8 +162,8 @@ class ResponseRule:
         _, excitation = means_and_stds(np.array([bank[:, 0] for bank in banks]))
         usable = ~ignore
         moments = self._regressed(measured, banks, usable)
-        evidence, gain_sums = self._summed(usable, moments, measured.shape[1] - self._ahead - 1)
-        return self._reports(usable, excitation, evidence, gain_sums)
+        summed = self._summed(usable, moments, measured.shape[1] - self._ahead - 1)
+        return self._reports(usable, excitation, *summed)
 
     def _regressed(
         self, measured: FloatArray, banks: Sequence[FloatArray], usable: BoolArray
@@ -171,8 +184,8 @@ class ResponseRule:
         for each, bank in zip(x, banks, strict=True):
             each[:, :-1] = bank[:m]
             each[:, -1] = self._quicker(bank[:, 0], m)
-        y = self._whitened(measured[:, :m])
-        x = self._whitened(x)
+        y = whitened(measured[:, :m], self._noise.memory)
+        x = whitened(x, self._noise.memory)
         moments = np.empty((len(banks), 3, len(self._claims)))
         np.einsum("wij,wij->wj", x, x).take(self._columns, 1, moments[:, 0], "clip")
         (y[:, np.newaxis] @ x)[:, 0].take(self._columns, 1, moments[:, 1], "clip")
@@ -184,19 +197,22 @@ class ResponseRule:
 
     def _summed(
         self, usable: BoolArray, moments: FloatArray, n_new: int
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, FloatArray, list[bool]]:
         """Return evidence, (w, n_claims), and gain sums, (w, 2, n_claims), after each window.
 
+        Last comes whether the sensor may be weak.
         n_new : whitened samples of a window
         """
         evidence = np.empty((len(usable), len(self._claims)))
         gain_sums = np.empty((len(usable), 2, len(self._claims)))
+        may_be_weak = []
         rest = iter(moments)
         for now, sums, is_usable in zip(evidence, gain_sums, usable.tolist(), strict=True):
             if is_usable:
                 self._add(next(rest), n_new)
             now[:], sums[:] = self._evidence, self._gain_sums
-        return evidence, gain_sums
+            may_be_weak.append(self._may_be_weak)
+        return evidence, gain_sums, may_be_weak
 
     def _add(self, moments: FloatArray, n_new: int) -> None:
         """Add a window's moments, (3, n_claims), to gains and evidence."""
@@ -211,6 +227,9 @@ class ResponseRule:
         evidence += log_likelihood
         # a long healthy time must not outweigh the fault that follows it (Page's test)
         np.maximum(evidence, evidence.max() - self._config.evidence_most, out=evidence)
+        if self._movement and self._adds_movement:
+            predicted = moments[0, 0] / self._gain_reference**2
+            self._movement.add(float(moments[2, 0]), float(predicted))
         self._drive_sums[:2] += weighted
         self._drive_sums[2] += log_likelihood
 
@@ -235,18 +254,13 @@ class ResponseRule:
             return now
         return (1.0 - part) * now[self._ahead :] + part * now[self._ahead - 1 : -1]
 
-    def _whitened(self, x: FloatArray) -> FloatArray:
-        """Return the new part of each sample of windows, (w, n, ...), its mean taken off."""
-        new = x[:, 1:] - self._noise.memory * x[:, :-1]
-        new -= (np.add.reduce(new, axis=1) / new.shape[1])[:, np.newaxis]
-        return new
-
     def _reports(
         self,
         usable: BoolArray,
         excitation: FloatArray,
         evidence: FloatArray,
         gain_sums: FloatArray,
+        may_be_weak: Sequence[bool],
     ) -> list[Response]:
         faulty = evidence.take(self._faults, 1)
         fault = faulty.argmax(axis=1)
@@ -263,8 +277,9 @@ class ResponseRule:
             outcome: Outcome = "inconclusive"
             name: str | None = None
             also: tuple[str, ...] = ()
-            if is_usable and gap >= self._config.evidence_fail:
-                likeliest = int(self._faults[fault[i]])
+            likeliest = int(self._faults[fault[i]])
+            is_possible = may_be_weak[i] or self._claims[likeliest].fault != WEAK
+            if is_usable and gap >= self._config.evidence_fail and is_possible:
                 outcome, name = "failed", self._claims[likeliest].fault
                 also = self._alike(evidence[i], likeliest)
             elif is_usable and sound_gap >= self._config.evidence_pass:

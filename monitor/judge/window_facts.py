@@ -17,6 +17,7 @@ from monitor.judge.fuel_cut import LEVEL, Cut
 from monitor.judge.fuel_cut_response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.judge.movement import UNKNOWN, MovementRule
+from monitor.judge.movement_gain import MovementGain
 from monitor.judge.residual import lambda_of, means_and_stds
 from monitor.judge.response import Response, ResponseRule
 from monitor.judge.window import Window
@@ -50,15 +51,18 @@ class WindowFacts:
         self._config = config.response
         self._stuck_range = config.plausibility.stuck_range
         self._window_s = config.window.n_samples * period_s
+        noise = Noise(limits.noise, limits.noise_memory)
+        movement = MovementGain(config.response, limits.movement) if limits.movement else None
         rule = partial(
             ResponseRule,
             config=config.response,
             bank=hypotheses,
             period_s=period_s,
+            movement=movement,
         )
         # a model errs for a whole manoeuvre: a window may decide, but not turn a decision over
         self._response = rule(
-            noise=Noise(limits.noise, limits.noise_memory),
+            noise=noise,
             evidence_weight=limits.evidence,
             window_most=min(limits.evidence_window, config.response.evidence_window),
             gain_reference=limits.gain_expected,

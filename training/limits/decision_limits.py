@@ -12,12 +12,14 @@ from monitor.base.config import Config
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.judge.limits import NO_LIMITS, Limits
+from monitor.judge.residual import oriented
 from monitor.memory.codes import TESTS
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged, WindowJudged
 from training.limits.fuel_cuts import reference_of
 from training.limits.judging import Judged, judge_recordings, most_common_cause
+from training.limits.movement import movement_of
 from training.limits.region import region_of
 from training.limits.repeated_model import RepeatedModel
 from training.narx.export import update_card
@@ -81,10 +83,7 @@ def limits_of(
     unit = card.output.unit
     means = np.array([w.mean for w in windows])
     stds = np.array([w.std for w in windows])
-    oriented = [
-        1.0 / w.window.measured if card.transform == "phi" else -w.window.measured for w in windows
-    ]
-    within = [o - w.window.bank[:, 0] for o, w in zip(oriented, windows, strict=True)]
+    within = [oriented(w.window.measured, card.transform) - w.window.bank[:, 0] for w in windows]
     noise, memory = _noise(within)
     scale = float(np.concatenate([w.window.measured for w in windows]).std())
     offsets = [np.mean([w.mean for w in drive]) for drive in drives if drive]
@@ -214,8 +213,12 @@ def response_limits(
     evidence counts less by as much as the recordings still say so. Windows around fuel cuts have a
     gain and a weight of their own; the weight is 0 without such windows. A coarse or clipped
     reading that stands still in healthy recordings is given more time before it is stuck.
+
+    One recording shows neither how the gain spreads nor the errors that a model has for a whole
+    other drive, least of all the recording that trained it. So windows are bound in any case, and
+    the reading of a weak sensor must also move less.
     """
-    where = f"{len(recordings)} healthy recordings"
+    where, is_alone = f"{len(recordings)} healthy recordings", len(recordings) == 1
     full = config.response.evidence_weight
     plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
     unbound = 2.0 * config.response.evidence_most  # from its lead to the last place
@@ -226,9 +229,12 @@ def response_limits(
     used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
     used = replace(used, evidence_window=unbound)
     most = _most_evidence(model, recordings, used, config)
-    if most > _allowed(config):
+    if is_alone or most > _allowed(config):
         used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
     used, _ = _calmed(model, recordings, used, "evidence", config)
+    movement = 0.0
+    if is_alone:
+        movement = movement_of(judged[0].windows, model.card.transform, limits.noise_memory)
     found = {
         "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
         "evidence": Limit(
@@ -237,7 +243,15 @@ def response_limits(
         "evidence_window": Limit(
             used.evidence_window,
             "-",
-            f"half of a code's evidence where {where} show more than a third, else no bound",
+            f"half of a code's evidence where {where} show more than a third or are one, "
+            "else no bound",
+        ),
+        "movement": Limit(
+            movement,
+            "-",
+            "spread of the reading over that of the prediction in the only healthy recording"
+            if is_alone
+            else f"not needed, {where} show how gains differ",
         ),
         "still_s": Limit(
             still_s,

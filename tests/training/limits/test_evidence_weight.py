@@ -7,9 +7,12 @@ import pytest
 
 from monitor.base import config
 from monitor.judge.limits import Limits
-from monitor.report.replay import set_up
+from monitor.model.step import Model
+from monitor.report.replay import set_up, shipped_model
 from training.limits import decision_limits
+from training.recordings.recording import load
 
+LOG = "replay_logs/healthy_micro_trips_v102_s102.blf"
 CONFIG = config.load()
 LIMITS: Limits = set_up(None, (), CONFIG).limits
 ALLOWED = decision_limits._allowed(CONFIG)
@@ -40,3 +43,16 @@ def test_the_weight_of_fuel_cuts_is_found_in_few_steps(
     assert before == others + 0.75 * own
     assert 0.8 * wanted <= found.evidence_cut <= wanted + 1e-3
     assert len(asked) < 40
+
+
+def test_one_recording_has_bound_windows_and_its_movement_is_known() -> None:
+    # GIVEN a healthy drive that the model follows well
+    model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
+    # WHEN limits are set on it alone, and on it twice
+    alone = decision_limits.response_limits(model, [drive], LIMITS, CONFIG)
+    several = decision_limits.response_limits(model, [drive, drive], LIMITS, CONFIG)
+    # THEN alone its windows are bound, and a weak sensor must move less, too
+    assert alone["evidence_window"].value < CONFIG.response.evidence_fail
+    assert alone["movement"].value == pytest.approx(1.0, abs=0.1)
+    assert several["evidence_window"].value > CONFIG.response.evidence_fail
+    assert several["movement"].value == 0.0
