@@ -4,9 +4,9 @@ Real recordings (boschresearch/Bosch-Engine-Datasets, CC BY-SA 4.0; 10 Hz, z-sco
 authors). Every run is judged whole: as it is, and with each response fault put on the measured
 lambda afterwards, which the control loop did not see. Engine 1 is split in two: the model of each
 half is judged on the other. The response rule's constants were chosen on runs 10, 13, 32, 33, 53
-and 54 with a model of runs 10 to 15, 30 and 31; runs 11, 12, 14, 15, 30 and 31 were judged by no
-rule before, so the table of ``1b`` is the one that nothing was chosen on. Engine 2 has six runs,
-all of which were looked at; each is judged by a model of others.
+and 54 (``1a``) with a model of runs 10 to 15, 30 and 31; three later choices were made on the
+others (``1b``), too. Engine 2 has six runs, all of which were looked at; each is judged by a model
+of others.
 
 Gains act around z = -0.065; offsets are left out on both engines, since engine 2's scale is not
 published. On engine 2 the recorded lambda stands still for up to 42 s, exact in all digits, which
