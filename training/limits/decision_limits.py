@@ -13,15 +13,14 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.judge.residual import oriented
-from monitor.memory.codes import TESTS
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.events import CutJudged, WindowJudged
+from monitor.pipeline.events import WindowJudged
 from training.limits.fuel_cuts import reference_of
 from training.limits.judging import Judged, judge_recordings, most_common_cause
-from training.limits.movement import movement_of
 from training.limits.region import region_of
 from training.limits.repeated_model import RepeatedModel
+from training.limits.response_limits import response_limits
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
 from training.recordings.recording import Recording
@@ -31,13 +30,9 @@ MANY_WINDOWS = 100  # with fewer windows, the 0.99 quantile is the largest value
 PAPER_QUANTILE = 0.99
 HELD_OUT = "test blocks held out of the training recordings"
 ALL_OF_A_CHAIN = "the recordings of the fit, which changed a few constants only"
+ALL_OF_A_NETWORK = "the recordings that trained the network, because they are too short"
 ALSO_CHOSEN_ON = " and blocks that chose the weights, because these hold too few windows"
 MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost no information
-EVIDENCE_SAFETY = 3.0  # times the healthy recordings' largest evidence of a fault, for a code
-WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
-STEPS = (0.5, 0.8)  # of a weight that is still too large, at least and at most
-LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
-STILL_SAFETY = 1.5  # times the time after which no healthy reading was called stuck
 
 
 def _held_out_windows(
@@ -160,7 +155,8 @@ def with_limits(
 
     Short recordings, whose test blocks hold fewer than 10 windows, give those of the blocks that
     chose the weights, too, and the limits say so; no weight was fitted to either. If these are too
-    few for a chain, which has a few constants, all windows of its recordings count.
+    few, all windows of the recordings count: those of a chain, which has a few constants, as any
+    others, those of a network, which errs less where it was trained, as those of one recording.
     The joint region of the inputs is that of all windows of the recordings, for a network. The
     healthy gain is the median over the recordings. The weight of evidence falls until the healthy
     recordings' evidence of a fault stays well below a code.
@@ -173,8 +169,9 @@ def with_limits(
     if sum(map(len, drives)) < MINIMUM_WINDOWS and origin == HELD_OUT:
         drives = _held_out_windows(everything, recordings, held_out, ("test", "validate"))
         origin += ALSO_CHOSEN_ON
-        if sum(map(len, drives)) < MINIMUM_WINDOWS and model.card.kind == "greybox":
-            drives, origin = everything, ALL_OF_A_CHAIN
+        if sum(map(len, drives)) < MINIMUM_WINDOWS:
+            drives = everything
+            origin = ALL_OF_A_CHAIN if model.card.kind == "greybox" else ALL_OF_A_NETWORK
     limits = limits_of(drives, model.card, config, origin, recordings)
     region = region_of(everything, model.card.input_names) if model.card.kind == "narx" else None
     card = replace(
@@ -184,7 +181,8 @@ def with_limits(
     )
     card = with_fuel_cuts(card, judged, config)
     used = Limits.from_card(card, config, origin)
-    response = response_limits(model, recordings, used, config)
+    seen = origin == ALL_OF_A_NETWORK
+    response = response_limits(model, recordings, used, config, seen=seen)
     return replace(card, limits={**card.limits, **response}), sum(map(len, drives))
 
 
@@ -201,154 +199,3 @@ def whole(recordings: Sequence[Recording]) -> list[HeldOut]:
     Use it for a model with a few constants: a fit to the same recordings changes little.
     """
     return [HeldOut(i, 0, len(r.values), "test") for i, r in enumerate(recordings)]
-
-
-def response_limits(
-    model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
-) -> dict[str, Limit]:
-    """Return the healthy gains, the weights of evidence and how long the reading may stand still.
-
-    The gain's spread from drive to drive, and a model that follows its vehicle poorly, look like a
-    weak or late sensor; then no window alone may say more than half of what a code needs, and the
-    evidence counts less by as much as the recordings still say so. Windows around fuel cuts have a
-    gain and a weight of their own; the weight is 0 without such windows. A coarse or clipped
-    reading that stands still in healthy recordings is given more time before it is stuck.
-
-    One recording shows neither how the gain spreads nor the errors that a model has for a whole
-    other drive, least of all the recording that trained it. So windows are bound in any case, and
-    the reading of a weak sensor must also move less.
-    """
-    where, is_alone = f"{len(recordings)} healthy recordings", len(recordings) == 1
-    full = config.response.evidence_weight
-    plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
-    unbound = 2.0 * config.response.evidence_most  # from its lead to the last place
-    plain = replace(plain, still_s=0.0, evidence_window=unbound)
-    judged = judge_recordings(recordings, model, plain, config)
-    still_s = _still_s(judged, model, recordings, plain, config)
-    gain = _healthy_gain([_last_gain(each.windows) for each in judged], config)
-    used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
-    used = replace(used, evidence_window=unbound)
-    most = _most_evidence(model, recordings, used, config)
-    if is_alone or most > _allowed(config):
-        used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
-    used, _ = _calmed(model, recordings, used, "evidence", config)
-    movement = 0.0
-    if is_alone:
-        movement = movement_of(judged[0].windows, model.card.transform, limits.noise_memory)
-    found = {
-        "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
-        "evidence": Limit(
-            used.evidence, "-", f"largest evidence of a fault {most:.3g} at full weight, {where}"
-        ),
-        "evidence_window": Limit(
-            used.evidence_window,
-            "-",
-            f"half of a code's evidence where {where} show more than a third or are one, "
-            "else no bound",
-        ),
-        "movement": Limit(
-            movement,
-            "-",
-            "spread of the reading over that of the prediction in the only healthy recording"
-            if is_alone
-            else f"not needed, {where} show how gains differ",
-        ),
-        "still_s": Limit(
-            still_s,
-            "s",
-            f"{STILL_SAFETY:g} times the time after which none of {where} was stuck"
-            if still_s
-            else f"none of {where} was stuck after the usual time",
-        ),
-    }
-    n_cuts = sum(len(each.cuts) for each in judged)
-    if not n_cuts:
-        return found
-    gain = _healthy_gain([_last_gain(each.cuts) for each in judged], config)
-    unit = "-" if model.card.transform == "phi" else model.card.output.unit
-    noise = float(np.median([cut.std for each in judged for cut in each.cuts]))
-    used = replace(used, gain_cut=gain, noise_cut=noise, evidence_cut=full)
-    used, most = _calmed(model, recordings, used, "evidence_cut", config)
-    where = f"{n_cuts} windows around fuel cuts of {where}"
-    return found | {
-        "gain_cut": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
-        "noise_cut": Limit(noise, unit, f"median spread of the residual, {where}"),
-        "evidence_cut": Limit(
-            used.evidence_cut,
-            "-",
-            f"largest evidence of a fault {most:.3g} at full weight, {where}",
-        ),
-    }
-
-
-def _healthy_gain(gains: Sequence[float | None], config: Config) -> float:
-    """Return the median of the drives' gains, 1 without any."""
-    known = [gain for gain in gains if gain is not None]
-    least = config.response.gain_least  # a model that follows less says nothing of its vehicle
-    return min(max(float(np.median(known)), least), 1.0 / least) if known else 1.0
-
-
-def _still_s(
-    judged: Sequence[Judged],
-    model: Model,
-    recordings: Sequence[Recording],
-    limits: Limits,
-    config: Config,
-) -> float:
-    """Return for how long the healthy reading may stand still, 0 if it is never called stuck."""
-    still_s = 0.0
-    while any(change.dtc.fault in TESTS["activity"] for each in judged for change in each.changes):
-        still_s = STILL_SAFETY * (still_s or config.plausibility.stuck_s)
-        judged = judge_recordings(recordings, model, replace(limits, still_s=still_s), config)
-    return STILL_SAFETY * still_s
-
-
-def _weighted(limits: Limits, name: str, weight: float) -> Limits:
-    if name == "evidence_cut":
-        return replace(limits, evidence_cut=weight)
-    return replace(limits, evidence=weight)
-
-
-def _calmed(
-    model: Model,
-    recordings: Sequence[Recording],
-    limits: Limits,
-    name: str,
-    config: Config,
-) -> tuple[Limits, float]:
-    """Return limits with which healthy recordings stay well below a code; their evidence before.
-
-    The weight is lowered. Evidence that the recordings show with the least weight, too, comes from
-    other windows.
-    """
-    most = before = _most_evidence(model, recordings, limits, config)
-    if most <= _allowed(config):
-        return limits, before
-    others = _most_evidence(model, recordings, _weighted(limits, name, LEAST_EVIDENCE), config)
-    allowed, weight = max(_allowed(config), others), config.response.evidence_weight
-    while most > allowed and weight > LEAST_EVIDENCE:  # evidence has bounds, so it is not linear
-        weight *= float(np.clip(allowed / most, *STEPS))
-        limits = _weighted(limits, name, weight)
-        most = _most_evidence(model, recordings, limits, config)
-    return limits, before
-
-
-def _allowed(config: Config) -> float:
-    """Return the largest evidence of a fault that healthy recordings may show."""
-    return config.response.evidence_fail / EVIDENCE_SAFETY
-
-
-def _most_evidence(
-    model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
-) -> float:
-    """Return the largest evidence of a fault in any window of healthy recordings."""
-    found = [0.0]
-    for judged in judge_recordings(recordings, model, limits, config):
-        for windows in (judged.windows, judged.cuts):
-            found += [float(window.statistics["evidence"] or 0.0) for window in windows]
-    return max(found)
-
-
-def _last_gain(windows: Sequence[WindowJudged | CutJudged]) -> float | None:
-    gain = windows[-1].statistics["gain"] if windows else None
-    return float(gain) if isinstance(gain, float) else None

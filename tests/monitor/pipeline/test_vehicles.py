@@ -247,10 +247,31 @@ def test_garbage_is_counted_and_survived(
     assert "not judged: " in got.out
 
 
+def test_a_short_log_has_limits_of_what_trained_the_model_and_says_on_how_little_they_rest(
+    replayed: Callable[..., Replayed],
+    me7: Path,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    # GIVEN a log whose held-out blocks hold too few windows
+    short = edited(me7, folder / "third.csv", lambda _, rows: rows[: len(rows) // 3])
+    names = ("engine_speed_rpm", "throttle_percent", "boost_raw", "lambda_measured")
+    model = fitted(folder / "third.onnx", short, folder / "me7.toml", *names)
+    # WHEN it is fitted THEN the limits are of the windows that trained, and few
+    said = capsys.readouterr()
+    assert "the decision limits rest on 24 windows" in said.err
+    assert "the recordings that trained the network" in said.out
+    # THEN the log is judged, without a code
+    got = replayed(short, model, folder / "me7.toml")
+    assert got.exit_code in (0, 3)
+    assert got.recording["dtcs"] == []
+    assert got.recording["evidence"]
+
+
 def test_a_model_with_too_few_windows_for_limits_judges_nothing_and_says_what_to_do(
     me7: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    me7 = edited(me7, folder / "short.csv", lambda _, rows: rows[: len(rows) // 3])
+    me7 = edited(me7, folder / "short.csv", lambda _, rows: rows[: len(rows) // 8])
     names = ("engine_speed_rpm", "throttle_percent", "boost_raw", "lambda_measured")
     model = fitted(folder / "me7.onnx", me7, folder / "me7.toml", *names)
     assert "no decision limits" in capsys.readouterr().err

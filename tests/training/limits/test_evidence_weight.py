@@ -9,13 +9,13 @@ from monitor.base import config
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.report.replay import set_up, shipped_model
-from training.limits import decision_limits
+from training.limits import response_limits as rules
 from training.recordings.recording import load
 
 LOG = "replay_logs/healthy_micro_trips_v102_s102.blf"
 CONFIG = config.load()
 LIMITS: Limits = set_up(None, (), CONFIG).limits
-ALLOWED = decision_limits._allowed(CONFIG)
+ALLOWED = rules._allowed(CONFIG)
 
 
 @pytest.mark.parametrize(
@@ -36,10 +36,10 @@ def test_the_weight_of_fuel_cuts_is_found_in_few_steps(
         asked.append(limits.evidence_cut)
         return others + own * limits.evidence_cut
 
-    monkeypatch.setattr(decision_limits, "_most_evidence", most)
+    monkeypatch.setattr(rules, "_most_evidence", most)
     full = replace(LIMITS, evidence_cut=0.75)
     # WHEN the weight of fuel cuts is set THEN it is at most a fifth too low, and soon found
-    found, before = decision_limits._calmed(None, (), full, "evidence_cut", CONFIG)  # type: ignore[arg-type]
+    found, before = rules._calmed(None, (), full, "evidence_cut", CONFIG)  # type: ignore[arg-type]
     assert before == others + 0.75 * own
     assert 0.8 * wanted <= found.evidence_cut <= wanted + 1e-3
     assert len(asked) < 40
@@ -49,10 +49,14 @@ def test_one_recording_has_bound_windows_and_its_movement_is_known() -> None:
     # GIVEN a healthy drive that the model follows well
     model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
     # WHEN limits are set on it alone, and on it twice
-    alone = decision_limits.response_limits(model, [drive], LIMITS, CONFIG)
-    several = decision_limits.response_limits(model, [drive, drive], LIMITS, CONFIG)
+    alone = rules.response_limits(model, [drive], LIMITS, CONFIG)
+    several = rules.response_limits(model, [drive, drive], LIMITS, CONFIG)
+    trained = rules.response_limits(model, [drive, drive], LIMITS, CONFIG, seen=True)
     # THEN alone its windows are bound, and a weak sensor must move less, too
     assert alone["evidence_window"].value < CONFIG.response.evidence_fail
     assert alone["movement"].value == pytest.approx(1.0, abs=0.1)
     assert several["evidence_window"].value > CONFIG.response.evidence_fail
     assert several["movement"].value == 0.0
+    # THEN recordings that trained the model count as one
+    assert trained["movement"].value == pytest.approx(alone["movement"].value, rel=1e-6)
+    assert trained["evidence_window"].value == alone["evidence_window"].value

@@ -9,8 +9,8 @@ from monitor.judge.limits import Limits
 from monitor.memory.codes import TESTS
 from monitor.model.step import Model
 from monitor.report.replay import shipped_model
-from training.limits.decision_limits import response_limits
 from training.limits.judging import judge
+from training.limits.response_limits import response_limits
 from training.recordings.recording import Recording, load
 
 LOG = Path("replay_logs/healthy_micro_trips_v102_s102.blf")
