@@ -12,7 +12,6 @@ from training.gap.name.base_state import FREE
 from training.gap.name.description import plainest
 from training.gap.name.manoeuvres import Experiment, separate
 from training.gap.name.ranking import (
-    COMPLETE,
     HALF,
     RANKED_CLOSELY,
     WIN,
@@ -61,7 +60,7 @@ def step(
 ) -> Outcome:
     """Return the outcome of one forward step.
 
-    more : whether another may follow; then the best of several that explain a part each goes on,
+    more : whether another may follow; then the best of several that explain as much goes on,
         as the first of ``Outcome.best``
     """
     ranking = rank(state, candidates, progress)
@@ -113,8 +112,7 @@ def _of_effects(
     among = tuple(c for c in strong if c.kind == "effect")[:AMBIGUOUS_MOST]
     if len(among) == 1:
         return Outcome("named", ranking, best=among)
-    parts = all((c.merit.adequacy or 0.0) < COMPLETE for c in among)
-    verdict: Verdict = "named" if parts and more else "ambiguous"
+    verdict: Verdict = "named" if more else "ambiguous"
     return Outcome(verdict, ranking, best=among, experiment=separate(among[0].fit, among[1].fit))
 
 

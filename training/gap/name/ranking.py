@@ -13,7 +13,6 @@ from training.jobs.checkpoints import Progress
 
 WIN: Final = 0.95  # of resampled blocks
 HALF: Final = 0.5  # of what can be explained, for a name; of the best score, for a rival
-COMPLETE: Final = 0.85  # of what can be explained; with less, another effect may be there
 USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
 RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
 OVER_HEALTHY: Final = 80.0  # times what healthy drives give; see docs/how_it_works/gap.md

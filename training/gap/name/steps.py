@@ -1,7 +1,8 @@
 """Steps of the naming: effects one after the other, each on top of those before it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 from training.gap.name import scoring
 from training.gap.name.decision import Outcome, step
@@ -11,6 +12,8 @@ from training.greybox.effects import Effect
 from training.greybox.fit.case import Term
 from training.greybox.fit.held_out import held_out_rmse
 from training.jobs.checkpoints import Progress
+
+PAIR: Final = 2  # effects, each of which is judged beside the other
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +28,37 @@ class Advance:
     beside: tuple[Candidate, ...] = ()  # see ``Answer.beside``
 
 
+@dataclass(frozen=True, slots=True)
+class _Path:
+    """The rounds so far; ``states`` holds the start and the state after each."""
+
+    states: list[State]
+    rounds: list[Round] = field(default_factory=list)
+
+    @property
+    def state(self) -> State:
+        return self.states[-1]
+
+    @property
+    def effects(self) -> tuple[Candidate, ...]:
+        return tuple(r.effect for r in self.rounds)
+
+    def left(self, candidates: Sequence[Term]) -> list[Term]:
+        """Return the candidates without those of the rounds."""
+        names = [effect.name for effect in self.effects]
+        return [c for c in candidates if c.name not in names]
+
+    def take(self, effect: Candidate, ranking: tuple[Candidate, ...]) -> None:
+        """Add a round."""
+        self.rounds.append(Round(effect, held_out_rmse(self.state.case, effect.fit), ranking))
+        self.states.append(_with(self.state, effect))
+
+    def drop(self) -> None:
+        """Take the last round back."""
+        self.rounds.pop()
+        self.states.pop()
+
+
 def advance(
     state: State,
     candidates: Sequence[Term],
@@ -33,30 +67,56 @@ def advance(
     progress: Progress,
 ) -> Advance:
     """Return the steps until one names nothing, or until there are as many as were asked for."""
-    outcome, rounds, warnings = Outcome("no_gap", ()), list[Round](), list[str]()
-    before, named = state, outcome
+    path, outcome = _Path([state]), Outcome("no_gap", ())
+    named = outcome
+
+    def next_step(on: _Path, *, more: bool = False) -> Outcome:
+        left = on.left(candidates)
+        return step(on.state, left, on.effects, sensor_known_good, progress, more=more)
+
     for number in range(steps):
-        more = number + 1 < steps
-        added = [r.effect for r in rounds]
-        outcome = step(state, candidates, added, sensor_known_good, progress, more=more)
+        outcome = next_step(path, more=number + 1 < steps)
         if outcome.verdict != "named":
             break
-        before, named, best = state, outcome, outcome.best[0]
-        rounds.append(Round(best, held_out_rmse(state.case, best.fit), outcome.ranking))
-        if best.tag == "fault-like" and not sensor_known_good:
-            warnings.append(f"{best.name} may be a fault: add it only if it is known not to be")
-        candidates = [c for c in candidates if c.name != best.name]
-        state = _with(state, best)
-    first = rounds[0].ranking if rounds else outcome.ranking
+        named = outcome
+        path.take(outcome.best[0], outcome.ranking)
+        if len(path.rounds) == PAIR and len(outcome.best) == 1:
+            path, outcome = _first_again(path, outcome, next_step)
+            if outcome.verdict != "named":
+                break
+    first = path.rounds[0].ranking if path.rounds else outcome.ranking
     if len(named.best) > 1 and outcome.verdict != "sensor_fault_suspected":
         # Nothing was found beside the best of several: any of them may be all that there is.
-        state, outcome, rounds = before, replace(named, verdict="ambiguous"), rounds[:-1]
-    beside = outcome.best if rounds and outcome.verdict == "ambiguous" else ()
+        path.drop()
+        outcome = replace(named, verdict="ambiguous")
+    beside = outcome.best if path.rounds and outcome.verdict == "ambiguous" else ()
     if outcome.verdict == "sensor_fault_suspected":
-        beside = tuple(r.effect for r in rounds)
-        if len(rounds) + 1 < steps:
-            beside += _on_top(state, outcome, candidates, progress)
-    return Advance(state, outcome, tuple(rounds), tuple(warnings), first, beside)
+        beside = path.effects
+        if len(path.rounds) + 1 < steps:
+            beside += _on_top(path.state, outcome, path.left(candidates), progress)
+    faults = [c.name for c in path.effects if c.tag == "fault-like" and not sensor_known_good]
+    warnings = [f"{n} may be a fault: add it only if it is known not to be" for n in faults]
+    return Advance(path.state, outcome, tuple(path.rounds), tuple(warnings), first, beside)
+
+
+def _first_again(
+    path: _Path, outcome: Outcome, next_step: Callable[[_Path], Outcome]
+) -> tuple[_Path, Outcome]:
+    """Return a pair with its first effect looked for again, on top of the second.
+
+    Alone, the first had to explain part of the second, too, which another effect may do better.
+    Source: Miller, Subset Selection in Regression, 2nd ed., 2002, chapter 3, sequential
+    replacement.
+    """
+    first, second = path.effects
+    ranking = path.rounds[0].ranking
+    other = _Path([path.states[0]])
+    other.take(next(c for c in ranking if c.name == second.name), ranking)
+    again = next_step(other)
+    if again.verdict == "named" and again.best[0].name != first.name:
+        other.take(again.best[0], again.ranking)
+        return other, again
+    return (other, again) if again.verdict == "ambiguous" else (path, outcome)
 
 
 def _with(state: State, added: Candidate) -> State:
