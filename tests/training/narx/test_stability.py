@@ -1,0 +1,41 @@
+"""Forgetting: two histories must end at one prediction, also where a drive stays for long."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tests.training.narx.test_linear_start import prepared
+from training.narx.network import Spec, last_outputs
+from training.narx.stability import contraction
+
+SPEC = Spec(2, 1, (1,), 0, -3.0, 3.0)
+
+
+def feedback(gain: float) -> np.ndarray:
+    """Weights of y(t) = tanh(gain y(t-1) + 5 u0(t)): above 1, two steady states about u0 = 0."""
+    return np.array([5.0, 0.0, 0.0, 0.0, gain, 0.0, 1.0, 0.0])
+
+
+def test_two_steady_states_are_seen_although_every_recorded_drive_moves_on() -> None:
+    # GIVEN inputs that change every 20 samples, and a memory of ten such changes
+    data = replace(prepared(0.8), memory=200)
+    # WHEN a network has two steady states where the first input is small
+    weights = feedback(2.0)
+    # THEN the recorded inputs make it forget all the same
+    start = np.arange(10, 3700, 37)
+    runs = [
+        last_outputs(
+            SPEC, weights, data.samples.u, start, start + 201, np.full((len(start), 1), first)
+        )
+        for first in (-3.0, 3.0)
+    ]
+    np.testing.assert_allclose(*runs, atol=1e-9)
+    # AND the check, which holds operating points, finds both states
+    found = contraction(data, SPEC, weights, seed=0)
+    assert found.gap > 30.0 * found.limit
+
+
+def test_one_steady_state_at_every_operating_point_is_forgetting() -> None:
+    data = replace(prepared(0.8), memory=200)
+    found = contraction(data, SPEC, feedback(0.5), seed=0)
+    assert found.gap < 0.01 * found.limit
