@@ -2,54 +2,112 @@
 
 Each form of the signals that may explain most is fitted and scored on held-out blocks as the
 library's effects are; the best is kept, and a further one on top of it as long as it gains clearly.
+Errors count as they are, slow ones too: an effect that follows a temperature is slow.
 """
 
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
+from monitor.base.types import FloatArray
 from training.gap.name import scoring
 from training.gap.name.ranking import State, rank
 from training.gap.name.signal_functions import columns, functions_of
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
-from training.greybox.effects.empirical import FORMS, effect_of, name_of
+from training.greybox.effects.empirical import effect_of, form_of, in_form, name_of, signal_of
+from training.greybox.fit.joint import Case, Fit, fit
 from training.jobs.checkpoints import Progress
 
-TERMS_MOST: Final = 2
+TERMS_MOST: Final = 3
 SIGNALS_MOST: Final = 3  # whose forms are fitted
-GAIN_LEAST: Final = 400.0  # of the held-out deviance, as for a plain function to be clear
-T_LEAST: Final = 4.0
-SHARE_LEAST: Final = 0.1  # of the first term's gain
-NEARLY: Final = 0.95  # of the best gain, from which a form of fewer constants goes first
+GAIN_LEAST: Final = 400.0  # of the first term in whitened errors, as for a clear plain function
+T_LEAST: Final = 3.0  # of the first term, as for a name
+FURTHER_T_LEAST: Final = 2.0
+SHARE_LEAST: Final = 0.1  # of the deviance, that a term takes away
+NEARLY: Final = 1.05  # times the least deviance, up to which a form of fewer constants goes first
 RANGE: Final = (0.02, 0.98)  # quantiles that a curve spans
+FORMS: Final = ("factor", "mass", "vapour", "slow", "curve")  # of every signal
+PLACED: Final = ("bump", "step")  # of the best curves' signals, begun where the curve says
+CURVES_MOST: Final = 2
+BESIDE: Final = 0.1  # of u, from a knot: a fit cannot begin at 0
+NO_CAUSES: Final = ("sensor_heater_percent",)  # answers the exhaust's flow and temperature
 
 
 def formula_of(state: State, progress: Progress = lambda _: None) -> tuple[Candidate, ...]:
     """Return the terms of the formula, none if nothing is clear."""
-    terms, found = _forms(state), list[Candidate]()
-    while terms and len(found) < TERMS_MOST:
+    plain, found = _plain(state), list[Candidate]()
+    while len(found) < TERMS_MOST:
         progress("formula")
-        ranking = rank(state, terms, lambda _: None)
-        least = max(GAIN_LEAST, SHARE_LEAST * (found[0].merit.score if found else 0.0))
-        nearly = max(least, NEARLY * ranking[0].merit.score)
-        good = [c for c in ranking if c.merit.score >= nearly and c.merit.t >= T_LEAST]
-        if not good:
+        best = _best(plain, {signal_of(c.name) for c in found})
+        if best is None or best.merit.t < (FURTHER_T_LEAST if found else T_LEAST):
             break
-        best = min(good, key=lambda c: (len(c.term.parameters), -c.merit.score))
         found.append(best)
-        signal = best.name.split(":")[1]
-        terms = [t for t in terms if t.name.split(":")[1] != signal]
-        deviance = scoring.deviance(best.fit, state.case.blocks)
-        state = replace(state, current=best.fit, deviance=deviance)
-    return tuple(found)
+        plain = _with(plain, best.fit)
+    judged = _judged(state, _needed(plain, found))
+    return judged if judged and judged[0].merit.score >= GAIN_LEAST else ()
 
 
-def _forms(state: State) -> list[Effect]:
-    """Return every form of the signals that may explain most, by least squares over all blocks."""
+def _needed(plain: State, found: Sequence[Candidate]) -> list[Candidate]:
+    """Return the terms without those that later ones have made superfluous."""
+    kept = list(found)
+    for each in found[:-1]:
+        rest = [c for c in kept if c is not each]
+        last = fit(plain.case, tuple(c.term for c in rest), [rest[0].fit])
+        if scoring.deviance(last, plain.case.blocks).sum() <= NEARLY * plain.deviance.sum():
+            kept = [*rest[:-1], replace(rest[-1], fit=last)]
+    return kept
+
+
+def _judged(state: State, terms: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Return the terms with their merits in whitened errors, as effects have them."""
+    judged = list[Candidate]()
+    for each in terms:
+        (again,) = rank(state, [each.term], lambda _: None)
+        judged.append(replace(each, merit=again.merit))
+        state = _with(state, again.fit)
+    return tuple(judged)
+
+
+def _with(state: State, found: Fit) -> State:
+    deviance = scoring.deviance(found, state.case.blocks)
+    return replace(state, current=found, deviance=deviance)
+
+
+def _best(plain: State, used: Collection[str]) -> Candidate | None:
+    """Return the best form of a signal that is not used yet, None if none gains enough."""
+    terms = _forms(plain, used)
+    if not terms:
+        return None
+    ranking = rank(plain, terms, lambda _: None)
+    ranking = (*ranking, *rank(plain, _placed(ranking), lambda _: None))
+    before = float(plain.deviance.sum())
+    least = min(before - c.merit.score for c in ranking)
+    most = min(NEARLY * least, (1.0 - SHARE_LEAST) * before)
+    good = [c for c in ranking if before - c.merit.score <= most]
+    return min(good, key=lambda c: (len(c.term.parameters), -c.merit.score), default=None)
+
+
+def plain_case(case: Case, floor_phi: float) -> Case:
+    """Return the case with errors as they are: slow ones count as fast ones."""
+    return replace(case, ar=(0.0, 0.0), sigma=floor_phi, shrinks=())
+
+
+def _plain(state: State) -> State:
+    case = plain_case(state.case, scoring.floor_phi(state.case, state.current))
+    current = fit(case, state.current.terms, [state.current])
+    roof = scoring.ceiling(case, scoring.plain_columns(case, current))
+    deviance = scoring.deviance(current, case.blocks)
+    return replace(state, case=case, current=current, roof=roof, deviance=deviance)
+
+
+def _forms(state: State, used: Collection[str]) -> list[Effect]:
+    """Return the forms of the signals that may explain most, by least squares over all blocks."""
     drives = state.case.drives
-    functions = functions_of(drives)
+    without = (*used, *NO_CAUSES)
+    functions = [f for f in functions_of(drives) if f.signal not in without]
     if not functions:
         return []
     made = [columns(drive, state.current.base, functions) for drive in drives]
@@ -59,11 +117,34 @@ def _forms(state: State) -> list[Effect]:
     for signal in dict.fromkeys(f.signal for f in functions):
         own = table[:, [f.signal == signal for f in functions]]
         explained[signal] = float(((own @ np.linalg.lstsq(own, target)[0]) ** 2).sum())
-    found = []
+    forms = []
     for signal in sorted(explained, key=lambda s: -explained[s])[:SIGNALS_MOST]:
         x = np.concatenate([drive.signals[signal][drive.kept] for drive in drives])
         low, high = np.quantile(x, RANGE).tolist()
         if high > low:
             middle, half = (low + high) / 2.0, (high - low) / 2.0
-            found += [effect_of(name_of(signal, form, middle, half)) for form in FORMS]
-    return found
+            forms += [effect_of(name_of(signal, form, middle, half)) for form in FORMS]
+    return forms
+
+
+def _placed(ranking: Sequence[Candidate]) -> list[Effect]:
+    """Return the forms with a place, of the signals with the best curves."""
+    curves = [c for c in ranking if form_of(c.name) == "curve"]
+    return [_begun(c, form) for c in curves[:CURVES_MOST] for form in PLACED]
+
+
+def _begun(curve: Candidate, form: str) -> Effect:
+    """Return a form of the curve's signal whose place begins where the curve shows it."""
+    effect = effect_of(in_form(curve.name, form))
+    place = _place_of(form, np.array(list(curve.parameters.values())))
+    begun = (replace(p, start=(place,)) if p.name == "place" else p for p in effect.parameters)
+    return replace(effect, parameters=tuple(begun))
+
+
+def _place_of(form: str, values: FloatArray) -> float:
+    """Return u of a curve's most unusual value (bump) or of its steepest part (step)."""
+    knots = np.linspace(-1.0, 1.0, len(values)) + BESIDE
+    if form == "bump":
+        return float(knots[np.argmax(np.abs(values - np.median(values)))])
+    steepest = int(np.argmax(np.abs(np.diff(values))))
+    return float(knots[steepest : steepest + 2].mean())

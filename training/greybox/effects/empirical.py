@@ -1,31 +1,83 @@
 """Effects without a physics: the mixture or the fuel as a function of one recorded signal.
 
 The name of such an effect says its form, so that a model's card needs nothing else:
-``empirical:SIGNAL:FORM:AT:WIDTH``. With u = (signal - AT) / WIDTH the forms are
-
-    factor   the mixture times 1 + c u
-    mass     fuel per injection plus c u
-    slow     as factor, with u behind a lag of first order
-    curve    the mixture times 1 + a curve, linear between five values of u from -1 to 1
+``empirical:SIGNAL:FORM:AT:WIDTH``. A form is a shape of u = (signal - AT) / WIDTH, and what its
+size acts on.
 """
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
 from monitor.base.errors import ModelError
+from training.greybox.effects.form.air_meter import SLOWLY
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, clip, maximum
+from training.greybox.effects.form.shape import STATES, Bump, Curve, Line, Shape, Step, Words
+from training.greybox.effects.form.value import Quantity, maximum
 
 PREFIX: Final = "empirical"
-KNOTS: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of u
 PERCENT: Final = 100.0
-STATES: Final = 2  # of a lag: its value, and whether it has begun
-_SIZE: Final = Parameter("size", "%", -40.0, 40.0, (1.0, -1.0))
-_FORMS: Final = {
-    "factor": (_SIZE,),
-    "mass": (Parameter("size", "mg/stroke", -8.0, 8.0, (0.1, -0.1)),),
-    "slow": (_SIZE, Parameter("time", "s", 0.3, 60.0, (2.0, 15.0))),
-    "curve": tuple(Parameter(f"at {u:+g}", "%", -40.0, 40.0, (0.5,)) for u in KNOTS),
+
+Changed = Mapping[str, Quantity]  # fields of the path
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What the size of an effect acts on."""
+
+    unit: str
+    most: float  # in either direction
+    changed: Callable[[Place, Quantity, Values], Changed]
+    parameters: tuple[Parameter, ...] = ()  # of its own, after those of the shape
+    needs: tuple[str, ...] = ()
+    n_states: int = 0
+
+
+def _mixture(place: Place, percent: Quantity, own: Values) -> Changed:
+    return {"factor": place.of("factor") * (1.0 + percent * (1.0 / PERCENT))}
+
+
+def _fuel(place: Place, mg: Quantity, own: Values) -> Changed:
+    return {"fuel_mg": maximum(place.of("fuel_mg") + mg, 0.0)}
+
+
+def _vapour(place: Place, mg_per_s: Quantity, own: Values) -> Changed:
+    return _fuel(place, mg_per_s / place.strokes_per_s(), own)
+
+
+def _air(place: Place, percent: Quantity, own: Values) -> Changed:
+    """Change the cylinder's air, of which an ECU with an air meter learns a share over seconds."""
+    learned, followed_s = own
+    change = percent * (1.0 / PERCENT)
+    known = place.lag(change + 1.0, followed_s) - 1.0
+    return place.air_times((1.0 + change) / (1.0 + learned * known))
+
+
+MIXTURE: Final = Target("%", 40.0, _mixture)
+FUEL: Final = Target("mg/stroke", 8.0, _fuel)
+VAPOUR: Final = Target("mg/s", 200.0, _vapour, needs=("engine_speed_rpm",))
+_LEARNED: Final = (
+    Parameter("learned", "-", 0.0, 1.0, (0.5,), spread=0.5),
+    replace(SLOWLY, spread=2.0),
+)
+AIR: Final = Target("%", 40.0, _air, _LEARNED, n_states=STATES)
+_FORMS: Final[Mapping[str, tuple[Target, Shape]]] = {
+    "factor": (MIXTURE, Line()),
+    "mass": (FUEL, Line()),
+    "vapour": (VAPOUR, Line()),
+    "slow": (MIXTURE, Line(late=True)),
+    "bump": (AIR, Bump()),
+    "step": (AIR, Step()),
+    "curve": (MIXTURE, Curve()),
+}
+FORMS: Final[Mapping[str, tuple[Target, Shape]]] = {
+    "factor": (MIXTURE, Line()),
+    "mass": (FUEL, Line()),
+    "vapour": (VAPOUR, Line()),
+    "slow": (MIXTURE, Line(late=True)),
+    "bump": (MIXTURE, Bump()),
+    "curve": (MIXTURE, Curve()),
 }
 FORMS: Final = tuple(_FORMS)
 
@@ -44,62 +96,77 @@ def name_of(signal: str, form: str, at: float, width: float) -> str:
     return f"{PREFIX}:{signal}:{form}:{at:.6g}:{width:.6g}"
 
 
-def effect_of(name: str) -> Effect:
-    """Return the effect that a name says; raises ModelError if it says none."""
+def signal_of(name: str) -> str:
+    """Return the signal that an empirical effect's name says."""
+    return _parts(name).signal
+
+
+def form_of(name: str) -> str:
+    """Return the form that an empirical effect's name says."""
+    return _parts(name).form
+
+
+def in_form(name: str, form: str) -> str:
+    """Return the name of the effect of the same signal in another form."""
+    of = _parts(name)
+    return name_of(of.signal, form, of.at, of.width)
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """What a name says."""
+
+    signal: str
+    form: str
+    target: Target
+    shape: Shape
+    at: float
+    width: float
+
+
+def _parts(name: str) -> _Parts:
     try:
         _, signal, form, at, width = name.split(":")
-        parameters, centre, scale = _FORMS[form], float(at), float(width)
+        return _Parts(signal, form, *_FORMS[form], float(at), float(width))
     except (ValueError, KeyError):
         raise ModelError(f"{name!r} is no empirical effect") from None
 
-    def equation(place: Place, values: Values) -> dict[str, Quantity]:
-        u = clip((place.signal(signal) - centre) * (1.0 / scale), -3.0, 3.0)
-        if form == "mass":
-            return {"fuel_mg": maximum(place.of("fuel_mg") + values[0] * u, 0.0)}
-        if form == "slow":
-            u = place.lag(u + 4.0, values[1]) - 4.0
-        change = values[0] * u if form != "curve" else _curve(u, values)
-        return {"factor": place.of("factor") * (1.0 + change * (1.0 / PERCENT))}
+
+def effect_of(name: str) -> Effect:
+    """Return the effect that a name says; raises ModelError if it says none."""
+    of = _parts(name)
+    target, shape = of.target, of.shape
+    parameters = shape.parameters(target.unit, target.most)
+    n = len(parameters)
+
+    def equation(place: Place, values: Values) -> Changed:
+        u = (place.signal(of.signal) - of.at) * (1.0 / of.width)
+        return target.changed(place, shape.size(place, u, values[:n]), values[n:])
 
     return Effect(
         name=name,
-        says=f"the mixture goes with {signal.replace('_', ' ')}",
-        parameters=parameters,
-        needs=(signal,),
+        says=f"the mixture goes with {of.signal.replace('_', ' ')}",
+        parameters=(*parameters, *target.parameters),
+        needs=tuple(dict.fromkeys((of.signal, *target.needs))),
         tag="physics",
         source="found in the recordings",
         equation=equation,
-        n_states=STATES if form == "slow" else 0,
+        n_states=max(shape.n_states, target.n_states),
     )
-
-
-def _curve(u: Quantity, values: Values) -> Quantity:
-    """Return the curve through ``values`` at the knots, constant beyond them."""
-    inside = clip(u, KNOTS[0], KNOTS[-1])
-    total: Quantity = 0.0
-    for knot, value in zip(KNOTS, values, strict=True):
-        away = maximum(inside - knot, knot - inside)
-        total = maximum(1.0 - away * 2.0, 0.0) * value + total
-    return total
 
 
 def formula(name: str, values: Values) -> str:
     """Return the effect with its constants as a formula.
 
-    >>> formula("empirical:manifold_temperature_degc:factor:30:20", [-1.76])
-    'mixture × (1 - 0.088 % per unit of (manifold_temperature_degc - 30))'
+    >>> formula("empirical:manifold_temperature_degc:factor:30:20", [0.4, -1.76])
+    'mixture × (1 + 0.4 % - 0.088 % per unit of (manifold_temperature_degc - 30))'
     """
-    _, signal, form, at, width = name.split(":")
-    size, scale = values[0], float(width)
-    sign, per = "-" if size < 0 else "+", abs(size) / scale
-    if form == "factor":
-        return f"mixture × (1 {sign} {per:.3g} % per unit of ({signal} - {at}))"
-    if form == "mass":
-        return f"fuel {sign} {per:.3g} mg/stroke per unit of ({signal} - {at})"
-    if form == "slow":
-        late = f"{signal} behind a lag of {values[1]:.3g} s"
-        return f"mixture × (1 {sign} {per:.3g} % per unit of ({late} - {at}))"
-    points = ", ".join(
-        f"{v:+.3g} % at {float(at) + u * scale:.4g}" for u, v in zip(KNOTS, values, strict=True)
-    )
-    return f"mixture × (1 + curve of {signal}: {points})"
+    of = _parts(name)
+    own = len(values) - len(of.target.parameters)
+    size = of.shape.says(values[:own], Words(of.signal, of.at, of.width, of.target.unit))
+    if of.target is MIXTURE:
+        return f"mixture × (1 {size})"
+    if of.target is AIR:
+        learned, followed_s = values[own:]
+        return f"air × (1 {size}), of which the ECU learns {learned:.0%} in {followed_s:.2g} s"
+    return f"fuel {size}"

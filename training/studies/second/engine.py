@@ -6,7 +6,7 @@ the car (no mixture in it), the charge as the ECU sees it, and the mixture with 
 Sizes of the hidden effects are of the order of the noise at 1.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -113,8 +113,12 @@ def drive(
     sensor: Sensor = SOUND,
     length_s: float = LENGTH_S,
     form: Form = FORM,
+    outside: Callable[["Car"], "Outside"] | None = None,
 ) -> Drive:
-    """Return a drive of one vehicle at 10 Hz."""
+    """Return a drive of one vehicle at 10 Hz.
+
+    outside : what an effect that no field of ``Hidden`` has does to the mixture
+    """
     own = np.random.default_rng([77, vehicle])
     piece = Piece(
         own.normal(1, 0.01), own.normal(0, 0.008), own.uniform(0.8, 1.25), own.uniform(0.06, 0.12)
@@ -127,6 +131,8 @@ def drive(
     car = drive_car(speed, ambient_degc, bool(cold))
     noise = rng.standard_normal((4, len(speed)))
     charge = meter(car, piece, effects, noise[0])
+    more = Outside(np.ones(len(speed)), np.zeros(len(speed))) if outside is None else outside(car)
+    car = car._replace(air_mg=car.air_mg / more.factor)
     fine = mix(
         car,
         charge[0],
@@ -136,6 +142,7 @@ def drive(
         sensor=sensor,
         ambient_kpa=ambient_kpa,
         noise=noise[1:],
+        vapour_mg_s=more.vapour_mg_s,
     ) | {
         "air_mass_mg": charge[0],
         "maf_kg_h": charge[1],
@@ -170,6 +177,13 @@ def wished_speed(rng: np.random.Generator, n: int) -> FloatArray:
             v[j] = x
         k += length
     return v
+
+
+class Outside(NamedTuple):
+    """What an effect of no library does to the mixture."""
+
+    factor: FloatArray  # (n,)
+    vapour_mg_s: FloatArray  # (n,) of fuel, while the engine injects
 
 
 class Car(NamedTuple):
@@ -269,9 +283,10 @@ def mix(
     sensor: Sensor,
     ambient_kpa: float,
     noise: FloatArray,
+    vapour_mg_s: FloatArray,
 ) -> dict[str, FloatArray]:
     """Return what the ECU sends of fuel and lambda."""
-    made = _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise)
+    made = _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise, vapour_mg_s)
     names = (
         "fuel_mass_mg",
         "rail_pressure_mpa",
@@ -284,7 +299,7 @@ def mix(
 
 
 @njit(cache=True)
-def _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise):  # type: ignore[no-untyped-def]  # noqa: PLR0915
+def _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise, vapour_mg_s):  # type: ignore[no-untyped-def]  # noqa: PLR0915
     n = len(charge)
     out = np.zeros((6, n))
     valve, gas_read = np.ones(1024), np.ones(1024)
@@ -325,7 +340,7 @@ def _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise):  # type: igno
         draught = (max(ambient_kpa - p, 0.0) / 60.0) ** form.purge_power
         drawn = 2.25 * e.purge * load * duty / 100.0 * draught
         vapour += STEP_S / 0.5 * (drawn - vapour)
-        entered = 0.0 if cut else entered + vapour / strokes
+        entered = 0.0 if cut else entered + (vapour + vapour_mg_s[k]) / strokes
         through = max(p - 96.0, 0.0) / 30.0 * max(1.0 - (rpm - 800.0) / 1800.0, 0.0)
         air *= 1.0 + 0.012 * e.scavenging * through
         valve[k % 1024] = 14.55 * (1.0 - 0.004 * e.ethanol) * entered / max(air, 5.0)
