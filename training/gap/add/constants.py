@@ -57,10 +57,9 @@ def constant_choices(
 
 
 def _alone(state: State) -> Case:
-    """Return the case of the chain without corrections, in which slow errors count as fast ones."""
-    floor_phi = scoring.floor_phi(state.case, state.current)
+    """Return the case of the chain without corrections, errors as they are."""
     nothing = tuple(np.zeros(len(drive)) for drive in state.case.drives)
-    return replace(state.case, corrections=nothing, ar=(0.0, 0.0), sigma=floor_phi, shrinks=())
+    return replace(scoring.as_they_are(state.case, state.current), corrections=nothing)
 
 
 def _alike(state: State, case: Case, judge: Case, last: Fit) -> tuple[Fit, float]:

@@ -18,7 +18,7 @@ from training.gap.name.signal_functions import columns, functions_of
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
 from training.greybox.effects.empirical import effect_of, form_of, in_form, name_of, signal_of
-from training.greybox.fit.joint import Case, Fit, fit
+from training.greybox.fit.joint import Fit, fit
 from training.jobs.checkpoints import Progress
 
 TERMS_MOST: Final = 3
@@ -55,7 +55,7 @@ def _needed(plain: State, found: Sequence[Candidate]) -> list[Candidate]:
     kept = list(found)
     for each in found[:-1]:
         rest = [c for c in kept if c is not each]
-        last = fit(plain.case, tuple(c.term for c in rest), [rest[0].fit])
+        last = fit(plain.case, tuple(c.term for c in rest), [plain.current.base])
         if scoring.deviance(last, plain.case.blocks).sum() <= NEARLY * plain.deviance.sum():
             kept = [*rest[:-1], replace(rest[-1], fit=last)]
     return kept
@@ -90,13 +90,8 @@ def _best(plain: State, used: Collection[str]) -> Candidate | None:
     return min(good, key=lambda c: (len(c.term.parameters), -c.merit.score), default=None)
 
 
-def plain_case(case: Case, floor_phi: float) -> Case:
-    """Return the case with errors as they are: slow ones count as fast ones."""
-    return replace(case, ar=(0.0, 0.0), sigma=floor_phi, shrinks=())
-
-
 def _plain(state: State) -> State:
-    case = plain_case(state.case, scoring.floor_phi(state.case, state.current))
+    case = scoring.as_they_are(state.case, state.current)
     current = fit(case, state.current.terms, [state.current])
     roof = scoring.ceiling(case, scoring.plain_columns(case, current))
     deviance = scoring.deviance(current, case.blocks)

@@ -35,7 +35,8 @@ class Target:
 
 
 def _mixture(place: Place, percent: Quantity, own: Values) -> Changed:
-    return {"factor": place.of("factor") * (1.0 + percent * (1.0 / PERCENT))}
+    factor = maximum(1.0 + percent * (1.0 / PERCENT), 0.0)
+    return {"factor": place.of("factor") * factor}
 
 
 def _fuel(place: Place, mg: Quantity, own: Values) -> Changed:
@@ -62,7 +63,7 @@ _LEARNED: Final = (
     replace(SLOWLY, spread=2.0),
 )
 AIR: Final = Target("%", 40.0, _air, _LEARNED, n_states=STATES)
-_FORMS: Final[Mapping[str, tuple[Target, Shape]]] = {
+FORMS: Final[Mapping[str, tuple[Target, Shape]]] = {
     "factor": (MIXTURE, Line()),
     "mass": (FUEL, Line()),
     "vapour": (VAPOUR, Line()),
@@ -71,15 +72,6 @@ _FORMS: Final[Mapping[str, tuple[Target, Shape]]] = {
     "step": (AIR, Step()),
     "curve": (MIXTURE, Curve()),
 }
-FORMS: Final[Mapping[str, tuple[Target, Shape]]] = {
-    "factor": (MIXTURE, Line()),
-    "mass": (FUEL, Line()),
-    "vapour": (VAPOUR, Line()),
-    "slow": (MIXTURE, Line(late=True)),
-    "bump": (MIXTURE, Bump()),
-    "curve": (MIXTURE, Curve()),
-}
-FORMS: Final = tuple(_FORMS)
 
 
 def is_empirical(name: str) -> bool:
@@ -127,7 +119,7 @@ class _Parts:
 def _parts(name: str) -> _Parts:
     try:
         _, signal, form, at, width = name.split(":")
-        return _Parts(signal, form, *_FORMS[form], float(at), float(width))
+        return _Parts(signal, form, *FORMS[form], float(at), float(width))
     except (ValueError, KeyError):
         raise ModelError(f"{name!r} is no empirical effect") from None
 

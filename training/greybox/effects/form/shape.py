@@ -30,7 +30,9 @@ class Words:
 class Shape(Protocol):
     """A function of u with constants."""
 
-    n_states: int
+    @property
+    def n_states(self) -> int:
+        """Return the states of its lag, 0 without one."""
 
     def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
         """Return its constants, with sizes of at most ``most``."""
