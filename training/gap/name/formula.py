@@ -7,7 +7,7 @@ Errors count as they are, slow ones too: an effect that follows a temperature is
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -36,8 +36,15 @@ BESIDE: Final = 0.1  # of u, from a knot: a fit cannot begin at 0
 NO_CAUSES: Final = ("sensor_heater_percent",)  # answers the exhaust's flow and temperature
 
 
-def formula_of(state: State, progress: Progress = lambda _: None) -> tuple[Candidate, ...]:
-    """Return the terms of the formula, none if nothing is clear."""
+class Formula(NamedTuple):
+    """The terms, none if nothing is clear."""
+
+    terms: tuple[Candidate, ...] = ()  # of the fit to errors as they are, merits in whitened ones
+    rival: Candidate | None = None  # the first term in whitened errors, as the sensor's faults are
+
+
+def formula_of(state: State, progress: Progress = lambda _: None) -> Formula:
+    """Return the formula of a state without effects."""
     plain, found = _plain(state), list[Candidate]()
     while len(found) < TERMS_MOST:
         progress("formula")
@@ -46,8 +53,12 @@ def formula_of(state: State, progress: Progress = lambda _: None) -> tuple[Candi
             break
         found.append(best)
         plain = _with(plain, best.fit)
-    judged = _judged(state, _needed(plain, found))
-    return judged if judged and judged[0].merit.score >= GAIN_LEAST else ()
+    terms = _needed(plain, found)
+    judged = _judged(state, terms)
+    if not judged or judged[0].merit.score < GAIN_LEAST:
+        return Formula()
+    pairs = zip(terms, judged, strict=True)
+    return Formula(tuple(replace(c, merit=j.merit) for c, j in pairs), judged[0])
 
 
 def _needed(plain: State, found: Sequence[Candidate]) -> list[Candidate]:
@@ -61,14 +72,14 @@ def _needed(plain: State, found: Sequence[Candidate]) -> list[Candidate]:
     return kept
 
 
-def _judged(state: State, terms: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Return the terms with their merits in whitened errors, as effects have them."""
+def _judged(state: State, terms: Sequence[Candidate]) -> list[Candidate]:
+    """Return the terms one after the other in whitened errors."""
     judged = list[Candidate]()
     for each in terms:
         (again,) = rank(state, [each.term], lambda _: None)
-        judged.append(replace(each, merit=again.merit))
+        judged.append(again)
         state = _with(state, again.fit)
-    return tuple(judged)
+    return judged
 
 
 def _with(state: State, found: Fit) -> State:

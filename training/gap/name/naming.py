@@ -95,23 +95,23 @@ def _with_formula(
 ) -> Naming:
     """Return the naming of an unknown effect with its formula, or with the sensor suspected."""
     found = formula_of(first, progress)
-    if suspect := _suspect(first, found, ranking):
+    if suspect := _suspect(first, found.rival, ranking):
         return replace(naming, answer=replace(naming.answer, suspected=suspect.name))
-    if not found:
+    if not found.terms:
         return naming
-    after = held_out_rmse(first.case, found[-1].fit)
+    after = held_out_rmse(first.case, found.terms[-1].fit)
     return replace(
         naming,
-        answer=replace(naming.answer, effects=found),
+        answer=replace(naming.answer, effects=found.terms),
         error=replace(naming.error, after=after),
     )
 
 
 def _suspect(
-    first: State, formula: Sequence[Candidate], ranking: Sequence[Candidate]
+    first: State, formula: Candidate | None, ranking: Sequence[Candidate]
 ) -> Candidate | None:
     """Return the sensor fault that leads the ranking, or that a formula does not clearly beat."""
-    rivals = against(first, formula[0], ranking)[1] if formula else ranking[:1]
+    rivals = against(first, formula, ranking)[1] if formula else ranking[:1]
     return next((c for c in rivals if c.kind == "sensor fault" and c.merit.is_large), None)
 
 

@@ -23,7 +23,7 @@ from training.greybox.effects.empirical import FORMS, effect_of, formula, name_o
 
 
 def found(change: Change, seeds: Sequence[int] = (1,)) -> tuple[Candidate, ...]:
-    return formula_of(base_state([made(change, seed) for seed in seeds], None, BASE))
+    return formula_of(base_state([made(change, seed) for seed in seeds], None, BASE)).terms
 
 
 def warm_intake(path: Path, signals: dict[str, FloatArray]) -> Path:
