@@ -90,16 +90,28 @@ def response_limits(
             else f"none of {where} was stuck after the usual time",
         ),
     }
+    return found | _around_cuts(model, recordings, judged, used, config)
+
+
+def _around_cuts(
+    model: Model,
+    recordings: Sequence[Recording],
+    judged: Sequence[Judged],
+    used: Limits,
+    config: Config,
+) -> dict[str, Limit]:
+    """Return gain, noise and weight of windows around fuel cuts; nothing without such windows."""
     n_cuts = sum(len(each.cuts) for each in judged)
     if not n_cuts:
-        return found
+        return {}
     gain = _healthy_gain([_last_gain(each.cuts) for each in judged], config)
     unit = "-" if model.card.transform == "phi" else model.card.output.unit
     noise = float(np.median([cut.std for each in judged for cut in each.cuts]))
+    full = config.response.evidence_weight
     used = replace(used, gain_cut=gain, noise_cut=noise, evidence_cut=full)
     used, most = _calmed(model, recordings, used, "evidence_cut", config)
-    where = f"{n_cuts} windows around fuel cuts of {where}"
-    return found | {
+    where = f"{n_cuts} windows around fuel cuts of {len(recordings)} healthy recordings"
+    return {
         "gain_cut": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
         "noise_cut": Limit(noise, unit, f"median spread of the residual, {where}"),
         "evidence_cut": Limit(
