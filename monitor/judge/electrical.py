@@ -28,6 +28,7 @@ class ElectricalTests:
     names : signals of a sample
     output : the measured signal among them, with its range in training
     still_s : time for which this car's healthy reading may stand still, if longer than usual
+    still_end_s : the same at the end of its range
     is_expected : whether the sender is known, so that its silence from the start is a fault
     """
 
@@ -39,6 +40,7 @@ class ElectricalTests:
         period_s: float,
         *,
         still_s: float = 0.0,
+        still_end_s: float = 0.0,
         is_expected: bool = True,
     ) -> None:
         own = config.plausibility
@@ -48,7 +50,7 @@ class ElectricalTests:
             own, names, output.name, period_s, is_expected=is_expected
         )
         self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
-        self._activity = ActivityTest.of(own, output, names, period_s, still_s)
+        self._activity = ActivityTest.of(own, output, names, period_s, still_s, still_end_s)
 
     def reset(self) -> None:
         """Start as after switching on."""
@@ -69,9 +71,17 @@ class ElectricalTests:
         values, quality : (n, n_names)
         burning : (n,) whether a live sensor moves while the engine runs
         """
-        measured = values[:, self._output]
         running = self._plausibility.running(values)
-        ready = self._readiness.push(measured, quality[:, self._output] == Quality.GOOD, running)
+        ready = self._ready(values, quality, running)
         results = self._plausibility.push(values, quality, ready)
-        stretches = self._activity.push(measured, running & burning & ready)
+        stretches = self._activity.push(values[:, self._output], running & burning & ready)
         return Electrical(self._maturing.push(results), stretches, running)
+
+    def must_move(self, values: FloatArray, quality: QualityArray, burning: BoolArray) -> BoolArray:
+        """Return on which samples a live sensor moves, (n,); arguments as for ``push``."""
+        running = self._plausibility.running(values)
+        return running & burning & self._ready(values, quality, running)
+
+    def _ready(self, values: FloatArray, quality: QualityArray, running: BoolArray) -> BoolArray:
+        good = quality[:, self._output] == Quality.GOOD
+        return self._readiness.push(values[:, self._output], good, running)

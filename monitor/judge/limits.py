@@ -29,6 +29,7 @@ OPTIONAL: Final = (
     "gain_cut",
     "noise_cut",
     "still_s",
+    "still_end_s",
     "movement",
 )
 
@@ -52,6 +53,7 @@ class Limits:
     gain_cut: float = 1.0  # like gain_model, in windows around fuel cuts
     noise_cut: float = 0.0  # like noise, in windows around fuel cuts, at least noise
     still_s: float = 0.0  # time for which the healthy reading may stand still, if it is long
+    still_end_s: float = 0.0  # the same at the end of its range, where no signal tells a fuel cut
     movement: float = 0.0  # reading over prediction in healthy drives; 0 if not known
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
     region: Region | None = None  # of the inputs, outside of which a window is no evidence
@@ -61,6 +63,14 @@ class Limits:
     def gain_expected(self) -> float:
         """Return measurement over prediction of this vehicle's healthy sensor."""
         return self.gain_model * self.gain
+
+    @property
+    def longest_still_s(self) -> float:
+        """Return for how long the healthy reading may stand still, 0 if not long.
+
+        A code takes two stretches.
+        """
+        return max(2.0 * self.still_s, self.still_end_s)
 
     @classmethod
     def from_card(cls, card: ModelCard, config: Config, where: str) -> "Limits":

@@ -41,7 +41,7 @@ def dead_at_end(
     if not len(seen.end_values):
         return None
     own = config.plausibility
-    found = _silent(seen, card.output, own) or _still(seen, card.output, own)
+    found = _silent(seen, card.output, own) or _still(seen, card.output, own, limits)
     if found is None and limits is not None:
         return _lifeless(seen, card, config, limits)
     return found
@@ -60,10 +60,13 @@ def _silent(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead
     return _BY_QUALITY.get(int(quality[-1]), "not_ready")
 
 
-def _still(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead | None:
+def _still(
+    seen: Observed, output: Channel, config: PlausibilityConfig, limits: Limits | None
+) -> Dead | None:
     """Return the state of the sensor if its last values are all alike though the engine runs.
 
-    In a fuel cut a healthy sensor stands still at the end of its range.
+    In a fuel cut a healthy sensor stands still at the end of its range. Where it may stand still
+    for longer than the last values last, they say nothing.
     """
     n, least = (max(round(s / seen.period_s), 2) for s in (config.stuck_s, config.end_s))
     measured = seen.end_values[-n:, seen.names.index(output.name)]
@@ -71,7 +74,10 @@ def _still(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead 
     valid = seen.end_conditions[-n:, _VALID] & running
     if len(measured) < n or not valid.all() or np.ptp(measured) > config.stuck_range:
         return None
-    if measured[-1] < output.maximum:
+    is_within = measured[-1] < output.maximum
+    if limits is not None and (limits.still_s if is_within else limits.still_end_s):
+        return None
+    if is_within:
         return "frozen"
     burning = np.count_nonzero(seen.end_conditions[-n:, _RECOVERED])
     return "pegged" if burning >= least else None
@@ -93,7 +99,14 @@ def _lifeless(seen: Observed, card: ModelCard, config: Config, limits: Limits) -
         oriented(values, card.transform).reshape(n_windows, n)
         for values in (measured, seen.end_predicted[last])
     )
-    rule = MovementRule(config.movement, limits.noise, limits.noise_memory, seen.period_s, math.inf)
+    rule = MovementRule(
+        config.movement,
+        limits.noise,
+        limits.noise_memory,
+        seen.period_s,
+        math.inf,
+        limits.longest_still_s,
+    )
     odds = rule.dead_ratios(measured, healthy).sum()
     return "lifeless" if odds >= config.movement.doubt else None
 

@@ -40,15 +40,24 @@ class MovementRule:
     memory : its correlation from one sample to the next
     period_s : of the samples
     needed : log likelihood ratio that decides
+    still_s : time for which the healthy reading may stand still. A window is a part of it, and says
+        no more of a dead sensor than this part of what decides.
     """
 
     def __init__(
-        self, config: MovementConfig, noise: float, memory: float, period_s: float, needed: float
+        self,
+        config: MovementConfig,
+        noise: float,
+        memory: float,
+        period_s: float,
+        needed: float,
+        still_s: float = 0.0,
     ) -> None:
         self._config, self._noise_var, self._needed = config, noise**2, needed
         self._independent = (1.0 - memory) / (1.0 + memory)
         self._hold = max(round(config.hold_s / period_s), config.hold_samples) - 1
         self._dead = self._holds = 0.0
+        self._still = still_s / period_s
 
     def judge(
         self, measured: FloatArray, healthy: FloatArray, no_evidence: BoolArray
@@ -75,7 +84,7 @@ class MovementRule:
         return found
 
     def dead_ratios(self, measured: FloatArray, healthy: FloatArray) -> FloatArray:
-        """Return the log likelihood ratio of each window, (w,), limited to half a decision.
+        """Return the log likelihood ratio of each window, (w,), limited to half a decision at most.
 
         measured, healthy : (w, n) as in ``judge``
         """
@@ -86,8 +95,8 @@ class MovementRule:
         still = np.clip(own, least, max(config.still_share * self._noise_var, least))
         alive = still + config.gain_least**2 * moves
         ratio = np.log(alive / still) - own * (1.0 / still - 1.0 / alive)
-        limit = 0.5 * self._needed
-        return np.asarray(np.clip(0.5 * n * self._independent * ratio, -limit, limit))
+        most = self._needed * np.array([-0.5, min(n / max(self._still, n), 0.5)])
+        return np.asarray(np.clip(0.5 * n * self._independent * ratio, *most))
 
     def _hold_ratios(self, measured: FloatArray, healthy: FloatArray) -> FloatArray:
         """Return the evidence of the longest hold of each window, (w,)."""

@@ -221,6 +221,7 @@ class ActivityTest:
         fuel cut lasts, if nothing says whether the fuel is cut
     cold : reading of a healthy sensor that is not heated yet, if it may be read unknowingly
     still_s : time for which this car's healthy reading may stand still, if longer than usual
+    still_end_s : the same at ``saturated``
     """
 
     def __init__(
@@ -231,11 +232,13 @@ class ActivityTest:
         cold: float = -math.inf,
         *,
         still_s: float = 0.0,
+        still_end_s: float = 0.0,
     ) -> None:
         self._config = config
         self._saturated, self._cold = saturated, cold
         self._n = max(round(max(config.stuck_s, still_s) / period_s), 2)
-        self._cuts = math.ceil(config.fuel_cut_most_s / (self._n * period_s))
+        rest_s = max(config.fuel_cut_most_s, still_end_s)
+        self._cuts = math.ceil(rest_s / (self._n * period_s))
         self.reset()
 
     @classmethod
@@ -246,6 +249,7 @@ class ActivityTest:
         names: Sequence[str],
         period_s: float,
         still_s: float = 0.0,
+        still_end_s: float = 0.0,
     ) -> "ActivityTest":
         """Return the test of a model's output on samples of ``names``.
 
@@ -255,7 +259,7 @@ class ActivityTest:
         dwelt = output.percentile_0_1 - output.minimum <= config.stuck_range
         cold = output.minimum if dwelt and not {ENGINE, READY} & set(names) else -math.inf
         saturated = math.inf if "fuel_cut" in names else output.maximum
-        return cls(config, saturated, period_s, cold, still_s=still_s)
+        return cls(config, saturated, period_s, cold, still_s=still_s, still_end_s=still_end_s)
 
     def reset(self) -> None:
         """Begin anew."""
@@ -292,11 +296,19 @@ class ActivityTest:
                         found.append((stop - 1, *judged))
         return found
 
+    def is_cold(self, reading: float) -> bool:
+        """Return whether a healthy sensor that is not heated yet may read so."""
+        return reading <= self._cold + self._config.stuck_range
+
+    def is_at_end(self, reading: float) -> bool:
+        """Return whether a healthy sensor may read so in a fuel cut that no signal tells."""
+        return reading >= self._saturated
+
     def _judged(self, last: float) -> tuple[bool, str] | None:
         frozen = self._high - self._low <= self._config.stuck_range
-        if frozen and last <= self._cold + self._config.stuck_range:
+        if frozen and self.is_cold(last):
             return None
-        self._rested = self._rested + 1 if frozen and last >= self._saturated else 0
+        self._rested = self._rested + 1 if frozen and self.is_at_end(last) else 0
         if 0 < self._rested <= self._cuts:
             return None
         return frozen, self._name(last)

@@ -82,6 +82,7 @@ class WindowFacts:
             limits.noise_memory,
             period_s,
             config.response.evidence_fail,
+            limits.longest_still_s,
         )
 
     def of(self, items: Sequence[Window | Cut]) -> list[Facts]:

@@ -119,6 +119,7 @@ class Monitor:
             output,
             period_s,
             still_s=limits.still_s,
+            still_end_s=limits.still_end_s,
             is_expected=is_live or bool(store.counts.sensor_heard),
         )
         self.catalyst = CatalystMonitor(config.catalyst, names, period_s)

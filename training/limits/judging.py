@@ -9,6 +9,7 @@ from monitor.base.config import Config
 from monitor.base.types import BoolArray, SampleBlock
 from monitor.judge import enable
 from monitor.judge.causes import Asked, Cause, causes
+from monitor.judge.electrical import ElectricalTests
 from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
 from monitor.judge.observation import Observation
@@ -17,7 +18,15 @@ from monitor.model.step import Model
 from monitor.pipeline.side_by_side import Judged, judge_all
 from training.recordings.recording import Recording
 
-__all__ = ["Judged", "enabled_samples", "judge", "judge_recordings", "most_common_cause", "why_not"]
+__all__ = [
+    "Judged",
+    "enabled_samples",
+    "judge",
+    "judge_recordings",
+    "most_common_cause",
+    "moving_samples",
+    "why_not",
+]
 
 
 def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
@@ -26,6 +35,16 @@ def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> Bo
     block = _block(recording, names)
     conditions = Enable.of(config.enable, names, card).push(block.values, block.quality)
     return np.asarray(conditions.all(axis=1))
+
+
+def moving_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
+    """Return (n,) bool, True for samples on which a live sensor's reading moves."""
+    names = _names(recording, card)
+    block = _block(recording, names)
+    tests = ElectricalTests(config, names, card.output, card.period_ns * 1e-9)
+    conditions = Enable.of(config.enable, names, card).push(block.values, block.quality)
+    burning = enable.BURNING[enable.masks(conditions)]
+    return tests.must_move(block.values, block.quality, burning)
 
 
 def why_not(recording: Recording, card: ModelCard, config: Config) -> list[Cause]:

@@ -8,19 +8,18 @@ import numpy as np
 
 from monitor.base.config import Config
 from monitor.judge.limits import Limits
-from monitor.memory.codes import TESTS
 from monitor.model.card import Limit
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged, WindowJudged
 from training.limits.judging import Judged, judge_recordings
 from training.limits.movement import movement_of
+from training.limits.stillness import still_limits
 from training.recordings.recording import Recording
 
 EVIDENCE_SAFETY = 3.0  # times the healthy recordings' largest evidence of a fault, for a code
 WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
 STEPS = (0.5, 0.8)  # of a weight that is still too large, at least and at most
 LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
-STILL_SAFETY = 1.5  # times the time after which no healthy reading was called stuck
 
 
 def response_limits(
@@ -50,9 +49,8 @@ def response_limits(
     full = config.response.evidence_weight
     plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
     unbound = 2.0 * config.response.evidence_most  # from its lead to the last place
-    plain = replace(plain, still_s=0.0, evidence_window=unbound)
+    plain = replace(plain, evidence_window=unbound)
     judged = judge_recordings(recordings, model, plain, config)
-    still_s = _still_s(judged, model, recordings, plain, config)
     gain = _healthy_gain([_last_gain(each.windows) for each in judged], config)
     used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
     used = replace(used, evidence_window=unbound)
@@ -82,14 +80,8 @@ def response_limits(
             if is_blind
             else f"not needed, {where} show how gains differ",
         ),
-        "still_s": Limit(
-            still_s,
-            "s",
-            f"{STILL_SAFETY:g} times the time after which none of {where} was stuck"
-            if still_s
-            else f"none of {where} was stuck after the usual time",
-        ),
     }
+    found |= still_limits(recordings, model.card, config)
     return found | _around_cuts(model, recordings, judged, used, config)
 
 
@@ -127,21 +119,6 @@ def _healthy_gain(gains: Sequence[float | None], config: Config) -> float:
     known = [gain for gain in gains if gain is not None]
     least = config.response.gain_least  # a model that follows less says nothing of its vehicle
     return min(max(float(np.median(known)), least), 1.0 / least) if known else 1.0
-
-
-def _still_s(
-    judged: Sequence[Judged],
-    model: Model,
-    recordings: Sequence[Recording],
-    limits: Limits,
-    config: Config,
-) -> float:
-    """Return for how long the healthy reading may stand still, 0 if it is never called stuck."""
-    still_s = 0.0
-    while any(change.dtc.fault in TESTS["activity"] for each in judged for change in each.changes):
-        still_s = STILL_SAFETY * (still_s or config.plausibility.stuck_s)
-        judged = judge_recordings(recordings, model, replace(limits, still_s=still_s), config)
-    return STILL_SAFETY * still_s
 
 
 def _weighted(limits: Limits, name: str, weight: float) -> Limits:

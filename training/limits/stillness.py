@@ -1,0 +1,104 @@
+"""For how long a healthy reading may stand still.
+
+The longest stillness that a few healthy drives show is no limit: the drive after a single one
+exceeds it with a probability of a half. So the limit is a prediction bound from the tail of all
+their stretches, which grows as fewer stretches support it. It is short for a reading that resolves
+its own noise; where a reading stands still for minutes now and then, it is hours, so the tests of a
+still reading are silent.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.base.runs import runs
+from monitor.base.types import FloatArray
+from monitor.judge.plausibility import ActivityTest
+from monitor.model.card import Limit, ModelCard
+from training.limits.judging import moving_samples
+from training.recordings.recording import Recording
+
+FALSE_SHARE = 0.001  # of the healthy drives that may exceed the bound
+TAIL = 10  # longest stretches of a drive, on average, that tell the tail
+RESOLVED_S = 1.0  # much shorter stretches are chance: the noise is hardly larger than a step
+DAY_S = 86_400.0  # longer than any drive
+
+
+class Stretches(NamedTuple):
+    """The times for which the reading of a drive stands still, in s."""
+
+    within: list[float]  # the range of the reading
+    at_end: list[float]  # of that range, where nothing says whether the fuel is cut
+
+
+def still_limits(
+    recordings: Sequence[Recording], card: ModelCard, config: Config
+) -> dict[str, Limit]:
+    """Return how long the reading of healthy recordings may stand still; 0 is the usual time.
+
+    A code takes two stretches of the time within the range.
+    """
+    own = config.plausibility
+    found = [still_stretches(recording, card, config) for recording in recordings]
+    within_s = 0.5 * next_longest([each.within for each in found])
+    at_end_s = next_longest([each.at_end for each in found])
+    where = f"exceeded in {FALSE_SHARE:g} of the drives, by {len(recordings)} healthy recordings"
+    return {
+        "still_s": Limit(
+            within_s if within_s > own.stuck_s else 0.0, "s", f"half of a stillness {where}"
+        ),
+        "still_end_s": Limit(
+            at_end_s if at_end_s > own.fuel_cut_most_s else 0.0,
+            "s",
+            f"stillness at the end of the range {where}",
+        ),
+    }
+
+
+def next_longest(drives: Sequence[Sequence[float]]) -> float:
+    """Return what the longest stretch of a further drive exceeds with probability FALSE_SHARE.
+
+    drives : the stretches of each, in s
+    The longest stretches follow a Lomax distribution, whose exponent they tell (Hill, A simple
+    general approach to inference about the tail of a distribution, Annals of Statistics 3 (1975)).
+    The logarithms are exponential, so the bound for a further one is exact for any number.
+
+    >>> round(next_longest([[0.1] * 90 + [0.2] * 9 + [0.3]]), 1)
+    3.6
+    >>> round(next_longest([[0.2, 1.0, 2.0, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0, 40.0]]))
+    86400
+    """
+    longest = np.sort([0.0, *(s for drive in drives for s in drive)])[::-1] + RESOLVED_S
+    n = min(TAIL * len(drives), len(longest) - 1)
+    if not n:
+        return 0.0
+    share = FALSE_SHARE * len(drives) / n  # of the further drive's stretches
+    beyond = np.log(longest[:n] / longest[n]).sum() * (share ** (-1.0 / n) - 1.0)
+    return min(longest[n].item() * math.exp(min(beyond, math.log(DAY_S))) - RESOLVED_S, DAY_S)
+
+
+def still_stretches(recording: Recording, card: ModelCard, config: Config) -> Stretches:
+    """Return the stretches in which the reading stands still though a live sensor must move."""
+    own, period_s = config.plausibility, card.period_ns * 1e-9
+    test = ActivityTest.of(own, card.output, recording.names, period_s)
+    measured = recording.column(card.output.name)
+    found = Stretches([], [])
+    for begin, end in runs(moving_samples(recording, card, config)):
+        for length, level in _stretches(measured[begin:end], own.stuck_range):
+            if not test.is_cold(level):
+                found[test.is_at_end(level)].append(length * period_s)
+    return found
+
+
+def _stretches(measured: FloatArray, most: float) -> list[tuple[int, float]]:
+    """Return length and last reading of the stretches that move by at most ``most``."""
+    found, first, low, high, last = [], 0, np.inf, -np.inf, np.nan
+    for k, value in enumerate(measured.tolist()):
+        if max(high, value) - min(low, value) > most and k:
+            found.append((k - first, last))
+            first, low, high = k, value, value
+        low, high, last = min(low, value), max(high, value), value
+    return [*found, (len(measured) - first, last)]
