@@ -36,6 +36,7 @@ class Decisions:
     """Everything that is decided about one sensor in one driving cycle.
 
     transform : of the model, "phi" or "none"
+    end : of the reading's range
     store : fault memory; a new driving cycle begins in the caller's hands
     rules : of plug-ins, by the name of their test
     """
@@ -46,13 +47,14 @@ class Decisions:
         config: Config,
         hypotheses: tuple[Hypothesis, ...],
         transform: str,
+        end: float,
         period_s: float,
         store: DtcStore,
         rules: Mapping[str, RuleClass] | None = None,
     ) -> None:
         self.store, self._limits, self._config = store, limits, config
         self._transform = transform
-        self._facts = WindowFacts(limits, config, hypotheses, transform, period_s)
+        self._facts = WindowFacts(limits, config, hypotheses, transform, end, period_s)
         self.fuel_cuts = FuelCutResponse(config, limits.fuel_cut, transform)
         self._may_be_dead = False
         self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)

@@ -64,14 +64,6 @@ class Limits:
         """Return measurement over prediction of this vehicle's healthy sensor."""
         return self.gain_model * self.gain
 
-    @property
-    def longest_still_s(self) -> float:
-        """Return for how long the healthy reading may stand still, 0 if not long.
-
-        A code takes two stretches.
-        """
-        return max(2.0 * self.still_s, self.still_end_s)
-
     @classmethod
     def from_card(cls, card: ModelCard, config: Config, where: str) -> "Limits":
         """Return the limits of a card, for a vehicle without a reference.

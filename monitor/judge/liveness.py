@@ -105,7 +105,7 @@ def _lifeless(seen: Observed, card: ModelCard, config: Config, limits: Limits) -
         limits.noise_memory,
         seen.period_s,
         math.inf,
-        limits.longest_still_s,
+        limits.still_s,
     )
     odds = rule.dead_ratios(measured, healthy).sum()
     return "lifeless" if odds >= config.movement.doubt else None

@@ -41,7 +41,7 @@ class MovementRule:
     period_s : of the samples
     needed : log likelihood ratio that decides
     still_s : time for which the healthy reading may stand still. A window is a part of it, and says
-        no more of a dead sensor than this part of what decides.
+        no more of a dead sensor, or of a hold, than this part of what decides.
     """
 
     def __init__(
@@ -95,8 +95,12 @@ class MovementRule:
         still = np.clip(own, least, max(config.still_share * self._noise_var, least))
         alive = still + config.gain_least**2 * moves
         ratio = np.log(alive / still) - own * (1.0 / still - 1.0 / alive)
-        most = self._needed * np.array([-0.5, min(n / max(self._still, n), 0.5)])
-        return np.asarray(np.clip(0.5 * n * self._independent * ratio, *most))
+        sound, dead = -0.5 * self._needed, self._most(n)
+        return np.asarray(np.clip(0.5 * n * self._independent * ratio, sound, dead))
+
+    def _most(self, n: int) -> float:
+        """Return the most that a window of n samples says of a sensor that does not move."""
+        return self._needed * min(n / max(self._still, n), 0.5)
 
     def _hold_ratios(self, measured: FloatArray, healthy: FloatArray) -> FloatArray:
         """Return the evidence of the longest hold of each window, (w,)."""
@@ -115,5 +119,5 @@ class MovementRule:
         high = np.where(inside, healthy, -np.inf).max(axis=1)
         low = np.where(inside, healthy, np.inf).min(axis=1)
         beyond = np.maximum(self._config.gain_least * (high - low) - step, 0.0)
-        unlikely = np.minimum(beyond**2 / (4.0 * self._noise_var), 0.5 * self._needed)
+        unlikely = np.minimum(beyond**2 / (4.0 * self._noise_var), self._most(len(at)))
         return np.where(is_hold, unlikely, none)

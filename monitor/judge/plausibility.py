@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ _GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS, _PINNED, _GAP = (
     int(quality) for quality in Quality
 )
 _N_QUALITIES = len(Quality)
+STRETCHES_OF_A_CODE: Final = 2  # in which the reading stands still; see response_fail
 _UNKNOWN, _NO, _, _YES = range(4)  # of a signal: it is not valid, below its threshold, above it
 
 
@@ -236,7 +237,7 @@ class ActivityTest:
     ) -> None:
         self._config = config
         self._saturated, self._cold = saturated, cold
-        self._n = max(round(max(config.stuck_s, still_s) / period_s), 2)
+        self._n = max(round(max(config.stuck_s, still_s / STRETCHES_OF_A_CODE) / period_s), 2)
         rest_s = max(config.fuel_cut_most_s, still_end_s)
         self._cuts = math.ceil(rest_s / (self._n * period_s))
         self.reset()
@@ -274,19 +275,18 @@ class ActivityTest:
         """Return (sample, failed, fault) of every stretch that is judged.
 
         measured : (n,)
-        active : (n,) whether the signal must move; any other sample begins a stretch anew
+        active : (n,) whether the signal must move; any other sample does not count, and begins a
+            stretch anew if the reading moves there
         """
         found = []
         for first, end, is_active in alike(active):
             if not is_active:
-                self.reset()
+                self._wait(measured[first:end])
                 continue
             begin = first
             while begin < end:
                 stop = min(begin + self._n - self._count, end)
-                part = measured[begin:stop]
-                self._low = min(self._low, np.minimum.reduce(part).item())
-                self._high = max(self._high, np.maximum.reduce(part).item())
+                self._see(measured[begin:stop])
                 self._count += stop - begin
                 begin = stop
                 if self._count == self._n:
@@ -295,6 +295,21 @@ class ActivityTest:
                     if judged is not None:
                         found.append((stop - 1, *judged))
         return found
+
+    def _wait(self, measured: FloatArray) -> None:
+        """Take readings that need not move."""
+        if self._count:
+            self._see(measured)
+            if not self._is_frozen:
+                self.reset()
+
+    def _see(self, measured: FloatArray) -> None:
+        self._low = np.minimum(self._low, np.minimum.reduce(measured)).item()  # NaN is kept
+        self._high = np.maximum(self._high, np.maximum.reduce(measured)).item()
+
+    @property
+    def _is_frozen(self) -> bool:
+        return self._high - self._low <= self._config.stuck_range
 
     def is_cold(self, reading: float) -> bool:
         """Return whether a healthy sensor that is not heated yet may read so."""
@@ -305,7 +320,7 @@ class ActivityTest:
         return reading >= self._saturated
 
     def _judged(self, last: float) -> tuple[bool, str] | None:
-        frozen = self._high - self._low <= self._config.stuck_range
+        frozen = self._is_frozen
         if frozen and self.is_cold(last):
             return None
         self._rested = self._rested + 1 if frozen and self.is_at_end(last) else 0

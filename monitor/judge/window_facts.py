@@ -36,6 +36,7 @@ class WindowFacts:
     """The facts of one driving cycle's windows, and the evidence that they sum up to.
 
     transform : of the model, "phi" or "none"
+    end : of the reading's range
     """
 
     def __init__(
@@ -44,9 +45,11 @@ class WindowFacts:
         config: Config,
         hypotheses: tuple[Hypothesis, ...],
         transform: str,
+        end: float,
         period_s: float,
     ) -> None:
         self._limits, self._transform = limits, transform
+        self._end = end if limits.still_end_s else math.inf  # where a healthy reading stands still
         self._cuts = FuelCutResponse(config, limits.fuel_cut, transform)
         self._config = config.response
         self._stuck_range = config.plausibility.stuck_range
@@ -82,7 +85,7 @@ class WindowFacts:
             limits.noise_memory,
             period_s,
             config.response.evidence_fail,
-            limits.longest_still_s,
+            limits.still_s,
         )
 
     def of(self, items: Sequence[Window | Cut]) -> list[Facts]:
@@ -163,7 +166,8 @@ class WindowFacts:
         responses = self._response.judge(phi, banks, ignore)
         offset = self._offset(measured, banks, responses)
         healthy = np.array([bank[:, 0] for bank in banks])
-        moved = self._movement.judge(phi, healthy, ignore)
+        at_end = np.maximum.reduce(measured, axis=1) >= self._end
+        moved = self._movement.judge(phi, healthy, ignore | at_end)
         own = mean.tolist(), std.tolist(), ignore.tolist(), beyond
         return list(map(Facts, *own, offset.tolist(), responses, moved))
 

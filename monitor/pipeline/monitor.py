@@ -138,6 +138,7 @@ class Monitor:
             config=config,
             hypotheses=judge.hypotheses,
             transform=card.transform,
+            end=output.maximum,
             period_s=period_s,
             store=store,
             rules=judge.rules,

@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.runs import runs
-from monitor.base.types import FloatArray
-from monitor.judge.plausibility import ActivityTest
+from monitor.base.types import BoolArray, FloatArray
+from monitor.judge.plausibility import STRETCHES_OF_A_CODE, ActivityTest
 from monitor.model.card import Limit, ModelCard
 from training.limits.judging import moving_samples
 from training.recordings.recording import Recording
@@ -37,24 +36,22 @@ class Stretches(NamedTuple):
 def still_limits(
     recordings: Sequence[Recording], card: ModelCard, config: Config
 ) -> dict[str, Limit]:
-    """Return how long the reading of healthy recordings may stand still; 0 is the usual time.
-
-    A code takes two stretches of the time within the range.
-    """
+    """Return how long the reading of healthy recordings may stand still; 0 is the usual time."""
     own = config.plausibility
     found = [still_stretches(recording, card, config) for recording in recordings]
-    within_s = 0.5 * next_longest([each.within for each in found])
-    at_end_s = next_longest([each.at_end for each in found])
+    times_s = {
+        "still_s": (
+            next_longest([each.within for each in found]),
+            STRETCHES_OF_A_CODE * own.stuck_s,
+        ),
+        "still_end_s": (next_longest([each.at_end for each in found]), own.fuel_cut_most_s),
+    }
     where = f"exceeded in {FALSE_SHARE:g} of the drives, by {len(recordings)} healthy recordings"
     return {
-        "still_s": Limit(
-            within_s if within_s > own.stuck_s else 0.0, "s", f"half of a stillness {where}"
-        ),
-        "still_end_s": Limit(
-            at_end_s if at_end_s > own.fuel_cut_most_s else 0.0,
-            "s",
-            f"stillness at the end of the range {where}",
-        ),
+        name: Limit(time_s, "s", where)
+        if time_s > usual_s
+        else Limit(0.0, "s", f"usual time: {time_s:.3g} s {where}")
+        for name, (time_s, usual_s) in times_s.items()
     }
 
 
@@ -77,7 +74,8 @@ def next_longest(drives: Sequence[Sequence[float]]) -> float:
         return 0.0
     share = FALSE_SHARE * len(drives) / n  # of the further drive's stretches
     beyond = np.log(longest[:n] / longest[n]).sum() * (share ** (-1.0 / n) - 1.0)
-    return min(longest[n].item() * math.exp(min(beyond, math.log(DAY_S))) - RESOLVED_S, DAY_S)
+    factor = math.exp(min(beyond, math.log(2.0 * DAY_S)))
+    return min(longest[n].item() * factor - RESOLVED_S, DAY_S)
 
 
 def still_stretches(recording: Recording, card: ModelCard, config: Config) -> Stretches:
@@ -86,19 +84,29 @@ def still_stretches(recording: Recording, card: ModelCard, config: Config) -> St
     test = ActivityTest.of(own, card.output, recording.names, period_s)
     measured = recording.column(card.output.name)
     found = Stretches([], [])
-    for begin, end in runs(moving_samples(recording, card, config)):
-        for length, level in _stretches(measured[begin:end], own.stuck_range):
-            if not test.is_cold(level):
-                found[test.is_at_end(level)].append(length * period_s)
+    active = moving_samples(recording, card, config)
+    for length, level in _stretches(measured, active, own.stuck_range):
+        if not test.is_cold(level):
+            found[test.is_at_end(level)].append(length * period_s)
     return found
 
 
-def _stretches(measured: FloatArray, most: float) -> list[tuple[int, float]]:
-    """Return length and last reading of the stretches that move by at most ``most``."""
-    found, first, low, high, last = [], 0, np.inf, -np.inf, np.nan
-    for k, value in enumerate(measured.tolist()):
-        if max(high, value) - min(low, value) > most and k:
-            found.append((k - first, last))
-            first, low, high = k, value, value
-        low, high, last = min(low, value), max(high, value), value
-    return [*found, (len(measured) - first, last)]
+def _stretches(measured: FloatArray, active: BoolArray, most: float) -> list[tuple[int, float]]:
+    """Return samples and last reading of the stretches in which the reading stands still.
+
+    active : (n,) whether a sample counts
+    most : by how much the reading may move
+    """
+    found: list[tuple[int, float]] = []
+    low, high, last, count = math.inf, -math.inf, math.nan, 0
+    for value, counts in zip(measured.tolist(), active.tolist(), strict=True):
+        is_still = not math.isnan(value) and max(high, value) - min(low, value) <= most
+        if count and not is_still:
+            found.append((count, last))
+            count = 0
+        if not count:
+            low, high = math.inf, -math.inf
+        if counts or count:
+            low, high, count = min(low, value), max(high, value), count + counts
+            last = value if counts else last
+    return [*found, (count, last)] if count else found

@@ -14,8 +14,8 @@ NOISE, NEEDED, N = 0.006, 11.5, 50
 RNG = np.random.default_rng(11)
 
 
-def rule() -> MovementRule:
-    return MovementRule(config.load().movement, NOISE, 0.5, PERIOD_S, NEEDED)
+def rule(still_s: float = 0.0) -> MovementRule:
+    return MovementRule(config.load().movement, NOISE, 0.5, PERIOD_S, NEEDED, still_s)
 
 
 def mixture(windows: int, std: float) -> FloatArray:
@@ -28,9 +28,9 @@ def noisy(phi: FloatArray) -> FloatArray:
     return phi + 0.002 * RNG.standard_normal(phi.shape)
 
 
-def faults(measured: FloatArray, healthy: FloatArray) -> list[str | None]:
+def faults(measured: FloatArray, healthy: FloatArray, still_s: float = 0.0) -> list[str | None]:
     none = np.zeros(len(measured), dtype=np.bool_)
-    return [each.fault for each in rule().judge(measured, healthy, none)]
+    return [each.fault for each in rule(still_s).judge(measured, healthy, none)]
 
 
 @pytest.mark.parametrize("level", [0.93, 1.0, 1.07])
@@ -39,6 +39,13 @@ def test_noise_around_any_constant_is_a_dead_sensor(level: float) -> None:
     found = faults(noisy(np.full_like(healthy, level)), healthy)
     assert found[-1] == DEAD
     assert found.index(DEAD) <= 5
+
+
+def test_a_reading_may_stand_still_for_as_long_as_healthy_ones_before_it_is_called_dead() -> None:
+    healthy, still_s = mixture(60, 0.02), 100.0
+    found = faults(noisy(np.ones_like(healthy)), healthy, still_s)
+    assert found.index(DEAD) + 1 >= still_s / (N * PERIOD_S)
+    assert not any(faults(held(noisy(healthy), 3.0, 12.0), healthy, still_s)[:20])
 
 
 @pytest.mark.parametrize("gain", [0.3, 0.5, 1.0, 1.4])

@@ -190,6 +190,21 @@ def live(n: int, seed: int = 0) -> list[float]:
 
 
 @pytest.mark.parametrize(
+    ("in_cut", "is_found"), [(1.15, True), (3.0, False), (math.nan, False)], ids=str
+)
+def test_a_fuel_cut_does_not_count_and_a_reading_that_moves_there_lives(
+    in_cut: float, is_found: bool
+) -> None:
+    # GIVEN cuts of one second every six, for as long as two stretches
+    active = np.tile(np.repeat([True, False], [50, 10]), 4)
+    measured = np.where(active, 1.15, in_cut)
+    # WHEN the reading is the same between the cuts
+    found = ActivityTest(CONFIG.plausibility, SATURATED, PERIOD_S).push(measured, active)
+    # THEN it is frozen only if it was so in the cuts, too
+    assert any(failed for _, failed, _ in found) is is_found
+
+
+@pytest.mark.parametrize(
     ("reads", "fault"),
     [
         (1.15, "stuck_lean"),

@@ -1,5 +1,6 @@
 """The joint region of the inputs: driving that a model never learned is no evidence."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -46,6 +47,7 @@ def judged(n: int, own_inputs: FloatArray, limits: Limits, gain: float) -> list[
         config=CONFIG,
         hypotheses=BANK,
         transform="phi",
+        end=math.inf,
         period_s=PERIOD_S,
         store=store,
     )

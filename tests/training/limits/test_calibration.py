@@ -143,7 +143,7 @@ def test_only_limits_and_fuel_cuts_of_the_file_change(drives: Path, calibrated: 
     assert new.fuel_cut["is_clipped"]
     assert new.limits["j_mu"] != old.limits["j_mu"]
     # older cards lack them
-    learned = {"evidence", "evidence_window", "gain_model", "movement", "still_s"}
+    learned = {"evidence", "evidence_window", "gain_model", "movement", "still_s", "still_end_s"}
     learned |= {"evidence_cut", "gain_cut", "noise_cut"}
     assert new.limits.keys() == old.limits.keys() | learned
     assert 0.0 < new.limits["evidence_cut"].value <= 0.75
