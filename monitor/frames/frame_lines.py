@@ -4,10 +4,14 @@ They skip a line that they cannot read, and ignore what follows a frame on its l
 log thousands of frames may be lost so, and their absence looks like a bus that fell silent. Here
 such a line is an error, as it is in a candump log. Events that are no frames pass: statistics,
 error frames, bus states, comments, messages of other buses.
+
+python-can also takes the times of every ``.asc`` for those since the beginning. In a log that says
+``timestamps relative`` a time is that since the line before; its lines are returned with the sum.
 """
 
 import re
 from collections.abc import Callable, Iterator
+from decimal import Decimal
 from typing import Final, TextIO
 
 _ASC_FRAME: Final = re.compile(
@@ -21,6 +25,8 @@ _ASC_EVENT: Final = re.compile(
     r"\S+\s+\d+\s+(?:Statistic|ErrorFrame|OverloadFrame)|\S+\s+J1939TP\s", re.IGNORECASE
 )
 _ASC_DIRECTION: Final = re.compile(r"\s(?:Rx|Tx|TxRq)\s+[dr]\b", re.IGNORECASE)  # of a frame
+_ASC_RELATIVE: Final = re.compile(r"base\s+\w+\s+timestamps\s+relative", re.IGNORECASE)
+_ASC_TIME: Final = re.compile(r"\s*(\d+\.\d+)(?=\s)")
 _ASC_OTHER: Final = re.compile(r"[a-z]|//|\d+\.\d+\s+[a-z]", re.IGNORECASE)  # header or event
 _TRC_TYPES: Final = {"Rx", "Tx", "Warng", "Error"}  # of the versions 1.1 and 1.3
 _TRC_TYPES_2: Final = {"DT", "FD", "FB", "FE", "BI", "RR", "ST", "EC", "ER", "EV"}
@@ -38,6 +44,7 @@ class FrameLines:
         self._file = file
         checks = {".asc": _is_asc, ".trc": _Trc().is_line}
         self._check: Callable[[str], bool] = checks.get(kind, _is_any)
+        self._times = _AscTimes() if kind == ".asc" else None
         self._number = 0
 
     def __iter__(self) -> Iterator[str]:
@@ -49,7 +56,7 @@ class FrameLines:
         self._number += 1
         if not self._check(line):
             raise ValueError(f"line {self._number}, {line.strip()[:40]!r}, is no frame")
-        return line
+        return self._times.since_beginning(line) if self._times else line
 
     def read(self, size: int = -1) -> str:
         """Return text as it stands in the file."""
@@ -75,6 +82,25 @@ def _is_asc(line: str) -> bool:
     if _ASC_FD.match(line) or _ASC_EVENT.match(line):
         return True
     return not line or bool(_ASC_OTHER.match(line) and not _ASC_DIRECTION.search(line))
+
+
+class _AscTimes:
+    """Adds up the times of a log whose times are those since the line before."""
+
+    def __init__(self) -> None:
+        self._are_relative = False
+        self._now_s = Decimal(0)
+
+    def since_beginning(self, line: str) -> str:
+        """Return the line with its time since the beginning of the log."""
+        if not self._are_relative:
+            self._are_relative = _ASC_RELATIVE.match(line) is not None
+            return line
+        time = _ASC_TIME.match(line)
+        if time is None:
+            return line
+        self._now_s += Decimal(time[1])
+        return f"{self._now_s}{line[time.end() :]}"
 
 
 class _Trc:

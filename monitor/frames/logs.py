@@ -100,7 +100,8 @@ def guarded(path: Path, counters: LogCounters, items: Iterator[T]) -> Iterator[T
         after = f" after {counters.frames} frames" if counters.frames else ""
         raise RecordingError(f"{path}: damaged or cut short{after}: {reason}") from error
     if counters.frames == 0:
-        raise RecordingError(f"{path}: no CAN frames in the log")
+        advice = "; 'o2train table' writes its channels as .csv" if log_kind(path) == ".mf4" else ""
+        raise RecordingError(f"{path}: no CAN frames in the log{advice}")
 
 
 def _frames(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:

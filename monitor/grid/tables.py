@@ -122,10 +122,6 @@ def read_table(
         mapping = load_columns(given) if given is not None else None
         needed = mapping and {TIME, *(each.column for each in mapping.values())}
         return make_table(path, *read_parquet(path, needed), mapping)
-    if not is_readable(path):
-        raise RecordingError(
-            f"{path}: not a table; 'o2train table' reads .mf4 and .mdf and writes .csv"
-        )
     if given is not None and is_profile(given):
         return _of_logger(open_table(path), load_profile(given), further)
     mapping = load_columns(given) if given is not None else None

@@ -48,9 +48,11 @@ def choose_inputs(recordings: "Sequence[Recording]", output: str) -> tuple[str, 
     inputs = tuple(dict.fromkeys(name for name in found if name is not None))
     if len(inputs) < LEAST:
         wanted = ", ".join(dict.fromkeys(name for cause in causes for name in cause))
+        known = frozenset.intersection(*(each.known for each in recordings))
         raise RecordingError(
-            f"{recordings[0].path}: no inputs for a model; of {wanted} all recordings have only "
-            f"{', '.join(inputs) or 'none'}; --inputs names others"
+            f"{recordings[0].path}: no inputs for a model; at least {LEAST} that move are wanted of "
+            f"{wanted}; all recordings have {', '.join(sorted(known)) or 'no signal'}; "
+            "--columns says which column is which signal, --inputs names others"
         )
     return inputs
 

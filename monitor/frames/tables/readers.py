@@ -45,6 +45,10 @@ def open_table(path: Path) -> RawTable:
     Raises RecordingError naming the file if it cannot be read.
     """
     suffix = suffix_of(path)
+    if not is_readable(path):
+        raise RecordingError(
+            f"{path}: not a table; 'o2train table' reads .mf4 and .mdf and writes .csv"
+        )
     try:
         if suffix in plugins():
             return _through_plugin(path, plugins()[suffix])

@@ -62,6 +62,26 @@ def test_events_of_an_asc_log_that_are_no_frames_pass(tmp_path: Path) -> None:
     assert counters.skipped == 2  # error frame and remote frame
 
 
+def test_relative_times_of_an_asc_log_are_those_since_the_line_before(tmp_path: Path) -> None:
+    # GIVEN a log with an event between two frames, its times since the beginning
+    path = tmp_path / "absolute.asc"
+    path.write_text(HEADER + EVENTS)
+    absolute = list(read_frames(path))
+    # WHEN the same log states each time since the line before
+    lines, last_us = [HEADER.replace("absolute", "relative")], 0
+    for line in EVENTS.splitlines():
+        time, _, rest = line.strip().partition(" ")
+        if "." not in time:
+            lines.append(line)
+            continue
+        now_us = round(float(time) * 1e6)
+        lines.append(f"   {(now_us - last_us) / 1e6:.6f} {rest}")
+        last_us = now_us
+    (tmp_path / "relative.asc").write_text("\n".join(lines) + "\n")
+    # THEN its frames are the same
+    assert list(read_frames(tmp_path / "relative.asc")) == absolute
+
+
 @pytest.mark.parametrize("event", ["ST      Rx 00 00 00 08", "EC      - 00 00", "ER - - 5"])
 def test_states_and_errors_in_a_trc_log_pass(tmp_path: Path, event: str) -> None:
     path = tmp_path / "drive.trc"

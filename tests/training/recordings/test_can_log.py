@@ -16,6 +16,7 @@ from monitor.base.types import Quality
 from monitor.decode.bus_map import load_pairs
 from monitor.decode.decoder import Decoder
 from monitor.frames.logs import read_frames
+from monitor.frames.tables.readers import open_table
 from monitor.grid.samples import FrameSamples
 from tests.helpers.examples import inputs
 from training.cli.recordings import add_parsers
@@ -310,6 +311,15 @@ def test_a_measurement_file_at_one_raster_is_used_sample_for_sample(tmp_path: Pa
     measurement(path, {"a": 0.02, "b": 0.02})
     got = load(path)
     assert (got.names, got.period_ns, len(got.t_s)) == (("a", "b"), 20_000_000, 250)
+
+
+def test_the_monitor_says_how_to_read_a_measurement_file(tmp_path: Path) -> None:
+    path = tmp_path / "m.mf4"
+    measurement(path, {"a": 0.02})
+    with pytest.raises(RecordingError, match=r"no CAN frames in the log; 'o2train table' writes"):
+        list(read_frames(path))
+    with pytest.raises(RecordingError, match=r"not a table; 'o2train table' reads \.mf4"):
+        open_table(path)
 
 
 def test_a_channel_that_is_missing_is_named(tmp_path: Path) -> None:

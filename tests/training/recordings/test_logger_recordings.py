@@ -73,7 +73,8 @@ def test_of_each_cause_the_best_signal_that_moves_is_an_input() -> None:
     bare = recording(("manifold_pressure_kpa", "engine_speed_rpm", "throttle_percent"))
     assert choose_inputs([bare], "lambda_measured") == bare.names
     # only what all recordings have counts
-    with pytest.raises(RecordingError, match="all recordings have only engine_speed_rpm"):
+    message = "all recordings have engine_speed_rpm, lambda_measured; --columns"
+    with pytest.raises(RecordingError, match=message):
         choose_inputs([log, recording(("engine_speed_rpm", "lambda_measured"))], "lambda_measured")
 
 
