@@ -3,6 +3,7 @@
 PYTHON  ?= python3
 VENV    := .venv
 DEMO    := .venv-demo
+PIP     := --quiet --disable-pip-version-check --no-compile
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
@@ -138,10 +139,13 @@ clean: ## remove environments, caches and everything built
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Everything with its hash but torch, see requirements-dev.lock; torch and this package follow.
+# pip would compile one file after the other, compileall takes all cores; files of other Pythons,
+# which some packages hold, fail there.
 $(VENV)/.installed: pyproject.toml constraints.txt requirements-dev.lock | python
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r requirements-dev.lock
-	$(VENV)/bin/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(VENV)/bin/pip install $(PIP) --require-hashes --no-deps -r requirements-dev.lock
+	$(VENV)/bin/pip install $(PIP) -c constraints.txt -e '.[dev]'
+	@$(VENV)/bin/python -m compileall -qq -j 0 $(VENV)/lib || true
 	@touch $@
 
 # Not editable: the demo runs what a user installs, and nothing of training's libraries.

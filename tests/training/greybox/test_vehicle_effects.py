@@ -74,7 +74,7 @@ def test_an_effect_is_named_on_a_vehicle_that_has_walls_when_healthy() -> None:
     # GIVEN drives with strong walls, and drives with these and an injector's offset
     healthy = [from_recording(each) for each in drives(23_200_000, *WALLS.items())]
     both = WALLS | {"injector_offset": 8.0}
-    new = [from_recording(each) for each in drives(23_400_000, *both.items())]
+    new = [from_recording(each) for each in drives(23_400_000, *both.items())[:2]]
     # WHEN the offset is looked for
     start = fit_constants(*known(drives(23_200_000, *WALLS.items())), 0.1).constants
     reference = yardstick.learn(healthy, start)
