@@ -50,7 +50,7 @@ def choose_inputs(recordings: "Sequence[Recording]", output: str) -> tuple[str, 
         wanted = ", ".join(dict.fromkeys(name for cause in causes for name in cause))
         known = frozenset.intersection(*(each.known for each in recordings))
         raise RecordingError(
-            f"{recordings[0].path}: no inputs for a model; at least {LEAST} that move are wanted of "
+            f"{recordings[0].path}: no inputs for a model; {LEAST} or more that move are wanted of "
             f"{wanted}; all recordings have {', '.join(sorted(known)) or 'no signal'}; "
             "--columns says which column is which signal, --inputs names others"
         )
