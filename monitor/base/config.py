@@ -91,7 +91,8 @@ class FuelCutConfig:
     return_s: float
     level_after_s: float
     level_s: float
-    level_spread: float
+    humidity_spread: float
+    pressure_spread: float
     step_residual: float
 
 

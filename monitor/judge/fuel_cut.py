@@ -6,6 +6,7 @@ the step of the prediction, which knows the exhaust's flow. In a long cut the se
 its level there shows the sensor's span.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -46,6 +47,7 @@ class Cut:
     t_ns: int  # of the first sample with fuel cut
     seen: dict[str, Seen]  # some of QUANTITIES
     is_flat: bool = False  # the reading of its level does not move at all
+    pressure_kpa: float = math.nan  # of the ambient air, NaN if not known
 
 
 class Stretch(NamedTuple):

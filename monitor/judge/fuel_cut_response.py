@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 
 from monitor.base.config import Config
 from monitor.base.errors import ModelError
+from monitor.judge.air_pressure import AirPressure
 from monitor.judge.fuel_cut import LEVEL, QUANTITIES, Cut, Seen
 from monitor.judge.response import EDGES, Outcome
 from monitor.memory.obd_records import TestResult
@@ -39,6 +40,7 @@ class FuelCutReference:
 
     healthy: Mapping[str, Healthy] = field(default_factory=dict)  # by quantity
     is_clipped: bool = False  # the level is the end of the reading's range
+    pressure: AirPressure | None = None  # how the level depends on it; None if it was not known
 
     def to_card(self) -> dict[str, Any]:
         """Return the reference for a model card."""
@@ -58,6 +60,10 @@ class FuelCutReference:
                 for name, each in data["healthy"].items()
             }
             is_clipped = bool(data["is_clipped"])
+            told = data.get("pressure")  # older cards lack it
+            pressure = told and AirPressure(
+                *(float(told[key]) for key in ("kpa", "share", "share_std"))
+            )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ModelError(
                 f"{where}: the model card's fuel cuts cannot be read: {error}"
@@ -66,7 +72,7 @@ class FuelCutReference:
             raise ModelError(f"{where}: the model card's fuel cuts have an unknown quantity")
         if any(min(each.std, each.drive_std) < 0.0 for each in healthy.values()):
             raise ModelError(f"{where}: the model card's fuel cuts have a negative spread")
-        return cls(healthy, is_clipped)
+        return cls(healthy, is_clipped, pressure)
 
 
 class Finding(NamedTuple):
@@ -88,7 +94,7 @@ class FuelCutResponse:
     """
 
     def __init__(self, config: Config, reference: FuelCutReference | None, transform: str) -> None:
-        self._response, self._level_spread = config.response, config.fuel_cut.level_spread
+        self._response, self._config = config.response, config.fuel_cut
         self._resolution = config.plausibility.stuck_range
         self._reference = reference or FuelCutReference()
         self._is_phi = transform == "phi"
@@ -96,6 +102,7 @@ class FuelCutResponse:
         self._z_fail = normal.inv_cdf(1.0 - self._response.false_alarm_probability)
         self._z_pass = normal.inv_cdf(1.0 - self._response.miss_probability)
         self._latest: defaultdict[str, deque[Seen]] = defaultdict(lambda: deque(maxlen=LATEST))
+        self._pressures_kpa: deque[float] = deque(maxlen=LATEST)  # of the levels
         self.cuts: list[Cut] = []
 
     def add(self, cut: Cut) -> None:
@@ -104,6 +111,8 @@ class FuelCutResponse:
         for quantity, seen in cut.seen.items():
             if quantity != LEVEL or not self._is_at_end(seen):
                 self._latest[quantity].append(seen)
+                if quantity == LEVEL:
+                    self._pressures_kpa.append(cut.pressure_kpa)
 
     def _is_at_end(self, level: Seen) -> bool:
         """Return whether a level is the end of the reading's range."""
@@ -130,9 +139,18 @@ class FuelCutResponse:
         healthy = self._reference.healthy.get(LEVEL)
         if healthy is None or LEVEL not in self._latest:
             return None
-        span, latest = 1.0 - healthy.mean, self._latest[LEVEL]
+        latest, (span, spread) = self._latest[LEVEL], self._span(healthy)
         gain = (1.0 - fmean(each.measured for each in latest)) / span
-        return gain, math.hypot(_std(healthy, len(latest)) / span, self._level_spread)
+        return gain, math.hypot(_std(healthy, len(latest)) / span, spread)
+
+    def _span(self, healthy: Healthy) -> tuple[float, float]:
+        """Return the span of a healthy reading at the drive's pressure, its relative spread."""
+        span, kpa = 1.0 - healthy.mean, fmean(self._pressures_kpa)
+        pressure, spread = self._reference.pressure, self._config.pressure_spread
+        if pressure is not None and math.isfinite(kpa):
+            ratio, spread = pressure.span(kpa)
+            span *= ratio
+        return span, math.hypot(spread, self._config.humidity_spread)
 
     @property
     def faults(self) -> tuple[str, ...]:
@@ -201,7 +219,7 @@ class FuelCutResponse:
             verdict = "failed"
         elif gain > config.gain_weak_max + self._z_pass * std:
             verdict = "passed"
-        span = 1.0 - self._reference.healthy[LEVEL].mean
+        span, _ = self._span(self._reference.healthy[LEVEL])
         low, high = (
             self._shown(1.0 - each * span) for each in (config.gain_weak_max, config.gain_max)
         )

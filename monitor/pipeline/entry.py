@@ -62,11 +62,15 @@ def fuel_cuts_entry(test: FuelCutResponse) -> dict[str, Any]:
         name: {k: round(v, 4) if isinstance(v, float) else v for k, v in each._asdict().items()}
         for name, each in test.findings().items()
     }
+    span = {}
+    if test.gain is not None:
+        span = {"span": dict(zip(("gain", "std"), (round(v, 4) for v in test.gain), strict=True))}
     return {
         "cuts": len(test.cuts),
         "verdict": test.verdict,
         "faults": list(test.faults),
         "clipped": test.is_clipped,
+        **span,
         "findings": findings,
     }
 

@@ -1,9 +1,13 @@
 """Fuel cuts among the samples of a recording's parts."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.types import BoolArray
+from monitor.judge import air_pressure
 from monitor.judge.enable import AROUND_FUEL_CUT, NO_CUT, masks
 from monitor.judge.fuel_cut import Cut, FuelCuts, Stretch
 from monitor.judge.residual import oriented
@@ -14,14 +18,15 @@ from monitor.pipeline.segments import Part
 class CutWatch:
     """Watches for fuel cuts, and costs a live sample little while there is none.
 
-    flag : place of the fuel cut's signal in a sample
+    names : signals of a sample, the fuel cut among them
     """
 
-    def __init__(self, config: Config, card: ModelCard, flag: int) -> None:
+    def __init__(self, config: Config, card: ModelCard, names: Sequence[str]) -> None:
         settings, most_s = config.fuel_cut, config.plausibility.fuel_cut_most_s
         least = settings.step_residual * card.residual_std
         self._cuts = FuelCuts(settings, card.period_ns * 1e-9, least, most_s)
-        self._flag, self._transform = flag, card.transform
+        self._flag, self._transform = names.index("fuel_cut"), card.transform
+        self._pressure = names.index(air_pressure.SIGNAL) if air_pressure.SIGNAL in names else None
         self._before: Part | None = None  # its last sample may come before a cut
 
     def over(self, part: Part) -> list[tuple[int, Cut]]:
@@ -36,7 +41,11 @@ class CutWatch:
         if self._before is not None:
             self._cuts.push(*self._samples(self._before, len(self._before.measured) - 1))
             self._before = None
-        return self._cuts.push(*self._samples(part, 0))
+        found = self._cuts.push(*self._samples(part, 0))
+        if self._pressure is None:
+            return found
+        kpa = part.block.values[:, self._pressure]
+        return [(k, replace(cut, pressure_kpa=kpa.item(k))) for k, cut in found]
 
     def _samples(self, part: Part, begin: int) -> tuple[Stretch, BoolArray]:
         """Return samples from the number ``begin`` on, and which of them may show a cut."""

@@ -130,7 +130,7 @@ class Monitor:
         cut_windows = Windows(n_samples // 2, n_hypotheses, is_cut=True)
         self._cut_windows = cut_windows if is_judged else None
         has_cut = "fuel_cut" in names
-        self._cuts = CutWatch(config, card, names.index("fuel_cut")) if has_cut else None
+        self._cuts = CutWatch(config, card, names) if has_cut else None
         self._run: RunState | None = None
         self._driven: list[Driven] = []  # not counted yet
         self._decide = partial(

@@ -46,3 +46,7 @@ def lines(recording: Mapping[str, Any], *, in_detail: bool) -> Iterator[str]:
         return
     for words, measured, predicted, limits, own in rows(recording):
         yield f"  {words}: {measured}, predicted {predicted}, limits {limits}; {own}"
+    if "span" in test:
+        gain, std = (100.0 * test["span"][key] for key in ("gain", "std"))
+        most = "at most " if test["clipped"] else ""
+        yield f"  span of the sensor: {most}{gain:.0f} % of healthy ones, ± {std:.0f} %"

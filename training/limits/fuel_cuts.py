@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.config import Config
+from monitor.judge.air_pressure import AirPressure, learned
 from monitor.judge.fuel_cut import LEVEL, QUANTITIES, Cut
 from monitor.judge.fuel_cut_response import FuelCutReference, Healthy
 
@@ -29,24 +30,43 @@ def reference_of(
         for cut in levels
     ]
     is_clipped = sum(at_end) > CLIPPED_SHARE * len(levels)
+    pressure = None if is_clipped or transform != "phi" else _pressure(drives, config)
     healthy: dict[str, Healthy] = {}
     for name in QUANTITIES:
         if name == LEVEL and (is_clipped or transform != "phi"):
             if is_clipped and transform == "phi":
                 healthy[name] = Healthy(round(leanest, 5), 0.0, 0.0)
             continue
-        own = [_values(cuts, name) for cuts in drives]
+        own = [_values(cuts, name, pressure) for cuts in drives]
         own = [values for values in own if len(values)]
         if len(own) >= LEAST_DRIVES and sum(map(len, own)) >= LEAST_CUTS:
             least = 0.0 if name == LEVEL else STEP_SHARE * period_s
             healthy[name] = _healthy(own, least)
-    return FuelCutReference(healthy, is_clipped) if healthy else None
+    return FuelCutReference(healthy, is_clipped, pressure) if healthy else None
 
 
-def _values(cuts: Sequence[Cut], name: str) -> np.ndarray:
-    """Return a quantity of a drive's cuts: measured less predicted, or the level."""
-    seen = [cut.seen[name] for cut in cuts if name in cut.seen]
-    return np.array([s.measured - (0.0 if name == LEVEL else s.predicted) for s in seen])
+def _pressure(drives: Sequence[Sequence[Cut]], config: Config) -> AirPressure | None:
+    """Return how the level depends on pressure, None where a level's pressure is not known."""
+    levels = [[cut for cut in cuts if LEVEL in cut.seen] for cuts in drives]
+    levels = [cuts for cuts in levels if cuts]
+    kpa = [float(np.mean([cut.pressure_kpa for cut in cuts])) for cuts in levels]
+    spans = [float(np.mean([1.0 - cut.seen[LEVEL].measured for cut in cuts])) for cuts in levels]
+    if not levels or not np.isfinite(kpa).all() or min(spans) <= 0.0:
+        return None
+    return learned(kpa, spans, config.fuel_cut.humidity_spread)
+
+
+def _values(cuts: Sequence[Cut], name: str, pressure: AirPressure | None) -> np.ndarray:
+    """Return a quantity of a drive's cuts: measured less predicted, or the level.
+
+    The level is that at the pressure of the reference.
+    """
+    shown = [cut for cut in cuts if name in cut.seen]
+    if name != LEVEL:
+        return np.array([c.seen[name].measured - c.seen[name].predicted for c in shown])
+    spans = np.array([1.0 - c.seen[LEVEL].measured for c in shown])
+    healthy = np.array([pressure.span(c.pressure_kpa)[0] if pressure else 1.0 for c in shown])
+    return 1.0 - spans / healthy
 
 
 def _healthy(drives: Sequence[np.ndarray], least: float) -> Healthy:

@@ -7,7 +7,7 @@ import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, SampleBlock
-from monitor.judge import enable
+from monitor.judge import air_pressure, enable
 from monitor.judge.causes import Asked, Cause, causes
 from monitor.judge.electrical import ElectricalTests
 from monitor.judge.enable import Enable
@@ -96,7 +96,9 @@ def judge_recordings(
 
 
 def _names(recording: Recording, card: ModelCard) -> tuple[str, ...]:
-    wanted = dict.fromkeys((*card.input_names, card.output.name, *enable.SIGNALS))
+    wanted = dict.fromkeys(
+        (*card.input_names, card.output.name, *enable.SIGNALS, air_pressure.SIGNAL)
+    )
     return tuple(name for name in wanted if name in recording.names)
 
 

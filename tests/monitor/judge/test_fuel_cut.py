@@ -167,3 +167,49 @@ def test_levels_that_are_alike_and_do_not_move_are_the_end_of_the_range() -> Non
     found = reference_of([moving, moving], CONFIG, "phi", PERIOD_S)
     assert found is not None
     assert not found.is_clipped
+
+
+def levels(kpa: float, gain: float = 1.0, share: float = 1.0) -> Cut:
+    """Return a cut in air of this pressure; the ECU leaves a share of its influence.
+
+    In the form of a linear dependence, 10 % less at 75 kPa.
+    """
+    span = gain * (1.0 - AIR) * (1.0 + share * 0.1 * (kpa - 101.3) / 26.3)
+    return Cut(0, {LEVEL: Seen(1.0 - span, AIR)}, pressure_kpa=kpa)
+
+
+def gain_of(cut: Cut, *healthy: Cut) -> tuple[float, float]:
+    found = reference_of([[each] * 3 for each in healthy], CONFIG, "phi", PERIOD_S)
+    assert found is not None
+    assert FuelCutReference.from_card(found.to_card(), "card") == found
+    gain = judged(cut, reference=found).gain
+    assert gain is not None
+    return gain
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_mountain_changes_no_span_where_healthy_drives_tell_how_the_reading_depends_on_pressure(
+    share: float,
+) -> None:
+    healthy = [levels(kpa, share=share) for kpa in (76.0, 84.0, 92.0, 101.0)]
+    for kpa in (75.0, 101.0):
+        assert gain_of(levels(kpa, share=share), *healthy)[0] == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_mountain_widens_the_span_where_they_do_not_tell() -> None:
+    healthy = [levels(kpa) for kpa in (100.0, 101.0, 102.0)]
+    gain, std = gain_of(levels(75.0), *healthy)
+    assert abs(gain - 1.0) < 2.0 * std
+    # AND a lost span shows at sea level
+    gain, std = gain_of(levels(101.0, gain=0.85), *healthy)
+    assert 1.0 - gain > 8.0 * std
+
+
+def test_without_a_signal_of_the_pressure_the_span_is_known_less_well() -> None:
+    known = [levels(kpa) for kpa in (100.0, 101.0)]
+    unknown = [replace(each, pressure_kpa=float("nan")) for each in known]
+    least, most = (gain_of(own[0], *own)[1] for own in (known, unknown))
+    assert least < 0.02 < 0.03 < most
+    assert not judged(
+        levels(75.0), reference=reference_of([unknown] * 3, CONFIG, "phi", 0.1)
+    ).faults
