@@ -49,4 +49,4 @@ def lines(recording: Mapping[str, Any], *, in_detail: bool) -> Iterator[str]:
     if "span" in test:
         gain, std = (100.0 * test["span"][key] for key in ("gain", "std"))
         most = "at most " if test["clipped"] else ""
-        yield f"  span of the sensor: {most}{gain:.0f} % of healthy ones, ± {std:.0f} %"
+        yield f"  span of the sensor: {most}{max(gain, 0.0):.0f} % of healthy ones, ± {std:.0f} %"
