@@ -1,6 +1,7 @@
 """The command ``o2train gap``: find a missing effect, name it, add it to the model, verify it."""
 
 import argparse
+import gc
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -151,6 +152,9 @@ def run(args: argparse.Namespace) -> int:
 
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
+    from monitor.frames.python_can import import_without_mdf
+
+    import_without_mdf()
     from tqdm import tqdm
 
     from training.gap.inputs.roles import Material, options_of
@@ -162,6 +166,7 @@ def run(args: argparse.Namespace) -> int:
     from training.jobs.cache import cache
     from training.jobs.checkpoints import Checkpoints
 
+    gc.freeze()  # of the imported modules nothing becomes garbage
     options = options_of(args.steps, args.sensor_known_good, _effects(args.add), args.retrain)
     period_s = args.period if args.period is not None else _period_s(args.model)
     material = Material(

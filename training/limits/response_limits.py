@@ -57,7 +57,7 @@ def response_limits(
     most = _most_evidence(model, recordings, used, config)
     if is_blind or most > _allowed(config):
         used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
-    used, _ = _calmed(model, recordings, used, "evidence", config)
+        used, _ = _calmed(model, recordings, used, "evidence", config)
     movement = 0.0
     if is_blind:
         windows = [window for each in judged for window in each.windows]

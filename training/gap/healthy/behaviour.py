@@ -6,7 +6,6 @@ from itertools import pairwise, product
 from typing import Final
 
 import numpy as np
-from scipy.signal import lfilter
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.gap.config import CONFIG
@@ -59,10 +58,13 @@ class Healthy:
     charge: ChargeError | None = None  # of drives with the air per stroke as broadcast
     rmse_usual: float | None = None  # phi, of healthy drives judged by others; of a chain only
 
-    def columns(self, drive: Drive) -> FloatArray:
-        """Return the columns of ``drive`` in the order of the names, (n, k)."""
-        made = columns(self.with_own(drive), self.base)
-        nothing = np.zeros(len(drive))
+    def columns(self, drive: Drive) -> dict[str, FloatArray]:
+        """Return all columns of ``drive``, name → (n,)."""
+        return columns(self.with_own(drive), self.base)
+
+    def table(self, made: Mapping[str, FloatArray]) -> FloatArray:
+        """Return the columns of a drive in the order of the names, (n, k); 0 for a missing one."""
+        nothing = np.zeros(len(made[CONSTANT]))
         return np.column_stack([made.get(name, nothing) for name in self.names])
 
     @property
@@ -84,12 +86,13 @@ class Healthy:
         own = self.with_own(drive)
         return replace(own, scored=own.scored & self.visited.on(own))
 
-    def correction(self, drive: Drive) -> FloatArray:
+    def correction(self, drive: Drive, made: Mapping[str, FloatArray] | None = None) -> FloatArray:
         """Return the chain's expected error on ``drive`` if the vehicle is healthy, (n,) in phi.
 
+        made : the drive's columns, if they are at hand
         With another model than the chain, what that model reads instead is part of it.
         """
-        learned = self.ridge.predict(self.columns(drive))
+        learned = self.ridge.predict(self.table(made or self.columns(drive)))
         if drive.phi_of_model is None:
             return np.asarray(learned + drive.moved_phi)
         own = simulate(path_of(self.with_own(drive), self.base), drive.period_s)
@@ -251,7 +254,10 @@ def _left(drive: Drive, base: Constants) -> FloatArray:
 
 def white(series: FloatArray, ar: tuple[float, float]) -> FloatArray:
     """Return series (n,) or (n, k) through the noise's inverse."""
-    return np.asarray(lfilter([1.0, -ar[0], -ar[1]], [1.0], series, axis=0))
+    left = series.copy()
+    left[1:] -= ar[0] * series[:-1]
+    left[2:] -= ar[1] * series[:-2]
+    return left
 
 
 def noise(kept: Sequence[BoolArray], rest: FloatArray) -> tuple[tuple[float, float], float]:
@@ -273,8 +279,7 @@ def columns(drive: Drive, base: Constants) -> dict[str, FloatArray]:
     """Return the columns of a drive: plain functions and every effect's signature."""
     run = Run.of(drive, base)
     path, phi = run.path, run.phi
-    found = features(drive, path, phi)
-    made = dict(zip(found.names, found.values.T, strict=True))
+    made = features(drive, path, phi)
     made[SKEW] = (simulate(_skewed(path, drive.period_s), drive.period_s) - phi) / SKEW_S
     terms: tuple[Term, ...] = (*drive.effects, *FAULTS)
     for term in terms:

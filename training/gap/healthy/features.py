@@ -6,7 +6,6 @@ which an effect is adequate.
 """
 # mypy: disable-error-code="no-untyped-def"
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -24,16 +23,8 @@ LOAD_KNOTS_MG: Final = (90.0, 160.0, 260.0, 400.0, 600.0)
 COOLANT_KNOTS_DEGC: Final = (0.0, 30.0, 55.0, 75.0, 90.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Features:
-    """Columns of one drive."""
-
-    names: tuple[str, ...]
-    values: FloatArray  # (n, k)
-
-
-def features(drive: Drive, path: Path, phi: FloatArray) -> Features:
-    """Return the drive's functions.
+def features(drive: Drive, path: Path, phi: FloatArray) -> dict[str, FloatArray]:
+    """Return the drive's functions, name → (n,).
 
     path, phi : the base's path and what it reads (n,)
     """
@@ -41,8 +32,7 @@ def features(drive: Drive, path: Path, phi: FloatArray) -> Features:
     share = 1.0 - np.exp(-drive.period_s / (path.mixing_s + path.sensor_rising_s))
     dead = path.dead_time_s / drive.period_s
     columns = {name: _carry(np.ascontiguousarray(x), dead, share) for name, x in made.items()}
-    columns |= _at_sensor(drive, path, phi)
-    return Features(tuple(columns), np.column_stack(list(columns.values())))
+    return columns | _at_sensor(drive, path, phi)
 
 
 def _at_valve(drive: Drive, path: Path) -> dict[str, FloatArray]:

@@ -1,6 +1,5 @@
 """The model under study and its recordings as the later steps want them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
 from training.recordings.prediction import predicted_phi
-from training.recordings.recording import Recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +62,11 @@ class Subject:
     def compared(self) -> tuple[list[Comparison], list[Comparison]]:
         """Return the recordings and the healthy ones, each beside the model's free run."""
         chain = Greybox.of(self.card) if self.is_greybox else None
-
-        def beside(recordings: Sequence[Recording]) -> list[Comparison]:
-            drives = base.plain_drives_of(self.card, recordings)
-            runs = predicted_phi(self.model, recordings)
-            return [
-                Comparison.of(drive, phi, chain.path(drive.signals) if chain else None)
-                for drive, phi in zip(drives, runs, strict=True)
-            ]
-
-        return beside(self.material.recordings), beside(self.material.healthy)
+        recordings = [*self.material.recordings, *self.material.healthy]
+        drives = base.plain_drives_of(self.card, recordings)
+        compared = [
+            Comparison.of(drive, phi, chain.path(drive.signals) if chain else None)
+            for drive, phi in zip(drives, predicted_phi(self.model, recordings), strict=True)
+        ]
+        n = len(self.material.recordings)
+        return compared[:n], compared[n:]

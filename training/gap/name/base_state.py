@@ -1,6 +1,6 @@
 """The base on the drives before any effect: errors whitened, healthy behaviour taken out."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -32,6 +32,7 @@ STARTS: Final = (
     Constants(dead_time_s=0.05, dead_time_revolutions=0.5, mixing_s=0.03, sensor_s=0.05),
     Constants(dead_time_s=0.35, dead_time_revolutions=3.0, mixing_s=0.1, sensor_s=0.3),
 )
+Columns = Mapping[str, FloatArray]  # of a drive, (n,) each
 PHASE_MOST_S: Final = 0.02  # in the mean of all drives, of the charge's message against the fuel's
 SIGMA_PHI: Final = 0.004  # of the first fit; the noise is worked out of it
 
@@ -47,21 +48,21 @@ def base_state(drives: Sequence[Drive], known: Healthy | None, base: Constants |
     # the candidates to explain: the base itself holds.
     prior = None if base is None else Prior(base, SPREAD_CARD)
     starts = STARTS if base is None else (base,)
-    nothing = tuple(np.zeros(len(d)) for d in drives)
-    corrections = tuple(known.correction(d) for d in drives) if known else nothing
+    made = [known.columns(drive) for drive in drives] if known else []
     case = Case(
         drives=tuple(drives),
-        corrections=corrections,
+        corrections=_corrections(drives, known, made),
         ar=WHITE,
         sigma=SIGMA_PHI,
         prior=prior,
         fixed=known.base if known else None,
     )
     current = fit(case, (), starts)
-    plain = scoring.plain_columns(case, current)
+    plain = [np.column_stack([*each.values()]) for each in made]
+    plain = plain or scoring.plain_columns(case, current)
     case = scoring.whitened(case, current, plain)
     if known:
-        case = replace(case, shrinks=_shrinks(case, known))
+        case = replace(case, shrinks=_shrinks(case, known, made))
     current = fit(case, (), [current, *starts])
     return State(
         case=case,
@@ -85,10 +86,23 @@ def _where_known(drives: Sequence[Drive], known: Healthy) -> list[Drive]:
     return left
 
 
-def _shrinks(case: Case, known: Healthy) -> tuple[Shrink, ...]:
-    """Return for every drive the columns that differ between healthy drives, to integrate out."""
+def _corrections(
+    drives: Sequence[Drive], known: Healthy | None, made: Sequence[Columns]
+) -> tuple[FloatArray, ...]:
+    """Return the base's expected errors on each drive (n,), 0 without a healthy reference."""
+    if known is None:
+        return tuple(np.zeros(len(drive)) for drive in drives)
+    return tuple(known.correction(drive, own) for drive, own in zip(drives, made, strict=True))
+
+
+def _shrinks(case: Case, known: Healthy, made: Sequence[Columns]) -> tuple[Shrink, ...]:
+    """Return for every drive the columns that differ between healthy drives, to integrate out.
+
+    made : all columns of each drive
+    """
     columns = [
-        white(known.columns(drive), case.ar)[drive.kept] / case.sigma for drive in case.drives
+        white(known.table(own), case.ar)[kept] / case.sigma
+        for own, kept in zip(made, case.kept, strict=True)
     ]
     spread = known.spread.copy()
     if SKEW in known.names:

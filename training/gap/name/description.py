@@ -193,8 +193,7 @@ def _plain(state: State) -> tuple[list[_Column], FloatArray]:
 
 def _features(drive: Drive, base: Constants) -> dict[str, FloatArray]:
     path = path_of(drive, base)
-    found = features(drive, path, simulate(path, drive.period_s))
-    return dict(zip(found.names, found.values.T, strict=True))
+    return features(drive, path, simulate(path, drive.period_s))
 
 
 def _most_alike(table: FloatArray, known: FloatArray, target: FloatArray) -> list[int]:

@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.signal import lfilter
 
 from monitor.base.types import FloatArray, IntArray
-from training.gap.healthy.behaviour import columns, noise
+from training.gap.healthy.behaviour import columns, noise, white
 from training.greybox.fit import ridge
 from training.greybox.fit.case import Case, plain_errors, predict
 from training.greybox.fit.comparison import FOLDS
@@ -88,11 +87,10 @@ def plain_columns(case: Case, found: Fit) -> list[FloatArray]:
 
 def ceiling(case: Case, plain: Sequence[FloatArray]) -> Ceiling:
     """Return the columns whitened as the case's errors are, in sigma."""
-    taps = np.array([1.0, -case.ar[0], -case.ar[1]])
-    white = [lfilter(taps, [1.0], x, axis=0)[k] for x, k in zip(plain, case.kept, strict=True)]
+    whitened = [white(x, case.ar)[kept] for x, kept in zip(plain, case.kept, strict=True)]
     if case.shrinks:
-        white = [shrink.apply(x) for shrink, x in zip(case.shrinks, white, strict=True)]
-    return Ceiling(np.concatenate(white) / case.sigma)
+        whitened = [shrink.apply(x) for shrink, x in zip(case.shrinks, whitened, strict=True)]
+    return Ceiling(np.concatenate(whitened) / case.sigma)
 
 
 def explained(found: Fit, roof: Ceiling, blocks: IntArray) -> float:

@@ -5,7 +5,6 @@ The control loop has not seen these faults: in a car the controller would answer
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -26,19 +25,18 @@ from training.recordings.recording import Recording
 Judge = Callable[[Sequence[Recording]], list[Judged]]
 
 
-def monitor_of(path: Path, accepted: Sequence[Recording] = ()) -> Judge:
-    """Return the monitor with a model file and the limits of its card, and default settings.
+def monitor_of(model: Model, accepted: Sequence[Recording] = ()) -> Judge:
+    """Return the monitor with a model and the limits of its card, and default settings.
 
     accepted : recordings to set the limits on instead, as those of a new model are, so that no
         code stands on them
     Raises ModelError if the card has no limits, RecordingError if they cannot be set.
     """
     settings: Config = config.load()
-    model = Model.load(path)
     card = model.card
     if accepted:
         card = with_limits(model, accepted, whole(accepted), settings, ACCEPTED)[0]
-    limits = Limits.from_card(card, settings, str(path))
+    limits = Limits.from_card(card, settings, str(model.path))
     return lambda recordings: judge_recordings(recordings, model, limits, settings)
 
 
@@ -59,24 +57,25 @@ class Monitors:
     alike: Judge | None = None  # the old model with limits set as the new one's
 
 
-def detect(
-    recordings: Sequence[Recording], faults: Sequence[Fault | None], monitors: Monitors
-) -> tuple[Detection, ...]:
-    """Return how often the monitor finds every fault, put on all of the recordings.
+Trial = tuple[Sequence[Recording], Fault | None]  # None leaves the recordings as they are
 
-    faults : None leaves the recordings as they are, and whatever is found is a false alarm
+
+def detect(trials: Sequence[Trial], monitors: Monitors) -> list[Detection]:
+    """Return for each trial how often the monitor finds the fault, put on all its recordings.
+
+    Without a fault, whatever is found is a false alarm. All trials run side by side.
     """
-    faulty = [put_on(each, fault) if fault else each for fault in faults for each in recordings]
+    faulty = [put_on(each, fault) if fault else each for given, fault in trials for each in given]
     before = monitors.old(faulty)
     after = monitors.new(faulty) if monitors.new else None
     alike = monitors.alike(faulty) if monitors.alike else None
-    found = []
-    for i, fault in enumerate(faults):
+    found, begin = [], 0
+    for recordings, fault in trials:
         name, severity = (fault.name, fault.severity) if fault else ("", None)
-        own = slice(i * len(recordings), (i + 1) * len(recordings))
+        own = slice(begin, begin := begin + len(recordings))
         others = (None if each is None else _count(each[own], name) for each in (after, alike))
         found.append(Detection(name, severity, _count(before[own], name), *others))
-    return tuple(found)
+    return found
 
 
 def _count(judged: Sequence[Judged], fault: str) -> Count:

@@ -11,11 +11,11 @@ import numpy as np
 from monitor.base.errors import ConfigError, ModelError, RecordingError
 from monitor.base.faults import Fault
 from monitor.base.types import FloatArray, IntArray
+from monitor.model.step import Model
 from training.gap.healthy.behaviour import columns
 from training.gap.inputs.base import check, plain_drives_of
 from training.gap.inputs.roles import FAULTS
-from training.gap.verify import detection
-from training.gap.verify.detection import Monitors, monitor_of
+from training.gap.verify.detection import Monitors, Trial, detect, monitor_of
 from training.gap.verify.error_regimes import compare, rms, scored
 from training.gap.verify.evidence import Detection, Error, Trace, Verification
 from training.gap.where.operating_map import excerpt
@@ -24,6 +24,7 @@ from training.greybox.fit import ridge
 from training.greybox.fit.comparison import BLOCK_S, FOLDS, Comparison
 from training.greybox.fit.drive import Drive
 from training.jobs.checkpoints import Progress
+from training.limits.repeated_model import RepeatedModel
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
@@ -78,8 +79,9 @@ def verify(
     except (ModelError, ConfigError) as error:
         note = f"The monitor was not asked: {error}."
         return Verification(overall, regimes, on_healthy, notes=(note,), trace=trace)
-    alarms, *found = detection.detect(recordings, (None, *faults), monitors)
-    healthy_alarms = detection.detect(healthy, (None,), monitors)[0] if healthy else None
+    trials: list[Trial] = [(recordings, None), *((recordings, fault) for fault in faults)]
+    alarms, *found = detect([*trials, (healthy, None)] if healthy else trials, monitors)
+    healthy_alarms = found.pop() if healthy else None
     told = () if monitors.alike is None else (ALIKE,)
     notes = (AFTERWARDS, *told, *_undecided(alarms, found), *_alarmed(alarms))
     return Verification(
@@ -95,12 +97,13 @@ def verify(
 
 
 def _monitors(old: Path, new: Path | None, accepted: Sequence[Recording]) -> Monitors:
+    model = RepeatedModel.of(Model.load(old))  # judged with two sets of limits
     if new is None:
-        return Monitors(monitor_of(old))
+        return Monitors(monitor_of(model))
     alike = None
     with suppress(RecordingError):  # too few windows to set limits: nothing to compare with
-        alike = monitor_of(old, accepted) if accepted else None
-    return Monitors(monitor_of(old), monitor_of(new), alike)
+        alike = monitor_of(model, accepted) if accepted else None
+    return Monitors(monitor_of(model), monitor_of(Model.load(new)), alike)
 
 
 def _errors(

@@ -149,14 +149,14 @@ class _Errors:
 
     def slope(self, x: FloatArray) -> FloatArray:
         """Return the derivatives (m, p) of the errors."""
-        at, high, columns = self._white(x), self.layout.limits[1], []
+        at, high, rows = self._white(x), self.layout.limits[1], []
         for i, size in enumerate(self.steps.tolist()):
             step = size if x[i] + size < high[i] else -size
             moved = x.copy()
             moved[i] += step
             pairs = zip(self.layout.white(moved), at, strict=True)
-            columns.append([(after - before) / step for after, before in pairs])
-        return self.layout.judged([np.column_stack(own) for own in zip(*columns, strict=True)])
+            rows.append([(after - before) / step for after, before in pairs])
+        return self.layout.judged([np.array(own).T for own in zip(*rows, strict=True)])
 
     def _white(self, x: FloatArray) -> list[FloatArray]:
         if self.x is None or not np.array_equal(x, self.x):

@@ -46,26 +46,27 @@ def fit(
     prior : (k, k) precision of the weights for a target with noise 1
     Source: Hoerl and Kennard, Technometrics 12 (1970).
     """
-    size = np.sqrt((columns**2).mean(axis=0))
+    order = np.argsort(fold, kind="stable")  # the samples of a fold lie together
+    edges = np.flatnonzero(np.diff(fold[order])) + 1
+    parts, targets = np.split(columns[order], edges), np.split(target[order], edges)
+    squares = [part.T @ part for part in parts]
+    size = np.sqrt(np.diag(sum(squares)) / len(target))
     used = size > SPREAD_MIN
     scale = np.where(used & (not alike), size, 1.0)
-    x = np.where(used, columns / scale, 0.0)
-    y = target
-    rows = [np.flatnonzero(fold == f) for f in np.unique(fold)]
-    parts = [x[own] for own in rows]
-    grams = [part.T @ part for part in parts]
-    moments = [part.T @ y[own] for part, own in zip(parts, rows, strict=True)]
+    inverse = np.where(used, 1.0 / scale, 0.0)
+    grams = [own * np.outer(inverse, inverse) for own in squares]
+    moments = [part.T @ own * inverse for part, own in zip(parts, targets, strict=True)]
     gram, moment = sum(grams), sum(moments)
-    identity = np.eye(x.shape[1])
+    identity = np.eye(len(scale))
     prior = np.zeros_like(identity) if prior is None else prior
     known = prior / np.outer(scale, scale)
-    ridges = [penalty * len(y) * identity + known for penalty in penalties]
-    held_out = np.zeros((len(ridges), len(y)))
-    for own, part, own_gram, own_moment in zip(rows, parts, grams, moments, strict=True):
-        rest, wanted = gram - own_gram, moment - own_moment
-        held_out[:, own] = np.stack([np.linalg.solve(rest + r, wanted) for r in ridges]) @ part.T
-    best = int(((y - held_out) ** 2).sum(axis=1).argmin())
-    weights = np.linalg.solve(gram + ridges[best], moment) / scale
-    weights = np.where(used | (np.diag(prior) > 0.0), weights, 0.0)
+    ridges = [penalty * len(target) * identity + known for penalty in penalties]
+    held_out = np.empty((len(target), len(ridges)))
+    for rows, part, own, seen in zip(np.split(order, edges), parts, grams, moments, strict=True):
+        weights = [np.linalg.solve(gram - own + ridge, moment - seen) for ridge in ridges]
+        held_out[rows] = part @ (np.array(weights) * inverse).T
+    best = int(((target[:, np.newaxis] - held_out) ** 2).sum(axis=0).argmin())
+    found = np.linalg.solve(gram + ridges[best], moment) / scale
+    found = np.where(used | (np.diag(prior) > 0.0), found, 0.0)
     low, high = limits or (columns.min(axis=0), columns.max(axis=0))
-    return Ridge(weights, low, high, held_out[best], penalties[best])
+    return Ridge(found, low, high, held_out[:, best].copy(), penalties[best])

@@ -148,7 +148,7 @@ def test_every_plain_function_has_its_words_and_no_words_lie_idle() -> None:
     drive = made(unchanged, 1)
     signals = dict(drive.signals) | {"lambda_controller": np.ones(len(drive))}
     path = base_path(BASE, signals)
-    names = features(replace(drive, signals=signals), path, drive.phi_measured).names
+    names = features(replace(drive, signals=signals), path, drive.phi_measured)
     assert len({words_of(name) for name in names}) == len(names)
     assert set(_WORDS) <= set(names)
     assert set(ANSWERS) <= set(names)
