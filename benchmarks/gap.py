@@ -1,14 +1,19 @@
-"""Time of ``o2train gap`` by stage, compared with its targets.
+"""Time of ``o2train gap``, as a whole command and by stage, compared with its targets.
 
 The first case has ten recordings of ten minutes at 10 Hz with a hidden effect, ten healthy ones,
-all candidates, one step and a grey-box base, from tables to the report. The second is a case of the
-study: only the naming of six recordings, with a healthy reference made before. All drives are
-simulated; the time for simulating them and fitting the base does not count.
+all candidates, one step and a grey-box base, from tables to the report. It is run twice: the second
+time the vehicle's healthy behaviour is read from the cache. The second case is one of the study:
+only the naming of six recordings, with a healthy reference made before. All drives are simulated;
+the time for simulating them and fitting the base does not count.
 
     python benchmarks/gap.py [--vehicle N] [--effect NAME=SEVERITY]
 """
 
 import argparse
+import os
+import resource
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -39,12 +44,13 @@ from training.recordings.recording import Recording, load
 
 CYCLES: Final = ("wltc_3b", "micro_trips", "udds", "us06", "hwfet")
 DRIVES, STUDY_DRIVES, DURATION_S = 10, 6, 600.0
-WHOLE_MOST_S, AGAIN_MOST_S, STUDY_MOST_S = 120.0, 30.0, 15.0
+WHOLE_MOST_S, STUDY_MOST_S = 30.0, 15.0
+COMMAND: Final = "from o2_monitor import o2train; raise SystemExit(o2train())"
 FIRST_SEED: Final = 2_900_000  # 100 further for the drives with the effect
 WORDS: Final = {
     "read": "read 20 tables",
     "healthy": "learn the healthy recordings, and how they differ",
-    "where": "localise",
+    "where": "localise: wait for the process that does it",
     "name": "name",
     "verify": "verify, with faults put on",
     "rest": "prepare, fit again, add",
@@ -117,6 +123,21 @@ def whole(model: Path, new: list[Path], healthy: list[Path], folder: Path) -> Cl
     return clock
 
 
+def command(model: Path, new: list[Path], healthy: list[Path], folder: Path) -> tuple[float, float]:
+    """Return the wall and processor seconds of the whole command with its cache in a folder."""
+    files = ["--model", model, *new, "--healthy", *healthy, "--out", folder / "out"]
+    wall_s, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(
+        [sys.executable, "-c", COMMAND, "gap", *files],
+        env=os.environ | {"XDG_CACHE_HOME": str(folder)},
+        check=True,
+        capture_output=True,
+    )
+    wall_s, after = time.perf_counter() - wall_s, resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return wall_s, cpu_s
+
+
 def study(new: list[Path], healthy: list[Path]) -> tuple[float, float]:
     """Return the wall and processor seconds of naming alone."""
     drives, known = ([from_recording(load(p)) for p in each] for each in (new, healthy))
@@ -149,6 +170,7 @@ def main() -> None:
         hidden = {effect: float(severity)}
         new = tables(folder / "new", args.vehicle, FIRST_SEED + 100, hidden)
         model = base([load(p) for p in healthy], folder / "base.onnx")
+        commands = [command(model, new, healthy, folder / "command") for _ in range(2)]
         clock = whole(model, new, healthy, folder / "gap")
         again = whole(model, new, healthy, folder / "gap")
         study_s = study(new, healthy)
@@ -159,7 +181,8 @@ def main() -> None:
         tuple(sum(each[i] for each in clock.seconds.values()) for i in (0, 1))
         for clock in (clock, again)
     )
-    _row(f"all, targets {WHOLE_MOST_S:g} s, and {AGAIN_MOST_S:g} s again", first, second)
+    _row("all stages, of this process", first, second)
+    _row(f"whole command, target {WHOLE_MOST_S:g} s on two cores", *commands)
     words = f"naming alone of {STUDY_DRIVES} recordings (a case of the study)"
     print(f"{words:52s} {study_s[0]:6.1f} {study_s[1]:12.1f}, target {STUDY_MOST_S:g} s")
 

@@ -5,6 +5,8 @@ not held out, and the errors of the new model are measured on those that are.
 """
 
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -22,11 +24,13 @@ from training.gap.verify.evidence import Verification
 from training.gap.verify.verification import verify
 from training.gap.where.findings import Findings, localise
 from training.greybox.effects.model_effect import uncertain
+from training.jobs import parallel
 from training.jobs.checkpoints import Checkpoints, Progress
 from training.recordings.recording import training_recording
 
 NEW_MODEL: Final = "model.onnx"
 UNVERIFIED: Final = "unverified.onnx"  # until the monitor has run with it
+LONG_S: Final = 9000.0  # of recordings: localising takes longer than the start of a process
 
 
 def investigate(
@@ -63,19 +67,23 @@ def investigate(
             progress=progress,
         )
     subject = Subject.of(material, card)
-    found = Knowledge.of(subject, known, learned or stages, progress)
-    findings = _findings(subject, options, stages, progress)
-    naming = _naming(subject, found, options, stages, progress)
-    knowledge = found.after(naming, subject)
-    addition = add(
-        subject=subject,
-        naming=naming,
-        knowledge=knowledge,
-        out=out / UNVERIFIED,
-        options=options,
-        progress=progress,
-    )
-    verification = _verification(subject, addition, knowledge, options, stages, progress)
+    is_long = options.localise and subject.seconds >= LONG_S and not stages.holds("where")
+    with parallel.beside(_localised, subject, is_long=is_long) as localised:
+        where = partial(_findings, localised, options, stages, progress)
+        found = Knowledge.of(subject, known, learned or stages, progress)
+        findings = None if is_long else where()
+        naming = _naming(subject, found, options, stages, progress)
+        knowledge = found.after(naming, subject)
+        addition = add(
+            subject=subject,
+            naming=naming,
+            knowledge=knowledge,
+            out=out / UNVERIFIED,
+            options=options,
+            progress=progress,
+        )
+        verification = _verification(subject, addition, knowledge, options, stages, progress)
+        findings = where() if is_long else findings
     addition = delivered(addition, verification, out / NEW_MODEL)
     return Result(
         inputs=_inputs(subject, options),
@@ -89,14 +97,19 @@ def investigate(
     )
 
 
+def _localised(subject: Subject) -> Findings:
+    """Return where the model's free run disagrees."""
+    return localise(*subject.compared())
+
+
 def _findings(
-    subject: Subject, options: Options, stages: Checkpoints, progress: Progress
+    localised: Callable[[], Findings], options: Options, stages: Checkpoints, progress: Progress
 ) -> Findings | None:
     """Return where the model's free run disagrees; None if that is not asked for."""
 
     def made() -> Findings:
         progress("localising")
-        return localise(*subject.compared())
+        return localised()
 
     return stages.done("where", Findings, made) if options.localise else None
 

@@ -40,7 +40,7 @@ class Checkpoints:
         """
         if self.folder is None:
             return make()
-        path = self.folder / f"{name}_{self.key}.npz"
+        path = self._path(self.folder, name)
         with suppress(FileNotFoundError, ValuesError):
             found: T = values.load(path, kind, self.named)
             return found
@@ -48,6 +48,13 @@ class Checkpoints:
         self.folder.mkdir(parents=True, exist_ok=True)
         values.save(path, result, kind, self.named)
         return result
+
+    def holds(self, name: str) -> bool:
+        """Return whether a stage's result is stored."""
+        return self.folder is not None and self._path(self.folder, name).exists()
+
+    def _path(self, folder: Path, name: str) -> Path:
+        return folder / f"{name}_{self.key}.npz"
 
     def clear(self) -> None:
         """Remove the results of all runs in the folder."""

@@ -45,6 +45,15 @@ class Subject:
         return base.constants_of(self.card)
 
     @property
+    def seconds(self) -> float:
+        """Return the duration of all recordings, the healthy ones included."""
+        material = self.material
+        return sum(
+            len(each.values) * each.period_ns * 1e-9
+            for each in (*material.recordings, *material.healthy)
+        )
+
+    @property
     def fit_drives(self) -> list[Drive]:
         """Return the drives that the new model's constants come from."""
         return [self.drives[i] for i in self.material.fit_numbers]
