@@ -24,8 +24,8 @@ from training.gap.verify.evidence import Verification
 from training.gap.verify.verification import verify
 from training.gap.where.findings import Findings, localise
 from training.greybox.effects.model_effect import uncertain
-from training.jobs import parallel
 from training.jobs.checkpoints import Checkpoints, Progress
+from training.jobs.second_process import beside
 from training.recordings.recording import training_recording
 
 NEW_MODEL: Final = "model.onnx"
@@ -68,7 +68,7 @@ def investigate(
         )
     subject = Subject.of(material, card)
     is_long = options.localise and subject.seconds >= LONG_S and not stages.holds("where")
-    with parallel.beside(_localised, subject, is_long=is_long) as localised:
+    with beside(_localised, subject, is_long=is_long) as localised:
         where = partial(_findings, localised, options, stages, progress)
         found = Knowledge.of(subject, known, learned or stages, progress)
         findings = None if is_long else where()

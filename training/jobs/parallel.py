@@ -5,25 +5,19 @@ cluster needs no common file system. ``training.jobs.cluster`` says what a clust
 """
 
 import os
-import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from functools import partial
-from threading import Thread
 from typing import Any, TypeVar
 
 import joblib
-from joblib.externals.loky.process_executor import ProcessPoolExecutor, TerminatedWorkerError
+from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
 from training.jobs import cluster
-from training.jobs.worker import WorkerDiedError
+from training.jobs.worker import WorkerDiedError, end_with
 
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-
-WATCH_S = 1.0  # how often a worker looks whether its coordinator still lives
 
 
 def run(
@@ -45,7 +39,7 @@ def run(
     if scheduler is not None:
         yield from cluster.run(scheduler, function, shared, items)
         return
-    watch = {"initializer": _end_with, "initargs": (os.getpid(),)} if jobs != 1 else {}
+    watch = {"initializer": end_with, "initargs": (os.getpid(),)} if jobs != 1 else {}
     parallel = joblib.Parallel(
         jobs,
         backend="loky",
@@ -71,55 +65,8 @@ def run(
         raise WorkerDiedError(sent) from error
 
 
-@contextmanager
-def beside(
-    function: Callable[[Item], Result], item: Item, *, is_long: bool
-) -> Iterator[Callable[[], Result]]:
-    """Yield a function that returns the result of one job, which a process beside this one does.
-
-    function : module-level
-    is_long : whether the job takes longer than the start of a process, some seconds; else, and on a
-        single core, it is done here when its result is asked for
-    The job is given up if its result is not wanted after all. The yielded function raises as the
-    job does, and WorkerDiedError.
-    """
-    if not is_long or joblib.cpu_count() == 1:
-        yield partial(function, item)
-        return
-    pool = ProcessPoolExecutor(1, initializer=_end_with, initargs=(os.getpid(),))
-    done = pool.submit(_limited, function, item)
-
-    def result() -> Result:
-        try:
-            found: Result = done.result()
-        except TerminatedWorkerError as error:
-            raise WorkerDiedError([function.__name__]) from error
-        return found
-
-    try:
-        yield result
-    finally:
-        pool.shutdown(kill_workers=True)
-
-
-def _limited(function: Callable[[Item], Result], item: Item) -> Result:
-    with threadpool_limits(1):
-        return function(item)
-
-
 def _call(
     function: Callable[[Shared, Item], Result], shared: Shared, key: str, item: Item
 ) -> tuple[str, Result]:
     with threadpool_limits(1):  # one thread is the fastest on small matrices
         return key, function(shared, item)
-
-
-def _end_with(parent: int) -> None:
-    """End this worker when its coordinator is killed; it would wait for jobs for ever."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(WATCH_S)
-        os._exit(1)
-
-    Thread(target=watch, daemon=True).start()
