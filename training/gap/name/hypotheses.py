@@ -41,16 +41,21 @@ class Hypothesis:
     is_fault: bool  # of the gradual sensor faults
     nats: float  # log evidence above that of no gap
     scale: float  # times the gain of noise, that healthy drives give it; more if it is uneven
-    deviance: FloatArray | None = None  # (n_blocks,) held out; of a candidate of the library
+    deviance: FloatArray | None = None  # (n_blocks,) held out; of a candidate or a formula
     began: Beginning | None = None  # of an onset
 
 
 def hypotheses(
-    state: State, ranking: Sequence[Candidate], *, sensor_known_good: bool
+    state: State,
+    ranking: Sequence[Candidate],
+    formula: Candidate | None = None,
+    *,
+    sensor_known_good: bool,
 ) -> tuple[Hypothesis, ...]:
     """Return every hypothesis for the errors of one step.
 
     ranking : all candidates, fitted, the best first
+    formula : the first term of a formula of signals, the form of an unknown effect
     """
     judge = _Judge.of(state)
     found, impossible, onsets = list[Hypothesis](), [-np.inf], list[Hypothesis]()
@@ -65,7 +70,7 @@ def hypotheses(
     if not sensor_known_good:
         found += [max(onsets, key=lambda each: each.nats / each.scale)] if onsets else []
         found += judge.moved()
-    return (*found, judge.unknown(max(impossible)))
+    return (*found, judge.unknown(max(impossible), formula))
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,15 +149,18 @@ class _Judge:
         scale = max(self._scale(name) for name in ("slow_symmetric", "delay_symmetric", "biased"))
         return [Hypothesis(MOVED, "sensor", False, nats, scale)]
 
-    def unknown(self, impossible: float) -> Hypothesis:
+    def unknown(self, impossible: float, formula: Candidate | None) -> Hypothesis:
         """Return the hypothesis of another cause.
 
         impossible : evidence of the best candidate with constants that it cannot have
         """
         some = self.directions.of_any(self.before, LIMITS.healthy_energy) - self.none
         some -= LIMITS.unknown_nats * len(self.state.current.residual)
-        nats = max(some, impossible - LIMITS.impossible_nats)
-        return Hypothesis(UNKNOWN, "unknown", False, nats, LIMITS.unknown_scale)
+        nats, deviance = max(some, impossible - LIMITS.impossible_nats), None
+        if formula is not None:
+            nats = max(nats, self.of_candidate(formula))
+            deviance = scoring.deviance(formula.fit, self.state.case.blocks)
+        return Hypothesis(UNKNOWN, "unknown", False, nats, LIMITS.unknown_scale, deviance)
 
     def _scale(self, name: str) -> float:
         return max(self.state.surplus.get(name, 1.0), 1.0)

@@ -9,6 +9,7 @@ and nothing speaks for the sensor.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -18,7 +19,7 @@ from training.gap.healthy.behaviour import Healthy
 from training.gap.name import scoring, yardstick
 from training.gap.name.base_state import FREE, base_state
 from training.gap.name.decision import Outcome
-from training.gap.name.formula import formula_of
+from training.gap.name.formula import Formula, formula_of
 from training.gap.name.hypotheses import hypotheses
 from training.gap.name.posterior import posterior
 from training.gap.name.ranking import HALF, State, adequacy_of, against
@@ -74,27 +75,52 @@ def name(
     if not sensor_known_good and first.case.prior is not None:
         candidates += FAULTS
     found = advance(first, candidates, steps, sensor_known_good, progress)
-    naming = _answer(
+    answer = partial(
+        _answer,
         first,
-        found,
         skipped=skipped,
         known=known,
         reference=reference,
-        warnings=(*_doubts(first.case, known), *found.warnings),
+        doubts=_doubts(first.case, known),
     )
-    if known is not None:
-        weighed = hypotheses(first, found.first, sensor_known_good=sensor_known_good)
-        naming = replace(naming, posterior=posterior(weighed))
+    naming, formula = answer(found), Formula()
+    if naming.verdict == "unknown_effect" or _leaves_something(first, found):
+        formula = formula_of(first, progress)
+    if naming.verdict != "unknown_effect" and _is_best(first, formula, found):
+        unknown = Outcome("unknown_effect", found.first)
+        found = Advance(first, unknown, rounds=(), warnings=(), first=found.first)
+        naming = answer(found)
     if naming.verdict == "unknown_effect":
-        return _with_formula(naming, first, found.first, progress)
+        naming = _with_formula(naming, first, formula, found.first)
+    if known is not None:
+        weighed = hypotheses(first, found.first, formula.rival, sensor_known_good=sensor_known_good)
+        naming = replace(naming, posterior=posterior(weighed))
     return naming
 
 
+def _leaves_something(first: State, found: Advance) -> bool:
+    """Return whether the ceiling explains more of a gap than the effects or fault of a verdict."""
+    if found.outcome.verdict == "no_gap" and not found.rounds:
+        return False
+    if found.rounds:
+        fitted, deviance = found.last.current, found.last.deviance
+    else:
+        best = found.outcome.fault or next((c for c in found.first if c.merit.physical), None)
+        if best is None:
+            return True
+        fitted, deviance = best.fit, scoring.deviance(best.fit, first.case.blocks)
+    return adequacy_of(first, float((first.deviance - deviance).sum()), fitted) < 1.0
+
+
+def _is_best(first: State, formula: Formula, found: Advance) -> bool:
+    """Return whether the first term of a formula clearly beats all effects and faults."""
+    return formula.rival is not None and not against(first, formula.rival, found.first)[1]
+
+
 def _with_formula(
-    naming: Naming, first: State, ranking: Sequence[Candidate], progress: Progress
+    naming: Naming, first: State, found: Formula, ranking: Sequence[Candidate]
 ) -> Naming:
     """Return the naming of an unknown effect with its formula, or with the sensor suspected."""
-    found = formula_of(first, progress)
     if suspect := _suspect(first, found.rival, ranking):
         return replace(naming, answer=replace(naming.answer, suspected=suspect.name))
     if not found.terms:
@@ -176,9 +202,10 @@ def _answer(
     skipped: Mapping[str, tuple[str, ...]],
     known: Healthy | None,
     reference: Constants | None,
-    warnings: Sequence[str],
+    doubts: Sequence[str],
 ) -> Naming:
     last, outcome, rounds = found.last, found.outcome, found.rounds
+    warnings = (*doubts, *found.warnings)
     added = _kept(first, last, outcome, rounds)
     error = _error(first, last, with_effects=bool(added))
     verdict: Verdict = "named" if added else outcome.verdict
@@ -199,7 +226,7 @@ def _answer(
         trials=Trials(outcome.ranking, rounds if added else (), skipped),
         base=_base(first, last, known.base if known else reference),
         error=error,
-        warnings=tuple(warnings),
+        warnings=warnings,
     )
 
 
