@@ -4,6 +4,7 @@ Cases are simulated: the three effects of the dynamometer that the library lacks
 are put on the mixture of the second engine as functions of its state. The sets ``choose`` and
 ``choose_more`` are for choosing forms; ``report`` has other effects, vehicles and seeds. Drives
 last five minutes, four (dynamometer) or six (second engine) per case, against eight healthy ones.
+Set ``report`` has effects of the library and nulls, too: is a formula taken for one of them?
 
     python benchmarks/gap_formulas.py make FOLDER [--set report]
     python benchmarks/gap_formulas.py answer FOLDER [--set report]
@@ -11,6 +12,7 @@ last five minutes, four (dynamometer) or six (second engine) per case, against e
 
 import argparse
 import pickle
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -92,9 +94,9 @@ REPORT: Final[dict[str, Effect]] = {
 }
 # effects and vehicles of the second engine; first vehicle and cases of the dynamometer
 SETS: Final = {
-    "choose": (CHOOSE, (33, 34), (52_000, 18)),
-    "choose_more": (CHOOSE_MORE, (57, 58), (57_000, 12)),
-    "report": (REPORT, (86_057, 86_058), (86_100, 12)),
+    "choose": (CHOOSE, (33, 34), (52_000, {"unknown": 18})),
+    "choose_more": (CHOOSE_MORE, (57, 58), (57_000, {"unknown": 12})),
+    "report": (REPORT, (86_057, 86_058), (86_100, {"unknown": 12, "effect": 16, "null": 12})),
 }
 SMALLER: Final = 0.5  # of an effect's size, in the second vehicle
 
@@ -129,14 +131,26 @@ def _answer(folder: Path, only: str) -> None:
             known = gap_naming._learned(folder / f"{case.vehicle}.pickle")
             rows.append(_row(case, known))
     for least in (2.0, 1.0, 0.0):
-        of = [near for ratio, near in rows if ratio >= least]
-        low, high = stats.binomtest(sum(of), len(of)).proportion_ci(method="exact")
-        share = f"{sum(of)} of {len(of)} ({low:.1%} to {high:.1%})"
+        of = [each for each in rows if each.kind == "unknown" and each.ratio >= least]
+        near = sum(each.near for each in of)
+        low, high = stats.binomtest(near, len(of)).proportion_ci(method="exact")
+        share = f"{near} of {len(of)} ({low:.1%} to {high:.1%})"
         print(f"gap of at least {least:g} times the noise: {share} within {NEAR - 1:.0%}")
+    for kind, count in Counter((each.kind, each.said) for each in rows).most_common():
+        print(f"{count:3d} {kind[0]}: {kind[1]}")
 
 
-def _row(case: Stored, known: Healthy) -> tuple[float, bool]:
-    """Print a row of the table; return gap over noise, and whether the formula comes near."""
+class Row(NamedTuple):
+    """One answer."""
+
+    kind: str
+    ratio: float  # gap over noise
+    said: str  # verdict, right or wrong name
+    near: bool  # the formula's error to that without the effect
+
+
+def _row(case: Stored, known: Healthy) -> Row:
+    """Print a row of the table and return it."""
     naming = name(case.drives, known)
     moved_by = [gap_naming._errors(drives, known) for drives in (case.drives, case.sound)]
     moved = np.concatenate([a - b for a, b in zip(*moved_by, strict=True)])
@@ -144,14 +158,18 @@ def _row(case: Stored, known: Healthy) -> tuple[float, bool]:
     found = [c for c in naming.answer.effects if c.kind == "empirical"]
     after = naming.error.after if found else None
     ratio = float(np.sqrt(np.nanmean(moved**2))) / naming.error.floor
-    said = "; ".join(formula(c.name, v) for c, v in zip(found, _values(found), strict=True))
+    terms = "; ".join(formula(c.name, v) for c, v in zip(found, _values(found), strict=True))
+    names = [c.name for c in naming.answer.effects if c.kind == "effect"]
+    said = naming.verdict
+    if said == "named":
+        said = f"{'right' if set(names) <= set(case.hidden) else 'wrong'} name"
     print(
-        f"| {case.key[5:]} {case.hidden[0]} | {ratio:.1f} | {naming.verdict} "
-        f"| {naming.error.before:.4f} | {'' if after is None else f'{after:.4f}'} {said} "
+        f"| {case.key[5:]} {' '.join(case.hidden)} | {ratio:.1f} | {said} {' '.join(names)} "
+        f"| {naming.error.before:.4f} | {'' if after is None else f'{after:.4f}'} {terms} "
         f"| {sound:.4f} |",
         flush=True,
     )
-    return ratio, after is not None and after <= NEAR * sound
+    return Row(case.kind, ratio, said, after is not None and after <= NEAR * sound)
 
 
 def _values(found: Sequence[Candidate]) -> list[list[float]]:
@@ -160,9 +178,9 @@ def _values(found: Sequence[Candidate]) -> list[list[float]]:
 
 
 def _of_dyno(set_: str) -> Iterator[tuple[str, Callable[[], Any]]]:
-    first, number = SETS[set_][2]
+    first, numbers = SETS[set_][2]
     study = plan.Study(
-        cases=(("unknown", number),),
+        cases=tuple(numbers.items()),
         vehicles=4,
         first_vehicle=first,
         seed=1000 * first,

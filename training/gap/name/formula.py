@@ -14,6 +14,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.gap.name import scoring
 from training.gap.name.ranking import State, rank
+from training.gap.name.second_signal import grown
 from training.gap.name.signal_functions import columns, functions_of
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
@@ -51,6 +52,7 @@ def formula_of(state: State, progress: Progress = lambda _: None) -> Formula:
         best = _best(plain, {signal_of(c.name) for c in found})
         if best is None or best.merit.t < (FURTHER_T_LEAST if found else T_LEAST):
             break
+        best = _growing(plain, best)
         found.append(best)
         plain = _with(plain, best.fit)
     terms = _needed(plain, found)
@@ -99,6 +101,17 @@ def _best(plain: State, used: Collection[str]) -> Candidate | None:
     most = min(NEARLY * least, (1.0 - SHARE_LEAST) * before)
     good = [c for c in ranking if before - c.merit.score <= most]
     return min(good, key=lambda c: (len(c.term.parameters), -c.merit.score), default=None)
+
+
+def _growing(plain: State, best: Candidate) -> Candidate:
+    """Return the best term, growing with a second signal if that takes away enough of the rest."""
+    other, blocks = grown(plain, best, NO_CAUSES), plain.case.blocks
+    if other is None:
+        return best
+    before, after = (scoring.deviance(c.fit, blocks) for c in (best, other))
+    gained = scoring.score(before, after, scoring.moved(best.fit, other.fit, blocks))
+    enough = gained.gain >= SHARE_LEAST * before.sum() and gained.t >= FURTHER_T_LEAST
+    return other if enough else best
 
 
 def _plain(state: State) -> State:

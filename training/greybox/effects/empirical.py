@@ -1,8 +1,8 @@
-"""Effects without a physics: the mixture or the fuel as a function of one recorded signal.
+"""Effects without a physics: the mixture or the fuel as a function of recorded signals.
 
 The name of such an effect says its form, so that a model's card needs nothing else:
 ``empirical:SIGNAL:FORM:AT:WIDTH``. A form is a shape of u = (signal - AT) / WIDTH, and what its
-size acts on.
+size acts on. With ``:SIGNAL:AT:WIDTH`` behind, the size grows with a second signal.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,8 +13,17 @@ from monitor.base.errors import ModelError
 from training.greybox.effects.form.air_meter import SLOWLY
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.shape import STATES, Bump, Curve, Line, Shape, Step, Words
-from training.greybox.effects.form.value import Quantity, maximum
+from training.greybox.effects.form.shape import (
+    FARTHEST,
+    STATES,
+    Bump,
+    Curve,
+    Line,
+    Shape,
+    Step,
+    Words,
+)
+from training.greybox.effects.form.value import Quantity, clip, maximum
 
 PREFIX: Final = "empirical"
 PERCENT: Final = 100.0
@@ -63,6 +72,7 @@ _LEARNED: Final = (
     replace(SLOWLY, spread=2.0),
 )
 AIR: Final = Target("%", 40.0, _air, _LEARNED, n_states=STATES)
+GROWTH: Final = Parameter("growth", "", -4.0, 4.0, (0.1,))  # of the size, per u of a second signal
 FORMS: Final[Mapping[str, tuple[Target, Shape]]] = {
     "factor": (MIXTURE, Line()),
     "mass": (FUEL, Line()),
@@ -88,9 +98,14 @@ def name_of(signal: str, form: str, at: float, width: float) -> str:
     return f"{PREFIX}:{signal}:{form}:{at:.6g}:{width:.6g}"
 
 
+def growing(name: str, signal: str, at: float, width: float) -> str:
+    """Return the name of the effect whose size grows with a second signal."""
+    return f"{name}:{signal}:{at:.6g}:{width:.6g}"
+
+
 def signal_of(name: str) -> str:
-    """Return the signal that an empirical effect's name says."""
-    return _parts(name).signal
+    """Return the first signal that an empirical effect's name says."""
+    return _parts(name).over.signal
 
 
 def form_of(name: str) -> str:
@@ -99,47 +114,67 @@ def form_of(name: str) -> str:
 
 
 def in_form(name: str, form: str) -> str:
-    """Return the name of the effect of the same signal in another form."""
-    of = _parts(name)
-    return name_of(of.signal, form, of.at, of.width)
+    """Return the name of the effect of the same first signal in another form."""
+    over = _parts(name).over
+    return name_of(over.signal, form, over.at, over.width)
+
+
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    """A signal, moved and scaled."""
+
+    signal: str
+    at: float
+    width: float
+
+    def u(self, place: Place) -> Quantity:
+        return (place.signal(self.signal) - self.at) * (1.0 / self.width)
 
 
 @dataclass(frozen=True, slots=True)
 class _Parts:
     """What a name says."""
 
-    signal: str
+    over: _Axis
     form: str
     target: Target
     shape: Shape
-    at: float
-    width: float
+    growth: _Axis | None
 
 
 def _parts(name: str) -> _Parts:
     try:
-        _, signal, form, at, width = name.split(":")
-        return _Parts(signal, form, *FORMS[form], float(at), float(width))
-    except (ValueError, KeyError):
+        _, signal, form, at, width, *more = name.split(":")
+        over = _Axis(signal, float(at), float(width))
+        return _Parts(over, form, *FORMS[form], _growth(*more) if more else None)
+    except (ValueError, KeyError, TypeError):
         raise ModelError(f"{name!r} is no empirical effect") from None
+
+
+def _growth(signal: str, at: str, width: str) -> _Axis:
+    return _Axis(signal, float(at), float(width))
 
 
 def effect_of(name: str) -> Effect:
     """Return the effect that a name says; raises ModelError if it says none."""
     of = _parts(name)
-    target, shape = of.target, of.shape
+    target, shape, growth = of.target, of.shape, of.growth
     parameters = shape.parameters(target.unit, target.most)
     n = len(parameters)
 
     def equation(place: Place, values: Values) -> Changed:
-        u = (place.signal(of.signal) - of.at) * (1.0 / of.width)
-        return target.changed(place, shape.size(place, u, values[:n]), values[n:])
+        size = shape.size(place, of.over.u(place), values[:n])
+        if growth is None:
+            return target.changed(place, size, values[n:])
+        size = size * (1.0 + values[n] * clip(growth.u(place), -FARTHEST, FARTHEST))
+        return target.changed(place, size, values[n + 1 :])
 
+    signals = (of.over.signal, *((growth.signal,) if growth else ()), *target.needs)
     return Effect(
         name=name,
-        says=f"the mixture goes with {of.signal.replace('_', ' ')}",
-        parameters=(*parameters, *target.parameters),
-        needs=tuple(dict.fromkeys((of.signal, *target.needs))),
+        says=f"the mixture goes with {of.over.signal.replace('_', ' ')}",
+        parameters=(*parameters, *((GROWTH,) if growth else ()), *target.parameters),
+        needs=tuple(dict.fromkeys(signals)),
         tag="physics",
         source="found in the recordings",
         equation=equation,
@@ -155,7 +190,12 @@ def formula(name: str, values: Values) -> str:
     """
     of = _parts(name)
     own = len(values) - len(of.target.parameters)
-    size = of.shape.says(values[:own], Words(of.signal, of.at, of.width, of.target.unit))
+    n = own - (of.growth is not None)
+    words = Words(of.over.signal, of.over.at, of.over.width, of.target.unit)
+    size = of.shape.says(values[:n], words)
+    if of.growth:
+        by = values[n] / of.growth.width
+        size = f"+ ({size}) × (1 {by:+.3g} per unit of ({of.growth.signal} - {of.growth.at:.6g}))"
     if of.target is MIXTURE:
         return f"mixture × (1 {size})"
     if of.target is AIR:

@@ -19,7 +19,7 @@ from training.gap.name.formula import formula_of
 from training.gap.name.scoring import Score
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import Path
-from training.greybox.effects.empirical import FORMS, effect_of, formula, name_of
+from training.greybox.effects.empirical import FORMS, effect_of, formula, growing, name_of
 
 
 def found(change: Change, seeds: Sequence[int] = (1,)) -> tuple[Candidate, ...]:
@@ -70,6 +70,20 @@ def test_a_constant_is_part_of_a_formula() -> None:
     assert abs(term.parameters["size"]) < 2.0
 
 
+def test_a_share_that_grows_with_a_second_signal_is_found_with_it() -> None:
+    # GIVEN a mixture that is leaner per degree of the intake, and the more so at high voltage
+    def warm_and_charged(path: Path, signals: dict[str, FloatArray]) -> Path:
+        more = -0.008 * (signals["manifold_temperature_degc"] - 30.0)
+        growth = 1.0 + 0.8 * (signals["battery_voltage_v"] - 13.9)
+        return replace(path, factor=path.factor * (1.0 + more * growth))
+
+    # WHEN a formula is looked for
+    (term,) = found(warm_and_charged)
+    # THEN it is one term, a product of the two
+    _, signal, _, _, _, second, _, width = term.name.split(":")
+    assert {signal, second} == {"manifold_temperature_degc", "battery_voltage_v"}
+
+
 def test_where_no_form_gains_on_held_out_blocks_there_is_no_formula(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -81,6 +95,19 @@ def test_where_no_form_gains_on_held_out_blocks_there_is_no_formula(
 @pytest.mark.parametrize("form", [each for each in FORMS if each != "factor"])
 def test_arrays_and_graph_of_a_formula_agree(form: str) -> None:
     graph_agrees(effect_of(name_of("manifold_pressure_kpa", form, 70.0, 20.0)))
+
+
+def test_arrays_and_graph_of_a_growing_formula_agree() -> None:
+    name = name_of("manifold_pressure_kpa", "bump", 70.0, 20.0)
+    graph_agrees(effect_of(growing(name, "engine_speed_rpm", 2000.0, 1000.0)))
+
+
+def test_a_growing_formula_reads_as_one() -> None:
+    name = name_of("rail_pressure_mpa", "factor", 10.0, 4.0)
+    assert formula(growing(name, "engine_speed_rpm", 2000.0, 1000.0), [1.0, 2.0, 0.5]) == (
+        "mixture × (1 + (+ 1 % + 0.5 % per unit of (rail_pressure_mpa - 10))"
+        " × (1 +0.0005 per unit of (engine_speed_rpm - 2000)))"
+    )
 
 
 def test_a_formula_reads_as_one() -> None:
@@ -112,7 +139,10 @@ def test_every_formula_can_be_read_again_and_leaves_a_mixture(
     assert "manifold_pressure_kpa" in formula(name, values)
 
 
-@pytest.mark.parametrize("name", ["empirical:x", "empirical:x:cube:1:1", "empirical:x:mass:a:1"])
+@pytest.mark.parametrize(
+    "name",
+    ["empirical:x", "empirical:x:cube:1:1", "empirical:x:mass:a:1", "empirical:x:mass:1:1:y"],
+)
 def test_a_name_that_says_no_formula_is_refused(name: str) -> None:
     with pytest.raises(ModelError, match="no empirical effect"):
         effect_of(name)

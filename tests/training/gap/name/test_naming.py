@@ -10,6 +10,7 @@ from tests.helpers.gap_simulated import known, two_drives
 from training.gap.name.decision import Outcome
 from training.gap.name.naming import name
 from training.gap.name.vehicle_mix import chain_of
+from training.gap.response.regressors import delayed
 from training.greybox.chain import Constants
 from training.greybox.fit import drive as drives
 from training.greybox.fit.drive import Drive
@@ -116,6 +117,22 @@ def test_a_formula_that_does_not_beat_a_sensor_fault_is_not_added(
     # THEN the effect stays without formula, and the sensor is among the suspects
     assert (found.verdict, found.answer.suspected) == ("unknown_effect", "gain_low")
     assert (found.answer.effects, found.error.after) == ((), None)
+
+
+def test_an_effect_that_a_formula_clearly_beats_is_unknown_and_not_named() -> None:
+    # GIVEN a reading that falls beyond 60 kPa, of which scavenging explains a large part
+    drive = two_drives(2_200_300)[0]
+    pressure_kpa = delayed(drive.signals["manifold_pressure_kpa"], 3)
+    share = 1.0 - 0.1 * np.maximum(pressure_kpa - 60.0, 0.0) / 50.0
+    found = name([replace(drive, phi_measured=drive.phi_measured * share)], known())
+    first = found.trials.ranking[0]
+    assert first.merit.is_large
+    assert first.merit.adequacy is not None
+    assert 0.5 < first.merit.adequacy < 1.0
+    # THEN the formula stands in its place, and no hypothesis is likelier than an unknown cause
+    assert found.verdict == "unknown_effect"
+    assert {term.kind for term in found.answer.effects} == {"empirical"}
+    assert next(iter(found.posterior)) == "unknown"
 
 
 def test_a_sensor_slow_in_one_direction_may_be_made_so() -> None:
