@@ -18,6 +18,7 @@ from monitor.base.errors import RecordingError
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import scoring, yardstick
 from training.gap.name.base_state import FREE, base_state
+from training.gap.name.contest import beats, leaves_something
 from training.gap.name.decision import Outcome
 from training.gap.name.formula import Formula, formula_of
 from training.gap.name.hypotheses import hypotheses
@@ -84,9 +85,9 @@ def name(
         doubts=_doubts(first.case, known),
     )
     naming, formula = answer(found), Formula()
-    if naming.verdict == "unknown_effect" or _leaves_something(first, found):
+    if naming.verdict == "unknown_effect" or leaves_something(first, found):
         formula = formula_of(first, progress)
-    if naming.verdict != "unknown_effect" and _is_best(first, formula, found):
+    if naming.verdict != "unknown_effect" and beats(first, formula, found):
         unknown = Outcome("unknown_effect", found.first)
         found = Advance(first, unknown, rounds=(), warnings=(), first=found.first)
         naming = answer(found)
@@ -96,25 +97,6 @@ def name(
         weighed = hypotheses(first, found.first, formula.rival, sensor_known_good=sensor_known_good)
         naming = replace(naming, posterior=posterior(weighed))
     return naming
-
-
-def _leaves_something(first: State, found: Advance) -> bool:
-    """Return whether the ceiling explains more of a gap than the effects or fault of a verdict."""
-    if found.outcome.verdict == "no_gap" and not found.rounds:
-        return False
-    if found.rounds:
-        fitted, deviance = found.last.current, found.last.deviance
-    else:
-        best = found.outcome.fault or next((c for c in found.first if c.merit.physical), None)
-        if best is None:
-            return True
-        fitted, deviance = best.fit, scoring.deviance(best.fit, first.case.blocks)
-    return adequacy_of(first, float((first.deviance - deviance).sum()), fitted) < 1.0
-
-
-def _is_best(first: State, formula: Formula, found: Advance) -> bool:
-    """Return whether the first term of a formula clearly beats all effects and faults."""
-    return formula.rival is not None and not against(first, formula.rival, found.first)[1]
 
 
 def _with_formula(

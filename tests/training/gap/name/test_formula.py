@@ -80,7 +80,7 @@ def test_a_share_that_grows_with_a_second_signal_is_found_with_it() -> None:
     # WHEN a formula is looked for
     (term,) = found(warm_and_charged)
     # THEN it is one term, a product of the two
-    _, signal, _, _, _, second, _, width = term.name.split(":")
+    _, signal, _, _, _, second, *_ = term.name.split(":")
     assert {signal, second} == {"manifold_temperature_degc", "battery_voltage_v"}
 
 
