@@ -13,10 +13,11 @@ published. On engine 2 the recorded lambda stands still for up to 42 s, exact in
 the plausibility test calls stuck; its codes are counted beside those of the response test.
 
     python benchmarks/bosch_verdicts.py FOLDER SPLIT [--model MODEL] [--budget MINUTES]
-        [--faults NAME…]
+        [--faults NAME…] [--nearer SHARE]
 
 FOLDER holds the runs of the engine; SPLIT is 1a, 1b, 2a, 2b or 2c, or 1:RUN or 2:RUN, in which one
-run trains and all others are judged.
+run trains and all others are judged. ``--nearer`` asks how good a model would have to be: every
+reading is moved towards its prediction by this share of the residual, and the limits stay.
 """
 
 import argparse
@@ -31,7 +32,8 @@ import numpy as np
 from bosch import INPUTS, MASK, OUTPUT, faulty
 
 from monitor.base import config, faults
-from monitor.judge.limits import Limits
+from monitor.base.config import Config
+from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.model.step import Model
 from training import cli
 from training.limits.judging import Judged, judge_recordings
@@ -143,6 +145,15 @@ def fit(folder: Path, split: Split, columns: Path | None, budget: str, path: Pat
             return
 
 
+def nearer(model: Model, recording: Recording, share: float, settings: Config) -> Recording:
+    """Return the recording with the reading moved towards its prediction."""
+    unlimited = judge_recordings([recording], model, NO_LIMITS, settings)[0]
+    column, values = recording.names.index(OUTPUT), recording.values.copy()
+    residual = np.nan_to_num(unlimited.measured - unlimited.predicted)
+    values[:, column] -= share * residual
+    return replace(recording, values=values)
+
+
 def table(title: str, verdicts: Sequence[Verdict]) -> None:
     """Print the table of all drives."""
     print(
@@ -182,6 +193,7 @@ def main() -> None:
     parser.add_argument("--faults", nargs="+", choices=sorted(NAMES), default=sorted(NAMES))
     parser.add_argument("--model", type=Path)
     parser.add_argument("--budget", default="8")
+    parser.add_argument("--nearer", type=float, default=0.0, metavar="SHARE")
     parser.add_argument("--no-mask", action="store_true", help="judge fuel cuts as any driving")
     args = parser.parse_args()
     split, settings = args.split, config.load()
@@ -194,12 +206,16 @@ def main() -> None:
         if not args.model:
             fit(args.folder, split, columns, args.budget, path)
         model = Model.load(path)
+
+        def recording_of(run: int) -> Recording:
+            whole_run = load(args.folder / f"run_{run:06d}.csv.gz", columns=columns)
+            return nearer(model, whole_run, args.nearer, settings) if args.nearer else whole_run
+
         limits = Limits.from_card(model.card, settings, str(path))
         print(f"evidence {limits.evidence:.3g}, gain_model {limits.gain_model:.3g}")
         verdicts = []
         for run in split.test:
-            recording = load(args.folder / f"run_{run:06d}.csv.gz", columns=columns)
-            cases = drives(recording, args.faults)
+            cases = drives(recording_of(run), args.faults)
             judged = judge_recordings([r for _, r in cases], model, limits, settings)
             on = judged[0].enabled & np.isfinite(judged[0].predicted)
             share = metrics.fit_percent(judged[0].measured[on], judged[0].predicted[on])
