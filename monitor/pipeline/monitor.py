@@ -440,11 +440,19 @@ class Monitor:
 
 def check_names(card: ModelCard, names: Sequence[str]) -> None:
     """Raise RecordingError if a signal that the model needs is not among ``names``."""
-    missing = [name for name in (*card.input_names, card.output.name) if name not in names]
-    if missing:
-        raise MissingSignalsError(
-            f"the model needs {', '.join(missing)}; there are {', '.join(names)}"
-        )
+    lacking = lacking_names(card, names)
+    if lacking:
+        raise MissingSignalsError(needs(lacking, names))
+
+
+def lacking_names(card: ModelCard, names: Sequence[str]) -> list[str]:
+    """Return the signals that the model needs and that are not among ``names``."""
+    return [name for name in (*card.input_names, card.output.name) if name not in names]
+
+
+def needs(lacking: Sequence[str], names: Sequence[str]) -> str:
+    """Return in words which signals lack and which are there."""
+    return f"the model needs {', '.join(lacking)}; there are {', '.join(names)}"
 
 
 def needed_names(card: ModelCard, available: Collection[str]) -> tuple[str, ...]:

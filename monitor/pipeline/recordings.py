@@ -27,7 +27,7 @@ from monitor.pipeline.entry import (
     frame_counts,
     table_counts,
 )
-from monitor.pipeline.monitor import check_names, needed_names
+from monitor.pipeline.monitor import check_names, lacking_names, needed_names, needs
 
 OTHER_MODEL: Final = "train a model on healthy drives of this car: o2train fit LOG… --out M.onnx"
 
@@ -132,11 +132,14 @@ class RecordingReader:
 
         Raises RecordingError if it lacks a signal that the model needs.
         """
-        try:
-            check_names(self._card, table.names)
-        except MissingSignalsError as error:
-            logger = f" in this log ({table.profile}); {OTHER_MODEL}" if table.profile else ""
-            raise MissingSignalsError(f"{table.path}: {error}{logger}") from None
+        lacking = lacking_names(self._card, table.names)
+        if lacking and table.profile:
+            raise MissingSignalsError(
+                f"{table.path}: the model needs {', '.join(lacking)}, which this log "
+                f"({table.profile}) lacks; {OTHER_MODEL}"
+            )
+        if lacking:
+            raise MissingSignalsError(f"{table.path}: {needs(lacking, table.names)}")
         block = table_block(table, table.names, self._card.period_ns)
         counters = table_counts(table, block, self._card)
         sources = {name: Source(table.column_of(name)) for name in table.names}
