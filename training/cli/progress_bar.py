@@ -1,5 +1,6 @@
 """The progress of a training with several starts at once."""
 
+import math
 import time
 from collections.abc import Callable
 from threading import Lock
@@ -65,8 +66,7 @@ class Bar(Progress):
 
     def _show(self, what: str) -> None:
         left_s = round(self.left_s)
-        text = (
-            f"{what}, best free run {self._best:.3f}, at most {left_s // 60}:{left_s % 60:02d} left"
-        )
+        best = f", best free run {self._best:.3f}" if math.isfinite(self._best) else ""
+        text = f"{what}{best}, at most {left_s // 60}:{left_s % 60:02d} left"
         self._bar.set_postfix_str(text)
         self.tell(f"o2train: {text}")

@@ -34,6 +34,15 @@ def test_without_a_terminal_a_line_tells_best_error_and_time_left() -> None:
     assert "at most 9:30 left" in line
 
 
+def test_no_error_is_told_while_no_free_run_stays_finite() -> None:
+    clock, out = Clock(), io.StringIO()
+    with Bar(10.0, out, clock) as bar:
+        bar.update(0, HORIZON, 0, float("inf"))
+        clock.now_s = LINE_S
+        bar.update(0, HORIZON, 1, float("inf"))
+    assert out.getvalue() == f"o2train: horizon {HORIZON}, at most 9:30 left\n"
+
+
 def test_the_time_left_follows_the_pace_and_never_exceeds_the_budget() -> None:
     clock = Clock()
     with Bar(10.0, io.StringIO(), clock) as bar:
