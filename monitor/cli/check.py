@@ -57,7 +57,7 @@ def add(commands: Any) -> None:
         "--write-profile",
         type=paths.written,
         metavar="FILE",
-        help="write a profile to edit, with the columns of LOG that other loggers' profiles know",
+        help="write a profile to edit, with the columns of LOG that names, units and values tell",
     )
     check.add_argument(
         "--seconds",
@@ -158,8 +158,8 @@ def _check_table(args: argparse.Namespace) -> int:
 
 def _write_profile(args: argparse.Namespace) -> int:
     from monitor.base.outputs import write_text
-    from monitor.frames.profiles.proposal import proposed
     from monitor.frames.tables.readers import open_table
+    from monitor.mapping.profile_proposal import proposed
 
     if not args.log:
         raise UsageError("--write-profile needs a LOG")

@@ -129,21 +129,21 @@ def _candidate(name: str, meaning: Meaning, message: Message, signal: Signal) ->
 def _name(meaning: Meaning, message: Message, signal: Signal) -> tuple[float, str]:
     """Return how sure names and comment are, and the one that says most."""
     words = words_of(own_name(message, signal))
-    if _is_other(meaning, words):
+    if is_other(meaning, words):
         return 0.0, ""
     sure, why = match(meaning.phrases, words), f"its name says {signal.name}"
     both = 0.85 * match(meaning.phrases, words + words_of(message.name))
-    if both > sure and not _is_other(meaning, words_of(message.name)):
+    if both > sure and not is_other(meaning, words_of(message.name)):
         sure, why = both, f"its name and its message say {message.name} {signal.name}"
     if signal.comment:
         comment = words_of(signal.comment)
         told = 0.8 * match(meaning.phrases, comment)
-        if told > sure and not _is_other(meaning, comment):
+        if told > sure and not is_other(meaning, comment):
             sure, why = told, f"its comment says {_short(signal.comment)}"
     return sure, why
 
 
-def _is_other(meaning: Meaning, words: tuple[str, ...]) -> bool:
+def is_other(meaning: Meaning, words: tuple[str, ...]) -> bool:
     """Return whether the words name another quantity, a limit or a state."""
     if meaning.never.intersection(words):
         return True
@@ -173,7 +173,7 @@ def _of_one_sensor(candidate: Candidate) -> Candidate:
     """Return the candidate, blocked if it belongs to another sensor than the upstream one."""
     own = own_name(candidate.message, candidate.signal)
     texts = (own, candidate.message.name, candidate.signal.comment or "")
-    reason = _elsewhere(texts)
+    reason = elsewhere(texts)
     if reason:
         return replace(candidate, blocked=reason)
     if any(_UPSTREAM.search(_spaced(text)) for text in texts):
@@ -183,7 +183,7 @@ def _of_one_sensor(candidate: Candidate) -> Candidate:
     return candidate
 
 
-def _elsewhere(texts: tuple[str, ...]) -> str:
+def elsewhere(texts: tuple[str, ...]) -> str:
     """Return why a signal is not of the upstream sensor of bank 1, "" if nothing says so."""
     for text in texts:
         spaced = _spaced(text)

@@ -26,9 +26,10 @@ class Choice:
     column: int
 
 
-def _target(name: str, profile: Profile) -> Unit | None:
+def target_of(name: str, stoich_afr: float) -> Unit | None:
+    """Return the unit of a canonical signal, None if loggers have none for it."""
     canonical = BY_NAME[name].unit
-    return unit_of(_TARGETS.get(canonical, canonical), profile.stoich_afr)
+    return unit_of(_TARGETS.get(canonical, canonical), stoich_afr)
 
 
 class Setting:
@@ -72,12 +73,12 @@ class Setting:
 
 def _fits(profile: Profile, choice: Choice, cells: FloatArray, place: int) -> bool:
     """Return whether a unit gives plausible values."""
-    source, target = choice.source, _target(choice.name, profile)
+    source, target = choice.source, target_of(choice.name, profile.stoich_afr)
     unit = unit_of(source.units[min(place, len(source.units) - 1)], profile.stoich_afr)
     if unit is None or target is None or not np.isfinite(cells).any():
         return True
     low, high = plausible_range(choice.name)
-    middle = float(np.nanmedian(_scaled(cells, unit, target) * source.factor + source.offset))
+    middle = float(np.nanmedian(scaled(cells, unit, target) * source.factor + source.offset))
     return low <= middle <= high
 
 
@@ -86,7 +87,8 @@ def stated_texts(column: RawColumn) -> tuple[str, str]:
     return column.unit, name_and_unit(column.name)[1]
 
 
-def _scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
+def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
+    """Return values in another unit of the same quantity."""
     factor, offset = conversion(unit, target)
     return cells if factor == 1.0 and offset == 0.0 else cells * factor + offset
 
@@ -96,15 +98,15 @@ def converted(
 ) -> tuple[FloatArray, str]:
     """Return the values in the signal's unit, and the logger's unit in words."""
     canonical = BY_NAME[choice.name].unit
-    target = _target(choice.name, profile)
+    target = target_of(choice.name, profile.stoich_afr)
     if target is None:
         return cells, column.unit
     for text in stated_texts(column):
         unit = unit_of(text, profile.stoich_afr)
         if unit is not None and unit.quantity == target.quantity and text != "-":
-            return _scaled(cells, unit, target), text
+            return scaled(cells, unit, target), text
     text = setting.unit(choice.source)
     unit = unit_of(text, profile.stoich_afr)
     if unit is not None and unit.quantity == target.quantity:
-        return _scaled(cells, unit, target), text
+        return scaled(cells, unit, target), text
     return cells, canonical

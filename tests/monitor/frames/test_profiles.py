@@ -18,11 +18,11 @@ from monitor.frames.profiles.profile import (
     shipped_profile,
     tree_of,
 )
-from monitor.frames.profiles.proposal import proposed
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.tables.readers import open_table
 from monitor.grid.table_samples import table_block
 from monitor.grid.tables import Table, read_table, table_period_ns
+from monitor.mapping.profile_proposal import proposed
 from monitor.report.check_table import check_table
 from tests.helpers.logger_files import Field, drive, write_mlg, write_text_table
 
@@ -241,27 +241,36 @@ def test_a_logger_that_nobody_knows_is_one_toml_file_and_no_code(tmp_path: Path)
         "Zeit": D["t_s"],
         "Drehzahl": D["rpm"],
         "Saugrohrdruck [bar]": D["map_kpa"] / 100.0,
-        "Lambdasonde": LAMBDA,
+        "Lambda": LAMBDA,
+        "Öltemperatur [°C]": np.full(len(LAMBDA), 90.0),
+        "Luftmasse [%]": np.full(len(LAMBDA), 20.0),
+        "DK": D["map_kpa"],
     }
     path = write_text_table(tmp_path / "neu.csv", columns, separator=";", comma=True)
     with pytest.raises(RecordingError, match=r"no profile knows its columns .*--write-profile"):
         read_table(path)
-    # WHEN the proposal is edited as it says
+    # WHEN a profile is proposed, THEN it has the columns whose words, unit and values agree
     draft = "\n".join(proposed(open_table(path)))
-    assert '# "Drehzahl" 20' in draft
     assert 'time = ["Zeit"]' in draft
+    assert '# "Öltemperatur [°C]" 90 to 90' in draft
+    assert '# "Luftmasse [%]" 20 to 20' in draft
+    # AND it is edited as it says
     mine = tmp_path / "neu.toml"
     mine.write_text(
-        draft.replace("[signals]", '[signals]\nlambda_measured = "Lambdasonde"')
-        .replace('# engine_speed_rpm = { column = ""', 'engine_speed_rpm = { column = "Drehzahl"')
-        .replace(
-            '# manifold_pressure_kpa = { column = ""',
-            'manifold_pressure_kpa = { column = "Saugrohrdruck"',
+        draft.replace(
+            '# ambient_temperature_degc = { column = ""',
+            'ambient_temperature_degc = { column = "Öltemperatur [°C]"',
         )
     )
     # THEN the file is read
     table = read_table(path, mine)
-    assert table.names == ("manifold_pressure_kpa", "lambda_measured", "engine_speed_rpm")
+    assert set(table.names) == {
+        "manifold_pressure_kpa",
+        "lambda_measured",
+        "engine_speed_rpm",
+        "throttle_percent",
+        "ambient_temperature_degc",
+    }
     np.testing.assert_allclose(column(table, "manifold_pressure_kpa"), D["map_kpa"], rtol=1e-4)
 
 

@@ -1,24 +1,32 @@
 """A profile to edit, for a logger that no shipped profile knows.
 
-Columns whose names shipped profiles know are proposed; all others stand in comments with their unit
-and range, so that the user sees what there is.
+Columns whose names shipped profiles know are proposed, and columns whose words, unit and values say
+which signal they are. All others stand in comments with their unit and range, so that the user sees
+what there is.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
-from monitor.base.signals import SIGNALS
+from monitor.base.signals import SIGNALS, plausible_range
 from monitor.base.types import FloatArray
+from monitor.frames.profiles.conversion import scaled, stated_texts, target_of
 from monitor.frames.profiles.profile import Source, shipped, shipped_profile
 from monitor.frames.profiles.recognition import key, keys_of
+from monitor.frames.profiles.units import unit_of
 from monitor.frames.tables.dialect import name_and_unit
-from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
+from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
+from monitor.mapping.candidates import elsewhere, is_other
+from monitor.mapping.meanings import MEANINGS, OF_ONE_SENSOR
+from monitor.mapping.proposal import SURE
+from monitor.mapping.scaling import STOICHIOMETRIC
+from monitor.mapping.vocabulary import match, words_of
 
 _ENOUGH = 6  # columns to know a logger by
 _OWN = 3  # of these, columns that no shipped profile knows: others may be another logger's, too
-_TIMES = ("time", "timestamp", "seconds", "elapsedtime", "logtime", "devicetime")
+_TIMES = ("time", "timestamp", "zeit", "seconds", "elapsedtime", "logtime", "devicetime")
 
 
 def proposed(raw: RawTable) -> Iterator[str]:
@@ -34,6 +42,9 @@ def proposed(raw: RawTable) -> Iterator[str]:
             if each in known and known[each][0] not in found:
                 found[known[each][0]] = column.name, known[each][1]
     times = _time_columns(raw, cells)
+    taken = {column for column, _ in found.values()} | set(times)
+    for name, column in _by_words(raw, cells, taken, [n for n in names if n not in found]):
+        found[name] = column, Source(column=column)
     yield f'title = "{raw.path.stem}"'
     yield "# stoich_afr = 14.7   # of the fuel: 9.0 for E85"
     yield f"time = [{', '.join(map(_quoted, times))}]{'' if times else '   # which column?'}"
@@ -67,6 +78,46 @@ def _known_names() -> dict[str, tuple[str, Source]]:
             for source in sources:
                 known.setdefault(key(source.column), (signal, source))
     return known
+
+
+def _by_words(
+    raw: RawTable, cells: FloatArray, taken: Collection[str], wanted: Sequence[str]
+) -> Iterator[tuple[str, str]]:
+    """Yield signals and the columns that name them; none where two columns do so equally well."""
+    free = [i for i, column in enumerate(raw.columns) if column.name and column.name not in taken]
+    sure = [
+        (_sureness(name, raw.columns[i], cells[:, i]), name, raw.names[i])
+        for name in wanted
+        if name in MEANINGS
+        for i in free
+    ]
+    done: set[str] = set()
+    for confidence, name, column in sorted(sure, reverse=True):
+        if confidence < SURE:
+            return
+        rivals = [c for c, n, other in sure if n == name and other != column and c == confidence]
+        if not done & {name, column} and not rivals:
+            yield name, column
+        done |= {name, column}
+
+
+def _sureness(name: str, column: RawColumn, cells: FloatArray) -> float:
+    """Return how sure a column's words are of a signal, 0 if its unit or values are others."""
+    meaning, text = MEANINGS[name], name_and_unit(column.name)[0]
+    words = words_of(text)
+    if is_other(meaning, words) or any(word.isdigit() and int(word) > 1 for word in words):
+        return 0.0
+    if name in OF_ONE_SENSOR and elsewhere((text,)):
+        return 0.0
+    target = target_of(name, STOICHIOMETRIC)
+    stated = [unit for each in stated_texts(column) if (unit := unit_of(each, STOICHIOMETRIC))]
+    unit = stated[0] if stated else target
+    known = cells[np.isfinite(cells)]
+    if target is None or unit is None or unit.quantity != target.quantity or not len(known):
+        return 0.0
+    low, high = plausible_range(name)
+    is_plausible = low <= float(np.median(scaled(known, unit, target))) <= high
+    return match(meaning.phrases, words) if is_plausible else 0.0
 
 
 def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:
