@@ -43,8 +43,8 @@ def proposed(raw: RawTable) -> Iterator[str]:
                 found[known[each][0]] = column.name, known[each][1]
     times = _time_columns(raw, cells)
     taken = {column for column, _ in found.values()} | set(times)
-    for name, column in _by_words(raw, cells, taken, [n for n in names if n not in found]):
-        found[name] = column, Source(column=column)
+    for name, named in _by_words(raw, cells, taken, [n for n in names if n not in found]):
+        found[name] = named, Source(column=named)
     yield f'title = "{raw.path.stem}"'
     yield "# stoich_afr = 14.7   # of the fuel: 9.0 for E85"
     yield f"time = [{', '.join(map(_quoted, times))}]{'' if times else '   # which column?'}"
