@@ -26,11 +26,13 @@ SENSOR: Final = (
     "timing",
     "lag",
     "response",
+    "swing",
 )  # what a faulty sensor does
 SIMPLE: Final = (
     *("offset", "gain", "timing", "lag", "response"),
     *("level", "dynamic", "timing with", "gain with"),
 )
+WEAK: Final = ("size", "swing")  # no description as long as there is another
 SHIFTS: Final = ("timing", "lag", "response", "timing with", "gain", "gain with")
 
 
@@ -38,7 +40,7 @@ SHIFTS: Final = ("timing", "lag", "response", "timing with", "gain", "gain with"
 class Finding:
     """One question with its answer."""
 
-    kind: str  # of the family, "size" or "begins"
+    kind: str  # of the family, "size", "swing" or "begins"
     driver: str  # "" for the reading as a whole
     z: float
     p_value: float  # of all questions together
@@ -57,7 +59,7 @@ class Difference:
 
     findings: tuple[Finding, ...]
     best: Finding | None  # None if nothing is beyond chance
-    response: Response | None  # where the best is a shift or a gain
+    response: Response | None  # where the best is a shift, a gain or a swing
     curve: Curve | None  # where the best is a level
 
     @property
@@ -113,6 +115,8 @@ def difference_of(
     found, response, curve = first.finding, None, None
     if first.family is not None and found.kind in SHIFTS:
         response = response_of(first.runs)
+    if found.kind == "swing":
+        response = Response(float(np.exp(first.trial.swing)), 0.0, 0.0)
     if first.family is not None and found.kind == "level":
         curve = curve_of(first.family, first.trial.held[first.number], first.runs)
     sentence = _sentence(first, response, curve, unit)
@@ -123,19 +127,19 @@ def difference_of(
 def _described_by(ranked: Sequence[_Place]) -> _Place | None:
     """Return the finding that describes the difference; None if nothing is beyond chance.
 
-    Of the findings that are about as sure as the surest, by the same reference, the one that
+    Of the findings that are about as sure as the surest, by either reference, the one that
     explains most of runs that it did not see; a simpler one that explains nearly as much goes
-    first. That the error is larger is no description as long as there is another.
+    first. That the error is larger, or that the reading moves less, is no description as long as
+    there is another.
     """
     significant = [p for p in ranked if p.finding.significant]
     if not significant:
         return None
-    surest = next((p for p in significant if p.finding.kind != "size"), significant[0])
+    surest = next((p for p in significant if p.finding.kind not in WEAK), significant[0])
     near = [
         p
         for p in ranked
         if p.family is not None
-        and p.trial is surest.trial
         and p.finding.p_value < LIMITS.likely
         and p.finding.z >= LIMITS.sure * surest.finding.z
     ]
@@ -171,6 +175,7 @@ def _asked(
             for i, (f, h, z) in enumerate(zip(families, trial.held, trial.z, strict=True))
         ),
         place(None, abs(trial.z_size), "size", 0.0, -1),
+        place(None, abs(trial.z_swing), "swing", 0.0, -1),
         place(None, abs(trial.z_begin), "begins", 0.0, -1),
     ]
 
@@ -178,6 +183,8 @@ def _asked(
 def _sentence(place: _Place, response: Response | None, curve: Curve | None, unit: str) -> str:
     found, of = place.finding, unit or "phi"
     words = WORDS.get(found.driver, found.driver.replace("_", " "))
+    if found.kind in _OF_RUNS:
+        return _OF_RUNS[found.kind](place, of)
     if response is not None:
         more = f", changing with the {words}" if found.driver else ""
         return f"The reading follows that of the healthy vehicle {response.words}{more}."
@@ -187,8 +194,6 @@ def _sentence(place: _Place, response: Response | None, curve: Curve | None, uni
         per = UNITS.get(found.driver, "unit")
         size = f"{curve.slope:+.3g} {of} per {per}" if straight else "not in proportion"
         return f"The reading changes with the {words}: {size}, {low:+.3g} to {high:+.3g} {of}."
-    if found.kind in _OF_RUNS:
-        return _OF_RUNS[found.kind](place, of)
     if found.kind == "dynamic":
         s = past_s(place.trial.held[place.number], place.runs[0].period_s)
         after = f"half of it is gone after {s:.1f} s"
@@ -207,12 +212,18 @@ def _size(place: _Place, of: str) -> str:
     return f"The error is {side} than on healthy runs."
 
 
+def _swing(place: _Place, of: str) -> str:
+    percent = 100.0 * float(np.expm1(place.trial.swing))
+    side = "more" if percent > 0.0 else "less"
+    return f"The reading moves {abs(percent):.0f} % {side} than that of a healthy vehicle."
+
+
 def _offset(place: _Place, of: str) -> str:
     off = float(place.trial.held[place.number].coefficients[0])
     return f"The reading is {off:+.3g} {of} off everywhere."
 
 
-_OF_RUNS: Final = {"begins": _begins, "size": _size, "offset": _offset}
+_OF_RUNS: Final = {"begins": _begins, "size": _size, "swing": _swing, "offset": _offset}
 _PLAIN: Final = {
     "gain": "The reading moves more or less than in proportion",
     "timing": "The reading comes earlier or later",

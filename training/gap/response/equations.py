@@ -2,7 +2,7 @@
 
 The relation that healthy runs have with the columns is taken away first, every healthy run's by the
 others. The fit of the new runs is held against each run: for a new one it comes from the other new
-runs. A run's *slope* is the part of its error along that fit, 1 where the run has all of it.
+runs. A run's *slope* is the part of the fit that its error has, 1 where it has all of it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,6 +20,8 @@ from training.greybox.fit.comparison import BLOCK_S, Comparison
 MEMORY: Final = 2  # past errors that whiten one
 RIDGE: Final = 1e-3  # of the mean diagonal
 NOTHING: Final = 1e-20  # of a sum of squares: the runs do not move the columns
+TINY: Final = 1e-100
+LEAST: Final = 1e-9  # of the runs' mean power, at which a run's slope is unknown
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,22 +119,31 @@ class Held:
         own = np.isin(self.run, self.new)
         return float((2.0 * self.cross - self.power)[own].sum())
 
-    def slopes(self, runs: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return each run's slope and its variance from block to block."""
-        each = [self.run == r for r in runs]
-        size = float(np.mean([self.power[own].sum() for own in each]))
-        if size < NOTHING:
+    def slopes(self) -> tuple[FloatArray, FloatArray]:
+        """Return each run's slope, new ones first, and its variance from block to block.
+
+        A run that moves the fit little has a slope that is little known. How much blocks differ
+        for their power is the same in all runs: one run may have the power in a single block.
+        """
+        runs = np.concatenate([self.new, self.healthy])
+        own = (self.run == runs[:, np.newaxis]).astype(np.float64)  # (n_runs, n_blocks)
+        power = own @ self.power
+        if power.mean() < NOTHING:
             return np.zeros(len(runs)), np.ones(len(runs))
-        slope = np.array([self.cross[own].sum() for own in each]) / size
-        within = [
-            float(((self.cross[own] - self.cross[own].mean()) ** 2).sum()) / size**2 for own in each
-        ]
-        return slope, np.array(within)
+        power = np.maximum(power, LEAST * power.mean())
+        slope = own @ self.cross / power
+        rest = (self.cross - slope @ own * self.power)[own.any(axis=0)]
+        return slope, rest @ rest / power.sum() / power
 
     @property
     def t(self) -> float:
-        """Return t of the new runs' slopes above those of the healthy ones."""
-        return two_sided(*self.slopes(self.new), *self.slopes(self.healthy))
+        """Return t of the new runs' slopes above those of the healthy ones.
+
+        Each pair of new runs counts twice, once as fit and once as run, so the mean of the new
+        slopes has twice the variance of a mean of independent ones.
+        """
+        (slope, within), n = self.slopes(), len(self.new)
+        return two_sided(slope[:n], within[:n], slope[n:], within[n:], times=2.0)
 
 
 def hold(equations: Equations, new: IntArray, healthy: IntArray) -> Held:
@@ -174,24 +185,32 @@ def _sum(sums: Mapping[int, FloatArray], runs: Sequence[int]) -> FloatArray:
 
 
 def two_sided(
-    new: FloatArray, within_new: FloatArray, healthy: FloatArray, within_healthy: FloatArray
+    new: FloatArray,
+    within_new: FloatArray,
+    healthy: FloatArray,
+    within_healthy: FloatArray,
+    *,
+    times: float = 1.0,
 ) -> float:
     """Return t of the difference of two groups of runs.
 
     A run weighs by its variance from block to block and the variance from run to run beyond that.
     The spread is never less than blocks within runs alone would give: few runs may be alike by
     chance. Source: DerSimonian and Laird, Controlled Clinical Trials 7 (1986).
+
+    times : of the variance of the new runs' mean, where their values are not independent
     """
-    n, m = len(new), len(healthy)
-    squares = float(((new - new.mean()) ** 2).sum() + ((healthy - healthy.mean()) ** 2).sum())
-    within = float(np.concatenate([within_new, within_healthy]).mean())
-    between = max(squares / max(n + m - 2, 1) - within, 0.0)
-    sides = []
-    for slopes, within_run in ((new, within_new), (healthy, within_healthy)):
-        weight = 1.0 / np.maximum(within_run + between, 1e-300)
-        sides.append((float(slopes @ weight / weight.sum()), float(1.0 / weight.sum())))
-    (here, own), (there, other) = sides
-    return (here - there) / max(float(np.sqrt(own + other)), 1e-300)
+    groups = ((new, np.maximum(within_new, TINY)), (healthy, np.maximum(within_healthy, TINY)))
+    squares = spread = 0.0
+    for values, within in groups:
+        weight = 1.0 / within
+        squares += float(weight @ (values - weight @ values / weight.sum()) ** 2)
+        spread += float(weight.sum() - weight @ weight / weight.sum())
+    between = max((squares - (len(new) + len(healthy) - 2)) / max(spread, TINY), 0.0)
+    weights = [1.0 / (within + between) for _, within in groups]
+    here, there = (float(w @ v / w.sum()) for w, (v, _) in zip(weights, groups, strict=True))
+    variance = times / weights[0].sum() + 1.0 / weights[1].sum()
+    return (here - there) / float(np.sqrt(variance))
 
 
 def _solve(gram: FloatArray, right: FloatArray) -> FloatArray:

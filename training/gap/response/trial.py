@@ -1,4 +1,4 @@
-"""The same questions of every set of runs: which family, the error's size, a change between runs.
+"""The same questions of every set of runs: families, the error's size, movement, a change of runs.
 
 The null is what the same questions answer for healthy runs that take the part of new ones.
 """
@@ -16,10 +16,13 @@ from monitor.base.types import FloatArray, IntArray
 from training.gap.response.equations import Blocks, Equations, Held, hold, two_sided
 from training.gap.response.families import Family
 from training.gap.response.reference import Spread
+from training.gap.response.regressors import lagged
 from training.greybox.fit.comparison import Comparison
 
 SETS: Final = 60  # of healthy runs that take the part of new ones
 PART: Final = 3  # one healthy run in so many does, at most
+MOVEMENT_S: Final = 3.0  # over which the reading moves; a slower change is a level
+FLOOR: Final = 0.3  # spreads, below which a movement counts as this
 LOG_HALF: Final = float(np.log(0.5))
 
 
@@ -30,13 +33,17 @@ class Trial:
     held: tuple[Held, ...]  # of each family
     z: FloatArray  # (n_families,)
     z_size: float  # of the logarithm of the squared error; its sign is that of the change
+    z_swing: float  # of the logarithm of how much the reading moves
+    swing: float  # that logarithm, above the one of healthy runs
     z_begin: float  # of an offset that begins with a run
     begins: int  # the new run, 0 for the first
 
     @property
     def largest(self) -> float:
         """Return the largest of all."""
-        return max(float(self.z.max(initial=0.0)), abs(self.z_size), abs(self.z_begin))
+        return max(
+            float(self.z.max(initial=0.0)), *map(abs, (self.z_size, self.z_swing, self.z_begin))
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +53,7 @@ class Questions:
     families: tuple[Family, ...]
     equations: tuple[Equations, ...]
     size: FloatArray  # (n_blocks,) logarithm of the mean squared error
+    swing: FloatArray  # (n_blocks,) mean logarithm of movement over that of a healthy vehicle
     level: FloatArray  # (n_blocks,) mean error
     run: IntArray  # (n_blocks,)
     n_new: int
@@ -62,17 +70,19 @@ class Questions:
         runs = [*new, *healthy]
         blocks = Blocks.of(new, healthy, spread)
         white = [blocks.white(r.residual, i) for i, r in enumerate(runs)]
-        means, sizes = [], []
+        means, sizes, swings = [], [], []
         for r, own, rows, number in zip(
             runs, blocks.spread, blocks.rows, blocks.number, strict=True
         ):
             count, error = np.bincount(number), (r.residual / own)[rows]
             means.append(np.bincount(number, error) / count)
+            swings.append(np.bincount(number, swing(r, own)[rows]) / count)
             sizes.append(np.log(np.bincount(number, error**2) / count + 1e-300))
         return cls(
             families=tuple(families),
             equations=tuple(Equations.of(f, white, blocks) for f in families),
             size=np.concatenate(sizes),
+            swing=np.concatenate(swings),
             level=np.concatenate(means),
             run=blocks.run,
             n_new=len(new),
@@ -91,6 +101,8 @@ class Questions:
             held=held,
             z=np.array([as_normal(h.t, freedom) for h in held]),
             z_size=self._apart(self.size, new, healthy),
+            z_swing=self._apart(self.swing, new, healthy),
+            swing=self._mean(self.swing, new) - self._mean(self.swing, healthy),
             z_begin=z_begin,
             begins=at,
         )
@@ -110,6 +122,9 @@ class Questions:
             sets = [np.sort(rng.permutation(healthy)[:n]) for _ in range(SETS)]
         return np.array([self.ask(s, np.setdiff1d(healthy, s)).largest for s in sets])
 
+    def _mean(self, values: FloatArray, runs: IntArray) -> float:
+        return float(np.mean([values[self.run == r].mean() for r in runs]))
+
     def _apart(self, values: FloatArray, new: IntArray, healthy: IntArray) -> float:
         """Return t of the mean of block values between groups of runs."""
         groups = []
@@ -120,6 +135,19 @@ class Questions:
                 np.array([x.var() / len(x) for x in own]),
             ]
         return as_normal(two_sided(*groups), len(new) + len(healthy) - 2)
+
+
+def swing(run: Comparison, spread: FloatArray) -> FloatArray:
+    """Return the logarithm (n,) of how much a reading moves over how much a healthy one would.
+
+    A gain shows in it also where the reading follows the healthy one badly.
+
+    spread : (n,) of the healthy error, which moves the reading too
+    """
+    moves, healthy = (
+        x - lagged(x, MOVEMENT_S, run.period_s) for x in (run.phi_measured, run.phi_predicted)
+    )
+    return np.asarray(np.log(np.hypot(moves, FLOOR * spread)) - np.log(np.hypot(healthy, spread)))
 
 
 def as_normal(t: float, freedom: int) -> float:

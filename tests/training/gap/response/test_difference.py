@@ -97,3 +97,14 @@ def test_an_offset_that_begins_with_a_run_names_the_run(
     assert answer.like_sensor
     assert answer.best is not None
     assert "From run 14 on the reading is +0.03" in answer.best.sentence
+
+
+def test_a_gain_shows_in_how_much_a_reading_moves(
+    healthy: References, new: list[Comparison]
+) -> None:
+    readings = [1.0 + 0.7 * (r.phi_measured - 1.0) for r in new]
+    swing = next(f for f in found(new, readings, healthy).findings if f.kind == "swing")
+    assert swing.significant
+    percent = int(swing.sentence.removeprefix("The reading moves ").split(" %")[0])
+    assert percent == pytest.approx(30, abs=8)
+    assert swing.sentence.endswith("less than that of a healthy vehicle.")
