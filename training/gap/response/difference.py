@@ -32,7 +32,7 @@ SIMPLE: Final = (
     *("offset", "gain", "timing", "lag", "response"),
     *("level", "dynamic", "timing with", "gain with"),
 )
-WEAK: Final = ("size", "swing")  # no description as long as there is another
+LAST: Final = {"swing": 1, "size": 2}  # kinds that describe a difference if no other does
 SHIFTS: Final = ("timing", "lag", "response", "timing with", "gain", "gain with")
 
 
@@ -129,13 +129,13 @@ def _described_by(ranked: Sequence[_Place]) -> _Place | None:
 
     Of the findings that are about as sure as the surest, by either reference, the one that
     explains most of runs that it did not see; a simpler one that explains nearly as much goes
-    first. That the error is larger, or that the reading moves less, is no description as long as
+    first. That the reading moves less, or that the error is larger, is no description as long as
     there is another.
     """
     significant = [p for p in ranked if p.finding.significant]
     if not significant:
         return None
-    surest = next((p for p in significant if p.finding.kind not in WEAK), significant[0])
+    surest = min(significant, key=lambda p: (LAST.get(p.finding.kind, 0), -p.finding.z))
     near = [
         p
         for p in ranked
