@@ -30,9 +30,11 @@ SIMULATED = {  # stem -> options; CAN logs
     "other1": "--seed 13",
     "late1": "--seed 14 --fault delay_rich_to_lean=0.6",
     "old1": "--seed 15",
-    "old2": "--seed 16",
+    "old2": "--seed 16 --cycle wltc_3b",
+    "old3": "--seed 19 --cycle us06",
     "new1": "--seed 17 --effect wall_film=4",
-    "new2": "--seed 18 --effect wall_film=4",
+    "new2": "--seed 18 --effect wall_film=4 --cycle wltc_3b",
+    "new3": "--seed 20 --effect wall_film=4 --cycle us06",
 }
 RENAMED = {  # columns of a recording with other names
     "engine_speed_rpm": "speed",
