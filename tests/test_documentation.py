@@ -81,6 +81,7 @@ def test_every_command_of_the_documentation_exists_with_its_options(
 
 def test_a_wrong_option_is_refused() -> None:
     assert "unrecognized arguments" in parse("o2mon replay drive.log --colour red")
+    assert "did you mean --memory?" in parse("o2mon replay drive.log --memry car.db")
 
 
 def test_installations_take_the_repository_and_extras_that_exist() -> None:

@@ -10,7 +10,8 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Final, TextIO
+from difflib import get_close_matches
+from typing import Any, Final, TextIO
 
 from monitor.base import option_paths, verbosity
 from monitor.base.errors import O2Error
@@ -21,6 +22,19 @@ INTERRUPTED: Final = 130
 BROKEN_PIPE: Final = 141
 _LONGEST: Final = 2000  # characters of an error
 _OWN: Final = ("monitor", "training", "dbc")
+
+
+class Subcommand(argparse.ArgumentParser):
+    """The parser of a subcommand: an unknown option is shown beside its own usage."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: D102
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            known = [option for action in self._actions for option in action.option_strings]
+            alike = get_close_matches(unknown[0], known, 1)
+            advice = f"; did you mean {alike[0]}?" if alike else ""
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{advice}")
+        return found, unknown
 
 
 def run(

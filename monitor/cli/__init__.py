@@ -4,6 +4,7 @@ import argparse
 import os
 from collections.abc import Sequence
 
+from monitor.base.command import Subcommand
 from monitor.base.command import run as run_command
 
 
@@ -27,7 +28,9 @@ def _parser(arguments: Sequence[str] | None) -> argparse.ArgumentParser:
         prog="o2mon", description="Monitor of the upstream wideband oxygen sensor."
     )
     parser.add_argument("--version", action="version", version=f"o2mon {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="command", dest="command")
+    commands = parser.add_subparsers(
+        required=True, metavar="command", dest="command", parser_class=Subcommand
+    )
     named = next((word for word in arguments or () if not word.startswith("-")), None)
     for name, command in {
         "replay": replay,

@@ -147,7 +147,7 @@ def _check_table(args: argparse.Namespace) -> int:
         say(line)
     if args.model is None and is_of_logger(args.log, args.columns):
         say(advice(result))
-        return NOT_JUDGED if result.missing([OUTPUT]) else 0
+        return NOT_JUDGED if result.missing([OUTPUT]) or result.is_output_pinned else 0
     setup = set_up(args, judges=False)
     missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
     _say_verdict(missing, [])

@@ -27,6 +27,7 @@ WORTH: Final = {
     "coolant_temperature_degc": "a cold engine cannot be told from a warm one",
     "battery_voltage_v": "the injectors' dead time depends on it",
 }
+SLOWEST_S: Final = 10.0  # between rows; no logger of a drive is slower
 _INSTEAD: Final = {"manifold_pressure_kpa": ("air_mass_mg", "maf_kg_h", "load_g_per_rev")}
 
 
@@ -49,6 +50,15 @@ class TableCheck:
         present = self.present
         return [name for name in needed if name not in present]
 
+    @property
+    def is_output_pinned(self) -> bool:
+        """Return whether the sensor's reading stands at an end of its range throughout."""
+        table = self.table
+        if table.pinned is None or OUTPUT not in table.names:
+            return False
+        i = table.names.index(OUTPUT)
+        return bool((table.pinned[:, i] | np.isnan(table.values[:, i])).all())
+
     def lines(self) -> Iterator[str]:
         """Yield the lines of the report."""
         table = self.table
@@ -59,6 +69,8 @@ class TableCheck:
             f"{len(table.t_ns)} rows in {span_s:.1f} s{rate}; "
             f"used on a grid of {table_period_ns(table) / 1e9:g} s"
         )
+        if span_s > SLOWEST_S * (len(table.t_ns) - 1):
+            yield f"note: a row every {span_s / (len(table.t_ns) - 1):.3g} s; are the times in ms?"
         width = max([len("from"), *(len(table.column_of(name)) for name in table.names)])
         yield (
             f"{'signal':<30}{'unit':<11}{'from':<{width}}{'rate':>9}{'minimum':>11}{'median':>11}"
@@ -139,6 +151,8 @@ def advice(check: TableCheck) -> str:
     """Return the commands that a logger's file without a model allows."""
     if OUTPUT not in check.present:
         return f"no {OUTPUT}: neither o2train fit nor o2mon replay can use this log"
+    if check.is_output_pinned:
+        return f"{OUTPUT} stands at an end of its range throughout: nothing to learn from"
     return (
         "o2train fit learns a model from healthy drives like this one; with it, "
         "o2mon check LOG --model MODEL.onnx says whether a log has what the model needs"

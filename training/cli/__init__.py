@@ -34,7 +34,9 @@ def _parser() -> argparse.ArgumentParser:
         prog="o2train", description="Recordings, models and limits for the oxygen sensor monitor."
     )
     parser.add_argument("--version", action="version", version=f"o2train {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="command", dest="command")
+    commands = parser.add_subparsers(
+        required=True, metavar="command", dest="command", parser_class=command.Subcommand
+    )
     modules = (simulate, recordings, check, fit, evaluate, calibrate, study)
     for module in (*modules, tables, gap, gap_study, fleet):
         module.add_parsers(commands)

@@ -186,3 +186,28 @@ def test_a_plug_in_brings_a_reader_in_a_few_lines(
             read_table(path)
     finally:
         readers.plugins.cache_clear()
+
+
+def test_a_log_whose_sensor_was_off_is_nothing_to_learn_from(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a drive whose reading is that of no sensor (AFR 29.4) all along
+    reading = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": ["2.0"] * 300}
+    log = torque(tmp_path / "off.csv", **reading)
+    # WHEN it is checked
+    code = cli.main(["check", str(log)])
+    # THEN nothing can be learned from it, and nothing promises so
+    assert code == 3
+    assert capsys.readouterr().out.splitlines()[-1] == (
+        "lambda_measured stands at an end of its range throughout: nothing to learn from"
+    )
+
+
+def test_times_in_milliseconds_without_their_unit_are_pointed_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = "\n".join(f"{100 * i},{900 + i},1.0" for i in range(5))
+    log = tmp_path / "ms.csv"
+    log.write_text(f"time_s,engine_speed_rpm,lambda_measured\n{rows}\n")
+    cli.main(["check", str(log)])
+    assert "note: a row every 100 s; are the times in ms?" in capsys.readouterr().out
