@@ -18,7 +18,7 @@ from monitor.base.errors import RecordingError
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import scoring, yardstick
 from training.gap.name.base_state import FREE, base_state
-from training.gap.name.contest import beats
+from training.gap.name.contest import beats, leaves_something
 from training.gap.name.decision import Outcome
 from training.gap.name.formula import Formula, formula_of
 from training.gap.name.hypotheses import hypotheses
@@ -85,7 +85,7 @@ def name(
         doubts=_doubts(first.case, known),
     )
     naming, formula = answer(found), Formula()
-    if naming.verdict != "no_gap" or found.rounds:
+    if naming.verdict == "unknown_effect" or leaves_something(first, found):
         formula = formula_of(first, progress)
     if naming.verdict != "unknown_effect" and beats(first, formula, found):
         unknown = Outcome("unknown_effect", found.first)
