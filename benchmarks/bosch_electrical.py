@@ -10,15 +10,14 @@ FOLDER holds the runs of the engine; one run trains and all others are judged.
 """
 
 import argparse
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from bosch import MASK, OUTPUT
-from bosch_verdicts import fit, split_of
+from bosch import OUTPUT
+from bosch_verdicts import model_of, split_of
 
 from monitor.base import config
 from monitor.base.types import FloatArray
@@ -71,13 +70,8 @@ def main() -> None:
     parser.add_argument("--budget", default="0.6")
     args = parser.parse_args()
     split, settings = args.split, config.load()
-    with tempfile.TemporaryDirectory() as name:
-        columns = Path(name) / "columns.toml" if split.has_cut else None
-        if columns:
-            columns.write_text(MASK)
-        path = args.model or Path(name) / "bosch.onnx"
-        if not args.model:
-            fit(args.folder, split, columns, args.budget, path)
+    given = args.folder, split, args.model, args.budget
+    with model_of(*given, masks=split.has_cut) as (path, columns):
         model = Model.load(path)
         limits = Limits.from_card(model.card, settings, str(path))
         files = [args.folder / f"run_{run:06d}.csv.gz" for run in split.test]

@@ -23,7 +23,8 @@ reading is moved towards its prediction by this share of the residual, and the l
 import argparse
 import tempfile
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -185,6 +186,24 @@ def _line(title: str, count: dict[str, int], n: int, names: str) -> str:
     return f"| {title} | {' | '.join(cells)} | {names or '-'} |"
 
 
+@contextmanager
+def model_of(
+    folder: Path, split: Split, given: Path | None, budget: str, *, masks: bool
+) -> Iterator[tuple[Path, Path | None]]:
+    """Give the model's file, fitted to the split unless one is given, and the columns' map.
+
+    masks : whether fuel cuts are left out
+    """
+    with tempfile.TemporaryDirectory() as name:
+        columns = Path(name) / "columns.toml" if masks else None
+        if columns:
+            columns.write_text(MASK)
+        path = given or Path(name) / "bosch.onnx"
+        if not given:
+            fit(folder, split, columns, budget, path)
+        yield path, columns
+
+
 def main() -> None:
     """Fit unless a model is given, then judge the runs left out."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -197,14 +216,8 @@ def main() -> None:
     parser.add_argument("--no-mask", action="store_true", help="judge fuel cuts as any driving")
     args = parser.parse_args()
     split, settings = args.split, config.load()
-    with tempfile.TemporaryDirectory() as name:
-        masks = split.has_cut and not args.no_mask
-        columns = Path(name) / "columns.toml" if masks else None
-        if columns:
-            columns.write_text(MASK)
-        path = args.model or Path(name) / "bosch.onnx"
-        if not args.model:
-            fit(args.folder, split, columns, args.budget, path)
+    masks = split.has_cut and not args.no_mask
+    with model_of(args.folder, split, args.model, args.budget, masks=masks) as (path, columns):
         model = Model.load(path)
 
         def recording_of(run: int) -> Recording:
