@@ -35,6 +35,15 @@ def check(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) ->
             written.append(path)
 
 
+def check_new(path: Path, *, force: bool) -> None:
+    """Raise UsageError if a file stands where one to edit by hand is to be written.
+
+    force : overwrite it
+    """
+    if path.exists() and not (force or is_stream(path)):
+        raise UsageError(f"{path}: is there already; --force overwrites it")
+
+
 def _check_place(path: Path) -> None:
     folder = path.resolve().parent
     if not folder.is_dir():

@@ -60,6 +60,9 @@ def add(commands: Any) -> None:
         help="write a profile to edit, with the columns of LOG that names, units and values tell",
     )
     check.add_argument(
+        "--force", action="store_true", help="overwrite an existing file of --write-profile"
+    )
+    check.add_argument(
         "--seconds",
         type=positive,
         metavar="S",
@@ -157,12 +160,13 @@ def _check_table(args: argparse.Namespace) -> int:
 
 
 def _write_profile(args: argparse.Namespace) -> int:
-    from monitor.base.outputs import write_text
+    from monitor.base.outputs import check_new, write_text
     from monitor.frames.tables.readers import open_table
     from monitor.mapping.profile_proposal import proposed
 
     if not args.log:
         raise UsageError("--write-profile needs a LOG")
+    check_new(args.write_profile, force=args.force)
     write_text(args.write_profile, "\n".join(proposed(open_table(args.log))) + "\n")
     say(
         f"{args.write_profile}: a profile to edit; try it with "

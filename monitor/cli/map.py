@@ -44,7 +44,7 @@ def add(commands: Any) -> None:
 
 def _map(args: argparse.Namespace) -> int:
     from monitor.base.errors import UsageError
-    from monitor.base.outputs import write_text
+    from monitor.base.outputs import check_new, write_text
     from monitor.frames.python_can import import_without_mdf
 
     import_without_mdf()
@@ -54,8 +54,8 @@ def _map(args: argparse.Namespace) -> int:
 
     if args.cylinders < 1:
         raise UsageError("--cylinders is at least 1")
-    if args.out and args.out.exists() and not args.force:
-        raise UsageError(f"{args.out}: is there already; --force overwrites it")
+    if args.out:
+        check_new(args.out, force=args.force)
     database, notes = read_database(args.dbc)
     text, proposals = make_map(
         database, args.dbc, log=args.log, cylinders=args.cylinders, notes=notes

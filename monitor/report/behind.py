@@ -5,6 +5,7 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.config import CatalystConfig
+from monitor.base.counts import counted
 from monitor.base.types import FloatArray
 from monitor.grid.tables import Table
 from monitor.judge.catalyst import VOLTAGE
@@ -75,7 +76,7 @@ def _cause(table: Table, activity: RearActivity) -> Cause:
     if not activity.trials:
         advice = f"one sample each {step_s:.2g} s, wanted two a second: log fewer signals"
         return _because(VOLTAGE, "too_slow", advice)
-    advice = f"the front sensor switched {activity.trials} times: record a longer drive"
+    advice = f"the front sensor switched {counted(activity.trials, 'time')}: record a longer drive"
     return _because(VOLTAGE, "undecided", advice)
 
 

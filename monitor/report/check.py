@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from monitor.base.config import Config
+from monitor.base.counts import counted
 from monitor.base.signals import BY_NAME
 from monitor.base.types import Frame, SampleBlock
 from monitor.decode.bus_map import BusMap
@@ -67,8 +68,9 @@ class SignalSeen:
         interval_s = 1.0 / self.rate_hz if self.rate_hz else self.longest_ns / 1e9
         age_s, timeout_s = self.longest_ns / 1e9, self.timeout_ns / 1e9
         return (
-            f"STALE {self.stale} times, values up to {age_s:.3g} s old, timeout_s is {timeout_s:g}"
-            f": set timeout_s = {timeout_of(max(interval_s, age_s / 3.0)):g} in the map"
+            f"STALE {counted(self.stale, 'time')}, values up to {age_s:.3g} s old, "
+            f"timeout_s is {timeout_s:g}: "
+            f"set timeout_s = {timeout_of(max(interval_s, age_s / 3.0)):g} in the map"
         )
 
     def verdict(self, end_ns: int) -> str:
@@ -125,7 +127,7 @@ class CheckResult:
         for name, sources in self.derived.items():
             yield f"{name:<28}made of {', '.join(sources)}"
         bad = ", ".join(f"{reason} {n}" for reason, n in self.rejected.items() if n)
-        yield f"{self.frames} frames" + (f"; rejected: {bad}" if bad else "")
+        yield counted(self.frames, "frame") + (f"; rejected: {bad}" if bad else "")
 
 
 def held_up(recording: OpenRecording, card: ModelCard, config: Config) -> list[Cause]:

@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from monitor.base.counts import counted
 from monitor.judge.fuel_cut import LEVEL
 from monitor.report.elements import plain
-from monitor.report.words import many
 
 WORDS: Final = {
     "delay_rich_to_lean_s": "delay to lean, s",
@@ -41,7 +41,7 @@ def lines(recording: Mapping[str, Any], *, in_detail: bool) -> Iterator[str]:
     test = recording.get("fuel_cut_response")
     if test is None:
         return
-    yield f"fuel-cut response: {verdict(test)}, {many(test['cuts'], 'fuel cut')}"
+    yield f"fuel-cut response: {verdict(test)}, {counted(test['cuts'], 'fuel cut')}"
     if not in_detail and test["verdict"] != "failed":
         return
     for words, measured, predicted, limits, own in rows(recording):

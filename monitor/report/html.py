@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
+from monitor.base.counts import counted
 from monitor.judge.causes import Cause
 from monitor.pipeline.entry import fault_words
 from monitor.report import catalyst, evidence, fuel_cuts
@@ -16,8 +17,8 @@ from monitor.report.words import (
     VERDICTS,
     confidence,
     duration,
+    has_model,
     is_simulated,
-    many,
     meaning,
     seconds,
     verdict_counts,
@@ -35,7 +36,7 @@ def body(
     simulated = [r for r in recordings if is_simulated(r)]
     note = ""
     if simulated:
-        total = many(len(recordings), "recording")
+        total = counted(len(recordings), "recording")
         which = total if len(simulated) == len(recordings) else f"{len(simulated)} of {total}"
         note = (
             f'<p class="note"><strong>Simulated.</strong> {which} on this page: from a simulation, '
@@ -48,7 +49,7 @@ def body(
     return (
         f"<header><h1>{text(title)}</h1>{_lead(recordings)}{note}</header>\n<main>\n"
         f"{_summary(recordings)}\n"
-        f"{sections}\n{_model(model_info)}\n</main>"
+        f"{sections}\n{_model(model_info, recordings)}\n</main>"
     )
 
 
@@ -102,7 +103,8 @@ def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
         if verdict in verdicts
     )
     return (
-        f'<section><h2>Summary</h2><p class="quiet">{many(len(recordings), "recording")} · {words}'
+        '<section><h2>Summary</h2><p class="quiet">'
+        f"{counted(len(recordings), 'recording')} · {words}"
         f'</p><table class="summary cards"><thead>{head}</thead>'
         f"<tbody>{''.join(rows)}</tbody></table></section>"
     )
@@ -117,7 +119,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
             "Windows",
             f"{n['passed']} passed, {n['failed']} failed, {n['inconclusive']} inconclusive",
         ),
-        ("Paper’s rule", f"failed in {many(n['paper'], 'window')}"),
+        ("Paper’s rule", f"failed in {counted(n['paper'], 'window')}"),
         *_limits(recording.get("limits", {})),
         *_memory(recording.get("memory")),
         *_logger(recording),
@@ -127,6 +129,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
     verdict = verdict_of(recording)
     name = PurePath(str(recording["path"])).name
     simulated = " (simulated)" if is_simulated(recording) else ""
+    shown = "Measured and predicted" if has_model(recording) else "Measured"
     return (
         f'<details class="recording" id="recording-{i}"{" open" if opened else ""}>'
         f"<summary><h2>{path(name)}</h2>{_tag(recording)}{_badge(recording)}</summary>"
@@ -136,7 +139,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
         f"{_causes(recording)}{_dtcs(recording)}{_evidence(recording)}{_fuel_cuts(recording)}"
         f"{_behind(recording)}"
         f'<section class="plots" data-series="series-{i}" data-name="{text(name)}{simulated}" '
-        f'aria-label="Measured and predicted {text(output)} over time"></section>'
+        f'aria-label="{shown} {text(output)} over time"></section>'
         f'<noscript><p class="quiet">The plots need JavaScript.</p></noscript>'
         f"{_windows(recording)}"
         f'<div class="columns">{_enable(recording)}{_counters(recording)}</div></details>'
@@ -236,7 +239,7 @@ def _fuel_cuts(recording: Mapping[str, Any]) -> str:
         return ""
     head = ("Quantity", "Measured", "Predicted", "Limits", "Verdict")
     cells = [row(*zip(head, map(text, each), strict=True)) for each in fuel_cuts.rows(recording)]
-    title = f"Fuel-cut response: {fuel_cuts.verdict(test)}, {many(test['cuts'], 'fuel cut')}"
+    title = f"Fuel-cut response: {fuel_cuts.verdict(test)}, {counted(test['cuts'], 'fuel cut')}"
     return f"<details><summary>{text(title)}</summary>{table(head, cells, 'cards')}</details>"
 
 
@@ -267,7 +270,7 @@ def _windows(recording: Mapping[str, Any]) -> str:
     ]
     head = ("#", "time, s", "mean", "std", "verdict", "paper’s rule")
     return (
-        f'<details class="windows"><summary>All {many(len(windows), "window")} as a table'
+        f'<details class="windows"><summary>All {counted(len(windows), "window")} as a table'
         f'</summary><div class="scroll">'
         f"{table((*head, *(STATISTICS.get(k, k) for k in keys)), rows)}</div></details>"
     )
@@ -313,8 +316,9 @@ def _counters(recording: Mapping[str, Any]) -> str:
     )
 
 
-def _model(model_info: Mapping[str, str]) -> str:
-    if not model_info:
+def _model(model_info: Mapping[str, str], recordings: Sequence[Mapping[str, Any]]) -> str:
+    """Return the facts of the model, "" if it judged none of the recordings."""
+    if not model_info or not any(has_model(recording) for recording in recordings):
         return ""
     facts = [(text(key), text(value)) for key, value in model_info.items()]
     return f'<section class="model"><h2>Model</h2>{term_list(facts)}</section>'

@@ -130,7 +130,8 @@ def replay(
         table = without_model.table_of(path, setup.columns)
         if table is None:
             raise
-        recording, series = _without_model(table, sha256, setup.config, memory, lacking)
+        recording = _without_model(table, sha256, setup.config, memory, lacking)
+        series = without_model.series(table)
     else:
         recording, series = judged(opened, sha256, setup, memory, trace=trace, sinks=sinks)
     return recording | {"source": source_of(path, sha256)}, series
@@ -142,14 +143,14 @@ def _without_model(
     config: Config,
     memory: Memory | None,
     lacking: MissingSignalsError,
-) -> tuple[dict[str, Any], Trace]:
-    """Judge a table that lacks signals of the model, by the tests that need no model."""
+) -> dict[str, Any]:
+    """Return the entry of a table that lacks signals of the model: tests without a model judge."""
     store = store_of(memory, config.profile)
     recording = {"path": str(table.path), "sha256": sha256}
     recording |= without_model.judge(table, store, config, lacking)
     if memory:
         memory.save(store.saved)
-    return recording | of_memory(memory), Trace.empty()
+    return recording | of_memory(memory)
 
 
 def judged(

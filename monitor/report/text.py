@@ -22,6 +22,7 @@ from monitor.base.outputs import write_text
 from monitor.base.types import FloatArray
 from monitor.report import elements, html
 from monitor.report.vehicle_offset import vehicle_offset
+from monitor.report.words import has_model
 
 MAX_SAMPLES = 50_000  # longer recordings are thinned out; extremes are kept
 _BUCKETS = 10_000  # of a thinned recording; at most five samples of each are kept
@@ -39,10 +40,10 @@ class Trace:
     fault_flag: NDArray[np.bool_]  # (n,)
 
     @classmethod
-    def empty(cls) -> "Trace":
-        """Return the series of a recording that the model did not judge."""
-        none, off = np.empty(0), np.empty(0, dtype=np.bool_)
-        return cls(none, none, none, off, off)
+    def unpredicted(cls, t_s: FloatArray, measured: FloatArray) -> "Trace":
+        """Return the series of a recording that no model judged."""
+        off = np.zeros(len(t_s), dtype=np.bool_)
+        return cls(t_s, measured, np.full(len(t_s), np.nan), off, off)
 
 
 def write_report(
@@ -111,6 +112,7 @@ def series(recording: Mapping[str, Any], trace: Trace) -> dict[str, Any]:
         "windows": recording["windows"],
         "limits": recording.get("limits", {}),
         "dtcs": recording["dtcs"],
+        "has_model": has_model(recording),
         "vehicle_offset": vehicle_offset(recording, trace),
     }
 

@@ -29,6 +29,7 @@ from monitor.memory.obd_records import FreezeFrame
 from monitor.model.card import Channel
 from monitor.pipeline.entry import dtc_entry, not_judged
 from monitor.report.behind import judge_behind
+from monitor.report.text import Trace
 
 TESTS: Final = ("communication", "range", "ready", "activity")
 CUT, PULSE = "fuel_cut", "injector_pulse_width_ms"
@@ -84,6 +85,14 @@ def judge(
         "profile": table.profile,
         "notes": [*table.notes.lines, f"without a model only {' and '.join(judged)} is judged"],
     }
+
+
+def series(table: Table) -> Trace:
+    """Return the measured lambda for the report, nothing where the table has none."""
+    if OUTPUT not in table.names:
+        return Trace.unpredicted(np.empty(0), np.empty(0))
+    t_s = (table.t_ns - table.t_ns[0]) / 1e9
+    return Trace.unpredicted(t_s, table.values[:, table.names.index(OUTPUT)])
 
 
 def _judge_reading(table: Table, store: DtcStore, config: Config) -> None:

@@ -139,9 +139,9 @@ def seconds(dtc: Mapping[str, Any]) -> str:
     return "" if dtc.get("t_s") is None else f"{dtc['t_s']:.1f} s"
 
 
-def many(n: int, noun: str) -> str:
-    """Return a number with its noun."""
-    return f"{n} {noun}{'' if n == 1 else 's'}"
+def has_model(recording: Mapping[str, Any]) -> bool:
+    """Return whether a model judged a recording: if so, it has that model's limits."""
+    return "limits" in recording
 
 
 def is_simulated(recording: Mapping[str, Any]) -> bool:

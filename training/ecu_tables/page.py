@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
+from monitor.base.counts import counted
 from monitor.base.outputs import write_text
 from training.ecu_tables.drive_plan import plan
 from training.ecu_tables.fit import Fitted
 from training.pages.figure import drawing
-from training.pages.numbers import counted
 from training.pages.page import page
 from training.recordings.ecu_table import EcuTable
 

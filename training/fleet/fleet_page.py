@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import polars as pl
 
+from monitor.base.counts import counted
 from monitor.base.outputs import write_text
 from training.fleet import distribution_figures, outliers, summary
 from training.fleet.bench import Bench, tools_of
@@ -13,7 +14,7 @@ from training.fleet.outliers import Standing
 from training.fleet.run import windows_path
 from training.jobs import run_folder
 from training.limits.rates import Figures
-from training.pages.numbers import MISSING, NBSP, TO, counted, plain, short
+from training.pages.numbers import MISSING, NBSP, TO, plain, short
 from training.pages.page import breakable, page
 
 Reports = Callable[[Sequence[str]], Mapping[str, str]]

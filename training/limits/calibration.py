@@ -13,6 +13,7 @@ import numpy as np
 
 from monitor.base import manifest
 from monitor.base.config import Config
+from monitor.base.counts import counted
 from monitor.base.errors import ConfigError, RecordingError, UsageError
 from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.model.card import Limit, ModelCard
@@ -134,19 +135,19 @@ def _with_limits(
     config: Config,
 ) -> ModelCard:
     windows = [w for drive in good for w in drive]
-    origin = f"o2train calibrate, {_count(len(good), 'healthy drive')}"
+    origin = f"o2train calibrate, {counted(len(good), 'healthy drive')}"
     limits = limits_of(good, card, config, origin, healthy)
     scale = float(np.concatenate([w.window.measured for w in windows]).std())
     n_bad = sum(map(len, bad))
     how = (
-        f"misses the fewest of {n_bad} windows of {_count(len(bad), 'limit-fault drive')}"
+        f"misses the fewest of {n_bad} windows of {counted(len(bad), 'limit-fault drive')}"
         if n_bad
         else "each limit alone keeps the rate"
     )
     origin = (
         f"o2train calibrate: at most {rate:g} false alarms per window, {how}; "
         f"{chosen.alarms} of {chosen.windows} healthy windows of "
-        f"{_count(len(good), 'drive')} alarm, rate at most {chosen.bound:.3g} with "
+        f"{counted(len(good), 'drive')} alarm, rate at most {chosen.bound:.3g} with "
         f"{100 * CONFIDENCE:g} % confidence if windows are independent, "
         + (
             f"{chosen.bound_drives:.3g} drawing whole drives"
@@ -281,7 +282,7 @@ def _warnings(
     speaking = sum(bool(windows) for windows in good)
     if speaking < FEW_DRIVES:
         texts.append(
-            f"{_count(speaking, 'healthy drive')} with windows: how drives differ is hardly seen, "
+            f"{counted(speaking, 'healthy drive')} with windows: how drives differ is hardly seen, "
             f"{FEW_DRIVES} and more are wanted"
         )
     return texts
@@ -290,7 +291,3 @@ def _warnings(
 def _why(recording: Recording, card: ModelCard, config: Config) -> str:
     found = why_not(recording, card, config)
     return f"; {found[0].in_words}" if found else ""
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}{'' if n == 1 else 's'}"

@@ -4,8 +4,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from monitor.base.counts import counted
 from training.pages.figure import drawing
-from training.pages.numbers import counted, with_unit
+from training.pages.numbers import with_unit
 from training.pages.page import page
 
 

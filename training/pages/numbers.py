@@ -128,12 +128,3 @@ def words(name: str) -> str:
 def unbroken(text: str) -> str:
     """Return a text that no line break parts."""
     return text.replace(" ", NBSP).replace("-", "\N{NON-BREAKING HYPHEN}")
-
-
-def counted(number: int, noun: str) -> str:
-    """Return a number with its noun, in the plural if it is not one.
-
-    >>> counted(1, "error"), counted(2, "error")
-    ('1 error', '2 errors')
-    """
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
 from monitor import __version__
+from monitor.base.counts import counted
 from training.pages import numbers
 from training.pages.table import Table
 
@@ -106,9 +107,9 @@ def _environment() -> "Environment":
         "percent_rate",
     ):
         environment.filters[name] = getattr(numbers, name)
-    for name in ("median_s", "with_unit", "unit_of", "words", "unbroken", "counted"):
+    for name in ("median_s", "with_unit", "unit_of", "words", "unbroken"):
         environment.filters[name] = getattr(numbers, name)
-    environment.filters |= {"yes": lambda x: "yes" if x else "no", "sha": _sha}
+    environment.filters |= {"yes": lambda x: "yes" if x else "no", "sha": _sha, "counted": counted}
     environment.filters["file_name"] = lambda path: Path(path).name
     environment.globals |= {"table": partial(Table, part), "figure": figure, "TO": numbers.TO}
     return environment

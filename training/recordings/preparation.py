@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from monitor.base.counts import counted
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.signals import BY_NAME
 from monitor.base.types import BoolArray, FloatArray, Quality
@@ -287,7 +288,7 @@ def _roles(
 def _warnings(
     u: FloatArray, y: FloatArray, inputs: Sequence[str], output: str, outliers: dict[str, int]
 ) -> list[str]:
-    warnings = [f"{name}: {count} outliers masked" for name, count in outliers.items()]
+    warnings = [f"{name}: {counted(count, 'outlier')} masked" for name, count in outliers.items()]
     for i, name in enumerate(inputs):
         r = float(np.corrcoef(u[:, i], y)[0, 1])
         if abs(r) > 0.999:

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from monitor.base.counts import counted
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.frames.bounds import open_text
@@ -105,9 +106,7 @@ def _rows(path: Path, dialect: Dialect, least: int, notes: Notes) -> Iterator[li
         except EOFError as error:
             notes.sentences.append(f"cut short after line {reader.line_num}: {error}")
         if short is not None:  # the last row: the logger was switched off while it wrote
-            notes.sentences.append(
-                f"cut short in line {short[0]}: {short[1]} cells, the header has {width} columns"
-            )
+            notes.sentences.append(f"cut short in line {short[0]}: {_of_width(short[1], width)}")
 
 
 def _trailing_blank(dialect: Dialect) -> int:
@@ -122,4 +121,8 @@ def _trailing_blank(dialect: Dialect) -> int:
 
 def _other_length(path: Path, short: tuple[int, int], width: int) -> RecordingError:
     line, n = short
-    return RecordingError(f"{path}: line {line}: {n} cells, the header has {width} columns")
+    return RecordingError(f"{path}: line {line}: {_of_width(n, width)}")
+
+
+def _of_width(n: int, width: int) -> str:
+    return f"{counted(n, 'cell')}, the header has {counted(width, 'column')}"

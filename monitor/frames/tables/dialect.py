@@ -4,6 +4,7 @@ import codecs
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isnan
@@ -82,9 +83,8 @@ def dialect_of(path: Path) -> Dialect:
     found = [each for each in (_layout(lines, separator) for separator in _SEPARATORS) if each]
     if not found:
         raise RecordingError(f"{path}: no row of column names with rows of numbers below it")
-    best = max(found, key=lambda each: len(each.rows[each.data]))
-    header = best.data - 1
-    width = len(best.rows[best.data])
+    best = max(found, key=lambda each: each.width)
+    header, width = best.data - 1, best.width
     has_units = header > 0 and all(_is_wide(best.rows[i], width) for i in (header - 1, header))
     header -= has_units
     columns = _columns(
@@ -110,6 +110,7 @@ class _Layout(NamedTuple):
     comma: bool  # of decimals
     rows: list[list[str]]
     data: int  # the first row of data
+    width: int  # cells of a row of data
 
 
 def _layout(lines: Sequence[str], separator: str) -> _Layout | None:
@@ -121,7 +122,12 @@ def _layout(lines: Sequence[str], separator: str) -> _Layout | None:
     comma = separator != "," or any('"' in line for line in lines)
     comma = comma and any(_COMMA.fullmatch(cell.strip()) for row in rows for cell in row)
     data = _first_data_row(rows, comma=comma)
-    return _Layout(separator, comma, rows, data) if data else None
+    return _Layout(separator, comma, rows, data, _width(rows[data:])) if data else None
+
+
+def _width(rows: Sequence[Sequence[str]]) -> int:
+    """Return how many cells most of the rows have; of equally many lengths, the first."""
+    return Counter(map(len, rows)).most_common(1)[0][0]
 
 
 def _is_wide(row: Sequence[str], width: int) -> bool:
@@ -135,7 +141,7 @@ def _first_data_row(rows: Sequence[Sequence[str]], *, comma: bool) -> int | None
         above = rows[i - 1]
         if (
             _is_data(rows[i], comma=comma)
-            and _is_wide(above, len(rows[i]))
+            and _is_wide(above, _width(rows[i:]))
             and not _is_data(above, comma=comma)
         ):
             return i

@@ -24,6 +24,7 @@ from typing import Final
 
 import numpy as np
 
+from monitor.base.counts import counted
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.frames.bounds import open_binary, open_text
@@ -114,10 +115,13 @@ def _rows(path: Path, lines: Iterator[str], width: int, notes: Notes) -> Iterato
             continue
         row = line.rstrip("\r\n").split(",")
         if short is not None:
-            raise RecordingError(f"{path}: line {short[0]}: {short[1]} cells, {width} are wanted")
+            n = counted(short[1], "cell")
+            raise RecordingError(f"{path}: line {short[0]}: {n}, {width} are wanted")
         if len(row) < width:
             short = line_number, len(row)
             continue
         yield row
     if short is not None:
-        notes.sentences.append(f"cut short in line {short[0]}: {short[1]} of {width} cells")
+        notes.sentences.append(
+            f"cut short in line {short[0]}: {short[1]} of {counted(width, 'cell')}"
+        )

@@ -7,6 +7,7 @@ from typing import IO, Final
 
 import numpy as np
 
+from monitor.base.counts import counted
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.frames.bounds import open_binary, open_text
@@ -69,7 +70,8 @@ def _cells(path: Path, header: Sequence[str], lines: IO[str]) -> FloatArray:
         parts = text.split(",")
         if len(parts) != width:
             raise RecordingError(
-                f"{path}: line {number}: {len(parts)} cells, the header has {width} columns"
+                f"{path}: line {number}: {counted(len(parts), 'cell')}, "
+                f"the header has {counted(width, 'column')}"
             )
         try:
             if not is_plain(text):

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal
 
+from monitor.base.counts import counted
 from monitor.base.types import FloatArray
 
 Kind = Literal["number", "clock", "text"]  # of a column's cells; a clock's values are seconds
@@ -35,17 +36,17 @@ class Wanted:
     words: tuple[str, ...] = ()
 
 
-# counts of a reader in words, behind the number
+# counts of a reader in words: the noun of the number, and the rest
 COUNTED: Final = {
-    "markers": "marks of the driver",
-    "repeated_headers": "repeated headers left out",
-    "bad_checksum": "records with a wrong checksum left out",
-    "damaged_bytes": "bytes that belong to no record passed over",
-    "rows_without_time": "rows without a time left out",
-    "rows_out_of_order": "rows older than one before them left out",
-    "repeated_times": "rows have the time of the next one and are left out",
-    "clock_wraps": "times the clock started again (midnight or a full hour)",
-    "logs_begun_anew": "times the log begins anew, taken as a pause of 10 s",
+    "markers": ("mark", "of the driver"),
+    "repeated_headers": ("repeated header", "left out"),
+    "bad_checksum": ("record", "with a wrong checksum left out"),
+    "damaged_bytes": ("byte", "outside of any record passed over"),
+    "rows_without_time": ("row", "without a time left out"),
+    "rows_out_of_order": ("row", "older than one before left out"),
+    "repeated_times": ("row", "with the time of the next one left out"),
+    "clock_wraps": ("time", "the clock started again (midnight or a full hour)"),
+    "logs_begun_anew": ("time", "the log begins anew, taken as a pause of 10 s"),
 }
 
 
@@ -64,8 +65,8 @@ class Notes:
     @property
     def lines(self) -> tuple[str, ...]:
         """Return the notes in words, the sentences first."""
-        counted = (f"{n} {COUNTED.get(name, name)}" for name, n in self.counts.items())
-        return (*self.sentences, *counted)
+        told = ((n, *COUNTED[name]) for name, n in self.counts.items())
+        return (*self.sentences, *(f"{counted(n, noun)} {rest}" for n, noun, rest in told))
 
 
 @dataclass(frozen=True, slots=True)

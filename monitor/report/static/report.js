@@ -85,7 +85,7 @@
       this.columns = columns(this.data);
       const t = this.columns.t;
       this.whole = [t[0], Math.max(t[t.length - 1], t[0] + 1)];
-      this.off = complement(this.data.enabled, this.whole[0], this.whole[1]);
+      this.off = this.data.has_model ? complement(this.data.enabled, this.whole[0], this.whole[1]) : [];
       this.marks = [];
       for (const dtc of this.data.dtcs) {
         if (dtc.t_s == null) continue;
@@ -109,14 +109,21 @@
       const name = this.data.output;
       const blue = color("measured"), orange = color("predicted"), violet = color("residual");
       const narrow = this.width < 600;
+      const range = { range: (u) => this.outputRange(u), top: this.marks.length > 1 ? 36 : 20 };
+      const measured = { label: "measured", stroke: blue, width: 1.25, digits: 4 };
+      if (!this.data.has_model) {
+        this.add(`Measured ${name}`, narrow ? 240 : 280, [c.t, c.measured], [measured], { ...range, xlabel: "time in s" });
+        if (this.view) this.show(...this.view);
+        return;
+      }
       const offset = this.data.vehicle_offset;
       const adapted = offset == null ? [] : [c.predicted.map((p) => (p == null ? null : p + offset))];
       const plain = offset == null ? { label: "predicted", stroke: orange, width: 3 } : { label: "predicted, as trained", stroke: color("quiet"), width: 1.25, dash: [6, 4] };
       this.add(`Measured and predicted ${name}`, narrow ? 240 : 280, [c.t, c.predicted, ...adapted, c.measured], [
         { digits: 4, ...plain },
         ...adapted.map(() => ({ label: "predicted for this vehicle", stroke: orange, width: 3, digits: 4 })),
-        { label: "measured", stroke: blue, width: 1.25, digits: 4 },
-      ], { range: (u) => this.outputRange(u), top: this.marks.length > 1 ? 36 : 20 });
+        measured,
+      ], range);
       this.add("Residual: measured − predicted, enabled samples", 160, [c.t, c.residual], [
         { label: "residual", stroke: violet, width: 1.1, digits: 4 },
       ], { range: (u, min, max) => symmetric(min, max, 0.01), zero: true });
@@ -170,7 +177,8 @@
         ? ` ${this.data.shown} of ${this.data.samples} samples are drawn; extremes are kept.` : "";
       element(this.section, "p", {
         className: "quiet hint",
-        textContent: "Drag across a plot to zoom, double-click for the whole drive. Grey: not enabled." + thin,
+        textContent: "Drag across a plot to zoom, double-click for the whole drive. "
+          + (this.data.has_model ? "Grey: not enabled." : "No prediction is drawn: no model judged this recording.") + thin,
       });
       const offset = this.data.vehicle_offset;
       if (offset == null) return;

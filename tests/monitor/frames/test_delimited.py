@@ -91,7 +91,7 @@ def test_a_log_that_ends_in_a_row_is_read_to_that_row_and_says_so(tmp_path: Path
     path.write_bytes(path.read_bytes() + b"9")
     found, notes = cells(path)
     assert len(found) == 9
-    assert notes.lines == ("cut short in line 11: 1 cells, the header has 2 columns",)
+    assert notes.lines == ("cut short in line 11: 1 cell, the header has 2 columns",)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,8 @@ def test_a_log_that_ends_in_a_row_is_read_to_that_row_and_says_so(tmp_path: Path
         (b"Time,RPM\n", "no row of column names"),
         (b"1,2\n3,4\n", "no row of column names"),
         (b"just some prose\nin two lines\n", "no row of column names"),
-        (b"Time,RPM\n0,1\n1\n2,3\n", "line 3: 1 cells, the header has 2 columns"),
+        (b"Time,RPM\n0,1\n1\n2,3\n", "line 3: 1 cell, the header has 2 columns"),
+        (b"Time,RPM,AFR,TPS\n0,1\n1,2,3,4\n2,2,3,4\n", "line 2: 2 cells, the header has 4 columns"),
         (bytes(range(256)) * 20, "binary data"),
     ],
 )

@@ -232,7 +232,7 @@ def test_a_table_follows_the_period_asked_for(tmp_path: Path) -> None:
         ("", "the table is empty"),
         ("time_s,x\n", "has no rows"),
         ("x,time_s\n1,0\n", r"no profile knows its columns \(x, time_s\); give --profile"),
-        ("time_s,x\n0,1\n1\n", "line 3: 1 cells, the header has 2"),
+        ("time_s,x\n0,1\n1\n", "line 3: 1 cell, the header has 2"),
         ("time_s,x\n0,1\n1,abc\n", "line 3: column x is 'abc'"),
         ("time_s,x\n0,1\n,2\n", "line 3: time_s is not a number"),
         ("time_s,x\n0,1\n1,2\n0.5,3\n", "line 4: time_s is 0.5 after 1"),

@@ -86,7 +86,7 @@ def test_check_says_profile_column_unit_range_and_what_is_missing(
     assert "300 rows in 299.0 s, 1 rows/s; used on a grid of 1 s" in text
     assert "column Intake Manifold Pressure(psi)" in text
     assert "missing: fuel_mass_mg" in text
-    assert "note: 1 times the clock started again" in text
+    assert "note: 1 time the clock started again" in text
     # a log without a lambda is of no use, and says so
     blank = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": ["-"] * 300}
     assert cli.main(["check", str(torque(tmp_path / "none.csv", **blank))]) == 3
@@ -128,6 +128,13 @@ def test_an_unknown_logger_gets_a_profile_to_edit(
     out = capsys.readouterr().out
     assert "column RPM" in out
     assert "profile: x, given" in out
+    # AND a profile that was edited is overwritten only if that is wanted
+    mine.write_text("edited")
+    assert cli.main(["check", str(path), "--write-profile", str(mine)]) == 2
+    assert "is there already; --force overwrites it" in capsys.readouterr().err
+    assert mine.read_text() == "edited"
+    assert cli.main(["check", str(path), "--write-profile", str(mine), "--force"]) == 0
+    assert "RPM" in mine.read_text()
 
 
 def test_replay_of_a_logger_s_file_without_a_model_of_its_own_says_what_to_do(

@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from tests.helpers.chromium import chromium
-from tests.monitor.report.test_report import faulty, recording, written
+from tests.monitor.report.test_report import faulty, not_judged, recording, written
 
 PLOTS = "() => [...document.querySelectorAll('section.plots')]"
 CANVASES = f"() => ({PLOTS})().map((s) => s.querySelectorAll('canvas').length)"
@@ -37,4 +37,23 @@ def test_a_page_that_nobody_scrolled_has_the_plots_of_every_recording(
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
     assert page.evaluate(CANVASES) == 4 * [5]
     assert page.evaluate(INKED) == 4 * [True]
+    page.close()
+
+
+def test_a_log_that_no_model_judged_has_one_plot_and_says_so(
+    browser: Browser, tmp_path: Path
+) -> None:
+    # GIVEN a report on a log without a model of its car
+    bare = not_judged()
+    del bare["limits"], bare["enable"]
+    written(tmp_path, bare)
+    page = browser.new_page()
+    page.goto((tmp_path / "report.html").as_uri())
+    # THEN the measured lambda is drawn, and nothing else
+    page.wait_for_function(f"() => ({CANVASES})()[0] === 1", timeout=20_000, polling=200)
+    assert page.evaluate(INKED) == [True]
+    text = page.inner_text("section.plots")
+    assert "Measured lambda" in text
+    assert "No prediction is drawn: no model judged this recording." in text
+    assert not page.query_selector("section.model")
     page.close()

@@ -14,17 +14,32 @@ from tests.helpers.logger_files import drive, write_text_table
 RATE_HZ, N = 10.0, 3000  # five minutes
 
 
-def replayed(folder: Path, afr: FloatArray, **more: FloatArray) -> tuple[int, dict[str, Any]]:
-    """Judge a MegaSquirt's log with these readings."""
+def replayed(
+    folder: Path, afr: FloatArray, page: Path | None = None, **more: FloatArray
+) -> tuple[int, dict[str, Any]]:
+    """Judge a MegaSquirt's log with these readings; write its page, too."""
     d = drive(n=N, period_s=1.0 / RATE_HZ)
     pulse_ms = np.full(N, 3.0)
     columns = {"Time": d["t_s"], "RPM": d["rpm"], "MAP": d["map_kpa"], "AFR": afr, "PW": pulse_ms}
     path = write_text_table(folder / "drive.msl", columns | more)
     out = folder / "out.json"
-    options = ("--profile", "megasquirt", "--quiet", "--json", str(out))
+    options = ["--profile", "megasquirt", "--quiet", "--json", str(out)]
+    options += ["--html", str(page)] if page else []
     code = cli.main(["replay", str(path), *options])
     (recording,) = json.loads(out.read_text())["recordings"]
     return code, recording
+
+
+def test_the_page_shows_the_reading_without_a_prediction_and_no_model(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    afr = alive()
+    replayed(tmp_path, afr, page=page)
+    text = page.read_text()
+    assert 'class="model"' not in text
+    assert "Measured and predicted" not in text.partition("<script")[0]
+    data = json.loads(text.partition('id="series-0">')[2].partition("</script>")[0])
+    assert data["measured"] == pytest.approx(afr / 14.7, abs=1e-3)
+    assert data["predicted"] == N * [None]
 
 
 def alive() -> FloatArray:

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from monitor.base.counts import counted
 from training.pages.figure import drawing
-from training.pages.numbers import counted
 from training.pages.page import page, part
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.base.counts import counted
 from monitor.base.types import FloatArray
 from training.limits.decision_limits import MANY_WINDOWS
 from training.narx.network import Spec
@@ -106,8 +107,8 @@ def _one_signal(name: str, values: FloatArray, outliers: int) -> list[Finding]:
         findings.append(Finding("warning", "gaps", text))
     if outliers > OUTLIERS * len(values):
         text = (
-            f"{name} has {outliers} outliers, {100 * outliers / len(values):.2f} %; below "
-            f"{100 * OUTLIERS:g} % is usual: look at sensor, unit and decoding"
+            f"{name} has {counted(outliers, 'outlier')}, {100 * outliers / len(values):.2f} %; "
+            f"below {100 * OUTLIERS:g} % is usual: look at sensor, unit and decoding"
         )
         findings.append(Finding("warning", "outliers", text))
     return findings
