@@ -13,9 +13,11 @@ out, behind a guard of 60 s that nobody uses. All figures are of what is left ou
 Nobody knows whether these sensors were sound. Logs without a lambda are read and listed.
 
     python benchmarks/real_logs.py FOLDER [--profiles DIR] [--budget MINUTES] [--kind narx|greybox]
+        [--only TEXT] [--work DIR]
 
-A profile in DIR (default: ``profiles`` beside this file) with the name of a vehicle's folder or
-file is given with its logs.
+``--work`` keeps models and tables in DIR, one folder per vehicle, and uses the models it finds
+there. A profile in DIR (default: ``profiles`` beside this file) with the name of a vehicle's
+folder or file is given with its logs.
 """
 
 import argparse
@@ -24,8 +26,8 @@ import io
 import json
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,12 +38,13 @@ from monitor.base.errors import O2Error
 from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
 from monitor.base.signals import OUTPUT
-from monitor.frames.profiles.signals import PINNED_WITHIN
 from monitor.grid.tables import Table, is_table, read_table
+from monitor.model.step import Model
 from monitor.report import replay
 from training.cli import main as o2train
+from training.limits.judging import judge
 from training.recordings.preparation import pinned_rows
-from training.recordings.recording import Recording, load, write_table
+from training.recordings.recording import Recording, load
 
 FAULTS: Final = (
     "slow_symmetric",
@@ -135,24 +138,21 @@ def judged(path: Path, setup: replay.Setup) -> dict[str, Any]:
     return entry
 
 
-def faulty(recording: Recording, name: str, path: Path) -> Path:
-    """Write the recording with a fault on its lambda, from a third of its time on.
+def faulty(recording: Recording, name: str) -> Recording:
+    """Return the recording with a fault on its lambda, from a third of its readings on.
 
-    A table of canonical columns has no mark for a reading at an end of its range, so those the
-    recording has outside fuel cuts are left out, also where the fault moves them.
+    Readings at an end of the range outside fuel cuts stay as they are, since nobody knows the
+    mixture there, and are no readings of a sensor that is not ready yet.
     """
-    values = recording.values.copy()
-    place = recording.names.index(OUTPUT)
-    ends = np.unique(values[pinned_rows(recording, OUTPUT), place])
-    begin = len(values) // 3
+    place, values = recording.names.index(OUTPUT), recording.values.copy()
+    healthy = values[:, place].copy()
+    at_end = pinned_rows(recording, OUTPUT)
+    readings = np.flatnonzero(np.isfinite(healthy) & ~at_end)
+    begin = int(readings[len(readings) // 3])
     fault = SensorFault(resolve(name), recording.period_ns / 1e9)
-    values[begin:, place] = fault.apply(values[begin:, place].tolist())
-    at_end = np.isclose(values[:, [place]], ends, rtol=PINNED_WITHIN).any(axis=1)
-    if "fuel_cut" in recording.names:
-        at_end &= ~(recording.column("fuel_cut") >= 0.5)
-    values[at_end, place] = np.nan
-    write_table(path, recording.t_s, recording.names, values)
-    return path
+    values[begin:, place] = fault.apply(healthy[begin:].tolist())
+    values[at_end, place] = healthy[at_end]
+    return replace(recording, values=values)
 
 
 def row_of(vehicle: Vehicle, work: Path, kind: str, budget: float) -> dict[str, str]:
@@ -191,11 +191,12 @@ def _scored(
     model, figures = work / "model.onnx", work / "figures.json"
     own = ("--profile", vehicle.profile) if vehicle.profile else ()
     limit = ("--budget", budget) if kind == "narx" else ()
-    code, said = quietly("fit", *fitted, "--out", model, "--kind", kind, *map(str, limit), *own)
-    if code:
-        return {"codes": said.strip().splitlines()[-1][-60:]}
-    print("  " + next((s for s in said.splitlines() if s.startswith("inputs:")), "inputs: paper's"))
-    print("".join(f"  {s}\n" for s in said.splitlines() if "no decision limits" in s), end="")
+    if not model.exists():
+        code, said = quietly("fit", *fitted, "--out", model, "--kind", kind, *map(str, limit), *own)
+        if code:
+            return {"codes": said.strip().splitlines()[-1][-60:]}
+        print("".join(f"  {s}\n" for s in said.splitlines() if "no decision limits" in s), end="")
+    print(f"  inputs: {', '.join(Model.load(model).card.input_names)}")
     code, said = quietly("evaluate", "--model", model, left_out, "--json", figures, *own)
     if code:
         return {"codes": said.strip().splitlines()[-1][-60:]}
@@ -213,17 +214,26 @@ def _scored(
     row["judged"] = f"{decided}/{number}, {100 * decided / number:.0f} %"
     period_s = setup.model.card.period_ns / 1e9
     recording = load(left_out, period_s=period_s, columns=vehicle.profile)
-    setup = replay.set_up(model, [], load_config(None))
     found, named = [], []
     for name in FAULTS:
-        entry = judged(faulty(recording, name, work / f"{name}.csv"), setup)
-        given = {fault for dtc in entry["dtcs"] for fault in (dtc["fault"], *dtc.get("also", ()))}
-        found += [name] * bool(entry["dtcs"])
+        verdict = judge(faulty(recording, name), setup.model, setup.limits, setup.config)
+        given = {fault for dtc in verdict.dtcs for fault in (dtc.fault, *dtc.also)}
+        found += [name] * bool(given)
         named += [name] * (name in given)
-        print(f"  {name}: {' or '.join(sorted(given)) or '-'}")
+        best = max((float(w.statistics["evidence"] or 0.0) for w in verdict.windows), default=0.0)
+        print(f"  {name}: {' or '.join(sorted(given)) or '-'}; evidence up to {best:.1f}")
     row["found"] = f"{len(found)}/{len(FAULTS)}"
     row["named"] = f"{len(named)}/{len(FAULTS)}"
     return row
+
+
+@contextmanager
+def _place(kept: Path | None, name: str) -> Iterator[Path]:
+    """Give a folder for one vehicle's files."""
+    with tempfile.TemporaryDirectory() as spare:
+        place = kept / name if kept else Path(spare)
+        place.mkdir(parents=True, exist_ok=True)
+        yield place
 
 
 def main() -> None:
@@ -233,14 +243,15 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=2.0)
     parser.add_argument("--kind", choices=("narx", "greybox"), default="narx")
     parser.add_argument("--only", help="vehicles whose names hold this text")
+    parser.add_argument("--work", type=Path, help="keeps models and tables here")
     args = parser.parse_args()
     rows = []
     for vehicle in vehicles(args.folder, args.profiles):
         if args.only and args.only not in vehicle.name:
             continue
-        with tempfile.TemporaryDirectory() as work:
+        with _place(args.work, vehicle.name) as work:
             try:
-                rows.append(row_of(vehicle, Path(work), args.kind, args.budget))
+                rows.append(row_of(vehicle, work, args.kind, args.budget))
             except O2Error as error:
                 rows.append({"vehicle": vehicle.name[:25], "codes": str(error)[-60:]})
     print()
