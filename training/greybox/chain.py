@@ -141,8 +141,7 @@ def base_path(constants: Constants, signals: Mapping[str, FloatArray]) -> Path:
 
 def valve_phi(path: Path) -> FloatArray:
     """Return phi at the valve (n,), within 0 .. 3."""
-    phi = path.factor * STOICHIOMETRIC * path.fuel_mg / np.maximum(path.air_mg, AIR_LEAST_MG)
-    return np.asarray(np.clip(phi, 0.0, PHI_VALVE_MOST))
+    return _valve_phi(path.factor, path.fuel_mg, path.air_mg)
 
 
 def simulate(path: Path, period_s: float) -> FloatArray:
@@ -152,12 +151,13 @@ def simulate(path: Path, period_s: float) -> FloatArray:
     """
     return _run(
         valve=valve_phi(path),
-        dead=path.dead_time_s / period_s,
-        mixing=path.mixing_s / period_s,
-        rising=path.sensor_rising_s / period_s,
-        falling=path.sensor_falling_s / period_s,
+        dead_s=path.dead_time_s,
+        mixing_s=path.mixing_s,
+        rising_s=path.sensor_rising_s,
+        falling_s=path.sensor_falling_s,
         gas_factor=path.gas_factor,
         span=path.span,
+        period_s=period_s,
     )
 
 
@@ -190,37 +190,51 @@ def _weights(time: float) -> tuple[float, float]:  # pragma: no cover
 
 
 @njit(cache=True)
+def _valve_phi(
+    factor: FloatArray, fuel_mg: FloatArray, air_mg: FloatArray
+) -> FloatArray:  # pragma: no cover
+    phi = np.empty(len(fuel_mg))
+    for k in range(len(fuel_mg)):
+        of_mixture = factor[k] * STOICHIOMETRIC * fuel_mg[k] / max(air_mg[k], AIR_LEAST_MG)
+        phi[k] = min(max(of_mixture, 0.0), PHI_VALVE_MOST)
+    return phi
+
+
+@njit(cache=True)
 def _run(
     valve: FloatArray,
-    dead: FloatArray,
-    mixing: FloatArray,
-    rising: FloatArray,
-    falling: FloatArray,
+    dead_s: FloatArray,
+    mixing_s: FloatArray,
+    rising_s: FloatArray,
+    falling_s: FloatArray,
     gas_factor: FloatArray,
     span: FloatArray,
+    period_s: float,
 ) -> FloatArray:  # pragma: no cover
-    """Return the reading (n,); all times are in samples."""
+    """Return the reading (n,)."""
     n = len(valve)
     reading = np.empty(n)
     if n == 0:
         return reading
-    mix = sensor = np.nan  # time constants of the present weights of the two lags
+    mix_s = sensor_s = np.nan  # time constants of the present weights of the two lags
     late_last = mixed = valve[0]
     pumped_last = read = 1.0 + span[0] * (mixed * gas_factor[0] - 1.0)
     for k in range(n):
-        at = max(k - max(dead[k], 0.0), 0.0)
+        at = max(k - max(dead_s[k] / period_s, 0.0), 0.0)
         whole = int(at)
         late = valve[whole]
         if whole < k:
             late += (at - whole) * (valve[whole + 1] - valve[whole])
-        if mixing[k] != mix:
-            mix, (keep, newest) = mixing[k], _weights(mixing[k])
+        if mixing_s[k] != mix_s:
+            mix_s = mixing_s[k]
+            keep, newest = _weights(mix_s / period_s)
         mixed = keep * mixed + newest * late + (1.0 - keep - newest) * late_last
         late_last = late
         pumped = 1.0 + span[k] * (mixed * gas_factor[k] - 1.0)
-        time = rising[k] if pumped > read else falling[k]
-        if time != sensor:
-            sensor, (held, fresh) = time, _weights(time)
+        time_s = rising_s[k] if pumped > read else falling_s[k]
+        if time_s != sensor_s:
+            sensor_s = time_s
+            held, fresh = _weights(sensor_s / period_s)
         read = held * read + fresh * pumped + (1.0 - held - fresh) * pumped_last
         pumped_last = pumped
         read = min(max(read, 0.0), PHI_MAX)

@@ -78,7 +78,7 @@ def _judged(state: State, terms: Sequence[Candidate]) -> list[Candidate]:
     """Return the terms one after the other in whitened errors."""
     judged = list[Candidate]()
     for each in terms:
-        (again,) = rank(state, [each.term], lambda _: None)
+        (again,) = rank(state, [each.term])
         judged.append(again)
         state = _with(state, again.fit)
     return judged
@@ -94,8 +94,8 @@ def _best(plain: State, used: Collection[str]) -> Candidate | None:
     terms = _forms(plain, used)
     if not terms:
         return None
-    ranking = rank(plain, terms, lambda _: None)
-    ranking = (*ranking, *rank(plain, _placed(ranking), lambda _: None))
+    ranking = rank(plain, terms, closely=0)
+    ranking = (*ranking, *rank(plain, _placed(ranking), closely=0))
     before = float(plain.deviance.sum())
     least = min(before - c.merit.score for c in ranking)
     most = min(NEARLY * least, (1.0 - SHARE_LEAST) * before)

@@ -35,8 +35,13 @@ class State:
         return OVER_HEALTHY * self.surplus.get(name, UNKNOWN_SURPLUS)
 
 
-def rank(state: State, candidates: Sequence[Term], progress: Progress) -> tuple[Candidate, ...]:
-    """Return all candidates, the best first; the first few with their adequacy."""
+def rank(
+    state: State,
+    candidates: Sequence[Term],
+    progress: Progress = lambda _: None,
+    closely: int = RANKED_CLOSELY,
+) -> tuple[Candidate, ...]:
+    """Return all candidates, the best first; the first few, ``closely``, with their adequacy."""
     found = []
     for term in candidates:
         progress(term.name)
@@ -48,7 +53,7 @@ def rank(state: State, candidates: Sequence[Term], progress: Progress) -> tuple[
     best = found[0][1]
     ranking = []
     for place, (score, after, fitted) in enumerate(found):
-        adequacy = adequacy_of(state, score.gain, fitted) if place < RANKED_CLOSELY else None
+        adequacy = adequacy_of(state, score.gain, fitted) if place < closely else None
         win = None if place == 0 else scoring.win(best, after)
         needed = state.needed(fitted.terms[-1].name)
         merit = Merit(

@@ -31,7 +31,7 @@ def grown(state: State, term: Candidate, without: Sequence[str]) -> Candidate | 
     others = [n for n in names if n not in (signal_of(term.name), *without)]
     effects = [e for n in others for e in _with_a_second(state.case.drives, term, n)]
     best = max(effects, key=lambda each: _explained(state.case, term, each), default=None)
-    return rank(state, [best], lambda _: None)[0] if best else None
+    return rank(state, [best], closely=0)[0] if best else None
 
 
 def _with_a_second(drives: Sequence[Drive], term: Candidate, signal: str) -> Iterator[Effect]:

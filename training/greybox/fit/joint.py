@@ -73,14 +73,11 @@ def fit(
     starts : base constants, or a fit of some of the terms, the first ones. The parameters of the
     other terms start at all combinations of their starts.
     """
-    best: Fit | None = None
-    for start in starts:
-        for values in _starting_points(terms, start):
-            found = _descend(case, tuple(terms), values, search)
-            if best is None or found.cost < best.cost:
-                best = found
-    assert best is not None
-    return best
+    layout = Layout(case, tuple(terms))
+    moving = len(layout.limits[0])
+    points = (x for start in starts for x in _starting_points(terms, start))
+    different = dict.fromkeys(tuple(x[len(x) - moving :].tolist()) for x in points)
+    return min((_descend(layout, np.array(x), search) for x in different), key=lambda f: f.cost)
 
 
 def _starting_points(terms: Sequence[Term], start: Fit | Constants) -> list[FloatArray]:
@@ -164,13 +161,12 @@ class _Errors:
         return self.parts
 
 
-def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray, search: Search) -> Fit:
-    layout = Layout(case, terms)
+def _descend(layout: Layout, x: FloatArray, search: Search) -> Fit:
+    case, terms = layout.case, layout.terms
     low, high = layout.limits
     scale = layout.join(
         search.scale, [[_scale(p.start) for p in term.parameters] for term in terms]
     )
-    x = start[len(start) - len(low) :]
     tried = _Errors(layout, STEP * scale)
     if len(x) == 0:
         e = tried.at(x)
