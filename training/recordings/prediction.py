@@ -1,5 +1,6 @@
 """The predictions of a model file for many recordings side by side."""
 
+import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -13,6 +14,10 @@ from training.recordings.recording import Recording
 from training.recordings.rows import hold
 
 ROWS: Final = 32  # recordings that run side by side
+REMEMBERED: Final = 100  # free runs, the newest: the steps of a workflow ask for the same again
+
+Key = tuple[str, str]  # sha256 of the model's file, and of inputs and measured output
+_memory: Final[dict[Key, FloatArray]] = {}  # the oldest first
 
 
 def predicted_phi(model: Path, recordings: Sequence[Recording]) -> list[FloatArray]:
@@ -25,13 +30,25 @@ def predicted_phi(model: Path, recordings: Sequence[Recording]) -> list[FloatArr
     """
     loaded = Model.load(model)
     rows = [_checked(loaded, recording) for recording in recordings]
-    found: dict[int, FloatArray] = {}
-    order = sorted(range(len(rows)), key=lambda i: len(rows[i][1]))  # similar lengths side by side
+    keys = [(loaded.sha256, _sha256(row)) for row in rows]
+    found = {key: _memory.pop(key) for key in {*keys} & _memory.keys()}
+    new = {key: row for key, row in zip(keys, rows, strict=True) if key not in found}
+    order = sorted(new, key=lambda key: len(new[key][1]))  # similar lengths side by side
     for first in range(0, len(order), ROWS):
         chosen = order[first : first + ROWS]
-        runs = _run(loaded.with_batch(len(chosen)), [rows[i] for i in chosen])
+        runs = _run(loaded.with_batch(len(chosen)), [new[key] for key in chosen])
         found |= zip(chosen, runs, strict=True)
-    return [found[i] for i in range(len(rows))]
+    _memory.update(found)
+    for key in list(_memory)[:-REMEMBERED]:
+        del _memory[key]
+    return [found[key].copy() for key in keys]
+
+
+def _sha256(row: tuple[FloatArray, FloatArray]) -> str:
+    content = hashlib.sha256()
+    for values in row:
+        content.update(np.ascontiguousarray(values))
+    return content.hexdigest()
 
 
 def _checked(model: Model, recording: Recording) -> tuple[FloatArray, FloatArray]:
@@ -76,4 +93,4 @@ def _run(model: Model, rows: Sequence[tuple[FloatArray, FloatArray]]) -> list[Fl
         phi[:, k] = model.state[:, newest]
         if k < len(forced):
             model.force_output(forced[k])
-    return [run[:n] for run, n in zip(phi, lengths, strict=True)]
+    return [run[:n].copy() for run, n in zip(phi, lengths, strict=True)]
