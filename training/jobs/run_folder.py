@@ -4,6 +4,7 @@ import ast
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -66,13 +67,18 @@ def sources(module: Path, root: Path) -> set[Path]:
 
 def _imported(path: Path, root: Path) -> Iterator[Path]:
     """Yield the files of the modules below ``root`` that a file names in its imports."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    for name in _names(path.read_text()):
+        stem = root.joinpath(*name.split("."))
+        yield from (p for p in (stem.with_suffix(".py"), stem / "__init__.py") if p.is_file())
+
+
+@cache  # one process may begin many runs
+def _names(source: str) -> frozenset[str]:
+    """Return the modules that a source imports, and all that it imports from modules."""
+    names = set[str]()
+    for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-        else:
-            continue
-        for name in names:
-            stem = root.joinpath(*name.split("."))
-            yield from (p for p in (stem.with_suffix(".py"), stem / "__init__.py") if p.is_file())
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return frozenset(names)

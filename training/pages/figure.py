@@ -11,7 +11,6 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from training.pages.page import part
@@ -36,6 +35,8 @@ STYLE: Final[Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.prop_cycle": cycler(color=COLOURS),
+    "text.parse_math": False,  # names of files and signals may hold dollars
+    "svg.hashsalt": "o2-monitor",
 }
 mpl.rcParams.update(STYLE)  # figures are drawn for pages only
 
@@ -77,14 +78,10 @@ def legend(axes: Axes, where: Literal["above", "beside"] = "above", columns: int
 def figure(drawn: Figure, caption: str) -> str:
     """Return the figure as HTML with embedded SVG; the same figure gives the same bytes."""
     buffer = BytesIO()
-    for axis in drawn.findobj(Axis):
-        if isinstance(axis, Axis) and axis.get_scale() in ("log", "symlog"):
+    for axis in (axis for axes in drawn.axes for axis in (axes.xaxis, axes.yaxis)):
+        if axis.get_scale() in ("log", "symlog"):
             _show_in_full(axis)
-    for text in drawn.findobj(Text):
-        if isinstance(text, Text):
-            text.set_parse_math(False)  # names of files and signals may hold dollars
-    with mpl.rc_context({"svg.hashsalt": "o2-monitor", "text.parse_math": False}):
-        drawn.savefig(buffer, format="svg", metadata={"Date": None})
+    drawn.savefig(buffer, format="svg", metadata={"Date": None})
     data = base64.b64encode(buffer.getvalue()).decode()
     return part("figure.html", data=data, caption=caption)
 
