@@ -69,6 +69,13 @@ MARKS = {
 FIRST = ("kernel", "trains", "waits", "browser", "thorough")  # marks in the order of a run
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave the files unread of which ``make check`` deselects all tests, see ``MARKS``."""
+    place = collection_path.relative_to(ROOT / "tests").as_posix()
+    deselected = [mark for mark in MARKS if f"not {mark}" in _terms(config)]
+    return True if any(place in MARKS[mark] for mark in deselected) else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark slow tests, and sort them by their marks in the order of ``FIRST``."""
     for item in items:
@@ -94,6 +101,12 @@ class OneWorkerPerFile(LoadScopeScheduling):
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> OneWorkerPerFile | None:
     """Share the tests out by files where the command line asks for ``--dist loadscope``."""
     return OneWorkerPerFile(config, log) if config.getvalue("dist") == "loadscope" else None
+
+
+def _terms(config: pytest.Config) -> list[str]:
+    """Return the terms of ``-m`` if all of them must hold."""
+    expression: str = config.getvalue("markexpr")
+    return [] if " or " in expression else expression.split(" and ")
 
 
 def _rank(item: pytest.Item) -> int:

@@ -1,6 +1,7 @@
 """Naming on simulated vehicles: the plant's own effects, sensor faults, and nothing at all."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,10 +11,17 @@ from tests.helpers.gap_simulated import known, two_drives
 from training.gap.name.decision import Outcome
 from training.gap.name.naming import name
 from training.gap.name.vehicle_mix import chain_of
+from training.gap.name.verdict import Naming
 from training.gap.response.regressors import delayed
 from training.greybox.chain import Constants
 from training.greybox.fit import drive as drives
 from training.greybox.fit.drive import Drive
+
+
+@cache
+def named(effect: str, severity: float) -> Naming:
+    """Return what is said of drives with an effect in the plant's form."""
+    return name(two_drives(2_200_140, (effect, severity)), known())
 
 
 def test_drives_like_the_healthy_ones_have_no_gap() -> None:
@@ -34,7 +42,7 @@ def test_drives_like_the_healthy_ones_have_no_gap() -> None:
 def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str, severity: float) -> None:
     # GIVEN drives with an effect well above the noise, in the plant's form
     # WHEN it is looked for
-    found = name(two_drives(2_200_140, (effect, severity)), known())
+    found = named(effect, severity)
     # THEN it is named, with constants and their uncertainty, and most of the gap is gone
     assert (found.verdict, [e.name for e in found.answer.effects]) == ("named", [effect])
     best = found.answer.effects[0]
@@ -225,7 +233,7 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
 ) -> None:
     # GIVEN a first step that takes a small part of a gap, and a second that cannot decide
     driven = two_drives(2_200_140, ("wall_film", 4.0))
-    film, *others = name(driven, known()).trials.ranking
+    film, *others = named("wall_film", 4.0).trials.ranking
     small = next(c for c in others if c.kind == "effect")
     steps = iter(
         [
@@ -249,7 +257,7 @@ def test_the_best_of_several_is_no_name_if_nothing_is_found_beside_it(
 ) -> None:
     # GIVEN a first step that goes on with the better of two, and a second that finds nothing
     driven = two_drives(2_200_140, ("wall_film", 4.0))
-    film, *others = name(driven, known()).trials.ranking
+    film, *others = named("wall_film", 4.0).trials.ranking
     two = (film, next(c for c in others if c.kind == "effect"))
     steps = iter([Outcome("named", (film, *others), best=two), Outcome("no_gap", tuple(others))])
     monkeypatch.setattr("training.gap.name.steps.step", lambda *_, **__: next(steps))
@@ -275,7 +283,7 @@ def test_a_candidate_without_its_signals_is_skipped_and_said_so() -> None:
             {k: v for k, v in d.signals.items() if k != "rail_pressure_mpa"},
             1.0 / d.phi_measured.clip(0.07),
         )
-        for d in two_drives(2_200_120)
+        for d in two_drives(2_200_120)[:1]
     ]
     found = name(fed, known())
     assert found.trials.skipped == {"rail_exponent": ("rail_pressure_mpa",)}
@@ -283,7 +291,7 @@ def test_a_candidate_without_its_signals_is_skipped_and_said_so() -> None:
 
 
 def test_no_healthy_recordings_means_a_warning_and_no_fault_of_the_sensor_in_the_ranking() -> None:
-    found = name(two_drives(2_200_120), None, None)
+    found = name(two_drives(2_200_120)[:1], None, None)
     assert any("no healthy recordings" in text for text in found.warnings)
     assert any("no reference" in text for text in found.warnings)
     assert {c.kind for c in found.trials.ranking} == {"effect"}
