@@ -47,7 +47,7 @@ def predicted_phi(model: Path, recordings: Sequence[Recording]) -> list[FloatArr
 def _sha256(row: tuple[FloatArray, FloatArray]) -> str:
     content = hashlib.sha256()
     for values in row:
-        content.update(np.ascontiguousarray(values))
+        content.update(values.tobytes())
     return content.hexdigest()
 
 
