@@ -61,12 +61,14 @@ class Case:
     scales: tuple[float, ...] = ()  # per drive, of its errors, in sigma; empty if all are 1
 
     kept: tuple[BoolArray, ...] = field(init=False)  # per drive (n,), see ``Drive.kept``
+    rows: tuple[IntArray, ...] = field(init=False)  # per drive (m,), the numbers of these samples
     runs: tuple[Run, ...] = field(init=False)  # per drive, of a fixed base
 
     def __post_init__(self) -> None:
         fixed = self.fixed
         runs = () if fixed is None else tuple(Run.of(drive, fixed) for drive in self.drives)
         object.__setattr__(self, "kept", tuple(drive.kept for drive in self.drives))
+        object.__setattr__(self, "rows", tuple(map(np.flatnonzero, self.kept)))
         object.__setattr__(self, "runs", runs)
 
     @property
@@ -131,10 +133,10 @@ def white(case: Case, phi: Sequence[FloatArray]) -> list[FloatArray]:
     """Return each drive's errors on its kept samples, whitened, before drives' differences."""
     a, b = case.ar
     parts = []
-    for drive, predicted, kept in zip(case.drives, phi, case.kept, strict=True):
+    for drive, predicted, rows in zip(case.drives, phi, case.rows, strict=True):
         e = predicted - drive.phi_measured
         e[2:] = e[2:] - a * e[1:-1] - b * e[:-2]
-        parts.append(e[kept] / case.sigma)
+        parts.append(e[rows] / case.sigma)
     return parts
 
 

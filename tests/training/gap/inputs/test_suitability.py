@@ -13,10 +13,9 @@ from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from monitor.report.replay import shipped_model
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
-from training.gap.healthy import coverage
+from training.gap.healthy import behaviour, coverage
 from training.gap.healthy.operating_points import Visited
 from training.gap.inputs import suitability
-from training.gap.name import yardstick
 from training.gap.name.vehicle_mix import Chain, partitions, warn
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.effects import LIBRARY
@@ -224,7 +223,7 @@ def test_drives_that_do_not_say_their_coolant_temperature_count_as_of_any() -> N
 
 def test_drives_where_no_healthy_one_has_been_are_warned_of() -> None:
     # GIVEN healthy drives with a warm engine, and new ones of which one is cold
-    known = yardstick.learn([drive(seed) for seed in (1, 2, 3)], USUAL, lambda _: None)
+    known = behaviour.learn([drive(seed) for seed in (1, 2, 3)], USUAL)
     cold = drive(5, coolant_temperature_degc=np.full(6000, 10.0))
     # WHEN they are to be named
     assert coverage.coverage_warnings([drive(4)], known) == []

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -10,8 +9,7 @@ from scipy.signal import lfilter
 
 from monitor.base.types import FloatArray
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
-from tests.helpers.gap_simulated import healthy, two_drives
-from training.gap.healthy.behaviour import Healthy, learn
+from tests.helpers.gap_simulated import known, two_drives
 from training.gap.healthy.features import features
 from training.gap.name.base_state import base_state
 from training.gap.name.description import ANSWERS, TERMS_MOST, Description, describe
@@ -64,11 +62,6 @@ def many(path: Path, signals: dict[str, FloatArray]) -> Path:
     slow = 0.02 * np.sin(signals["maf_kg_h"] / 12.0) + 0.001 * (coolant - 60.0)
     factor = 1.0 + 0.04 * bumps + slow
     return replace(volts_and_speed(path, signals), factor=path.factor * factor)
-
-
-@cache
-def known() -> Healthy:
-    return learn(healthy(), Constants())
 
 
 def simulated(effect: str) -> Description:
