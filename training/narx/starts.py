@@ -1,5 +1,6 @@
 """Trainings from several random starts, their committees, and the choice of one of them."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -11,8 +12,8 @@ from scipy.linalg import block_diag
 from monitor.base.types import FloatArray
 from training.narx.network import Spec, layers, linear_path
 from training.narx.stability import Contraction, contraction
-from training.narx.stages import Trained, free_run_score, train
-from training.narx.structure import LEAST_GAIN
+from training.narx.stages import Trained, blocks_of, free_run_score, train
+from training.narx.structure import SURE
 from training.recordings.preparation import Prepared
 
 MOST_MEMBERS = 3  # of a committee
@@ -74,13 +75,17 @@ def choose(data: Prepared, trained: Sequence[Trained], seed: int) -> tuple[int, 
     """Return the number of the best training and how well it forgets its history.
 
     If the data have a memory, a network that forgets its history comes before one that does not. A
-    linear model comes before both if it follows the held-out blocks better, and does not remember
-    what such a network forgets.
+    committee comes before the best start unless the held-out blocks are sure that it is worse: they
+    are of the same drives, and on others the mean errs less. A linear model comes before all if it
+    follows the blocks better, and does not remember what such a network forgets.
     """
     gaps = [contraction(data, t.spec, t.weights, seed) for t in trained]
     late = [bool(data.memory) and not gap.gap <= gap.limit for gap in gaps]
     networks = [i for i, each in enumerate(trained) if each.spec.hidden]
     first = min(networks, key=lambda i: (late[i], trained[i].score), default=None)
+    if first is not None:
+        alike = [i for i in networks if late[i] == late[first]]
+        first = _largest(data, trained, alike, first)
     forgets = first is not None and np.isfinite(trained[first].score) and not late[first]
     linear = [
         i for i, each in enumerate(trained) if not each.spec.hidden and not (forgets and late[i])
@@ -89,11 +94,33 @@ def choose(data: Prepared, trained: Sequence[Trained], seed: int) -> tuple[int, 
     return best, gaps[best]
 
 
-def committees(data: Prepared, trained: Sequence[Trained]) -> list[Trained]:
-    """Return the committees of the two and three best trainings of each shape.
+def _largest(data: Prepared, trained: Sequence[Trained], alike: Sequence[int], first: int) -> int:
+    """Return the largest committee within a standard error of the first network, else the first.
 
-    A committee's score is raised by ``LEAST_GAIN``, because a larger model must be better.
+    Source: Breiman, Friedman, Olshen and Stone, Classification and Regression Trees (1984),
+    section 3.4.3 (the rule of one standard error).
     """
+    best = trained[first]
+    for i in sorted(alike, key=lambda i: (-trained[i].members, trained[i].score)):
+        each = trained[i]
+        if each.members > best.members and not _surely_worse(data, each, best):
+            return i
+    return first
+
+
+def _surely_worse(data: Prepared, one: Trained, other: Trained) -> bool:
+    """Whether one has larger errors in the validation blocks, by more than a standard error."""
+    memory = max(one.spec.memory, other.spec.memory)
+    blocks = [blocks_of(data, each.spec, memory=memory) for each in (one, other)]
+    shares = blocks[0].weights / blocks[0].total_weight
+    losses = blocks[0].errors(one.weights) - blocks[1].errors(other.weights)
+    loss = float(shares @ losses)
+    spread = float(shares @ (losses - loss) ** 2)
+    return not loss <= SURE * math.sqrt(spread * float(shares @ shares))
+
+
+def committees(data: Prepared, trained: Sequence[Trained]) -> list[Trained]:
+    """Return the committees of the two and three best trainings of each shape."""
     found = []
     for spec in dict.fromkeys(t.spec for t in trained if t.spec.hidden):
         same = [t for t in trained if t.spec == spec and np.isfinite(t.score)]
@@ -101,7 +128,7 @@ def committees(data: Prepared, trained: Sequence[Trained]) -> list[Trained]:
         for count in range(2, min(len(same), MOST_MEMBERS) + 1):
             wide, weights = committee(spec, [t.weights for t in same[:count]])
             score = free_run_score(data, wide, weights)
-            found.append(Trained(wide, weights, score / (1 - LEAST_GAIN), members=count))
+            found.append(Trained(wide, weights, score, members=count))
     return found
 
 

@@ -11,8 +11,14 @@ from training.narx.linear.arx import Arx, choose_arx
 from training.narx.linear.free_run import free_runs
 from training.narx.linear_start import as_network, linear_starts, stretches, with_memory
 from training.narx.network import Spec, simulate
-from training.narx.stages import Trained, measured_history, pieces, random_pieces
-from training.narx.starts import choose
+from training.narx.stages import (
+    Trained,
+    free_run_score,
+    measured_history,
+    pieces,
+    random_pieces,
+)
+from training.narx.starts import choose, committee
 from training.recordings.preparation import Prepared, Role, prepare
 from training.recordings.recording import Recording
 
@@ -65,6 +71,27 @@ def test_a_fit_has_the_arx_among_its_starts_and_never_chooses_worse() -> None:
     assert choose(data, (network, plain, further), 0)[0] > 0
     network.score = 0.5 * further.score
     assert choose(data, (network, plain, further), 0)[0] == 0
+
+
+def test_a_committee_comes_before_the_best_start_unless_it_is_surely_worse() -> None:
+    data = prepared(0.8)
+    spec = Spec(2, 2, (3,), 0, *data.scaling.y_scaled_limits)
+
+    def constant(*values: float) -> Trained:
+        """Return the committee of networks that predict a constant each, one training for one."""
+        members = [np.append(np.zeros(spec.n_weights - 1), value) for value in values]
+        shape, weights = committee(spec, members)
+        score = free_run_score(data, shape, weights)
+        return Trained(shape, weights, score, members=len(values))
+
+    # GIVEN a start below the output's average, a mean as far above it, and one far away
+    average = float(data.samples.y[data.role == Role.VALIDATE].mean())
+    start, mean = constant(0.0), constant(average, 3.2 * average)
+    poor = constant(0.0, 20.0)
+    assert start.score < mean.score < poor.score
+    # WHEN one is chosen THEN it is the mean, as far as the blocks do not tell it from the start
+    assert choose(data, (start, mean), 0)[0] == 1
+    assert choose(data, (start, poor), 0)[0] == 0
 
 
 def test_a_linear_model_that_remembers_does_not_come_before_a_network_that_forgets() -> None:
