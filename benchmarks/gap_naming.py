@@ -2,8 +2,9 @@
 
 Cases come from the dynamometer of the gap study, from the second engine, whose equations are
 others, and from vehicles of the second engine in which every effect has another form. The set
-``choose`` is for setting numbers, ``report`` holds other vehicles and seeds. Drives last five
-minutes, four (dynamometer) or six (second engine) per case, eight healthy ones.
+``choose`` is for setting numbers, ``report`` holds other vehicles and seeds, ``apart`` further ones
+of the second engine and its variants alone. Drives last five minutes, four (dynamometer) or six
+(second engine) per case, eight healthy ones.
 
     python benchmarks/gap_naming.py make FOLDER
     python benchmarks/gap_naming.py answer FOLDER --set report --out answers.jsonl
@@ -45,9 +46,9 @@ STUDIES: Final = {
     "choose": ((52_000, 4), (48, 16, 18, 18, 10, 10)),  # first vehicle, vehicles; cases by kind
     "report": ((54_000, 4), (48, 30, 18, 18, 12, 12)),
 }
-SECOND: Final = {"choose": (31, 32), "report": (51, 52)}
+SECOND: Final = {"choose": (31, 32), "report": (51, 52), "apart": (61, 62)}
 # Engines of the second one's structure in which every effect has a form of its own.
-OTHERS: Final = {"choose": (131, 132), "report": (151, 152)}
+OTHERS: Final = {"choose": (131, 132), "report": (151, 152), "apart": (161, 162)}
 KINDS: Final = ("effect", "null", "unknown", "two", "onset", "fault")
 BESIDE: Final = 12  # cases with an effect of one of the larger sizes beside a fault from the start
 LARGER: Final = 3  # index into the sizes of an effect
@@ -82,7 +83,7 @@ def main() -> None:
     making.add_argument("--only", default="", help="part of the keys to make")
     answering = parts.add_parser("answer")
     answering.add_argument("folder", type=Path)
-    answering.add_argument("--set", choices=tuple(STUDIES), default="choose")
+    answering.add_argument("--set", choices=tuple(SECOND), default="choose")
     answering.add_argument("--out", type=Path, required=True)
     answering.add_argument("--only", default="", help="part of the keys of the cases to answer")
     showing = parts.add_parser("table")
@@ -99,11 +100,11 @@ def main() -> None:
 
 def make(folder: Path, only: str) -> None:
     """Simulate all vehicles and cases that the folder lacks."""
-    for set_ in STUDIES:
+    for set_ in SECOND:
         to = folder / set_
         to.mkdir(parents=True, exist_ok=True)
         for key, simulated in (
-            *_of_dyno(set_),
+            *(_of_dyno(set_) if set_ in STUDIES else ()),
             *_of_second_engine(set_, SECOND),
             *_of_second_engine(set_, OTHERS),
         ):

@@ -17,7 +17,6 @@ from training.gap.name.feature_words import words_of
 from training.gap.name.ranking import State
 from training.gap.name.signal_functions import columns, functions_of
 from training.greybox.chain import Constants, simulate
-from training.greybox.fit import ridge
 from training.greybox.fit.comparison import FOLDS
 from training.greybox.fit.constants import sandwich
 from training.greybox.fit.drive import Drive, path_of
@@ -104,7 +103,6 @@ def describe(state: State) -> Description:
     they leave.
     """
     blocks = state.case.blocks
-    fold = blocks % FOLDS
     told, table = _plain(state)
     known, target = state.current.jacobian, -state.current.residual
     by_ceiling = scoring.explained(state.current, state.roof, blocks)
@@ -113,7 +111,7 @@ def describe(state: State) -> Description:
     weights = np.linalg.lstsq(design, target)[0]
     errors = np.sqrt(np.diag(sandwich(design, target - design @ weights, blocks)))
     rest = _held_out(design, target, blocks)
-    further = rest - ridge.fit(np.column_stack([state.roof.columns, design]), rest, fold).held_out
+    further = scoring.left_by(state.roof, design, rest, blocks)
     more = scoring.by_block(rest, blocks).sum() - scoring.by_block(further, blocks).sum()
     explainable = sum(step.score.gain for step in steps) + max(float(more), 0.0)
     terms = []

@@ -18,6 +18,8 @@ LARGEST: Final = 5.0  # of a whitened error in sigma, beyond which it counts no 
 BOOTSTRAPS: Final = 2000
 MOVED_LEAST: Final = 4.0  # sum of squares of a block
 BLOCKS_LEAST: Final = 6
+# Of the ceiling. Where it knows nothing, the last ones leave hardly any of it.
+PENALTIES: Final = (*ridge.PENALTIES, 0.1, 1.0, 10.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +97,19 @@ def ceiling(case: Case, plain: Sequence[FloatArray]) -> Ceiling:
 
 def explained(found: Fit, roof: Ceiling, blocks: IntArray) -> float:
     """Return by how much the deviance of held-out blocks falls with the ceiling."""
-    table = np.column_stack([roof.columns, found.jacobian])
-    rest = found.residual - ridge.fit(table, found.residual, blocks % FOLDS).held_out
+    rest = left_by(roof, found.jacobian, found.residual, blocks)
     return float((by_block(found.residual, blocks) - by_block(rest, blocks)).sum())
+
+
+def left_by(roof: Ceiling, known: FloatArray, errors: FloatArray, blocks: IntArray) -> FloatArray:
+    """Return what the ceiling leaves of held-out errors (m,) in sigma.
+
+    known : (m, p) further columns, what constants that were fitted may move
+    It is as free as bounded errors want it, because bounded errors are what counts.
+    """
+    table = np.column_stack([roof.columns, known])
+    own = ridge.fit(table, errors, blocks % FOLDS, penalties=PENALTIES, largest=LARGEST)
+    return errors - own.held_out
 
 
 def whitened(case: Case, found: Fit, plain: Sequence[FloatArray]) -> Case:

@@ -36,6 +36,7 @@ def fit(
     penalties: Sequence[float] = PENALTIES,
     alike: bool = False,
     prior: FloatArray | None = None,
+    largest: float = np.inf,
 ) -> Ridge:
     """Return the ridge of ``target`` (n,) on ``columns`` (n, k) with the best held-out error.
 
@@ -44,6 +45,7 @@ def fit(
     penalties : candidates, times the number of samples
     alike : the weights have one unit and size; columns keep their size instead of unit size
     prior : (k, k) precision of the weights for a target with noise 1
+    largest : held-out error beyond which an error counts no more
     Source: Hoerl and Kennard, Technometrics 12 (1970).
     """
     order = np.argsort(fold, kind="stable")  # the samples of a fold lie together
@@ -65,7 +67,8 @@ def fit(
     for rows, part, own, seen in zip(np.split(order, edges), parts, grams, moments, strict=True):
         weights = [np.linalg.solve(gram - own + ridge, moment - seen) for ridge in ridges]
         held_out[rows] = part @ (np.array(weights) * inverse).T
-    best = int(((target[:, np.newaxis] - held_out) ** 2).sum(axis=0).argmin())
+    left = np.minimum(np.abs(target[:, np.newaxis] - held_out), largest)
+    best = int((left**2).sum(axis=0).argmin())
     found = np.linalg.solve(gram + ridges[best], moment) / scale
     found = np.where(used | (np.diag(prior) > 0.0), found, 0.0)
     low, high = limits or (columns.min(axis=0), columns.max(axis=0))
