@@ -86,13 +86,17 @@ class Healthy:
         own = self.with_own(drive)
         return replace(own, scored=own.scored & self.visited.on(own))
 
+    def learned(self, drive: Drive, made: Mapping[str, FloatArray] | None = None) -> FloatArray:
+        """Return the chain's expected error, (n,) in phi; see ``correction``."""
+        return self.ridge.predict(self.table(made or self.columns(drive)))
+
     def correction(self, drive: Drive, made: Mapping[str, FloatArray] | None = None) -> FloatArray:
         """Return the chain's expected error on ``drive`` if the vehicle is healthy, (n,) in phi.
 
         made : the drive's columns, if they are at hand
         With another model than the chain, what that model reads instead is part of it.
         """
-        learned = self.ridge.predict(self.table(made or self.columns(drive)))
+        learned = self.learned(drive, made)
         if drive.phi_of_model is None:
             return np.asarray(learned + drive.moved_phi)
         own = simulate(path_of(self.with_own(drive), self.base), drive.period_s)

@@ -1,31 +1,44 @@
 """A formula of signals against the effects or the sensor fault of a verdict."""
 
+from monitor.base.types import FloatArray
 from training.gap.name import scoring
-from training.gap.name.formula import Formula
-from training.gap.name.ranking import WIN, State, adequacy_of, against
+from training.gap.name.ranking import USUAL_SHARE, WIN, State, against
+from training.gap.name.signal_screen import left_by_signal
 from training.gap.name.steps import Advance
+from training.gap.name.verdict import Candidate
 
 
-def leaves_something(first: State, found: Advance) -> bool:
-    """Return whether the ceiling explains more of a gap than a verdict's effects or fault."""
+def may_be_beaten(first: State, found: Advance) -> bool:
+    """Return whether plain functions of one signal explain about as much as a verdict.
+
+    A formula's first term has one or two signals, so it may explain somewhat more than they do.
+    """
     if found.outcome.verdict == "no_gap" and not found.rounds:
         return False
-    if found.rounds:
-        fitted, deviance = found.last.current, found.last.deviance
-    else:
-        best = found.outcome.fault or next((c for c in found.first if c.merit.physical), None)
-        if best is None:
-            return True
-        fitted, deviance = best.fit, scoring.deviance(best.fit, first.case.blocks)
-    return adequacy_of(first, float((first.deviance - deviance).sum()), fitted) < 1.0
+    best = next(iter(left_by_signal(first).values()), first.deviance)
+    return float((best - _left(first, found)).sum()) < _usual(first)
 
 
-def beats(first: State, formula: Formula, found: Advance) -> bool:
+def beats(first: State, rival: Candidate, found: Advance) -> bool:
     """Return whether the first term of a formula clearly beats all effects and faults.
 
-    It has to beat several named effects together, too.
+    It has to beat several named effects together, too. An effect whose form differs from the
+    vehicle's leaves the usual share of the deviance, so the term has to explain more than that
+    beyond the verdict's effects or fault.
     """
-    if formula.rival is None or against(first, formula.rival, found.first)[1]:
+    if against(first, rival, found.first)[1]:
         return False
-    own = scoring.deviance(formula.rival.fit, first.case.blocks)
-    return scoring.win(own, found.last.deviance) >= WIN
+    own, left = scoring.deviance(rival.fit, first.case.blocks), _left(first, found)
+    return scoring.win(own, left) >= WIN and float((left - own).sum()) > _usual(first)
+
+
+def _usual(first: State) -> float:
+    return USUAL_SHARE * float(first.deviance.sum())
+
+
+def _left(first: State, found: Advance) -> FloatArray:
+    """Return the deviance, (n_blocks,), that the effects or the fault of a verdict leave."""
+    if found.rounds:
+        return found.last.deviance
+    best = found.outcome.fault or next((c for c in found.first if c.merit.physical), None)
+    return scoring.deviance(best.fit, first.case.blocks) if best else first.deviance

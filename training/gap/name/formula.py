@@ -6,21 +6,23 @@ Errors count as they are, slow ones too: an effect that follows a temperature is
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from monitor.base.types import FloatArray
+from training.gap.healthy.behaviour import Healthy
+from training.gap.healthy.without import corrections
 from training.gap.name import scoring
 from training.gap.name.ranking import State, rank
 from training.gap.name.second_signal import grown
-from training.gap.name.signal_functions import columns, functions_of
+from training.gap.name.signal_screen import NO_CAUSES, left_by_signal
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
 from training.greybox.effects.empirical import effect_of, form_of, in_form, name_of, signal_of
+from training.greybox.fit.held_out import held_out_rmse
 from training.greybox.fit.joint import Fit, fit
-from training.jobs.checkpoints import Progress
 
 TERMS_MOST: Final = 3
 SIGNALS_MOST: Final = 3  # whose forms are fitted
@@ -31,36 +33,93 @@ SHARE_LEAST: Final = 0.1  # of the deviance, that a term takes away
 NEARLY: Final = 1.05  # times the least deviance, up to which a form of fewer constants goes first
 RANGE: Final = (0.02, 0.98)  # quantiles that a curve spans
 FORMS: Final = ("factor", "mass", "vapour", "slow", "curve")  # of every signal
-PLACED: Final = ("bump", "step")  # of the best curves' signals, begun where the curve says
+PLACED: Final = ("bump", "step", "bend", "exponential")  # begun where the best curves show it
 CURVES_MOST: Final = 2
+RATES: Final = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)  # of an exponential per u, for a fit to begin at
+SHOWN: Final = ("place", "rate")  # constants that a curve shows
 BESIDE: Final = 0.1  # of u, from a knot: a fit cannot begin at 0
-NO_CAUSES: Final = ("sensor_heater_percent",)  # answers the exhaust's flow and temperature
 
 
 class Formula(NamedTuple):
     """The terms, none if nothing is clear."""
 
     terms: tuple[Candidate, ...] = ()  # of the fit to errors as they are, merits in whitened ones
-    rival: Candidate | None = None  # the first term in whitened errors, as the sensor's faults are
+    rmse: float = 0.0  # of the terms on held-out blocks, in phi
 
 
-def formula_of(state: State, progress: Progress = lambda _: None) -> Formula:
-    """Return the formula of a state without effects."""
-    plain, found = _plain(state), list[Candidate]()
+@dataclass(frozen=True, slots=True)
+class FirstTerm:
+    """The first term of a formula: the form that a rival of effects and faults has."""
+
+    term: Candidate  # of the fit to errors as they are
+    rival: Candidate  # in whitened errors, as effects and the sensor's faults are
+    plain: State  # errors as they are, with the term
+    known: Healthy | None
+    of: State  # without effects
+
+
+def first_term(state: State, known: Healthy | None = None) -> FirstTerm | None:
+    """Return the first term of a formula, None if none is even over the blocks.
+
+    state : without effects
+    known : of the vehicle; its errors are then those that it shows without the term
+    """
+    plain = _plain(state)
+    if rough := rank(plain, _forms(plain, (), ("curve",)), lambda _: None):
+        plain = _reread(plain, known, rough[0].fit)
+    found = _next(plain, known, (), T_LEAST)
+    if found is None:
+        return None
+    term, plain = found
+    return FirstTerm(term, rank(state, [term.term], lambda _: None)[0], plain, known, state)
+
+
+def formula_of(first: FirstTerm) -> Formula:
+    """Return the formula that begins with a term."""
+    plain, found = first.plain, [first.term]
     while len(found) < TERMS_MOST:
-        progress("formula")
-        best = _best(plain, {signal_of(c.name) for c in found})
-        if best is None or best.merit.t < (FURTHER_T_LEAST if found else T_LEAST):
+        used = {signal_of(c.name) for c in found}
+        more = _next(plain, first.known, used, FURTHER_T_LEAST)
+        if more is None or _rmse(*more) > _rmse(found[-1], plain):
             break
-        best = _growing(plain, best)
-        found.append(best)
-        plain = _with(plain, best.fit)
+        term, plain = more
+        found.append(term)
     terms = _needed(plain, found)
-    judged = _judged(state, terms)
-    if not judged or judged[0].merit.score < GAIN_LEAST:
+    judged = _judged(first.of, terms)
+    if judged[0].merit.score < GAIN_LEAST:
         return Formula()
     pairs = zip(terms, judged, strict=True)
-    return Formula(tuple(replace(c, merit=j.merit) for c, j in pairs), judged[0])
+    merited = tuple(replace(c, merit=j.merit) for c, j in pairs)
+    return Formula(merited, _rmse(terms[-1], plain))
+
+
+def _rmse(term: Candidate, plain: State) -> float:
+    """Return the RMSE in phi on held-out blocks with all terms up to one."""
+    return held_out_rmse(plain.case, term.fit)
+
+
+def _next(
+    plain: State, known: Healthy | None, used: Collection[str], t_least: float
+) -> tuple[Candidate, State] | None:
+    """Return the best further term, and the state with it."""
+    best = _best(plain, used)
+    if best is None or best.merit.t < t_least:
+        return None
+    best = _growing(plain, best)
+    plain = _reread(plain, known, best.fit)
+    best = replace(best, fit=fit(plain.case, best.fit.terms, [best.fit]))
+    return best, _with(plain, best.fit)
+
+
+def _reread(plain: State, known: Healthy | None, found: Fit) -> State:
+    """Return the state with the healthy vehicle's errors as it shows them without the terms."""
+    if known is None:
+        return plain
+    pairs = zip(found.terms, found.parameters, strict=True)
+    effects = tuple((term, own) for term, own in pairs if isinstance(term, Effect))
+    case = replace(plain.case, corrections=corrections(known, plain.case.drives, effects))
+    current = fit(case, plain.current.terms, [plain.current])
+    return _with(replace(plain, case=case), current)
 
 
 def _needed(plain: State, found: Sequence[Candidate]) -> list[Candidate]:
@@ -122,28 +181,16 @@ def _plain(state: State) -> State:
     return replace(state, case=case, current=current, roof=roof, deviance=deviance)
 
 
-def _forms(state: State, used: Collection[str]) -> list[Effect]:
-    """Return the forms of the signals that may explain most, by least squares over all blocks."""
-    drives = state.case.drives
-    without = (*used, *NO_CAUSES)
-    functions = [f for f in functions_of(drives) if f.signal not in without]
-    if not functions:
-        return []
-    made = [columns(drive, state.current.base, functions) for drive in drives]
-    table = scoring.ceiling(state.case, made).columns
-    target = np.clip(-state.current.residual, -scoring.LARGEST, scoring.LARGEST)
-    explained = {}
-    for signal in dict.fromkeys(f.signal for f in functions):
-        own = table[:, [f.signal == signal for f in functions]]
-        explained[signal] = float(((own @ np.linalg.lstsq(own, target)[0]) ** 2).sum())
-    forms = []
-    for signal in sorted(explained, key=lambda s: -explained[s])[:SIGNALS_MOST]:
+def _forms(state: State, used: Collection[str], forms: Sequence[str] = FORMS) -> list[Effect]:
+    """Return the forms of the signals that may explain most."""
+    drives, effects = state.case.drives, list[Effect]()
+    for signal in [*left_by_signal(state, used)][:SIGNALS_MOST]:
         x = np.concatenate([drive.signals[signal][drive.kept] for drive in drives])
         low, high = np.quantile(x, RANGE).tolist()
         if high > low:
             middle, half = (low + high) / 2.0, (high - low) / 2.0
-            forms += [effect_of(name_of(signal, form, middle, half)) for form in FORMS]
-    return forms
+            effects += [effect_of(name_of(signal, form, middle, half)) for form in forms]
+    return effects
 
 
 def _placed(ranking: Sequence[Candidate]) -> list[Effect]:
@@ -153,17 +200,30 @@ def _placed(ranking: Sequence[Candidate]) -> list[Effect]:
 
 
 def _begun(curve: Candidate, form: str) -> Effect:
-    """Return a form of the curve's signal whose place begins where the curve shows it."""
+    """Return a form of the curve's signal that begins where the curve shows it."""
     effect = effect_of(in_form(curve.name, form))
-    place = _place_of(form, np.array(list(curve.parameters.values())))
-    begun = (replace(p, start=(place,)) if p.name == "place" else p for p in effect.parameters)
+    values = np.array(list(curve.parameters.values()))
+    start = _rate_of(values) if form == "exponential" else _place_of(form, values)
+    begun = (replace(p, start=(start,)) if p.name in SHOWN else p for p in effect.parameters)
     return replace(effect, parameters=tuple(begun))
 
 
 def _place_of(form: str, values: FloatArray) -> float:
-    """Return u of a curve's most unusual value (bump) or of its steepest part (step)."""
+    """Return u of a curve's most unusual value (bump), steepest part (step) or corner (bend)."""
     knots = np.linspace(-1.0, 1.0, len(values)) + BESIDE
     if form == "bump":
         return float(knots[np.argmax(np.abs(values - np.median(values)))])
+    if form == "bend":
+        return float(knots[1:-1][np.argmax(np.abs(np.diff(values, 2)))])
     steepest = int(np.argmax(np.abs(np.diff(values))))
     return float(knots[steepest : steepest + 2].mean())
+
+
+def _rate_of(values: FloatArray) -> float:
+    """Return the rate per u of the exponential that is nearest to a curve."""
+    knots = np.linspace(-1.0, 1.0, len(values))
+    left = []
+    for rate in RATES:
+        table = np.column_stack([np.ones(len(knots)), np.exp(rate * knots - abs(rate))])
+        left.append(float(np.sum((values - table @ np.linalg.lstsq(table, values)[0]) ** 2)))
+    return RATES[int(np.argmin(left))]

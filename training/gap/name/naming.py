@@ -18,9 +18,9 @@ from monitor.base.errors import RecordingError
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import scoring, yardstick
 from training.gap.name.base_state import FREE, base_state
-from training.gap.name.contest import beats, leaves_something
+from training.gap.name.contest import beats, may_be_beaten
 from training.gap.name.decision import Outcome
-from training.gap.name.formula import Formula, formula_of
+from training.gap.name.formula import FirstTerm, Formula, first_term, formula_of
 from training.gap.name.hypotheses import hypotheses
 from training.gap.name.posterior import posterior
 from training.gap.name.ranking import HALF, State, adequacy_of, against
@@ -84,34 +84,36 @@ def name(
         reference=reference,
         doubts=_doubts(first.case, known),
     )
-    naming, formula = answer(found), Formula()
-    if naming.verdict == "unknown_effect" or leaves_something(first, found):
-        formula = formula_of(first, progress)
-    if naming.verdict != "unknown_effect" and beats(first, formula, found):
+    naming, formula = answer(found), None
+    if naming.verdict == "unknown_effect" or may_be_beaten(first, found):
+        progress("formula")
+        formula = first_term(first, known)
+    if naming.verdict != "unknown_effect" and formula and beats(first, formula.rival, found):
         unknown = Outcome("unknown_effect", found.first)
         found = Advance(first, unknown, rounds=(), warnings=(), first=found.first)
         naming = answer(found)
     if naming.verdict == "unknown_effect":
         naming = _with_formula(naming, first, formula, found.first)
     if known is not None:
-        weighed = hypotheses(first, found.first, formula.rival, sensor_known_good=sensor_known_good)
+        rival = formula.rival if formula else None
+        weighed = hypotheses(first, found.first, rival, sensor_known_good=sensor_known_good)
         naming = replace(naming, posterior=posterior(weighed))
     return naming
 
 
 def _with_formula(
-    naming: Naming, first: State, found: Formula, ranking: Sequence[Candidate]
+    naming: Naming, first: State, begun: FirstTerm | None, ranking: Sequence[Candidate]
 ) -> Naming:
     """Return the naming of an unknown effect with its formula, or with the sensor suspected."""
-    if suspect := _suspect(first, found.rival, ranking):
+    if suspect := _suspect(first, begun.rival if begun else None, ranking):
         return replace(naming, answer=replace(naming.answer, suspected=suspect.name))
+    found = formula_of(begun) if begun else Formula()
     if not found.terms:
         return naming
-    after = held_out_rmse(first.case, found.terms[-1].fit)
     return replace(
         naming,
         answer=replace(naming.answer, effects=found.terms),
-        error=replace(naming.error, after=after),
+        error=replace(naming.error, after=found.rmse),
     )
 
 

@@ -16,8 +16,10 @@ from training.greybox.effects.form.place import Place
 from training.greybox.effects.form.shape import (
     FARTHEST,
     STATES,
+    Bend,
     Bump,
     Curve,
+    Exponential,
     Line,
     Shape,
     Step,
@@ -81,6 +83,8 @@ FORMS: Final[Mapping[str, tuple[Target, Shape]]] = {
     "bump": (AIR, Bump()),
     "step": (AIR, Step()),
     "curve": (MIXTURE, Curve()),
+    "bend": (MIXTURE, Bend()),
+    "exponential": (MIXTURE, Exponential()),
 }
 
 

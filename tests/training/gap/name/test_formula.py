@@ -15,7 +15,7 @@ from tests.training.greybox.test_effect_forms import (
     test_the_arrays_and_the_graph_of_an_effect_agree as graph_agrees,
 )
 from training.gap.name.base_state import base_state
-from training.gap.name.formula import formula_of
+from training.gap.name.formula import _place_of, _rate_of, first_term, formula_of
 from training.gap.name.scoring import Score
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import Path
@@ -23,7 +23,8 @@ from training.greybox.effects.empirical import FORMS, effect_of, formula, growin
 
 
 def found(change: Change, seeds: Sequence[int] = (1,)) -> tuple[Candidate, ...]:
-    return formula_of(base_state([made(change, seed) for seed in seeds], None, BASE)).terms
+    begun = first_term(base_state([made(change, seed) for seed in seeds], None, BASE))
+    return formula_of(begun).terms if begun else ()
 
 
 def warm_intake(path: Path, signals: dict[str, FloatArray]) -> Path:
@@ -54,6 +55,18 @@ def test_a_resonance_is_found_at_its_speed_with_its_width() -> None:
     assert float(at) + values["place"] * float(half) == pytest.approx(1900.0, abs=20.0)
     assert values["width"] * float(half) == pytest.approx(150.0, rel=0.1)
     assert values["size"] == pytest.approx(8.0, rel=0.1)
+
+
+def test_what_halves_with_every_so_many_units_is_an_exponential() -> None:
+    # GIVEN 12 % more at 20 °C of the intake, half as much for every 7 K above it
+    def cold(path: Path, signals: dict[str, FloatArray]) -> Path:
+        more = 0.12 * np.exp(-(signals["manifold_temperature_degc"] - 20.0) / 10.0)
+        return replace(path, factor=path.factor * (1.0 + more))
+
+    (term,) = found(cold)
+    _, signal, form, _, half = term.name.split(":")
+    assert (signal, form) == ("manifold_temperature_degc", "exponential")
+    assert term.parameters["rate"] / float(half) == pytest.approx(-0.1, rel=0.1)
 
 
 def test_a_constant_is_part_of_a_formula() -> None:
@@ -155,6 +168,22 @@ def test_a_curve_is_constant_beyond_its_knots() -> None:
     ratio = changed.factor / path.factor
     np.testing.assert_allclose(ratio[signals["manifold_pressure_kpa"] > 80.0], 1.03)
     np.testing.assert_allclose(ratio[signals["manifold_pressure_kpa"] < 60.0], 1.01)
+
+
+def test_a_bend_is_level_up_to_its_place_and_straight_beyond_it() -> None:
+    # GIVEN a bend at 75 kPa, with 2 % per u of 10 kPa above it
+    path, signals = BASE_PATH
+    effect = effect_of(name_of("manifold_pressure_kpa", "bend", 70.0, 10.0))
+    changed = effect.apply(path, np.array([0.0, 0.0, 2.0, 0.5]), signals, 0.1)
+    # THEN the mixture is richer by 0.2 % per kPa beyond it, up to the end of the line
+    beyond_kpa = np.clip(signals["manifold_pressure_kpa"] - 75.0, 0.0, 25.0)
+    np.testing.assert_allclose(changed.factor / path.factor, 1.0 + 0.002 * beyond_kpa)
+
+
+def test_a_bend_begins_at_the_corner_of_a_curve_and_an_exponential_with_its_rate() -> None:
+    assert _place_of("bend", np.array([1.0, 1.0, 1.0, 2.0, 3.0])) == pytest.approx(0.0, abs=0.2)
+    knots = np.linspace(-1.0, 1.0, 5)
+    assert _rate_of(1.0 + 3.0 * np.exp(2.0 * knots)) == 2.0
 
 
 def _base_path() -> tuple[Path, dict[str, FloatArray]]:

@@ -143,6 +143,15 @@ def test_an_effect_that_a_formula_clearly_beats_is_unknown_and_not_named() -> No
     assert next(iter(found.posterior)) == "unknown"
 
 
+def test_beside_a_name_that_no_signal_comes_near_no_formula_is_looked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # GIVEN an effect of the library, and a search for a formula that would fail
+    monkeypatch.setattr("training.gap.name.naming.first_term", None)
+    # THEN its name does not need one
+    assert name(two_drives(2_200_140, ("wall_film", 4.0)), known()).verdict == "named"
+
+
 def test_a_sensor_slow_in_one_direction_may_be_made_so() -> None:
     found = name(two_drives(2_200_181, fault=("slow_rich_to_lean", 0.6)), known())
     assert found.verdict == "sensor_fault_suspected"

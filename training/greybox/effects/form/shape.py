@@ -3,15 +3,17 @@
 u is -1 and +1 at the ends of the signal's range. Sizes are in the unit of what the effect acts on.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Final, Protocol
 
 from training.greybox.effects.form.effect import Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, clip, exp, maximum, tanh
+from training.greybox.effects.form.value import Quantity, clip, exp, maximum, minimum, tanh
 
 STATES: Final = 2  # of a lag: its value, and whether it has begun
 FARTHEST: Final = 3.0  # |u| beyond which a line goes on level
+NEAR: Final = 1.5  # |u| beyond which an exponential goes on level
 POSITIVE: Final = 4.0  # makes u positive, for a lag
 KNOTS: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of a curve
 FIRST: Final = 0.025  # of the largest size: from which a fit begins
@@ -150,6 +152,57 @@ class Step:
             f"{below} {words.unit} below {words.signal} {at:.4g}, {above} {words.unit} above it "
             f"(over {wide:.2g})"
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Bend:
+    """A line that goes on with another slope beyond a place: a threshold, a dead band."""
+
+    n_states: int = 0
+
+    def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
+        """Return the size at the place, the slopes per u below and above it, and the place in u."""
+        slopes = (_size("below", unit, most), _size("above", unit, most))
+        return (_size("middle", unit, most), *slopes, _PLACE_AND_WIDTH[0])
+
+    def size(self, place: Place, u: Quantity, values: Values) -> Quantity:
+        """Return the value on the two lines."""
+        away = clip(u, -FARTHEST, FARTHEST) - values[3]
+        return values[0] + values[1] * minimum(away, 0.0) + values[2] * maximum(away, 0.0)
+
+    def says(self, values: Values, words: Words) -> str:
+        """Return the size at the place and both slopes."""
+        middle, below, above, place = values
+        at = words.at + place * words.width
+        slopes = [f"{_signed(each / words.width)} {words.unit}" for each in (below, above)]
+        return (
+            f"{_signed(middle)} {words.unit} {slopes[0]} below and {slopes[1]} above "
+            f"per unit of ({words.signal} - {at:.4g})"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Exponential:
+    """A size that is multiplied by the same factor per unit: vapour pressure, viscosity."""
+
+    n_states: int = 0
+
+    def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
+        """Return a constant, the size at the end where it is largest, and the rate per u."""
+        rate = Parameter("rate", "", -6.0, 6.0, (-2.0, 2.0))
+        return (_size("middle", unit, most), _size("size", unit, most), rate)
+
+    def size(self, place: Place, u: Quantity, values: Values) -> Quantity:
+        """Return the value on the exponential."""
+        middle, size, rate = values
+        return middle + size * exp(clip(u, -NEAR, NEAR) * rate - abs(rate))
+
+    def says(self, values: Values, words: Words) -> str:
+        """Return the constant, the size at u = 0 and the rate in the signal's unit."""
+        middle, size, rate = values
+        over = f"exp({rate / words.width:.3g} × ({words.signal} - {words.at:.6g}))"
+        first = size * math.exp(-abs(rate))
+        return f"{_signed(middle)} {words.unit} {_signed(first)} {words.unit} × {over}"
 
 
 _PLACE_AND_WIDTH: Final = (
