@@ -15,7 +15,8 @@ from monitor.base.config import BiasConfig
 from monitor.judge.response import Outcome
 
 MOST: Final = 256  # means of a drive that are kept
-LEAST: Final = 8  # means that a line is laid through
+LEAST: Final = 8  # means that a line is laid through, or a step
+EDGE: Final = 3  # means before a step and behind it, at least
 RISE: Final = 5.0  # least rise of a drift over the drive, in standard deviations of a window
 
 
@@ -78,6 +79,23 @@ class Course:
         step = float(np.square(y).sum() - (sums**2 / k + (y.sum() - sums) ** 2 / (n - k)).max())
         return abs(slope) * n > RISE * window_std and line < step
 
+    def step(self, most: float, window_std: float, shared: float) -> tuple[float, float, float]:
+        """Return the surest step of the offset: its means before and after, and how sure it is.
+
+        most : size of a healthy step
+        shared : part of a window's variance that windows in a row share
+        Sure is in standard deviations of the step's size, beyond ``most``.
+        """
+        n = len(self._means)
+        if n < LEAST or max(self._means) - min(self._means) <= most:
+            return 0.0, 0.0, -math.inf
+        sums, k = np.cumsum(self._means), np.arange(EDGE, n - EDGE + 1)
+        before, after = sums[k - 1] / k, (sums[-1] - sums[k - 1]) / (n - k)
+        own = (1.0 - shared) / self._each * (1.0 / k + 1.0 / (n - k))
+        sure = (np.abs(after - before) - most) / (window_std * np.sqrt(2.0 * shared + own))
+        i = int(sure.argmax())
+        return float(before[i]), float(after[i]), float(sure[i])
+
 
 class BiasRule:
     """A fading mean of the residual against the offsets that are healthy.
@@ -86,12 +104,24 @@ class BiasRule:
     large offset is found after few windows and a small one after many. A part of a window's
     deviation is shared by the whole drive and does not average out.
 
+    The mean remembers the time before a fault, so the rule also fails when the offset has stepped
+    away within the drive, by ``certainty`` more than ``step_most`` (the likelihood ratio over all
+    times of a change: Basseville and Nikiforov, Detection of Abrupt Changes, section 2.4).
+
     low, high : healthy offsets, output's unit
     window_std : of one window's mean, output's unit
+    step_most : largest step of a healthy offset within a drive, output's unit
     """
 
-    def __init__(self, config: BiasConfig, low: float, high: float, window_std: float) -> None:
-        self._config = config
+    def __init__(
+        self,
+        config: BiasConfig,
+        low: float,
+        high: float,
+        window_std: float,
+        step_most: float = math.inf,
+    ) -> None:
+        self._config, self._step_most = config, step_most
         self._low, self._high, self._window_std = low, high, window_std
         self.reset()
 
@@ -117,21 +147,33 @@ class BiasRule:
         own = (1.0 - config.variance_shared) * self._square / self._weight**2
         std = self._window_std * math.sqrt(config.variance_shared + own)
         beyond = max(offset - self._high, self._low - offset) / std
-        if ignore or self._windows < config.n_windows or 0.0 <= beyond <= config.certainty:
-            return Bias(
-                outcome="inconclusive",
-                fault=None,
-                also=(),
-                offset=offset,
-                offset_std=std,
-                beyond=beyond,
-            )
-        if beyond < 0.0:
-            return Bias(
-                outcome="passed", fault=None, also=(), offset=offset, offset_std=std, beyond=beyond
-            )
-        kind = "drift" if self._course.drifts(self._window_std) else "biased"
-        fault = f"{kind}_lean" if offset > self._high else f"{kind}_rich"
+        outcome, fault = ("inconclusive", None) if ignore else self._verdict(offset, beyond)
         return Bias(
-            outcome="failed", fault=fault, also=(), offset=offset, offset_std=std, beyond=beyond
+            outcome=outcome, fault=fault, also=(), offset=offset, offset_std=std, beyond=beyond
         )
+
+    def _verdict(self, offset: float, beyond: float) -> tuple[Outcome, str | None]:
+        """Return outcome and fault after a window that counts."""
+        config = self._config
+        stepped = self._step()
+        if stepped:
+            return "failed", self._named(is_lean=stepped > 0.0)
+        if self._windows < config.n_windows or 0.0 <= beyond <= config.certainty:
+            return "inconclusive", None
+        if beyond < 0.0:
+            return "passed", None
+        return "failed", self._named(is_lean=offset > self._high)
+
+    def _named(self, *, is_lean: bool) -> str:
+        kind = "drift" if self._course.drifts(self._window_std) else "biased"
+        return f"{kind}_{'lean' if is_lean else 'rich'}"
+
+    def _step(self) -> float:
+        """Return the step of an offset that began within the drive, 0 without one."""
+        if not math.isfinite(self._step_most):
+            return 0.0
+        shared = self._config.variance_shared
+        before, after, sure = self._course.step(self._step_most, self._window_std, shared)
+        middle = 0.5 * (self._low + self._high)
+        is_away = abs(after - middle) > abs(before - middle)
+        return after - before if is_away and sure > self._config.certainty else 0.0

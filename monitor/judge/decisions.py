@@ -3,6 +3,7 @@
 Results come in the order of time, one after the other.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -57,7 +58,15 @@ class Decisions:
         self._facts = WindowFacts(limits, config, hypotheses, transform, end, period_s)
         self.fuel_cuts = FuelCutResponse(config, limits.fuel_cut, transform)
         self._may_be_dead = False
-        self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)
+        # a drive has one fuel; the offsets of other outputs have no known bound
+        step_most = config.bias.fuel_span_lambda if transform == "phi" else math.inf
+        self._bias = BiasRule(
+            config.bias,
+            low=limits.offset_low,
+            high=limits.offset_high,
+            window_std=limits.offset_std,
+            step_most=step_most,
+        )
         self._rules = {test: kind() for test, kind in (rules or {}).items()}
         self._counters = Counters((*OF_VEHICLE, *self._rules), config, store)
         self.completed = False  # the response test reached a decision

@@ -113,3 +113,34 @@ def test_after_a_reset_the_bias_rule_waits_again() -> None:
     assert last.fault == "biased_lean"
     rule.reset()
     assert rule.judge(0.1).outcome == "inconclusive"
+
+
+def stepping_rule() -> BiasRule:
+    return BiasRule(BIAS, -LIMIT, LIMIT, STD, step_most=BIAS.fuel_span_lambda)
+
+
+@pytest.mark.parametrize(("size", "fault"), [(0.1, "biased_lean"), (-0.1, "biased_rich")])
+def test_an_offset_that_begins_late_in_a_drive_fails_within_a_few_windows(
+    size: float, fault: str
+) -> None:
+    # GIVEN a healthy drive of 150 windows, whose mean fades slowly
+    rule = stepping_rule()
+    noise = np.random.default_rng(3).normal(0.0, STD, 160)
+    assert {rule.judge(mean).outcome for mean in noise[:150]} == {"inconclusive", "passed"}
+    # WHEN the reading is off THEN the rule fails while the mean is still healthy
+    found = [rule.judge(mean + size) for mean in noise[150:]]
+    assert found[5].fault == found[-1].fault == fault
+    assert abs(found[-1].offset) < LIMIT
+
+
+def test_a_step_that_another_fuel_explains_is_no_bias() -> None:
+    rule = stepping_rule()
+    outcomes = [rule.judge(mean).outcome for mean in 40 * [0.0] + 40 * [BIAS.fuel_span_lambda]]
+    assert "failed" not in outcomes
+
+
+def test_an_offset_that_goes_is_no_new_one() -> None:
+    # GIVEN a reading that was off, within the limit, until its offset went
+    rule = stepping_rule()
+    faults = {rule.judge(mean).fault for mean in 20 * [0.06] + 40 * [0.0]}
+    assert faults == {None}
