@@ -215,6 +215,12 @@ def made(verdict: Verdict, localised: bool = False) -> Result:
     )
 
 
+@cache
+def page_of(verdict: Verdict) -> str:
+    """Return the page of a verdict."""
+    return gap_page.as_page(made(verdict))
+
+
 def unverified() -> Result:
     """A named effect without a recording that was kept from the fits."""
     one = made("named")
@@ -364,7 +370,7 @@ def test_the_page_has_every_section_in_order_and_asks_for_nothing(verdict: Verdi
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_names_and_texts_from_outside_are_escaped(verdict: Verdict) -> None:
-    page = gap_page.as_page(made(verdict))
+    page = page_of(verdict)
     assert "new&lt;1&gt;.csv" in page
     assert "held &amp; out.csv" in page
     for tag in ("<1>", "<something>", "<2,600>", "<oil>"):
@@ -386,7 +392,7 @@ def test_names_and_texts_from_outside_are_escaped(verdict: Verdict) -> None:
     ],
 )
 def test_the_verdict_stands_first_with_its_figures(verdict: Verdict, words: str) -> None:
-    page = gap_page.as_page(made(verdict))
+    page = page_of(verdict)
     first = page[page.index("<h1>") : page.index("<nav>")]
     assert words in first
     assert "0.0102" in first
@@ -417,7 +423,7 @@ def test_a_page_about_simulated_recordings_says_so() -> None:
     ],
 )
 def test_the_page_says_what_to_do_now(verdict: Verdict, words: str) -> None:
-    page = gap_page.as_page(made(verdict))
+    page = page_of(verdict)
     assert words in page[page.index('id="now"') : page.index('id="much"')]
 
 
@@ -566,7 +572,7 @@ def test_an_error_that_is_no_gap_stands_beside_that_on_healthy_recordings() -> N
 
 
 def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
-    page = gap_page.as_page(made("no_gap"))
+    page = page_of("no_gap")
     what = page[page.index('id="what"') : page.index('id="where"')]
     assert "<td>scavenging</td><td>manifold_pressure_kpa</td>" in what
 
