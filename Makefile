@@ -3,7 +3,6 @@
 PYTHON  ?= python3
 VENV    := .venv
 DEMO    := .venv-demo
-KEPT    := PYTHONDONTWRITEBYTECODE= # pytest compiles a test once, not in each run
 PIP     := --quiet --disable-pip-version-check --no-compile
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
@@ -34,13 +33,13 @@ test: venv system ## every check: style, types, imports, all tests
 
 whole: venv
 	$(VENV)/bin/python -m compileall -q monitor training dbc # once, not in each process that tests start
-	$(KEPT) $(VENV)/bin/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder --durations 20 # one of three waits for a bus
+	$(VENV)/bin/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder --durations 20 # one of three waits for a bus
 
 check: venv ## style, types, imports and the fast tests
 	@$(MAKE) --no-print-directory -j 2 lint fast
 
 fast: venv
-	$(KEPT) $(VENV)/bin/python -m pytest -q -n 2 --dist loadscope --no-loadscope-reorder \
+	$(VENV)/bin/python -m pytest -q -n 2 --dist loadscope --no-loadscope-reorder \
 	  -m 'not kernel and not browser and not trains and not thorough and not waits'
 
 properties: venv ## the property tests with ten times as many inputs, other ones in each run
