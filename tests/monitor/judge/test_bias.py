@@ -9,7 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base import config
+from monitor.judge.bank import build
 from monitor.judge.bias import BiasRule, paper_failed
+from monitor.judge.decisions import Decisions
+from monitor.judge.findings import WindowJudged
+from monitor.judge.limits import NO_LIMITS
+from monitor.judge.window import Window
+from monitor.memory.dtc_store import DtcStore
 
 # The paper's rule
 
@@ -144,3 +150,42 @@ def test_an_offset_that_goes_is_no_new_one() -> None:
     rule = stepping_rule()
     faults = {rule.judge(mean).fault for mean in 20 * [0.06] + 40 * [0.0]}
     assert faults == {None}
+
+
+@pytest.mark.parametrize(("movement", "outcome"), [(0.0, "failed"), (0.9, "inconclusive")])
+def test_an_offset_fails_without_a_verdict_on_the_response_if_several_drives_gave_the_limits(
+    movement: float, outcome: str
+) -> None:
+    # GIVEN a mixture that hardly moves, and limits of several drives or, with movement, of one
+    settings, n = config.load(), 50
+    limits = replace(NO_LIMITS, offset_low=-LIMIT, offset_high=LIMIT, offset_std=STD, noise=0.01)
+    store = DtcStore()
+    store.start_driving_cycle()
+    decisions = Decisions(
+        limits=replace(limits, movement=movement),
+        config=settings,
+        hypotheses=build(settings.response),
+        transform="phi",
+        end=math.inf,
+        period_s=0.1,
+        store=store,
+    )
+    # WHEN the reading is 0.2 lean
+    measured = 1.2 + np.random.default_rng(1).normal(0.0, 0.01, (20, n))
+    windows = [
+        Window(
+            index=i,
+            t_start_ns=i * n,
+            t_end_ns=(i + 1) * n - 1,
+            measured=each,
+            predicted=np.ones(n),
+            bank=np.ones((n, len(build(settings.response)))),
+            inputs=np.zeros((n, 1)),
+        )
+        for i, each in enumerate(measured)
+    ]
+    # THEN the offset alone decides with limits of several drives
+    facts = decisions.facts(windows)
+    found = [e for w, f in zip(windows, facts, strict=True) for e in decisions.window(w, f)]
+    last = [each for each in found if isinstance(each, WindowJudged)][-1]
+    assert last.outcome == outcome
