@@ -102,7 +102,9 @@ class BiasRule:
 
     It fails when the mean is outside them by ``certainty`` of its own standard deviations, so a
     large offset is found after few windows and a small one after many. A part of a window's
-    deviation is shared by the whole drive and does not average out.
+    deviation is shared by the whole drive and does not average out. A model may err by far in a
+    single manoeuvre, so one window counts for no more than it would take to fail alone (bounded
+    influence: Huber, Robust Statistics, chapter 4); the offset that is told is the plain mean.
 
     The mean remembers the time before a fault, so the rule also fails when the offset has stepped
     away within the drive, by ``certainty`` more than ``step_most`` (the likelihood ratio over all
@@ -129,16 +131,18 @@ class BiasRule:
         """Forget the windows seen."""
         self._windows = 0
         self._course = Course()
-        self._sum = self._weight = self._square = 0.0
+        self._sum = self._bounded = self._weight = self._square = 0.0
 
     def judge(self, mean: float, *, ignore: bool = False) -> Bias:
         """Return the verdict after one more window; an ignored one is inconclusive."""
         config = self._config
         if not ignore:
-            memory = config.memory
+            memory, most = config.memory, config.certainty * self._window_std
+            bounded = min(max(mean, self._low - most), self._high + most)
             self._windows += 1
             self._course.push(mean)
             self._sum = memory * self._sum + mean
+            self._bounded = memory * self._bounded + bounded
             self._weight = memory * self._weight + 1.0
             self._square = memory**2 * self._square + 1.0
         if not self._windows:
@@ -146,8 +150,9 @@ class BiasRule:
         offset = self._sum / self._weight
         own = (1.0 - config.variance_shared) * self._square / self._weight**2
         std = self._window_std * math.sqrt(config.variance_shared + own)
-        beyond = max(offset - self._high, self._low - offset) / std
-        outcome, fault = ("inconclusive", None) if ignore else self._verdict(offset, beyond)
+        bounded = self._bounded / self._weight
+        beyond = max(bounded - self._high, self._low - bounded) / std
+        outcome, fault = ("inconclusive", None) if ignore else self._verdict(bounded, beyond)
         return Bias(
             outcome=outcome, fault=fault, also=(), offset=offset, offset_std=std, beyond=beyond
         )

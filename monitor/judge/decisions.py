@@ -67,8 +67,6 @@ class Decisions:
             window_std=limits.offset_std,
             step_most=step_most,
         )
-        # a model of one recording has not seen how offsets differ from drive to drive
-        self._knows_offsets = limits.movement == 0.0
         self._rules = {test: kind() for test, kind in (rules or {}).items()}
         self._counters = Counters((*OF_VEHICLE, *self._rules), config, store)
         self.completed = False  # the response test reached a decision
@@ -125,9 +123,6 @@ class Decisions:
         """Take a full window; yield its verdict, then the codes that it changes."""
         response = self._unless_dead(facts.response, facts.moved)
         bias = self._bias.judge(facts.offset, ignore=facts.no_evidence or self._may_be_dead)
-        is_alone = bias.outcome == "failed" and response.outcome == "inconclusive"
-        if is_alone and not self._knows_offsets:
-            bias = replace(bias, outcome="inconclusive", fault=None)
         judged = self._judged(window, facts, response, bias)
         yield judged
         self.store.report(self._results(response, bias))

@@ -44,13 +44,14 @@ def test_the_papers_rule_is_exact_at_its_limits(sign: float) -> None:
 LIMIT = 0.065
 BIAS = config.load().bias
 STD = BIAS.window_std_lambda
+MOST = LIMIT + BIAS.certainty * STD  # for which a window counts at most
 
 
 def new_rule(low: float = -LIMIT, high: float = LIMIT) -> BiasRule:
     return BiasRule(BIAS, low, high, STD)
 
 
-@given(st.lists(st.floats(-0.2, 0.2), min_size=1, max_size=40))
+@given(st.lists(st.floats(-MOST, MOST), min_size=1, max_size=40))
 def test_the_bias_rule_judges_the_fading_mean(means: list[float]) -> None:
     rule = new_rule()
     for i, mean in enumerate(means, start=1):
@@ -91,12 +92,13 @@ def test_the_limits_of_a_vehicle_need_not_be_alike() -> None:
         assert [rule.judge(offset) for _ in range(10)][-1].fault == fault
 
 
-def test_without_averaging_the_bias_limit_is_exact() -> None:
-    one_window = replace(BIAS, n_windows=1)
-    least = LIMIT + BIAS.certainty * STD
-    assert BiasRule(one_window, -LIMIT, LIMIT, STD).judge(least + 1e-9).fault == "biased_lean"
-    assert BiasRule(one_window, -LIMIT, LIMIT, STD).judge(least - 1e-9).fault is None
-    assert BiasRule(one_window, -LIMIT, LIMIT, STD).judge(-least - 1e-9).fault == "biased_rich"
+def test_a_manoeuvre_in_which_the_model_errs_by_far_is_no_bias() -> None:
+    # GIVEN a short drive, in which the model errs by far in two windows
+    rule = new_rule()
+    found = [rule.judge(mean) for mean in 5 * [0.0] + [2.0, 1.0] + 5 * [0.0]]
+    # THEN neither fails, though the mean, which is told, is far off
+    assert "failed" not in {each.outcome for each in found}
+    assert max(each.offset for each in found) > 0.4
 
 
 def test_a_single_far_window_is_no_bias() -> None:
@@ -152,17 +154,14 @@ def test_an_offset_that_goes_is_no_new_one() -> None:
     assert faults == {None}
 
 
-@pytest.mark.parametrize(("movement", "outcome"), [(0.0, "failed"), (0.9, "inconclusive")])
-def test_an_offset_fails_without_a_verdict_on_the_response_if_several_drives_gave_the_limits(
-    movement: float, outcome: str
-) -> None:
-    # GIVEN a mixture that hardly moves, and limits of several drives or, with movement, of one
+def test_an_offset_fails_without_a_verdict_on_the_response() -> None:
+    # GIVEN a mixture that hardly moves
     settings, n = config.load(), 50
     limits = replace(NO_LIMITS, offset_low=-LIMIT, offset_high=LIMIT, offset_std=STD, noise=0.01)
     store = DtcStore()
     store.start_driving_cycle()
     decisions = Decisions(
-        limits=replace(limits, movement=movement),
+        limits=limits,
         config=settings,
         hypotheses=build(settings.response),
         transform="phi",
@@ -184,8 +183,8 @@ def test_an_offset_fails_without_a_verdict_on_the_response_if_several_drives_gav
         )
         for i, each in enumerate(measured)
     ]
-    # THEN the offset alone decides with limits of several drives
+    # THEN the offset alone decides
     facts = decisions.facts(windows)
     found = [e for w, f in zip(windows, facts, strict=True) for e in decisions.window(w, f)]
     last = [each for each in found if isinstance(each, WindowJudged)][-1]
-    assert last.outcome == outcome
+    assert (last.outcome, last.fault) == ("failed", "biased_lean")
