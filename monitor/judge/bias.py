@@ -79,17 +79,21 @@ class Course:
         step = float(np.square(y).sum() - (sums**2 / k + (y.sum() - sums) ** 2 / (n - k)).max())
         return abs(slope) * n > RISE * window_std and line < step
 
-    def step(self, most: float, window_std: float, shared: float) -> tuple[float, float, float]:
+    def step(
+        self, most: float, window_std: float, config: BiasConfig
+    ) -> tuple[float, float, float]:
         """Return the surest step of the offset: its means before and after, and how sure it is.
 
         most : size of a healthy step
-        shared : part of a window's variance that windows in a row share
-        Sure is in standard deviations of the step's size, beyond ``most``.
+        Sure is in standard deviations of the step's size, beyond ``most``. A window counts for no
+        more than it would take to be a step alone, from the drive's median.
         """
         n = len(self._means)
         if n < LEAST or max(self._means) - min(self._means) <= most:
             return 0.0, 0.0, -math.inf
-        sums, k = np.cumsum(self._means), np.arange(EDGE, n - EDGE + 1)
+        middle, far = float(np.median(self._means)), most + config.certainty * window_std
+        sums = np.cumsum(np.clip(self._means, middle - far, middle + far))
+        k, shared = np.arange(EDGE, n - EDGE + 1), config.variance_shared
         before, after = sums[k - 1] / k, (sums[-1] - sums[k - 1]) / (n - k)
         own = (1.0 - shared) / self._each * (1.0 / k + 1.0 / (n - k))
         sure = (np.abs(after - before) - most) / (window_std * np.sqrt(2.0 * shared + own))
@@ -177,8 +181,7 @@ class BiasRule:
         """Return the step of an offset that began within the drive, 0 without one."""
         if not math.isfinite(self._step_most):
             return 0.0
-        shared = self._config.variance_shared
-        before, after, sure = self._course.step(self._step_most, self._window_std, shared)
+        before, after, sure = self._course.step(self._step_most, self._window_std, self._config)
         middle = 0.5 * (self._low + self._high)
         is_away = abs(after - middle) > abs(before - middle)
         return after - before if is_away and sure > self._config.certainty else 0.0

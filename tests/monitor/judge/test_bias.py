@@ -92,9 +92,10 @@ def test_the_limits_of_a_vehicle_need_not_be_alike() -> None:
         assert [rule.judge(offset) for _ in range(10)][-1].fault == fault
 
 
-def test_a_manoeuvre_in_which_the_model_errs_by_far_is_no_bias() -> None:
+@pytest.mark.parametrize("step_most", [math.inf, BIAS.fuel_span_lambda])
+def test_a_manoeuvre_in_which_the_model_errs_by_far_is_no_bias(step_most: float) -> None:
     # GIVEN a short drive, in which the model errs by far in two windows
-    rule = new_rule()
+    rule = BiasRule(BIAS, -LIMIT, LIMIT, STD, step_most)
     found = [rule.judge(mean) for mean in 5 * [0.0] + [2.0, 1.0] + 5 * [0.0]]
     # THEN neither fails, though the mean, which is told, is far off
     assert "failed" not in {each.outcome for each in found}
