@@ -139,9 +139,7 @@ class Decisions:
 
     def cut(self, window: Window, facts: Facts) -> Iterator[CutJudged | Change]:
         """Take a full window around a fuel cut; yield its verdict, then the codes it changes."""
-        response, t_ns = facts.response, window.t_end_ns
-        if self._may_be_dead:
-            response = replace(response, outcome="inconclusive", fault=None, also=())
+        response, t_ns = self._unless_dead(facts.response, facts.moved), window.t_end_ns
         yield CutJudged(t_ns, facts.std, response.outcome, response.fault, response.statistics)
         self._suspicious |= response.outcome == "failed"
         yield from self._response_step(response, t_ns)

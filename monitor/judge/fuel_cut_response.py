@@ -84,6 +84,7 @@ class Finding(NamedTuple):
     low: float | None  # least and greatest that pass, None without a reference
     high: float | None
     verdict: Outcome
+    std: float | None = None  # of ``measured`` in healthy drives
 
 
 class FuelCutResponse:
@@ -200,7 +201,7 @@ class FuelCutResponse:
         elif beyond < limit - self._z_pass * std:
             verdict = "passed"
         high = predicted + healthy.mean + limit
-        return Finding(len(latest), measured, predicted, 0.0, high, verdict)
+        return Finding(len(latest), measured, predicted, 0.0, high, verdict, std)
 
     def _limit(self, name: str) -> float:
         """Return how much later or slower than in healthy drives an edge may be, in s."""
@@ -223,7 +224,8 @@ class FuelCutResponse:
         low, high = (
             self._shown(1.0 - each * span) for each in (config.gain_weak_max, config.gain_max)
         )
-        return Finding(n, *shown, low, high, verdict)
+        shown_std = std * span * (shown[0] ** 2 if self._is_phi else 1.0)
+        return Finding(n, *shown, low, high, verdict, shown_std)
 
     def _shown(self, level: float) -> float:
         """Return a level in the output's unit."""

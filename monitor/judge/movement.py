@@ -4,7 +4,8 @@ A sensor that is alive follows the mixture by at least the gain of the weakest s
 prediction moves by more than its own error, the reading has at least that variance. A dead sensor
 reads a constant and its own noise. The log likelihood ratio of the two variances is summed over
 windows (Basseville and Nikiforov, Detection of Abrupt Changes, sections 2.2 and 4.3: change of a
-variance, and a sum that is bounded so that a later death shows soon).
+variance, and a sum that is bounded so that a later death shows soon). Windows around fuel cuts add
+to the same sum: there the mixture takes its largest steps.
 
 A sensor that holds now and then repeats its last reading exactly for a second and more. A live one
 does so only where its part of the mixture's movement stays within one step of its resolution; how
@@ -69,6 +70,21 @@ class MovementRule:
         """
         dead = self.dead_ratios(measured, healthy)
         holds = self._hold_ratios(measured, healthy)
+        return self._summed(dead, holds, no_evidence)
+
+    def judge_around_cuts(
+        self, measured: FloatArray, healthy: FloatArray, no_evidence: BoolArray, noise: float
+    ) -> list[Moved]:
+        """Return the finding after each window around a fuel cut; arguments as for ``judge``.
+
+        noise : standard deviation of the healthy residual in such windows, oriented like phi
+        In air a healthy reading, too, repeats itself, so these windows tell nothing of holds.
+        """
+        dead = self.dead_ratios(measured, healthy, noise**2)
+        return self._summed(dead, np.zeros(len(dead)), no_evidence)
+
+    def _summed(self, dead: FloatArray, holds: FloatArray, no_evidence: BoolArray) -> list[Moved]:
+        """Add the evidence of windows, (w,); return the finding after each."""
         found = []
         bound = self._needed * self._config.bound
         for each, held, skip in zip(
@@ -83,16 +99,20 @@ class MovementRule:
             found.append(Moved(fault, self._dead, self._holds))
         return found
 
-    def dead_ratios(self, measured: FloatArray, healthy: FloatArray) -> FloatArray:
+    def dead_ratios(
+        self, measured: FloatArray, healthy: FloatArray, noise_var: float | None = None
+    ) -> FloatArray:
         """Return the log likelihood ratio of each window, (w,), limited to half a decision at most.
 
         measured, healthy : (w, n) as in ``judge``
+        noise_var : variance of the healthy residual (default: that of the rule)
         """
         config, n = self._config, measured.shape[1]
+        noise_var = self._noise_var if noise_var is None else noise_var
         own = measured.var(axis=1)
-        moves = np.maximum(healthy.var(axis=1) - config.error_share * self._noise_var, 0.0)
+        moves = np.maximum(healthy.var(axis=1) - config.error_share * noise_var, 0.0)
         least = config.quantum**2
-        still = np.clip(own, least, max(config.still_share * self._noise_var, least))
+        still = np.clip(own, least, max(config.still_share * noise_var, least))
         alive = still + config.gain_least**2 * moves
         ratio = np.log(alive / still) - own * (1.0 / still - 1.0 / alive)
         sound, dead = -0.5 * self._needed, self._most(n)

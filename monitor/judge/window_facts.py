@@ -16,7 +16,7 @@ from monitor.judge.findings import Evidence, Facts
 from monitor.judge.fuel_cut import LEVEL, Cut
 from monitor.judge.fuel_cut_response import FuelCutResponse
 from monitor.judge.limits import Limits
-from monitor.judge.movement import UNKNOWN, MovementRule
+from monitor.judge.movement import MovementRule
 from monitor.judge.movement_gain import MovementGain
 from monitor.judge.residual import lambda_of, means_and_stds
 from monitor.judge.response import Response, ResponseRule
@@ -49,6 +49,7 @@ class WindowFacts:
         period_s: float,
     ) -> None:
         self._limits, self._transform = limits, transform
+        self._range_end = end
         self._end = end if limits.still_end_s else math.inf  # where a healthy reading stands still
         self._cuts = FuelCutResponse(config, limits.fuel_cut, transform)
         self._config = config.response
@@ -70,10 +71,11 @@ class WindowFacts:
             window_most=min(limits.evidence_window, config.response.evidence_window),
             gain_reference=limits.gain_expected,
         )
+        self._noise_cut = max(limits.noise, limits.noise_cut)
         # edges of fuel cuts are judged by the same claims, and their evidence is the same; their
         # steps are far larger, and so are the model's errors there
         self._cut_response = rule(
-            noise=Noise(max(limits.noise, limits.noise_cut), limits.noise_memory),
+            noise=Noise(self._noise_cut, limits.noise_memory),
             evidence_weight=limits.evidence_cut,
             window_most=limits.evidence_window,
             gain_reference=limits.gain_cut,
@@ -140,14 +142,19 @@ class WindowFacts:
         return math.exp(odds[fault] - max(alike)) / sum(math.exp(v - max(alike)) for v in alike)
 
     def _around_cuts(self, windows: Sequence[Window]) -> list[Facts]:
-        phi = self._orient(np.array([window.measured for window in windows]))
-        banks = [window.bank for window in windows]
-        mean, std = means_and_stds(phi - np.array([bank[:, 0] for bank in banks]))
+        measured = np.array([window.measured for window in windows])
+        phi, banks = self._orient(measured), [window.bank for window in windows]
+        healthy = np.array([bank[:, 0] for bank in banks])
+        mean, std = means_and_stds(phi - healthy)
         ignore = np.zeros(len(windows), dtype=np.bool_)
         responses = self._cut_response.judge(phi, banks, ignore)
+        # a reading that stands still is the activity test's, one at the end of its range is in air
+        low, high = np.minimum.reduce(measured, axis=1), np.maximum.reduce(measured, axis=1)
+        still = (high - low <= self._stuck_range) | (low >= self._range_end - self._stuck_range)
+        moved = self._movement.judge_around_cuts(phi, healthy, still, self._noise_cut)
         return [
-            Facts(m, s, no_evidence=False, beyond=None, offset=0.0, response=each, moved=UNKNOWN)
-            for m, s, each in zip(mean.tolist(), std.tolist(), responses, strict=True)
+            Facts(m, s, no_evidence=False, beyond=None, offset=0.0, response=each, moved=moves)
+            for m, s, each, moves in zip(mean.tolist(), std.tolist(), responses, moved, strict=True)
         ]
 
     def _enabled(self, windows: Sequence[Window]) -> list[Facts]:

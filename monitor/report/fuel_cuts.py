@@ -18,8 +18,13 @@ VERDICTS: Final = {"passed": "passed", "failed": "failed", "inconclusive": "not 
 
 
 def verdict(test: Mapping[str, Any]) -> str:
-    """Return the verdict in words."""
+    """Return the verdict in words, with the faults, or with what is not decided."""
     names = ", ".join(test["faults"])
+    if test["verdict"] == "inconclusive":
+        findings = test["findings"].items()
+        names = ", ".join(
+            WORDS[name].split(",")[0] for name, each in findings if each["verdict"] != "passed"
+        )
     return VERDICTS[test["verdict"]] + (f" ({names})" if names else "")
 
 
@@ -29,24 +34,25 @@ def rows(recording: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str, str
     for name, each in test["findings"].items():
         known = each["low"] is not None and each["high"] is not None
         limits = f"{plain(each['low'])} to {plain(each['high'])}" if known else "none"
-        values = plain(each["measured"]), plain(each["predicted"])
+        sure = "" if each.get("std") is None else f" ± {plain(each['std'])}"
+        values = plain(each["measured"]) + sure, plain(each["predicted"])
         yield WORDS[name], *values, limits, VERDICTS[each["verdict"]]
 
 
 def lines(recording: Mapping[str, Any], *, in_detail: bool) -> Iterator[str]:
     """Yield the lines that a command prints about a recording's fuel cuts.
 
-    in_detail : each quantity, also if the test has not failed
+    in_detail : each quantity, also if the test has not failed; otherwise what is not decided
     """
     test = recording.get("fuel_cut_response")
     if test is None:
         return
     yield f"fuel-cut response: {verdict(test)}, {counted(test['cuts'], 'fuel cut')}"
-    if not in_detail and test["verdict"] != "failed":
-        return
+    every = in_detail or test["verdict"] == "failed"
     for words, measured, predicted, limits, own in rows(recording):
-        yield f"  {words}: {measured}, predicted {predicted}, limits {limits}; {own}"
-    if "span" in test:
+        if every or own != VERDICTS["passed"]:
+            yield f"  {words}: {measured}, predicted {predicted}, limits {limits}; {own}"
+    if every and "span" in test:
         gain, std = (100.0 * test["span"][key] for key in ("gain", "std"))
         most = "at most " if test["clipped"] else ""
         yield f"  span of the sensor: {most}{max(gain, 0.0):.0f} % of healthy ones, ± {std:.0f} %"

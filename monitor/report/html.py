@@ -164,7 +164,18 @@ def _sentence(recording: Mapping[str, Any]) -> str:
             for d in recording["dtcs"]
         )
     causes = recording["not_judged"]
-    return text(Cause(**causes[0]).in_words) if causes else "Every test was completed and passed."
+    return text(Cause(**causes[0]).in_words) if causes else _passed(recording)
+
+
+def _passed(recording: Mapping[str, Any]) -> str:
+    """Return that every test passed, and if so, that the fuel cuts decided nothing."""
+    cuts = recording.get("fuel_cut_response")
+    if cuts is None or cuts["verdict"] == "passed":
+        return "Every test was completed and passed."
+    return (
+        "Every test that a verdict needs was completed and passed; "
+        f"the fuel-cut response is {text(fuel_cuts.verdict(cuts))}."
+    )
 
 
 def _confidence(recording: Mapping[str, Any]) -> str:

@@ -113,6 +113,7 @@ class Collector:
             _left_s(monitor),
             self._n_outside,
             judges_cuts=monitor.limits.evidence_cut > 0.0,
+            cut_faults=monitor.fuel_cuts.faults,
         )
         is_faulty = monitor.store.fault_flag
         why = [] if is_faulty else causes(seen, self._asked, judgement)

@@ -75,3 +75,13 @@ def test_without_a_weight_in_the_card_fuel_cuts_say_nothing() -> None:
     assert got.cuts == []
     assert not got.completed
     assert got.dtcs == []
+
+
+def test_a_sensor_that_does_not_follow_fuel_cuts_is_dead_though_the_model_errs_elsewhere() -> None:
+    # GIVEN a model so poor that no movement of the mixture but a fuel cut is beyond its error
+    limits = replace(ONLY_CUTS, noise=0.05)
+    # WHEN the sensor reads a constant and its noise, and fuel is cut
+    got = judged("no_activity", 0.003, limits)
+    # THEN it is called dead; a weak one is alive
+    assert [dtc.fault for dtc in got.dtcs] == ["no_activity"]
+    assert "no_activity" not in [dtc.fault for dtc in judged("gain_low", 0.5, limits).dtcs]
