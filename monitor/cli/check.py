@@ -112,7 +112,7 @@ def _check(args: argparse.Namespace) -> int:
 
 def _say_verdict(missing: list[str], stale: list[str]) -> None:
     if missing:
-        say(f"the model lacks: {', '.join(missing)}")
+        say(f"missing for the model: {', '.join(missing)}")
     elif stale:
         say(f"the model has every signal, but stale at times: {', '.join(stale)}")
     else:

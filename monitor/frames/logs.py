@@ -20,6 +20,7 @@ from monitor.frames.blocks import frames_of
 from monitor.frames.bounds import open_binary, open_text
 from monitor.frames.candump import CUT_SHORT, LATEST_S, MAX_BYTES, LogCounters, read_candump
 from monitor.frames.frame_lines import FrameLines
+from monitor.frames.tables.readers import SUFFIXES as TABLES
 
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
 IDENTIFIERS: Final = 1 << 29  # CAN identifiers have 29 bits at most
@@ -78,7 +79,10 @@ def log_kind(path: Path) -> str:
     kind = suffixes[-2] if is_gzip and len(suffixes) > 1 else suffixes[-1] if suffixes else ""
     if kind not in LOG_SUFFIXES:
         formats = " ".join(LOG_SUFFIXES)
-        raise RecordingError(f"{path}: unknown log format {kind!r}, known are {formats} and .gz")
+        raise RecordingError(
+            f"{path}: unknown log format {kind!r}, known are {formats} and .gz; "
+            f"of tables {' '.join(TABLES)} .parquet"
+        )
     return kind
 
 

@@ -43,6 +43,7 @@ UNIFORM: Final = 0.01  # a table whose steps differ by less is used sample for s
 STEP_ABOVE: Final = 0.1  # by which the middle step may be above the period
 PERIODS_NS: Final = tuple(round(s * 1e9) for s in (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0))
 _LOG_HEADER: Final = b"timestamp,arbitration_id,"
+BLANK: Final = "is blank, or 0 throughout"  # of a column that says nothing
 _SHOWN: Final = 8  # columns that a message names
 
 
@@ -59,6 +60,7 @@ class Table:
     profile: str = ""  # of a logger's file
     columns: Mapping[str, str] = field(default_factory=dict)  # name → origin
     blank: Mapping[str, str] = field(default_factory=dict)  # signal → its column without values
+    updates: Mapping[str, int] = field(default_factory=dict)  # signal → cells that hold a value
 
     def column_of(self, name: str) -> str:
         """Return where a signal comes from, as the user knows it.
@@ -186,6 +188,7 @@ def _of_logger(raw: RawTable, profile: Profile | None, further: Sequence[str]) -
         profile=profile.name,
         columns={each.name: each.origin for each in reading.found},
         blank=reading.blank,
+        updates={e.name: e.updates for e in reading.found if e.updates is not None},
     )
 
 

@@ -46,7 +46,7 @@ class Cause:
     @property
     def in_words(self) -> str:
         """Return the cause on one line."""
-        share = self.held_share
+        share = None if self.condition == "evidence" else self.held_share  # of windows
         held = "" if share is None else f" held {100 * share:.0f} % of the time"
         return f"{self.condition}{held}: {self.advice}"
 

@@ -13,7 +13,7 @@ import numpy as np
 from monitor.base.signals import SIGNALS, plausible_range
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.conversion import scaled, stated_texts, target_of
-from monitor.frames.profiles.profile import Source, shipped, shipped_profile
+from monitor.frames.profiles.profile import Engine, Source, shipped, shipped_profile
 from monitor.frames.profiles.recognition import key, keys_of
 from monitor.frames.profiles.units import unit_of
 from monitor.frames.tables.dialect import name_and_unit
@@ -60,6 +60,7 @@ def proposed(raw: RawTable) -> Iterator[str]:
         if name in found:
             yield f"{name} = {_source(*found[name])}"
     yield ""
+    yield from _engine(found)
     yield "# columns that are not used:"
     for i, column in enumerate(raw.columns):
         if column.name and column.name not in used:
@@ -68,6 +69,21 @@ def proposed(raw: RawTable) -> Iterator[str]:
     for name, signal in names.items():
         if name not in found:
             yield f'# {name} = {{ column = "", unit = "{signal.unit}" }}'
+
+
+def _engine(found: Collection[str]) -> Iterator[str]:
+    """Yield what derived signals need to know of the engine, with the defaults, in comments."""
+    own = Engine()
+    if "injector_pulse_width_ms" in found:
+        yield "# [engine]            # for the fuel mass; a model's gain takes up an error"
+        yield f"# injector_mg_per_ms = {own.injector_mg_per_ms:g}"
+        yield f"# injector_dead_time_ms = {own.injector_dead_time_ms:g}   # at 14 V"
+        yield ""
+    elif "fuel_cut" not in found and "manifold_pressure_kpa" in found:
+        yield "# [engine]            # no column tells fuel cuts: the pressure may"
+        yield "# overrun_below_kpa = 22.0   # below that of idle; 0: never"
+        yield f"# overrun_above_rpm = {own.overrun_above_rpm:g}"
+        yield ""
 
 
 def _known_names() -> dict[str, tuple[str, Source]]:

@@ -1,6 +1,6 @@
 """Recordings on disk, logs and tables, to blocks of samples on the model's grid."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -16,7 +16,7 @@ from monitor.frames.log_blocks import read_blocks
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples, whole
 from monitor.grid.table_samples import table_block
-from monitor.grid.tables import Table, is_table, read_table
+from monitor.grid.tables import BLANK, Table, is_table, read_table
 from monitor.grid.timeline import Timeline
 from monitor.judge.causes import Source
 from monitor.model.card import ModelCard
@@ -136,7 +136,7 @@ class RecordingReader:
         if lacking and table.profile:
             raise MissingSignalsError(
                 f"{table.path}: the model needs {', '.join(lacking)}, which this log "
-                f"({table.profile}) lacks; {OTHER_MODEL}"
+                f"({table.profile}) lacks{_blank(table, lacking)}; {OTHER_MODEL}"
             )
         if lacking:
             raise MissingSignalsError(f"{table.path}: {needs(lacking, table.names)}")
@@ -152,3 +152,9 @@ class RecordingReader:
             profile=table.profile,
             notes=table.notes.lines,
         )
+
+
+def _blank(table: Table, lacking: Sequence[str]) -> str:
+    """Return in words which columns are there, but tell nothing."""
+    columns = [table.blank[name] for name in lacking if name in table.blank]
+    return f" (column {', '.join(columns)} {BLANK})" if columns else ""

@@ -7,13 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from monitor.base.signals import BY_NAME, OUTPUT
-from monitor.base.types import FloatArray, Quality, QualityArray
+from monitor.base.signals import BY_NAME, OUTPUT, plausible_range
+from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.frames.profiles.profile import is_profile, path_of, shipped
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.tables.readers import is_readable, open_table
 from monitor.grid.table_samples import in_range
-from monitor.grid.tables import Table, is_logger_table, read_table, table_period_ns
+from monitor.grid.tables import BLANK, Table, is_logger_table, read_table, table_period_ns
 
 # signals whose absence costs something, and what
 WORTH: Final = {
@@ -27,6 +27,7 @@ WORTH: Final = {
     "coolant_temperature_degc": "a cold engine cannot be told from a warm one",
     "battery_voltage_v": "the injectors' dead time depends on it",
 }
+LEAST_SHARE: Final = 0.0005  # of the rows that is told
 SLOWEST_S: Final = 10.0  # between rows; no logger of a drive is slower
 _INSTEAD: Final = {"manifold_pressure_kpa": ("air_mass_mg", "maf_kg_h", "load_g_per_rev")}
 
@@ -70,7 +71,10 @@ class TableCheck:
             f"used on a grid of {table_period_ns(table) / 1e9:g} s"
         )
         if span_s > SLOWEST_S * (len(table.t_ns) - 1):
-            yield f"note: a row every {span_s / (len(table.t_ns) - 1):.3g} s; are the times in ms?"
+            yield (
+                f"note: a row every {span_s / (len(table.t_ns) - 1):.3g} s; are the times in ms? "
+                'then time = { column = "…", unit = "ms" } in a profile'
+            )
         width = max([len("from"), *(len(table.column_of(name)) for name in table.names)])
         yield (
             f"{'signal':<30}{'unit':<11}{'from':<{width}}{'rate':>9}{'minimum':>11}{'median':>11}"
@@ -83,7 +87,7 @@ class TableCheck:
             yield f"note: {note}"
         for name, column in table.blank.items():
             if name not in self.present:
-                yield f"no value: {name} (column {column} is blank, or 0 throughout)"
+                yield f"no value: {name} (column {column} {BLANK})"
         for name, cost in WORTH.items():
             if name not in self.present and not self.present & {*_INSTEAD.get(name, ())}:
                 yield f"missing: {name} ({cost})"
@@ -99,7 +103,8 @@ class TableCheck:
         n_pinned = 0 if pinned is None else int(pinned[:, place].sum())
         unit = BY_NAME[name].unit if name in BY_NAME else ""
         if len(good):
-            rate = f"{(len(good) - 1) / span_s:.3g}/s" if span_s > 0 else ""
+            n_told = self.table.updates.get(name, len(good))  # others are held over blank cells
+            rate = f"{(min(n_told, len(good)) - 1) / span_s:.3g}/s" if span_s > 0 else ""
             numbers = f"{rate:>9}{good.min():11.4g}{np.median(good):11.4g}{good.max():11.4g}"
         else:
             numbers = " " * 42
@@ -108,15 +113,26 @@ class TableCheck:
             f"{100 * count / n:.1f} % {what}"
             for count, what in (
                 (n - len(good) - n_out, "blank"),
-                (n_out, "out of range"),
+                (n_out, f"out of range{self._came(place, quality == Quality.OUT_OF_RANGE)}"),
                 (n_pinned, "pinned at an end of the range"),
             )
-            if count
+            if count >= LEAST_SHARE * n
         ]
         if len(good) > 1 and not changes:
             faults.append("constant")
         verdict = ", ".join(faults) or "plausible"
         return f"{name:<30}{unit:<11}{self.table.column_of(name):<{width}}{numbers}  {verdict}"
+
+    def _came(self, place: int, outside: BoolArray) -> str:
+        """Return in words which values are out of range, and which are wanted."""
+        came = self.table.values[outside, place]
+        came = came[np.isfinite(came)]
+        if not len(came):
+            return ""
+        low, high = plausible_range(self.table.names[place])
+        is_gauge = self.table.names[place].endswith("pressure_kpa") and came.min() < 0.0
+        hint = "; a gauge pressure? offset = 101.3 in a profile" if is_gauge else ""
+        return f" ({came.min():.4g} to {came.max():.4g}, wanted {low:g} to {high:g}{hint})"
 
 
 def check_table(path: Path, columns: Path | None = None) -> TableCheck:

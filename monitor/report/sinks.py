@@ -198,6 +198,15 @@ def verdict_text(recording: Mapping[str, Any]) -> str:
     return f"not judged: {reason(recording)}"
 
 
+def verdict_lines(recording: Mapping[str, Any]) -> list[str]:
+    """Return the verdict on one recording in words, each further cause on its own line."""
+    causes = recording["not_judged"]
+    if recording["fault_flag"] or not causes or not recording["samples"]:
+        return [verdict_text(recording)]
+    first, *others = (Cause(**cause).in_words for cause in causes)
+    return [f"not judged: {first}", *others]
+
+
 def _when(dtc: Mapping[str, Any]) -> str:
     return "" if dtc["t_s"] is None else f", {dtc['t_s']:.0f} s"
 
@@ -243,16 +252,16 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
     judged = ", ".join(f"{n} {name}" for name, n in counts.items())
     paper = sum(w["paper_failed"] for w in recording["windows"])
     simulated = " (simulated)" if recording.get("source") == "simulated" else ""
-    yield f"{recording['path']}{simulated}: {verdict_text(recording)}"
+    verdict, *others = verdict_lines(recording)
+    yield f"{recording['path']}{simulated}: {verdict}"
+    yield from (f"  and {other}" for other in others)
     yield (
         f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
         f"{judged}; paper's rule failed {paper}"
     )
     yield from (f"  {line}" for line in fuel_cuts.lines(recording, in_detail=windows))
     if recording["not_judged"]:
-        for fault, odds, left in evidence.rows(recording):
-            if left not in evidence.DECIDED:
-                yield f"  {fault}: {odds}; {left}"
+        yield from (f"  {line}" for line in evidence.undecided(recording))
     if not recording["fault_flag"]:
         for d in recording["dtcs"]:  # of the monitor itself
             yield f"  {d['code']} {d['fault']} ({d['state']})"

@@ -7,6 +7,7 @@ from typing import Any, Final
 from monitor.report import catalyst
 
 _SUPERSCRIPT: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+_PLAIN: Final = 30.0  # odds below it are written out
 MEANINGS = {
     "slow_rich_to_lean": "slow on rich-to-lean edges",
     "slow_lean_to_rich": "slow on lean-to-rich edges",
@@ -129,7 +130,14 @@ def odds(evidence: Mapping[str, Any]) -> str:
     return f"{_to_one(evidence['log_odds'])}, {_to_one(evidence['needed'])} are needed"
 
 
+def needed(evidence: Mapping[str, Any]) -> str:
+    """Return what a decision needs, as odds to 1."""
+    return f"odds of {_to_one(evidence['needed'])} are needed"
+
+
 def _to_one(log_odds: float) -> str:
+    if abs(log_odds) < math.log(_PLAIN):
+        return f"{math.exp(abs(log_odds)):.0f} to 1"
     power = f"{abs(log_odds) / math.log(10.0):.0f}".translate(_SUPERSCRIPT)
     return f"10{power} to 1"
 

@@ -1,7 +1,7 @@
 """A raw table under a profile: canonical signals with their units, pinned values marked."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -13,7 +13,7 @@ from monitor.frames.profiles.conversion import Choice, Setting, converted, state
 from monitor.frames.profiles.derived import derive
 from monitor.frames.profiles.profile import Profile, Source
 from monitor.frames.profiles.recognition import key, places
-from monitor.frames.profiles.times import cleaned
+from monitor.frames.profiles.times import cleaned, held, in_seconds
 from monitor.frames.profiles.units import Unit, unit_of
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.tables.readers import reason
@@ -37,6 +37,7 @@ class Found:
     unit: str  # the logger's unit, stated or assumed
     how: str = ""  # of a derived signal, in words
     pinned: int = 0  # rows
+    updates: int | None = None  # cells that hold a value; None for a derived signal
 
     @property
     def origin(self) -> str:
@@ -91,19 +92,24 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
     t_ns, rows = cleaned(time_s, wraps_s, notes)
     if not len(t_ns):
         raise RecordingError(f"{raw.path}: no row with a time")
-    setting = Setting(
-        raw,
-        profile,
-        [(each, cells[rows, place]) for place, each in enumerate(choices, len(times))],
-    )
+    told = cells[rows, len(times) :]
+    updates = np.count_nonzero(np.isfinite(told), axis=0).tolist()
+    told = held(told, t_ns)
+    setting = Setting(raw, profile, [(each, told[:, i]) for i, each in enumerate(choices)])
     taken: dict[str, tuple[FloatArray, BoolArray, Found]] = {}
-    for place, each in enumerate(choices, len(times)):
-        if each.name not in taken and _lives(each.name, cells[rows, place]):
-            taken[each.name] = _signal(raw, profile, setting, each, cells[rows, place])
-    for place, each in enumerate(own, len(times) + len(choices)):
-        values = cells[rows, place]
+    for i, each in enumerate(choices):
+        if each.name not in taken and _lives(each.name, told[:, i]):
+            signal = _signal(raw, profile, setting, each, told[:, i])
+            taken[each.name] = *signal[:2], replace(signal[2], updates=updates[i])
+    for i, each in enumerate(own, len(choices)):
+        values = told[:, i]
         taken.setdefault(
-            each.name, (values, np.zeros(len(values), bool), Found(each.name, each.name, ""))
+            each.name,
+            (
+                values,
+                np.zeros(len(values), bool),
+                Found(each.name, each.name, "", updates=updates[i]),
+            ),
         )
     blank = {each.name: raw.names[each.column] for each in choices if each.name not in taken}
     for made in derive({name: values for name, (values, _, _) in taken.items()}, profile.engine):
@@ -157,8 +163,8 @@ def _time(raw: RawTable, times: Sequence[Choice], cells: FloatArray) -> tuple[Fl
             continue
         if column.kind == "clock":
             return values, column.wraps_s
-        unit = _stated(column, each.source, "time") or Unit("time")
-        return values * unit.factor, 0.0
+        unit = _stated(column, each.source, "time")
+        return in_seconds(values) if unit is None else values * unit.factor, 0.0
     names = ", ".join(raw.columns[each.column].name for each in times)
     raise RecordingError(f"{raw.path}: no number in the column of time ({names})")
 

@@ -1,4 +1,7 @@
-"""The times of a logger's rows: clocks that wrap, repeated rows, pauses, and a log begun anew."""
+"""The times of a logger's rows: clocks that wrap, repeated rows, pauses, and a log begun anew.
+
+A logger that asks for one signal after the other leaves the other cells of a row blank.
+"""
 
 from typing import Final
 
@@ -9,6 +12,8 @@ from monitor.frames.tables.raw_table import Notes
 
 JITTER_S: Final = 1.0  # a row that much older is out of order; a larger step back begins a new log
 ANEW_S: Final = 10.0  # pause that parts a log from the next one in the same file
+HELD_S: Final = 0.5  # for which a value is held over blank cells, or three of its own intervals
+LATEST_S: Final = 1e11  # later times since 1970, beyond the year 5000, are no seconds
 LONGEST_IN_NS_S: Final = 1e6  # later times have microseconds, as those of frames
 
 
@@ -44,3 +49,35 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
     rows = np.zeros(len(keep), dtype=bool)
     rows[np.flatnonzero(keep)[good]] = True
     return t_ns[good], rows
+
+
+def in_seconds(times: FloatArray) -> FloatArray:
+    """Return times whose unit nobody states in s: since 1970 they may be ms, µs or ns.
+
+    >>> in_seconds(np.array([1.77e12, 1.77e12 + 100.0])).tolist()
+    [1770000000.0, 1770000000.1]
+    """
+    latest = np.abs(times[np.isfinite(times)]).max(initial=0.0)
+    while latest > LATEST_S:
+        times, latest = times / 1000.0, latest / 1000.0
+    return times
+
+
+def held(cells: FloatArray, t_ns: IntArray) -> FloatArray:
+    """Return cells, (n, n_columns), with the value before them where they are blank.
+
+    t_ns : (n,) strictly rising
+    A value is held for HELD_S, or for three of the usual intervals of its column.
+    """
+    if not np.isnan(cells).any():
+        return cells
+    filled, rows = cells.copy(), np.arange(len(cells))
+    for column in range(cells.shape[1]):
+        known = np.isfinite(cells[:, column])
+        steps_ns = np.diff(t_ns[known])
+        usual_ns = 3.0 * float(np.median(steps_ns)) if len(steps_ns) else 0.0
+        last = np.maximum.accumulate(np.where(known, rows, -1))
+        age_ns = t_ns - t_ns[last]
+        use = ~known & (last >= 0) & (age_ns <= max(1e9 * HELD_S, usual_ns))
+        filled[use, column] = cells[last[use], column]
+    return filled

@@ -81,7 +81,7 @@ def test_checking_asks_and_says_what_is_missing(capsys: pytest.CaptureFixture[st
     said = capsys.readouterr().out
     assert "polled are the PIDs 05 34 0C 0D; not supported: " in said
     assert re.search(r"engine_speed_rpm .* 2100 .* plausible", said)
-    assert re.search(r"the model lacks: .*fuel_mass_mg", said)
+    assert re.search(r"missing for the model: .*fuel_mass_mg", said)
     assert "lambda_measured" not in said.splitlines()[-1]
 
 

@@ -173,4 +173,4 @@ def test_check_says_of_a_log_that_all_is_there(
     end = frames[0].t_ns + 30_000_000_000
     write_log(log, block([f for f in frames if f.can_id != FUEL_ID or f.t_ns < end]))
     assert cli.main(["check", str(log)]) == 3
-    assert "the model lacks: fuel_mass_mg" in capsys.readouterr().out
+    assert "missing for the model: fuel_mass_mg" in capsys.readouterr().out

@@ -398,3 +398,74 @@ def test_a_damaged_log_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
                 assert "\n" not in str(error)
                 outcomes.add(str(error)[:0])
     assert outcomes == {True, ""}
+
+
+def test_a_logger_that_asks_for_one_signal_after_the_other_leaves_cells_blank(
+    tmp_path: Path,
+) -> None:
+    # GIVEN a log in which each row holds one column in three, and a sensor silent for 3 s
+    own = {"RPM": D["rpm"], "MAP": D["map_kpa"], "AFR": D["afr"], "PW": D["pw_ms"]}
+    polled: dict[str, list[str]] = {"Time": [f"{t:.3f}" for t in D["t_s"]]}
+    for i, (name, values) in enumerate(own.items()):
+        silent = range(300, 330) if name == "AFR" else range(0)
+        polled[name] = [
+            f"{x:.6g}" if k % 3 == i % 3 and k not in silent else "" for k, x in enumerate(values)
+        ]
+    log = write_text_table(tmp_path / "polled.csv", polled, units=["s", "rpm", "kPa", "AFR", "ms"])
+    profile = tmp_path / "own.toml"
+    profile.write_text(
+        'time = "Time"\n[signals]\nengine_speed_rpm = "RPM"\nmanifold_pressure_kpa = "MAP"\n'
+        'lambda_measured = "AFR"\ninjector_pulse_width_ms = "PW"\n'
+    )
+    # WHEN it is read
+    table = read_table(log, profile)
+    # THEN values are held, and signals made of two columns are there
+    assert np.isfinite(column(table, "fuel_mass_mg")[3:]).all()
+    assert np.isfinite(column(table, "fuel_cut")[3:]).all()
+    # AND a silence of more than three intervals stays one
+    blank = np.flatnonzero(np.isnan(column(table, "lambda_measured")[3:])) + 3
+    assert list(blank) == list(range(blank[0], 330 + (2 - 330 % 3)))
+    assert 300 + 5 <= blank[0] <= 300 + 10
+    # AND the check tells how often values really come
+    (line,) = (x for x in check_table(log, profile).lines() if x.startswith("lambda_measured"))
+    assert " 3.1" in line or " 3.2" in line
+
+
+def test_times_since_1970_may_be_milliseconds(tmp_path: Path) -> None:
+    columns = {"Clock": 1.77e12 + 1000.0 * D["t_s"], "RPM": D["rpm"], "AFR": D["afr"]}
+    cells = {name: [f"{x:.1f}" for x in values] for name, values in columns.items()}
+    log = write_text_table(tmp_path / "drive.csv", cells)
+    profile = tmp_path / "own.toml"
+    profile.write_text('time = "Clock"\n[signals]\nengine_speed_rpm = "RPM"\n')
+    t_ns = read_table(log, profile).t_ns
+    assert (t_ns[-1] - t_ns[0]) / 1e9 == pytest.approx(D["t_s"][-1] - D["t_s"][0])
+
+
+def test_values_out_of_range_are_told_with_what_was_wanted(tmp_path: Path) -> None:
+    # GIVEN a boost gauge under the name of an absolute pressure, and lambda in percent
+    cells = {"Time": D["t_s"], "MAP": D["map_kpa"] - 101.3, "L": 100.0 * LAMBDA}
+    log = write_text_table(tmp_path / "drive.csv", cells, units=["s", "kPa", ""])
+    profile = tmp_path / "own.toml"
+    profile.write_text(
+        'time = "Time"\n[signals]\nmanifold_pressure_kpa = "MAP"\nlambda_measured = "L"\n'
+    )
+    pressure, reading = (
+        next(x for x in check_table(log, profile).lines() if x.startswith(name))
+        for name in ("manifold_pressure_kpa", "lambda_measured")
+    )
+    assert ", wanted 5 to 350; a gauge pressure? offset = 101.3 in a profile)" in pressure
+    assert f"out of range ({100 * LAMBDA.min():.4g} to {100 * LAMBDA.max():.4g}, wanted" in reading
+
+
+def test_a_profile_to_edit_says_how_fuel_cuts_may_be_taken_from_the_pressure(
+    tmp_path: Path,
+) -> None:
+    cells = {"Time": D["t_s"], "RPM": D["rpm"], "MAP": D["map_kpa"], "AFR": D["afr"]}
+    log = write_text_table(tmp_path / "drive.csv", cells)
+    assert "# overrun_below_kpa = 22.0   # below that of idle; 0: never" in proposed(
+        open_table(log)
+    )
+    with_pulse = write_text_table(tmp_path / "pulse.csv", cells | {"PW": D["pw_ms"]})
+    lines = list(proposed(open_table(with_pulse)))
+    assert "# injector_mg_per_ms = 3" in lines
+    assert not any("overrun" in line for line in lines)

@@ -103,7 +103,7 @@ def test_check_of_an_own_table_says_what_the_model_lacks(
     path = tmp_path / "t.csv"
     path.write_text("time_s,lambda_measured\n0,1\n0.1,1.01\n")
     assert cli.main(["check", str(path)]) == 3
-    assert "the model lacks: air_mass_mg, fuel_mass_mg" in capsys.readouterr().out
+    assert "missing for the model: air_mass_mg, fuel_mass_mg" in capsys.readouterr().out
 
 
 def test_check_alone_says_what_to_give(
@@ -145,6 +145,9 @@ def test_replay_of_a_logger_s_file_without_a_model_of_its_own_says_what_to_do(
     assert cli.main(["replay", str(path)]) == 3
     out = capsys.readouterr().out
     assert ", which this log (torque) lacks; train a model on healthy drives" in out
+    flow = {"Mass Air Flow Rate(g/s)": ["0"] * 300}
+    assert cli.main(["replay", str(torque(tmp_path / "still.csv", **lambda_, **flow))]) == 3
+    assert "(column Mass Air Flow Rate(g/s) is blank, or 0 throughout)" in capsys.readouterr().out
     assert cli.main(["replay", str(path), "--profile", "toque"]) == 2
     assert "no profile toque: a file or one of bluedriver, cobb" in capsys.readouterr().err
 
