@@ -13,11 +13,11 @@ published. On engine 2 the recorded lambda stands still for up to 42 s, exact in
 the plausibility test calls stuck; codes of other faults than those put on are counted apart.
 
     python benchmarks/bosch_verdicts.py FOLDER SPLIT [--model MODEL] [--budget MINUTES]
-        [--faults NAME…] [--nearer SHARE]
+        [--faults NAME…] [--offset LAMBDA] [--nearer SHARE]
 
-FOLDER holds the runs of the engine; SPLIT is 1a, 1b, 2a, 2b or 2c, or 1:RUN or 2:RUN, in which one
-run trains and all others are judged. ``--nearer`` asks how good a model would have to be: every
-reading is moved towards its prediction by this share of the residual, and the limits stay.
+FOLDER holds the runs of the engine; SPLIT is 1a, 1b, 2a, 2b or 2c, or 1:RUN,RUN… or 2:RUN,RUN…, in
+which these runs train and all others are judged. ``--nearer`` asks how good a model would have to
+be: every reading is moved towards its prediction by this share of the residual, and limits stay.
 """
 
 import argparse
@@ -51,7 +51,7 @@ FAULTS: Final = (
     ("transient", 0.6),
     ("gain_low", 0.6),
 )
-OFFSETS: Final = (("biased_lean", 0.1), ("biased_rich", 0.1))  # engine 1 alone
+OFFSETS: Final = ("biased_lean", "biased_rich")  # engine 1 alone
 ONE_CLASS: Final = ("slow_symmetric", "transient")
 
 
@@ -63,10 +63,13 @@ class Split:
     test: tuple[int, ...]
     has_cut: bool  # engine 1: the channel of the fuel cut and the scale of lambda are published
 
-    @property
-    def faults(self) -> tuple[tuple[str, float], ...]:
-        """Return name and severity of each fault that is put on."""
-        return (*FAULTS, *OFFSETS) if self.has_cut else FAULTS
+    def faults(self, offset: float) -> tuple[tuple[str, float], ...]:
+        """Return name and severity of each fault that is put on.
+
+        offset : in lambda
+        """
+        offsets = tuple((name, offset) for name in OFFSETS)
+        return (*FAULTS, *offsets) if self.has_cut else FAULTS
 
 
 SPLITS: Final = {
@@ -85,11 +88,13 @@ def split_of(name: str) -> Split:
     """
     if name in SPLITS:
         return SPLITS[name]
-    engine, _, run = name.partition(":")
-    runs = {n for key, split in SPLITS.items() if key[0] == engine for n in split.test}
-    if not run.isdigit() or int(run) not in runs:
-        raise ValueError(f"{name}: wanted {', '.join(SPLITS)} or ENGINE:RUN")
-    return Split((int(run),), tuple(sorted(runs - {int(run)})), has_cut=engine == "1")
+    engine, _, listed = name.partition(":")
+    runs = {str(n): n for key, split in SPLITS.items() if key[0] == engine for n in split.test}
+    training = listed.split(",")
+    if not runs.keys() >= set(training):
+        raise ValueError(f"{name}: wanted {', '.join(SPLITS)} or ENGINE:RUN,RUN…")
+    test = tuple(sorted(n for key, n in runs.items() if key not in training))
+    return Split(tuple(runs[key] for key in training), test, has_cut=engine == "1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +123,13 @@ def verdict(fault: str, judged: Judged, names: Collection[str], fails: int) -> V
     sound = passed is not None
     first = sound and (failed is None or ends[passed or 0] < failed)
     return Verdict(fault, own[-1].fault if own else "", beside, first, sound)
+
+
+def most_beyond(judged: Judged, settings: Config) -> float:
+    """Return by how many standard deviations the offset exceeds its limit at most."""
+    told = [w.statistics["offset_beyond"] for w in judged.windows]
+    beyond = [each for each in told if isinstance(each, float)]
+    return max(beyond[settings.bias.n_windows - 1 :], default=-np.inf)
 
 
 def _nth_in_a_row(outcomes: Sequence[str], wanted: str, n: int) -> int | None:
@@ -215,8 +227,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("split", type=split_of)
-    names = [name for name, _ in (*FAULTS, *OFFSETS)]
+    names = [*(name for name, _ in FAULTS), *OFFSETS]
     parser.add_argument("--faults", nargs="+", choices=names, default=names)
+    parser.add_argument("--offset", type=float, default=0.1, metavar="LAMBDA")
     parser.add_argument("--model", type=Path)
     parser.add_argument("--budget", default="8")
     parser.add_argument("--nearer", type=float, default=0.0, metavar="SHARE")
@@ -232,9 +245,13 @@ def main() -> None:
             return nearer(model, whole_run, args.nearer, settings) if args.nearer else whole_run
 
         limits = Limits.from_card(model.card, settings, str(path))
-        print(f"evidence {limits.evidence:.3g}, gain_model {limits.gain_model:.3g}")
-        put_on = [each for each in split.faults if each[0] in args.faults]
-        told, verdicts = {name for name, _ in split.faults}, []
+        print(
+            f"evidence {limits.evidence:.3g}, gain_model {limits.gain_model:.3g}, "
+            f"offset {limits.offset_high:.3g}"
+        )
+        every = split.faults(args.offset)
+        put_on = [each for each in every if each[0] in args.faults]
+        told, verdicts = {name for name, _ in every}, []
         for run in split.test:
             cases = drives(recording_of(run), put_on)
             judged = judge_recordings([r for _, r in cases], model, limits, settings)
@@ -245,7 +262,11 @@ def main() -> None:
                 for (fault, _), each in zip(cases, judged, strict=True)
             ]
             said = " ".join(v.named or ("SOUND" if v.sound_first else "-") for v in own)
-            print(f"run {run}: fit {share:.0f} %, {on.sum()} samples: {said}", flush=True)
+            print(
+                f"run {run}: fit {share:.0f} %, {on.sum()} samples, healthy offset at most "
+                f"{most_beyond(judged[0], settings):.1f} standard deviations beyond: {said}",
+                flush=True,
+            )
             verdicts += own
     table(f"trained on {split.training}, {len(split.test)} runs", verdicts)
 

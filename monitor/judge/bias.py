@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.config import BiasConfig
+from monitor.base.types import FloatArray
 from monitor.judge.response import Outcome
 
 MOST: Final = 256  # means of a drive that are kept
@@ -28,6 +29,26 @@ def _pairs(values: Sequence[float]) -> Iterator[tuple[float, float]]:
 def paper_failed(mean: float, std: float, j_mu: float, j_sigma: float) -> bool:
     """Return the paper's verdict on a window of residuals: both limits reached."""
     return abs(mean) >= j_mu and std >= j_sigma
+
+
+def bounded(
+    means: Sequence[float] | FloatArray,
+    low: float,
+    high: float,
+    window_std: float,
+    config: BiasConfig,
+) -> FloatArray:
+    """Return what windows' means count for: no more than it would take to fail alone, (n,).
+
+    A model may err by far in a single manoeuvre (bounded influence: Huber, Robust Statistics,
+    chapter 4). The healthy limits are learned from windows that count for the same.
+
+    low, high : healthy offsets, in the unit of the means
+    window_std : of one window's mean
+    """
+    most = config.certainty * window_std
+    found: FloatArray = np.clip(means, low - most, high + most)
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +112,8 @@ class Course:
         n = len(self._means)
         if n < LEAST or max(self._means) - min(self._means) <= most:
             return 0.0, 0.0, -math.inf
-        middle, far = float(np.median(self._means)), most + config.certainty * window_std
-        sums = np.cumsum(np.clip(self._means, middle - far, middle + far))
+        middle = float(np.median(self._means))
+        sums = np.cumsum(bounded(self._means, middle - most, middle + most, window_std, config))
         k, shared = np.arange(EDGE, n - EDGE + 1), config.variance_shared
         before, after = sums[k - 1] / k, (sums[-1] - sums[k - 1]) / (n - k)
         own = (1.0 - shared) / self._each * (1.0 / k + 1.0 / (n - k))
@@ -106,9 +127,8 @@ class BiasRule:
 
     It fails when the mean is outside them by ``certainty`` of its own standard deviations, so a
     large offset is found after few windows and a small one after many. A part of a window's
-    deviation is shared by the whole drive and does not average out. A model may err by far in a
-    single manoeuvre, so one window counts for no more than it would take to fail alone (bounded
-    influence: Huber, Robust Statistics, chapter 4); the offset that is told is the plain mean.
+    deviation is shared by the whole drive and does not average out. Every window is ``bounded``;
+    the offset that is told is the plain mean.
 
     The mean remembers the time before a fault, so the rule also fails when the offset has stepped
     away within the drive, by ``certainty`` more than ``step_most`` (the likelihood ratio over all
@@ -141,12 +161,12 @@ class BiasRule:
         """Return the verdict after one more window; an ignored one is inconclusive."""
         config = self._config
         if not ignore:
-            memory, most = config.memory, config.certainty * self._window_std
-            bounded = min(max(mean, self._low - most), self._high + most)
+            memory = config.memory
+            counted = bounded([mean], self._low, self._high, self._window_std, config)
             self._windows += 1
             self._course.push(mean)
             self._sum = memory * self._sum + mean
-            self._bounded = memory * self._bounded + bounded
+            self._bounded = memory * self._bounded + counted.item()
             self._weight = memory * self._weight + 1.0
             self._square = memory**2 * self._square + 1.0
         if not self._windows:
@@ -154,9 +174,9 @@ class BiasRule:
         offset = self._sum / self._weight
         own = (1.0 - config.variance_shared) * self._square / self._weight**2
         std = self._window_std * math.sqrt(config.variance_shared + own)
-        bounded = self._bounded / self._weight
-        beyond = max(bounded - self._high, self._low - bounded) / std
-        outcome, fault = ("inconclusive", None) if ignore else self._verdict(bounded, beyond)
+        judged = self._bounded / self._weight
+        beyond = max(judged - self._high, self._low - judged) / std
+        outcome, fault = ("inconclusive", None) if ignore else self._verdict(judged, beyond)
         return Bias(
             outcome=outcome, fault=fault, also=(), offset=offset, offset_std=std, beyond=beyond
         )

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor.base.config import Config
+from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
+from monitor.judge.bias import bounded
 from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.judge.residual import oriented
 from monitor.model.card import Limit, ModelCard
@@ -32,6 +33,7 @@ HELD_OUT = "test blocks held out of the training recordings"
 ALL_OF_A_CHAIN = "the recordings of the fit, which changed a few constants only"
 ALL_OF_A_NETWORK = "the recordings that trained the network, because they are too short"
 ALSO_CHOSEN_ON = " and blocks that chose the weights, because these hold too few windows"
+MOST_ROUNDS, CONVERGED = 1000, 1.0 - 1e-9  # of the spread of the offsets
 MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost no information
 
 
@@ -81,10 +83,7 @@ def limits_of(
     within = [oriented(w.window.measured, card.transform) - w.window.bank[:, 0] for w in windows]
     noise, memory = _noise(within)
     scale = float(np.concatenate([w.window.measured for w in windows]).std())
-    offsets = [np.mean([w.mean for w in drive]) for drive in drives if drive]
-    offset_std = math.sqrt(
-        float(np.mean([np.var([w.mean for w in drive]) for drive in drives if drive]))
-    )
+    offsets, offset_std = healthy_offsets(_counted(drives, config), config.bias)
     spread = max(6.0 * offset_std, 3.0 * math.sqrt(float(np.mean(np.square(offsets)))))
     floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
     n = len(windows)
@@ -108,11 +107,46 @@ def limits_of(
         "offset": Limit(
             max(floor, spread),
             unit,
-            f"largest of {floor:g}, six times the spread of a drive's window means and "
-            f"three times that of the drives' means, {where}",
+            f"largest of {floor:g}, six times the bounded spread of a drive's window means and "
+            f"three times that of the drives' offsets, {where}",
         ),
-        "offset_std": Limit(offset_std, unit, f"spread of a drive's window means, {where}"),
+        "offset_std": Limit(offset_std, unit, f"bounded spread of a drive's window means, {where}"),
     }
+
+
+def _counted(drives: Sequence[Sequence[WindowJudged]], config: Config) -> list[FloatArray]:
+    """Return the means of the windows that count for the bias rule, one array a drive.
+
+    These are the ones in which the reading moves. Where fewer than 10 do, all count.
+    """
+    still = config.plausibility.stuck_range
+    moving = [[w for w in drive if np.ptp(w.window.measured) > still] for drive in drives]
+    enough = sum(map(len, moving)) >= MINIMUM_WINDOWS
+    return [np.array([w.mean for w in drive]) for drive in (moving if enough else drives) if drive]
+
+
+def healthy_offsets(drives: Sequence[FloatArray], config: BiasConfig) -> tuple[list[float], float]:
+    """Return the offset of each drive, and the spread of a window's mean around its drive's offset.
+
+    drives : of each the means of its windows
+    Both follow from each other, with windows that count for as much as in a decision (Huber, Robust
+    Statistics, section 6.4, proposal 2). So a manoeuvre or two in which the model errs by far widen
+    the spread no more than they delay a decision; where more than one window in 30 does, the model
+    errs so as a rule, and all of its spread counts.
+    """
+    offsets, std = [float(drive.mean()) for drive in drives], math.inf
+    counted, narrower = list(drives), _spread(drives)
+    for _ in range(MOST_ROUNDS):
+        if narrower >= CONVERGED * std:
+            break
+        std = narrower
+        counted = [bounded(d, at, at, std, config) for d, at in zip(drives, offsets, strict=True)]
+        offsets, narrower = [float(drive.mean()) for drive in counted], _spread(counted)
+    return offsets, std
+
+
+def _spread(drives: Sequence[FloatArray]) -> float:
+    return math.sqrt(float(np.mean([drive.var() for drive in drives])))
 
 
 def _noise(within: Sequence[FloatArray]) -> tuple[float, float]:
