@@ -1,4 +1,4 @@
-"""``o2mon inject``: put faults into frames between two buses, or from log to log."""
+"""``o2mon inject``: put faults into frames between two buses, or into a log or table."""
 
 import argparse
 from collections.abc import Iterable, Iterator
@@ -9,6 +9,7 @@ from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
 from monitor.cli.options import (
     add_bus,
+    add_columns,
     add_command,
     add_setup,
     bus_name,
@@ -28,20 +29,23 @@ if TYPE_CHECKING:
     from monitor.inject.side import Side
     from monitor.report.replay import Setup
 
-HELP = "put faults into an engine's frames"
+HELP = "put faults into an engine's frames, or into a log"
 _INJECT = """examples:
   o2mon inject drive.log --out late.log --fault delay_rich_to_lean=0.8@60
   o2mon inject drive.log --scenario late.toml --assert
+  o2mon inject drive.msl --out late.csv --fault gain_low=0.5@60    a table or a logger's file
   o2mon inject -i socketcan -c can0 --to-channel can1 --fault gain_low=0.5@60-300
   o2mon inject -i socketcan -c vcan0 --to-channel vcan1 --scenario late.toml --assert --duration 900
 
-Between buses, -i and -c name the bus of the ECU, --to-... the other bus. A fault acts on the frames
-only. The ECU's control loop does not see it: its sensor is wired to the ECU.
+A table or a logger's file is written as a table with canonical columns. Between buses, -i and -c
+name the bus of the ECU, --to-... the other bus. A fault acts on frames or columns only. The ECU's
+control loop does not see it: its sensor is wired to the ECU.
 
 exit code: 0 done, with --assert all expectations are met; 1 an expectation is not met; 2 unusable
 input"""
 
 _HEARS_ITSELF = "udp_multicast"
+_NOTHING = "nothing to do with LOG: give --out, or --scenario and --assert"
 
 
 def add(commands: Any) -> None:
@@ -50,9 +54,15 @@ def add(commands: Any) -> None:
 
     inject = add_command(commands, "inject", HELP, _INJECT, _inject)
     inject.add_argument(
-        "log", nargs="?", type=paths.read, metavar="LOG", help="CAN log instead of buses"
+        "log",
+        nargs="?",
+        type=paths.read,
+        metavar="LOG",
+        help="CAN log, table or log of a tuning tool instead of buses",
     )
-    inject.add_argument("--out", type=paths.written, metavar="LOG", help="log to write")
+    inject.add_argument(
+        "--out", type=paths.written, metavar="LOG", help="log to write, of a table .csv"
+    )
     inject.add_argument(
         "--fault",
         action="append",
@@ -81,17 +91,23 @@ def add(commands: Any) -> None:
     add_bus(inject)
     add_bus_arguments(inject, prefix="to", group_title="bus arguments of the other side")
     add_setup(inject, memory=False)
+    add_columns(inject)
 
 
 def _inject(args: argparse.Namespace) -> int:
+    from monitor.grid.tables import is_table
+
     scenario = _scenario(args)
     if args.log and (bus_name(args) or "to_channel" in args or args.duration):
         raise UsageError("give either a LOG or two buses (-i, -c, --to-channel), not both")
     if args.check and not scenario.expectations:
         raise UsageError("--assert needs a --scenario with an [[expect]]")
     setup = set_up(args) if args.check else None
-    bus_map = setup.bus_map if setup else _bus_map(args)
-    recordings = (_logs if args.log else _buses)(args, scenario, bus_map, setup)
+    if args.log and is_table(args.log):
+        recordings = _table(args, scenario, setup)
+    else:
+        bus_map = setup.bus_map if setup else _bus_map(args)
+        recordings = (_logs if args.log else _buses)(args, scenario, bus_map, setup)
     if not args.check:
         return 0
     from monitor.inject.expected import compare, table
@@ -139,7 +155,7 @@ def _logs(
     from monitor.inject.injector import Injector
 
     if not (args.out or args.check):
-        raise UsageError("nothing to do with LOG: give --out, or --scenario and --assert")
+        raise UsageError(_NOTHING)
     recordings: list[Recording] = []
     with ExitStack() as stack:
         memory = stack.enter_context(fresh_memory()) if setup else None
@@ -162,6 +178,36 @@ def _logs(
                 raise UsageError(f"{args.log}: no frame is left to judge or write")
             if judge:
                 recordings.append(judge.finish(str(out or args.log)))
+    return recordings
+
+
+def _table(
+    args: argparse.Namespace, scenario: "Scenario", setup: "Setup | None"
+) -> "list[Recording]":
+    from monitor.base.outputs import check, numbered
+    from monitor.grid.tables import read_table
+    from monitor.inject.expected import fresh_memory
+    from monitor.inject.table_faults import with_faults, write_own
+    from monitor.pipeline.recordings import RecordingReader
+    from monitor.report.replay import judged
+
+    if not (args.out or args.check):
+        raise UsageError(_NOTHING)
+    of_model = setup.model.card.profile if setup else None
+    table = read_table(args.log, args.columns, of_model=of_model)
+    recordings: list[Recording] = []
+    with fresh_memory() as memory:
+        for drive in range(1, scenario.n_drives + 1):
+            seed = scenario.seed + drive - 1
+            changed, n = with_faults(table, scenario.faults_of(drive), seed)
+            out = args.out and (numbered(args.out, drive) if scenario.n_drives > 1 else args.out)
+            check((out,), (args.log, args.scenario))
+            if out:
+                write_own(out, changed)
+            say(f"{out or args.log}: lambda changed in {n} of {len(changed.t_ns)} rows")
+            if setup:
+                reader = RecordingReader(setup.bus_map, setup.model.card)
+                recordings.append(judged(reader.table(changed), None, setup, memory)[0])
     return recordings
 
 

@@ -40,7 +40,7 @@ class Counts:
         )
 
 
-class _SensorFault:
+class SensorReading:
     """A sensor fault with its state; signal_invalid has no reading, so it reads NaN."""
 
     def __init__(self, what: Injection, seed: str) -> None:
@@ -92,7 +92,7 @@ class Injector:
         self._check(bus_map, {each.name for each in injections})
         self.counts = Counts()
         self._sensor = [
-            _SensorFault(what, f"{seed}/{number}")
+            SensorReading(what, f"{seed}/{number}")
             for number, what in enumerate(injections)
             if what.name not in FRAME_FAULTS
         ]
@@ -169,7 +169,7 @@ class Injector:
         return self._frames.push(frame, sound=sound)
 
     def _rewritten(
-        self, writer: MessageWriter, frame: Frame, acting: Sequence[_SensorFault]
+        self, writer: MessageWriter, frame: Frame, acting: Sequence[SensorReading]
     ) -> Frame:
         values: dict[str, float] = {}
         if READY in writer.signals and any(each.is_not_ready for each in acting):
@@ -187,7 +187,7 @@ class Injector:
         self.counts.changed["rewritten"] += 1
         return frame._replace(data=data)
 
-    def _read(self, t_ns: int, healthy: float, acting: Sequence[_SensorFault]) -> float:
+    def _read(self, t_ns: int, healthy: float, acting: Sequence[SensorReading]) -> float:
         read = healthy
         for each in acting:
             read = each.read(t_ns, read)

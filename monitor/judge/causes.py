@@ -97,9 +97,12 @@ def causes(seen: Observed, asked: Asked, judgement: Judgement | None = None) -> 
     grave = [each for each in found if _is_grave(each)]
     if judgement is None:
         return grave
+    if judgement.judges_cuts:  # fuel cuts are evidence, so few are no remedy
+        found = [each for each in found if each.condition != "fuel_cut_recovered"]
     found = grave or found
     if judgement.unfinished and (not found or judgement.windows >= ENOUGH_WINDOWS):
-        found += _evidence(seen, judgement)
+        evidence = _evidence(seen, judgement)
+        found = [*grave, *evidence] if grave else [*evidence, *found]
     return [*_of_cuts(judgement), *found, *_dead(seen, asked)]
 
 

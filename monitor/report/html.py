@@ -240,7 +240,8 @@ def _evidence(recording: Mapping[str, Any]) -> str:
         return ""
     shown = table(("Fault", "Odds", "Decision"), rows, "cards")
     title = "Evidence about each fault of the response test"
-    return f"<details><summary>{title}</summary>{shown}</details>"
+    is_open = " open" if recording["not_judged"] else ""
+    return f"<details{is_open}><summary>{title}</summary>{shown}</details>"
 
 
 def _fuel_cuts(recording: Mapping[str, Any]) -> str:

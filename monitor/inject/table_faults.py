@@ -1,0 +1,66 @@
+"""Sensor faults put into the lambda column of a table or of a logger's file.
+
+The result is a table of the project's own form: ``time_s`` and one column per canonical signal. A
+reading that a logger marks as no reading, at an end of its range, stays as it is, since nobody
+knows the mixture there; so does a blank, unless the fault makes one.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from monitor.base.errors import RecordingError, UsageError
+from monitor.base.outputs import write_text
+from monitor.base.signals import OUTPUT
+from monitor.grid.tables import TIME, Table
+from monitor.inject.injection import FRAME_FAULTS, Injection
+from monitor.inject.injector import DUTY, READY, SensorReading
+
+SUFFIX = ".csv"
+
+
+def with_faults(table: Table, injections: Sequence[Injection], seed: int = 0) -> tuple[Table, int]:
+    """Return a table with faults on its lambda, and the number of rows that they change.
+
+    Times of the faults count from the first row.
+    Raises UsageError for a fault of frames, RecordingError for a table without a lambda.
+    """
+    if OUTPUT not in table.names:
+        raise RecordingError(f"{table.path}: has no {OUTPUT} to put a fault into")
+    for each in injections:
+        if each.name in FRAME_FAULTS:
+            raise UsageError(f"{table.path}: {each.name} is a fault of frames, this is a table")
+    place, values = table.names.index(OUTPUT), table.values.copy()
+    states = {name: table.names.index(name) for name in (READY, DUTY) if name in table.names}
+    pinned = np.zeros(len(values), bool) if table.pinned is None else table.pinned[:, place]
+    faults = [SensorReading(each, f"{seed}/{n}") for n, each in enumerate(injections)]
+    for k, t_ns in enumerate((table.t_ns - table.t_ns[0]).tolist()):
+        acting = [fault for fault in faults if fault.what.acts(t_ns)]
+        reading = values.item(k, place)
+        if not pinned[k]:
+            for fault in acting:
+                reading = fault.read(t_ns, reading)
+            values[k, place] = reading
+        if READY in states and any(fault.is_not_ready for fault in acting):
+            values[k, states[READY]] = 0.0
+        if DUTY in states and any(fault.is_heater_dead for fault in acting):
+            values[k, states[DUTY]] = 100.0
+    changed = ~((values == table.values) | (np.isnan(values) & np.isnan(table.values)))
+    return replace(table, values=values), int(changed.any(axis=1).sum())
+
+
+def write_own(path: Path, table: Table) -> None:
+    """Write a table of the project's own form; a value that is not known is a blank cell.
+
+    Raises UsageError if the file has another suffix or cannot be written.
+    """
+    if path.suffix.lower() != SUFFIX:
+        raise UsageError(f"{path}: a changed table is written as {SUFFIX}")
+    lines = [",".join((TIME, *table.names))]
+    for t_s, row in zip((table.t_ns / 1e9).tolist(), table.values.tolist(), strict=True):
+        cells = ("" if math.isnan(value) else f"{value:.9g}" for value in row)
+        lines.append(",".join((repr(t_s), *cells)))
+    write_text(path, "\n".join(lines) + "\n")
