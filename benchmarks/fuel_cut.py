@@ -5,10 +5,13 @@ simulated   healthy drives (aged sensors, all weathers, fuels from E0 to E10) an
 bosch       runs of the Bosch engine 1 that are left out, and faults put on them afterwards
             (``bosch_verdicts.py``), model of the other half of the runs
 logs        each log of one vehicle, judged by a model of its other logs, and faults put on it
+dead        simulated healthy drives as they are, and with a sensor that reads lambda 1 with noise
+            of 0.003 from two fifths of the drive on, shipped model
 
     python benchmarks/fuel_cut.py simulated FIRST_VEHICLE [--healthy N] [--faulty N] [--linear M]
     python benchmarks/fuel_cut.py bosch FOLDER SPLIT [--budget MINUTES]
     python benchmarks/fuel_cut.py logs FOLDER [--budget MINUTES]
+    python benchmarks/fuel_cut.py dead FIRST_VEHICLE [--healthy N]
 
 A drive without a fuel cut of 1 s is not counted. Beside the verdict stand the codes of the response
 test on the same drives, with the level in air as evidence and without it.
@@ -128,6 +131,30 @@ def _driven(first: int, k: int, fault: Fault, model: Model, *, is_linear: bool) 
     return ecu.samples(sent, bus_map, model.card.period_ns)
 
 
+def dead(first: int, drives: int) -> None:
+    """Judge simulated drives whose sensor dies, and the same drives without a fault."""
+    model, bus_map = Model.load(shipped_model()), ecu.own_bus()
+    limits = Limits.from_card(model.card, CONFIG, str(model.path))
+    healthy, named, found, seconds = 0, 0, 0, list[float]()
+    for k in range(drives):
+        block = _driven(first, k, ageing(first * 1000 + k), model, is_linear=False)
+        values, place = block.values.copy(), bus_map.names.index(OUTPUT)
+        begin = len(values) * 2 // 5
+        fault = SensorFault(faults.resolve("no_activity", 0.003), model.card.period_ns / 1e9)
+        values[begin:, place] = fault.apply(values[begin:, place].tolist())
+        blocks = [block, block._replace(values=values)]
+        sound, died = judge_all(blocks, bus_map.names, model, limits, CONFIG, keep_banks=False)
+        healthy += bool(sound.dtcs)
+        found += bool(died.dtcs)
+        own = [dtc for dtc in died.dtcs if dtc.fault == "no_activity" and dtc.t_ns is not None]
+        named += len(own) == len(died.dtcs) == 1
+        seconds += [(dtc.t_ns - block.t_ns.item(begin)) / 1e9 for dtc in own if dtc.t_ns]
+    print(
+        f"{drives} healthy drives: {healthy} with a code; a dead sensor: {found} found, {named} "
+        f"named, after {np.median(seconds):.0f} s (median)"
+    )
+
+
 def bosch(folder: Path, name: str, budget: str, work: Path) -> None:
     """Fit a model of a split's training runs; judge its other runs."""
     split, columns, path = bosch_verdicts.SPLITS[name], work / "columns.toml", work / "bosch.onnx"
@@ -173,7 +200,7 @@ def _put_on(path: Path, model: Model, limits: Limits) -> Iterator[Drive]:
 
 
 def main() -> None:
-    """Run one of the three."""
+    """Run one of the four."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     kinds = parser.add_subparsers(dest="kind", required=True)
     own = kinds.add_parser("simulated")
@@ -181,6 +208,9 @@ def main() -> None:
     own.add_argument("--healthy", type=int, default=100)
     own.add_argument("--faulty", type=int, default=10, help="drives for each fault")
     own.add_argument("--linear", type=Path, help="model of an ECU that reads 2.0 in air")
+    own = kinds.add_parser("dead")
+    own.add_argument("first_vehicle", type=int)
+    own.add_argument("--healthy", type=int, default=100, help="drives")
     for kind in ("bosch", "logs"):
         real = kinds.add_parser(kind)
         real.add_argument("folder", type=Path)
@@ -191,6 +221,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         if args.kind == "simulated":
             simulated(args.first_vehicle, args.healthy, args.faulty, args.linear)
+        elif args.kind == "dead":
+            dead(args.first_vehicle, args.healthy)
         elif args.kind == "bosch":
             bosch(args.folder, args.split, args.budget, Path(name))
         else:
