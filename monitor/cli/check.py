@@ -143,7 +143,7 @@ def _configured() -> bool:
 
 
 def _check_table(args: argparse.Namespace) -> int:
-    from monitor.report.check_table import advice, check_table, is_of_logger
+    from monitor.report.check_table import advice, check_table, is_of_logger, rename
 
     result = check_table(args.log, args.columns)
     for line in result.lines():
@@ -156,6 +156,8 @@ def _check_table(args: argparse.Namespace) -> int:
     _say_verdict(missing, [])
     if not missing:
         _say_causes(args, setup)
+    elif own := rename(result.table):
+        say(own)
     return NOT_JUDGED if missing else 0
 
 

@@ -132,7 +132,9 @@ class TableCheck:
         low, high = plausible_range(self.table.names[place])
         is_gauge = self.table.names[place].endswith("pressure_kpa") and came.min() < 0.0
         hint = "; a gauge pressure? offset = 101.3 in a profile" if is_gauge else ""
-        return f" ({came.min():.4g} to {came.max():.4g}, wanted {low:g} to {high:g}{hint})"
+        low, high = (round(each, 3) + 0.0 for each in (low, high))  # ranges have a tiny margin
+        values = " to ".join(dict.fromkeys(f"{each:.4g}" for each in (came.min(), came.max())))
+        return f" ({values}, wanted {low:g} to {high:g}{hint})"
 
 
 def check_table(path: Path, columns: Path | None = None) -> TableCheck:
@@ -161,6 +163,16 @@ def is_of_logger(path: Path, columns: Path | None) -> bool:
     if columns is not None:
         return is_profile(path_of(columns))
     return is_logger_table(path)
+
+
+def rename(table: Table) -> str:
+    """Return how to name columns that are no canonical signals, "" where all are."""
+    if table.profile or all(name in BY_NAME for name in table.names):
+        return ""
+    return (
+        f"columns with other names? 'o2mon check {table.path} --write-profile FILE' proposes which "
+        "is which signal, --profile FILE takes it"
+    )
 
 
 def advice(check: TableCheck) -> str:
