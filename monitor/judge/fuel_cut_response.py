@@ -3,7 +3,8 @@
 A drive shows by how much its steps are later and slower than predicted, and where its reading
 stands in air. Healthy recordings show the same, with their spread from cut to cut and from drive to
 drive; the model card holds it. A reading at the end of its range shows no level. Where healthy
-readings stand there, one that does not get so far shows the most that the sensor's gain can be.
+readings stand there, one that does not get so far shows the most that the sensor's gain can be;
+beside it, those that do get there count as healthy ones.
 """
 
 import math
@@ -104,16 +105,17 @@ class FuelCutResponse:
         self._z_pass = normal.inv_cdf(1.0 - self._response.miss_probability)
         self._latest: defaultdict[str, deque[Seen]] = defaultdict(lambda: deque(maxlen=LATEST))
         self._pressures_kpa: deque[float] = deque(maxlen=LATEST)  # of the levels
+        self._shows_level = False  # a level was not the end of the reading's range
         self.cuts: list[Cut] = []
 
     def add(self, cut: Cut) -> None:
         """Take a fuel cut that is over."""
         self.cuts.append(cut)
         for quantity, seen in cut.seen.items():
-            if quantity != LEVEL or not self._is_at_end(seen):
-                self._latest[quantity].append(seen)
-                if quantity == LEVEL:
-                    self._pressures_kpa.append(cut.pressure_kpa)
+            self._latest[quantity].append(seen)
+            if quantity == LEVEL:
+                self._pressures_kpa.append(cut.pressure_kpa)
+                self._shows_level |= not self._is_at_end(seen)
 
     def _is_at_end(self, level: Seen) -> bool:
         """Return whether a level is the end of the reading's range."""
@@ -124,7 +126,8 @@ class FuelCutResponse:
 
     def findings(self) -> dict[str, Finding]:
         """Return the findings by quantity."""
-        return {name: self._finding(name) for name in QUANTITIES if name in self._latest}
+        shown = [name for name in QUANTITIES if name in self._latest]
+        return {name: self._finding(name) for name in shown if name != LEVEL or self._shows_level}
 
     @property
     def is_clipped(self) -> bool:
@@ -138,7 +141,7 @@ class FuelCutResponse:
         It is the most that the gain can be where healthy readings stand at the end of their range.
         """
         healthy = self._reference.healthy.get(LEVEL)
-        if healthy is None or LEVEL not in self._latest:
+        if healthy is None or not self._shows_level:
             return None
         latest, (span, spread) = self._latest[LEVEL], self._span(healthy)
         gain = (1.0 - fmean(each.measured for each in latest)) / span

@@ -75,8 +75,9 @@ class Limits:
         missing = [name for name in NAMES if name not in card.limits]
         if missing:
             raise ModelError(
-                f"{where}: the model card has no limit {', '.join(missing)}; "
-                "o2train calibrate sets them"
+                f"{where}: the model card has no limit {', '.join(missing)}, so it predicts, "
+                "but cannot judge: fit it to more driving, or give healthy drives to "
+                "o2train calibrate; without --model, a logger's file gets the electrical tests"
             )
         if card.window_samples != config.window.n_samples:
             raise ConfigError(

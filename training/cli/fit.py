@@ -133,6 +133,7 @@ def run(args: argparse.Namespace) -> int:
 
     from training.api.models import completed
     from training.narx.fit import FitResult
+    from training.narx.fit_verdict import fit_verdict
     from training.recordings.recording import check_each_once
 
     if args.kind == "greybox" and args.output == catalyst.OUTPUT:
@@ -157,6 +158,7 @@ def run(args: argparse.Namespace) -> int:
         greybox.print_fit(outcome)
     fitted.write_report(report)
     _print_measures(fitted.card)
+    print(fit_verdict(fitted.card)[0])
     print(f"report: {report}")
     return 0
 

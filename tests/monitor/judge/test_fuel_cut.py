@@ -142,6 +142,12 @@ def test_a_clipped_reading_shows_no_level_and_one_below_it_the_most_that_the_gai
     assert below.gain is not None
     assert below.gain[0] == pytest.approx(0.5)
     assert below.faults == ("gain_low",)
+    # a sensor that reaches the end in other cuts is not weak
+    cuts = [Cut(0, {LEVEL: Seen(level, 0.0)}) for level in (AIR, 1.0 - 0.5 * (1.0 - AIR), AIR, AIR)]
+    mixed = judged(*cuts, reference=clipped)
+    assert mixed.gain is not None
+    assert mixed.gain[0] == pytest.approx(0.875)
+    assert mixed.faults == ()
 
 
 def test_what_healthy_drives_show_is_learned_with_its_spread() -> None:

@@ -332,7 +332,9 @@ def test_fit_and_evaluate_on_the_command_line(
         ]
     )
     assert done == 0
-    assert "held-out blocks, enabled samples: free run fit" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "held-out blocks, enabled samples: free run fit" in out
+    assert "The model follows its vehicle" in out  # the verdict of its page
     done = main(
         ["evaluate", "--model", model, str(tmp_path / "drive2.csv"), "--json", str(figures)]
     )
