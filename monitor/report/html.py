@@ -359,7 +359,11 @@ def _codes(recording: Mapping[str, Any]) -> str:
 def _why(recording: Mapping[str, Any]) -> str:
     """Return why there is no code: the first cause if the drive was not judged."""
     causes = recording["not_judged"]
-    return text(Cause(**causes[0]).in_words) if causes else "every test passed"
+    if causes:
+        return text(Cause(**causes[0]).in_words)
+    cuts = recording.get("fuel_cut_response")
+    is_open = cuts is not None and cuts["verdict"] != "passed"
+    return "no test failed" if is_open else "every test passed"
 
 
 def _window_verdict(window: Mapping[str, Any]) -> str:

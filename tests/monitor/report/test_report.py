@@ -344,3 +344,23 @@ def test_every_file_of_the_page_is_packaged() -> None:
     folder = ROOT / "monitor"
     packaged = {p for glob in setup["package-data"]["monitor"] for p in folder.glob(glob)}
     assert {p for p in (folder / "static").rglob("*") if p.is_file()} <= packaged
+
+
+def test_a_page_does_not_claim_that_undecided_fuel_cuts_passed() -> None:
+    finding = {"cuts": 8, "measured": 0.26, "predicted": 0.28, "low": 0.0, "high": 0.58}
+    decided = {"cuts": 9, "verdict": "passed", "faults": [], "clipped": False, "findings": {}}
+    name = "rise_lean_to_rich_s"
+    undecided = decided | {
+        "verdict": "inconclusive",
+        "findings": {name: finding | {"verdict": "inconclusive", "std": 0.118}},
+    }
+    passed, left_open = (
+        html.body("drives", [recording() | {"fuel_cut_response": cuts}], {}, "lambda")
+        for cuts in (decided, undecided)
+    )
+    assert "Every test was completed and passed." in passed
+    assert "every test passed" in passed
+    assert "the fuel-cut response is not decided (rise to rich)." in left_open
+    assert "0.26 ± 0.118" in left_open
+    assert "very test was completed and passed" not in left_open
+    assert "every test passed" not in left_open
