@@ -26,6 +26,7 @@ from monitor.mapping.vocabulary import match, words_of
 
 _ENOUGH = 6  # columns to know a logger by
 _OWN = 3  # of these, columns that no shipped profile knows: others may be another logger's, too
+_INVERSE = {"phi"}  # 1 / lambda, which no factor of a profile makes lambda
 _TIMES = ("time", "timestamp", "zeit", "seconds", "elapsedtime", "logtime", "devicetime")
 
 
@@ -121,6 +122,8 @@ def _sureness(name: str, column: RawColumn, cells: FloatArray) -> float:
     """Return how sure a column's words are of a signal, 0 if its unit or values are others."""
     meaning, text = MEANINGS[name], name_and_unit(column.name)[0]
     words = words_of(text)
+    if _INVERSE & set(words):
+        return 0.0
     if is_other(meaning, words) or any(word.isdigit() and int(word) > 1 for word in words):
         return 0.0
     if name in OF_ONE_SENSOR and elsewhere((text,)):
