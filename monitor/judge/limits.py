@@ -96,7 +96,7 @@ class Limits:
             **values,
             offset_low=-offset,
             offset_high=offset,
-            region=Region.from_card(card.region, where),
+            region=Region.from_card(card.region, where, config.enable.range_ignored),
             fuel_cut=FuelCutReference.from_card(card.fuel_cut, where),
         )
 

@@ -2,20 +2,21 @@
 
 A window's point is the mean and the standard deviation of each input in it. A window far from
 every point that was learned is no evidence: each input may lie within its own range, and yet the
-model has seen no such driving.
+model has seen no such driving. Inputs that a faulty sensor moves by itself do not count: through
+the controller, a fault would leave the region and never be judged.
 
 Source: Gonzalez, Clustering to minimize the maximum intercluster distance, Theoretical Computer
 Science 38 (1985) (points that cover the others).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from monitor.base.errors import ModelError
-from monitor.base.types import FloatArray
+from monitor.base.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +27,16 @@ class Region:
     scale: FloatArray  # (n,) unit of each coordinate
     points: FloatArray  # (m, n) in these units
     most: float  # distance from the nearest point beyond which a window counts no longer
+    ignored: tuple[str, ...] = ()  # inputs that do not count in the distance
 
     def beyond(self, inputs: FloatArray) -> FloatArray:
         """Return the distance of windows from the region over ``most``, (w,).
 
         inputs : (w, n, n_inputs) of the windows' samples
         """
-        scaled = points_of(inputs) / self.scale
-        apart = [np.square(self.points - each).sum(axis=1).min() for each in scaled]
+        counts = counted(self.names, self.ignored)
+        scaled, points = (points_of(inputs) / self.scale)[:, counts], self.points[:, counts]
+        apart = [np.square(points - each).sum(axis=1).min() for each in scaled]
         return np.asarray(np.sqrt(apart) / self.most, dtype=np.float64)
 
     def to_card(self) -> dict[str, Any]:
@@ -46,9 +49,12 @@ class Region:
         }
 
     @classmethod
-    def from_card(cls, data: Mapping[str, Any], where: str) -> "Region | None":
+    def from_card(
+        cls, data: Mapping[str, Any], where: str, ignored: Sequence[str] = ()
+    ) -> "Region | None":
         """Return the region of a model card, None if it holds none.
 
+        ignored : inputs that do not count in the distance
         Raises ModelError naming the file if the card's region is none.
         """
         if not data:
@@ -63,7 +69,16 @@ class Region:
         is_whole = scale.shape == (n,) and points.ndim == 2 and points.shape[1:] == (n,)
         if not (is_whole and n and len(points) and (scale > 0.0).all() and most > 0.0):
             raise ModelError(f"{where}: the model card's region has a wrong shape or a scale of 0")
-        return cls(names, scale, points, most)
+        return cls(names, scale, points, most, tuple(ignored))
+
+
+def counted(names: Sequence[str], ignored: Sequence[str]) -> BoolArray:
+    """Return which coordinates of a point count in the distance, (2 n_inputs,).
+
+    >>> counted(("speed", "controller"), ["controller"]).tolist()
+    [True, False, True, False]
+    """
+    return np.tile([name not in ignored for name in names], 2)
 
 
 def points_of(inputs: FloatArray) -> FloatArray:

@@ -207,7 +207,8 @@ def with_limits(
             drives = everything
             origin = ALL_OF_A_CHAIN if model.card.kind == "greybox" else ALL_OF_A_NETWORK
     limits = limits_of(drives, model.card, config, origin, recordings)
-    region = region_of(everything, model.card.input_names) if model.card.kind == "narx" else None
+    names, ignored = model.card.input_names, config.enable.range_ignored
+    region = region_of(everything, names, ignored) if model.card.kind == "narx" else None
     card = replace(
         model.card,
         limits={**model.card.limits, **limits},

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from monitor.judge.region import Region, points_of
+from monitor.judge.region import Region, counted, points_of
 from monitor.pipeline.events import WindowJudged
 
 POINTS: Final = 96  # that are kept
@@ -15,11 +15,14 @@ MARGIN: Final = 1.5  # a window may lie so much further off than any left out di
 LEAST_WINDOWS: Final = 40  # fewer say little about the region
 
 
-def region_of(drives: Sequence[Sequence[WindowJudged]], names: Sequence[str]) -> Region | None:
+def region_of(
+    drives: Sequence[Sequence[WindowJudged]], names: Sequence[str], ignored: Sequence[str] = ()
+) -> Region | None:
     """Return the region of healthy drives' windows, None if they are too few.
 
     Each drive is left out in turn: no window of it lies further than ``most`` from the others'.
     names : of the inputs
+    ignored : inputs that do not count in the distance
     """
     groups = [points_of(np.array([w.window.inputs for w in drive])) for drive in drives if drive]
     if sum(map(len, groups)) < LEAST_WINDOWS:
@@ -29,14 +32,16 @@ def region_of(drives: Sequence[Sequence[WindowJudged]], names: Sequence[str]) ->
     everything = np.concatenate(groups)
     std = everything.std(axis=0)[: len(names)]  # a mean and a spread of an input have one unit
     scale = np.tile(np.where(std > 0.0, std, 1.0), 2)
-    groups = [group / scale for group in groups]
+    counts = counted(names, ignored)  # the others stand still in every point
+    everything = np.where(counts, everything / scale, 0.0)
+    groups = [np.where(counts, group / scale, 0.0) for group in groups]
     left_out = max(
         float(apart.max())
         for i, group in enumerate(groups)
         if len(apart := _apart(group, cover(np.concatenate(groups[:i] + groups[i + 1 :]), POINTS)))
     )
-    points = cover(everything / scale, POINTS)
-    return Region(tuple(names), scale, points.round(4), MARGIN * max(left_out, 1e-6))
+    points = cover(everything, POINTS).round(4)
+    return Region(tuple(names), scale, points, MARGIN * max(left_out, 1e-6), tuple(ignored))
 
 
 def cover(points: FloatArray, n: int) -> FloatArray:

@@ -17,6 +17,8 @@ from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.judge.region import Region, points_of
 from monitor.judge.window import Window
 from monitor.memory.dtc_store import DtcStore
+from monitor.model.step import Model
+from monitor.report.replay import shipped_model
 from tests.helpers.bank import readings
 from training.limits.region import region_of
 
@@ -104,6 +106,35 @@ def test_windows_of_a_drive_that_was_not_learned_lie_in_the_region() -> None:
     region = learned()
     beyond = region.beyond(inputs(300, np.random.default_rng(7)))
     assert beyond.max() <= 1.0
+
+
+def test_the_controller_that_a_faulty_sensor_moves_does_not_leave_the_region() -> None:
+    # GIVEN a network that also reads the lambda controller, which hardly moves in healthy drives
+    rng = np.random.default_rng(11)
+    names, ignored = (*NAMES, "lambda_controller"), CONFIG.enable.range_ignored
+
+    def with_controller(n: int, mean: float) -> FloatArray:
+        controller = rng.normal(mean, 0.004, (n, N, 1))
+        return np.concatenate([inputs(n, rng), controller], axis=2)
+
+    drives = [judged(60, with_controller(60, 1.0), limits_with(None), 1.0) for _ in range(5)]
+    every_input = region_of(drives, names)
+    region = region_of(drives, names, ignored)
+    assert every_input is not None
+    assert region is not None
+    # WHEN an offset of the sensor moves it by 5 %
+    biased = with_controller(40, 1.05)
+    # THEN the windows are evidence, with a new card and with one that counts every input
+    assert every_input.beyond(biased).min() > 1.0
+    assert region.beyond(biased).max() <= 1.0
+    card = replace(Model.load(shipped_model()).card, region=every_input.to_card())
+    of_old_card = Limits.from_card(card, CONFIG, "m.onnx").region
+    assert of_old_card is not None
+    assert of_old_card.beyond(biased).max() <= 1.0
+    # and driving that was not learned is still none
+    both_high = with_controller(40, 1.0)
+    both_high[:, :, :2] = np.array([4500.0, 800.0]) + rng.normal(0.0, 30.0, (40, N, 2))
+    assert region.beyond(both_high).min() > 1.0
 
 
 def test_few_windows_give_no_region() -> None:

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from monitor.base.faults import DRIFT_S, HOLD_EVERY_S, Fault
+from monitor.base.signals import OUTPUT
 from monitor.base.types import FloatArray
 from training.greybox.fit import drive as drives
 from training.greybox.fit.drive import Drive
@@ -19,6 +21,7 @@ from training.greybox.fit.drive import Drive
 STEP_S = 0.01
 PERIOD_S = 0.1
 LENGTH_S = 600.0
+WARM_UP_S = 12.0  # until the sensor is ready
 QUANTISATION = {
     "air_mass_mg": 0.1,
     "fuel_mass_mg": 0.02,
@@ -35,6 +38,7 @@ QUANTISATION = {
     "ambient_pressure_kpa": 0.1,
     "purge_duty_percent": 0.5,
 }
+FLAGS = ("closed_loop", "fuel_cut", "sensor_ready")
 
 
 class Hidden(NamedTuple):
@@ -65,6 +69,33 @@ class Sensor(NamedTuple):
     gain: float = 1.0
     offset_lambda: float = 0.0
     start_s: float = 0.0
+    edge: int = 0  # of lag and dead time; 1: lean to rich alone, -1: rich to lean alone
+    stuck_lambda: float = 0.0  # 0: not stuck
+    ripple_lambda: float = 0.0  # noise beside the stuck reading, standard deviation at 100 Hz
+    drift_lambda_s: float = 0.0  # growth of the offset per second
+    hold_s: float = 0.0  # so long the reading stands in every HOLD_EVERY_S
+    ready: bool = True
+    sent: bool = True
+
+    @classmethod
+    def of(cls, fault: Fault, start_s: float = 0.0) -> "Sensor":
+        """Return the sensor with the monitor's named fault, in this engine's equations."""
+        rising, falling = fault.tau_rising_s, fault.tau_falling_s
+        edge = fault.delay_direction if fault.delay_s else int(rising > 0.0) - int(falling > 0.0)
+        return cls(
+            max(rising, falling),
+            fault.delay_s,
+            fault.gain,
+            fault.offset_lambda,
+            start_s,
+            edge,
+            fault.stuck_lambda,
+            fault.ripple_lambda,
+            fault.drift_lambda / DRIFT_S,
+            fault.hold_s,
+            not fault.not_ready,
+            not fault.missing,
+        )
 
 
 SOUND = Sensor()
@@ -119,6 +150,24 @@ def drive(
 
     outside : what an effect that no field of ``Hidden`` has does to the mixture
     """
+    sent = broadcast(vehicle, seed, hidden, sensor, length_s, form, outside)
+    signals = {name: values for name, values in sent.items() if name not in (OUTPUT, *FLAGS)}
+    return drives.make(f"second engine {vehicle}", PERIOD_S, signals, sent[OUTPUT])
+
+
+def broadcast(
+    vehicle: int,
+    seed: int,
+    hidden: Mapping[str, float] | None = None,
+    sensor: Sensor = SOUND,
+    length_s: float = LENGTH_S,
+    form: Form = FORM,
+    outside: Callable[["Car"], "Outside"] | None = None,
+) -> dict[str, FloatArray]:
+    """Return what the ECU sends in a drive at 10 Hz, name → (n,); NaN where nothing comes.
+
+    Arguments as for ``drive``. The flags are means over the period.
+    """
     own = np.random.default_rng([77, vehicle])
     piece = Piece(
         own.normal(1, 0.01), own.normal(0, 0.008), own.uniform(0.8, 1.25), own.uniform(0.06, 0.12)
@@ -152,14 +201,14 @@ def drive(
         "engine_speed_rpm": car.rpm,
         "coolant_temperature_degc": car.coolant_degc,
         "ambient_pressure_kpa": np.full(len(speed), ambient_kpa),
+        "fuel_cut": car.cut,
     }
     each = round(PERIOD_S / STEP_S)
-    signals = {
-        name: np.round(fine[name].reshape(-1, each).mean(axis=1) / step) * step
-        for name, step in QUANTISATION.items()
-    }
-    measured = signals.pop("lambda_measured")
-    return drives.make(f"second engine {vehicle}", PERIOD_S, signals, measured)
+    means = {name: values.reshape(-1, each).mean(axis=1) for name, values in fine.items()}
+    flags = {name: means[name] for name in FLAGS}
+    return {
+        name: np.round(means[name] / step) * step for name, step in QUANTISATION.items()
+    } | flags
 
 
 def wished_speed(rng: np.random.Generator, n: int) -> FloatArray:
@@ -285,7 +334,7 @@ def mix(
     noise: FloatArray,
     vapour_mg_s: FloatArray,
 ) -> dict[str, FloatArray]:
-    """Return what the ECU sends of fuel and lambda."""
+    """Return what the ECU sends of fuel and lambda, name → (n,)."""
     made = _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise, vapour_mg_s)
     names = (
         "fuel_mass_mg",
@@ -294,6 +343,8 @@ def mix(
         "lambda_measured",
         "lambda_target",
         "purge_duty_percent",
+        "closed_loop",
+        "sensor_ready",
     )
     return dict(zip(names, made, strict=True))
 
@@ -301,11 +352,11 @@ def mix(
 @njit(cache=True)
 def _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise, vapour_mg_s):  # type: ignore[no-untyped-def]  # noqa: PLR0915
     n = len(charge)
-    out = np.zeros((6, n))
+    out = np.zeros((8, n))
     valve, gas_read = np.ones(1024), np.ones(1024)
     film, vapour, load, duty, rail = 0.0, 0.0, 1.0, 0.0, 6.0
     mixed, sensed, slow, lean, drift = 1.0, 1.0, 1.0, 0.0, 0.0
-    trim, integral, filtered, since_cut = 1.0, 0.0, 0.0, 99.0
+    trim, integral, filtered, since_cut, measured = 1.0, 0.0, 0.0, 99.0, 1.0
     for k in range(n):
         t_s, rpm, p, coolant = k * STEP_S, car.rpm[k], car.manifold_kpa[k], car.coolant_degc[k]
         cut, strokes, air = car.cut[k] > 0.0, car.rpm[k] / 30.0, car.air_mg[k]
@@ -316,7 +367,11 @@ def _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise, vapour_mg_s): 
             rich *= 1.0 + 0.06 * min((charge[k] - 560.0) / 150.0, 1.0)
         swing = 0.018 * (1.0 if t_s % 1.3 < 0.65 else -1.0) * (coolant > 60.0)
         since_cut = 0.0 if cut else since_cut + STEP_S
+        faulty = t_s >= sensor.start_s
+        ready = t_s > WARM_UP_S and (sensor.ready or not faulty)
+        heard = sensor.sent or not faulty
         closed = t_s > 25.0 and coolant > 20.0 and since_cut > 1.0 and rich == 1.0
+        closed = closed and ready and heard
         fuel = 0.0 if cut else charge[k] / 14.55 * rich * (1.0 + swing) * trim
         rail += STEP_S / 0.3 * (5.0 + 12.0 * min(max((charge[k] - 120.0) / 450.0, 0.0), 1.0) - rail)
         # what enters
@@ -361,11 +416,14 @@ def _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise, vapour_mg_s): 
         # how it is read
         reading = sensed + form.curve * (sensed - 1.0) ** 2
         gas_read[k % 1024] = reading
-        if t_s >= sensor.start_s:
+        if faulty:
             back = min(sensor.dead_time_s, t_s - sensor.start_s)
-            reading = gas_read[(k - int(back / STEP_S)) % 1024]
+            late = gas_read[(k - int(back / STEP_S)) % 1024]
+            # of one edge alone: a late reading below the gas lags an edge to rich
+            reading = late if sensor.edge * (reading - late) >= 0.0 else reading
             if sensor.lag_s > 0.0:
-                slow += STEP_S / sensor.lag_s * (reading - slow)
+                lagging = sensor.edge * (reading - slow) >= 0.0
+                slow += (STEP_S / sensor.lag_s if lagging else 1.0) * (reading - slow)
                 reading = slow
             reading = 1.0 + sensor.gain * (reading - 1.0)
         else:
@@ -373,13 +431,20 @@ def _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise, vapour_mg_s): 
         drift = 0.97 * drift + 0.12 * noise[0, k]
         line = 0.0025 * np.sin(6.2832 * 2.45 * t_s) * (1.0 if flow > 8.0 else 0.3)
         reading += 0.0015 * noise[1, k] + 0.0012 * drift + line
-        measured = 1.0 / max(reading, 1.0 / 15.9)
-        measured += sensor.offset_lambda if t_s >= sensor.start_s else 0.0
-        measured = min(measured, 15.9)
+        before, measured = measured, 1.0 / max(reading, 1.0 / 15.9)
+        if faulty:
+            since_s = t_s - sensor.start_s
+            measured += sensor.offset_lambda + sensor.drift_lambda_s * since_s
+            if sensor.stuck_lambda > 0.0:
+                measured = sensor.stuck_lambda + sensor.ripple_lambda * noise[1, k]
+            if since_s % HOLD_EVERY_S < sensor.hold_s:
+                measured = before
+        measured = min(measured, 15.9) if ready or sensor.ready else 1.0
         if closed:
             filtered += STEP_S / 0.1 * (1.0 / measured - 1.0 - filtered)
             integral = min(max(integral - STEP_S * 0.35 * filtered, -0.25), 0.25)
         trim = 1.0 + integral - (0.12 * filtered if closed else 0.0)
         noisy = rail + noise[2, k] * 0.02
-        out[:, k] = (fuel, noisy, trim, measured, 1.0 / rich, duty)
+        seen = measured if heard else np.nan
+        out[:, k] = (fuel, noisy, trim, seen, 1.0 / rich, duty, 1.0 * closed, 1.0 * ready)
     return out
