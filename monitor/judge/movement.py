@@ -105,15 +105,19 @@ class MovementRule:
         """Return the log likelihood ratio of each window, (w,), limited to half a decision at most.
 
         measured, healthy : (w, n) as in ``judge``
-        noise_var : variance of the healthy residual (default: that of the rule)
+        noise_var : variance of the healthy residual around fuel cuts; None for other windows
         """
         config, n = self._config, measured.shape[1]
-        noise_var = self._noise_var if noise_var is None else noise_var
+        error_var = self._noise_var if noise_var is None else noise_var
         own = measured.var(axis=1)
-        moves = np.maximum(healthy.var(axis=1) - config.error_share * noise_var, 0.0)
+        moves = np.maximum(healthy.var(axis=1) - config.error_share * error_var, 0.0)
         least = config.quantum**2
-        still = np.clip(own, least, max(config.still_share * noise_var, least))
-        alive = still + config.gain_least**2 * moves
+        least_alive = config.gain_least**2 * moves
+        # around a fuel cut a sound reading may rest up to a step that it shows a little later
+        moving = least_alive if noise_var is None else 0.0
+        most = config.still_share * np.maximum(error_var, moving)
+        still = np.clip(own, least, np.maximum(most, least))
+        alive = still + least_alive
         ratio = np.log(alive / still) - own * (1.0 / still - 1.0 / alive)
         sound, dead = -0.5 * self._needed, self._most(n)
         return np.asarray(np.clip(0.5 * n * self._independent * ratio, sound, dead))

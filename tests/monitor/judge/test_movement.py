@@ -14,8 +14,8 @@ NOISE, NEEDED, N = 0.006, 11.5, 50
 RNG = np.random.default_rng(11)
 
 
-def rule(still_s: float = 0.0) -> MovementRule:
-    return MovementRule(config.load().movement, NOISE, 0.5, PERIOD_S, NEEDED, still_s)
+def rule(still_s: float = 0.0, noise: float = NOISE) -> MovementRule:
+    return MovementRule(config.load().movement, noise, 0.5, PERIOD_S, NEEDED, still_s)
 
 
 def mixture(windows: int, std: float) -> FloatArray:
@@ -28,9 +28,11 @@ def noisy(phi: FloatArray) -> FloatArray:
     return phi + 0.002 * RNG.standard_normal(phi.shape)
 
 
-def faults(measured: FloatArray, healthy: FloatArray, still_s: float = 0.0) -> list[str | None]:
+def faults(
+    measured: FloatArray, healthy: FloatArray, still_s: float = 0.0, noise: float = NOISE
+) -> list[str | None]:
     none = np.zeros(len(measured), dtype=np.bool_)
-    return [each.fault for each in rule(still_s).judge(measured, healthy, none)]
+    return [each.fault for each in rule(still_s, noise).judge(measured, healthy, none)]
 
 
 @pytest.mark.parametrize("level", [0.93, 1.0, 1.07])
@@ -39,6 +41,16 @@ def test_noise_around_any_constant_is_a_dead_sensor(level: float) -> None:
     found = faults(noisy(np.full_like(healthy, level)), healthy)
     assert found[-1] == DEAD
     assert found.index(DEAD) <= 5
+
+
+def test_a_dead_sensor_may_have_more_noise_than_a_good_model_errs() -> None:
+    # GIVEN a model that errs by 0.0026, and a dead sensor with noise of 0.003
+    healthy = mixture(30, 0.018)
+    dead = 1.0 + 0.003 * RNG.standard_normal(healthy.shape)
+    # THEN it is found, and the weakest live sensor with that noise is not
+    assert faults(dead, healthy, noise=0.0026)[-1] == DEAD
+    weak = dead + 0.4 * (healthy - 1.0)
+    assert not any(faults(weak, healthy, noise=0.0026))
 
 
 def test_a_reading_may_stand_still_for_as_long_as_healthy_ones_before_it_is_called_dead() -> None:
