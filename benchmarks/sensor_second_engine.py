@@ -37,7 +37,15 @@ from training.limits.targets import LIMIT_SEVERITY
 from training.studies.matrix.conditions import ageing
 from training.studies.matrix.plan import MOST_ETHANOL
 from training.studies.matrix.verdicts import judge_drives, learn
-from training.studies.second.engine import LENGTH_S, PERIOD_S, SOUND, Form, Sensor, broadcast
+from training.studies.second.engine import (
+    LEANEST,
+    LENGTH_S,
+    PERIOD_S,
+    SOUND,
+    Form,
+    Sensor,
+    broadcast,
+)
 
 CONFIG: Final = config.load()
 TRAINING_DRIVES, HEALTHY_DRIVES, REPETITIONS = 5, 8, 3
@@ -88,7 +96,8 @@ def columns(vehicle: int, case: Case) -> dict[str, FloatArray]:
     own = {"ethanol": 100.0 * float(ethanol), "purge": PURGE}
     sent = broadcast(vehicle, seed, own, sensor, length_s, Form.of(vehicle))
     if fault and not case.in_loop:
-        sent[OUTPUT] = np.array(SensorFault(fault, PERIOD_S).apply(sent[OUTPUT].tolist()))
+        read = SensorFault(fault, PERIOD_S).apply(sent[OUTPUT].tolist())
+        sent[OUTPUT] = np.minimum(read, LEANEST)
     times = np.arange(len(sent[OUTPUT]), dtype=np.float64)
     return {"time_s": PERIOD_S * times} | sent
 

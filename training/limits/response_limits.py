@@ -98,20 +98,31 @@ def _around_cuts(
         return {}
     gain = _healthy_gain([_last_gain(each.cuts) for each in judged], config)
     unit = "-" if model.card.transform == "phi" else model.card.output.unit
-    noise = float(np.median([cut.std for each in judged for cut in each.cuts]))
+    noise = _noise_of_edges([cut for each in judged for cut in each.cuts], used.excitation)
     full = config.response.evidence_weight
     used = replace(used, gain_cut=gain, noise_cut=noise, evidence_cut=full)
     used, most = _calmed(model, recordings, used, "evidence_cut", config)
     where = f"{n_cuts} windows around fuel cuts of {len(recordings)} healthy recordings"
     return {
         "gain_cut": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
-        "noise_cut": Limit(noise, unit, f"median spread of the residual, {where}"),
+        "noise_cut": Limit(noise, unit, f"median spread of the residual at edges, {where}"),
         "evidence_cut": Limit(
             used.evidence_cut,
             "-",
             f"largest evidence of a fault {most:.3g} at full weight, {where}",
         ),
     }
+
+
+def _noise_of_edges(cuts: Sequence[CutJudged], excitation: float) -> float:
+    """Return the median spread of the residual over windows that hold an edge, if any does.
+
+    Within a long cut, reading and prediction rest in air: such windows tell nothing of the model's
+    error at an edge, and may be most of them.
+    excitation : standard deviation from which the prediction moves
+    """
+    edges = [cut.std for cut in cuts if float(cut.statistics["excitation"] or 0.0) >= excitation]
+    return float(np.median(edges or [cut.std for cut in cuts]))
 
 
 def _healthy_gain(gains: Sequence[float | None], config: Config) -> float:

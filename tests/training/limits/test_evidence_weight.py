@@ -8,6 +8,7 @@ import pytest
 from monitor.base import config
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
+from monitor.pipeline.events import CutJudged
 from monitor.report.replay import set_up, shipped_model
 from training.limits import response_limits as rules
 from training.recordings.recording import load
@@ -60,3 +61,15 @@ def test_one_recording_has_bound_windows_and_its_movement_is_known() -> None:
     # THEN recordings that trained the model count as one
     assert trained["movement"].value == pytest.approx(alone["movement"].value, rel=1e-6)
     assert trained["evidence_window"].value == alone["evidence_window"].value
+
+
+def test_rest_in_air_does_not_lower_the_error_at_the_edges_of_fuel_cuts() -> None:
+    # GIVEN a long cut: two windows with an edge, in which the model errs by 0.05, and seven in air
+    def cut(std: float, excitation: float) -> CutJudged:
+        return CutJudged(0, std, "inconclusive", None, {"excitation": excitation})
+
+    cuts = [cut(0.04, 0.25), *[cut(1e-4, 0.0)] * 7, cut(0.06, 0.4)]
+    # THEN their error around cuts is that of the edges
+    assert rules._noise_of_edges(cuts, excitation=0.006) == pytest.approx(0.05)
+    # and windows without an edge speak only where there is none
+    assert rules._noise_of_edges(cuts[1:-1], excitation=0.006) == pytest.approx(1e-4)

@@ -22,6 +22,7 @@ STEP_S = 0.01
 PERIOD_S = 0.1
 LENGTH_S = 600.0
 WARM_UP_S = 12.0  # until the sensor is ready
+LEANEST = 15.9  # lambda that the ECU sends at most
 QUANTISATION = {
     "air_mass_mg": 0.1,
     "fuel_mass_mg": 0.02,
@@ -423,7 +424,7 @@ def _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise, vapour_mg_s): 
             reading = late if sensor.edge * (reading - late) >= 0.0 else reading
             if sensor.lag_s > 0.0:
                 lagging = sensor.edge * (reading - slow) >= 0.0
-                slow += (STEP_S / sensor.lag_s if lagging else 1.0) * (reading - slow)
+                slow += (min(STEP_S / sensor.lag_s, 1.0) if lagging else 1.0) * (reading - slow)
                 reading = slow
             reading = 1.0 + sensor.gain * (reading - 1.0)
         else:
@@ -431,7 +432,7 @@ def _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise, vapour_mg_s): 
         drift = 0.97 * drift + 0.12 * noise[0, k]
         line = 0.0025 * np.sin(6.2832 * 2.45 * t_s) * (1.0 if flow > 8.0 else 0.3)
         reading += 0.0015 * noise[1, k] + 0.0012 * drift + line
-        before, measured = measured, 1.0 / max(reading, 1.0 / 15.9)
+        before, measured = measured, 1.0 / max(reading, 1.0 / LEANEST)
         if faulty:
             since_s = t_s - sensor.start_s
             measured += sensor.offset_lambda + sensor.drift_lambda_s * since_s
@@ -439,7 +440,7 @@ def _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise, vapour_mg_s): 
                 measured = sensor.stuck_lambda + sensor.ripple_lambda * noise[1, k]
             if since_s % HOLD_EVERY_S < sensor.hold_s:
                 measured = before
-        measured = min(measured, 15.9) if ready or sensor.ready else 1.0
+        measured = min(measured, LEANEST) if ready or sensor.ready else 1.0
         if closed:
             filtered += STEP_S / 0.1 * (1.0 / measured - 1.0 - filtered)
             integral = min(max(integral - STEP_S * 0.35 * filtered, -0.25), 0.25)
