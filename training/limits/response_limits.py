@@ -16,7 +16,8 @@ from training.limits.movement import movement_of
 from training.limits.stillness import still_limits
 from training.recordings.recording import Recording
 
-EVIDENCE_SAFETY = 3.0  # times the healthy recordings' largest evidence of a fault, for a code
+CODE_PROBABILITY = 0.003  # at most, of a code's evidence in a healthy drive like the recordings
+BOUND_FROM = 3.0  # of a code's evidence over that of healthy recordings, windows are bound
 WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
 STEPS = (0.5, 0.8)  # of a weight that is still too large, at least and at most
 LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
@@ -33,29 +34,33 @@ def response_limits(
     """Return the healthy gains, the weights of evidence and how long the reading may stand still.
 
     The gain's spread from drive to drive, and a model that follows its vehicle poorly, look like a
-    weak or late sensor; then no window alone may say more than half of what a code needs, and the
-    evidence counts less by as much as the recordings still say so. Windows around fuel cuts have a
-    gain and a weight of their own; the weight is 0 without such windows. A coarse or clipped
-    reading that stands still in healthy recordings is given more time before it is stuck.
+    weak or late sensor. Where healthy recordings show more than a third of a code's evidence, no
+    window alone may say more than half of it, and the evidence counts less by as much as a code
+    would still be too probable in another healthy drive (``_probability``). Windows around fuel
+    cuts have a gain and a weight of their own; the weight is 0 without such windows. A coarse or
+    clipped reading that stands still in healthy recordings is given more time before it is stuck.
 
     One recording shows neither how the gain spreads nor the errors that a model has for a whole
-    other drive, least of all the recording that trained it. So windows are bound in any case, and
-    the reading of a weak sensor must also move less.
+    other drive, least of all the recording that trained it; and recordings of which one would be
+    called weak show that the gain says little. Then windows are bound in any case, and the reading
+    of a weak sensor must also move less.
 
     seen : the other limits are of windows that trained the model; the same holds for it
     """
     where = f"{len(recordings)} healthy recordings"
-    is_blind = seen or len(recordings) == 1
     full = config.response.evidence_weight
     plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
     unbound = 2.0 * config.response.evidence_most  # from its lead to the last place
     plain = replace(plain, evidence_window=unbound)
     judged = judge_recordings(recordings, model, plain, config)
-    gain = _healthy_gain([_last_gain(each.windows) for each in judged], config)
+    gains = [gain for each in judged if (gain := _last_gain(each.windows)) is not None]
+    gain = _healthy_gain(gains, config)
+    looks_weak = min(gains, default=gain) <= config.response.gain_weak_max * gain
+    is_blind = seen or len(recordings) == 1 or looks_weak
     used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
     used = replace(used, evidence_window=unbound)
     most = _most_evidence(model, recordings, used, config)
-    if is_blind or most > _allowed(config):
+    if is_blind or max(most) > config.response.evidence_fail / BOUND_FROM:
         used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
         used, _ = _calmed(model, recordings, used, "evidence", config)
     movement = 0.0
@@ -64,21 +69,19 @@ def response_limits(
         movement = movement_of(windows, model.card.transform, limits.noise_memory)
     found = {
         "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
-        "evidence": Limit(
-            used.evidence, "-", f"largest evidence of a fault {most:.3g} at full weight, {where}"
-        ),
+        "evidence": Limit(used.evidence, "-", _origin(most, where)),
         "evidence_window": Limit(
             used.evidence_window,
             "-",
-            f"half of a code's evidence where {where} show more than a third or are "
-            "too few, else no bound",
+            f"half of a code's evidence where {where} show more than a third or "
+            "not how gains differ, else no bound",
         ),
         "movement": Limit(
             movement,
             "-",
             f"spread of the reading over that of the prediction in {where}"
             if is_blind
-            else f"not needed, {where} show how gains differ",
+            else f"not needed, {where} show how gains differ, and none looks weak",
         ),
     }
     found |= still_limits(recordings, model.card, config)
@@ -96,7 +99,8 @@ def _around_cuts(
     n_cuts = sum(len(each.cuts) for each in judged)
     if not n_cuts:
         return {}
-    gain = _healthy_gain([_last_gain(each.cuts) for each in judged], config)
+    gains = [gain for each in judged if (gain := _last_gain(each.cuts)) is not None]
+    gain = _healthy_gain(gains, config)
     unit = "-" if model.card.transform == "phi" else model.card.output.unit
     noise = _noise_of_edges([cut for each in judged for cut in each.cuts], used.excitation)
     full = config.response.evidence_weight
@@ -106,11 +110,7 @@ def _around_cuts(
     return {
         "gain_cut": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
         "noise_cut": Limit(noise, unit, f"median spread of the residual at edges, {where}"),
-        "evidence_cut": Limit(
-            used.evidence_cut,
-            "-",
-            f"largest evidence of a fault {most:.3g} at full weight, {where}",
-        ),
+        "evidence_cut": Limit(used.evidence_cut, "-", _origin(most, where)),
     }
 
 
@@ -125,11 +125,14 @@ def _noise_of_edges(cuts: Sequence[CutJudged], excitation: float) -> float:
     return float(np.median(edges or [cut.std for cut in cuts]))
 
 
-def _healthy_gain(gains: Sequence[float | None], config: Config) -> float:
+def _healthy_gain(gains: Sequence[float], config: Config) -> float:
     """Return the median of the drives' gains, 1 without any."""
-    known = [gain for gain in gains if gain is not None]
     least = config.response.gain_least  # a model that follows less says nothing of its vehicle
-    return min(max(float(np.median(known)), least), 1.0 / least) if known else 1.0
+    return min(max(float(np.median(gains)), least), 1.0 / least) if gains else 1.0
+
+
+def _origin(most: Sequence[float], where: str) -> str:
+    return f"largest evidence of a fault {max(most):.3g} at full weight, {where}"
 
 
 def _weighted(limits: Limits, name: str, weight: float) -> Limits:
@@ -144,38 +147,56 @@ def _calmed(
     limits: Limits,
     name: str,
     config: Config,
-) -> tuple[Limits, float]:
-    """Return limits with which healthy recordings stay well below a code; their evidence before.
+) -> tuple[Limits, list[float]]:
+    """Return limits with which a code in a healthy drive is improbable; the evidence before.
 
     The weight is lowered. Evidence that the recordings show with the least weight, too, comes from
     other windows.
     """
     most = before = _most_evidence(model, recordings, limits, config)
-    if most <= _allowed(config):
+    if _probability(most, config) <= CODE_PROBABILITY:
         return limits, before
     others = _most_evidence(model, recordings, _weighted(limits, name, LEAST_EVIDENCE), config)
-    allowed, weight = max(_allowed(config), others), config.response.evidence_weight
-    while most > allowed and weight > LEAST_EVIDENCE:  # evidence has bounds, so it is not linear
-        weight *= float(np.clip(allowed / most, *STEPS))
+    allowed = -config.response.evidence_fail / math.log(CODE_PROBABILITY)
+    allowed, weight = max(allowed, _scale(others)), config.response.evidence_weight
+    while _scale(most) > allowed and weight > LEAST_EVIDENCE:  # bounded evidence is not linear
+        weight *= float(np.clip(allowed / _scale(most), *STEPS))
         limits = _weighted(limits, name, weight)
         most = _most_evidence(model, recordings, limits, config)
     return limits, before
 
 
-def _allowed(config: Config) -> float:
-    """Return the largest evidence of a fault that healthy recordings may show."""
-    return config.response.evidence_fail / EVIDENCE_SAFETY
+def _probability(most: Sequence[float], config: Config) -> float:
+    """Return the probability that another healthy drive shows the evidence of a code.
+
+    most : largest evidence of a fault in each healthy drive, which falls off exponentially
+    Source: Basseville and Nikiforov, Detection of Abrupt Changes, section 5.2 (the exceedance of a
+    level by a sum of log likelihood ratios falls exponentially with the level).
+    """
+    scale = _scale(most)
+    return math.exp(-config.response.evidence_fail / scale) if scale else 0.0
+
+
+def _scale(most: Sequence[float]) -> float:
+    """Return the mean of exponentially distributed values, from their mean or their largest one.
+
+    The larger of both estimates, in case that a few drives are worse than the others. The largest
+    of n values is 1 + 1/2 + … + 1/n times the mean (David and Nagaraja, Order Statistics, section
+    2.5).
+    """
+    largest = max(most) / sum(1.0 / k for k in range(1, len(most) + 1))
+    return max(math.fsum(most) / len(most), largest)
 
 
 def _most_evidence(
     model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
-) -> float:
-    """Return the largest evidence of a fault in any window of healthy recordings."""
-    found = [0.0]
+) -> list[float]:
+    """Return the largest evidence of a fault in each healthy recording's windows, at least 0."""
+    found = []
     for judged in judge_recordings(recordings, model, limits, config):
-        for windows in (judged.windows, judged.cuts):
-            found += [float(window.statistics["evidence"] or 0.0) for window in windows]
-    return max(found)
+        statistics = [w.statistics for w in judged.windows] + [w.statistics for w in judged.cuts]
+        found.append(max((float(s["evidence"] or 0.0) for s in statistics), default=0.0))
+    return [max(each, 0.0) for each in found]
 
 
 def _last_gain(windows: Sequence[WindowJudged | CutJudged]) -> float | None:
