@@ -17,7 +17,7 @@ from training.limits.stillness import still_limits
 from training.recordings.recording import Recording
 
 CODE_PROBABILITY = 0.003  # at most, of a code's evidence in a healthy drive like the recordings
-BOUND_FROM = 3.0  # of a code's evidence over that of healthy recordings, windows are bound
+PROMISED = 1.0  # mean of a healthy drive's largest evidence, if the errors are the noise supposed
 WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
 STEPS = (0.5, 0.8)  # of a weight that is still too large, at least and at most
 LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
@@ -60,7 +60,7 @@ def response_limits(
     used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
     used = replace(used, evidence_window=unbound)
     most = _most_evidence(model, recordings, used, config)
-    if is_blind or max(most) > config.response.evidence_fail / BOUND_FROM:
+    if is_blind or _scale(most) > PROMISED:
         used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
         used, _ = _calmed(model, recordings, used, "evidence", config)
     movement = 0.0
