@@ -1,8 +1,10 @@
 """The weight of evidence that healthy recordings allow."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from monitor.base import config
@@ -16,13 +18,13 @@ from training.recordings.recording import load
 LOG = "replay_logs/healthy_micro_trips_v102_s102.blf"
 CONFIG = config.load()
 LIMITS: Limits = set_up(None, (), CONFIG).limits
-ALLOWED = rules._allowed(CONFIG)
+ALLOWED = -CONFIG.response.evidence_fail / math.log(rules.CODE_PROBABILITY)
 
 
 @pytest.mark.parametrize(
     ("others", "own", "wanted"),
     [
-        (0.0, 4.0, 0.75),  # all that fuel cuts say is allowed
+        (0.0, 2.5, 0.75),  # all that fuel cuts say is allowed
         (0.0, 10.0, ALLOWED / 10.0),
         (1.0001 * ALLOWED, 4.0, 0.0),  # the other windows leave no room
     ],
@@ -33,17 +35,48 @@ def test_the_weight_of_fuel_cuts_is_found_in_few_steps(
     # GIVEN healthy recordings whose evidence of a fault is that of fuel cuts beside the others'
     asked = []
 
-    def most(_model: Any, _recordings: Any, limits: Limits, _config: Any) -> float:
+    def most(_model: Any, _recordings: Any, limits: Limits, _config: Any) -> list[float]:
         asked.append(limits.evidence_cut)
-        return others + own * limits.evidence_cut
+        return [others + own * limits.evidence_cut]
 
     monkeypatch.setattr(rules, "_most_evidence", most)
     full = replace(LIMITS, evidence_cut=0.75)
     # WHEN the weight of fuel cuts is set THEN it is at most a fifth too low, and soon found
     found, before = rules._calmed(None, (), full, "evidence_cut", CONFIG)  # type: ignore[arg-type]
-    assert before == others + 0.75 * own
+    assert before == [others + 0.75 * own]
     assert 0.8 * wanted <= found.evidence_cut <= wanted + 1e-3
     assert len(asked) < 40
+
+
+def test_more_recordings_allow_a_larger_worst_one() -> None:
+    # GIVEN healthy drives whose largest evidence of a fault is exponentially distributed
+    rng = np.random.default_rng(7)
+    drawn = [rng.exponential(1.5, size=(2000, n)) for n in (3, 10, 30)]
+    # WHEN the mean is estimated from few and from many
+    found = [np.array([rules._scale(row) for row in rows.tolist()]) for rows in drawn]
+    # THEN it does not grow with their number, as the largest one does
+    medians = [float(np.median(each)) for each in found]
+    largest = [float(np.median(rows.max(axis=1))) for rows in drawn]
+    assert medians == pytest.approx([1.5] * 3, abs=0.2)
+    assert largest[2] > 2.0 * largest[0]
+    # THEN a single odd drive among calm ones still counts
+    assert rules._scale([0.1] * 9 + [12.0]) > 2.0 * np.mean([0.1] * 9 + [12.0])
+
+
+def test_recordings_of_which_one_looks_weak_ask_for_the_movement(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # GIVEN healthy drives, whose gains differ little, or so much that one would be called weak
+    model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
+    needed = []
+    for gains in ([1.0, 0.95, 1.1], [1.0, 0.6, 1.1]):
+        rest = iter(gains * 2)  # those around fuel cuts come after those of the windows
+        monkeypatch.setattr(rules, "_last_gain", lambda _windows, rest=rest: next(rest))
+        # WHEN the limits are set
+        found = rules.response_limits(model, [drive] * 3, LIMITS, CONFIG)
+        needed.append(found["movement"].value > 0.0)
+    # THEN a weak sensor must move less, too, where the gain says little
+    assert needed == [False, True]
 
 
 def test_one_recording_has_bound_windows_and_its_movement_is_known() -> None:
