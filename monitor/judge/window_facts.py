@@ -77,7 +77,7 @@ class WindowFacts:
         self._cut_response = rule(
             noise=Noise(self._noise_cut, limits.noise_memory),
             evidence_weight=limits.evidence_cut,
-            window_most=limits.evidence_window,
+            window_most=min(limits.evidence_window, config.response.evidence_window),
             gain_reference=limits.gain_cut,
             shares=self._response,
         )
