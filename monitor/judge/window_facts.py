@@ -63,12 +63,12 @@ class WindowFacts:
             bank=hypotheses,
             period_s=period_s,
             movement=movement,
+            # a model errs for a whole manoeuvre: a window may decide, but not turn a decision over
+            window_most=min(limits.evidence_window, config.response.evidence_window),
         )
-        # a model errs for a whole manoeuvre: a window may decide, but not turn a decision over
         self._response = rule(
             noise=noise,
             evidence_weight=limits.evidence,
-            window_most=min(limits.evidence_window, config.response.evidence_window),
             gain_reference=limits.gain_expected,
         )
         self._noise_cut = max(limits.noise, limits.noise_cut)
@@ -77,7 +77,6 @@ class WindowFacts:
         self._cut_response = rule(
             noise=Noise(self._noise_cut, limits.noise_memory),
             evidence_weight=limits.evidence_cut,
-            window_most=min(limits.evidence_window, config.response.evidence_window),
             gain_reference=limits.gain_cut,
             shares=self._response,
         )
