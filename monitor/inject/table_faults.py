@@ -5,6 +5,8 @@ reading that a logger marks as no reading, at an end of its range, stays as it i
 knows the mixture there; so does a blank, unless the fault makes one.
 """
 
+import csv
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -59,8 +61,9 @@ def write_own(path: Path, table: Table) -> None:
     """
     if path.suffix.lower() != SUFFIX:
         raise UsageError(f"{path}: a changed table is written as {SUFFIX}")
-    lines = [",".join((TIME, *table.names))]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")  # a column of the user's may have a comma
+    writer.writerow((TIME, *table.names))
     for t_s, row in zip((table.t_ns / 1e9).tolist(), table.values.tolist(), strict=True):
-        cells = ("" if math.isnan(value) else f"{value:.9g}" for value in row)
-        lines.append(",".join((repr(t_s), *cells)))
-    write_text(path, "\n".join(lines) + "\n")
+        writer.writerow((t_s, *("" if math.isnan(value) else f"{value:.9g}" for value in row)))
+    write_text(path, text.getvalue())

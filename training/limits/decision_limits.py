@@ -192,8 +192,8 @@ def with_limits(
     few, all windows of the recordings count: those of a chain, which has a few constants, as any
     others, those of a network, which errs less where it was trained, as those of one recording.
     The joint region of the inputs is that of all windows of the recordings, for a network. The
-    healthy gain is the median over the recordings. The weight of evidence falls until the healthy
-    recordings' evidence of a fault stays well below a code.
+    healthy gain is the median over the recordings. The weight of evidence falls until a code is
+    improbable in another healthy drive.
     Raises RecordingError if there are fewer than 10 windows.
     """
     model = RepeatedModel.of(model)

@@ -18,6 +18,7 @@ from training.recordings.recording import Recording
 
 CODE_PROBABILITY = 0.003  # at most, of a code's evidence in a healthy drive like the recordings
 PROMISED = 1.0  # mean of a healthy drive's largest evidence, if the errors are the noise supposed
+LEAST_GAINS = 2  # of recordings, that show how gains differ
 WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
 STEPS = (0.5, 0.8)  # of a weight that is still too large, at least and at most
 LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
@@ -34,20 +35,23 @@ def response_limits(
     """Return the healthy gains, the weights of evidence and how long the reading may stand still.
 
     The gain's spread from drive to drive, and a model that follows its vehicle poorly, look like a
-    weak or late sensor. Where healthy recordings show more than a third of a code's evidence, no
-    window alone may say more than half of it, and the evidence counts less by as much as a code
-    would still be too probable in another healthy drive (``_probability``). Windows around fuel
-    cuts have a gain and a weight of their own; the weight is 0 without such windows. A coarse or
-    clipped reading that stands still in healthy recordings is given more time before it is stuck.
+    weak or late sensor. Where healthy recordings show more evidence of a fault than the noise
+    supposed would, no window alone may say more than half of a code's evidence, and the evidence
+    counts less by as much as a code would still be too probable in another healthy drive
+    (``_probability``). Windows around fuel cuts have a gain and a weight of their own, if there are
+    any. A coarse or clipped reading that stands still in healthy recordings is given more time
+    before it is stuck.
 
-    One recording shows neither how the gain spreads nor the errors that a model has for a whole
-    other drive, least of all the recording that trained it; and recordings of which one would be
-    called weak show that the gain says little. Then windows are bound in any case, and the reading
-    of a weak sensor must also move less.
+    One recording with windows shows neither how the gain spreads nor the errors that a model has
+    for a whole other drive, least of all the recording that trained it; and recordings of which one
+    would be called weak show that the gain says little. Then windows are bound in any case, and the
+    reading of a weak sensor must also move less.
 
+    limits : of the windows; what an earlier calibration says of the response does not count
     seen : the other limits are of windows that trained the model; the same holds for it
     """
     where = f"{len(recordings)} healthy recordings"
+    limits = replace(limits, noise_cut=0.0, movement=0.0, still_s=0.0, still_end_s=0.0)
     full = config.response.evidence_weight
     plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
     unbound = 2.0 * config.response.evidence_most  # from its lead to the last place
@@ -56,7 +60,7 @@ def response_limits(
     gains = [gain for each in judged if (gain := _last_gain(each.windows)) is not None]
     gain = _healthy_gain(gains, config)
     looks_weak = min(gains, default=gain) <= config.response.gain_weak_max * gain
-    is_blind = seen or len(recordings) == 1 or looks_weak
+    is_blind = seen or len(gains) < LEAST_GAINS or looks_weak
     used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
     used = replace(used, evidence_window=unbound)
     most = _most_evidence(model, recordings, used, config)
@@ -73,8 +77,8 @@ def response_limits(
         "evidence_window": Limit(
             used.evidence_window,
             "-",
-            f"half of a code's evidence where {where} show more than a third or "
-            "not how gains differ, else no bound",
+            f"half of a code's evidence where {where} show more evidence of a fault than noise "
+            "would, or not how gains differ, else no bound",
         ),
         "movement": Limit(
             movement,
@@ -191,12 +195,13 @@ def _scale(most: Sequence[float]) -> float:
 def _most_evidence(
     model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
 ) -> list[float]:
-    """Return the largest evidence of a fault in each healthy recording's windows, at least 0."""
+    """Return the largest evidence of a fault in each healthy recording with windows, at least 0."""
     found = []
     for judged in judge_recordings(recordings, model, limits, config):
         statistics = [w.statistics for w in judged.windows] + [w.statistics for w in judged.cuts]
-        found.append(max((float(s["evidence"] or 0.0) for s in statistics), default=0.0))
-    return [max(each, 0.0) for each in found]
+        if statistics:  # a drive without windows does not show that the evidence is small
+            found.append(max(0.0, *(float(s["evidence"] or 0.0) for s in statistics)))
+    return found or [0.0]
 
 
 def _last_gain(windows: Sequence[WindowJudged | CutJudged]) -> float | None:

@@ -70,6 +70,15 @@ def test_a_sensor_that_is_not_ready_leaves_blanks_and_says_so(tmp_path: Path) ->
     assert (after["sensor_ready"][1000:1100] == 0.0).all()
 
 
+def test_a_column_whose_name_has_a_comma_stays_one_column(tmp_path: Path) -> None:
+    log, out = tmp_path / "drive.csv", tmp_path / "out.csv"
+    log.write_text('time_s,lambda_measured,"boost, kPa"\n0.0,1.0,2.0\n0.1,,3.0\n0.2,1.1,4.0\n')
+    assert cli.main(["inject", str(log), "--out", str(out), "--fault", "biased_lean=0.1"]) == 0
+    after = columns(out)
+    assert after["boost, kPa"].tolist() == [2.0, 3.0, 4.0]
+    assert after["lambda_measured"] == pytest.approx([1.1, np.nan, 1.2], nan_ok=True)
+
+
 @pytest.mark.parametrize(
     ("name", "out", "message"),
     [

@@ -106,3 +106,26 @@ def test_rest_in_air_does_not_lower_the_error_at_the_edges_of_fuel_cuts() -> Non
     assert rules._noise_of_edges(cuts, excitation=0.006) == pytest.approx(0.05)
     # and windows without an edge speak only where there is none
     assert rules._noise_of_edges(cuts[1:-1], excitation=0.006) == pytest.approx(1e-4)
+
+
+def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
+    # GIVEN a drive, and three that are over before the engine is warm
+    model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
+    n = 100
+    short = replace(drive, t_s=drive.t_s[:n], values=drive.values[:n], quality=drive.quality[:n])
+    # WHEN the limits are set THEN they are those of the drive alone
+    alone = rules.response_limits(model, [drive], LIMITS, CONFIG)
+    beside = rules.response_limits(model, [drive, short, short, short], LIMITS, CONFIG)
+    for name in ("gain_model", "evidence", "evidence_window", "movement", "evidence_cut"):
+        assert beside[name].value == alone[name].value, name
+    assert rules._most_evidence(model, [short], LIMITS, CONFIG) == [0.0]
+
+
+def test_an_earlier_calibration_does_not_change_the_next_one() -> None:
+    # GIVEN a card that an earlier calibration gave a large error around cuts, and long stillness
+    model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
+    earlier = replace(LIMITS, noise_cut=1.0, movement=1.0, still_s=100.0, still_end_s=100.0)
+    # WHEN its limits are set anew THEN they are those of a card without any
+    fresh = replace(LIMITS, noise_cut=0.0, movement=0.0)
+    found = [rules.response_limits(model, [drive, drive], own, CONFIG) for own in (earlier, fresh)]
+    assert found[0] == found[1]
