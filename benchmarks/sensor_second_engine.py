@@ -34,6 +34,7 @@ from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.side_by_side import Judged
 from training.limits.targets import LIMIT_SEVERITY
+from training.studies.matrix import severities
 from training.studies.matrix.conditions import ageing
 from training.studies.matrix.plan import MOST_ETHANOL
 from training.studies.matrix.verdicts import judge_drives, learn
@@ -54,19 +55,7 @@ JUDGED_S: Final = 900.0  # after a cold start an engine is warm in some 600 s; d
 TAUGHT, OFFSET_DRIVES = 3, 3  # healthy drives, then drives with the offset
 PURGE: Final = 1.0  # of the size of the noise
 OFFSETS: Final = ("biased_lean", "biased_rich")
-ELECTRICAL: Final = (
-    "stuck_lean",
-    "stuck_rich",
-    "stuck_at_one",
-    "no_activity",
-    "intermittent",
-    "drift_lean",
-    "drift_rich",
-    "out_of_range",
-    "not_ready",
-    "signal_missing",
-)
-IN_LOOP_ALONE: Final = ("not_ready", "signal_missing")  # they are no readings
+ELECTRICAL: Final = tuple(name for name in severities.ELECTRICAL if name != "heater")
 BROKEN_FROM_S: Final = 60.0  # a message that never came is no fault that a first drive can show
 NAMES: Final = (*LIMIT_SEVERITY, *ELECTRICAL)
 IN_A_TABLE: Final = {"signal_missing": "signal_invalid"}  # an empty cell is sent as invalid
@@ -141,9 +130,10 @@ def cases(names: Sequence[str]) -> Iterator[Case]:
     """Yield the drives of a vehicle that are judged without a reference."""
     for k in range(HEALTHY_DRIVES):
         yield Case(100 + k)
-    for i, fault in enumerate(names):
+    for fault in names:
+        i = NAMES.index(fault)  # the same drives for any choice of faults
         for k in range(1 if fault in ELECTRICAL else REPETITIONS):
-            for in_loop in (True, False)[: 1 if fault in IN_LOOP_ALONE else 2]:
+            for in_loop in (True, False)[: 1 if fault in severities.NOT_AFTERWARDS else 2]:
                 yield Case(200 + 10 * i + 2 * k + in_loop, fault, in_loop)
 
 

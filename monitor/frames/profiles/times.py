@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.frames.candump import LATEST_S
 from monitor.frames.tables.raw_table import Notes
 
 JITTER_S: Final = 1.0  # a row that much older is out of order; a larger step back begins a new log
 ANEW_S: Final = 10.0  # pause that parts a log from the next one in the same file
 HELD_S: Final = 0.5  # for which a value is held over blank cells, or three of its own intervals
-LATEST_S: Final = 1e11  # later times since 1970, beyond the year 5000, are no seconds
 LONGEST_IN_NS_S: Final = 1e6  # later times have microseconds, as those of frames
 
 
@@ -21,10 +21,11 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
     """Return strictly rising times in ns, (k,), and which of the (n,) rows they are of.
 
     wraps_s : after which the clock starts again, 0 never
-    Of rows with the same time the last one counts. Rows without a time, and rows slightly older
-    than one before them, are left out. If the times begin again, the rest follows after a pause.
+    Of rows with the same time the last one counts. Rows without a time (or one that 64 bits of
+    nanoseconds do not hold), and rows slightly older than one before them, are left out. If the
+    times begin again, the rest follows after a pause.
     """
-    keep = np.isfinite(t_s)
+    keep = np.abs(t_s) < LATEST_S
     notes.count("rows_without_time", int((~keep).sum()))
     t_s = t_s[keep].copy()
     if wraps_s:
@@ -54,12 +55,15 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
 def in_seconds(times: FloatArray) -> FloatArray:
     """Return times whose unit nobody states in s: since 1970 they may be ms, µs or ns.
 
+    Most times tell the unit, so that a damaged cell does not.
+
     >>> in_seconds(np.array([1.77e12, 1.77e12 + 100.0])).tolist()
     [1770000000.0, 1770000000.1]
     """
-    latest = np.abs(times[np.isfinite(times)]).max(initial=0.0)
-    while latest > LATEST_S:
-        times, latest = times / 1000.0, latest / 1000.0
+    known = np.abs(times[np.isfinite(times)])
+    usual = float(np.median(known)) if len(known) else 0.0
+    while usual > LATEST_S:
+        times, usual = times / 1000.0, usual / 1000.0
     return times
 
 
@@ -73,7 +77,7 @@ def held(cells: FloatArray, t_ns: IntArray) -> FloatArray:
         return cells
     filled, rows = cells.copy(), np.arange(len(cells))
     for column in range(cells.shape[1]):
-        known = np.isfinite(cells[:, column])
+        known = ~np.isnan(cells[:, column])
         steps_ns = np.diff(t_ns[known])
         usual_ns = 3.0 * float(np.median(steps_ns)) if len(steps_ns) else 0.0
         last = np.maximum.accumulate(np.where(known, rows, -1))

@@ -19,6 +19,7 @@ from monitor.frames.profiles.profile import (
     tree_of,
 )
 from monitor.frames.profiles.recognition import recognised
+from monitor.frames.profiles.times import held
 from monitor.frames.tables.readers import open_table
 from monitor.grid.table_samples import table_block
 from monitor.grid.tables import Table, read_table, table_period_ns
@@ -439,6 +440,25 @@ def test_times_since_1970_may_be_milliseconds(tmp_path: Path) -> None:
     profile.write_text('time = "Clock"\n[signals]\nengine_speed_rpm = "RPM"\n')
     t_ns = read_table(log, profile).t_ns
     assert (t_ns[-1] - t_ns[0]) / 1e9 == pytest.approx(D["t_s"][-1] - D["t_s"][0])
+
+
+def test_a_damaged_cell_does_not_tell_the_unit_of_all_times(tmp_path: Path) -> None:
+    times = [f"{t:.3f}" for t in D["t_s"]]
+    times[100] = "4.2e17"
+    log = write_text_table(tmp_path / "drive.csv", {"Time": times, "RPM": D["rpm"]})
+    profile = tmp_path / "own.toml"
+    profile.write_text('time = "Time"\n[signals]\nengine_speed_rpm = "RPM"\n')
+    table = read_table(log, profile)
+    assert (table.t_ns - table.t_ns[0]) / 1e9 == pytest.approx(
+        np.delete(D["t_s"] - D["t_s"][0], 100)
+    )
+    assert "1 row without a time left out" in table.notes.lines
+
+
+def test_a_blank_cell_is_held_and_an_infinite_one_stays() -> None:
+    t_ns = np.arange(4) * 100_000_000
+    cells = np.array([[1.0, 1.0], [np.inf, np.nan], [2.0, np.nan], [np.nan, 3.0]])
+    assert held(cells, t_ns).tolist() == [[1.0, 1.0], [np.inf, 1.0], [2.0, 1.0], [2.0, 3.0]]
 
 
 def test_values_out_of_range_are_told_with_what_was_wanted(tmp_path: Path) -> None:
