@@ -78,7 +78,7 @@ def response_limits(
             used.evidence_window,
             "-",
             f"half of a code's evidence where {where} show more evidence of a fault than noise "
-            "would, or not how gains differ, else no bound",
+            "would, or not how gains differ, else only that of the settings",
         ),
         "movement": Limit(
             movement,

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from monitor.memory.codes import CODES
-from monitor.report import html
+from monitor.report import fuel_cuts, html
 from monitor.report import text as report
 from monitor.report.text import Trace, series, thinned, write_report
 from monitor.report.words import MEANINGS, confidence
@@ -364,3 +364,21 @@ def test_a_page_does_not_claim_that_undecided_fuel_cuts_passed() -> None:
     assert "0.26 ± 0.118" in left_open
     assert "very test was completed and passed" not in left_open
     assert "every test passed" not in left_open
+
+
+def test_fuel_cuts_without_healthy_ones_to_compare_are_not_called_undecided() -> None:
+    finding = {"cuts": 8, "measured": 0.26, "predicted": 0.28, "low": None, "high": None}
+    finding |= {"verdict": "inconclusive", "std": None}
+    findings = {"delay_rich_to_lean_s": finding, "level": finding}
+    test = {"cuts": 9, "verdict": "inconclusive", "faults": [], "clipped": False}
+    seen = recording() | {"fuel_cut_response": test | {"findings": findings}}
+    [line] = fuel_cuts.lines(seen, in_detail=False)
+    assert line.endswith("not judged (the model knows no healthy fuel cuts), 9 fuel cuts")
+    every = [*fuel_cuts.lines(seen, in_detail=True)]
+    assert every[1].endswith("limits none; not judged")
+    # beside a quantity that can be judged, the others are left out
+    known = finding | {"low": 0.0, "high": 0.5, "std": 0.1}
+    test["findings"] = findings | {"delay_rich_to_lean_s": known}
+    first, second = fuel_cuts.lines(recording() | {"fuel_cut_response": test}, in_detail=False)
+    assert "not decided (delay to lean), 9 fuel cuts" in first
+    assert second.endswith("limits 0 to 0.5; not decided")
