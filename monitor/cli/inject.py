@@ -188,13 +188,17 @@ def _table(
     from monitor.grid.tables import read_table
     from monitor.inject.expected import fresh_memory
     from monitor.inject.table_faults import with_faults, write_own
-    from monitor.pipeline.recordings import RecordingReader
+    from monitor.model.step import Model
+    from monitor.pipeline.recordings import RecordingReader, table_of_model
     from monitor.report.replay import judged
 
     if not (args.out or args.check):
         raise UsageError(_NOTHING)
-    of_model = setup.model.card.profile if setup else None
-    table = read_table(args.log, args.columns, of_model=of_model)
+    model = setup.model if setup else Model.load(args.model) if args.model else None
+    if model:
+        table = table_of_model(args.log, args.columns, model.card)
+    else:
+        table = read_table(args.log, args.columns)
     recordings: list[Recording] = []
     with fresh_memory() as memory:
         for drive in range(1, scenario.n_drives + 1):

@@ -1,1 +1,1 @@
-"""Faults injected into an ECU's frames (sensor faults and frame faults), and expected codes."""
+"""Faults injected into an ECU's frames, sensor faults in tables, and expected codes."""

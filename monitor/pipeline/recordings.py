@@ -123,9 +123,7 @@ class RecordingReader:
         )
 
     def _table_file(self, path: Path) -> OpenRecording:
-        own = (*self._card.input_names, self._card.output.name)
-        further = [name for name in own if name not in BY_NAME]
-        return self.table(read_table(path, self._columns, further, self._card.profile))
+        return self.table(table_of_model(path, self._columns, self._card))
 
     def table(self, table: Table) -> OpenRecording:
         """Return a table as a recording of one block.
@@ -152,6 +150,17 @@ class RecordingReader:
             profile=table.profile,
             notes=table.notes.lines,
         )
+
+
+def table_of_model(path: Path, columns: Path | None, card: ModelCard) -> Table:
+    """Return a table with the columns that a model needs, of a logger's file by its profile.
+
+    columns : columns map or profile, before that of the model
+    Raises as ``read_table``.
+    """
+    own = (*card.input_names, card.output.name)
+    further = [name for name in own if name not in BY_NAME]
+    return read_table(path, columns, further, card.profile)
 
 
 def _blank(table: Table, lacking: Sequence[str]) -> str:

@@ -54,7 +54,7 @@ def response_limits(
     limits = replace(limits, noise_cut=0.0, movement=0.0, still_s=0.0, still_end_s=0.0)
     full = config.response.evidence_weight
     plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
-    unbound = 2.0 * config.response.evidence_most  # from its lead to the last place
+    unbound = 2.0 * config.response.evidence_most  # beyond that of the settings
     plain = replace(plain, evidence_window=unbound)
     judged = judge_recordings(recordings, model, plain, config)
     gains = [gain for each in judged if (gain := _last_gain(each.windows)) is not None]
