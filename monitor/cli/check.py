@@ -145,13 +145,16 @@ def _configured() -> bool:
 def _check_table(args: argparse.Namespace) -> int:
     from monitor.report.check_table import advice, check_table, is_of_logger, rename
 
-    result = check_table(args.log, args.columns)
-    for line in result.lines():
-        say(line)
     if args.model is None and is_of_logger(args.log, args.columns):
+        result = check_table(args.log, args.columns)
+        for line in result.lines():
+            say(line)
         say(advice(result))
         return NOT_JUDGED if result.missing([OUTPUT]) or result.is_output_pinned else 0
     setup = set_up(args, judges=False)
+    result = check_table(args.log, args.columns, setup.model.card)
+    for line in result.lines():
+        say(line)
     missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
     _say_verdict(missing, [])
     if not missing:

@@ -14,6 +14,8 @@ from monitor.frames.profiles.recognition import recognised
 from monitor.frames.tables.readers import is_readable, open_table
 from monitor.grid.table_samples import in_range
 from monitor.grid.tables import BLANK, Table, is_logger_table, read_table, table_period_ns
+from monitor.model.card import ModelCard
+from monitor.pipeline.recordings import table_of_model
 
 # signals whose absence costs something, and what
 WORTH: Final = {
@@ -137,19 +139,24 @@ class TableCheck:
         return f" ({values}, wanted {low:g} to {high:g}{hint})"
 
 
-def check_table(path: Path, columns: Path | None = None) -> TableCheck:
+def check_table(
+    path: Path, columns: Path | None = None, card: ModelCard | None = None
+) -> TableCheck:
     """Return the signals of a table.
 
     columns : columns map or profile, as of ``read_table``
+    card : of a model, whose profile and further columns count
     Raises RecordingError as ``read_table``.
     """
-    table = read_table(path, columns)
+    table = table_of_model(path, columns, card) if card else read_table(path, columns)
     header = [str(path)]
     if table.profile:
         raw = open_table(path)
         how = "given" if columns is not None else "recognised by its columns"
         own = recognised(raw) if columns is None else None
-        if own is not None and own.name not in shipped():
+        if columns is None and (own is None or own.name != table.profile):
+            how = "of the model"
+        elif own is not None and own.name not in shipped():
             how += f", your own of {own.file}"
         header.append(f"{raw.kind}, {len(raw.columns)} columns")
         header.append(f"profile: {table.profile}, {how}")

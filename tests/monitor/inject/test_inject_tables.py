@@ -1,20 +1,15 @@
 """Faults put into the lambda of tables and loggers' files."""
 
-import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from monitor import cli
-from monitor.frames.profiles.profile import load_profile, tree_of
 from monitor.grid.tables import read_table
-from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from tests.helpers.car_model import log_and_model
 from tests.helpers.drive_tables import table
 from tests.helpers.logger_files import drive, write_text_table
-from training.narx.export import update_card
 
 
 def columns(path: Path) -> dict[str, np.ndarray]:
@@ -76,23 +71,14 @@ def test_a_sensor_that_is_not_ready_leaves_blanks_and_says_so(tmp_path: Path) ->
     assert (after["sensor_ready"][1000:1100] == 0.0).all()
 
 
-def test_a_model_tells_which_columns_of_a_log_it_needs(tmp_path: Path) -> None:
-    # GIVEN a model of a car that reads a column without a canonical name, by a profile of its own
+def test_a_fault_is_put_on_a_log_that_only_the_model_of_its_car_knows(tmp_path: Path) -> None:
+    # GIVEN a log of a car whose model reads a column without a canonical name
     own = drive(400)
-    cells = {"Uhr": own["t_s"], "Sonde": own["afr"], "Luft": own["map_kpa"]}
-    log, profile = write_text_table(tmp_path / "drive.csv", cells), tmp_path / "own.toml"
-    profile.write_text(
-        'time = "Uhr"\n[signals]\nlambda_measured = { column = "Sonde", unit = "AFR" }\n'
-    )
-    path, out = tmp_path / "car.onnx", tmp_path / "out.csv"
-    shutil.copy(shipped_model(), path)
-    card = Model.load(path).card
-    inputs = (replace(card.inputs[0], name="Luft"), *card.inputs[1:])
-    update_card(path, replace(card, inputs=inputs, profile=tree_of(load_profile(profile))))
-    # WHEN a fault is put on a log that no shipped profile knows
+    log, model = log_and_model(tmp_path, own)
+    out = tmp_path / "out.csv"
     given = ("inject", str(log), "--out", str(out), "--fault", "biased_lean=0.1")
     assert cli.main(given) == 2
-    assert cli.main([*given, "--model", str(path)]) == 0
+    assert cli.main([*given, "--model", str(model)]) == 0
     # THEN the table has lambda with the fault, and the model's own column
     assert columns(out)["lambda_measured"] == pytest.approx(own["afr"] / 14.7 + 0.1, abs=1e-4)
     assert columns(out)["Luft"] == pytest.approx(own["map_kpa"], abs=1e-4)

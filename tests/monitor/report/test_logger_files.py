@@ -10,6 +10,7 @@ from monitor import cli
 from monitor.base.errors import RecordingError
 from monitor.frames.tables import parquet, readers
 from monitor.grid.tables import read_table
+from tests.helpers.car_model import log_and_model
 from tests.helpers.logger_files import TUNER_UNITS, drive, write_text_table
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
@@ -221,3 +222,14 @@ def test_times_in_milliseconds_without_their_unit_are_pointed_out(
     log.write_text(f"time_s,engine_speed_rpm,lambda_measured\n{rows}\n")
     cli.main(["check", str(log)])
     assert "note: a row every 100 s; are the times in ms?" in capsys.readouterr().out
+
+
+def test_the_check_of_a_log_takes_profile_and_columns_from_the_model_of_its_car(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, model = log_and_model(tmp_path, drive(400))
+    assert cli.main(["check", str(log)]) == 2
+    assert cli.main(["check", str(log), "--model", str(model)]) == 3
+    out = capsys.readouterr().out
+    assert ", of the model\n" in out
+    assert "missing for the model: fuel_mass_mg, " in out  # and not its first input, Luft
