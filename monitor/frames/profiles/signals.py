@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.signals import BY_NAME, SIGNALS
+from monitor.base.signals import BY_NAME, OUTPUT, SIGNALS
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.frames.profiles.conversion import Choice, Setting, converted, stated_texts
 from monitor.frames.profiles.derived import derive
@@ -94,7 +94,7 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
         raise RecordingError(f"{raw.path}: no row with a time")
     told = cells[rows, len(times) :]
     updates = np.count_nonzero(np.isfinite(told), axis=0).tolist()
-    told = held(told, t_ns)
+    told = held(told, t_ns, [i for i, each in enumerate(choices) if each.name == OUTPUT])
     setting = Setting(raw, profile, [(each, told[:, i]) for i, each in enumerate(choices)])
     taken: dict[str, tuple[FloatArray, BoolArray, Found]] = {}
     for i, each in enumerate(choices):

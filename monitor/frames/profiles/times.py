@@ -3,6 +3,7 @@
 A logger that asks for one signal after the other leaves the other cells of a row blank.
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,7 @@ from monitor.frames.tables.raw_table import Notes
 JITTER_S: Final = 1.0  # a row that much older is out of order; a larger step back begins a new log
 ANEW_S: Final = 10.0  # pause that parts a log from the next one in the same file
 HELD_S: Final = 0.5  # for which a value is held over blank cells, or three of its own intervals
+READING_HELD_S: Final = 5.0  # at most, of the sensor's reading: one that stands for 10 s is stuck
 LONGEST_IN_NS_S: Final = 1e6  # later times have microseconds, as those of frames
 
 
@@ -67,11 +69,13 @@ def in_seconds(times: FloatArray) -> FloatArray:
     return times
 
 
-def held(cells: FloatArray, t_ns: IntArray) -> FloatArray:
+def held(cells: FloatArray, t_ns: IntArray, readings: Sequence[int] = ()) -> FloatArray:
     """Return cells, (n, n_columns), with the value before them where they are blank.
 
     t_ns : (n,) strictly rising
-    A value is held for HELD_S, or for three of the usual intervals of its column.
+    readings : columns of the sensor's reading
+    A value is held for HELD_S, or for three of the usual intervals of its column; a reading for
+    READING_HELD_S at most, since the monitor takes one that stands still for a fault.
     """
     if not np.isnan(cells).any():
         return cells
@@ -82,6 +86,9 @@ def held(cells: FloatArray, t_ns: IntArray) -> FloatArray:
         usual_ns = 3.0 * float(np.median(steps_ns)) if len(steps_ns) else 0.0
         last = np.maximum.accumulate(np.where(known, rows, -1))
         age_ns = t_ns - t_ns[last]
-        use = ~known & (last >= 0) & (age_ns <= max(1e9 * HELD_S, usual_ns))
+        longest_ns = max(1e9 * HELD_S, usual_ns)
+        if column in readings:
+            longest_ns = min(longest_ns, 1e9 * READING_HELD_S)
+        use = ~known & (last >= 0) & (age_ns <= longest_ns)
         filled[use, column] = cells[last[use], column]
     return filled

@@ -233,3 +233,21 @@ def test_the_check_of_a_log_takes_profile_and_columns_from_the_model_of_its_car(
     out = capsys.readouterr().out
     assert ", of the model\n" in out
     assert "missing for the model: fuel_mass_mg, " in out  # and not its first input, Luft
+
+
+@pytest.mark.parametrize("each_s", [4, 12, 30])
+def test_a_sensor_that_a_logger_rarely_asks_for_is_not_stuck(
+    each_s: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a log with a row a second, in which a sound lambda comes every few seconds
+    own = drive(900, period_s=1.0)
+    asked = [f"{x:.2f}" if k % each_s == 0 else "" for k, x in enumerate(own["afr"])]
+    cells = {"Uhr": own["t_s"], "U/min": own["rpm"], "MAP": own["map_kpa"], "Sonde": asked}
+    log, profile = write_text_table(tmp_path / "drive.csv", cells), tmp_path / "own.toml"
+    profile.write_text(
+        'time = "Uhr"\n[signals]\nengine_speed_rpm = "U/min"\nmanifold_pressure_kpa = "MAP"\n'
+        'lambda_measured = { column = "Sonde", unit = "AFR" }\n'
+    )
+    # WHEN it is replayed THEN the held reading is no sensor that stands still
+    assert cli.main(["replay", str(log), "--profile", str(profile)]) == 3
+    assert "stuck" not in capsys.readouterr().out
