@@ -50,6 +50,7 @@ class ResponseConfig:
     lags_s: tuple[float, ...]
     delays_s: tuple[float, ...]
     lead_s: float
+    timing_s: float
     lag_limit_s: float
     lag_limit_symmetric_s: float
     delay_limit_s: float

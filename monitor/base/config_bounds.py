@@ -27,6 +27,7 @@ _LOWEST: Final = {
     "response.lag_limit_symmetric_s": 0.0,
     "response.delay_limit_s": 0.0,
     "response.lead_s": 0.0,
+    "response.timing_s": 0.0,
     "response.gain_late_min": 0.0,
     "response.excitation_noise": 0.0,
     "response.evidence_alike": 0.0,
@@ -82,6 +83,7 @@ _HIGHEST: Final = {
     "response.lags_s": 60.0,  # the bank keeps so much of the prediction in memory
     "response.delays_s": 60.0,
     "response.lead_s": 60.0,
+    "response.timing_s": 60.0,
 }
 _MOST: Final = 1e6  # of any other number: 11 days, or so many samples
 

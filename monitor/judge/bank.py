@@ -27,6 +27,7 @@ class Hypothesis:
     direction: str
     seconds: float  # time constant or dead time
     beyond_limit: bool  # severe enough to be a fault
+    near_limit: bool = False  # no fault, but one if the prediction is late by ``timing_s``
 
 
 def build(config: ResponseConfig) -> tuple[Hypothesis, ...]:
@@ -38,7 +39,11 @@ def build(config: ResponseConfig) -> tuple[Hypothesis, ...]:
     ):
         for direction in DIRECTIONS:
             limit = symmetric if direction == "symmetric" else one_sided
-            bank += [Hypothesis(f"{kind}_{direction}", kind, direction, s, s > limit) for s in grid]
+            near = limit - config.timing_s
+            bank += [
+                Hypothesis(f"{kind}_{direction}", kind, direction, s, s > limit, near < s <= limit)
+                for s in grid
+            ]
     return tuple(bank)
 
 

@@ -58,7 +58,8 @@ class ResponseRule:
     noise : of the healthy residual
     evidence_weight : at most that of the settings; lower for a model whose errors look like faults
     window_most : no claim falls further behind the best one in one window; for a model that
-        predicts steps early or late, which then look like a delay
+        predicts steps early or late, which then look like a delay. Where no window may decide, the
+        timing is unsure, and a sensor is called sound only if it were so ``timing_s`` slower, too
     gain_reference : this vehicle's healthy gain, which the gains of the claims are relative to
     movement : the gain by the reading's movement, without which no sensor is called weak
     shares : a rule on other windows of the same drive, to whose evidence this one's adds; a drive
@@ -89,6 +90,10 @@ class ResponseRule:
         self._gain_high = np.array([c.gain_high for c in self._claims])
         names = np.array([c.fault for c in self._claims])
         self._sound = np.flatnonzero(names == "")
+        errs = window_most < config.evidence_fail  # the model errs more than its noise
+        near = np.array([errs and c.hypothesis.near_limit for c in self._claims])
+        self._surely = np.flatnonzero((names == "") & ~near)
+        self._barely = np.flatnonzero((names == "") & near)
         self._faults = np.flatnonzero((names != "") & (names != UNRELATED))
         times = np.array([_times(c.hypothesis) for c in self._claims]).T
         self._moments = np.vstack((times, times**2))
@@ -267,7 +272,9 @@ class ResponseRule:
         likeliest_fault, sound = faulty.max(axis=1), evidence.take(self._sound, 1).max(axis=1)
         unrelated = evidence[:, -1]
         margin = likeliest_fault - np.maximum(sound, unrelated)
-        lead = sound - np.maximum(likeliest_fault, unrelated)
+        surely = evidence.take(self._surely, 1).max(axis=1)
+        barely = evidence.take(self._barely, 1).max(axis=1, initial=-np.inf)
+        lead = surely - np.maximum(np.maximum(likeliest_fault, barely), unrelated)
         best = evidence.argmax(axis=1)
         times = self._estimated_times(evidence)
         found = []

@@ -135,6 +135,7 @@ def test_a_value_that_is_no_finite_number_is_refused(tmp_path: Path, value: str)
         ("response", "false_alarm_probability", "0.6"),
         ("response", "miss_probability", "1.0"),
         ("response", "lead_s", "-0.05"),
+        ("response", "timing_s", "-0.1"),
         ("response", "gain_weak_max", "0.8"),
         ("response", "gain_sound_min", "0.0"),
         ("bias", "memory", "1.1"),

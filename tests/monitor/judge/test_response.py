@@ -391,6 +391,17 @@ def test_one_window_says_no_more_than_its_bound() -> None:
     assert steps(new_rule(window_most=5.0)).max() <= 5.0 + 1e-9
 
 
+def test_a_model_of_unsure_timing_calls_no_sensor_sound_that_is_near_its_limit() -> None:
+    # GIVEN a model of which no window may decide, since it errs more than its noise
+    bound = 0.5 * CONFIG.evidence_fail
+    near, punctual = drive(late("symmetric", 0.2), 5), drive(healthy, 5)
+    # THEN a sensor late by 0.2 s is neither faulty nor sound, for the prediction may be late itself
+    assert {v.outcome for v in judge(*near, new_rule(window_most=bound))} == {"inconclusive"}
+    # THEN a punctual one passes, and with a model that errs no more than its noise both do
+    assert judge(*punctual, new_rule(window_most=bound))[-1].outcome == "passed"
+    assert judge(*near, new_rule())[-1].outcome == "passed"
+
+
 def test_a_manoeuvre_on_which_the_model_errs_turns_no_decision_over() -> None:
     # GIVEN a sound sensor, and a model that is right but for one manoeuvre of two windows, in which
     # it moves twice as much as the mixture
