@@ -118,13 +118,21 @@ class ResponseRule:
 
     @property
     def odds(self) -> dict[str, float]:
-        """Return for each fault its log likelihood over all that is no fault, over all windows."""
+        """Return for each fault its log likelihood over all that is no fault, over all windows.
+
+        Against a fault, a sound sensor that is near its limit counts as the fault.
+        """
         evidence = self._evidence
         other = max(evidence[self._sound].max(), evidence[-1])
         leads: dict[str, float] = {}
         for i in self._faults.tolist():
             name = self._claims[i].fault
             leads[name] = max(leads.get(name, -math.inf), float(evidence[i] - other))
+        surely = max(evidence[self._surely].max(), evidence[-1])
+        for i in self._barely.tolist():
+            name = self._claims[i].hypothesis.fault
+            if leads[name] < 0.0:
+                leads[name] = max(leads[name], min(float(evidence[i] - surely), 0.0))
         if not self._may_be_weak:
             leads[WEAK] = min(leads[WEAK], 0.0)
         return leads

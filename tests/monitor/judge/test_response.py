@@ -396,9 +396,13 @@ def test_a_model_of_unsure_timing_calls_no_sensor_sound_that_is_near_its_limit()
     bound = 0.5 * CONFIG.evidence_fail
     near, punctual = drive(late("symmetric", 0.2), 5), drive(healthy, 5)
     # THEN a sensor late by 0.2 s is neither faulty nor sound, for the prediction may be late itself
-    assert {v.outcome for v in judge(*near, new_rule(window_most=bound))} == {"inconclusive"}
+    rule = new_rule(window_most=bound)
+    assert {v.outcome for v in judge(*near, rule)} == {"inconclusive"}
+    # and the evidence that is missing is that against this dead time
+    assert max(rule.odds.values()) == rule.odds["delay_symmetric"] > -CONFIG.evidence_pass
     # THEN a punctual one passes, and with a model that errs no more than its noise both do
-    assert judge(*punctual, new_rule(window_most=bound))[-1].outcome == "passed"
+    assert judge(*punctual, rule := new_rule(window_most=bound))[-1].outcome == "passed"
+    assert max(rule.odds.values()) <= -CONFIG.evidence_pass
     assert judge(*near, new_rule())[-1].outcome == "passed"
 
 
