@@ -277,11 +277,12 @@ class ResponseRule:
     ) -> list[Response]:
         faulty = evidence.take(self._faults, 1)
         fault = faulty.argmax(axis=1)
-        likeliest_fault, sound = faulty.max(axis=1), evidence.take(self._sound, 1).max(axis=1)
-        unrelated = evidence[:, -1]
-        margin = likeliest_fault - np.maximum(sound, unrelated)
+        likeliest_fault = faulty.max(axis=1)
         surely = evidence.take(self._surely, 1).max(axis=1)
         barely = evidence.take(self._barely, 1).max(axis=1, initial=-np.inf)
+        sound = np.maximum(surely, barely)
+        unrelated = evidence[:, -1]
+        margin = likeliest_fault - np.maximum(sound, unrelated)
         lead = surely - np.maximum(np.maximum(likeliest_fault, barely), unrelated)
         best = evidence.argmax(axis=1)
         times = self._estimated_times(evidence)
