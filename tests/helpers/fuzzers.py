@@ -7,9 +7,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def complaints(script: str, keep: Path, *options: str) -> list[str]:
+def complaints(name: str, keep: Path, *options: str) -> list[str]:
     """Return the lines of broken promises."""
-    command = [sys.executable, f"benchmarks/{script}", *options, "--keep", str(keep)]
+    command = [sys.executable, "-m", "benchmarks", name, *options, "--keep", str(keep)]
     ran = subprocess.run(
         command, capture_output=True, text=True, cwd=ROOT, timeout=300, check=False
     )

@@ -5,10 +5,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fuzz_times import BEGIN_NS, Arriving, Listening, S, arrivals, healthy, jumping, lived
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.damage.fuzz_times import (
+    BEGIN_NS,
+    Arriving,
+    Listening,
+    S,
+    arrivals,
+    healthy,
+    jumping,
+    lived,
+)
 from monitor.base import config
 from monitor.base.types import Frame, FrameBlock
 from monitor.bus.link.clock import AGREEING, Clock

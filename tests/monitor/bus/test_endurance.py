@@ -1,10 +1,11 @@
-"""Short runs of what ``benchmarks/soak.py`` and ``benchmarks/fuzz_frames.py`` do at length."""
+"""Short runs of what the benchmark ``soak`` and the benchmark ``fuzz_frames`` do at length."""
 
 from pathlib import Path
 
 import pytest
-from fuzz_frames import fuzz
-from soak import LOG, soak
+
+from benchmarks.damage.fuzz_frames import fuzz
+from benchmarks.live.soak import LOG, soak
 
 
 def test_memory_is_flat_while_the_loop_runs(

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.udp_can import UdpCan
+from benchmarks.live.udp_can import UdpCan
 from monitor.base.errors import BusError
 from monitor.base.types import Frame
 from monitor.bus.link.connection import FIRST_TRY_S, LAST_TRY_S

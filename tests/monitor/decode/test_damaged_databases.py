@@ -1,4 +1,4 @@
-"""Damaged databases, maps and settings: a short form of ``benchmarks/fuzz_databases.py``."""
+"""Damaged databases, maps and settings: a short form of the benchmark ``fuzz_databases``."""
 
 from pathlib import Path
 
@@ -6,4 +6,4 @@ from tests.helpers.fuzzers import complaints
 
 
 def test_no_damaged_database_crashes_hangs_or_fills_the_memory(tmp_path: Path) -> None:
-    assert complaints("fuzz_databases.py", tmp_path, "--files", "60", "--seed", "21") == []
+    assert complaints("fuzz_databases", tmp_path, "--files", "60", "--seed", "21") == []

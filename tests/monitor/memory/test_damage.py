@@ -30,7 +30,7 @@ from tests.helpers.memory_damage import (
     stored,
 )
 
-DAMAGES = 90  # of each kind of file set; benchmarks/fuzz_memory.py does 10,000
+DAMAGES = 90  # of each kind of file set; the benchmark fuzz_memory does 10,000
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from tests.helpers.model_damage import card_of, damaged, hostile, outcome, with_
 from training.narx.export import update_card
 
 GOOD = shipped_model().read_bytes()
-DAMAGES = 400  # benchmarks/fuzz_models.py does 10,000
+DAMAGES = 400  # the benchmark fuzz_models does 10,000
 HOSTILE = dict(hostile(GOOD))
 
 

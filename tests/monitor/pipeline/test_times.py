@@ -1,6 +1,6 @@
 """Times of a log's frames: a clock that steps and wrong stamps set no code, true silence does.
 
-The long form is ``benchmarks/fuzz_times.py``.
+The long form is the benchmark ``fuzz_times``.
 """
 
 import random
@@ -9,10 +9,18 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from fuzz_times import BEGIN_NS, Found, S, healthy, jumping, replayed, without_counters
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from benchmarks.damage.fuzz_times import (
+    BEGIN_NS,
+    Found,
+    S,
+    healthy,
+    jumping,
+    replayed,
+    without_counters,
+)
 from monitor.base import config
 from monitor.base.types import FrameBlock
 from monitor.frames.blocks import chosen, joined

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from public import measure, row
-from public_data import PLANTS, Plant, Record, find, plant_of
-from public_models import MODELS
-from public_stand_ins import STAND_INS, ced
 from scipy.io import savemat
+
+from benchmarks.training_sets.public import measure, row
+from benchmarks.training_sets.public_data import PLANTS, Plant, Record, find, plant_of
+from benchmarks.training_sets.public_models import MODELS
+from benchmarks.training_sets.public_stand_ins import STAND_INS, ced
 
 
 def _resonance(seed: int, n: int) -> Record:

@@ -1,0 +1,130 @@
+"""Days of bus time through the live loop at full speed: constant memory, no false code.
+
+A healthy simulated drive is played again and again from memory. The loop has all attachments of a
+service: fault memory on disk, transmitter, JSON lines, status line. The bus is silent for a moment
+between two drives. The drives are healthy, so every code is wrong.
+"""
+
+import argparse
+import gc
+import io
+import json
+import sys
+import tempfile
+import time
+import tracemalloc
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass
+from itertools import count
+from pathlib import Path
+
+import can
+
+from benchmarks.live.played import SILENCE_S, Played, rss_mb
+from benchmarks.repository import ROOT
+from monitor.base import config
+from monitor.base.types import Frame
+from monitor.bus.link.recorder import message_of
+from monitor.bus.loop import Loop
+from monitor.bus.terminal import JsonLines, Out, Screen
+from monitor.bus.transmit import Transmitter
+from monitor.frames.logs import read_frames
+from monitor.memory.store import Memory
+from monitor.report import replay
+
+LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
+PAUSE_S = 2.0  # between two drives: time marks are made, no communication is lost yet
+BEGIN_NS = 1_700_000_000_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """What one stretch of bus time left behind."""
+
+    bus_h: float
+    rss_mb: float
+    traced_kb: float  # 0 without --trace
+    windows: int
+    codes: tuple[str, ...]
+
+
+def laps(drive: list[Frame], until_s: float) -> Iterator[can.Message | None]:
+    """Yield a drive again and again; what a frame says is the same, its time goes on."""
+    length_ns = drive[-1].t_ns - drive[0].t_ns + round(PAUSE_S * 1e9)
+    for lap in count():
+        shift_ns = BEGIN_NS + lap * length_ns - drive[0].t_ns
+        for frame in drive:
+            t_ns = frame.t_ns + shift_ns
+            if t_ns - BEGIN_NS > until_s * 1e9:
+                return
+            yield message_of(frame._replace(t_ns=t_ns))
+        yield from [None] * (round(PAUSE_S / SILENCE_S) - 1)
+
+
+class Nowhere(io.StringIO):
+    """Takes text and keeps none."""
+
+    def write(self, text: str) -> int:
+        return len(text)
+
+
+def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) -> list[Point]:
+    """Return a point after every so many hours of bus time."""
+    bus = Played(laps(list(read_frames(log)), hours * 3600.0))
+    points: list[Point] = []
+    with ExitStack() as stack, closing(Memory(folder / "o2.db")) as memory, bus:
+        loop = bus.loop = Loop(
+            bus,
+            replay.set_up(None, (), config.load()),
+            memory=memory,
+            say=lambda line: print(line, file=sys.stderr),
+            monotonic_s=lambda: bus.now_s,
+        )
+        monitor, out = loop.pipeline.monitor, Out(Nowhere())
+        loop.attachments += [
+            Transmitter(monitor),
+            JsonLines(monitor, loop.health, out),
+            Screen(monitor, loop.health, loop.collector, out),
+        ]
+        if trace:
+            tracemalloc.start()
+            stack.callback(tracemalloc.stop)  # all that runs while it is on is five times slower
+
+        class Gauge(Screen):
+            due_s = 0.0
+
+            def work(self, now_s: float) -> tuple[Frame, ...]:
+                if now_s >= self.due_s:
+                    self.due_s = now_s + every_h * 3600.0
+                    gc.collect()
+                    traced = tracemalloc.get_traced_memory()[0] / 1e3 if trace else 0.0
+                    codes = tuple(dtc.code for dtc in monitor.store.active)
+                    point = Point(now_s / 3600.0, rss_mb(), traced, self._windows, codes)
+                    points.append(point)
+                    print(json.dumps(asdict(point)), file=sys.stderr)
+                return ()
+
+        loop.attachments.append(Gauge(monitor, loop.health, loop.collector, out))
+        loop.run()
+        if loop.health.detached or loop.health.memory_errors:
+            raise SystemExit(f"not all went well: {loop.health}")
+    return points
+
+
+def main(argv: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--log", type=Path, default=LOG, help="a healthy drive")
+    parser.add_argument("--hours", type=float, default=24.0, help="of bus time")
+    parser.add_argument("--every", type=float, default=1.0, metavar="HOURS")
+    parser.add_argument("--trace", action="store_true", help="with tracemalloc, five times slower")
+    args = parser.parse_args(argv)
+    start_s = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        points = soak(args.log, args.hours, args.every, Path(folder), trace=args.trace)
+    took_s = time.monotonic() - start_s
+    for p in points:
+        traced = f"  traced {p.traced_kb:9.1f} kB" if args.trace else ""
+        print(f"{p.bus_h:6.1f} h  RSS {p.rss_mb:7.1f} MB{traced}  windows {p.windows}  {p.codes}")
+    print(f"{args.hours:g} h of bus time in {took_s:.0f} s, {args.hours * 3600 / took_s:.0f} x")
+    return 1 if any(p.codes for p in points) else 0

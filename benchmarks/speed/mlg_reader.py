@@ -1,0 +1,157 @@
+"""Time and memory of reading a large MegaLogViewer log, and of what a user would write instead.
+
+The log is generated: 190,000 records of 979 channels, 500 MB (as a rusEFI with all its channels
+writes in half an hour). Read are the canonical signals, as ``o2mon replay`` does, and all channels,
+each in a process of its own that counts its peak memory. No reader of this format stands on PyPI;
+the comparison is the plain loop of the public converters: one ``struct.unpack`` per record.
+
+    python -m benchmarks mlg_reader [--records 190000] [--channels 979] [--keep FILE]
+
+Returns 1 if a target is missed: 60 s and 300 MB.
+"""
+
+import argparse
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from monitor.frames.tables.raw_table import Notes, Wanted
+from monitor.frames.tables.readers import open_table
+from monitor.grid.tables import read_table
+
+TARGET_S, TARGET_MB = 60.0, 300.0
+BLOCK = 2000  # records written at once
+KNOWN = (("RPM", 1.0), ("MAP", 1 / 30), ("Lambda", 1e-4), ("CLT", 0.01), ("VBatt", 0.001))
+BYTES = 2.68  # of a channel on average: 500 MB / 190,000 / 979
+
+
+def fields(n_channels: int) -> list[tuple[str, str, float]]:
+    """Return name, type and scale of the channels; two thirds have four bytes."""
+    named = [("Time", ">f4", 1.0), *((name, ">u2", scale) for name, scale in KNOWN)]
+    named.append(("Fuel: Last inj pulse width", ">u2", 1 / 300))
+    rest = n_channels - len(named)
+    wide = round((BYTES - 2.0) / 2.0 * rest)
+    kinds = [">f4" if i < wide else ">u2" for i in range(rest)]
+    return named + [(f"Channel {i:03d}", kind, 1.0) for i, kind in enumerate(kinds)]
+
+
+def write(path: Path, n_records: int, n_channels: int) -> None:
+    """Write a version 2 log with marks of time every 10 ms."""
+    every = fields(n_channels)
+    record = np.dtype([(f"f{i}", kind) for i, (_, kind, _) in enumerate(every)])
+    block = np.dtype([("head", "u1", 2), ("t", ">u2"), ("data", record), ("sum", "u1")])
+    codes = {">u2": 2, ">f4": 7}
+    start, size = 24, 89
+    text_at = start + size * len(every)
+    info = b'"rusEFI (benchmark)"\0'
+    rng = np.random.default_rng(1)
+    with path.open("wb") as file:
+        head = b"MLVLG\0" + struct.pack(">HI", 2, 1_700_000_000)
+        packed = text_at, text_at + len(info), record.itemsize, len(every)
+        file.write(head + struct.pack(">IIHH", *packed))
+        for name, kind, scale in every:
+            entry = bytes([codes[kind]]) + name.encode().ljust(34, b"\0") + b"".ljust(10, b"\0")
+            file.write((entry + b"\0" + struct.pack(">ff", scale, 0.0) + b"\3").ljust(size, b"\0"))
+        file.write(info)
+        for first in range(0, n_records, BLOCK):
+            n = min(BLOCK, n_records - first)
+            rows = np.zeros(n, block)
+            k = first + np.arange(n)
+            rows["head"][:, 1] = k % 256
+            rows["t"] = (k * 1000) % 65536
+            for i, (name, kind, _) in enumerate(every):
+                noise = rng.integers(900, 10_000, n)
+                rows["data"][f"f{i}"] = k * 0.01 if name == "Time" else noise.astype(kind)
+            data = np.frombuffer(rows["data"].tobytes(), np.uint8).reshape(n, -1)
+            rows["sum"] = data.sum(axis=1, dtype=np.uint64) % 256
+            file.write(rows.tobytes())
+
+
+def canonical(path: Path) -> int:
+    """Read the canonical signals."""
+    return int(read_table(path).values.size)
+
+
+def everything(path: Path) -> int:
+    """Read every channel, block by block."""
+    raw = open_table(path)
+    wanted = [Wanted(i) for i in range(len(raw.columns))]
+    return sum(int(block.size) for block in raw.read(wanted, Notes()))
+
+
+def plain_loop(path: Path) -> int:
+    """Read every channel as the public converters do, one record at a time."""
+    count = 0
+    with path.open("rb") as file:
+        head = file.read(24)
+        _, data_at, _, n = struct.unpack(">IIHH", head[12:24])
+        entries = [file.read(89) for _ in range(n)]
+        code = {2: "H", 7: "f"}
+        record = struct.Struct(">" + "".join(code[entry[0]] for entry in entries))
+        scales = [struct.unpack(">f", entry[46:50])[0] for entry in entries]
+        file.seek(data_at)
+        while head := file.read(4):
+            if len(head) < 4:
+                break
+            values = record.unpack(file.read(record.size))
+            file.read(1)
+            count += len([value * scale for value, scale in zip(values, scales, strict=True)])
+    return count
+
+
+WAYS: dict[str, Callable[[Path], int]] = {
+    "canonical": canonical,
+    "everything": everything,
+    "plain_loop": plain_loop,
+}
+
+
+def peak_mb() -> float:
+    """Return the largest memory of this process; ``getrusage`` would count its parent's, too."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return int(next(line for line in lines if line.startswith("VmHWM")).split()[1]) / 1024
+
+
+def measured(way: str, path: Path) -> tuple[float, float, int]:
+    """Return seconds, peak MB and values of one way, in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, __file__, "--way", way, "--keep", str(path)],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    seconds, peak, values = done.stdout.split()
+    return float(seconds), float(peak), int(values)
+
+
+def main(argv: Sequence[str]) -> int:
+    """Print a table of the ways; return 1 if a target is missed."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--records", type=int, default=190_000)
+    parser.add_argument("--channels", type=int, default=979)
+    parser.add_argument("--keep", type=Path, help="file to write, and to leave")
+    parser.add_argument("--way", choices=WAYS, help=argparse.SUPPRESS)
+    args = parser.parse_args(argv)
+    if args.way:
+        begun = time.perf_counter()
+        values = WAYS[args.way](args.keep)
+        seconds = time.perf_counter() - begun
+        print(seconds, peak_mb(), values)
+        return 0
+    missed = False
+    with tempfile.TemporaryDirectory() as folder:
+        path = args.keep or Path(folder) / "large.mlg"
+        write(path, args.records, args.channels)
+        size_mb = path.stat().st_size / 1e6
+        print(f"{args.records} records of {args.channels} channels, {size_mb:.0f} MB")
+        for way in WAYS:
+            seconds, peak, values = measured(way, path)
+            print(f"{way:<12}{seconds:8.1f} s {peak:8.0f} MB at most {values:12d} values")
+            missed |= way != "plain_loop" and (seconds > TARGET_S or peak > TARGET_MB)
+    return int(missed)
