@@ -1,19 +1,15 @@
 """Configuration: a TOML file becomes frozen objects. An unknown key is an error.
 
-``default.toml`` gives the reason of every value; the unit stands in the key.
+``default.toml`` gives value, bounds and reason of every setting; the unit stands in the key.
 """
 
 import math
-import tomllib
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Final
 
-from monitor.base.config_bounds import POSITIONS, check_together, check_value
-from monitor.base.errors import ConfigError
-from monitor.base.inputs import read_toml
+from monitor.base.settings import Settings, built
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +210,7 @@ class CatalystConfig:
     @property
     def close_coupled(self) -> bool:
         """Return whether the judged catalyst is a warm-up catalyst close to the engine."""
-        return self.position == POSITIONS[1]
+        return self.position == "close_coupled"
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,7 +311,8 @@ class Config:
         return self.carb if self.obd.profile == "carb" else self.eobd
 
 
-_Section = TypeVar("_Section")
+_SHIPPED: Final = Settings("monitor.base")
+POSITIONS: Final = _SHIPPED.sections["catalyst"]["position"].one_of  # of the judged catalyst
 
 
 def load(path: Path | None = None) -> Config:
@@ -325,47 +322,10 @@ def load(path: Path | None = None) -> Config:
     Raises ConfigError with file and key if a key is unknown or a value is of the wrong type or
     impossible.
     """
-    shipped = tomllib.loads(files("monitor.base").joinpath("default.toml").read_text())
-    if path is None:
-        return _build(shipped, "default.toml")
-    changes = read_toml(path, "the settings", ConfigError)
-    for section, values in changes.items():
-        if section not in shipped:
-            raise ConfigError(f"{path}: section [{section}] is unknown; there are {list(shipped)}")
-        if not isinstance(values, dict):
-            raise ConfigError(f"{path}: {section} is a section, {values!r} came")
-        for key, value in values.items():
-            check_value(path, section, key, value, shipped[section])
-        shipped[section] |= values
-    return _build(shipped, str(path))
+    return built(Config, _SHIPPED.values() if path is None else _SHIPPED.changed(path))
 
 
 @cache
 def shipped() -> Config:
-    """Return the shipped configuration; the file is read once."""
+    """Return the shipped configuration; it is built once."""
     return load()
-
-
-def _build(tree: dict[str, Any], where: str) -> Config:
-    def section(kind: type[_Section], name: str) -> _Section:
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in tree[name].items()}
-        return kind(**values)
-
-    config = Config(
-        window=section(WindowConfig, "window"),
-        enable=section(EnableConfig, "enable"),
-        response=section(ResponseConfig, "response"),
-        fuel_cut=section(FuelCutConfig, "fuel_cut"),
-        bias=section(BiasConfig, "bias"),
-        movement=section(MovementConfig, "movement"),
-        plausibility=section(PlausibilityConfig, "plausibility"),
-        catalyst=section(CatalystConfig, "catalyst"),
-        debounce=section(DebounceConfig, "debounce"),
-        cycles=section(CyclesConfig, "cycles"),
-        rules=section(RulesConfig, "rules"),
-        obd=section(ObdConfig, "obd"),
-        carb=section(ProfileConfig, "carb"),
-        eobd=section(ProfileConfig, "eobd"),
-    )
-    check_together(config, where)
-    return config

@@ -29,7 +29,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from monitor.base.config_bounds import POSITIONS
+from monitor.base.config import POSITIONS
 from monitor.base.errors import SignalMapError
 from monitor.base.inputs import as_number, in_words, read_toml
 from monitor.decode.checksum import ALGORITHMS

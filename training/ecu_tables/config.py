@@ -1,11 +1,10 @@
 """Settings of the tables from ``default.toml`` beside this file."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib import resources
 
+from monitor.base.settings import Settings
 from training.ecu_tables.signals import Air
 
 
@@ -30,8 +29,7 @@ class TablesConfig:
 @cache
 def defaults() -> TablesConfig:
     """Return the settings of ``default.toml``."""
-    text = resources.files("training.ecu_tables").joinpath("default.toml").read_text()
-    read = tomllib.loads(text)
+    read = Settings("training.ecu_tables").values()
     return TablesConfig(
         z90=read["interval"]["z90"],
         least_s=read["cell"]["least_s"],

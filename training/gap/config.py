@@ -1,9 +1,9 @@
 """Numbers of the gap workflow that decide: ``default.toml`` as frozen objects, read once."""
 
-import tomllib
 from dataclasses import dataclass
-from importlib.resources import files
-from typing import Any, Final
+from typing import Final
+
+from monitor.base.settings import Settings, built
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,15 +200,4 @@ class GapConfig:
     verify: VerifyConfig
 
 
-def _load() -> GapConfig:
-    """Return the file as objects; raises TypeError if a section or key is too few or too many."""
-    tree = tomllib.loads(files("training.gap").joinpath("default.toml").read_text())
-    kinds: dict[str, Any] = GapConfig.__annotations__
-    return GapConfig(**{name: _section(kinds[name], values) for name, values in tree.items()})
-
-
-def _section(kind: Any, values: dict[str, Any]) -> Any:
-    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
-
-
-CONFIG: Final = _load()
+CONFIG: Final = built(GapConfig, Settings("training.gap").values())

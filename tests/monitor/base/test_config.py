@@ -3,15 +3,15 @@
 import re
 import tomllib
 from dataclasses import fields, is_dataclass
-from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
 from monitor.base import config
 from monitor.base.errors import ConfigError
+from monitor.base.settings import Settings
 
-SHIPPED = tomllib.loads(files("monitor.base").joinpath("default.toml").read_text())
+SHIPPED = Settings("monitor.base").values()
 KEYS = [(section, key) for section, values in SHIPPED.items() for key in values]
 
 
