@@ -46,6 +46,7 @@ MARKS = {
         "training/limits",
         "training/narx",
         "training/studies",
+        "training/study",
         "monitor/pipeline/test_acceptance.py",
         "monitor/pipeline/test_vehicles.py",
     ),

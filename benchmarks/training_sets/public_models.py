@@ -19,12 +19,12 @@ import numpy as np
 
 from benchmarks.speed.training_packages import package
 from benchmarks.training_sets.public_data import Plant, Record
+from training.limits.evaluation import predict
 from training.narx.fit import fit
 from training.narx.linear.arx import choose_arx
 from training.narx.network import describe
 from training.recordings.prediction import Model
 from training.recordings.recording import of_columns
-from training.studies.evaluation import predict
 
 FROLS_LAGS, FROLS_DEGREES, FROLS_INFO_VALUES = (2, 3, 5), (1, 2, 3), 30
 FROLS_VALUES = 5e6  # numbers in the largest matrix of regressors; a fit then takes minutes

@@ -17,12 +17,12 @@ import numpy as np
 from numba import njit
 from scipy import signal
 
+from training.limits.evaluation import evaluate
 from training.narx.fit import fit
 from training.narx.linear.arx import choose_arx
 from training.narx.network import describe
 from training.recordings import metrics
 from training.recordings.recording import Recording
-from training.studies.evaluation import evaluate
 
 WASHOUT = 50
 Records = list[tuple[np.ndarray, np.ndarray]]  # input (n,), output (n,)

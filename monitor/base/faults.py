@@ -115,6 +115,18 @@ DEFAULT_SEVERITY = {
     "heater": 1.0,
 }
 NAMES = tuple(DEFAULT_SEVERITY)
+LIMIT_SEVERITY = {  # from which the monitor must detect a fault
+    "slow_rich_to_lean": 0.5,  # s
+    "slow_lean_to_rich": 0.5,
+    "slow_symmetric": 0.5,
+    "delay_rich_to_lean": 0.4,  # s
+    "delay_lean_to_rich": 0.4,
+    "delay_symmetric": 0.4,
+    "transient": 0.5,  # s, together with a reduced amplitude
+    "gain_low": 0.6,  # remaining share of the amplitude
+    "biased_lean": 0.05,  # lambda
+    "biased_rich": 0.05,
+}
 
 
 def resolve(name: str, severity: float | None = None) -> Fault:

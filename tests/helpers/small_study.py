@@ -8,7 +8,7 @@ import numpy as np
 from tests.helpers.tanks import TANK_PERIOD_S, leaking_tank
 from training.recordings.preparation import Prepared, prepare
 from training.recordings.recording import Recording
-from training.studies.paper.narx.candidates import BAYES, CONJUGATE, DESCENT, LM, PAPER, Candidate
+from training.study.narx.candidates import BAYES, CONJUGATE, DESCENT, LM, PAPER, Candidate
 
 FEW = (
     Candidate(number=1, algorithm=LM, lags=3, hidden=(4,), rate=0.2, origin=PAPER),

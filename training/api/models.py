@@ -17,13 +17,13 @@ from training.gap.reference import set_reference
 from training.greybox import fit_page
 from training.greybox.model import GreyboxResult, fit_greybox
 from training.limits.decision_limits import MANY_WINDOWS, set_limits
+from training.limits.evaluation import evaluate as evaluated
 from training.narx import training_page
 from training.narx.export import update_card
 from training.narx.fit import FitResult
 from training.narx.fit import fit as fit_narx
 from training.recordings.input_choice import choose_inputs
 from training.recordings.recording import Pairs, Recording, check_each_once
-from training.studies.evaluation import evaluate as evaluated
 
 FitOutcome = FitResult | GreyboxResult
 

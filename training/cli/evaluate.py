@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from monitor.base.errors import UsageError
     from monitor.model.step import Model
-    from training.studies.evaluation import evaluate, save
+    from training.limits.evaluation import evaluate, save
 
     if args.matrix:
         return matrix.run(args)

@@ -139,8 +139,8 @@ def run(args: argparse.Namespace) -> int:
     """
     from monitor.base.errors import UsageError
     from monitor.base.signals import OUTPUT
-    from training.studies.paper.run import study
-    from training.studies.paper.task import Settings, Task
+    from training.study.run import study
+    from training.study.task import Settings, Task
 
     if min(args.starts, args.iterations, args.samples, args.jobs) < 1 or not args.budget > 0:
         raise UsageError("--starts, --iterations, --samples, --jobs and --budget must be positive")

@@ -1,19 +1,11 @@
-"""Targets of the monitor, and the limit severities from which it must detect a fault."""
+"""Targets of the monitor."""
 
 from typing import Final
 
-LIMIT_SEVERITY: Final = {
-    "slow_rich_to_lean": 0.5,  # s
-    "slow_lean_to_rich": 0.5,
-    "slow_symmetric": 0.5,
-    "delay_rich_to_lean": 0.4,  # s
-    "delay_lean_to_rich": 0.4,
-    "delay_symmetric": 0.4,
-    "transient": 0.5,  # s, together with a reduced amplitude
-    "gain_low": 0.6,  # remaining share of the amplitude
-    "biased_lean": 0.05,  # lambda
-    "biased_rich": 0.05,
-}
+from monitor.base.faults import LIMIT_SEVERITY
+
+__all__ = ["LIMIT_SEVERITY", "at_limit", "beyond_limit"]
+
 DETECTED: Final = 0.99  # least share of trials detected within one WLTC
 NAMED: Final = 0.95  # least share of trials with exactly the right name
 MEDIAN_ENABLED_S: Final = 60.0  # longest median enabled time to the code

@@ -1,1 +1,1 @@
-"""Studies: the paper's study, the detection matrix, the gap study."""
+"""Studies: the detection matrix, the gap study."""

@@ -18,10 +18,10 @@ from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.gap import reference
 from training.greybox.charge.map import INPUTS
+from training.limits.evaluation import predict
 from training.limits.judging import enabled_samples
 from training.recordings import metrics
 from training.recordings.recording import Recording, load
-from training.studies.evaluation import predict
 
 TRAINING = (("wltc_3b", 1001), ("udds", 1002), ("us06", 1003), ("micro_trips", 1036))  # cold to hot
 

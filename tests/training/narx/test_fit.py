@@ -13,6 +13,7 @@ from monitor.base.errors import ModelError, RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from training.cli import main
+from training.limits.evaluation import evaluate, predict
 from training.narx.fit import FitResult, fit
 from training.narx.fit_verdict import fit_verdict
 from training.narx.network import Spec, layers
@@ -22,7 +23,6 @@ from training.narx.training_page import write_report
 from training.recordings.preparation import Prepared
 from training.recordings.recording import Recording
 from training.recordings.transforms import fuel_air_ratio
-from training.studies.evaluation import evaluate, predict
 
 NAMES = ("air_mass_mg", "fuel_mass_mg", "lambda_measured", "fuel_cut")
 

@@ -17,12 +17,12 @@ from training.dyno.simulation import Experiment
 from training.recordings.linear_data import Filter, LinearData, Trend
 from training.recordings.recording import Recording, load
 from training.recordings.spectrum import coherence_limit, find_lines, welch
-from training.studies.paper.preparation.preparation import (
+from training.study.preparation.preparation import (
     linear_records,
     preparation,
     reasons,
 )
-from training.studies.paper.preparation.preparation_section import section
+from training.study.preparation.preparation_section import section
 
 BOSCH = ("speed_z", "load_z", "ignition_angle_z", "fuel_cutoff_z")
 

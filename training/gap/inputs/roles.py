@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from monitor.base.errors import UsageError
-from monitor.base.faults import Fault, resolve
+from monitor.base.faults import LIMIT_SEVERITY, Fault, resolve
 from training.gap.config import CONFIG
-from training.limits.targets import LIMIT_SEVERITY
 from training.recordings.recording import Recording
 
 LIMITS: Final = CONFIG.inputs

@@ -32,6 +32,7 @@ from training.gap.add.network_training import old_weights, spec_of, with_differe
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import from_recording
 from training.greybox.graph.chain_difference import ChainDifference
+from training.limits.evaluation import predict
 from training.narx.export import Network, save
 from training.narx.fit import FitResult
 from training.narx.network import Spec
@@ -41,7 +42,6 @@ from training.recordings import prediction
 from training.recordings.prediction import predicted_phi
 from training.recordings.preparation import Prepared, prepare
 from training.recordings.recording import Recording
-from training.studies.evaluation import predict
 
 NOTHING = ModelEffect.with_values("injector_offset", [0.0])
 

@@ -1,0 +1,350 @@
+"""``o2train study`` from end to end on tanks, killed and resumed; bad input; the choice."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
+from monitor.model.step import Model
+from tests.helpers.tanks import TANK_PERIOD_S as PERIOD_S
+from tests.helpers.tanks import leaking_tank
+from training.cli import main
+from training.narx.network import Spec, initial_weights
+from training.recordings.preparation import prepare
+from training.recordings.recording import load
+from training.study import study_page
+from training.study.outcome.choice import _decide
+from training.study.outcome.sensor import WINDOW, _put_on, _residuals, against_sensor
+from training.study.outcome.steady_training import _steady_parts
+from training.study.task import Settings, Task, scaled_as
+
+SIGNALS = ["--inputs", "valve", "leak", "--output", "level_m"]
+SMALL = [
+    "--starts",
+    "1",
+    "--iterations",
+    "5",
+    "--models",
+    "1",
+    "6",
+    "--samples",
+    "1500",
+    "--budget",
+    "0.25",
+    "--jobs",
+    "1",
+]
+PARTS = [
+    "check",
+    "preparation",
+    "selection",
+    "linear",
+    "narx",
+    "free",
+    "choice",
+    "shipped",
+    "beside",
+    "sensor",
+    "steady",
+]
+
+
+def tank(n: int, seed: int, longest: int = 60) -> FloatArray:
+    """Time, valve, leak and level of a tank, side by side."""
+    valve, leak, level = leaking_tank(n, seed, 0.8, longest)
+    return np.column_stack([np.arange(n) * PERIOD_S, valve, leak, level])
+
+
+def write(path: Path, values: FloatArray, names: str = "time_s,valve,leak,level_m") -> Path:
+    np.savetxt(path, values, delimiter=",", header=names, comments="", fmt="%.6g")
+    return path
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("drives")
+    return {
+        "morning": write(folder / "morning.csv", tank(1800, 1)),
+        "evening": write(folder / "evening.csv", tank(1200, 2)),
+        "test": write(folder / "test.csv", tank(700, 3)),
+        "steady": write(folder / "steady.csv", tank(2300, 4, longest=400)),
+    }
+
+
+@pytest.fixture(scope="module")
+def command(drives: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    out = tmp_path_factory.mktemp("study") / "out"
+    train = [str(drives["morning"]), str(drives["evening"])]
+    others = ["--test", str(drives["test"]), "--steady", str(drives["steady"])]
+    return ["study", *train, *others, *SIGNALS, *SMALL, "--out", str(out)]
+
+
+@pytest.fixture(scope="module")
+def killed(command: list[str]) -> dict[str, int]:
+    """Kill the study as soon as its NARX models begin; return the finished parts' times."""
+    out = Path(command[-1])
+    root = Path(__file__).resolve().parents[3]
+    line = [sys.executable, "-m", "training.cli", *command]
+    process = subprocess.Popen(line, stdout=subprocess.DEVNULL, cwd=root)
+    deadline_s = time.monotonic() + 120
+    while not (out / "parts" / "linear.json").exists():
+        assert process.poll() is None and time.monotonic() < deadline_s
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    return {p.name: p.stat().st_mtime_ns for p in (out / "parts").glob("*.json")}
+
+
+@pytest.fixture(scope="module")
+def result(killed: dict[str, int], command: list[str]) -> dict[str, Any]:
+    assert killed and main(command) == 0
+    text = (Path(command[-1]) / "study.json").read_text()
+    return dict(json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON")))
+
+
+def test_a_killed_study_goes_on_where_it_was(
+    killed: dict[str, int], result: dict[str, Any], command: list[str]
+) -> None:
+    out = Path(command[-1])
+    assert {"check.json", "preparation.json", "selection.json", "linear.json"} <= set(killed)
+    assert "choice.json" not in killed
+    assert result["schema"] == "o2train.study/1"
+    for name, written_ns in killed.items():
+        assert (out / "parts" / name).stat().st_mtime_ns == written_ns, name
+
+
+def test_a_finished_study_is_only_written_again(
+    result: dict[str, Any], command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command) == 0
+    assert capsys.readouterr().out.count("as stored") == len(PARTS)
+
+
+def test_study_json_holds_every_part_and_its_figures(result: dict[str, Any]) -> None:
+    assert set(PARTS) <= set(result)
+    assert not [p for p in PARTS if "skipped" in result[p]]
+    chosen = result["choice"]["candidates"][result["choice"]["chosen"]]
+    held_out = result["sensor"]["views"][-1]
+    assert held_out["title"] == "test.csv" and held_out["source"] == "recorded"
+    assert held_out["all"]["fit_percent"] == pytest.approx(chosen["after"]["all"]["fit_percent"])
+    assert held_out["all"]["correlation"] > 0.9
+    assert result["beside"]["narx"]["parameters"] == chosen["n_weights"]
+
+
+def test_closed_loop_training_is_set_beside_one_step_training(result: dict[str, Any]) -> None:
+    chosen = result["choice"]["candidates"][result["choice"]["chosen"]]
+    assert chosen["after"]["all"]["rmse"] < chosen["before"]["all"]["rmse"]
+
+
+def test_faults_put_on_afterwards_widen_the_residual(result: dict[str, Any]) -> None:
+    healthy, faults = result["sensor"]["healthy"], result["sensor"]["faults"]
+    assert {f["how"] for f in faults} == {"put on afterwards"}
+    late = next(f for f in faults if f["name"].startswith("delay_symmetric"))
+    assert late["std"] > healthy["std"]
+
+
+def test_steady_training_sees_less_of_the_transients(result: dict[str, Any]) -> None:
+    steady, mixed = (result["steady"]["models"][k] for k in ("steady", "mixed"))
+    assert abs(steady["samples"] - mixed["samples"]) < 0.1 * mixed["samples"]
+    assert result["steady"]["rule"] == "the recordings given with --steady"
+
+
+def test_the_report_stands_alone(result: dict[str, Any], command: list[str]) -> None:
+    text = (Path(command[-1]) / "report.html").read_text()
+    shown = re.sub(r"data:image/svg\+xml;base64,[^\"]*", "", text)
+    assert not re.findall(r"(?:src|href)=\"(?!#)[^\"]", shown)
+    assert "://" not in shown and "<script" not in shown and "nan" not in shown.split()
+    for target in re.findall(r'href="#([^"]+)"', shown):
+        assert f'id="{target}"' in shown
+    assert shown.count("<h2") == 13
+    for warning in result["warnings"]:
+        assert warning.split("<")[0][:40] in shown
+
+
+def test_the_model_evaluates_as_the_study_says(
+    result: dict[str, Any], drives: dict[str, Path], command: list[str], tmp_path: Path
+) -> None:
+    model, out = Path(command[-1]) / "model.onnx", tmp_path / "figures.json"
+    assert main(["evaluate", "--model", str(model), str(drives["test"]), "--json", str(out)]) == 0
+    figures = json.loads(out.read_text())["recordings"][0]
+    said = result["sensor"]["views"][-1]["all"]
+    assert figures["rmse"] == pytest.approx(said["rmse"], rel=0.05)
+    preparation = Model.load(model).card.checks["study_preparation"]
+    assert preparation["names"] == ["valve", "leak", "level_m"]
+
+
+Change = Callable[[FloatArray], FloatArray]
+
+
+def constant(values: FloatArray) -> FloatArray:
+    values[:, 2] = 0.5
+    return values
+
+
+def leak(values: FloatArray) -> FloatArray:
+    values[:, 2] = 3.0 * values[:, 3] + 1.0
+    return values
+
+
+def short(values: FloatArray) -> FloatArray:
+    return values[::30][:30] * [1 / 30, 1, 1, 1]
+
+
+def slower(values: FloatArray) -> FloatArray:
+    values[:, 0] *= 2.0
+    return values
+
+
+def empty(values: FloatArray) -> FloatArray:
+    values[:, 3] = np.nan
+    return values
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (constant, "leak"),
+        (leak, "copy of the output"),
+        (short, "samples"),
+        (empty, "level_m"),
+    ],
+)
+def test_recordings_that_cannot_train_end_with_one_clear_line(
+    change: Change, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path / "bad.csv", change(tank(900, 5)))
+    assert main(["study", str(path), *SIGNALS, *SMALL, "--out", str(tmp_path / "out")]) == 2
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert says in last and last.startswith("o2train: ") and "Traceback" not in last
+    assert not (tmp_path / "out" / "model.onnx").exists()
+
+
+def test_recordings_that_do_not_fit_together_are_named(
+    drives: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = str(drives["morning"])
+    other = str(write(tmp_path / "slower.csv", slower(tank(900, 6))))
+    without = str(write(tmp_path / "without.csv", tank(900, 6), "time_s,valve,drain,level_m"))
+    for extra, says in (
+        ([other], "sample period 0.5 s"),
+        (["--test", without], "without.csv: has no leak"),
+        (["--test", good], "is the training recording"),
+        (["--models", "77"], "wanted numbers 1 to 29"),
+    ):
+        out = str(tmp_path / "out")
+        assert main(["study", good, *extra, *SIGNALS, "--out", out]) == 2
+        assert says in capsys.readouterr().err.strip().splitlines()[-1]
+
+
+def candidate(rmse: float, n_weights: int, *, forgets: bool = True) -> dict[str, Any]:
+    return {
+        "validation_rmse": rmse,
+        "n_weights": n_weights,
+        "forgets": forgets,
+        "name": f"{n_weights}",
+        "structure": "",
+    }
+
+
+def test_of_models_that_are_not_told_apart_the_smaller_is_chosen() -> None:
+    blocks = np.linspace(0.5, 2.0, 30)
+    noisy = blocks * np.tile([0.8, 1.24], 15)  # 2 % worse, but not in every block
+    worse = 1.5 * blocks
+    rows = [
+        candidate(float(np.sqrt(b.sum())), n) for b, n in ((blocks, 400), (noisy, 80), (worse, 20))
+    ]
+    chosen, equal, reason = _decide(rows, [blocks, noisy, worse], strict=True)
+    assert chosen == 1 and 2 not in equal and "smaller" in reason
+
+
+def test_for_lambda_a_model_that_does_not_forget_comes_last() -> None:
+    blocks = np.linspace(1.0, 2.0, 20)
+    rows = [candidate(1.0, 100, forgets=False), candidate(2.0, 100)]
+    assert _decide(rows, [blocks, 4 * blocks], strict=True)[0] == 1
+    assert _decide(rows, [blocks, 4 * blocks], strict=False)[0] == 0
+    with pytest.raises(RecordingError, match="every training diverged"):
+        _decide([candidate(float("nan"), 5)], [blocks], strict=True)
+
+
+def test_steady_driving_is_where_nothing_changes(tmp_path: Path) -> None:
+    n = 400
+    valve = np.concatenate([np.full(150, 0.2), np.linspace(0.2, 1.0, 100), np.full(150, 1.0)])
+    values = np.column_stack([np.arange(n) * PERIOD_S, valve, np.full(n, 0.5), valve])
+    found, rule = _steady_parts([load(write(tmp_path / "ramp.csv", values))], ["valve", "leak"])
+    steady = np.isfinite(found[0].values[:, 0])
+    assert steady[:150].all() and steady[250:].all() and not steady[165:235].any()
+    assert "valve and leak" in rule
+
+
+def test_other_drives_are_scaled_as_the_training_was(drives: dict[str, Path]) -> None:
+    recording = load(drives["morning"])
+    data = prepare([recording], ["valve", "leak"], "level_m")
+    again = scaled_as(data, [recording])
+    np.testing.assert_allclose(again.samples.u, data.samples.u)
+    inside = np.abs(again.samples.y) < 0.9 * np.abs(data.scaling.y_scaled_limits).min()
+    np.testing.assert_allclose(again.samples.y[inside], data.samples.y[inside])
+
+
+def test_a_late_sensor_reads_what_it_read_before(drives: dict[str, Path]) -> None:
+    data = scaled_as(
+        prepare([load(drives["morning"])], ["valve", "leak"], "level_m"), [load(drives["test"])]
+    )
+    late = _put_on("delay_symmetric", data, phi=False)
+    delay = round(0.6 / PERIOD_S)
+    np.testing.assert_allclose(late[delay:], data.samples.y[:-delay], atol=1e-9)
+
+
+def test_a_missing_signal_is_named_and_compared_with_nothing(
+    drives: dict[str, Path], tmp_path: Path
+) -> None:
+    lost = tank(400, 8)
+    lost[:, 3] = np.nan
+    task = Task(
+        recordings=(load(drives["morning"]),),
+        test=(load(drives["test"]),),
+        faulty=(load(write(tmp_path / "lost.csv", lost)),),
+        steady=(),
+        inputs=("valve", "leak"),
+        output="level_m",
+        out=tmp_path,
+        settings=Settings(),
+    )
+    spec = Spec(2, 3, (3,))
+    weights = initial_weights(spec, np.random.default_rng(0))
+    found = against_sensor(task, spec, weights, {})
+    assert found["unreadable"] == ["lost.csv"] and found["faults"] == []
+    bounded = {"runs": 1, "samples": 1, "stuck": 0}
+    page = study_page.faulty(found) + study_page.outcome(
+        "against_sensor", sensor=found | {"bounded": bounded}
+    )
+    assert "Nothing to compare in lost.csv" in page
+
+
+def test_windows_are_fifty_unbroken_samples(drives: dict[str, Path]) -> None:
+    recording = load(drives["test"])
+    data = scaled_as(prepare([load(drives["morning"])], ["valve", "leak"], "level_m"), [recording])
+    measured = data.scaling.unscale_y(data.samples.y)
+    rows = np.ones(len(measured), dtype=bool)
+    rows[120] = False  # breaks the third window
+    found = _residuals(data, measured - 0.3, rows, 1.0, {"j_mu": 0.2, "j_sigma": 0.1})
+    assert found["windows"] == 120 // WINDOW + (len(rows) - 121) // WINDOW
+    assert found["beyond"] == {"mean": 1.0, "std": 0.0, "both": 0.0}
+    assert found["mean"] == pytest.approx(0.3)
+
+
+def test_a_file_in_the_place_of_the_folder_is_a_clear_error(
+    drives: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    args = ["study", str(drives["morning"]), *SIGNALS, "--out", str(drives["test"])]
+    assert main(args) == 2
+    assert "is a file, a folder is wanted" in capsys.readouterr().err

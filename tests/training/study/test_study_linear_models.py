@@ -1,0 +1,209 @@
+"""Linear baselines one by one: dead times, orders, subspace, output error."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from monitor.base.types import FloatArray
+from tests.helpers.plants import PERIOD_S, RNG, coloured, continuous, held_steps, modes, two_inputs
+from training.narx.linear.arx import Arx, arx_delays, fit_arx, order_grid
+from training.narx.linear.free_run import free_run_error
+from training.narx.linear.regressors import Stretch, triangle
+from training.recordings.metrics import fit_percent
+from training.study.linear.impulse import impulse_response
+from training.study.linear.output_error import OutputError, fit_output_error, refine
+from training.study.linear.residual_tests import effective_samples
+from training.study.linear.subspace import best_state_space, subspace
+
+
+@pytest.fixture(scope="module")
+def plants() -> list[Stretch]:
+    return [two_inputs(1500, seed) for seed in range(4)]
+
+
+def test_dead_times_of_a_continuous_plant_are_found_within_a_sample(plants: list[Stretch]) -> None:
+    # GIVEN dead times of 0.53 and 0.21 s: an edge first moves the sample after, number 6 and 3
+    # WHEN they are read from the impulse responses and from ARX models of order 2
+    from_impulse = impulse_response(plants, 30).delays()
+    from_arx = arx_delays(triangle(plants, 20, 22))
+    # THEN both are right within one sample
+    for found in (from_impulse, from_arx):
+        assert np.abs(np.array(found, dtype=float) - [6, 3]).max() <= 1
+
+
+def test_bands_of_an_input_without_effect_hold_under_coloured_noise() -> None:
+    # GIVEN slow inputs and slow noise, so that neighbouring samples tell nearly the same
+    outside, joint, naive = [], [], []
+    for seed in range(25):
+        rng = RNG(seed)
+        u = np.column_stack([coloured(800, rng, 0.95), coloured(800, rng, 0.95)])
+        y = continuous(u[:, 0], 1.0, [0.5, 1.0], 0.2) + coloured(800, rng, 0.97)
+        found = impulse_response([(u, y)], 15)
+        size = np.abs(found.response[1]) / found.standard_error[1]
+        outside.append(np.mean(size > found.band))
+        joint.append(found.delays()[1] is not None)
+        naive.append(effective_samples([y], [u[:, 1]], 200) / 800)
+    # THEN the second input's response leaves its 99 % bands about as often as they say
+    assert np.mean(outside) < 0.03
+    assert np.sum(joint) <= 2
+    # and the raw samples are worth far fewer independent ones
+    assert np.mean(naive) < 0.2
+
+
+def test_the_bands_hold_the_true_response() -> None:
+    u, y = two_inputs(6000, 11, noise=0.2)
+    pulse = np.zeros(50)
+    pulse[10] = 1.0
+    true = continuous(pulse, -0.5, [0.3, 1.0], 0.21)[10:40]
+    found = impulse_response([(u, y)], 30)
+    inside = np.abs(found.response[1] - true) < found.band * found.standard_error[1]
+    assert inside.mean() > 0.85
+    assert np.abs(found.response[1] - true).max() < 0.03
+
+
+def test_no_regressor_reaches_across_a_gap() -> None:
+    # GIVEN two stretches at different levels and the regressors written out one by one
+    rng = RNG(3)
+    stretches = [(rng.standard_normal((60, 2)) + s, rng.standard_normal(60) - s) for s in (0, 50)]
+    rows, targets = [], []
+    for u, y in stretches:
+        for t in range(5, 60):
+            taps = [*u[[t - 1, t - 2, t - 3], 0], *u[[t - 3, t - 4, t - 5], 1]]
+            rows.append([1.0, *taps, -y[t - 1], -y[t - 2]])
+            targets.append(y[t])
+    theta = np.linalg.lstsq(np.array(rows), np.array(targets), rcond=None)[0]
+    # WHEN the model is fitted
+    model = fit_arx(stretches, 2, 3, (1, 3))
+    # THEN it is the least-squares solution of just these
+    assert np.allclose(np.concatenate([[model.offset], *model.b, model.a]), theta, atol=1e-9)
+
+
+def test_free_run_and_one_step_follow_the_difference_equation() -> None:
+    rng = RNG(4)
+    model = Arx(np.array([-1.1, 0.3]), rng.standard_normal((2, 2)), (0, 3), 0.4)
+    u, y = rng.standard_normal((50, 2)), rng.standard_normal(50)
+    free = y.copy()
+    one_step = y.copy()
+    for t in range(4, 50):
+        drive = 0.4 + model.b[0] @ u[[t, t - 1], 0] + model.b[1] @ u[[t - 3, t - 4], 1]
+        one_step[t] = drive - model.a @ y[[t - 1, t - 2]]
+        if t >= 6:
+            free[t] = drive - model.a @ free[[t - 1, t - 2]]
+    assert np.allclose(model.simulate(u, y[:6]), free)
+    assert np.allclose(model.predict(u, y), one_step)
+    with pytest.raises(ValueError, match="3 first outputs, the model needs 4"):
+        model.simulate(u, y[:3])
+
+
+def test_criteria_choose_sensible_orders() -> None:
+    # GIVEN three continuous modes with a disturbance of the states
+    stretches = [modes(4000, RNG(s), np.array([-1.0, -3.0, -8.0]), 0.3) for s in (0, 1)]
+    data, held_out = triangle(stretches[:1], 24, 24), triangle(stretches[1:], 24, 24)
+    # WHEN all orders are compared
+    grid = order_grid(data, held_out, 20, [(d,) for d in range(4)])
+    mdl, aic = min(grid, key=lambda c: c.mdl), min(grid, key=lambda c: c.aic)
+    best = min(grid, key=lambda c: c.validation_loss)
+    # THEN the dead time is that of sampling, MDL is the smallest, and none is far from the plant
+    assert mdl.delays == (1,)
+    assert 4 < mdl.n_parameters < aic.n_parameters
+    assert 2 <= mdl.na <= 10
+    assert mdl.validation_loss < 1.02 * best.validation_loss
+    # and every loss is that of the model fitted by itself
+    for c in (mdl, aic, best):
+        u, y = stretches[1]
+        model = fit_arx(stretches[:1], c.na, c.nb, c.delays)
+        error = (y - model.predict(u, y))[24:]
+        assert np.mean(error**2) == pytest.approx(c.validation_loss, rel=0.01)
+
+
+def test_subspace_finds_order_and_poles_over_several_recordings() -> None:
+    poles = np.array([-1.0, -3.0, -8.0])
+    stretches = [modes(n, RNG(n), poles, 0.02) for n in (900, 1500, 2500)]
+    found = subspace(triangle(stretches, 20, 20), 20, 10)
+    best, errors = best_state_space(found, [modes(1500, RNG(5), poles, 0.02)], 20)
+    assert found.order_by_gap == 3
+    eigenvalues = np.sort(np.linalg.eigvals(found.models[2].A).real)
+    assert np.allclose(eigenvalues, np.sort(np.exp(poles * PERIOD_S)), atol=0.02)
+    assert best.order >= 3
+    assert errors[2] < 1.05 * min(errors)
+    assert errors[0] > 2.0 * errors[2]
+    # and its polynomials behave alike
+    u, y = stretches[0]
+    assert np.allclose(
+        best.transfer().simulate(u, y[:20])[300:], best.simulate(u, y[:20])[300:], atol=1e-6
+    )
+
+
+def test_a_state_space_model_starts_rightly_far_from_zero() -> None:
+    # GIVEN signals in physical units, levels many times their spread
+    u, y = two_inputs(3000, 6)
+    u, y = 1e5 * (u + 30.0), 300.0 + 0.01 * y
+    model = subspace(triangle([(u[:2000], y[:2000])], 20, 20), 20, 6).models[5]
+    assert fit_percent(y[2020:], model.simulate(u[2000:], y[2000:2020])[20:]) > 80.0
+
+
+def test_output_error_beats_arx_in_free_run_under_output_noise() -> None:
+    # GIVEN a continuous second-order plant whose sensor alone is noisy
+    def stretch(seed: int) -> Stretch:
+        rng = RNG(seed)
+        u = held_steps(1500, 1, rng)
+        return u, continuous(u[:, 0], 2.0, [0.3, 0.6, 1.0], 0.0) + 0.5 * rng.standard_normal(1500)
+
+    train, validate = [stretch(0), stretch(1)], [stretch(2)]
+    arx = fit_arx(train, 2, 2, 1)
+    # WHEN an output error model of the same order starts from the ARX
+    found, _ = fit_output_error(train, validate, [arx], 20)
+    # THEN its poles are the plant's, the ARX's are not, and its free run is nearer the truth
+    poles = np.exp(np.roots([0.3, 0.6, 1.0]) * PERIOD_S)
+    biased, right = (
+        np.abs(np.sort_complex(np.roots(m.poly)) - np.sort_complex(poles)).max()
+        for m in (arx, found.transfer)
+    )
+    assert right < 0.02 < biased
+    rng = RNG(9)
+    u = held_steps(1500, 1, rng)
+    y = continuous(u[:, 0], 2.0, [0.3, 0.6, 1.0], 0.0)
+    fits = [fit_percent(y[20:], m.simulate(u, y[:20])[20:]) for m in (arx, found)]
+    assert fits[1] > 95.0 and fits[1] > fits[0] + 10.0
+
+
+def test_output_error_reaches_in_ten_steps_what_numerical_least_squares_reaches() -> None:
+    # GIVEN a start by ARX on noisy samples, two inputs, initial conditions unknown
+    u, y = two_inputs(700, 21, noise=0.0)
+    y += 0.3 * RNG(22).standard_normal(700)
+    start, skip = fit_arx([(u, y)], 3, 4, (4, 2)), 15
+
+    def error(theta: FloatArray) -> FloatArray:
+        model = Arx(theta[:3], theta[4:].reshape(2, 4), start.delays, theta[3])
+        return y[skip:] - OutputError(model).simulate(u, y[:skip])[skip:]
+
+    first = np.concatenate([start.a, [start.offset], start.b.ravel()])
+    wanted = 2.0 * least_squares(error, first, x_scale="jac").cost
+    # WHEN both minimise the simulation error
+    _, cost = refine(start, [(u, y)], skip, 10)
+    # THEN they end at the same
+    assert cost < 0.95 * np.sum(error(first) ** 2)
+    assert cost < 1.0005 * wanted
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_output_error_never_diverges(seed: int) -> None:
+    # GIVEN an unstable start on an output that the inputs do not explain
+    rng = RNG(seed)
+    records = [(rng.standard_normal((400, 2)), np.cumsum(rng.standard_normal(400)))]
+    start = Arx(rng.uniform(-3, 3, 4), rng.standard_normal((2, 3)), (0, 2), 0.0)
+    # WHEN it is refined
+    model, cost = refine(start, records, 20, 20)
+    # THEN it is stable, its cost is its own free-run error, and a long run stays bounded
+    assert model.stable
+    assert cost / 380 == pytest.approx(free_run_error(model, records, 20), rel=1e-6)
+    run = model.simulate(rng.standard_normal((20_000, 2)), records[0][1][:20])
+    assert np.isfinite(run).all()
+    assert np.abs(run[-5000:]).max() < 1e4 * np.abs(records[0][1]).max()
+
+
+def test_a_short_noisy_beginning_does_not_spoil_the_free_run() -> None:
+    u, y = two_inputs(1200, 5, noise=0.0)
+    model = OutputError(fit_arx([(u, y)], 4, 10, 0))
+    spoilt = y[:25] + 0.3 * RNG(0).standard_normal(25)
+    assert fit_percent(y[60:], model.simulate(u, spoilt)[60:]) > 90.0

@@ -1,0 +1,267 @@
+"""The NARX study: its models, its figures and its words."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor.base.errors import RecordingError, UsageError
+from monitor.base.types import FloatArray
+from tests.helpers.small_study import FEW, SETTINGS, timeless, two_drives
+from training.narx.network import Spec, initial_weights
+from training.narx.network import regressors as of_one_segment
+from training.narx.stages import free_run_score
+from training.recordings.preparation import Prepared, Role
+from training.study.narx.candidates import (
+    ALGORITHMS,
+    CANDIDATES,
+    DESCENT,
+    LM,
+    PAPER,
+    Candidate,
+    same_as,
+)
+from training.study.narx.models import (
+    NOT_USED,
+    Job,
+    figures,
+    regressors,
+    rows,
+    spec_of,
+    thin,
+    train_one,
+)
+from training.study.narx.narx_section import section
+from training.study.narx.study import _best, best_model, narx_study
+from training.study.narx.verdicts import judge
+
+
+@pytest.fixture(scope="module")
+def data() -> Prepared:
+    return two_drives()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("study")
+
+
+@pytest.fixture(scope="module")
+def result(data: Prepared, folder: Path) -> dict[str, Any]:
+    return narx_study(data, folder, jobs=1, **SETTINGS)
+
+
+def test_the_29_models_cover_what_is_known_of_the_paper() -> None:
+    assert [c.number for c in CANDIDATES] == list(range(1, 30))
+    assert {c.lags for c in CANDIDATES} == {3, 5, 8}
+    assert {len(c.hidden) for c in CANDIDATES} == {1, 2}
+    assert {min(c.hidden) for c in CANDIDATES} >= {5, 15}
+    assert all(5 <= n <= 15 for c in CANDIDATES for n in c.hidden)
+    assert {c.algorithm for c in CANDIDATES} == set(ALGORITHMS)
+    (paper,) = [c for c in CANDIDATES if c.origin == PAPER]
+    assert (paper.lags, paper.hidden, paper.algorithm, paper.rate) == (5, (8, 8), LM, 0.2)
+
+
+def test_only_models_that_differ_in_an_unused_learning_rate_coincide() -> None:
+    assert same_as(CANDIDATES) == {2: 1, 3: 1}
+    rates = [c for c in CANDIDATES if c.algorithm == DESCENT and c.hidden == (8, 8)]
+    assert len({c.rate for c in rates}) == 3
+    assert not same_as(rates)
+
+
+def test_coinciding_models_are_trained_once_and_shown_with_the_same_figures(
+    result: dict[str, Any], folder: Path
+) -> None:
+    one, two = result["models"][:2]
+    assert two["same_as"] == 1
+    assert one["starts"] == two["starts"]
+    assert len(list(folder.glob("train_*.json"))) == 4 * SETTINGS["starts"]
+    assert 2 not in result["ranking"]
+
+
+@pytest.mark.parametrize("n_samples", [200, 700, 1200])
+def test_thinning_keeps_whole_blocks_of_all_recordings(data: Prepared, n_samples: int) -> None:
+    less = thin(data, n_samples)
+    kept = less.role == Role.TRAIN
+    assert n_samples - 60 <= kept.sum() <= n_samples
+    assert np.all(data.role[kept] == Role.TRAIN)
+    assert np.all(data.role[less.role == NOT_USED] == Role.TRAIN)
+    for role in (Role.VALIDATE, Role.TEST):
+        assert np.array_equal(less.role == role, data.role == role)
+    shares = [kept[s.start : s.stop].sum() / (s.stop - s.start) for s in data.segments]
+    assert min(shares) > 0.5 * max(shares)
+
+
+def test_a_short_record_is_not_thinned(data: Prepared) -> None:
+    assert np.array_equal(thin(data, 10_000).role, data.role)
+
+
+@pytest.mark.parametrize("first_lag", [0, 1])
+def test_regressors_never_reach_into_another_recording(data: Prepared, first_lag: int) -> None:
+    spec = Spec(2, lags=4, hidden=(3,), input_lag_start=first_lag)
+    found = regressors(spec, data.samples, rows(data, spec))
+    u, y = data.samples.u, data.samples.y
+    apart = [of_one_segment(spec, u[s.start : s.stop], y[s.start : s.stop]) for s in data.segments]
+    assert len(data.segments) == 2
+    assert np.array_equal(found, np.concatenate(apart))
+
+
+def test_figures_are_those_of_a_plain_simulation(data: Prepared) -> None:
+    # GIVEN a network
+    spec = replace(spec_of(data, FEW[3]), lags=2)
+    weights = 0.7 * initial_weights(spec, np.random.default_rng(1))
+    found = figures(data, spec, weights)
+    # WHEN it is run step by step from the first two measurements of each recording
+    free = np.full(len(data.role), np.nan)
+    for s in data.segments:
+        past = data.samples.y[s.start : s.start + 2][::-1]
+        for t in range(s.start + 2, s.stop):
+            x = np.concatenate([data.samples.u[t - 1], data.samples.u[t - 2], past])
+            free[t] = np.clip(plain_network(spec, weights, x), spec.y_min, spec.y_max)
+            past = np.array([free[t], past[0]])
+    # THEN R and MSE on the test blocks are those reported
+    at = np.flatnonzero((data.role == Role.TEST) & np.isfinite(free))
+    measured = data.samples.y[at]
+    test = found["free_run"]["test"]["all"]
+    assert test["samples"] == len(at)
+    assert test["r"] == pytest.approx(np.corrcoef(measured, free[at])[0, 1], abs=1e-4)
+    assert test["mse"] == pytest.approx(np.mean((measured - free[at]) ** 2), rel=1e-4)
+
+
+def plain_network(spec: Spec, weights: FloatArray, x: FloatArray) -> float:
+    at = 0
+    for i, (a, b) in enumerate(zip(spec.sizes[:-1], spec.sizes[1:], strict=True)):
+        x = weights[at : at + a * b].reshape(b, a) @ x + weights[at + a * b : at + a * b + b]
+        at += a * b + b
+        x = np.tanh(x) if i < len(spec.hidden) else x
+    return float(x[0])
+
+
+def test_a_model_that_runs_away_is_said_to_diverge(data: Prepared) -> None:
+    # GIVEN a network that adds a little to its last output, very good one step ahead
+    spec = replace(spec_of(data, FEW[0]), lags=1, hidden=(1,))
+    narrow = 0.01  # of tanh, almost linear there
+    weights = np.array([0.0, 0.0, narrow, 0.0, 1.05 / narrow, 0.01])
+    found = figures(data, spec, weights)
+    assert found["one_step"]["test"]["all"]["r"] > 0.98
+    assert found["diverged"]
+    assert found["stuck_share"] > 0.1
+
+
+@pytest.mark.parametrize("candidate", [FEW[0], *FEW[2:]], ids=lambda c: c.algorithm)
+def test_every_algorithm_learns_and_its_start_is_reproducible(
+    data: Prepared, candidate: Candidate
+) -> None:
+    job = Job(candidate, 0, 7, 40, 1)
+    (one, weights), (two, again) = train_one(data, job), train_one(data, job)
+    assert timeless(one) == timeless(two)
+    assert np.array_equal(weights["weights"], again["weights"])
+    assert 0 < one["iterations"] <= 40
+    assert one["one_step"]["validate"]["all"]["r"] > 0.8
+
+
+def test_early_stopping_keeps_the_start_with_the_best_one_step_validation(data: Prepared) -> None:
+    few, many = (train_one(data, Job(FEW[0], 0, 3, n, 1))[0] for n in (5, 200))
+    assert few["stop"] == "epochs"
+    assert many["one_step"]["validate"]["all"]["mse"] <= few["one_step"]["validate"]["all"]["mse"]
+
+
+def test_the_best_models_are_tuned_and_the_best_of_all_is_given_with_its_weights(
+    data: Prepared, result: dict[str, Any], folder: Path
+) -> None:
+    (tuned,) = result["tuned"]
+    assert tuned["number"] == result["ranking"][0]
+    lower = [
+        tuned["after"][what] <= tuned["before"][what]
+        for what in ("validation_score", "contraction_gap_over_limit")
+    ]
+    assert any(lower)
+    best = result["best"]
+    spec, weights = best_model(result, folder)
+    assert spec.lags == FEW[best["number"] - 1].lags
+    score = free_run_score(data, spec, weights)
+    assert score == pytest.approx(best["figures"]["validation_score"], rel=1e-4)
+    scores = [s["validation_score"] for m in result["models"] for s in m["starts"]]
+    assert score <= min(scores) * 1.0001  # no weights forget such a slow tank in 50 samples
+
+
+def test_the_result_is_plain_json_without_machine_paths(
+    result: dict[str, Any], folder: Path
+) -> None:
+    text = json.dumps(result, allow_nan=False)
+    assert str(folder) not in text
+    assert json.loads(text) == result
+
+
+def test_the_section_shows_every_model_and_says_which_coincide(result: dict[str, Any]) -> None:
+    html = section(json.loads(json.dumps(result)))
+    text = html.replace("\N{NO-BREAK SPACE}", " ").replace("\N{NON-BREAKING HYPHEN}", "-")
+    for model in result["models"]:
+        assert f"<td>{model['number']}  {model['name']}" in text
+    assert "same training as 1" in text
+    assert html.count("<img") == 2
+    assert "recordings of real engines" in html
+    assert "simulated recordings" in section({**result, "source": "simulated"})
+
+
+def test_too_few_samples_and_impossible_settings_are_refused(
+    data: Prepared, tmp_path: Path
+) -> None:
+    with pytest.raises(RecordingError, match=r"training samples for \d+ weights"):
+        narx_study(data, tmp_path, candidates=[Candidate(1, LM, 8, (60, 60))])
+    with pytest.raises(UsageError, match="at least one of each"):
+        narx_study(data, tmp_path, starts=0)
+
+
+def test_weights_that_forget_their_history_come_before_better_ones_that_do_not() -> None:
+    models = [{"number": 4, "starts": [{"weights_key": "train_4"}]}]
+    before = {"validation_score": 0.2, "forgets": False}
+    after = {"validation_score": 0.3, "forgets": True}
+    tuned = {"number": 4, "name": "", "start": 0, "weights_key": "tune_4"}
+    chosen = [
+        _best(models, [4], [{**tuned, "before": before, "after": a}])["weights_key"]
+        for a in (after, {**after, "forgets": False})
+    ]
+    assert chosen == ["tune_4", "train_4"]
+
+
+def numbers(train: float, test: float, free: float, weights: int = 400) -> dict[str, Any]:
+    """A model as the study stores it, from RMSE values; three starts 1 % apart."""
+
+    def parts(k: float, *rmse: float) -> dict[str, Any]:
+        values = [{"enabled": {"r": 0.9, "mse": (k * e) ** 2}} for e in rmse]
+        return dict(zip(("train", "validate", "test"), values, strict=True))
+
+    starts = [
+        {
+            "one_step": parts(k, train, train, test),
+            "free_run": parts(k, free, free, free),
+            "diverged": False,
+            "unfinished": False,
+            "effective_weights": None,
+        }
+        for k in (0.99, 1.0, 1.01)
+    ]
+    return {"starts": starts, "n_weights": weights}
+
+
+def test_over_and_underfitting_follow_from_the_numbers() -> None:
+    models = [
+        numbers(0.095, 0.114, 0.2, weights=50),  # the test blocks are a fifth harder
+        numbers(0.090, 0.110, 0.2),
+        numbers(0.080, 0.200, 0.2),  # learnt by heart
+        numbers(0.150, 0.170, 0.2),  # learnt too little
+        numbers(0.085, 0.100, 0.9),  # good one step ahead only
+    ]
+    labels = [v["labels"] for v in judge(models, 200)]
+    assert labels == [[], [], ["overfits"], ["underfits"], ["one-step deceives"]]
+
+
+def test_a_gap_within_the_spread_over_the_starts_is_not_called_overfitting() -> None:
+    wide = numbers(0.1, 0.14, 0.2)
+    for start, k in zip(wide["starts"], (0.5, 1.0, 1.5), strict=True):
+        start["one_step"]["test"]["enabled"]["mse"] *= k**2
+    assert judge([numbers(0.1, 0.12, 0.2, weights=50), wide], 200)[1]["labels"] == []

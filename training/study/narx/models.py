@@ -1,0 +1,284 @@
+"""One model of the NARX study: series-parallel training, closed-loop tuning, figures.
+
+Training and tuning are pure functions of data and settings, so that any machine can run them.
+Figures are in scaled units (zero mean, unit variance over the training samples); one-step and
+free-run figures use the same samples.
+"""
+
+import time
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from monitor.base.types import FloatArray, IntArray
+from training.jobs.json_tree import plain
+from training.narx import stages
+from training.narx.algorithms import gradient, lm, scaled_conjugate
+from training.narx.algorithms.bayes import DEFAULTS as BAYES_DEFAULTS
+from training.narx.algorithms.bayes import BayesOutcome, minimise_bayesian
+from training.narx.algorithms.objectives import OneStep
+from training.narx.network import Spec, forward, initial_weights
+from training.narx.stability import contraction
+from training.recordings.metrics import correlation
+from training.recordings.preparation import Prepared, Role, Samples
+from training.study.narx.candidates import BAYES, CONJUGATE, LM, Candidate
+from training.study.narx.parallel import Arrays, Done
+
+BLOCK = 1000  # largest block, in samples, that thinning keeps or drops as a whole
+ENOUGH = 50  # least enabled samples per role for figures on enabled samples
+NOT_USED = -1  # role of training samples that thinning drops
+STUCK_SHARE = 0.01  # a free run with more samples wrongly at an end of the range has diverged
+CONTRACTION_SEED = 0  # gives other histories than the tuning uses
+HORIZONS = (5, 20, 100, 1000)  # samples, of the closed-loop tuning
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One training: series-parallel from random weights, or in closed loop from ``weights``."""
+
+    candidate: Candidate
+    start: int
+    seed: int
+    iterations: int
+    input_lag_start: int
+    weights: tuple[float, ...] = ()  # initial weights of a closed-loop tuning
+
+
+def thin(data: Prepared, n_samples: int) -> Prepared:
+    """Return ``data`` with at most ``n_samples`` training samples and without its recordings.
+
+    Whole blocks are kept, evenly spread over all recordings; samples of other blocks get the role
+    NOT_USED. If a role has fewer than ``ENOUGH`` enabled samples, all samples count as enabled.
+    """
+    role = data.role.copy()
+    length = int(np.clip(n_samples // 20, 20, BLOCK))
+    blocks = []
+    for segment in data.segments:
+        part = data.role[segment.start : segment.stop]
+        edges = [0, *(np.flatnonzero(np.diff(part)) + 1).tolist(), len(part)]
+        for first, stop in pairwise(edges):
+            if part[first] == Role.TRAIN:
+                begins = range(segment.start + first, segment.start + stop, length)
+                blocks += [slice(b, min(b + length, segment.start + stop)) for b in begins]
+    sizes = np.array([b.stop - b.start for b in blocks])
+    share = n_samples / max(int(sizes.sum()), 1)
+    if share < 1.0:
+        role[role == Role.TRAIN] = NOT_USED
+        kept = 0
+        for block, size, seen in zip(blocks, sizes, np.cumsum(sizes), strict=True):
+            if kept + size <= share * seen:
+                role[block] = Role.TRAIN
+                kept += size
+    judged = data.enabled & (data.samples.weight > 0)
+    if min(int((judged & (role == r)).sum()) for r in Role) < ENOUGH:
+        judged = data.samples.weight > 0
+    return replace(data, role=role, enabled=judged, recordings=())
+
+
+def spec_of(data: Prepared, candidate: Candidate, input_lag_start: int = 1) -> Spec:
+    """Return the shape of a candidate for ``data``; feedback is clipped to the output's range."""
+    scale = data.scaling
+    return Spec(
+        n_inputs=data.samples.u.shape[1],
+        lags=candidate.lags,
+        hidden=candidate.hidden,
+        input_lag_start=input_lag_start,
+        y_min=float(scale.scale_y(scale.y_low)),
+        y_max=float(scale.scale_y(scale.y_high)),
+    )
+
+
+def rows(data: Prepared, spec: Spec, role: Role | None = None) -> IntArray:
+    """Return the indices of the scored samples of ``role`` whose lags lie in the same segment."""
+    inside = np.zeros(len(data.role), dtype=bool)
+    for segment in data.segments:
+        inside[segment.start + spec.lags : segment.stop] = True
+    inside &= data.samples.weight > 0
+    return np.flatnonzero(inside if role is None else inside & (data.role == role))
+
+
+def regressors(spec: Spec, samples: Samples, at: IntArray) -> FloatArray:
+    """Return the series-parallel regressors (n, n_regressors) of the samples ``at`` (n,)."""
+    inputs = [samples.u[at - j] for j in range(spec.input_lag_start, spec.lags + 1)]
+    outputs = [samples.y[at - j, None] for j in range(1, spec.lags + 1)]
+    return np.concatenate([*inputs, *outputs], axis=1)
+
+
+def train_one(data: Prepared, job: Job) -> Done:
+    """Return figures and weights of one start, trained series-parallel.
+
+    The training stops early by the one-step validation error, except with Bayesian regularisation.
+    """
+    data = _writable(data)
+    spec = spec_of(data, job.candidate, job.input_lag_start)
+    began, began_cpu = time.monotonic(), time.process_time()
+    weights = initial_weights(spec, np.random.default_rng(job.seed))
+    outcome = _minimise(data, spec, weights, job)
+    result = {
+        "start": job.start,
+        "seed": job.seed,
+        "iterations": len(outcome.costs) - 1,
+        "stop": outcome.stop,
+        "unfinished": _still_falling(outcome),
+        "seconds": plain(time.monotonic() - began),
+        "cpu_s": plain(time.process_time() - began_cpu),
+        "effective_weights": (
+            plain(outcome.effective_weights) if isinstance(outcome, BayesOutcome) else None
+        ),
+        **figures(data, spec, outcome.weights),
+    }
+    return result, arrays(spec, outcome.weights)
+
+
+def tune_one(data: Prepared, job: Job) -> Done:
+    """Return figures and weights after tuning in closed loop, over growing horizons."""
+    data = _writable(data)
+    spec = spec_of(data, job.candidate, job.input_lag_start)
+    began, began_cpu = time.monotonic(), time.process_time()
+    before = np.array(job.weights)
+    trained = stages.train(data, spec, job.seed, horizons=HORIZONS, weights=before)
+    result = {
+        "start": job.start,
+        "before": figures(data, spec, before) | _forgets(data, spec, before),
+        "after": figures(data, spec, trained.weights) | _forgets(data, spec, trained.weights),
+        "stages": [
+            {
+                "name": s.name,
+                "iterations": len(s.costs) - 1,
+                "stop": s.stop,
+                "best_score": plain(min(s.scores)),
+                "seconds": plain(s.seconds),
+            }
+            for s in trained.stages
+        ],
+        "seconds": plain(time.monotonic() - began),
+        "cpu_s": plain(time.process_time() - began_cpu),
+    }
+    return result, arrays(spec, trained.weights)
+
+
+def arrays(spec: Spec, weights: FloatArray) -> Arrays:
+    """Return weights and shape as arrays for storage."""
+    shape = [spec.n_inputs, spec.lags, spec.input_lag_start, *spec.hidden]
+    return {
+        "weights": weights,
+        "shape": np.array(shape, dtype=float),
+        "y_range": np.array([spec.y_min, spec.y_max]),
+    }
+
+
+def from_arrays(stored: Arrays) -> tuple[Spec, FloatArray]:
+    """Return shape and weights from the arrays of ``arrays``."""
+    n_inputs, lags, first, *hidden = (int(v) for v in stored["shape"])
+    low, high = (float(v) for v in stored["y_range"])
+    spec = Spec(
+        n_inputs=n_inputs,
+        lags=lags,
+        hidden=tuple(hidden),
+        input_lag_start=first,
+        y_min=low,
+        y_max=high,
+    )
+    return spec, stored["weights"]
+
+
+def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
+    """Return R and MSE per role, one-step and in free run, on all scored and on enabled samples.
+
+    Also returned: the free-run validation score, the share of stuck predictions, and whether the
+    free run diverges.
+    """
+    at = rows(data, spec)
+    one_step = np.full(len(data.role), np.nan)
+    one_step[at] = forward(spec, weights, regressors(spec, data.samples, at))
+    free = stages.free_run(data, spec, weights)
+    stuck = _stuck_share(data, spec, free)
+    held_out = at[np.isin(data.role[at], (Role.VALIDATE, Role.TEST)) & data.enabled[at]]
+    measured = data.samples.y[held_out]
+    worse = not np.mean((measured - free[held_out]) ** 2) < measured.var()
+    return {
+        "one_step": _by_role(data, spec, one_step),
+        "free_run": _by_role(data, spec, free),
+        "validation_score": plain(stages.free_run_score(data, spec, weights)),
+        "stuck_share": plain(stuck),
+        "diverged": bool(worse or stuck > STUCK_SHARE),
+    }
+
+
+def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.Outcome:
+    """Return the outcome of the candidate's algorithm, with the reference toolbox's defaults."""
+    at, held = rows(data, spec, Role.TRAIN), rows(data, spec, Role.VALIDATE)
+    weight = data.samples.weight[at] / data.samples.weight[at].mean()
+    objective = OneStep(spec, regressors(spec, data.samples, at), data.samples.y[at], weight)
+    validate = OneStep(
+        spec, regressors(spec, data.samples, held), data.samples.y[held], data.samples.weight[held]
+    ).cost
+    algorithm, epochs = job.candidate.algorithm, job.iterations
+    if algorithm == LM:
+        return lm.minimise(objective, weights, lm.Options(epochs=epochs), validate)
+    if algorithm == BAYES:
+        options = replace(BAYES_DEFAULTS, epochs=epochs)
+        return minimise_bayesian(objective, weights, len(at), options)
+    if algorithm == CONJUGATE:
+        return scaled_conjugate.minimise_scaled_conjugate(
+            objective, weights, scaled_conjugate.Options(epochs=epochs), validate
+        )
+    descent = gradient.Options(epochs)
+    if job.candidate.rate is not None:
+        descent = replace(descent, rate=job.candidate.rate)
+    return gradient.descend(objective, weights, descent, validate)
+
+
+def _still_falling(outcome: lm.Outcome) -> bool:
+    """Return whether the last tenth of all allowed iterations still lowered the cost by 1 %."""
+    before = outcome.costs[-max(2, len(outcome.costs) // 10)]
+    return outcome.stop == "epochs" and outcome.costs[-1] < 0.99 * before
+
+
+def _by_role(data: Prepared, spec: Spec, predicted: FloatArray) -> dict[str, dict[str, Any]]:
+    result = {}
+    for role in Role:
+        every = rows(data, spec, role)
+        on = every[data.enabled[every]]
+        result[role.name.lower()] = {
+            "all": _measure(data, predicted, every),
+            "enabled": _measure(data, predicted, on),
+        }
+    return result
+
+
+def _measure(data: Prepared, predicted: FloatArray, at: IntArray) -> dict[str, Any]:
+    a, b = data.samples.y[at], predicted[at]
+    if len(at) < 2 or not np.isfinite(b).all():
+        return {"samples": len(at), "r": None, "mse": None}
+    return {
+        "samples": len(at),
+        "r": plain(correlation(a, b)),
+        "mse": plain(float(np.mean((a - b) ** 2))),
+    }
+
+
+def _forgets(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
+    """Return whether two histories give the same prediction after one window of the monitor."""
+    found = contraction(data, spec, weights, CONTRACTION_SEED)
+    share = found.gap / found.limit
+    return {"contraction_gap_over_limit": plain(share), "forgets": bool(share <= 1.0)}
+
+
+def _stuck_share(data: Prepared, spec: Spec, free: FloatArray) -> float:
+    """Return the share of predictions at an end of the range with a measurement elsewhere.
+
+    Elsewhere means farther away than a tenth of the range.
+    """
+    at = rows(data, spec)
+    y, span = data.samples.y[at], spec.y_max - spec.y_min
+    at_end = (free[at] <= spec.y_min) | (free[at] >= spec.y_max)
+    return float(np.mean(at_end & (np.abs(free[at] - y) > 0.1 * span)))
+
+
+def _writable(data: Prepared) -> Prepared:
+    """Return ``data`` with copied arrays, because a cluster sends read-only arrays."""
+    s = data.samples
+    return replace(data, samples=Samples(*(np.array(a) for a in (s.u, s.y, s.weight))))

@@ -1,0 +1,230 @@
+"""Verdicts on the models of the NARX study (overfits, underfits, diverges ...), by stated rules.
+
+Errors are RMSE on enabled samples in scaled units, averaged over the starts. The spread of a model
+is the standard deviation over its starts.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from monitor.base.types import FloatArray
+from training.recordings.preparation import Prepared, Role
+from training.study.narx.candidates import ALGORITHMS
+
+UNDER = 1.25  # times the lowest error, training or one-step validation
+OVER = 1.1  # times the ratio of test to training error of the model with the fewest weights
+DECEIVES = 1.5  # times the lowest free-run error, at a one-step error within UNDER
+SAMPLES_PER_WEIGHT = 10  # with fewer samples per weight every network overfits
+SPREADS = 2.0  # least excess of an overfit, in spreads of the test error
+HARD = 1.5  # largest ratio of test to training error expected of the smallest model
+
+Model = Mapping[str, Any]
+
+
+def rules(iterations: int) -> list[str]:
+    """Return the rules as sentences."""
+    return [
+        f"Underfits: the one-step training error of even the best start is more than {UNDER:g} "
+        "times the lowest mean of all models.",
+        f"Overfits: the one-step test error over the training error is more than {OVER:g} times "
+        "that of the model with the fewest weights (which says how much harder the test blocks "
+        f"are), and the excess is more than {SPREADS:g} spreads of the test error.",
+        f"One-step deceives: the one-step validation error is within {UNDER:g} times the lowest, "
+        f"the free-run one more than {DECEIVES:g} times the lowest.",
+        "Diverges: in free run a start predicts held-out samples worse than their mean does, or "
+        "more than 1 % of its predictions lie at an end of the output's range while the "
+        "measurement does not.",
+        f"Unfinished: the error still fell by 1 % over the last tenth of the {iterations} "
+        "iterations allowed, in at least one start.",
+    ]
+
+
+def errors(model: Model, mode: str, role: str) -> FloatArray:
+    """Return the RMSE of every start, inf for a start without one.
+
+    mode : ``one_step`` or ``free_run``
+    role : ``train``, ``validate`` or ``test``
+    """
+    values = [s[mode][role]["enabled"]["mse"] for s in model["starts"]]
+    return np.array([np.inf if v is None else np.sqrt(v) for v in values])
+
+
+def correlations(model: Model, mode: str, role: str) -> FloatArray:
+    """Return the correlation of every start, NaN for a start without one."""
+    values = [s[mode][role]["enabled"]["r"] for s in model["starts"]]
+    return np.array([np.nan if v is None else v for v in values])
+
+
+def judge(models: Sequence[Model], iterations: int) -> list[dict[str, Any]]:
+    """Return a dict per model: ``labels``, and ``words`` with the numbers behind the labels.
+
+    iterations : largest number of epochs of a training
+    """
+    train = np.array([errors(m, "one_step", "train").mean() for m in models])
+    test = np.array([errors(m, "one_step", "test").mean() for m in models])
+    smallest = int(np.argmin([m["n_weights"] for m in models]))
+    harder = test[smallest] / train[smallest]
+    one_step = [errors(m, "one_step", "validate").min() for m in models]
+    free = [errors(m, "free_run", "validate").min() for m in models]
+    result = []
+    for i, m in enumerate(models):
+        labels, words = [], []
+        least = errors(m, "one_step", "train").min()
+        if least > UNDER * train.min():
+            labels.append("underfits")
+            words.append(f"training error {least / train.min():.2g} times the lowest or more")
+        beyond = test[i] - harder * train[i]
+        if test[i] > OVER * harder * train[i] and beyond > SPREADS * _std(
+            errors(m, "one_step", "test")
+        ):
+            labels.append("overfits")
+            words.append(
+                f"test error {test[i] / train[i]:.2f} times the training error, "
+                f"{harder:.2f} times for the smallest model"
+            )
+        diverged = sum(s["diverged"] for s in m["starts"])
+        if diverged:
+            labels.append("diverges")
+            words.append(f"{diverged} of {len(m['starts'])} starts diverge in free run")
+        elif one_step[i] <= UNDER * min(one_step) and free[i] > DECEIVES * min(free):
+            labels.append("one-step deceives")
+            words.append(
+                f"one-step error {one_step[i] / min(one_step):.2f} times the lowest, "
+                f"free-run error {free[i] / min(free):.2f} times"
+            )
+        if any(s["unfinished"] for s in m["starts"]):
+            labels.append("unfinished")
+            words.append(f"the error still fell after {iterations} iterations")
+        result.append({"labels": labels, "words": "; ".join(words)})
+    return result
+
+
+def findings(result: Mapping[str, Any]) -> list[str]:
+    """Return the findings of the study as sentences, from the result of ``narx_study``."""
+    once = [m for m in result["models"] if m["same_as"] is None]
+    return [
+        *_fitting(once),
+        *_algorithms(once),
+        *_effective_weights(once),
+        *_one_step_against_free(once),
+        *_tuning(result["tuned"]),
+    ]
+
+
+def warnings(given: Prepared, data: Prepared, models: Sequence[Model]) -> list[str]:
+    """Return warnings about the table of models as sentences.
+
+    given : all samples
+    data : the samples that the study used
+    """
+    n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
+    large = [m for m in models if n < SAMPLES_PER_WEIGHT * m["n_weights"]]
+    result = []
+    if large:
+        result.append(
+            f"{len(large)} of {len(models)} models have more than one weight per "
+            f"{SAMPLES_PER_WEIGHT} of the {n} training samples: expect them to overfit"
+        )
+    if data.enabled.mean() > given.enabled.mean() + 0.01:
+        result.append("hardly a sample is enabled: figures are over all samples instead")
+    diverged = sum(s["diverged"] for m in models if m["same_as"] is None for s in m["starts"])
+    if diverged:
+        result.append(f"{diverged} trainings diverge in free run; the table says which")
+    return result
+
+
+def _fitting(models: Sequence[Model]) -> list[str]:
+    n = len(models)
+    count = {
+        label: [m["number"] for m in models if label in m["verdict"]["labels"]]
+        for label in ("underfits", "overfits", "diverges")
+    }
+    sentences = [
+        f"{len(numbers)} of {n} different trainings {label.removesuffix('s')} by the rules below "
+        f"(models {_list(numbers)})."
+        if numbers
+        else f"None of {n} different trainings {label.removesuffix('s')}s by the rules below."
+        for label, numbers in count.items()
+    ]
+    small = min(models, key=lambda m: m["n_weights"])
+    ratio = errors(small, "one_step", "test").mean() / errors(small, "one_step", "train").mean()
+    if ratio > HARD:
+        sentences.append(
+            f"Even the smallest model's test error is {ratio:.2f} times its training error: the "
+            "test blocks are harder than the training blocks, or the record is too short for any "
+            "of these networks."
+        )
+    return sentences
+
+
+def _algorithms(models: Sequence[Model]) -> list[str]:
+    parts = []
+    for algorithm, words in ALGORITHMS.items():
+        own = [m for m in models if m["algorithm"] == algorithm]
+        if own:
+            one = np.median([errors(m, "one_step", "validate").min() for m in own])
+            free = np.median([errors(m, "free_run", "validate").min() for m in own])
+            parts.append(f"{words} {one:.3g} one-step and {free:.3g} in free run")
+    return [f"Median validation RMSE of the best starts by algorithm: {'; '.join(parts)}."]
+
+
+def _effective_weights(models: Sequence[Model]) -> list[str]:
+    parts = [
+        f"{used:.0f} of the {m['n_weights']} weights of model {m['number']}"
+        for m in models
+        if (used := _median_or_none(s["effective_weights"] for s in m["starts"])) is not None
+    ]
+    return [f"Bayesian regularisation makes use of {', '.join(parts)}."] if parts else []
+
+
+def _median_or_none(values: Iterable[float | None]) -> float | None:
+    known = [v for v in values if v is not None]
+    return float(np.median(known)) if known else None
+
+
+def _one_step_against_free(models: Sequence[Model]) -> list[str]:
+    one = np.concatenate([errors(m, "one_step", "validate") for m in models])
+    free = np.concatenate([errors(m, "free_run", "validate") for m in models])
+    good = np.isfinite(one) & np.isfinite(free)
+    if good.sum() < 3 or np.ptp(one[good]) == 0 or np.ptp(free[good]) == 0:
+        return []
+    rank = float(spearmanr(one[good], free[good]).statistic)
+    near = good & (one <= UNDER * one[good].min())
+    return [
+        f"Over all starts the one-step and the free-run validation error have a rank correlation "
+        f"of {rank:.2f}. Among the {int(near.sum())} starts whose one-step error is within "
+        f"{UNDER:g} times the lowest, the free-run error varies by a factor of "
+        f"{free[near].max() / free[near].min():.1f}."
+    ]
+
+
+def _tuning(tuned: Sequence[Model]) -> list[str]:
+    if not tuned:
+        return []
+    gains = [
+        _rmse(t["before"], "test") / _rmse(t["after"], "test")
+        for t in tuned
+        if _rmse(t["before"], "test") and _rmse(t["after"], "test")
+    ]
+    if not gains:
+        return []
+    return [
+        f"Tuning in closed loop divided the free-run test RMSE of the best {len(gains)} models by "
+        f"{min(gains):.2f} to {max(gains):.2f} (median {float(np.median(gains)):.2f})."
+    ]
+
+
+def _rmse(figures: Model, role: str) -> float:
+    mse = figures["free_run"][role]["enabled"]["mse"]
+    return 0.0 if mse is None else float(np.sqrt(mse))
+
+
+def _std(values: FloatArray) -> float:
+    return float(values.std(ddof=1)) if len(values) > 1 and np.isfinite(values).all() else 0.0
+
+
+def _list(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers))

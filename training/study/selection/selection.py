@@ -1,0 +1,214 @@
+"""Part 2 of the study: inputs of the model, their reasons, and the error of other input sets."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from monitor.base.errors import RecordingError, UsageError
+from monitor.base.manifest import source_of
+from monitor.base.types import FloatArray
+from training.limits.data_check.measures import variance_inflation
+from training.recordings.augmentation import CONTROLLER
+from training.recordings.linear_data import cleaned, output_transform
+from training.recordings.recording import Recording
+from training.recordings.rows import runs
+from training.study.selection.input_sets import (
+    NEGLIGIBLE,
+    InputSet,
+    Tried,
+    aligned,
+    difference,
+    figures,
+    scored_rows,
+    try_sets,
+)
+from training.study.selection.pca import pca
+from training.study.selection.transparency import transparency
+
+__all__ = ["CANDIDATES", "candidates", "selection"]
+
+REASONS = {
+    "vehicle_speed_km_h": "engine speed and gear; its effect on the mixture goes through the "
+    "engine's air, fuel and speed",
+    "engine_speed_rpm": "sets delay and flow together with the air mass; MAF is their product",
+    "engine_torque_nm": "computed by the ECU from air mass and speed: nothing of its own",
+    "air_mass_mg": "numerator of the air-fuel ratio",
+    "fuel_mass_mg": "denominator of the air-fuel ratio, with every correction the ECU makes",
+    "manifold_temperature_degc": "density of the charge and evaporation of the fuel film",
+    "manifold_pressure_kpa": "filling, and the pressure that purge and exhaust gas act against",
+    "throttle_percent": "acts on the mixture through the manifold pressure, which is measured",
+    "maf_kg_h": "exhaust flow: transport delay and mixing depend on it",
+    "rail_pressure_mpa": "what the injectors deliver for a commanded fuel mass",
+    CONTROLLER: "the correction in the mixture; but it is made from the measured lambda",
+}
+CANDIDATES = tuple(REASONS)
+MOST_LEFT_OUT = 8  # with at most so many inputs, every input is left out in turn
+LAG_SPAN = 20  # largest lag, in samples, of an input's correlation with the output
+CHOSEN, ALL, WITHOUT, EXACT = (
+    "chosen",
+    "all candidates",
+    "without the controller",
+    "controller exact",
+)
+
+
+def candidates(
+    recordings: Sequence[Recording], inputs: Sequence[str], output: str
+) -> tuple[str, ...]:
+    """Return the candidate inputs.
+
+    They are the paper's eleven candidates if the recordings have all of them and ``inputs`` are
+    among them, else ``inputs``. Without ``inputs`` they are all columns except the output.
+    Raises UsageError if no candidate is left.
+    """
+    common = [n for n in recordings[0].names if all(n in r.names for r in recordings)]
+    if not inputs:
+        names = tuple(n for n in common if n != output)
+    elif set(CANDIDATES) <= set(common) and set(inputs) <= set(CANDIDATES):
+        names = CANDIDATES
+    else:
+        names = tuple(inputs)
+    if not names:
+        raise UsageError(f"no input but the output {output}")
+    return names
+
+
+def selection(
+    recordings: Sequence[Recording],
+    inputs: Sequence[str],
+    output: str,
+    *,
+    seed: int = 0,
+    budget_minutes: float = 4.0,
+) -> dict[str, Any]:
+    """Return principal components, a reason for every candidate, and free runs of input sets.
+
+    budget_minutes : for all trainings together
+    Raises RecordingError or UsageError if a signal is missing or constant, or if recordings or
+    budget are too short.
+    """
+    names = candidates(recordings, inputs, output)
+    chosen = tuple(inputs) or names
+    parts = _stretches(recordings, names, output)
+    result: dict[str, Any] = {
+        "output": output,
+        "transform": output_transform(output),
+        "candidates": list(names),
+        "chosen": list(chosen),
+        "simulated": sum(source_of(r.path, r.sha256) == "simulated" for r in recordings),
+        "recordings": len(recordings),
+        "pca": pca([(t, v[:, :-1]) for t, v in parts], names),
+    }
+    result["variables"] = _variables(parts, names, chosen, result["pca"])
+    sets = _sets(names, chosen, output_transform(output))
+    same = aligned(recordings, names)
+    tried = try_sets(same, sets, output, seed=seed, budget_minutes=budget_minutes)
+    if any(not np.isfinite(t.starts[t.best].score) for t in tried):
+        raise UsageError(f"the budget of {budget_minutes:g} min is too short for {len(sets)} sets")
+    rows = scored_rows(tried)
+    result["sets"] = [figures(t, rows) for t in tried]
+    result["comparisons"] = _comparisons(tried, rows, seed)
+    result["transparency"] = None
+    if CONTROLLER in chosen and result["transform"] == "phi":
+        with_it = [t for t in tried if t.set.name in (CHOSEN, EXACT, WITHOUT)]
+        result["transparency"] = transparency(same, with_it, output)
+    return result
+
+
+def _sets(names: tuple[str, ...], chosen: tuple[str, ...], transform: str) -> list[InputSet]:
+    sets = [InputSet(CHOSEN, chosen)]
+    if set(names) != set(chosen):
+        sets.append(InputSet(ALL, names))
+    if CONTROLLER in chosen and transform == "phi" and len(chosen) > 1:
+        sets.append(InputSet(WITHOUT, tuple(n for n in chosen if n != CONTROLLER)))
+        sets.append(InputSet(EXACT, chosen, exact=True))
+    if len(sets) == 1 and 1 < len(chosen) <= MOST_LEFT_OUT:
+        sets += [InputSet(f"without {n}", tuple(m for m in chosen if m != n)) for n in chosen]
+    return sets
+
+
+def _stretches(
+    recordings: Sequence[Recording], names: Sequence[str], output: str
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return stretches of valid samples: time in s through all drives, candidates and output."""
+    parts, begin_s = [], 0.0
+    for recording in recordings:
+        values = cleaned(recording, (*names, output), output_transform(output))
+        good = np.asarray(np.isfinite(values).all(axis=1))
+        parts += [(begin_s + recording.t_s[a:b], values[a:b]) for a, b in runs(good)]
+        begin_s += len(recording.t_s) * recording.period_ns / 1e9
+    if sum(len(t) for t, _ in parts) <= 10 * (len(names) + 1):
+        files = ", ".join(str(r.path) for r in recordings)
+        raise RecordingError(f"{files}: hardly a sample has {', '.join(names)} and {output} valid")
+    spread = np.concatenate([v for _, v in parts]).std(axis=0)
+    for name, value in zip((*names, output), spread, strict=True):
+        if value <= 1e-12:
+            files = ", ".join(str(r.path) for r in recordings)
+            raise RecordingError(f"{files}: {name} is constant; leave it out")
+    return parts
+
+
+def _variables(
+    parts: Sequence[tuple[FloatArray, FloatArray]],
+    names: Sequence[str],
+    chosen: Sequence[str],
+    components: dict[str, Any],
+) -> list[dict[str, Any]]:
+    """Return correlation with the output, redundancy, loading and reason of every candidate."""
+    values = np.concatenate([v for _, v in parts])
+    among_all = variance_inflation(values[:, :-1])
+    own = [i for i, n in enumerate(names) if n in chosen]
+    among_chosen = dict(zip(own, variance_inflation(values[:, own]), strict=True))
+    loadings = np.array(components["loadings"])[:, : components["kept"]]
+    rows = []
+    for i, name in enumerate(names):
+        r, lag = _correlation([v[:, i] for _, v in parts], [v[:, -1] for _, v in parts])
+        component = int(np.abs(loadings[i]).argmax())
+        rows.append(
+            {
+                "name": name,
+                "chosen": name in chosen,
+                "correlation": r,
+                "lag": lag,
+                "inflation": float(among_all[i]),
+                "inflation_chosen": float(among_chosen[i]) if i in among_chosen else None,
+                "component": component + 1,
+                "loading": float(loadings[i, component]),
+                "reason": REASONS.get(name, ""),
+            }
+        )
+    return rows
+
+
+def _correlation(u: Sequence[FloatArray], y: Sequence[FloatArray]) -> tuple[float, int]:
+    """Return the largest correlation of the output with the earlier input and the lag."""
+    best = (0.0, 0)
+    for lag in range(LAG_SPAN + 1):
+        pairs = [(a[: len(a) - lag], b[lag:]) for a, b in zip(u, y, strict=True) if len(a) > lag]
+        a, b = (np.concatenate(each) for each in zip(*pairs, strict=True))
+        scale = float(a.std() * b.std())
+        r = float(((a - a.mean()) * (b - b.mean())).mean()) / scale if scale > 0 else 0.0
+        if abs(r) > abs(best[0]):
+            best = (r, lag)
+    return best
+
+
+def _comparisons(tried: Sequence[Tried], rows: np.ndarray, seed: int) -> list[dict[str, Any]]:
+    """Return the comparisons of the other input sets with the chosen set, with a verdict."""
+    ours = figures(tried[0], rows)["rmse_of_starts"]
+    result = []
+    for other in tried[1:]:
+        found = difference(other, tried[0], rows, seed)
+        theirs = figures(other, rows)["rmse_of_starts"]
+        low, high, margin = found["low"], found["high"], NEGLIGIBLE * found["rmse"]
+        if low > -margin and high < margin:
+            verdict = "as good"
+        elif low > 0.0 and min(theirs) > max(ours):
+            verdict = "worse"
+        elif high < 0.0 and max(theirs) < min(ours):
+            verdict = "better"
+        else:
+            verdict = "not told apart"
+        result.append({"name": other.set.name, **found, "verdict": verdict})
+    return result

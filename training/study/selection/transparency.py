@@ -1,0 +1,202 @@
+"""How much of a sensor fault reaches the prediction through lambda_controller.
+
+The controller computes its output from the measured lambda. A network with this input may predict
+the faulty reading, so that the fault hides itself. A drive with the fault in the control loop does
+not show how much, because the fault also changes the mixture.
+
+So the controller's law is estimated from the recordings: its increment as a function of measured
+and commanded mixture, present and past. The law and the estimated dead time of the loop give the
+controller's answer to a faulty reading. This answer is added to the network's input; all other
+inputs stay unchanged, as if the true mixture did not change.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import linalg, signal
+
+from monitor.base.fault_streams import SensorFault
+from monitor.base.faults import resolve
+from monitor.base.types import FloatArray
+from monitor.model.step import from_model_units, to_model_units
+from training.narx.network import simulate
+from training.narx.stages import measured_history
+from training.recordings.augmentation import CONTROLLER
+from training.recordings.metrics import correlation
+from training.recordings.preparation import Role, enabled_rows
+from training.recordings.recording import Recording
+from training.recordings.rows import runs
+from training.study.selection.input_sets import Tried, exact_inputs
+
+COMMAND = "lambda_target"
+TAPS = 5  # past samples of the mixture in the controller's law
+MOST_DEAD_TIME = 20  # samples
+LIMIT_PERCENTILE = 99.0  # of the distance of readings from their median, for Controller.limit
+SHORTEST = 100  # least samples of a closed-loop stretch
+# Faults with their severities, in s or as gain.
+FAULTS = (("slow_symmetric", 0.6), ("delay_symmetric", 0.6), ("gain_low", 0.5))
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """Law of the lambda controller, without its commanded part.
+
+    increment(t) = own · increment(t-1) + measured · phi(t..t-5) + commanded · phi(t..t-5)
+    """
+
+    own: float
+    measured: FloatArray  # (TAPS + 1,)
+    dead_time: int  # samples from the command to the reading
+    limit: float  # phi; larger deviations of a reading do not occur in closed loop and are clipped
+    explained: float  # correlation of increments with the law's, on the last third of the samples
+
+    @property
+    def loop(self) -> FloatArray:
+        """Denominator of the closed loop; the reading follows the controller with gain 1."""
+        law = np.convolve([1.0, -1.0], [1.0, -self.own])
+        answer = np.concatenate([np.zeros(self.dead_time), self.measured])
+        size = max(len(law), len(answer))
+        return np.pad(law, (0, size - len(law))) - np.pad(answer, (0, size - len(answer)))
+
+    @property
+    def stable(self) -> bool:
+        """Whether the estimated loop is stable, like a real one."""
+        return bool(np.abs(np.roots(self.loop)).max() < 1.0)
+
+    def response(self, change: FloatArray, closed: np.ndarray) -> FloatArray:
+        """Return the controller's answer (n,) to a change of the reading.
+
+        change : (n,) in phi
+        closed : (n,) bool, samples in closed loop; the answer is 0 elsewhere
+        """
+        added = np.zeros(len(change))
+        for a, b in runs(closed):
+            seen = np.clip(change[a:b], -self.limit, self.limit)
+            added[a:b] = signal.lfilter(self.measured, self.loop, seen)
+        return added
+
+
+def estimate_controller(recordings: Sequence[Recording], output: str) -> Controller | None:
+    """Return the controller's law, fitted by least squares.
+
+    Return None if there is too little closed loop or if the fitted loop is unstable.
+    """
+    parts = []
+    for r in recordings:
+        names = [CONTROLLER, output] + ([COMMAND] if COMMAND in r.names else [])
+        values = np.column_stack([r.column(n) for n in names])
+        values[:, 1:] = to_model_units("phi", values[:, 1:])
+        good = np.isfinite(values).all(axis=1) & enabled_rows(r)
+        parts += [values[a:b] for a, b in runs(good) if b - a >= SHORTEST]
+    if not parts or len({v.shape[1] for v in parts}) > 1:
+        return None
+    rows = np.concatenate([_regression(v) for v in parts])
+    cut = 2 * len(rows) // 3
+    coefficients = linalg.lstsq(rows[:cut, 1:], rows[:cut, 0])[0]
+    phi = np.concatenate([v[:, 1] for v in parts])
+    law = Controller(
+        float(np.clip(coefficients[0], -0.98, 0.98)),
+        coefficients[1 : TAPS + 2],
+        _dead_time(parts),
+        float(np.percentile(np.abs(phi - np.median(phi)), LIMIT_PERCENTILE)),
+        correlation(rows[cut:, 0], rows[cut:, 1:] @ coefficients),
+    )
+    return law if law.stable else None
+
+
+def _dead_time(parts: Sequence[FloatArray]) -> int:
+    """Return the lag in samples at which the reading correlates best with the command.
+
+    Without a command among the signals the longest lag of the law is returned.
+    """
+    if parts[0].shape[1] < 3:
+        return TAPS
+    found = [
+        correlation(
+            np.concatenate([v[: len(v) - lag, 2] for v in parts]),
+            np.concatenate([v[lag:, 1] for v in parts]),
+        )
+        for lag in range(MOST_DEAD_TIME + 1)
+    ]
+    return int(np.argmax(found))
+
+
+def _regression(values: FloatArray) -> FloatArray:
+    """Return the rows of the regression: increment, previous increment, mixture taps, constant."""
+    increment = np.diff(values[:, 0])
+    n = len(increment)
+    taps = [values[TAPS + 1 - j : len(values) - j, 1:] for j in range(TAPS + 1)]
+    by_signal = np.stack(taps, axis=1).transpose(0, 2, 1).reshape(n - TAPS, -1)
+    return np.column_stack(
+        [increment[TAPS:], increment[TAPS - 1 : -1], by_signal, np.ones(n - TAPS)]
+    )
+
+
+def transparency(
+    recordings: Sequence[Recording], tried: Sequence[Tried], output: str
+) -> dict[str, Any]:
+    """Return the part of every fault that reaches the prediction, for all input sets.
+
+    Scored are the enabled test samples at which the fault changes the reading by at most
+    ``Controller.limit``. Keys of an entry:
+
+    gain : least-squares slope of the prediction's change over the reading's change; 0 if the
+        prediction ignores the fault, 1 if it follows the fault
+    share : RMS of the prediction's change over RMS of the reading's change
+    seen : RMS of the residual's change over RMS of the reading's change; 1 if the controller is
+        not an input
+
+    ``controller`` is None, and ``reach`` empty, if no law can be estimated.
+    """
+    law = estimate_controller(recordings, output)
+    if law is None:
+        return {"controller": None, "reach": []}
+    reach = []
+    for name, severity in FAULTS:
+        for each in tried:
+            found = _reach(each, law, name, severity)
+            reach.append({"fault": name, "severity": severity, "set": each.set.name, **found})
+    found = {"explained": law.explained, "dead_time": law.dead_time}
+    return {"controller": found, "reach": reach}
+
+
+def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> Mapping[str, float]:
+    data, spec = tried.data, tried.spec
+    names = [c.name for c in data.inputs]
+    phi = data.scaling.unscale_y(data.samples.y)
+    change, extra = np.zeros(len(phi)), np.zeros(len(phi))
+    for s in data.segments:
+        rows = slice(s.start, s.stop)
+        sensor = SensorFault(resolve(fault, severity), data.period_ns / 1e9)
+        read = np.array(sensor.apply(from_model_units("phi", phi[rows])))
+        change[rows] = to_model_units("phi", read) - phi[rows]
+        extra[rows] = law.response(change[rows], data.enabled[rows])
+    u = exact_inputs(data)
+    moved = u
+    if CONTROLLER in names:
+        i = names.index(CONTROLLER)
+        scale = data.scaling
+        moved = u.copy()
+        at = u[:, i] * scale.u_std[i] + scale.u_mean[i] + extra
+        at = np.clip(at, scale.u_low[i], scale.u_high[i])
+        moved[:, i] = (at - scale.u_mean[i]) / scale.u_std[i]
+    start = np.array([s.start + spec.lags for s in data.segments], dtype=np.int64)
+    stop = np.array([s.stop for s in data.segments], dtype=np.int64)
+    history = measured_history(data, spec.lags, start)
+    weights = tried.starts[tried.best].weights
+    runs_of = [
+        simulate(spec, weights, u=each, start=start, stop=stop, history=history)
+        for each in (u, moved)
+    ]
+    answer = (runs_of[1] - runs_of[0]) * data.scaling.y_std
+    rows = (data.role == Role.TEST) & data.enabled & np.isfinite(answer)
+    rows &= np.abs(change) <= law.limit  # the error of a slow sensor after a fuel cut is larger
+    c, a = change[rows], answer[rows]
+    size = float(np.sqrt(np.mean(c**2)))
+    return {
+        "gain": float(a @ c / (c @ c)),
+        "share": float(np.sqrt(np.mean(a**2))) / size,
+        "seen": float(np.sqrt(np.mean((c - a) ** 2))) / size,
+    }
