@@ -32,20 +32,3 @@ class Attachment(Protocol):
 
     def close(self) -> None:
         """Release its resources."""
-
-
-def filters(
-    attachments: Iterable[Attachment],
-) -> tuple[set[tuple[int, bool]], set[tuple[int, int]]]:
-    """Return the frames to receive: identifiers, and bits of 29-bit identifiers with their mask.
-
-    An attachment with very many identifiers has ``groups``, because a socket has few filters.
-    """
-    identifiers: set[tuple[int, bool]] = set()
-    groups: set[tuple[int, int]] = set()
-    for attachment in attachments:
-        own = getattr(attachment, "groups", ())
-        groups.update(own)
-        if not own:
-            identifiers.update(attachment.identifiers)
-    return identifiers, groups

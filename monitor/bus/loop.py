@@ -16,7 +16,7 @@ import can
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, Quality
-from monitor.bus.attachment import Attachment, filters
+from monitor.bus.attachment import Attachment
 from monitor.bus.ending import ended_by_signals
 from monitor.bus.judging import Judging
 from monitor.bus.link.clock import Clock
@@ -101,8 +101,8 @@ class Loop:
             stack.callback(self._close)
             if self._record_path is None:
                 decoder = self.pipeline.decoder
-                own, groups = filters(self.attachments)
-                self._port.set_filters({*decoder.identifiers, *own}, {*decoder.groups, *groups})
+                own = (i for attachment in self.attachments for i in attachment.identifiers)
+                self._port.set_filters({*decoder.identifiers, *own}, decoder.groups)
             else:
                 self._recorder = Recorder(self._record_path)
             receive, clock = self._port.receive, self.clock

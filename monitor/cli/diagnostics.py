@@ -1,4 +1,4 @@
-"""Options of ``o2mon run`` that answer diagnostic testers on ISO-TP and J1939."""
+"""Options of ``o2mon run`` that answer diagnostic testers on ISO-TP."""
 
 import argparse
 from collections.abc import Callable
@@ -32,12 +32,6 @@ def add_diagnostics(parser: argparse.ArgumentParser) -> None:
         help="before a tester may clear codes, it must answer a random seed with the key of this "
         "function (UDS 0x27); also the name of an entry point",
     )
-    parser.add_argument(
-        "--j1939",
-        metavar="HEX",
-        help="on a truck's bus: source address under which active codes are sent (DM1) and "
-        "requests for DM2 and DM3 are answered; needs --transmit",
-    )
     parser.add_argument("--vin", help="vehicle identification number that testers read")
     parser.add_argument(
         "--obd-on-uds",
@@ -63,20 +57,9 @@ def diagnostics(
     asked = args.diagnostics_id not in (None, _NONE)
     if not args.transmit:
         only = args.vin, args.clear_while_running, args.security_key, args.obd_on_uds
-        if asked or args.j1939 or any(only):
+        if asked or any(only):
             raise UsageError("diagnostics answers only with --transmit")
         return []
-    return [*_on_isotp(args, setup, loop, tell, asked=asked), *_on_j1939(args, setup, loop, tell)]
-
-
-def _on_isotp(
-    args: argparse.Namespace,
-    setup: "Setup",
-    loop: "Loop",
-    tell: Callable[[str], None],
-    *,
-    asked: bool,
-) -> "list[Attachment]":
     if args.diagnostics_id == _NONE:
         return []
     if find_spec("isotp") is None:
@@ -88,16 +71,6 @@ def _on_isotp(
 
     address = Address.parse(args.diagnostics_id or DEFAULT_RESPONSE_ID)
     return [Diagnostics(_state(args, setup, loop), address)]
-
-
-def _on_j1939(
-    args: argparse.Namespace, setup: "Setup", loop: "Loop", tell: Callable[[str], None]
-) -> "list[Attachment]":
-    if args.j1939 is None:
-        return []
-    from monitor.bus.j1939.node import Node, address
-
-    return [Node(_state(args, setup, loop), address(args.j1939), tell)]
 
 
 def _state(args: argparse.Namespace, setup: "Setup", loop: "Loop") -> "State":
