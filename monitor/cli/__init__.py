@@ -21,7 +21,7 @@ def _parser(arguments: Sequence[str] | None) -> argparse.ArgumentParser:
     The options of a bus come from python-can, whose import takes longer than all the rest.
     """
     from monitor import __version__
-    from monitor.cli import check, dtc, inject, odx, replay, run
+    from monitor.cli import check, dtc, inject, replay, run
     from monitor.cli import map as map_
 
     parser = argparse.ArgumentParser(
@@ -39,7 +39,6 @@ def _parser(arguments: Sequence[str] | None) -> argparse.ArgumentParser:
         "inject": inject,
         "dtc": dtc,
         "map": map_,
-        "odx": odx,
     }.items():
         if arguments is None or name == named:
             command.add(commands)
