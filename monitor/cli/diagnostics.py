@@ -26,12 +26,6 @@ def add_diagnostics(parser: argparse.ArgumentParser) -> None:
         help="identifier of the answers to testers: 7E9 to 7EF, 18DAF1xx, or none "
         "(default: 7E9; needs --transmit)",
     )
-    parser.add_argument(
-        "--security-key",
-        metavar="MODULE:FUNCTION",
-        help="before a tester may clear codes, it must answer a random seed with the key of this "
-        "function (UDS 0x27); also the name of an entry point",
-    )
     parser.add_argument("--vin", help="vehicle identification number that testers read")
     parser.add_argument(
         "--obd-on-uds",
@@ -56,7 +50,7 @@ def diagnostics(
     """
     asked = args.diagnostics_id not in (None, _NONE)
     if not args.transmit:
-        only = args.vin, args.clear_while_running, args.security_key, args.obd_on_uds
+        only = args.vin, args.clear_while_running, args.obd_on_uds
         if asked or any(only):
             raise UsageError("diagnostics answers only with --transmit")
         return []
@@ -75,11 +69,10 @@ def diagnostics(
 
 def _state(args: argparse.Namespace, setup: "Setup", loop: "Loop") -> "State":
     from monitor import __version__
-    from monitor.bus.diagnostics.security import KeyAccess, key_of
     from monitor.bus.diagnostics.state import Identity, State
 
     monitor, config = loop.pipeline.monitor, setup.config
-    state = State(
+    return State(
         store=monitor.store,
         identity=Identity(
             model_name=setup.model_path.name,
@@ -96,6 +89,3 @@ def _state(args: argparse.Namespace, setup: "Setup", loop: "Loop") -> "State":
         is_obd_on_uds=args.obd_on_uds,
         prefailed=monitor.prefailed,
     )
-    if args.security_key:
-        state.access = KeyAccess(key_of(args.security_key))
-    return state

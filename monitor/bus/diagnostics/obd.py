@@ -122,8 +122,6 @@ def _permanent(request: bytes, state: State) -> bytes:
 def _clear(request: bytes, state: State) -> bytes:
     """Answer service $04."""
     _check_alone(request)
-    if not state.access.is_open:  # SAE J1979 has no answer of its own for it
-        raise RefusedError(CONDITIONS_NOT_CORRECT)
     state.check_may_clear()
     try:
         state.clear()

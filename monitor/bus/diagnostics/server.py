@@ -131,8 +131,7 @@ class Diagnostics:
             self.state.ignored_frames += 1
             return
         if now_s >= self._session_ends_s:
-            self.state.enter(DEFAULT_SESSION)
-        self.state.now_s = now_s
+            self.state.session = DEFAULT_SESSION
         if takes_long(request, self.state):
             self._pending = request, is_functional
             self._transport.send(pending(request))

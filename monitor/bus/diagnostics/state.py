@@ -3,8 +3,8 @@
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Final, Protocol
+from dataclasses import dataclass
+from typing import Final
 
 from monitor.base.errors import UsageError
 from monitor.memory.dtc_store import DtcStore
@@ -47,26 +47,6 @@ class Identity:
         return f"{ascii_stem[:7]}-{self.model_sha256[:8]}"
 
 
-class Access(Protocol):
-    """Whether a tester may change anything; see ``security``."""
-
-    @property
-    def is_open(self) -> bool:
-        """Return whether it may."""
-
-    def lock(self) -> None:
-        """End the access with the session."""
-
-
-class Everybody:
-    """Access without a key."""
-
-    is_open: Final = True
-
-    def lock(self) -> None:
-        """Change nothing."""
-
-
 @dataclass(slots=True)
 class State:
     """Everything that an answer depends on.
@@ -85,9 +65,7 @@ class State:
     clear_while_running: bool = False
     is_obd_on_uds: bool = False  # scan tools are to speak SAE J1979-2
     prefailed: Callable[[], Mapping[str, int]] = dict  # code: counter of its test towards a failure
-    access: Access = field(default_factory=Everybody)
     session: int = DEFAULT_SESSION
-    now_s: float = 0.0  # of the loop's clock, at the latest request
     tick: Tick | None = None
     window: WindowJudged | None = None
     samples: int = 0
@@ -95,11 +73,6 @@ class State:
     windows: int = 0
     ignored_frames: int = 0  # frames over the accepted rate, or without a request
     failed_transfers: int = 0  # transfers of several frames that failed
-
-    def enter(self, session: int) -> None:
-        """Begin a session; access ends with the one before."""
-        self.session = session
-        self.access.lock()
 
     def push(self, event: Event) -> None:
         """Keep the latest sample and window, and count them."""

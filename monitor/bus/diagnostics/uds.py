@@ -1,4 +1,4 @@
-"""Unified diagnostic services of ISO 14229-1: 0x10, 0x14, 0x19, 0x22, 0x27 and 0x3E."""
+"""Unified diagnostic services of ISO 14229-1: 0x10, 0x14, 0x19, 0x22 and 0x3E."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -8,7 +8,6 @@ from monitor.bus.diagnostics.identifiers import IDENTIFIERS
 from monitor.bus.diagnostics.obd import POSITIVE
 from monitor.bus.diagnostics.obd_on_uds import OBD_DATA
 from monitor.bus.diagnostics.reports import OUT_OF_RANGE, REPORTS
-from monitor.bus.diagnostics.security import DENIED, security_access
 from monitor.bus.diagnostics.state import DEFAULT_SESSION, EXTENDED_SESSION, RefusedError, State
 
 SUBFUNCTION_NOT_SUPPORTED: Final = 0x12
@@ -29,7 +28,7 @@ def _session(request: bytes, state: State) -> bytes | None:
     subfunction, is_silent = _subfunction(request, 2)
     if subfunction not in (DEFAULT_SESSION, EXTENDED_SESSION):
         raise RefusedError(SUBFUNCTION_NOT_SUPPORTED)
-    state.enter(subfunction)
+    state.session = subfunction
     return None if is_silent else bytes((request[0] + POSITIVE, subfunction)) + TIMING
 
 
@@ -50,8 +49,6 @@ def _clear(request: bytes, state: State) -> bytes:
     is_obd = state.is_obd_on_uds and request[1:] == OBD_GROUP
     if state.session != EXTENDED_SESSION and not is_obd:
         raise RefusedError(SERVICE_NOT_IN_SESSION)
-    if not state.access.is_open:
-        raise RefusedError(DENIED)
     _check_length(request, 4)
     if int.from_bytes(request[1:], "big") not in GROUPS:
         raise RefusedError(OUT_OF_RANGE)
@@ -116,6 +113,5 @@ SERVICES: Final[Mapping[int, Callable[[bytes, State], bytes | None]]] = {
     0x14: _clear,
     0x19: _codes,
     0x22: _read,
-    0x27: security_access,
     0x3E: _tester_present,
 }
