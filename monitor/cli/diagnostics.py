@@ -28,12 +28,6 @@ def add_diagnostics(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--vin", help="vehicle identification number that testers read")
     parser.add_argument(
-        "--obd-on-uds",
-        action="store_true",
-        help="tell scan tools to speak SAE J1979-2 (OBDonUDS) instead of J1979; only where every "
-        "control unit of the bus does",
-    )
-    parser.add_argument(
         "--clear-while-running",
         action="store_true",
         help="let testers clear codes while the engine runs or its speed is unknown",
@@ -50,8 +44,7 @@ def diagnostics(
     """
     asked = args.diagnostics_id not in (None, _NONE)
     if not args.transmit:
-        only = args.vin, args.clear_while_running, args.obd_on_uds
-        if asked or any(only):
+        if asked or args.vin or args.clear_while_running:
             raise UsageError("diagnostics answers only with --transmit")
         return []
     if args.diagnostics_id == _NONE:
@@ -86,6 +79,5 @@ def _state(args: argparse.Namespace, setup: "Setup", loop: "Loop") -> "State":
         output=monitor.output,
         running_rpm=config.plausibility.engine_running_rpm,
         clear_while_running=args.clear_while_running,
-        is_obd_on_uds=args.obd_on_uds,
         prefailed=monitor.prefailed,
     )

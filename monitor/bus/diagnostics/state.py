@@ -63,7 +63,6 @@ class State:
     output: str
     running_rpm: float
     clear_while_running: bool = False
-    is_obd_on_uds: bool = False  # scan tools are to speak SAE J1979-2
     prefailed: Callable[[], Mapping[str, int]] = dict  # code: counter of its test towards a failure
     session: int = DEFAULT_SESSION
     tick: Tick | None = None

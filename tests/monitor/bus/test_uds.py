@@ -108,7 +108,7 @@ def test_a_snapshot_holds_the_freeze_frame_as_parameters() -> None:
 
 
 def test_extended_data_counts_failing_healing_and_ageing() -> None:
-    everything = "01 02 02 00 03 00 04 01 05 00 03 00 05 91 00 03 00 05"
+    everything = "01 02 02 00 03 00 04 01 05 00 03 00 05"
     assert ask("19 06 01 33 00 FF") == f"59 06 01 33 00 8d {everything}"
     assert ask("19 06 21 95 00 03") == "59 06 21 95 00 04 03 03"
     assert ask("19 06 21 95 00 06") == "7f 19 31"

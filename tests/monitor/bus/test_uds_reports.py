@@ -1,11 +1,11 @@
-"""SAE J1979-2 (OBDonUDS): requests of udsoncan, answers without a bus."""
+"""Reports of UDS 0x19 and parameters of 0x22: requests of udsoncan, answers without a bus."""
 
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
-from udsoncan import Dtc, Response
+from udsoncan import Response
 from udsoncan.services import ReadDTCInformation
 
 from monitor.base import config
@@ -19,22 +19,18 @@ from monitor.pipeline.events import WindowJudged
 from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 from tests.conftest import ROOT
-from tests.helpers.diagnostics_state import VIN, Vehicle, ask
+from tests.helpers.diagnostics_state import Vehicle, ask
 
 Subfunction = ReadDTCInformation.Subfunction
-SLOW, BIASED = 0x013300, 0x219500
+SLOW = 0x013300
 ARGUMENTS: dict[str, Any] = {
     "status_mask": 0xFF,
     "severity_mask": 0xFF,
     "dtc": SLOW,
     "snapshot_record_number": 0xFF,
-    "extended_data_record_number": 0x91,
+    "extended_data_record_number": 0x05,
     "memory_selection": 1,
     "functional_group_id": 0x33,
-}
-RAW = {  # udsoncan has no request of its own for these
-    Subfunction.reportSupportedDTCExtDataRecord: bytes((0x19, 0x1A, 0x91)),
-    Subfunction.reportDTCInformationByDTCReadinessGroupIdentifier: bytes((0x19, 0x56, 0x33, 0x06)),
 }
 
 
@@ -44,8 +40,6 @@ def subfunctions() -> list[int]:
 
 def request_of(subfunction: int) -> bytes:
     """Return udsoncan's request; withdrawn subfunctions are those of older standards."""
-    if subfunction in RAW:
-        return RAW[subfunction]
     for version in (2020, 2013, 2006):
         try:
             request = ReadDTCInformation.make_request(
@@ -76,44 +70,12 @@ def test_every_report_of_codes_is_answered_or_refused(subfunction: int) -> None:
         assert found == bytes((0x7F, 0x19, 0x12))
 
 
-def test_emission_codes_come_by_status_and_severity() -> None:
-    vehicle = Vehicle()
-    every = told(Subfunction.reportWWHOBDDTCByMaskRecord, vehicle)
-    assert len(every.dtcs) == sum(bool(d.status) for d in vehicle.store.all)
-    assert every.functional_group_id == 0x33
-    assert every.dtc_format == Dtc.Format.SAE_J2012_DA_DTCFormat_04
-    assert ask("19 42 33 08 1E", vehicle) == "59 42 33 ff 22 04 22 01 33 00 8d"
-    assert ask("19 42 33 04 1E", vehicle) == (
-        "59 42 33 ff 22 04 22 01 33 00 8d 22 21 95 00 04"  # confirmed with pending, pending
-    )
-    assert ask("19 42 33 08 1C", vehicle) == "59 42 33 ff 22 04"  # of other classes
-    assert ask("19 42 D0 08 1E", vehicle) == "7f 19 31"  # not the emission system
-
-
-def test_permanent_codes_come_with_their_status() -> None:
-    found = told(Subfunction.reportDTCWithPermanentStatus, Vehicle())
-    assert [(d.id, d.status.get_byte_as_int()) for d in found.dtcs] == [(SLOW, 0x8D)]
-    # udsoncan 1.26 looks for a severity before each code, which ISO 14229-1 does not have here
-    assert ask("19 55 33") == "59 55 33 ff 04 01 33 00 8d"
-    assert ask("19 55 FE") == "7f 19 31"
-
-
-def test_a_readiness_group_has_the_codes_of_its_tests() -> None:
-    sensor, catalyst = (bytes.fromhex(ask(f"19 56 33 {n}") or "") for n in ("06", "01"))
-    assert sensor[:6].hex(" ") == "59 56 33 ff 04 06"
-    rows = {sensor[i : i + 3].hex(): sensor[i + 3] for i in range(6, len(sensor), 4)}
-    assert rows["013300"] == 0x8D
-    assert "c10087" not in rows  # a missing message is of no group
-    assert {catalyst[i : i + 3].hex() for i in range(6, len(catalyst), 4)} == {"042000", "042100"}
-    assert ask("19 56 33 03") == "7f 19 31"
-
-
 def test_numerator_and_denominator_of_a_code_are_its_extended_record() -> None:
     vehicle = Vehicle()
     request = ReadDTCInformation.make_request(
         Subfunction.reportDTCExtendedDataRecordByDTCNumber,
         dtc=SLOW,
-        extended_data_record_number=145,
+        extended_data_record_number=5,
     )
     found = answer(bytes(request.get_payload()), False, vehicle.state)
     response = Response.from_payload(found)
@@ -121,12 +83,7 @@ def test_numerator_and_denominator_of_a_code_are_its_extended_record() -> None:
         response, Subfunction.reportDTCExtendedDataRecordByDTCNumber, extended_data_size=4
     )
     (record,) = read.service_data.dtcs[0].extended_data
-    assert (record.record_number, record.raw_data) == (0x91, bytes((0, 3, 0, 5)))
-    assert ask("19 06 01 33 00 FE", vehicle) == "59 06 01 33 00 8d 91 00 03 00 05"
-    supported = bytes.fromhex(ask("19 1A 91", vehicle) or "")
-    assert supported[:4].hex(" ") == "59 1a ff 91"
-    assert len(supported) == 4 + 4 * len(vehicle.store.all)
-    assert ask("19 1A 92", vehicle) == "7f 19 31"
+    assert (record.record_number, record.raw_data) == (0x05, bytes((0, 3, 0, 5)))
 
 
 def test_a_code_has_its_first_and_its_latest_freeze_frame(tmp_path: Path) -> None:
@@ -140,7 +97,7 @@ def test_a_code_has_its_first_and_its_latest_freeze_frame(tmp_path: Path) -> Non
     with closing(Memory(tmp_path / "o2.db")) as memory:
         vehicle = Vehicle()
         vehicle.state.store = DtcStore(memory.load())
-    # THEN J1979-2 reads both, and J1979 the first
+    # THEN UDS reads both, and J1979 the first
     found = told(Subfunction.reportDTCSnapshotIdentification, vehicle)
     assert [d.snapshots for d in found.dtcs] == [[0x00, 0xF0]]
     codec = {"default": "2s"}
@@ -166,7 +123,7 @@ def test_a_code_about_to_fail_has_its_counter() -> None:
     assert [(d.id, d.fault_counter) for d in found.dtcs] == [(SLOW, 64)]
 
 
-def test_identifiers_hold_the_parameters_monitors_and_information_of_j1979() -> None:
+def test_identifiers_hold_the_parameters_of_j1979() -> None:
     vehicle = Vehicle(1500.0)
     listed = bytes.fromhex((ask("22 F4 00", vehicle) or "").replace(" ", ""))[3:]
     supported = int.from_bytes(listed, "big")
@@ -174,21 +131,13 @@ def test_identifiers_hold_the_parameters_monitors_and_information_of_j1979() -> 
         assert supported >> (32 - pid) & 1
         assert (ask(f"22 F4 {pid:02X}", vehicle) or "").startswith(f"62 f4 {pid:02x}")
     assert not supported >> (32 - 0x0D) & 1  # no speed among the signals
-    assert ask("22 F5 00", vehicle) == "62 f5 00 00 00 00 00"
-    assert (ask("22 F6 00", vehicle) or "").startswith("62 f6 00 80")
-    row = (ask("22 F6 01", vehicle) or "")[9:]
-    assert row.startswith("80 10 01 36 00 00 00 fa")  # test 80 in ms: 310, from 0 to 250
-    assert ask("22 F8 02", vehicle) == "62 f8 02 " + VIN.encode().hex(" ")
-    assert (ask("22 F8 00", vehicle) or "").startswith("62 f8 00 55")
 
 
-@pytest.mark.parametrize("group", ["F4", "F5", "F6", "F8"])
-def test_each_identifier_is_answered_if_it_is_listed_and_only_then(group: str) -> None:
+def test_each_parameter_is_answered_if_it_is_listed_and_only_then() -> None:
     # GIVEN a vehicle with engine speed, lambda and coolant temperature
     vehicle = Vehicle(1500.0)
-    vehicle.state.is_obd_on_uds = True
-    # WHEN a tester asks for all 256 identifiers of a group one by one
-    asked = [ask(f"22 {group} {low:02X}", vehicle) or "" for low in range(256)]
+    # WHEN a tester asks for all 256 parameters one by one
+    asked = [ask(f"22 F4 {low:02X}", vehicle) or "" for low in range(256)]
     # THEN those that the lists name are answered, and no other
     listed = set()
     for base in range(0, 256, 32):
@@ -198,18 +147,6 @@ def test_each_identifier_is_answered_if_it_is_listed_and_only_then(group: str) -
     answered = {low for low, text in enumerate(asked) if text.startswith("62")}
     assert answered == listed | {0}
     assert {text for text in asked if not text.startswith("62")} <= {"7f 22 31"}
-
-
-def test_the_protocol_is_told_only_where_the_whole_vehicle_speaks_it() -> None:
-    vehicle = Vehicle()
-    assert ask("22 F8 10", vehicle) == "7f 22 31"
-    assert ask("22 F8 10", vehicle, functional=True) is None
-    assert ask("14 FF FF 33", vehicle) == "7f 14 7f"
-    vehicle.state.is_obd_on_uds = True
-    assert ask("22 F8 10", vehicle, functional=True) == "62 f8 10 01"
-    assert ask("14 FF FF FF", vehicle) == "7f 14 7f"
-    assert ask("14 FF FF 33", vehicle) == "54"  # as $04, in the default session
-    assert vehicle.clearings == 1
 
 
 def test_a_late_sensor_has_a_counter_between_its_first_and_its_second_failed_window() -> None:
