@@ -61,8 +61,7 @@ MARKS = {
         "monitor/bus",
         "monitor/inject/test_gateway.py",
         "monitor/memory/test_kill.py",
-        "monitor/sinks/test_servers.py",
-        "monitor/sinks/test_secure_servers.py",
+        "monitor/sinks/test_broker.py",
         "test_packaging.py",
     ),
 }

@@ -44,7 +44,7 @@ _RUN = """examples:
   o2mon run -i socketcan -c can0 --json-lines --realtime 50 --cpu 1
   o2mon run -i socketcan -c can0 --obd --model own.onnx  poll OBD-II parameters
   o2mon run -i socketcan -c can0 --live 8765             live page on http://127.0.0.1:8765/
-  o2mon run -i socketcan -c can0 --sink mqtt://broker/car --sink prometheus://0.0.0.0:9464
+  o2mon run -i socketcan -c can0 --sink mqtt://broker/car --sink jsonl:car.jsonl
 
 exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
 

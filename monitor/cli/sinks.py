@@ -21,10 +21,8 @@ def add_sinks(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="ADDRESS",
-        help="send events and signals there: mqtt://HOST/TOPIC, "
-        "influx+http://HOST:8086/write?db=NAME, influx+udp://HOST:8089, influx+file:FILE, "
-        "prometheus://HOST:9464 (metrics to scrape), prometheus+file:FILE.prom, "
-        "or the kind of a plug-in; may repeat",
+        help="send events and signals there: mqtt://HOST/TOPIC, jsonl:FILE (lines of JSON, - for "
+        "the output), or the kind of a plug-in; may repeat",
     )
     parser.add_argument(
         "--sink-rate",
@@ -39,7 +37,7 @@ def add_sinks(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=TEXT",
-        help="tag or label of everything that is sent, as vehicle=17; may repeat",
+        help="tag of everything that is sent, as vehicle=17; may repeat",
     )
 
 
@@ -91,12 +89,9 @@ def written_sinks(args: argparse.Namespace) -> "Written | None":
     """
     if not args.sink:
         return None
-    from monitor.base.errors import UsageError
-    from monitor.sinks.address import open_sink, shown, split
+    from monitor.sinks.address import open_sink, shown
     from monitor.sinks.written import Written
 
-    if any(split(address).scheme == "prometheus" for address in args.sink):
-        raise UsageError("a replay ends before anybody scrapes it: use prometheus+file:FILE.prom")
     tags = dict(args.sink_tag)
     return Written(
         {shown(address): open_sink(address, tags) for address in args.sink}, args.sink_rate

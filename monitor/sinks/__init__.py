@@ -1,1 +1,1 @@
-"""Sinks: events and a thinned signal stream to MQTT, InfluxDB, Prometheus and plug-ins."""
+"""Sinks: events and a thinned signal stream as lines of JSON, to MQTT and to plug-ins."""

@@ -6,7 +6,6 @@ the monitor are named in the same way.
 """
 
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from typing import Final, cast
 from urllib.parse import SplitResult, urlsplit
 
@@ -14,16 +13,7 @@ from monitor.base.errors import O2Error, UsageError
 from monitor.sinks.record import Sink, Tags
 
 GROUP: Final = "o2_monitor.sinks"
-_OWN: Final = {
-    "mqtt": "mqtt:Mqtt",
-    "mqtts": "mqtt:Mqtt",
-    "influx+http": "line_protocol:HttpLines",
-    "influx+https": "line_protocol:HttpLines",
-    "influx+udp": "line_protocol:UdpLines",
-    "influx+file": "line_protocol:FileLines",
-    "prometheus": "prometheus:Scraped",
-    "prometheus+file": "prometheus:TextFile",
-}
+_OWN: Final = {"mqtt": "mqtt:Mqtt", "mqtts": "mqtt:Mqtt", "jsonl": "json_lines:JsonLines"}
 
 
 def kinds() -> dict[str, EntryPoint]:
@@ -37,7 +27,7 @@ def open_sink(address: str, tags: Tags) -> Sink:
 
     Raises UsageError if there is no such kind, or if it cannot be had.
     """
-    url, known = split(address), kinds()
+    url, known = _split(address), kinds()
     if url.scheme not in known:
         raise UsageError(
             f"--sink {shown(address)}: no such kind; there are {', '.join(sorted(known))}"
@@ -58,29 +48,15 @@ def shown(address: str) -> str:
     >>> shown("mqtt://me:secret@broker:1883/car")
     'mqtt://broker:1883/car'
     """
-    url = split(address)
+    url = _split(address)
     where = url.netloc.rpartition("@")[2]
     return f"{url.scheme}://{where}{url.path}" if where else f"{url.scheme}:{url.path}"
 
 
-def split(address: str) -> SplitResult:
-    """Return the parts of an address.
-
-    Raises UsageError if it is none.
-    """
+def _split(address: str) -> SplitResult:
     try:
         url = urlsplit(address)
         _ = url.port
     except ValueError as error:
         raise UsageError(f"--sink: {error}") from None
     return url
-
-
-def path_of(url: SplitResult) -> Path:
-    """Return the file that an address names.
-
-    Raises UsageError if it names none.
-    """
-    if not url.path or url.netloc:
-        raise UsageError(f"a path is wanted, as {url.scheme}:FILE")
-    return Path(url.path)

@@ -1,23 +1,19 @@
-"""MQTT through paho-mqtt: a topic per signal, and one per kind of event.
+"""MQTT through paho-mqtt: a topic per kind of record, whose messages are the lines of JSON.
 
-A signal's topic is its path with slashes for points; its message is the data point of the Vehicle
-Information Service Specification 2 (COVESA): path, value as text, time. An event is JSON under
-``event/KIND``. ``status`` is retained: "online", or "offline" as the connection's last will.
+``status`` is retained: "online", or "offline" as the connection's last will.
 """
 
-import json
 import os
 import ssl
 import threading
 import time
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from importlib.util import find_spec
 from typing import Any, Final
 from urllib.parse import SplitResult, unquote
 
 from monitor.base.errors import UsageError
-from monitor.sinks.record import Record, Tags, Value
+from monitor.sinks.record import Record, Tags, json_of
 
 TIMEOUT_S: Final = 5.0
 KEEPALIVE_S: Final = 30
@@ -58,9 +54,8 @@ class Mqtt:
         if not client.is_connected():
             raise OSError("the connection is lost")
         sent = [
-            client.publish(f"{self._topic}/{topic}", message, qos=QOS)
+            client.publish(f"{self._topic}/{record.kind}", json_of(record, self._tags), qos=QOS)
             for record in records
-            for topic, message in messages(record, self._tags)
         ]
         until_s = time.monotonic() + TIMEOUT_S
         for each in sent:
@@ -112,32 +107,3 @@ class Mqtt:
                 said.wait_for_publish(1.0)
         client.disconnect()
         client.loop_stop()
-
-
-def messages(record: Record, tags: Tags) -> list[tuple[str, str]]:
-    """Return the topics below the user's, and the message of each."""
-    moment = _iso(record.t_ns)
-    if record.kind == "signals":
-        return [
-            (path.replace(".", "/"), json.dumps(_point(path, value, moment, tags)))
-            for path, value in record.values.items()
-        ]
-    event = {"ts": moment, **dict(tags), **record.values}
-    return [(f"event/{record.kind}", json.dumps(event))]
-
-
-def _point(path: str, value: Value, moment: str, tags: Tags) -> dict[str, Any]:
-    text = json.dumps(value) if isinstance(value, bool) else value
-    shown = f"{text:.9g}" if isinstance(text, float) else str(text)
-    point: dict[str, Any] = {"path": path, "dp": {"value": shown, "ts": moment}}
-    return point | ({"tags": dict(tags)} if tags else {})
-
-
-def _iso(t_ns: int) -> str:
-    """Return a time since the epoch as ISO 8601 in UTC, with milliseconds.
-
-    >>> _iso(1_500_000_000)
-    '1970-01-01T00:00:01.500Z'
-    """
-    moment = datetime.fromtimestamp(t_ns // 1_000_000_000, UTC)
-    return f"{moment:%Y-%m-%dT%H:%M:%S}.{t_ns // 1_000_000 % 1000:03d}Z"

@@ -4,13 +4,12 @@ The loop only appends. What the sink does not take stays in the queue; when that
 records are dropped and counted. After an error the sink is closed and tried again.
 """
 
-import math
 import threading
 from collections import deque
 from collections.abc import Callable
 from typing import Final, Literal
 
-from monitor.sinks.record import Record, RefusedError, Sink
+from monitor.sinks.record import Record, Sink
 
 QUEUED: Final = 10_000  # records; at one a second nearly three hours without a connection
 BATCH: Final = 500  # most records of one write
@@ -23,7 +22,7 @@ State = Literal["idle", "connected", "lost"]
 
 
 class Outlet:
-    """One sink with its queue and its thread; ``put`` is for one thread only.
+    """One sink with its queue and its thread.
 
     name : of the sink in messages and counters, without a password
     queued : most records that wait
@@ -40,8 +39,9 @@ class Outlet:
         flush_s: float = FLUSH_S,
     ) -> None:
         self.name, self._sink = name, sink
-        self._most, self._again_s, self._flush_s = queued, again_s, flush_s
-        self._queue: deque[Record] = deque()
+        self._again_s, self._flush_s = again_s, flush_s
+        self._lock = threading.Lock()  # held for moments, never while the sink writes
+        self._queue: deque[Record] = deque(maxlen=queued)
         self._batch: list[Record] = []  # taken from the queue, not written yet
         self._notes: deque[str] = deque(maxlen=10)
         self._ended = threading.Event()
@@ -51,21 +51,14 @@ class Outlet:
         self._thread.start()
 
     def put(self, record: Record) -> None:
-        """Queue a record; never waits."""
-        self._queue.append(record)
-        while len(self._queue) > self._most:
-            try:
-                self._queue.popleft()
-            except IndexError:  # the thread took it first
-                break
-            self.dropped += 1
+        """Queue a record; never waits for the sink."""
+        with self._lock:
+            self.dropped += len(self._queue) == self._queue.maxlen
+            self._queue.append(record)
 
     def notes(self) -> list[str]:
         """Return the news of the connection since the last call."""
-        said = []
-        while self._notes:
-            said.append(self._notes.popleft())
-        return said
+        return [self._notes.popleft() for _ in range(len(self._notes))]
 
     def end(self) -> None:
         """Let the thread write the remaining records and end."""
@@ -81,18 +74,16 @@ class Outlet:
 
     def entry(self) -> dict[str, str | int]:
         """Return name, state and counters as the JSON shows them."""
-        return {
-            "sink": self.name,
-            "state": self.state,
-            "sent": self.sent,
-            "dropped": self.dropped,
-            "lost": self.lost,
-        }
+        counters = {"sent": self.sent, "dropped": self.dropped, "lost": self.lost}
+        return {"sink": self.name, "state": self.state, **counters}
 
     def _work(self) -> None:
-        wait_s = self._flush_s
+        wait_s, again_s = self._flush_s, self._again_s
         while not self._ended.wait(wait_s):
-            wait_s = self._flush_s if self._drain() else self._after_error()
+            if self._drain():
+                wait_s, again_s = self._flush_s, self._again_s
+            else:
+                wait_s, again_s = again_s, min(2.0 * again_s, AGAIN_MOST_S)
         self._drain()
         self._quietly(self._sink.close)
 
@@ -101,9 +92,6 @@ class Outlet:
         while self._take():
             try:
                 self._sink.write(self._batch)
-            except RefusedError as error:
-                self._refuse(error)
-                continue
             except Exception as error:  # whatever a library or a plug-in raises
                 self._lose(error)
                 return False
@@ -111,26 +99,14 @@ class Outlet:
             self._batch = []
             if self.state == "lost":
                 self._notes.append(f"sink {self.name} takes records again")
-            self.state, self._errors, self._is_refusing = "connected", 0, False
+            self.state = "connected"
         return True
 
-    _errors = 0  # in a row
-    _is_refusing = False
-
     def _take(self) -> bool:
-        while self._queue and len(self._batch) < BATCH:
-            try:
+        with self._lock:
+            while self._queue and len(self._batch) < BATCH:
                 self._batch.append(self._queue.popleft())
-            except IndexError:  # dropped by the loop meanwhile
-                break
         return bool(self._batch)
-
-    def _refuse(self, error: RefusedError) -> None:
-        if not self._is_refusing:
-            self._notes.append(f"sink {self.name} refuses records: {error}")
-        self._is_refusing = True
-        self.dropped += len(self._batch)
-        self._batch = []
 
     def _lose(self, error: Exception) -> None:
         if self.state != "lost":
@@ -138,11 +114,7 @@ class Outlet:
             reason = str(error) or type(error).__name__
             self._notes.append(f"sink {self.name} takes nothing: {reason}; it is tried again")
         self.state = "lost"
-        self._errors += 1
         self._quietly(self._sink.close)
-
-    def _after_error(self) -> float:
-        return min(self._again_s * math.ldexp(1.0, min(self._errors - 1, 30)), AGAIN_MOST_S)
 
     def _quietly(self, call: Callable[[], None]) -> None:
         try:

@@ -1,5 +1,6 @@
-"""Records, and the interface of the sinks that take them."""
+"""Records, their JSON, and the interface of the sinks that take them."""
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 
@@ -12,22 +13,27 @@ class Record(NamedTuple):
 
     kind: str  # "signals", "verdict", "code" or "cycle"
     t_ns: int  # clock of the frames
-    values: Mapping[str, Value]  # of "signals" by path in the Vehicle Signal Specification
-
-
-class RefusedError(Exception):
-    """The sink will never take these records; they are dropped and counted."""
+    values: Mapping[str, Value]
 
 
 class Sink(Protocol):
-    """Takes records; it may wait, because it runs on a thread of its own."""
+    """Takes records; it may wait, because a run gives it a thread of its own."""
 
     def write(self, records: Sequence[Record]) -> None:
         """Write the records; open the connection if it is not open.
 
-        Raises RefusedError if they can never be written, any other error if they are to be given
-        again after a while.
+        May raise any error; the records are then given again after a while.
         """
 
     def close(self) -> None:
         """Close the connection; also called after every error, before the next ``write``."""
+
+
+def json_of(record: Record, tags: Tags) -> str:
+    """Return a record as one flat JSON object, floats with nine digits.
+
+    >>> json_of(Record("code", 7, {"code": "P0133", "status": 47}), {"vehicle": "17"})
+    '{"kind": "code", "t_ns": 7, "vehicle": "17", "code": "P0133", "status": 47}'
+    """
+    values = {k: float(f"{v:.9g}") if type(v) is float else v for k, v in record.values.items()}
+    return json.dumps({"kind": record.kind, "t_ns": record.t_ns, **tags, **values})

@@ -16,7 +16,6 @@ from monitor.pipeline.events import (
     WindowJudged,
 )
 from monitor.pipeline.monitor import Monitor
-from monitor.sinks import vss
 from monitor.sinks.record import Record, Value
 
 _GOOD: Final = int(Quality.GOOD)
@@ -33,15 +32,11 @@ class Stream:
     def __init__(self, monitor: Monitor, rate_hz: float) -> None:
         self._monitor = monitor
         self._output = monitor.names.index(monitor.output)
-        self._measured = vss.SIGNALS.get(monitor.output, (vss.MEASURED, 1.0))[0]
-        self._others = [
-            (i, *vss.SIGNALS[name])
-            for i, name in enumerate(monitor.names)
-            if name in vss.SIGNALS and name != monitor.output
-        ]
+        self._names = tuple(monitor.names)
+        self._means = monitor.output, "predicted", "residual"
         period_s = monitor.judge.period_s
         self._step = max(1, round(1.0 / (rate_hz * period_s)))
-        self._means = {path: _Mean() for path in (self._measured, vss.PREDICTED, vss.RESIDUAL)}
+        self._seen: list[tuple[float, ...]] = []  # values of the means since the last record
         self._windows = 0
         self._verdicts: dict[str, tuple[str, str | None]] = {}  # of windows, of fuel cuts
         self._states: dict[str, str | None] = {d.code: d.state for d in monitor.store.active}
@@ -93,46 +88,27 @@ class Stream:
     def _tick(self, tick: Tick) -> Iterator[Record]:
         sample = tick.sample
         measured = sample.values.item(self._output)
-        seen = measured, tick.predicted, measured - tick.predicted
-        for mean, value in zip(self._means.values(), seen, strict=True):
-            mean.push(value)
+        self._seen.append((measured, tick.predicted, measured - tick.predicted))
         if (sample.index + 1) % self._step == 0:
             yield Record("signals", sample.t_ns, self._signals(tick))
 
     def _signals(self, tick: Tick) -> dict[str, Value]:
         values: dict[str, Value] = {}
-        for path, mean in self._means.items():
-            value = mean.take()
-            if value is not None:
-                values[path] = value
+        for name, column in zip(self._means, zip(*self._seen, strict=True), strict=True):
+            finite = [value for value in column if math.isfinite(value)]
+            if finite:
+                values[name] = sum(finite) / len(finite)
+        self._seen.clear()
         sample = tick.sample
-        for i, path, factor in self._others:
-            if sample.quality.item(i) == _GOOD:
-                values[path] = sample.values.item(i) * factor
+        for i, name in enumerate(self._names):
+            if i != self._output and sample.quality.item(i) == _GOOD:
+                values[name] = sample.values.item(i)
         waits = "" if tick.enabled else CONDITIONS[tick.conditions.index(False)]
         store = self._monitor.store
         return values | {
-            vss.ENABLED: tick.enabled,
-            vss.WAITS_FOR: waits,
-            vss.WINDOWS: self._windows,
-            vss.MIL: store.mil,
-            vss.DTC_COUNT: len(store.active),
+            "enabled": tick.enabled,
+            "waits_for": waits,
+            "windows": self._windows,
+            "mil": store.mil,
+            "dtcs": len(store.active),
         }
-
-
-class _Mean:
-    """Mean of the finite values since it was last taken."""
-
-    def __init__(self) -> None:
-        self._sum, self._n = 0.0, 0
-
-    def push(self, value: float) -> None:
-        if math.isfinite(value):
-            self._sum += value
-            self._n += 1
-
-    def take(self) -> float | None:
-        """Return the mean and begin anew, None without a value."""
-        mean = self._sum / self._n if self._n else None
-        self._sum, self._n = 0.0, 0
-        return mean

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from tests.conftest import ROOT
 
 PLUGINS = ROOT / "examples/plugins"
 DRIVE = ROOT / "replay_logs/healthy_micro_trips_v102_s102.blf"
+LATE = next((ROOT / "replay_logs").glob("delay_rich_to_lean_*.blf"))
 
 
 @pytest.fixture(scope="module")
@@ -68,12 +70,11 @@ def test_a_reader_opens_files_of_its_suffix(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("installed")
 def test_a_sink_takes_the_records_of_its_scheme(tmp_path: Path) -> None:
-    out = tmp_path / "out.jsonl"
-    call = ["replay", str(DRIVE), "--quiet", "--sink", f"jsonl:{out}", "--sink-tag", "vehicle=17"]
-    assert cli.main(call) == 0
-    lines = [json.loads(line) for line in out.read_text().splitlines()]
-    assert {line["vehicle"] for line in lines} == {"17"}
-    assert {line["kind"] for line in lines} == {"signals", "verdict"}
+    out = tmp_path / "codes.txt"
+    call = ["replay", str(LATE), "--quiet", "--sink", f"codes:{out}", "--sink-tag", "vehicle=car17"]
+    assert cli.main(call) == 1
+    [line] = out.read_text().splitlines()
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d car17 P015A pending", line)
 
 
 def noisy_table(folder: Path, noise: float) -> Path:

@@ -137,8 +137,7 @@ ALLOWED = {
     "monitor/base/outputs.py",
     "monitor/base/verbosity.py",  # to the null device
     "monitor/memory/spare.py",
-    "monitor/sinks/line_protocol.py",  # appends
-    "monitor/sinks/prometheus.py",  # renames, too, from a name that no collector reads
+    "monitor/sinks/json_lines.py",  # appends
     "training/jobs/values.py",
     "training/jobs/model_bytes.py",
     "training/fleet/bench.py",

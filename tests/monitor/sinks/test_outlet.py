@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from monitor.sinks.outlet import BATCH, Outlet
-from monitor.sinks.record import Record, RefusedError
+from monitor.sinks.record import Record
 
 
 class Fake:
@@ -96,19 +96,6 @@ def test_a_lost_connection_is_tried_again_and_nothing_is_lost_meanwhile() -> Non
     ]
     assert outlet.entry()["lost"] == 1
     assert [each.t_ns for each in sink.taken] == [1, 2]
-
-
-def test_records_that_a_server_will_never_take_are_dropped_and_told_once() -> None:
-    sink = Fake(RefusedError("HTTP 400 field type conflict"))
-    outlet = outlet_of(sink)
-    for k in range(3):
-        outlet.put(record(k))
-        assert soon(lambda k=k: outlet.dropped == k + 1)
-    sink.error = None
-    outlet.put(record(3))
-    outlet.close()
-    assert outlet.notes() == ["sink fake refuses records: HTTP 400 field type conflict"]
-    assert (outlet.sent, outlet.dropped, outlet.state) == (1, 3, "connected")
 
 
 def test_what_is_left_at_the_end_is_counted_as_dropped() -> None:

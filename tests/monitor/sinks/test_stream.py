@@ -1,79 +1,116 @@
-"""Which records a drive gives."""
+"""Which records a drive gives, and how they are written."""
 
 import json
-import re
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from monitor import cli
-from monitor.sinks import vss
+from monitor.base.errors import UsageError
+from monitor.sinks.address import open_sink, shown
+from monitor.sinks.record import Record, Value, json_of
 from tests.conftest import ROOT
 
 LATE = next((ROOT / "replay_logs").glob("delay_rich_to_lean_*.blf"))
 
 
-def replayed(out: Path, *options: str) -> list[str]:
-    """Return the lines that a replay of the late drive writes."""
-    cli.main(["replay", str(LATE), "--quiet", "--sink", f"influx+file:{out}", *options])
-    return out.read_text().splitlines()
+def replayed(out: Path, *options: str) -> list[dict[str, Any]]:
+    """Return the records that a replay of the late drive writes."""
+    cli.main(["replay", str(LATE), "--quiet", "--sink", f"jsonl:{out}", *options])
+    return [json.loads(line) for line in out.read_text().splitlines()]
 
 
 @pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], dict[str, Any]]:
-    """Give the lines of the late drive, and what the replay's JSON says of it."""
+def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Give the records of the late drive, and what the replay's JSON says of it."""
     folder = tmp_path_factory.mktemp("lines")
-    lines = replayed(folder / "out.lp", "--json", str(folder / "out.json"))
-    return lines, json.loads((folder / "out.json").read_text())["recordings"][0]
+    records = replayed(folder / "out.jsonl", "--json", str(folder / "out.json"))
+    return records, json.loads((folder / "out.json").read_text())["recordings"][0]
 
 
 def test_a_late_sensor_is_one_verdict_of_windows_one_of_fuel_cuts_and_one_code(
-    drive: tuple[list[str], dict[str, Any]],
+    drive: tuple[list[dict[str, Any]], dict[str, Any]],
 ) -> None:
-    lines, recording = drive
-    events = [line for line in lines if line.startswith("o2mon_event")]
+    records, recording = drive
     [dtc] = recording["dtcs"]
     assert dtc["fault"] == "delay_rich_to_lean"
-    assert len(events) == 3
-    for event, of in ((events[0], "window"), (events[2], "fuel_cut")):
-        assert event.startswith(f"o2mon_event,kind=verdict,of={of} ")
-        assert 'verdict="failed",fault="delay_rich_to_lean"' in event
-    assert events[1].startswith(f"o2mon_event,code={dtc['code']},kind=code ")
-    assert f'state="{dtc["state"]}",status={dtc["status"]}i' in events[1]
+    window, code, cut = (each for each in records if each["kind"] != "signals")
+    for event, of in ((window, "window"), (cut, "fuel_cut")):
+        assert (event["kind"], event["of"]) == ("verdict", of)
+        assert (event["verdict"], event["fault"]) == ("failed", "delay_rich_to_lean")
+    assert (code["kind"], code["code"]) == ("code", dtc["code"])
+    assert (code["state"], code["status"]) == (dtc["state"], dtc["status"])
 
 
 def test_signals_come_once_a_second_and_lambda_is_prediction_plus_residual(
-    drive: tuple[list[str], dict[str, Any]],
+    drive: tuple[list[dict[str, Any]], dict[str, Any]],
 ) -> None:
-    lines, _ = drive
-    signals = [line for line in lines if line.startswith("o2mon ")]
-    times_s = [int(line.rpartition(" ")[2]) / 1e9 for line in signals]
-    steps_s = {round(b - a, 6) for a, b in pairwise(times_s)}
-    assert steps_s == {1.0}
-    paths = (f"{vss.OBD}.O2WR.Sensor1.Lambda", vss.PREDICTED, vss.RESIDUAL)
-    fields = [dict(f.split("=") for f in line.split(" ")[1].split(",")) for line in signals]
-    steady = [[float(each[path]) for path in paths] for each in fields if paths[2] in each]
+    signals = [each for each in drive[0] if each["kind"] == "signals"]
+    assert {round((b["t_ns"] - a["t_ns"]) / 1e9, 6) for a, b in pairwise(signals)} == {1.0}
+    names = ("lambda_measured", "predicted", "residual")
+    steady = [[each[name] for name in names] for each in signals if "residual" in each]
     assert len(steady) > 300
     fitting = [abs(m - p - r) < 1e-6 for m, p, r in steady]
     assert sum(fitting) > 0.98 * len(fitting)  # not where a value is missing within the second
-    assert {each[vss.DTC_COUNT] for each in fields} == {"0i", "1i"}
+    assert {each["dtcs"] for each in signals} == {0, 1}
+    assert 500.0 < signals[-1]["engine_speed_rpm"] < 4000.0
 
 
 def test_tags_and_rate_are_the_user_s(tmp_path: Path) -> None:
-    lines = replayed(tmp_path / "out.lp", "--sink-rate", "0.1", "--sink-tag", "vehicle=17")
-    assert all(re.match(r"o2mon(_event)?,(\w+=\w+,)*vehicle=17 ", line) for line in lines)
-    assert 35 < sum(line.startswith("o2mon,") for line in lines) < 50
+    records = replayed(tmp_path / "out.jsonl", "--sink-rate", "0.1", "--sink-tag", "vehicle=17")
+    assert {each["vehicle"] for each in records} == {"17"}
+    assert 35 < sum(each["kind"] == "signals" for each in records) < 50
+
+
+def test_records_are_printed_as_lines_where_the_address_is_a_dash(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["replay", str(LATE), "--quiet", "--sink", "jsonl:-"]) == 1
+    kinds = {json.loads(line)["kind"] for line in capsys.readouterr().out.splitlines()}
+    assert kinds == {"signals", "verdict", "code"}
 
 
 def test_a_replay_says_which_sink_does_not_take_its_results(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    asked = ["replay", str(LATE), "--quiet", "--sink"]
-    assert cli.main([*asked, "influx+http://me:secret@127.0.0.1:1/write?db=x"]) == 2
-    said = capsys.readouterr().err
-    assert "--sink influx+http://127.0.0.1:1/write: " in said
-    assert "refused" in said
-    assert cli.main([*asked, "prometheus://127.0.0.1:9464"]) == 2
-    assert "use prometheus+file:FILE.prom" in capsys.readouterr().err
+    assert cli.main(["replay", str(LATE), "--quiet", "--sink", "jsonl:/dev/full"]) == 2
+    assert "--sink jsonl:/dev/full: " in capsys.readouterr().err
+
+
+def test_an_address_without_a_sink_is_a_usage_error() -> None:
+    with pytest.raises(UsageError, match="--sink kafka://b/t: no such kind; there are jsonl, mq"):
+        open_sink("kafka://user:secret@b/t", {})
+    with pytest.raises(UsageError, match="--sink mqtt:/x: an MQTT sink needs a host"):
+        open_sink("mqtt:/x", {})
+    with pytest.raises(UsageError, match="jsonl:FILE"):
+        open_sink("jsonl://host/a.jsonl", {})
+    with pytest.raises(UsageError, match="Port"):
+        open_sink("mqtt://host:many", {})
+
+
+def test_no_message_shows_a_password() -> None:
+    assert shown("mqtts://user:secret@host:8883/car?p=secret") == "mqtts://host:8883/car"
+
+
+@given(
+    tags=st.dictionaries(st.text(max_size=8), st.text(max_size=8), max_size=3),
+    values=st.dictionaries(
+        st.text(max_size=8).filter(lambda name: name not in ("kind", "t_ns")),
+        st.floats(-1e9, 1e9) | st.booleans() | st.integers() | st.text(max_size=8),
+    ),
+)
+def test_any_text_stays_inside_its_one_line(
+    tags: Mapping[str, str], values: Mapping[str, Value]
+) -> None:
+    line = json_of(Record("signals", 5, values), tags)
+    assert len(line.splitlines()) == 1
+    read = json.loads(line)
+    assert read.keys() == {"kind", "t_ns", *tags, *values}
+    for name, value in values.items():
+        is_text = isinstance(value, str)
+        assert read[name] == (value if is_text else pytest.approx(value, rel=1e-8))

@@ -1,6 +1,6 @@
-"""Real servers for the tests of the sinks.
+"""A real broker for the tests of the MQTT sink.
 
-A missing one skips its tests, or fails them if O2_REQUIRE_SERVERS=1.
+If it is missing its tests are skipped, or fail if O2_REQUIRE_SERVERS=1.
 """
 
 import os
@@ -19,7 +19,7 @@ def program(name: str) -> str:
     """Return the path of a server's program, or skip the test."""
     found = shutil.which(name, path=f"{os.environ.get('PATH', '')}:/usr/sbin")
     if found is None:
-        reason = f"{name} is not installed; apt-get install mosquitto prometheus influxdb"
+        reason = f"{name} is not installed; apt-get install mosquitto"
         if os.environ.get("O2_REQUIRE_SERVERS"):
             pytest.fail(reason)
         pytest.skip(reason)

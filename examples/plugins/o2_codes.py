@@ -1,14 +1,14 @@
-"""Appends every record to a file, as one line of JSON: --sink jsonl:FILE."""
+"""Appends a line to a file for every change of a code: --sink codes:FILE."""
 
-import json
+from datetime import UTC, datetime
 from pathlib import Path
 
 
-class JsonLines:
+class Codes:
     """A sink; ``write`` may wait, because a run gives it a thread of its own."""
 
     def __init__(self, url, tags):
-        self._path, self._tags = Path(url.path), tags
+        self._path, self._tags = Path(url.path), " ".join(tags.values())
         self._file = None
 
     def write(self, records):
@@ -16,8 +16,10 @@ class JsonLines:
         if self._file is None:
             self._file = self._path.open("a", encoding="utf-8")
         for record in records:
-            line = {"kind": record.kind, "t_ns": record.t_ns, **self._tags, **record.values}
-            self._file.write(json.dumps(line) + "\n")
+            if record.kind == "code":
+                when = datetime.fromtimestamp(record.t_ns / 1e9, UTC)
+                code, state = record.values["code"], record.values["state"]
+                self._file.write(f"{when:%Y-%m-%d %H:%M:%S} {self._tags} {code} {state}\n")
         self._file.flush()
 
     def close(self):

@@ -1,0 +1,44 @@
+"""Lines of JSON, appended to a file or printed, for Telegraf, Vector, Loki and the like."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TextIO
+from urllib.parse import SplitResult
+
+from monitor.base.errors import UsageError
+from monitor.sinks.record import Record, Tags, json_of
+
+STDOUT = "-"
+
+
+class JsonLines:
+    """Writes one line per record.
+
+    Raises UsageError if the address names no file.
+    """
+
+    def __init__(self, url: SplitResult, tags: Tags) -> None:
+        if not url.path or url.netloc:
+            raise UsageError(f"a path is wanted, as {url.scheme}:FILE, or - for the output")
+        self._path, self._tags = url.path, tags
+        self._file: TextIO | None = None
+
+    def write(self, records: Sequence[Record]) -> None:
+        """Append the records.
+
+        Raises OSError if the file cannot be written.
+        """
+        if self._file is None:
+            self._file = sys.stdout if self._path == STDOUT else self._open()
+        self._file.writelines(json_of(record, self._tags) + "\n" for record in records)
+        self._file.flush()
+
+    def _open(self) -> TextIO:
+        return Path(self._path).open("a", encoding="utf-8")
+
+    def close(self) -> None:
+        """Close the file, not the output."""
+        if self._file and self._path != STDOUT:
+            self._file.close()
+        self._file = None
