@@ -9,7 +9,8 @@ import numpy as np
 from monitor.base.config import Config
 from monitor.base.signals import BY_NAME
 from monitor.base.types import Quality
-from monitor.judge.enable import CONDITIONS, NEEDS, Range
+from monitor.judge import enable
+from monitor.judge.enable import CONDITIONS, Range
 from monitor.judge.fuel_cut_response import TEST as FUEL_CUT_TEST
 from monitor.judge.limits import Limits
 from monitor.judge.liveness import dead_at_end
@@ -20,17 +21,6 @@ MOST: Final = 3  # conditions that are named
 ENOUGH_WINDOWS: Final = 6  # from so many on, more of them alone do not help
 HALF: Final = 0.5
 HELD_ENOUGH: Final = 0.9  # a condition that held for this share kept no drive from its verdict
-
-_REMEDIES: Final = {  # condition → remedy where the signal itself is good
-    "closed_loop": "drive in closed loop, the engine warm and at part load",
-    "fuel_cut_recovered": "drive with fewer overruns",
-    "sensor_ready": "record until the sensor is heated",
-    "coolant_warm": "record until the engine is warm",
-    "engine_speed": "drive, idle and high speed are not judged",
-    "engine_load": "drive at part load",
-    "vehicle_speed": "drive, standstill is not judged",
-    "purge_steady": "record longer: the purge valve moves, its steps are not judged",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +138,7 @@ def _of_condition(condition: str, share: float, seen: Observed, asked: Asked) ->
         if max(beside) == 0:  # NaN is outside, too
             signal = _worst(seen, asked.card.input_names)
     else:
-        signal = NEEDS[condition]
+        signal = enable.BY_NAME[condition].signal
     reason, advice = _of_signal(condition, signal, seen, asked)
     return Cause(condition, round(share, 6), signal, reason, advice)
 
@@ -184,7 +174,8 @@ def _of_signal(condition: str, signal: str, seen: Observed, asked: Asked) -> tup
         low = seen.low[seen.names.index(signal)].item()
         return "constant", _constant(signal, low, asked)
     if not outside or not beside:
-        return "interrupted", _REMEDIES.get(condition, f"{signal} is interrupted again and again")
+        remedy = enable.BY_NAME[condition].remedy
+        return "interrupted", remedy or f"{signal} is interrupted again and again"
     place, each = seen.ranges.index(outside[0]), outside[0]
     is_below = bool(seen.below[place] >= seen.above[place])
     share = beside / seen.samples
@@ -194,7 +185,7 @@ def _of_signal(condition: str, signal: str, seen: Observed, asked: Asked) -> tup
     if condition == "trained_range":
         text += "outside the model's training; check its unit, or train on such drives"
     else:
-        text += _REMEDIES[condition]
+        text += enable.BY_NAME[condition].remedy
     return ("untrained" if condition == "trained_range" else side), text
 
 

@@ -1,12 +1,12 @@
 """Enable conditions: named booleans that say whether a sample may be judged, and if not, why.
 
 A condition whose signal the recording does not provide is unavailable: listed, never blocking.
-A provided signal that is not valid blocks.
+A provided signal that is not valid blocks. A new condition is a row of ``TABLE``.
 """
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,55 +17,141 @@ from monitor.base.runs import since
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.model.card import ModelCard
 
-SIGNALS: Final = (
-    "closed_loop",
-    "fuel_cut",
-    "sensor_ready",
-    "coolant_temperature_degc",
-    "engine_speed_rpm",
-    "manifold_pressure_kpa",
-    "vehicle_speed_km_h",
-    "purge_duty_percent",
-)
 NO_CUT: Final = 1e-3  # mean of a flag over a tick; a single frame of a cut is more
-CONDITIONS: Final = (
-    "inputs_valid",
-    "measured_valid",
-    "model_settled",
-    "trained_range",
-    "closed_loop",
-    "fuel_cut_recovered",
-    "sensor_ready",
-    "coolant_warm",
-    "engine_speed",
-    "engine_load",
-    "vehicle_speed",
-    "purge_steady",
+
+
+@dataclass(frozen=True, slots=True)
+class EnableCondition:
+    """One enable condition, with its words for a reader.
+
+    low, high : values of the signal with which it holds, numbers or keys of ``[enable]``
+    recovery : key of ``[enable]``: time, or samples, that the condition stays broken
+    """
+
+    name: str
+    subject: str
+    need: str  # what it wants, with keys of [enable] in braces
+    signal: str = ""  # canonical name; "" where the model's own signals decide
+    low: float | str = -math.inf
+    high: float | str = math.inf
+    recovery: str = ""
+    is_of_cut: bool = False  # a fuel cut breaks it: the loop is open and the engine is driven
+    remedy: str = ""  # where the signal itself is good
+    states: tuple[str, str] | None = None  # words while it holds and while it does not
+    flag: tuple[str, str] | None = None  # words while the signal is 1 and while it is 0
+
+    @property
+    def has_range(self) -> bool:
+        """Return whether values of its signal decide, each sample alone."""
+        return bool(self.signal) and (self.low, self.high) != (-math.inf, math.inf)
+
+
+TABLE: Final = (
+    EnableCondition("inputs_valid", "Model inputs", "received and plausible"),
+    EnableCondition("measured_valid", "Measured value", "received and plausible"),
+    EnableCondition(
+        name="model_settled",
+        subject="Model",
+        need="inputs valid for {model_settle_samples} samples",
+        recovery="model_settle_samples",
+        states=("settled", "not settled yet"),
+    ),
+    EnableCondition(
+        name="trained_range",
+        subject="Trained range",
+        need="inputs inside for {range_recovery_s:g} s",
+        recovery="range_recovery_s",
+    ),
+    EnableCondition(
+        name="closed_loop",
+        subject="Lambda control",
+        need="closed",
+        signal="closed_loop",
+        low=1.0,
+        is_of_cut=True,
+        remedy="drive in closed loop, the engine warm and at part load",
+        flag=("closed", "open loop"),
+    ),
+    EnableCondition(
+        name="fuel_cut_recovered",
+        subject="Fuel cut",
+        need="none for {fuel_cut_recovery_s:g} s",
+        signal="fuel_cut",
+        high=math.nextafter(NO_CUT, 0.0),
+        recovery="fuel_cut_recovery_s",
+        is_of_cut=True,
+        remedy="drive with fewer overruns",
+        flag=("fuel is cut", "fuel flows"),
+    ),
+    EnableCondition(
+        name="sensor_ready",
+        subject="Sensor",
+        need="ready",
+        signal="sensor_ready",
+        low=1.0,
+        remedy="record until the sensor is heated",
+        flag=("ready", "not ready"),
+    ),
+    EnableCondition(
+        name="coolant_warm",
+        subject="Coolant",
+        need="at least {coolant_min_degc:g} °C",
+        signal="coolant_temperature_degc",
+        low="coolant_min_degc",
+        remedy="record until the engine is warm",
+    ),
+    EnableCondition(
+        name="engine_speed",
+        subject="Engine speed",
+        need="{engine_speed_min_rpm:g} to {engine_speed_max_rpm:g} rpm",
+        signal="engine_speed_rpm",
+        low="engine_speed_min_rpm",
+        high="engine_speed_max_rpm",
+        remedy="drive, idle and high speed are not judged",
+    ),
+    EnableCondition(
+        name="engine_load",
+        subject="Manifold pressure",
+        need="{manifold_pressure_min_kpa:g} to {manifold_pressure_max_kpa:g} kPa",
+        signal="manifold_pressure_kpa",
+        low="manifold_pressure_min_kpa",
+        high="manifold_pressure_max_kpa",
+        is_of_cut=True,
+        remedy="drive at part load",
+    ),
+    EnableCondition(
+        name="vehicle_speed",
+        subject="Vehicle speed",
+        need="at least {vehicle_speed_min_km_h:g} km/h",
+        signal="vehicle_speed_km_h",
+        low="vehicle_speed_min_km_h",
+        remedy="drive, standstill is not judged",
+    ),
+    EnableCondition(
+        name="purge_steady",
+        subject="Purge valve",
+        need="steady for {purge_recovery_s:g} s",
+        signal="purge_duty_percent",
+        recovery="purge_recovery_s",
+        is_of_cut=True,
+        remedy="record longer: the purge valve moves, its steps are not judged",
+        states=("steady", "moving"),
+    ),
 )
-NEEDS: Final = {  # condition → its signal
-    "closed_loop": "closed_loop",
-    "fuel_cut_recovered": "fuel_cut",
-    "sensor_ready": "sensor_ready",
-    "coolant_warm": "coolant_temperature_degc",
-    "engine_speed": "engine_speed_rpm",
-    "engine_load": "manifold_pressure_kpa",
-    "vehicle_speed": "vehicle_speed_km_h",
-    "purge_steady": "purge_duty_percent",
-}
-# what a fuel cut breaks of itself: without fuel the loop is open and the engine is driven
-_CUT_BREAKS: Final = ("closed_loop", "fuel_cut_recovered", "engine_load", "purge_steady")
-# conditions that a time of recovery follows: they hold so many samples after they were last broken
-_RECOVERING: Final = ("model_settled", "trained_range", "fuel_cut_recovered", "purge_steady")
-# columns of what a sample says, as ``Enable.push`` puts them together: those of _RECOVERING after
-# their recovery, then the others, at last those that follow from a range
-_STEADY, _HOLDS, _VALID, _TRAINED, _OUTPUT = range(len(_RECOVERING), len(_RECOVERING) + 5)
+BY_NAME: Final = {each.name: each for each in TABLE}
+CONDITIONS: Final = tuple(BY_NAME)
+SIGNALS: Final = tuple(each.signal for each in TABLE if each.signal)
+_AT: Final = {name: i for i, name in enumerate(CONDITIONS)}
+_VALID, _SETTLED, _TRAINED = _AT["inputs_valid"], _AT["model_settled"], _AT["trained_range"]
+_PURGE: Final = _AT["purge_steady"]
+_RECOVERING: Final = [_AT[each.name] for each in TABLE if each.recovery]
 
 _MASKS = np.arange(1 << len(CONDITIONS))
 
 
 def _where_all(names: Iterable[str]) -> BoolArray:
     """Return for each mask of conditions whether all of ``names`` hold."""
-    bits = sum(1 << CONDITIONS.index(name) for name in names)
+    bits = sum(1 << _AT[name] for name in names)
     return np.asarray(_MASKS & bits == bits)
 
 
@@ -75,9 +161,9 @@ INPUTS_VALID: Final = _where_all(["inputs_valid"])
 # a live sensor must move while these hold and the engine runs, whatever the model's state
 BURNING: Final = _where_all(["measured_valid", "fuel_cut_recovered", "sensor_ready"])
 # the prediction is the mixture's while these hold, in idle, too
-FOLLOWED: Final = _where_all(CONDITIONS[: CONDITIONS.index("coolant_warm")])
+FOLLOWED: Final = _where_all(CONDITIONS[: _AT["coolant_warm"]])
 # nothing but a fuel cut, or the recovery from it, disables the sample, if anything does
-AROUND_FUEL_CUT: Final = _where_all(set(CONDITIONS) - set(_CUT_BREAKS))
+AROUND_FUEL_CUT: Final = _where_all(each.name for each in TABLE if not each.is_of_cut)
 IN_FUEL_CUT: Final = AROUND_FUEL_CUT & ~_where_all(["fuel_cut_recovered"])
 
 
@@ -125,56 +211,36 @@ class Enable:
         period_s: float,
     ) -> None:
         at = {name: i for i, name in enumerate(names)}
-        self.unavailable = tuple(c for c in CONDITIONS if c in NEEDS and NEEDS[c] not in at)
-        ranges = {
-            "closed_loop": (1.0, math.inf),
-            "fuel_cut_recovered": (-math.inf, math.nextafter(NO_CUT, 0.0)),
-            "sensor_ready": (1.0, math.inf),
-            "coolant_warm": (config.coolant_min_degc, math.inf),
-            "engine_speed": (config.engine_speed_min_rpm, config.engine_speed_max_rpm),
-            "engine_load": (config.manifold_pressure_min_kpa, config.manifold_pressure_max_kpa),
-            "vehicle_speed": (config.vehicle_speed_min_km_h, math.inf),
-        }
-        checked = [name for name in ranges if name not in self.unavailable]
-        margin = config.range_margin * (trained_high - trained_low)
+        self.unavailable = tuple(c.name for c in TABLE if c.signal and c.signal not in at)
         ignored = np.isin(inputs, config.range_ignored)
-        # columns that are checked against a range: the model's inputs, which may have any valid
-        # value, the same in the range of the training, its output, the others
-        n = len(inputs)
-        self._places = np.array(
-            [at[name] for name in (*inputs, *inputs, output, *(NEEDS[name] for name in checked))]
+        margin = np.where(ignored, np.inf, config.range_margin * (trained_high - trained_low))
+        trained = zip(inputs, trained_low - margin, trained_high + margin, strict=True)
+        self.ranges = (
+            *(Range("trained_range", name, float(low), float(high)) for name, low, high in trained),
+            *(
+                Range(c.name, c.signal, _limit(config, c.low), _limit(config, c.high))
+                for c in TABLE
+                if c.has_range and c.signal in at
+            ),
         )
-        low, high = np.array([ranges[name] for name in checked]).reshape(-1, 2).T
-        anything = np.full(n, np.inf)
-        trained = np.where(ignored, np.inf, trained_high + margin)
-        self._high = np.concatenate([anything, trained, [math.inf], high])
-        trained = np.where(ignored, -np.inf, trained_low - margin)
-        self._low = np.concatenate([-anything, trained, [-math.inf], low])
-        # a column of what a sample says for all valid, all as in training, and each of the others
-        self._firsts = np.array([0, n, *range(2 * n, len(self._low))])
-        own = [("trained_range", name) for name in inputs]
-        own += [(name, NEEDS[name]) for name in checked]
-        places = [*range(n, 2 * n), *range(2 * n + 1, len(self._low))]
-        self.ranges = tuple(
-            Range(condition, name, float(self._low[i]), float(self._high[i]))
-            for (condition, name), i in zip(own, places, strict=True)
-        )
-        # columns of what a sample says: of each condition, and of what breaks each of _RECOVERING
-        columns = {name: _OUTPUT + i for i, name in enumerate(("measured_valid", *checked))}
-        self._n_columns = _OUTPUT + 1 + len(checked)
-        cut = columns.get("fuel_cut_recovered", _HOLDS)
-        self._broken = np.array([_VALID, _TRAINED, cut, _STEADY])
-        columns |= {"inputs_valid": _VALID} | {name: i for i, name in enumerate(_RECOVERING)}
-        self._held = np.array([columns.get(name, _HOLDS) for name in CONDITIONS])
+        checked = [Range("inputs_valid", name, -math.inf, math.inf) for name in inputs]
+        checked += [Range("measured_valid", output, -math.inf, math.inf), *self.ranges]
+        self._checks = [
+            (
+                _AT[name],
+                np.array([at[each.signal] for each in own], dtype=np.intp),
+                np.array([each.low for each in own]),
+                np.array([each.high for each in own]),
+            )
+            for name in CONDITIONS
+            if (own := [each for each in checked if each.condition == name])
+        ]
         self._measured, self._cut = at[output], at.get("fuel_cut")
         self._purge = at.get("purge_duty_percent")
-        self._open_percent, self._step_percent = (
-            config.purge_open_percent,
-            config.purge_step_percent,
-        )
-        recovery_s = config.range_recovery_s, config.fuel_cut_recovery_s, config.purge_recovery_s
+        self._open_percent = config.purge_open_percent
+        self._step_percent = config.purge_step_percent
         self._recovery = np.array(
-            [config.model_settle_samples + 1, *(round(each / period_s) for each in recovery_s)]
+            [_samples(config, TABLE[i].recovery, period_s) for i in _RECOVERING]
         )
         self._second = max(round(1.0 / period_s), 1)  # samples
         self.reset()
@@ -182,23 +248,20 @@ class Enable:
     @classmethod
     def of(cls, config: EnableConfig, names: Sequence[str], card: ModelCard) -> "Enable":
         """Return the conditions for a model on samples of ``names``."""
-        low = np.array([channel.minimum for channel in card.inputs])
-        high = np.array([channel.maximum for channel in card.inputs])
-        period_s = card.period_ns * 1e-9
         return cls(
             config=settings_for(config, card),
             names=names,
             inputs=card.input_names,
             output=card.output.name,
-            trained_low=low,
-            trained_high=high,
-            period_s=period_s,
+            trained_low=np.array([channel.minimum for channel in card.inputs]),
+            trained_high=np.array([channel.maximum for channel in card.inputs]),
+            period_s=card.period_ns * 1e-9,
         )
 
     def reset(self) -> None:
         """Start as after switching on."""
         self._since = self._recovery.copy()  # samples since each of _RECOVERING was broken
-        self._since[0] = 0
+        self._since[_RECOVERING.index(_SETTLED)] = 0
         self._duties: FloatArray | None = None  # of the purge valve in the last second
 
     def push(self, values: FloatArray, quality: QualityArray | None = None) -> BoolArray:
@@ -208,24 +271,23 @@ class Enable:
         quality : (n, n_names); a reading pinned at an end of its range was left out of the
             training, except in fuel cut, where that is the right reading
         """
-        n = len(values)
-        if n == 0:
-            return np.ones((0, len(CONDITIONS)), dtype=np.bool_)
-        x = values.take(self._places, axis=1)
-        inside = self._low <= x
-        inside &= x <= self._high
-        said = np.ones((n, self._n_columns), dtype=np.bool_)
-        np.logical_and.reduceat(inside, self._firsts, axis=1, out=said[:, _VALID:])
+        held = np.ones((len(values), len(CONDITIONS)), dtype=np.bool_)
+        if len(values) == 0:
+            return held
+        for condition, places, low, high in self._checks:
+            x = values.take(places, axis=1)
+            np.logical_and.reduce((low <= x) & (x <= high), axis=1, out=held[:, condition])
+        held[:, _SETTLED] = held[:, _VALID]
         if quality is not None:
             pinned = quality[:, self._measured] == Quality.PINNED
             if pinned.any():
-                said[:, _TRAINED] &= ~(pinned & ~self._in_cut(values))
+                held[:, _TRAINED] &= ~pinned | self._in_cut(values)
         if self._purge is not None:
-            self._purge_stays(values[:, self._purge], said[:, _STEADY])
-        count = since(~said.take(self._broken, axis=1), self._since)
+            held[:, _PURGE] = self._purge_stays(values[:, self._purge])
+        count = since(~held[:, _RECOVERING], self._since)
         self._since = count[-1]
-        np.greater_equal(count, self._recovery, out=said[:, : len(_RECOVERING)])
-        return said.take(self._held, axis=1)
+        held[:, _RECOVERING] = count >= self._recovery
+        return held
 
     def _in_cut(self, values: FloatArray) -> BoolArray:
         """Return whether fuel is known to be cut, (n,)."""
@@ -233,13 +295,24 @@ class Enable:
             return np.zeros(len(values), dtype=np.bool_)
         return np.asarray(values[:, self._cut] >= NO_CUT)
 
-    def _purge_stays(self, duty: FloatArray, stays: BoolArray) -> None:
-        """Find whether the purge valve stays open or shut, moves slowly and is known, (n,)."""
+    def _purge_stays(self, duty: FloatArray) -> BoolArray:
+        """Return whether the purge valve stays open or shut, moves slowly and is known, (n,)."""
         second = self._second
         if self._duties is None:  # at the first sample it has not moved
             self._duties = np.full(second, duty[0])
         duties = np.concatenate([self._duties, duty])
         self._duties = duties[-second:]
         is_open = duties[second - 1 :] >= self._open_percent
-        np.less_equal(np.abs(duty - duties[:-second]), self._step_percent, stays)
-        stays &= is_open[1:] == is_open[:-1]
+        is_slow = np.abs(duty - duties[:-second]) <= self._step_percent
+        return np.asarray(is_slow & (is_open[1:] == is_open[:-1]))
+
+
+def _limit(config: EnableConfig, bound: float | str) -> float:
+    """Return a bound of the table: a number, or the setting of that name."""
+    return float(getattr(config, bound)) if isinstance(bound, str) else bound
+
+
+def _samples(config: EnableConfig, recovery: str, period_s: float) -> int:
+    """Return after how many samples a condition has recovered; a setting may be in samples."""
+    setting = getattr(config, recovery)
+    return round(setting / period_s) if recovery.endswith("_s") else int(setting) + 1

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from functools import cache
 from typing import Any, Final
 
 from monitor.base import signals
 from monitor.base.config import Config, EnableConfig
 from monitor.base.types import Quality, Sample
-from monitor.judge.enable import CONDITIONS, settings_for
+from monitor.judge.enable import TABLE, EnableCondition, settings_for
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.pipeline.events import Tick
@@ -35,21 +36,6 @@ _QUALITY: Final = {
     Quality.OFF_BUS: "monitor is off the bus",
     Quality.PINNED: "at the end of its range",
     Quality.GAP: "not received since the log paused",
-}
-_SIGNAL_OF: Final = {
-    "coolant_warm": "coolant_temperature_degc",
-    "engine_speed": "engine_speed_rpm",
-    "engine_load": "manifold_pressure_kpa",
-    "vehicle_speed": "vehicle_speed_km_h",
-}
-_STATES: Final = {  # condition: word while it holds, word while it does not
-    "model_settled": ("settled", "not settled yet"),
-    "purge_steady": ("steady", "moving"),
-}
-_FLAGS: Final = {  # condition: signal, word while it is 1, word below 1
-    "closed_loop": ("closed_loop", "closed", "open loop"),
-    "fuel_cut_recovered": ("fuel_cut", "fuel is cut", "fuel flows"),
-    "sensor_ready": ("sensor_ready", "ready", "not ready"),
 }
 
 
@@ -79,7 +65,7 @@ class Conditions:
     """The enable conditions of one monitor: the need of each, and its present value."""
 
     def __init__(self, monitor: Monitor, config: EnableConfig, card: ModelCard) -> None:
-        self._signals = _SIGNAL_OF | {"measured_valid": monitor.output}
+        self._output = monitor.output
         self._at = {name: i for i, name in enumerate(monitor.names)}
         self._unavailable = monitor.unavailable
         self._config = settings_for(config, card)
@@ -93,34 +79,37 @@ class Conditions:
 
     def wanted(self) -> list[dict[str, Any]]:
         """Return name, subject and need of every condition, in the order of CONDITIONS."""
-        needs = _needs(self._config)
+        settings = asdict(self._config)
         return [
             {
-                "name": name,
-                "what": needs[name][0],
-                "need": needs[name][1],
-                "available": name not in self._unavailable,
+                "name": each.name,
+                "what": each.subject,
+                "need": each.need.format(**settings),
+                "available": each.name not in self._unavailable,
             }
-            for name in CONDITIONS
+            for each in TABLE
         ]
 
     def seen(self, tick: Tick) -> list[str]:
         """Return the present value of every condition in words, in the order of CONDITIONS."""
         return [
-            "no such signal" if name in self._unavailable else self._seen(name, tick, held=held)
-            for name, held in zip(CONDITIONS, tick.conditions, strict=True)
+            "no such signal"
+            if each.name in self._unavailable
+            else self._seen(each, tick, held=held)
+            for each, held in zip(TABLE, tick.conditions, strict=True)
         ]
 
-    def _seen(self, name: str, tick: Tick, *, held: bool) -> str:
-        sample = tick.sample
-        if name in _STATES:
-            return _STATES[name][not held]
-        if name in _FLAGS:
-            signal, on, off = _FLAGS[name]
-            return self._flag(signal, on, off, sample, held=held)
-        if name in self._signals:
-            return self._reading(self._signals[name], sample, bare=True)
-        if name == "inputs_valid":
+    def _seen(self, condition: EnableCondition, tick: Tick, *, held: bool) -> str:
+        sample, signal = tick.sample, condition.signal
+        if condition.states:
+            return condition.states[not held]
+        if condition.flag:
+            return self._flag(signal, *condition.flag, sample, held=held)
+        if condition.name == "measured_valid":
+            signal = self._output
+        if signal:
+            return self._reading(signal, sample, bare=True)
+        if condition.name == "inputs_valid":
             bad = [self._reading(n, sample) for n in self._inputs if self._is_bad(n, sample)]
             return ", ".join(bad) or "all valid"
         missing = any(self._is_bad(n, sample) for n in self._inputs)
@@ -188,27 +177,3 @@ def response_limits(config: Config, limits: Limits) -> dict[str, float]:
 
 def _number(value: float) -> str:
     return f"{value:.4g}".replace("-", "−")
-
-
-def _needs(config: EnableConfig) -> dict[str, tuple[str, str]]:
-    """Return subject and need of every condition."""
-    return {
-        "inputs_valid": ("Model inputs", "received and plausible"),
-        "measured_valid": ("Measured value", "received and plausible"),
-        "model_settled": ("Model", f"inputs valid for {config.model_settle_samples} samples"),
-        "trained_range": ("Trained range", f"inputs inside for {config.range_recovery_s:g} s"),
-        "closed_loop": ("Lambda control", "closed"),
-        "fuel_cut_recovered": ("Fuel cut", f"none for {config.fuel_cut_recovery_s:g} s"),
-        "sensor_ready": ("Sensor", "ready"),
-        "coolant_warm": ("Coolant", f"at least {config.coolant_min_degc:g} °C"),
-        "engine_speed": (
-            "Engine speed",
-            f"{config.engine_speed_min_rpm:g} to {config.engine_speed_max_rpm:g} rpm",
-        ),
-        "engine_load": (
-            "Manifold pressure",
-            f"{config.manifold_pressure_min_kpa:g} to {config.manifold_pressure_max_kpa:g} kPa",
-        ),
-        "vehicle_speed": ("Vehicle speed", f"at least {config.vehicle_speed_min_km_h:g} km/h"),
-        "purge_steady": ("Purge valve", f"steady for {config.purge_recovery_s:g} s"),
-    }
