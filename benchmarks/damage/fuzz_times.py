@@ -30,7 +30,8 @@ from monitor.grid.time_walk import TimeCounters
 from monitor.grid.timeline import Timeline
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import CycleStarted, Event
-from monitor.pipeline.monitor import Judge, Monitor, needed_names
+from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.names import needed_names
 from monitor.pipeline.side_by_side import slices
 from monitor.report import replay
 from monitor.report.sinks import Collector

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.judge.counters import ticks_to_mature
-from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, TickResult
+from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, Still, TickResult
 from monitor.judge.readiness import Readiness
 from monitor.model.card import Channel
 
@@ -18,7 +18,7 @@ class Electrical(NamedTuple):
     """The findings on a block."""
 
     matured: list[tuple[int, TickResult]]  # sample, and the result of which so many came in a row
-    stretches: list[tuple[int, bool, str]]  # sample, whether the reading was frozen, and its fault
+    stretches: list[tuple[int, Still]]  # sample, and the stretch that ends with it
     running: BoolArray  # (n,) whether the engine runs
 
 

@@ -49,6 +49,13 @@ class Results(NamedTuple):
     result: TickResult
 
 
+class Still(NamedTuple):
+    """A judged stretch of the activity test."""
+
+    failed: bool  # the reading was frozen
+    fault: str
+
+
 class Plausibility:
     """Judges the quality of the measured signal, one run of alike samples after the other.
 
@@ -271,8 +278,8 @@ class ActivityTest:
         self._count = 0
         self._low, self._high = math.inf, -math.inf
 
-    def push(self, measured: FloatArray, active: BoolArray) -> list[tuple[int, bool, str]]:
-        """Return (sample, failed, fault) of every stretch that is judged.
+    def push(self, measured: FloatArray, active: BoolArray) -> list[tuple[int, Still]]:
+        """Return every stretch that is judged, with its last sample.
 
         measured : (n,)
         active : (n,) whether the signal must move; any other sample does not count, and begins a
@@ -293,7 +300,7 @@ class ActivityTest:
                     judged = self._judged(measured.item(stop - 1))
                     self._begin()
                     if judged is not None:
-                        found.append((stop - 1, *judged))
+                        found.append((stop - 1, judged))
         return found
 
     def _wait(self, measured: FloatArray) -> None:
@@ -319,14 +326,14 @@ class ActivityTest:
         """Return whether a healthy sensor may read so in a fuel cut that no signal tells."""
         return reading >= self._saturated
 
-    def _judged(self, last: float) -> tuple[bool, str] | None:
+    def _judged(self, last: float) -> Still | None:
         frozen = self._is_frozen
         if frozen and self.is_cold(last):
             return None
         self._rested = self._rested + 1 if frozen and self.is_at_end(last) else 0
         if 0 < self._rested <= self._cuts:
             return None
-        return frozen, self._name(last)
+        return Still(frozen, self._name(last))
 
     def _name(self, measured: float) -> str:
         if abs(measured - 1.0) <= self._config.stuck_band_at_one:

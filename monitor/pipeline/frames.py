@@ -14,7 +14,8 @@ from monitor.judge.limits import Limits
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
 from monitor.pipeline.events import BlockEvent
-from monitor.pipeline.monitor import Judge, Monitor, needed_names
+from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.names import needed_names
 
 
 class FramePipeline:

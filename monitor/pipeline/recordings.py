@@ -27,7 +27,7 @@ from monitor.pipeline.entry import (
     frame_counts,
     table_counts,
 )
-from monitor.pipeline.monitor import check_names, lacking_names, needed_names, needs
+from monitor.pipeline.names import check_names, lacking_names, needed_names, needs
 
 OTHER_MODEL: Final = "train a model on healthy drives of this car: o2train fit LOG… --out M.onnx"
 

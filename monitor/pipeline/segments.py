@@ -1,6 +1,6 @@
 """Model and sensor bank on runs of samples with valid inputs, many recordings side by side."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NamedTuple
@@ -13,10 +13,7 @@ from monitor.judge.bank import Bank, BankState, Hypothesis, Spans, phases
 from monitor.judge.residual import oriented
 from monitor.judge.window import Span, Windows
 from monitor.model.step import Float32Array, Model
-from monitor.pipeline.events import Happening
-
-# what a sample causes: its number, the order within it, and what then happens
-Then = tuple[int, int, Callable[[], Iterable[Happening]]]
+from monitor.pipeline.conclusions import Findings
 
 
 class RunState(NamedTuple):
@@ -36,7 +33,7 @@ class Part:
     enabled: BoolArray  # (n,)
     cuts: list[int]  # where driving cycles begin, 0 included if one does there
     segments: list[tuple[int, int]]  # runs of samples with valid inputs in one driving cycle
-    then: list[Then]
+    found: Findings
     windows: Windows
     in_cut: BoolArray  # (n,) samples that only a fuel cut disables
     cut_windows: Windows | None  # None where fuel cuts are not judged

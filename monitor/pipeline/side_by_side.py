@@ -226,7 +226,7 @@ class _Run:
             enabled=np.concatenate([_NONE.astype(np.bool_), *(each.enabled for each in ticks)]),
             windows=self._windows,
             cuts=self._cuts,
-            fuel_cuts=monitor.fuel_cuts.cuts,
+            fuel_cuts=monitor.decisions.fuel_cuts.cuts,
             interrupted_windows=monitor.interrupted_windows,
             changes=self._changes,
             cycles=self._cycles,

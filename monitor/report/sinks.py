@@ -113,12 +113,12 @@ class Collector:
             _left_s(monitor),
             self._n_outside,
             judges_cuts=monitor.limits.evidence_cut > 0.0,
-            cut_faults=monitor.fuel_cuts.faults,
+            cut_faults=monitor.decisions.fuel_cuts.faults,
         )
         is_faulty = monitor.store.fault_flag
         why = [] if is_faulty else causes(seen, self._asked, judgement)
         behind = monitor.catalyst.entry()
-        cuts = monitor.fuel_cuts
+        cuts = monitor.decisions.fuel_cuts
         return {
             "path": path,
             "sha256": sha256,
@@ -128,7 +128,7 @@ class Collector:
             "windows_interrupted": monitor.interrupted_windows,
             "windows_dropped": self._n_windows - len(self._windows),
             "dtcs": [
-                dtc_entry(dtc, self.begin_ns, monitor.probability(dtc.fault))
+                dtc_entry(dtc, self.begin_ns, monitor.decisions.probability(dtc.fault))
                 for dtc in monitor.store.active
             ],
             "fault_flag": monitor.store.fault_flag,
@@ -136,7 +136,7 @@ class Collector:
             "not_judged": not_judged(why),
             **({"windows_fuel_cut": self._n_cuts} if monitor.limits.evidence_cut else {}),
             **({"fuel_cut_response": fuel_cuts_entry(cuts)} if cuts.cuts else {}),
-            "evidence": evidence_entry(monitor.evidence()),
+            "evidence": evidence_entry(monitor.decisions.evidence()),
             "enable": enable_shares(seen.held.tolist(), monitor.samples, monitor.unavailable),
             "limits": limits_entry(monitor.limits),
             "counters": dict(counters),
@@ -152,7 +152,7 @@ class Collector:
 
 def _left_s(monitor: Monitor) -> float | None:
     """Return the driving in s that the slowest decision of the response test still needs."""
-    left = [each.seconds_to_decision for each in monitor.evidence().values()]
+    left = [each.seconds_to_decision for each in monitor.decisions.evidence().values()]
     known = [each for each in left if each is not None]
     return max(known) if known and len(known) == len(left) else None
 

@@ -117,7 +117,7 @@ def _judge_reading(table: Table, store: DtcStore, config: Config) -> None:
         t_ns = block.t_ns.item(k)
         matured = counters.mature(result.test, failed=result.failed, fault=result.fault, t_ns=t_ns)
         _freeze(matured, store, names, block, k)
-    for k, failed, fault in found.stretches:
+    for k, (failed, fault) in found.stretches:
         if fault != "stuck_at_one":
             t_ns = block.t_ns.item(k)
             changes = counters.step("activity", failed=failed, fault=fault, also=(), t_ns=t_ns)

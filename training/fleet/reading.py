@@ -12,7 +12,7 @@ from monitor.base.types import SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.enable import Enable
 from monitor.model.card import ModelCard
-from monitor.pipeline.monitor import needed_names
+from monitor.pipeline.names import needed_names
 from monitor.pipeline.recordings import RecordingReader
 from training.recordings import recording
 from training.recordings.measurement import is_measurement

@@ -206,7 +206,7 @@ class LiveFeed:
         )
 
     def _evidence(self) -> dict[str, Any]:
-        return {"evidence": evidence_entry(self._monitor.evidence())}
+        return {"evidence": evidence_entry(self._monitor.decisions.evidence())}
 
     def _now(self, tick: Tick) -> dict[str, Any]:
         monitor, sample = self._monitor, tick.sample

@@ -178,7 +178,7 @@ class ActivityOneByOne(ActivityTest):
 
     def step(self, measured: float) -> tuple[bool, str] | None:
         found = self.push(np.array([measured]), np.array([True]))
-        return found[0][1:] if found else None
+        return found[0][1] if found else None
 
 
 def activity() -> ActivityOneByOne:
@@ -201,7 +201,7 @@ def test_a_fuel_cut_does_not_count_and_a_reading_that_moves_there_lives(
     # WHEN the reading is the same between the cuts
     found = ActivityTest(CONFIG.plausibility, SATURATED, PERIOD_S).push(measured, active)
     # THEN it is frozen only if it was so in the cuts, too
-    assert any(failed for _, failed, _ in found) is is_found
+    assert any(still.failed for _, still in found) is is_found
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
 from monitor.pipeline.entry import bus_sources, check_long_enough, check_received
 from monitor.pipeline.frames import FramePipeline
-from monitor.pipeline.monitor import needed_names
+from monitor.pipeline.names import needed_names
 from monitor.pipeline.recordings import RecordingReader
 from monitor.report.replay import Setup, frame_counters, replay, set_up, shipped_model
 from monitor.report.sinks import Collector

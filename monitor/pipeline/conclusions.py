@@ -1,0 +1,207 @@
+"""Step 9: findings on samples, in the order of time, become verdicts, codes and counts."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from operator import itemgetter
+from types import MappingProxyType
+from typing import Final, NamedTuple, TypeVar
+
+import numpy as np
+
+from monitor.base.signals import CAPACITY
+from monitor.base.types import SampleBlock
+from monitor.judge.catalyst import BehindResult
+from monitor.judge.decisions import Decisions
+from monitor.judge.findings import Facts
+from monitor.judge.fuel_cut import Cut
+from monitor.judge.limits import Limits
+from monitor.judge.plausibility import Still, TickResult
+from monitor.judge.window import Window
+from monitor.memory.cycles import Driven, Moment
+from monitor.memory.dtc import Status
+from monitor.memory.dtc_store import DtcStore
+from monitor.memory.obd_records import FreezeFrame
+from monitor.pipeline.events import (
+    Change,
+    Counted,
+    CutJudged,
+    CycleStarted,
+    DtcChanged,
+    Happening,
+    WindowJudged,
+)
+
+_AFTER_TICK: Final = 3  # from this field of ``Findings`` on
+_Found = TypeVar("_Found")
+At = Sequence[tuple[int, _Found]]  # findings, each with its sample's number, which never falls
+
+
+class Filled(NamedTuple):
+    """The windows and fuel cuts up to the next driving cycle or the end of the block."""
+
+    items: Sequence[Window | Cut]
+    anew: bool  # a tester has cleared the codes: forget the conclusions so far
+
+
+class Findings(NamedTuple):
+    """The findings on a block, in the order in which those of one sample take effect."""
+
+    driven: At[Driven]
+    moments: At[Moment]
+    known: At[Filled] = ()
+    matured: At[TickResult] = ()
+    stretches: At[Still] = ()
+    behind: At[BehindResult] = ()
+    items: At[Window | Cut] = ()
+
+
+class Place(NamedTuple):
+    """A sample of a block."""
+
+    block: SampleBlock
+    k: int
+
+    @property
+    def t_ns(self) -> int:
+        """Return the time of the sample."""
+        return self.block.t_ns.item(self.k)
+
+
+class Conclusions:
+    """Takes findings and yields the events that each causes.
+
+    names : signals of a sample
+    decide : begins the decisions of a driving cycle
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        limits: Limits,
+        store: DtcStore,
+        decide: Callable[[Limits], Decisions],
+    ) -> None:
+        self._names, self._store, self._decide = names, store, decide
+        self._facts: Iterator[Facts] = iter(())
+        self._has_begun = False
+        self.adopt(limits)
+
+    def adopt(self, limits: Limits) -> None:
+        """Judge with other limits from here on, with nothing concluded yet."""
+        self.limits = limits
+        self.decisions = self._decide(limits)
+
+    def take(
+        self, found: Findings, block: SampleBlock
+    ) -> Iterator[tuple[int, Iterable[Happening]]]:
+        """Yield events in the order of time, with the number of samples whose ticks come first.
+
+        Cycles, memory and windows come before the tick of their sample, the others behind it.
+        """
+        if not self._has_begun:
+            self._has_begun = True
+            yield 0, self._judge_memory(Place(block, 0))
+        steps: tuple[Callable[..., Iterable[Happening]], ...] = (
+            self._drive,
+            self._count,
+            self._know,
+            self._mature,
+            self._act,
+            self._judge_behind,
+            self._judge,
+        )
+        merged = sorted(
+            ((k, step, each) for step, own in enumerate(found) for k, each in own),
+            key=itemgetter(0, 1),
+        )
+        for k, step, each in merged:
+            events = steps[step](each, Place(block, k))
+            if events:
+                yield k + (step >= _AFTER_TICK), events
+
+    def _drive(self, driven: Driven, _: Place) -> Iterable[Happening]:
+        """Let the fault memory count driving."""
+        self._store.drive([driven])
+        return ()
+
+    def _count(self, moment: Moment, at: Place) -> Iterator[Happening]:
+        """Let the fault memory count; begin the next driving cycle."""
+        store = self._store
+        match moment:
+            case "driving_cycle":
+                yield from self._next_cycle(at.t_ns)
+                yield from self._judge_memory(at)
+                return
+            case "ignition_cycle":
+                store.count_ignition_cycle()
+            case "warm_up":
+                store.count_warm_up()
+            case "general_denominator":
+                store.count_general_denominator()
+        yield Counted(at.t_ns, moment)
+
+    def _judge_memory(self, at: Place) -> Iterable[Happening]:
+        """Judge the fault memory itself at the first sample of a driving cycle."""
+        t_ns = at.t_ns
+        changed = [DtcChanged(t_ns, dtc) for dtc in self._store.judge_memory(t_ns) if dtc.state]
+        return list(self._frozen(changed, at))
+
+    def _know(self, filled: Filled, _: Place) -> Iterable[Happening]:
+        """Take note of the windows and fuel cuts that follow."""
+        if filled.anew:
+            self.adopt(self.limits)
+        self._facts = iter(self.decisions.facts(filled.items) if filled.items else ())
+        return ()
+
+    def _mature(self, result: TickResult, at: Place) -> Iterator[Happening]:
+        """Take the last of enough alike results of an electrical test."""
+        yield from self._frozen(self.decisions.matured(result, at.t_ns), at)
+
+    def _act(self, still: Still, at: Place) -> Iterator[Happening]:
+        """Take a stretch of the activity test."""
+        yield from self._frozen(self.decisions.activity(*still, at.t_ns), at)
+
+    def _judge_behind(self, result: BehindResult, at: Place) -> Iterable[Happening]:
+        """Take a result of catalyst, downstream sensor or oxygen balance."""
+        self._store.report(result.results)
+        changes = self.decisions.behind(result.test, result.claim, at.t_ns)
+        grams = result.capacity_g
+        return list(self._frozen(changes, at, {} if grams is None else {CAPACITY: grams}))
+
+    def _judge(self, item: Window | Cut, at: Place) -> Iterator[Happening]:
+        """Take a full window, or a fuel cut that is over."""
+        if isinstance(item, Cut):
+            yield from self.decisions.cut_over(item, at.t_ns)
+            return
+        decide = self.decisions.cut if item.is_cut else self.decisions.window
+        yield from self._frozen(decide(item, next(self._facts)), at)
+
+    def _next_cycle(self, t_ns: int) -> Iterator[Happening]:
+        seen = self.decisions.seen
+        were_active = {dtc.code for dtc in self._store.active}
+        changed = self._store.start_driving_cycle()
+        self.adopt(self.limits)
+        yield CycleStarted(t_ns, seen)
+        for dtc in changed:
+            if dtc.code in were_active:
+                yield DtcChanged(t_ns, dtc)
+
+    def _frozen(
+        self,
+        events: Iterable[WindowJudged | CutJudged | Change],
+        at: Place,
+        estimates: Mapping[str, float] = MappingProxyType({}),
+    ) -> Iterator[WindowJudged | CutJudged | Change]:
+        """Yield the events; with a code that fails, the signals of the sample are kept.
+
+        estimates : what is kept beside them
+        """
+        for event in events:
+            if isinstance(event, DtcChanged) and event.dtc.status & Status.TEST_FAILED:
+                values = at.block.values[at.k]
+                good = ~np.isnan(values)
+                read = zip(self._names, values.tolist(), good.tolist(), strict=True)
+                signals = {name: value for name, value, is_good in read if is_good}
+                self._store.freeze(
+                    FreezeFrame(event.dtc.code, event.t_ns, {**signals, **estimates})
+                )
+            yield event
