@@ -24,7 +24,7 @@ from monitor.bus.loop import Loop
 from monitor.bus.transmit import Transmitter
 from monitor.decode.checksum import payload_checksum
 from monitor.frames.logs import read_frames
-from monitor.report import replay
+from monitor.pipeline import replay
 
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
 BEGIN_NS = 1_700_000_000_000_000_000

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.damage.fuzz_options import fuzz_parser
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.model_damage import damaged, hostile, outcome
 
 SLOW_S = 5.0

@@ -29,12 +29,12 @@ from monitor.grid.block_samples import Clearing, log_samples
 from monitor.grid.time_walk import TimeCounters
 from monitor.grid.timeline import Timeline
 from monitor.memory.dtc_store import DtcStore
+from monitor.pipeline import replay
+from monitor.pipeline.collector import Collector
 from monitor.pipeline.events import CycleStarted, Event
 from monitor.pipeline.monitor import Judge, Monitor
 from monitor.pipeline.names import needed_names
 from monitor.pipeline.side_by_side import slices
-from monitor.report import replay
-from monitor.report.sinks import Collector
 
 LOG = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 BEGIN_NS = 1_700_000_000_000_000_000

@@ -33,9 +33,9 @@ from monitor.decode.bus_map import load_database
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import open_session
+from monitor.pipeline import replay
 from monitor.pipeline.events import Event, Tick
 from monitor.pipeline.frames import FramePipeline
-from monitor.report import replay
 
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
 START_S = 300.0  # of the drive: warm and under way

@@ -31,7 +31,7 @@ from monitor.bus.terminal import JsonLines, Out, Screen
 from monitor.bus.transmit import Transmitter
 from monitor.frames.logs import read_frames
 from monitor.memory.store import Memory
-from monitor.report import replay
+from monitor.pipeline import replay
 
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
 PAUSE_S = 2.0  # between two drives: time marks are made, no communication is lost yet

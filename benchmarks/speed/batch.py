@@ -31,8 +31,8 @@ from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
 from monitor.pipeline.events import BlockEvent, DtcChanged, WindowJudged
 from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import Judged, judge_all
-from monitor.report.replay import shipped_model
 from training.dyno import ecu
 from training.dyno.simulation import Experiment, simulate
 

@@ -33,16 +33,17 @@ import numpy as np
 from benchmarks.speed.batch import FIRST_SEED, FIRST_VEHICLE, PERIOD_NS, clocked
 from benchmarks.speed.replay_vs_plain_loop import Bench, replay_plain
 from monitor.base import config
+from monitor.base.json_text import write_json
 from monitor.base.types import SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import load_database
 from monitor.frames.candump_blocks import Parser
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.pipeline import recordings
+from monitor.pipeline.replay import Setup, replay, result_of, set_up
 from monitor.pipeline.side_by_side import RecordingJudge
-from monitor.report.replay import Setup, model_info, replay, result_of, set_up
-from monitor.report.sinks import write_json
-from monitor.report.text import write_report
+from monitor.report.model_facts import model_info
+from monitor.report.page import write_report
 from training.dyno import ecu
 from training.dyno.simulation import Experiment, simulate
 from training.fleet.candump_parser import parse_lines

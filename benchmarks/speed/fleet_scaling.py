@@ -24,7 +24,7 @@ import psutil
 
 from benchmarks.repository import ROOT
 from monitor.decode.bus_map import load_pairs
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from training.recordings.can_log import broadcast, write_log
 from training.recordings.recording import default_pairs, load, write_table
 

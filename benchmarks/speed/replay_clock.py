@@ -24,7 +24,7 @@ from benchmarks.speed.fleet_log import experiment, loaded
 from benchmarks.speed.replay_vs_plain_loop import Bench, replay_plain
 from monitor.base import config
 from monitor.decode.bus_map import load_database
-from monitor.report.replay import set_up
+from monitor.pipeline.replay import set_up
 from training.dyno.recording_files import write
 from training.recordings.can_log import write_log
 

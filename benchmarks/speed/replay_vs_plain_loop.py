@@ -35,9 +35,9 @@ from monitor.frames.logs import read_frames
 from monitor.grid.samples import FrameSamples
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import open_session
+from monitor.pipeline import replay
 from monitor.pipeline.events import WindowJudged
 from monitor.pipeline.frames import FramePipeline, block_of
-from monitor.report import replay
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate
 

@@ -33,9 +33,9 @@ from monitor.judge.response import ResponseRule
 from monitor.judge.window import Window
 from monitor.memory.cycles import Cycles
 from monitor.memory.dtc_store import DtcStore
+from monitor.pipeline import replay
 from monitor.pipeline.events import Ticks, WindowJudged
 from monitor.pipeline.frames import FramePipeline
-from monitor.report import replay
 
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
 US = 1e6

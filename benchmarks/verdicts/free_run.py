@@ -16,7 +16,7 @@ import numpy as np
 from monitor.base import config
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.physical_baseline import Baseline, fit_baseline
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment

@@ -37,8 +37,8 @@ from monitor.base.types import SampleBlock
 from monitor.judge.fuel_cut_response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import Judged, judge_all
-from monitor.report.replay import shipped_model
 from training import cli
 from training.dyno import ecu
 from training.dyno.effects import from_severities

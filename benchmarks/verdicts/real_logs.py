@@ -40,7 +40,7 @@ from monitor.base.faults import resolve
 from monitor.base.signals import OUTPUT
 from monitor.grid.tables import Table, is_table, read_table
 from monitor.model.step import Model
-from monitor.report import replay
+from monitor.pipeline import replay
 from training.cli import main as o2train
 from training.limits.judging import judge
 from training.recordings.preparation import pinned_rows

@@ -38,8 +38,8 @@ from monitor.base.signals import NARX_INPUTS
 from monitor.base.types import BoolArray, FloatArray, SampleBlock
 from monitor.judge.limits import Limits
 from monitor.model.step import Model, to_model_units
+from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import Judged, judge_all
-from monitor.report.replay import shipped_model
 from training import cli
 from training.dyno import ecu
 from training.dyno.simulation import Experiment, simulate

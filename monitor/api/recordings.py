@@ -11,8 +11,8 @@ from monitor.grid.arrays import table_of
 from monitor.grid.tables import checked_columns
 from monitor.memory.store import Memory
 from monitor.model.step import Model
+from monitor.pipeline import replay as replays
 from monitor.pipeline.recordings import RecordingReader
-from monitor.report import replay as replays
 
 Buses = Sequence[tuple[str | Path, str | Path]]
 ARRAYS: Final = "arrays"  # the name of a drive without a file

@@ -18,7 +18,7 @@ from monitor.frames.loop_frames import is_own
 from monitor.memory.store import Memory
 from monitor.model.step import Model
 from monitor.pipeline.events import BlockEvent
-from monitor.report.replay import frame_counters
+from monitor.pipeline.replay import frame_counters
 
 
 class Monitor:

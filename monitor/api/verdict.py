@@ -9,11 +9,12 @@ from typing import Any, Literal
 import numpy as np
 
 from monitor.base.errors import UsageError
+from monitor.base.json_text import rounded
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.causes import Cause
 from monitor.judge.findings import Evidence
-from monitor.report.sinks import rounded, verdict_text
-from monitor.report.text import Trace
+from monitor.pipeline.collector import Trace
+from monitor.report.lines import verdict_text
 
 _SERIES = ("t_s", "measured", "predicted", "enabled", "fault_flag")
 

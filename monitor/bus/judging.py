@@ -12,11 +12,11 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
 from monitor.memory.reference import Seen
 from monitor.memory.store import Memory
+from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import bus_sources
 from monitor.pipeline.events import BlockEvent, CutJudged, CycleStarted, Ticks, WindowJudged
 from monitor.pipeline.frames import FramePipeline
-from monitor.report.replay import Setup, of_memory, store_of
-from monitor.report.sinks import Collector
+from monitor.pipeline.replay import Setup, of_memory, store_of
 
 KEEP: Final = 1_000  # latest windows kept: three hours of driving in 2.5 MB
 KEEP_SAMPLES: Final = 200_000  # latest samples kept for the report: 5 h at 10 Hz

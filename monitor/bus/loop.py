@@ -31,7 +31,7 @@ from monitor.pipeline.events import (
     Tick,
     singly,
 )
-from monitor.report.replay import Setup, frame_counters
+from monitor.pipeline.replay import Setup, frame_counters
 
 _STALE: Final = int(Quality.STALE)
 

@@ -10,9 +10,11 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TextIO
 
+from monitor.base.json_text import rounded
 from monitor.base.types import Frame
 from monitor.bus.link.port import BusHealth
 from monitor.judge.enable import CONDITIONS
+from monitor.pipeline.collector import Collector
 from monitor.pipeline.events import (
     Counted,
     CutJudged,
@@ -23,7 +25,7 @@ from monitor.pipeline.events import (
     WindowJudged,
 )
 from monitor.pipeline.monitor import Monitor
-from monitor.report.sinks import Collector, event_line, rounded
+from monitor.report.lines import event_line
 
 SCHEMA: Final = "o2mon.run/1"
 REDRAW_S: Final = 0.25

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from monitor.base.types import Frame
     from monitor.bus.link.port import BusHealth, Port
     from monitor.bus.polling.poller import ObdPoller
-    from monitor.report.replay import Setup
+    from monitor.pipeline.replay import Setup
 
 HELP = "say which signals are there"
 _CHECK = """examples:

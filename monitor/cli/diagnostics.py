@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from monitor.bus.attachment import Attachment
     from monitor.bus.diagnostics.state import State
     from monitor.bus.loop import Loop
-    from monitor.report.replay import Setup
+    from monitor.pipeline.replay import Setup
 
 _NONE = "none"
 _MISSING = "can-isotp is not installed; pip install '.[diagnostics]' in the project's folder"

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from monitor.inject.expected import Recording
     from monitor.inject.scenario import Scenario
     from monitor.inject.side import Side
-    from monitor.report.replay import Setup
+    from monitor.pipeline.replay import Setup
 
 HELP = "put faults into an engine's frames, or into a log"
 _INJECT = """examples:
@@ -190,7 +190,7 @@ def _table(
     from monitor.inject.table_faults import with_faults, write_own
     from monitor.model.step import Model
     from monitor.pipeline.recordings import RecordingReader, table_of_model
-    from monitor.report.replay import judged
+    from monitor.pipeline.replay import judged
 
     if not (args.out or args.check):
         raise UsageError(_NOTHING)

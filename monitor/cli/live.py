@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from monitor.bus.live.feed import LiveFeed
     from monitor.bus.live.process import Server
     from monitor.bus.loop import Loop
-    from monitor.report.replay import Setup
+    from monitor.pipeline.replay import Setup
 
 
 def add_live(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +49,7 @@ def live_feed(
     if server is None:
         return
     from monitor.bus.live.feed import LiveFeed
-    from monitor.report.replay import frame_counters
+    from monitor.pipeline.replay import frame_counters
 
     say(f"live page: {server.address.url}")
     if not server.is_loopback:

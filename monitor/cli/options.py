@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from monitor.bus.polling.poller import ObdPoller
     from monitor.decode.bus_map import BusMap
-    from monitor.report.replay import Setup
+    from monitor.pipeline.replay import Setup
 
 NOT_JUDGED = 3
 
@@ -212,7 +212,7 @@ def set_up(args: argparse.Namespace, *, judges: bool = True) -> "Setup":
     """
     import dbc
     from monitor.base import config
-    from monitor.report import replay
+    from monitor.pipeline import replay
 
     if len(args.dbc) != len(args.map):
         raise UsageError(
@@ -229,20 +229,22 @@ def write_outputs(
     args: argparse.Namespace, setup: "Setup", recordings: list[dict[str, Any]], traces: list[Any]
 ) -> None:
     """Write the JSON and HTML that the options name; raises UsageError if that fails."""
-    from monitor.report import replay, sinks
-    from monitor.report.text import write_report
+    from monitor.base.json_text import write_json
+    from monitor.pipeline.replay import result_of
+    from monitor.report.model_facts import model_info, predicted_quantity
+    from monitor.report.page import write_report
 
-    result = replay.result_of(recordings, setup)
+    result = result_of(recordings, setup)
     if args.json:
-        sinks.write_json(args.json, result)
+        write_json(args.json, result)
     if args.html:
         write_report(
             args.html,
             result,
             traces,
             title="Oxygen sensor monitor",
-            model_info=replay.model_info(setup),
-            output=replay.predicted_quantity(setup),
+            model_info=model_info(setup),
+            output=predicted_quantity(setup),
         )
         say(f"report: {args.html}")
 

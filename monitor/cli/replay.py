@@ -49,8 +49,8 @@ def _replay(args: argparse.Namespace) -> int:
     import_without_mdf()
     from monitor.frames.parsers import parser_for
     from monitor.memory.store import Memory
-    from monitor.report import replay
-    from monitor.report.sinks import print_recording
+    from monitor.pipeline import replay
+    from monitor.report.lines import print_recording
 
     setup = dataclasses.replace(set_up(args), parse=parser_for(args.log))
     memory = Memory(args.memory, hold=True) if args.memory else None
@@ -63,7 +63,11 @@ def _replay(args: argparse.Namespace) -> int:
         closing(sinks) if sinks else nullcontext(),
     ):
         for recording, trace in replay.replay_all(
-            args.log, setup, memory, trace=bool(args.html), sinks=sinks
+            args.log,
+            setup,
+            memory,
+            trace=bool(args.html),
+            listeners=sinks.listener if sinks else None,
         ):
             recordings.append(recording)
             traces.append(trace)

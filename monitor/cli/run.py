@@ -173,7 +173,7 @@ def _views(args: argparse.Namespace, loop: "Loop", out: "Out") -> "Iterator[Atta
 def _ending(args: argparse.Namespace, recording: dict[str, Any]) -> Iterable[str]:
     """Return the closing lines about the whole run."""
     from monitor.bus.terminal import json_line
-    from monitor.report.sinks import print_recording, verdict_text
+    from monitor.report.lines import print_recording, verdict_text
 
     if not args.json_lines:
         return print_recording(recording)

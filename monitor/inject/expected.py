@@ -15,9 +15,9 @@ from monitor.grid.timeline import Timeline
 from monitor.inject.scenario import NO_CODE, Expectation, Scenario
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory
+from monitor.pipeline.collector import Collector
 from monitor.pipeline.frames import FramePipeline
-from monitor.report.replay import Setup, frame_counters
-from monitor.report.sinks import Collector
+from monitor.pipeline.replay import Setup, frame_counters
 
 _AT_ONCE = 256  # frames whose times are looked at together
 

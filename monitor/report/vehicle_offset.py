@@ -13,7 +13,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 
 if TYPE_CHECKING:
-    from monitor.report.text import Trace
+    from monitor.pipeline.collector import Trace
 
 EARLY_S: Final = 180.0  # enabled time that shows the distance, early in the drive
 LEAST_S: Final = 30.0  # with less, a single manoeuvre could decide

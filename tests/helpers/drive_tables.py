@@ -8,7 +8,7 @@ import numpy as np
 
 from monitor.base import config
 from monitor.pipeline.recordings import ReadRecording, RecordingReader
-from monitor.report.replay import set_up
+from monitor.pipeline.replay import set_up
 from tests.conftest import ROOT
 
 PERIOD_S = 0.1

@@ -10,7 +10,7 @@ import polars as pl
 from polars.testing import assert_frame_equal
 
 from monitor.base import config
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from training.fleet import run
 from training.fleet.bench import Bench

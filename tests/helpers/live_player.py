@@ -12,9 +12,9 @@ from monitor.bus.live.feed import LiveFeed
 from monitor.bus.live.process import Server
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc_store import DtcStore
+from monitor.pipeline import replay
 from monitor.pipeline.events import Tick, singly
 from monitor.pipeline.frames import FramePipeline
-from monitor.report import replay
 from tests.conftest import ROOT
 
 

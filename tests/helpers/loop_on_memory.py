@@ -19,8 +19,8 @@ from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc_store import Saved
 from monitor.memory.store import Memory
+from monitor.pipeline import replay
 from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
-from monitor.report import replay
 from tests.helpers.played_bus import Ear, PlayedBus
 
 DRIVE = 200 * 60  # frames, a minute of a late sensor

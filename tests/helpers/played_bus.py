@@ -11,7 +11,7 @@ from monitor.base.types import Frame
 from monitor.bus.link.recorder import message_of
 from monitor.bus.loop import Loop
 from monitor.bus.transmit import Transmitter
-from monitor.report import replay
+from monitor.pipeline import replay
 
 
 @dataclass

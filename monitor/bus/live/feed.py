@@ -22,8 +22,8 @@ from monitor.judge.findings import WindowJudged
 from monitor.pipeline.entry import evidence_entry
 from monitor.pipeline.events import CycleStarted, Event, Tick
 from monitor.pipeline.monitor import Monitor
+from monitor.pipeline.replay import Setup
 from monitor.report import catalyst, evidence
-from monitor.report.replay import Setup
 from monitor.report.vehicle_offset import VehicleOffset
 from monitor.report.words import confidence
 

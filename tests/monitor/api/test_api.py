@@ -15,9 +15,9 @@ import pytest
 
 import monitor
 from monitor import Code, Monitor, O2Error, OxygenSensorMonitor, load_model, replay
+from monitor.base.json_text import rounded
 from monitor.cli import main
 from monitor.grid.tables import read_table
-from monitor.report.sinks import rounded
 from tests.conftest import ROOT
 
 LATE = ROOT / "replay_logs" / "delay_symmetric_micro_trips_v108_s112.blf"

@@ -11,7 +11,7 @@ import pytest
 
 from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.command_line import (
     PROGRAMS,
     command_names,

@@ -10,7 +10,7 @@ import pytest
 
 from monitor import cli as o2mon
 from monitor.base.outputs import numbered, replaced, unused
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from tests.helpers.injected_frames import HEALTHY
 from training import cli as o2train

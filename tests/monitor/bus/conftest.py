@@ -5,7 +5,7 @@ import pytest
 from monitor.base import config
 from monitor.base.types import Frame
 from monitor.frames.logs import read_frames
-from monitor.report import replay
+from monitor.pipeline import replay
 from tests.conftest import ROOT
 
 

@@ -25,7 +25,7 @@ from monitor.bus.loop import Loop
 from monitor.frames.blocks import chosen, joined
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import is_own
-from monitor.report import replay
+from monitor.pipeline import replay
 from tests.helpers.batch_logs import MS
 from tests.helpers.played_bus import judged
 

@@ -13,8 +13,8 @@ from monitor.bus.diagnostics.state import Identity
 from monitor.frames.logs import read_frames
 from monitor.memory import obd_records
 from monitor.memory.dtc_store import DtcStore
+from monitor.pipeline import replay
 from monitor.pipeline.frames import FramePipeline
-from monitor.report import replay
 from tests.conftest import ROOT
 from tests.helpers.diagnostics_state import SHA256, VIN, Vehicle, ask
 

@@ -32,7 +32,7 @@ from monitor.memory import obd_records
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
-from monitor.report import replay
+from monitor.pipeline import replay
 from tests.conftest import ROOT
 from tests.helpers.diagnostics_state import VIN
 from tests.helpers.ecu import Ecu

@@ -15,7 +15,7 @@ from monitor.bus.loop import Loop
 from monitor.cli import diagnostics
 from monitor.memory.dtc_store import Saved
 from monitor.memory.store import Memory
-from monitor.report import replay
+from monitor.pipeline import replay
 from tests.helpers.diagnostics_state import VIN
 
 SETUP = replay.set_up(None, [], config.load())

@@ -13,7 +13,7 @@ from monitor.bus.loop import Loop
 from monitor.bus.polling.pids import interval_s
 from monitor.bus.polling.poller import ObdPoller
 from monitor.cli import main
-from monitor.report import replay
+from monitor.pipeline import replay
 from tests.helpers.obd_conversation import LENGTHS, PARAMETERS, Conversation
 from tests.helpers.obd_ecu import ObdEcu, SimulatedBus, answering, steady_ecu
 from tests.helpers.simulated_drives import WARM, driven

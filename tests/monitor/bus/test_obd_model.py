@@ -11,7 +11,7 @@ from monitor.bus.loop import Loop
 from monitor.bus.polling.pids import lengths, wanted
 from monitor.bus.polling.poller import ObdPoller
 from monitor.model.step import Model
-from monitor.report import replay
+from monitor.pipeline import replay
 from tests.helpers.obd_ecu import ObdEcu, SimulatedBus
 from tests.helpers.simulated_drives import WARM
 from training.cli import main

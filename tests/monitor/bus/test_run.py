@@ -14,7 +14,7 @@ from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import TIME_MARK_ID, time_mark
 from monitor.memory.store import Memory
-from monitor.report import replay
+from monitor.pipeline import replay
 from tests.helpers.played_bus import Pause, PlayedBus, judged, run_on
 
 

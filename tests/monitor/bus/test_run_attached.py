@@ -10,8 +10,8 @@ from monitor.base.types import Frame
 from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import FIRST_ID, is_own, time_mark
+from monitor.pipeline import replay
 from monitor.pipeline.events import DtcChanged, Event
-from monitor.report import replay
 from tests.helpers.played_bus import Ear, PlayedBus, judged, run_on
 
 

@@ -26,8 +26,8 @@ from monitor.bus.watchdog import Watchdog
 from monitor.frames.logs import read_frames
 from monitor.judge.enable import CONDITIONS
 from monitor.memory.store import Memory
+from monitor.pipeline import replay
 from monitor.pipeline.events import Event, Tick
-from monitor.report import replay
 from tests.conftest import ROOT
 from tests.helpers.played_bus import PlayedBus
 

@@ -15,9 +15,9 @@ from monitor.frames.logs import read_frames
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
+from monitor.pipeline import replay
 from monitor.pipeline.events import WindowJudged
 from monitor.pipeline.frames import FramePipeline
-from monitor.report import replay
 from tests.conftest import ROOT
 from tests.helpers.diagnostics_state import Vehicle, ask
 

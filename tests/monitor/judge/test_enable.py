@@ -14,7 +14,7 @@ from monitor.judge import enable
 from monitor.judge.enable import CONDITIONS, Enable
 from monitor.judge.window import Series, Span, Window, Windows
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 
 CONFIG = config.load().enable
 PERIOD_S = 0.1

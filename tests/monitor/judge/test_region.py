@@ -18,7 +18,7 @@ from monitor.judge.region import Region, points_of
 from monitor.judge.window import Window
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.bank import readings
 from training.limits.region import region_of
 

@@ -12,9 +12,9 @@ from monitor.judge.plausibility import Plausibility
 from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory
+from monitor.pipeline import replay
 from monitor.pipeline.events import CycleStarted, DtcChanged, Event
 from monitor.pipeline.frames import FramePipeline, block_of
-from monitor.report import replay
 from tests.conftest import ROOT
 from tests.helpers.played_bus import Pause, run_on
 from tests.helpers.stretches import (

@@ -21,7 +21,7 @@ from monitor.memory.dtc import Dtc
 from monitor.memory.dtc_store import Saved
 from monitor.memory.store import Memory
 from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
-from monitor.report.replay import set_up
+from monitor.pipeline.replay import set_up
 from tests.conftest import ROOT
 from tests.helpers.kills import assert_sound, kills, loaded, loop_kills
 from tests.helpers.played_bus import Ear, run_on

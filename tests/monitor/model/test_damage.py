@@ -11,7 +11,7 @@ from monitor.base.errors import ModelError
 from monitor.cli import main
 from monitor.model import model_file
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from tests.helpers.model_damage import card_of, damaged, hostile, outcome, with_card_text
 from training.narx.export import update_card

@@ -9,8 +9,8 @@ import pytest
 from monitor.base import config, faults
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import Judged, judge_all
-from monitor.report.replay import shipped_model
 from tests.helpers.physical_baseline import fit_baseline
 from training.dyno import ecu
 from training.dyno.recording_files import write

@@ -8,7 +8,7 @@ import pytest
 
 from monitor.base import config, downstream_faults, faults
 from monitor.judge.catalyst import CatalystMonitor
-from monitor.report.replay import replay, set_up
+from monitor.pipeline.replay import replay, set_up
 from training.dyno import ecu, effects, vehicle
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate

@@ -18,8 +18,8 @@ from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.card import Channel, ModelCard
 from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import judge_all
-from monitor.report.replay import shipped_model
 from tests.helpers.examples import inputs
 from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
 from training.narx.export import Network, save

@@ -14,8 +14,8 @@ from monitor.memory.dtc import Dtc, Status
 from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import judge_all
-from monitor.report.replay import shipped_model
 from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate

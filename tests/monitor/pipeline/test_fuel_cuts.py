@@ -10,8 +10,8 @@ from monitor.base.types import SampleBlock
 from monitor.judge.fuel_cut_response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import Judged, judge_all
-from monitor.report.replay import shipped_model
 from tests.helpers.streamed import PERIOD_NS, SHIPPED
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate

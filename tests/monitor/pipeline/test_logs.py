@@ -27,12 +27,12 @@ from monitor.grid.timeline import Timeline
 from monitor.judge.limits import Limits
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
+from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import bus_sources, check_long_enough, check_received
 from monitor.pipeline.frames import FramePipeline
 from monitor.pipeline.names import needed_names
 from monitor.pipeline.recordings import RecordingReader
-from monitor.report.replay import Setup, frame_counters, replay, set_up, shipped_model
-from monitor.report.sinks import Collector
+from monitor.pipeline.replay import Setup, frame_counters, replay, set_up, shipped_model
 from tests.conftest import ROOT
 from tests.helpers.batch_logs import ECU, S, logs
 from tests.helpers.examples import inputs

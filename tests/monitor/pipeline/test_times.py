@@ -24,7 +24,7 @@ from benchmarks.damage.fuzz_times import (
 from monitor.base import config
 from monitor.base.types import FrameBlock
 from monitor.frames.blocks import chosen, joined
-from monitor.report import replay
+from monitor.pipeline import replay
 from tests.helpers.bad_logs import LAMBDA_ID
 from tests.helpers.batch_logs import MS
 

@@ -13,7 +13,7 @@ from monitor import cli
 from monitor.frames.logs import read_frames
 from monitor.model.model_file import metadata_of
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from tests.helpers.bad_logs import block, write_minute
 from training.recordings.can_log import write_log

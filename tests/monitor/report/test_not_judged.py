@@ -13,7 +13,7 @@ import pytest
 from monitor import cli
 from monitor.judge.region import Region
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.drive_tables import PERIOD_S, Columns, table
 from training.narx.export import update_card
 

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from monitor.memory.codes import CODES
-from monitor.report import fuel_cuts, html
-from monitor.report import text as report
-from monitor.report.text import Trace, series, thinned, write_report
+from monitor.pipeline.collector import Trace
+from monitor.report import body, fuel_cuts
+from monitor.report import page as report
+from monitor.report.page import series, thinned, write_report
 from monitor.report.words import MEANINGS, confidence
 from tests.conftest import ROOT
 
@@ -271,7 +272,7 @@ def test_simulated_recordings_are_called_so(tmp_path: Path) -> None:
 
 
 def test_only_a_few_recordings_are_unfolded(tmp_path: Path) -> None:
-    few = [recording(f"{i}.log") for i in range(html.OPEN_AT_FIRST)]
+    few = [recording(f"{i}.log") for i in range(body.OPEN_AT_FIRST)]
     many = [*few, recording("last.log")]
     for recordings, unfolded in ((few, len(few)), (many, 0)):
         details = written(tmp_path, *recordings).of("details")
@@ -355,7 +356,7 @@ def test_a_page_does_not_claim_that_undecided_fuel_cuts_passed() -> None:
         "findings": {name: finding | {"verdict": "inconclusive", "std": 0.118}},
     }
     passed, left_open = (
-        html.body("drives", [recording() | {"fuel_cut_response": cuts}], {}, "lambda")
+        body.body("drives", [recording() | {"fuel_cut_response": cuts}], {}, "lambda")
         for cuts in (decided, undecided)
     )
     assert "Every test was completed and passed." in passed

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from monitor.pipeline.collector import Trace
 from monitor.pipeline.entry import fault_words
-from monitor.report.text import Trace
 from monitor.report.vehicle_offset import VehicleOffset, vehicle_offset
 
 

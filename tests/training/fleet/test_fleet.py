@@ -22,7 +22,7 @@ import pytest
 from monitor.base import config
 from monitor.base.errors import UsageError
 from monitor.memory.store import Memory
-from monitor.report import replay
+from monitor.pipeline import replay
 from tests.conftest import ROOT
 from tests.helpers import fleet_drives
 from tests.helpers.fleet_drives import (

@@ -10,7 +10,7 @@ import pytest
 
 from monitor.base import config
 from monitor.base.errors import UsageError
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers import fleet_drives
 from tests.helpers.dask_cluster import Cluster, cluster
 from tests.helpers.fleet_drives import assert_alike, judged, tables

@@ -12,7 +12,7 @@ from scipy import stats
 
 from monitor.base import config
 from monitor.base.types import FloatArray
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers import fleet_drives
 from training.fleet import fleet_page, outliers, proposal
 from training.fleet import run as fleet

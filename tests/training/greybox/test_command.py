@@ -9,7 +9,7 @@ import pytest
 from monitor import cli as o2mon
 from monitor.base import config
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from tests.helpers.physical_baseline import fit_baseline
 from training.cli import main as o2train

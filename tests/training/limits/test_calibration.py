@@ -13,7 +13,7 @@ from scipy import stats
 from monitor.base import config, faults
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from training.cli import main
 from training.dyno import vehicle
 from training.dyno.recording_files import write

@@ -7,7 +7,7 @@ import pytest
 from monitor.base import config
 from monitor.base.errors import RecordingError
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.drive_tables import Columns, table
 from training.limits.decision_limits import limits_of
 from training.limits.judging import why_not

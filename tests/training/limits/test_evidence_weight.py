@@ -11,7 +11,7 @@ from monitor.base import config
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged
-from monitor.report.replay import set_up, shipped_model
+from monitor.pipeline.replay import set_up, shipped_model
 from training.limits import response_limits as rules
 from training.recordings.recording import load
 

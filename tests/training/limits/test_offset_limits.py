@@ -11,7 +11,7 @@ from monitor.judge.bias import BiasRule
 from monitor.judge.findings import WindowJudged
 from monitor.judge.window import Window
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from training.limits.decision_limits import healthy_offsets, limits_of
 
 CONFIG = config.load()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from training.limits.repeated_model import RepeatedModel
 
 

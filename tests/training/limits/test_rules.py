@@ -12,7 +12,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.judge.limits import NO_LIMITS
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
 from training.limits.judging import judge

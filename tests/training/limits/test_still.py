@@ -10,7 +10,7 @@ from monitor.base import config
 from monitor.judge.limits import Limits
 from monitor.memory.codes import TESTS
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from training.limits.judging import judge
 from training.limits.stillness import DAY_S, next_longest, still_limits
 from training.recordings.recording import Recording, load

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from monitor.base.errors import UsageError
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from training.cli import main
 from training.studies.catalyst import run, tables, targets
 from training.studies.catalyst.cases import settled

@@ -11,7 +11,7 @@ import pytest
 from monitor.base import config, faults
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.fault_streams import SensorFault
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.matrices import FIRST, SEED, SMALL
 from training.cli import main
 from training.dyno import ecu

@@ -12,7 +12,7 @@ from monitor.base.signals import NARX_INPUTS, OUTPUT
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model, from_model_units
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap_networks import (
     CHAIN,
     FILM,

@@ -10,7 +10,7 @@ import pytest
 
 from monitor.base.errors import ModelError, RecordingError
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap_networks import (
     CHAIN,
     FILM,

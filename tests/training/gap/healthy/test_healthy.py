@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers import gap_simulated
 from tests.helpers.gap_simulated import known, simulated
 from training.gap.healthy import behaviour

@@ -12,7 +12,7 @@ import pytest
 
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from training.cli import main as o2train
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment

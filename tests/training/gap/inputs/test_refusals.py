@@ -13,7 +13,7 @@ import pytest
 
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
 from tests.helpers.gap_files import refused, run
 from training import cli

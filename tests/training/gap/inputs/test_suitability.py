@@ -11,7 +11,7 @@ import pytest
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
-from monitor.report.replay import shipped_model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
 from training.gap.healthy import behaviour, coverage
 from training.gap.healthy.operating_points import Visited

@@ -27,9 +27,9 @@ from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.model.card import Channel
+from monitor.pipeline.behind import judge_behind
+from monitor.pipeline.collector import Trace
 from monitor.pipeline.entry import dtc_entry, not_judged
-from monitor.report.behind import judge_behind
-from monitor.report.text import Trace
 
 TESTS: Final = ("communication", "range", "ready", "activity")
 CUT, PULSE = "fuel_cut", "injector_pulse_width_ms"

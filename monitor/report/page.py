@@ -9,7 +9,6 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -20,30 +19,15 @@ from numpy.typing import NDArray
 
 from monitor.base.outputs import write_text
 from monitor.base.types import FloatArray
-from monitor.report import elements, html
+from monitor.pipeline.collector import Trace
+from monitor.report import elements
+from monitor.report.body import body
 from monitor.report.vehicle_offset import vehicle_offset
 from monitor.report.words import has_model
 
 MAX_SAMPLES = 50_000  # longer recordings are thinned out; extremes are kept
 _BUCKETS = 10_000  # of a thinned recording; at most five samples of each are kept
 _DIGITS = 5  # significant digits of embedded values
-
-
-@dataclass(frozen=True, slots=True)
-class Trace:
-    """The series of one recording on the sample grid."""
-
-    t_s: FloatArray  # (n,) time since the first sample
-    measured: FloatArray  # (n,) in the output's unit, NaN where invalid
-    predicted: FloatArray  # (n,) in the output's unit, NaN while an input is invalid
-    enabled: NDArray[np.bool_]  # (n,)
-    fault_flag: NDArray[np.bool_]  # (n,)
-
-    @classmethod
-    def unpredicted(cls, t_s: FloatArray, measured: FloatArray) -> "Trace":
-        """Return the series of a recording that no model judged."""
-        off = np.zeros(len(t_s), dtype=np.bool_)
-        return cls(t_s, measured, np.full(len(t_s), np.nan), off, off)
 
 
 def write_report(
@@ -84,7 +68,7 @@ def write_report(
         style_hash=_hash(style),
         style=style,
         script=script,
-        body=html.body(title, recordings, model_info, output),
+        body=body(title, recordings, model_info, output),
         data="\n".join(
             f'<script type="application/json" id="series-{i}">{_json(item)}</script>'
             for i, item in enumerate(embedded)

@@ -1,7 +1,7 @@
 """Replays recordings through the pipeline as fast as possible."""
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -12,7 +12,6 @@ from monitor import __version__
 from monitor.base.config import Config, ProfileConfig
 from monitor.base.errors import MissingSignalsError, RecordingError
 from monitor.base.manifest import source_of
-from monitor.base.signals import OUTPUT
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.frames.candump_blocks import Parser
 from monitor.grid.block_samples import Clearing
@@ -20,19 +19,18 @@ from monitor.grid.tables import Table
 from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory
-from monitor.model.card import ModelCard
 from monitor.model.step import Model
+from monitor.pipeline import without_model
+from monitor.pipeline.collector import Collector, Trace
 from monitor.pipeline.entry import check_long_enough, frame_counts
 from monitor.pipeline.events import BlockEvent, CycleStarted
 from monitor.pipeline.frames import FramePipeline
 from monitor.pipeline.monitor import Judge, Monitor
 from monitor.pipeline.recordings import OpenRecording, RecordingReader
 from monitor.pipeline.side_by_side import slices
-from monitor.report import without_model
-from monitor.report.sinks import SCHEMA, Collector
-from monitor.report.text import Trace
-from monitor.sinks.written import Written
 
+Listeners = Callable[[Monitor], Callable[[BlockEvent], None]]
+SCHEMA = "o2mon.replay/1"
 SHIPPED_MODEL = "shipped.onnx"
 
 
@@ -113,12 +111,12 @@ def replay(
     memory: Memory | None = None,
     *,
     trace: bool = False,
-    sinks: Written | None = None,
+    listeners: Listeners | None = None,
 ) -> tuple[dict[str, Any], Trace]:
     """Judge one recording; a driving cycle begins with it, others where its samples show one.
 
     memory : fault memory and reference to go on from; without one both are empty
-    sinks : take the events, too
+    listeners : gives for its monitor a function that takes the events, too
     Returns the recording's entry of ``o2mon.replay/1`` and its series (empty without ``trace``).
     Raises RecordingError, SignalMapError or ModelError.
     """
@@ -133,7 +131,7 @@ def replay(
         recording = _without_model(table, sha256, setup.config, memory, lacking)
         series = without_model.series(table)
     else:
-        recording, series = judged(opened, sha256, setup, memory, trace=trace, sinks=sinks)
+        recording, series = judged(opened, sha256, setup, memory, trace=trace, listeners=listeners)
     return recording | {"source": source_of(path, sha256)}, series
 
 
@@ -160,7 +158,7 @@ def judged(
     memory: Memory | None = None,
     *,
     trace: bool = False,
-    sinks: Written | None = None,
+    listeners: Listeners | None = None,
 ) -> tuple[dict[str, Any], Trace]:
     """Judge an open recording, as ``replay`` judges one on disk.
 
@@ -170,7 +168,7 @@ def judged(
     setup = setup.of_vehicle(memory) if memory else setup
     monitor = Monitor(Judge(opened.names, setup.model, setup.config), setup.limits, store)
     collector = Collector(monitor, sources=opened.sources, trace=trace)
-    listen = sinks.listener(monitor) if sinks else None
+    listen = listeners(monitor) if listeners else None
     for event in _events(monitor, opened):
         collector.push(event)
         if listen:
@@ -222,11 +220,11 @@ def replay_all(
     memory: Memory | None = None,
     *,
     trace: bool = False,
-    sinks: Written | None = None,
+    listeners: Listeners | None = None,
 ) -> Iterator[tuple[dict[str, Any], Trace]]:
     """Judge recordings one after the other, each with the model reset."""
     for path in paths:
-        yield replay(path, setup, memory, trace=trace, sinks=sinks)
+        yield replay(path, setup, memory, trace=trace, listeners=listeners)
 
 
 def exit_code(recordings: Sequence[dict[str, Any]]) -> int:
@@ -243,34 +241,4 @@ def result_of(recordings: list[dict[str, Any]], setup: Setup) -> dict[str, Any]:
         "o2mon_version": __version__,
         "model": {"path": setup.model_path.name, "sha256": setup.model_sha256},
         "recordings": recordings,
-    }
-
-
-def trained_on(card: ModelCard) -> str:
-    """Return in words where a model's training recordings come from."""
-    sources = sorted({r.source or "source not said" for r in card.recordings})
-    return ", ".join(sources) or "source not said"
-
-
-def predicted_quantity(setup: Setup) -> str:
-    """Return the name that a page gives to the prediction."""
-    name = setup.model.card.output.name
-    return "lambda" if name == OUTPUT else name
-
-
-def model_info(setup: Setup) -> dict[str, str]:
-    """Return the report's entry of the model."""
-    card = setup.model.card
-    layers = " and ".join(str(n) for n in card.layers)
-    shape = f"lags {card.lags}, hidden layers {layers}" if layers else f"{card.lags} samples"
-    return {
-        "model": setup.model_path.name,
-        "sha256": setup.model_sha256,
-        "kind": f"{card.kind}, {shape}",
-        "inputs": ", ".join(card.input_names),
-        "output": card.output.name,
-        "trained on": f"{len(card.recordings)} recordings ({trained_on(card)})",
-        "sample period": f"{card.period_ns / 1e6:g} ms",
-        "healthy residual": f"mean {card.residual_mean:+.4f}, std {card.residual_std:.4f}",
-        "limits": ", ".join(f"{k} {v.value:.4g} {v.unit}" for k, v in card.limits.items()),
     }

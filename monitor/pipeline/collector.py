@@ -1,22 +1,19 @@
-"""Where events go: collected into the result of a recording, printed, written as JSON."""
+"""Events of a recording, collected into its entry of ``o2mon.replay/1`` and its series."""
 
-import json
-import math
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from monitor.base.outputs import write_text
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.causes import Asked, Cause, Judgement, Source, causes
+from monitor.judge.causes import Asked, Judgement, Source, causes
 from monitor.pipeline.entry import (
     dtc_entry,
     enable_shares,
     evidence_entry,
-    fault_words,
     fuel_cuts_entry,
     limits_entry,
     not_judged,
@@ -25,19 +22,28 @@ from monitor.pipeline.entry import (
 )
 from monitor.pipeline.events import (
     BlockEvent,
-    Counted,
     CutJudged,
-    CycleStarted,
-    DtcChanged,
-    Happening,
     Ticks,
     WindowJudged,
 )
 from monitor.pipeline.monitor import Monitor
-from monitor.report import evidence, fuel_cuts
-from monitor.report.text import Trace
 
-SCHEMA = "o2mon.replay/1"
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """The series of one recording on the sample grid."""
+
+    t_s: FloatArray  # (n,) time since the first sample
+    measured: FloatArray  # (n,) in the output's unit, NaN where invalid
+    predicted: FloatArray  # (n,) in the output's unit, NaN while an input is invalid
+    enabled: NDArray[np.bool_]  # (n,)
+    fault_flag: NDArray[np.bool_]  # (n,)
+
+    @classmethod
+    def unpredicted(cls, t_s: FloatArray, measured: FloatArray) -> "Trace":
+        """Return the series of a recording that no model judged."""
+        off = np.zeros(len(t_s), dtype=np.bool_)
+        return cls(t_s, measured, np.full(len(t_s), np.nan), off, off)
 
 
 class Collector:
@@ -184,109 +190,3 @@ class _Series:
         """Return the samples kept, (5, n)."""
         first = 0 if self._keep is None else max(self._n - self._keep, 0)
         return self._columns[:, first : self._n]
-
-
-def verdict_text(recording: Mapping[str, Any]) -> str:
-    """Return the verdict on one recording in words."""
-    if recording["fault_flag"]:
-        codes = ", ".join(
-            f"{d['code']} {fault_words(d)} ({d['state']}{_when(d)})" for d in recording["dtcs"]
-        )
-        return f"FAULT: {codes}"
-    if not recording["not_judged"]:
-        return "no fault"
-    return f"not judged: {reason(recording)}"
-
-
-def verdict_lines(recording: Mapping[str, Any]) -> list[str]:
-    """Return the verdict on one recording in words, each further cause on its own line."""
-    causes = recording["not_judged"]
-    if recording["fault_flag"] or not causes or not recording["samples"]:
-        return [verdict_text(recording)]
-    first, *others = (Cause(**cause).in_words for cause in causes)
-    return [f"not judged: {first}", *others]
-
-
-def _when(dtc: Mapping[str, Any]) -> str:
-    return "" if dtc["t_s"] is None else f", {dtc['t_s']:.0f} s"
-
-
-def reason(recording: Mapping[str, Any]) -> str:
-    """Return in words why a recording was not judged."""
-    if not recording["samples"]:
-        return "nothing was received"
-    return "; ".join(Cause(**cause).in_words for cause in recording["not_judged"])
-
-
-def event_line(event: Happening, collector: Collector) -> str:
-    """Return one line about an event that is no tick."""
-    if isinstance(event, CycleStarted):
-        return f"{collector.seconds(event.t_ns):8.1f} s  a driving cycle begins"
-    if isinstance(event, Counted):
-        return f"{collector.seconds(event.t_ns):8.1f} s  counted: {event.what.replace('_', ' ')}"
-    if isinstance(event, DtcChanged):
-        dtc = event.dtc
-        state = dtc.state or "is no longer set"
-        return f"{collector.seconds(event.t_ns):8.1f} s  {dtc.code} {dtc.fault} {state}"
-    if isinstance(event, CutJudged):
-        said = f"{event.outcome} {event.fault or ''}"
-        return f"{collector.seconds(event.t_ns):8.1f} s  window around a fuel cut  {said}"
-    paper = "  paper: failed" if event.paper_failed else ""
-    return (
-        f"{collector.seconds(event.window.t_end_ns):8.1f} s  window {event.window.index}  "
-        f"mean {event.mean:+.4f}  std {event.std:.4f}  {event.outcome} {event.fault or ''}{paper}"
-    )
-
-
-def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> Iterable[str]:
-    """Yield the lines that a command prints about one recording."""
-    counts = {"passed": 0, "failed": 0, "inconclusive": 0}
-    for window in recording["windows"]:
-        counts[window["verdict"]] += 1
-    if windows:
-        for w in recording["windows"]:
-            yield (
-                f"  {w['t_start_s']:8.1f} s  mean {w['mean']:+.4f}  std {w['std']:.4f}  "
-                f"{w['verdict']:<12} {w['fault'] or ''}{'  paper: failed' * w['paper_failed']}"
-            )
-    judged = ", ".join(f"{n} {name}" for name, n in counts.items())
-    paper = sum(w["paper_failed"] for w in recording["windows"])
-    simulated = " (simulated)" if recording.get("source") == "simulated" else ""
-    verdict, *others = verdict_lines(recording)
-    yield f"{recording['path']}{simulated}: {verdict}"
-    yield from (f"  and {other}" for other in others)
-    yield (
-        f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
-        f"{judged}; paper's rule failed {paper}"
-    )
-    yield from (f"  {line}" for line in fuel_cuts.lines(recording, in_detail=windows))
-    if recording["not_judged"]:
-        yield from (f"  {line}" for line in evidence.undecided(recording))
-    if not recording["fault_flag"]:
-        for d in recording["dtcs"]:  # of the monitor itself
-            yield f"  {d['code']} {d['fault']} ({d['state']})"
-    bad = {name: n for name, n in recording["counters"].items() if n and name != "unmapped"}
-    if recording.get("profile"):
-        yield f"  read with the profile {recording['profile']}"
-    for note in recording.get("notes", ()):
-        yield f"  note: {note}"
-    if bad:
-        yield "  counted: " + ", ".join(f"{name} {n}" for name, n in bad.items())
-
-
-def write_json(path: Path, result: Mapping[str, Any]) -> None:
-    """Write a result as JSON; the same result gives the same bytes."""
-    write_text(path, json.dumps(rounded(result), indent=1, allow_nan=False) + "\n")
-
-
-def rounded(value: Any) -> Any:
-    """Round floats to nine decimals; numbers that are not finite become null."""
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, float):
-        return round(value, 9) if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {k: rounded(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [rounded(v) for v in value]
-    return value

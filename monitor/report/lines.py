@@ -1,0 +1,98 @@
+"""Verdicts and events as lines of text."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from monitor.judge.causes import Cause
+from monitor.pipeline.collector import Collector
+from monitor.pipeline.entry import fault_words
+from monitor.pipeline.events import Counted, CutJudged, CycleStarted, DtcChanged, Happening
+from monitor.report import evidence, fuel_cuts
+
+
+def verdict_text(recording: Mapping[str, Any]) -> str:
+    """Return the verdict on one recording in words."""
+    if recording["fault_flag"]:
+        codes = ", ".join(
+            f"{d['code']} {fault_words(d)} ({d['state']}{_when(d)})" for d in recording["dtcs"]
+        )
+        return f"FAULT: {codes}"
+    if not recording["not_judged"]:
+        return "no fault"
+    return f"not judged: {reason(recording)}"
+
+
+def verdict_lines(recording: Mapping[str, Any]) -> list[str]:
+    """Return the verdict on one recording in words, each further cause on its own line."""
+    causes = recording["not_judged"]
+    if recording["fault_flag"] or not causes or not recording["samples"]:
+        return [verdict_text(recording)]
+    first, *others = (Cause(**cause).in_words for cause in causes)
+    return [f"not judged: {first}", *others]
+
+
+def _when(dtc: Mapping[str, Any]) -> str:
+    return "" if dtc["t_s"] is None else f", {dtc['t_s']:.0f} s"
+
+
+def reason(recording: Mapping[str, Any]) -> str:
+    """Return in words why a recording was not judged."""
+    if not recording["samples"]:
+        return "nothing was received"
+    return "; ".join(Cause(**cause).in_words for cause in recording["not_judged"])
+
+
+def event_line(event: Happening, collector: Collector) -> str:
+    """Return one line about an event that is no tick."""
+    if isinstance(event, CycleStarted):
+        return f"{collector.seconds(event.t_ns):8.1f} s  a driving cycle begins"
+    if isinstance(event, Counted):
+        return f"{collector.seconds(event.t_ns):8.1f} s  counted: {event.what.replace('_', ' ')}"
+    if isinstance(event, DtcChanged):
+        dtc = event.dtc
+        state = dtc.state or "is no longer set"
+        return f"{collector.seconds(event.t_ns):8.1f} s  {dtc.code} {dtc.fault} {state}"
+    if isinstance(event, CutJudged):
+        said = f"{event.outcome} {event.fault or ''}"
+        return f"{collector.seconds(event.t_ns):8.1f} s  window around a fuel cut  {said}"
+    paper = "  paper: failed" if event.paper_failed else ""
+    return (
+        f"{collector.seconds(event.window.t_end_ns):8.1f} s  window {event.window.index}  "
+        f"mean {event.mean:+.4f}  std {event.std:.4f}  {event.outcome} {event.fault or ''}{paper}"
+    )
+
+
+def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> Iterable[str]:
+    """Yield the lines that a command prints about one recording."""
+    counts = {"passed": 0, "failed": 0, "inconclusive": 0}
+    for window in recording["windows"]:
+        counts[window["verdict"]] += 1
+    if windows:
+        for w in recording["windows"]:
+            yield (
+                f"  {w['t_start_s']:8.1f} s  mean {w['mean']:+.4f}  std {w['std']:.4f}  "
+                f"{w['verdict']:<12} {w['fault'] or ''}{'  paper: failed' * w['paper_failed']}"
+            )
+    judged = ", ".join(f"{n} {name}" for name, n in counts.items())
+    paper = sum(w["paper_failed"] for w in recording["windows"])
+    simulated = " (simulated)" if recording.get("source") == "simulated" else ""
+    verdict, *others = verdict_lines(recording)
+    yield f"{recording['path']}{simulated}: {verdict}"
+    yield from (f"  and {other}" for other in others)
+    yield (
+        f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
+        f"{judged}; paper's rule failed {paper}"
+    )
+    yield from (f"  {line}" for line in fuel_cuts.lines(recording, in_detail=windows))
+    if recording["not_judged"]:
+        yield from (f"  {line}" for line in evidence.undecided(recording))
+    if not recording["fault_flag"]:
+        for d in recording["dtcs"]:  # of the monitor itself
+            yield f"  {d['code']} {d['fault']} ({d['state']})"
+    bad = {name: n for name, n in recording["counters"].items() if n and name != "unmapped"}
+    if recording.get("profile"):
+        yield f"  read with the profile {recording['profile']}"
+    for note in recording.get("notes", ()):
+        yield f"  note: {note}"
+    if bad:
+        yield "  counted: " + ", ".join(f"{name} {n}" for name, n in bad.items())

@@ -1,0 +1,35 @@
+"""Facts of a model for the report."""
+
+from monitor.base.signals import OUTPUT
+from monitor.model.card import ModelCard
+from monitor.pipeline.replay import Setup
+
+
+def trained_on(card: ModelCard) -> str:
+    """Return in words where a model's training recordings come from."""
+    sources = sorted({r.source or "source not said" for r in card.recordings})
+    return ", ".join(sources) or "source not said"
+
+
+def predicted_quantity(setup: Setup) -> str:
+    """Return the name that a page gives to the prediction."""
+    name = setup.model.card.output.name
+    return "lambda" if name == OUTPUT else name
+
+
+def model_info(setup: Setup) -> dict[str, str]:
+    """Return the report's entry of the model."""
+    card = setup.model.card
+    layers = " and ".join(str(n) for n in card.layers)
+    shape = f"lags {card.lags}, hidden layers {layers}" if layers else f"{card.lags} samples"
+    return {
+        "model": setup.model_path.name,
+        "sha256": setup.model_sha256,
+        "kind": f"{card.kind}, {shape}",
+        "inputs": ", ".join(card.input_names),
+        "output": card.output.name,
+        "trained on": f"{len(card.recordings)} recordings ({trained_on(card)})",
+        "sample period": f"{card.period_ns / 1e6:g} ms",
+        "healthy residual": f"mean {card.residual_mean:+.4f}, std {card.residual_std:.4f}",
+        "limits": ", ".join(f"{k} {v.value:.4g} {v.unit}" for k, v in card.limits.items()),
+    }
