@@ -87,7 +87,8 @@ TRAINING := wltc_3b:1001 wltc_3b:1013 udds:1002 us06:1003 hwfet:1007 steady:1004
             micro_trips:1006 micro_trips:1014 micro_trips:1020 micro_trips:1036 micro_trips:1152 micro_trips:1198
 
 matrix: venv ## drive the whole detection matrix, build/matrix/report.html (15 minutes)
-	$(VENV)/bin/o2train evaluate --matrix --model monitor/model/shipped.onnx --out build/matrix
+	$(VENV)/bin/python -m benchmarks matrix --out build/matrix
+	$(VENV)/bin/python -m benchmarks catalyst --out build/matrix/catalyst
 
 model: venv ## train the shipped model anew (ten minutes)
 	rm -rf build/training

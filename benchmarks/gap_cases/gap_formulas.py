@@ -24,6 +24,10 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.gap_cases import gap_naming
 from benchmarks.gap_cases.gap_naming import HEALTHY_DRIVES, LENGTH_S, Stored
+from benchmarks.studies.second.engine import STEP_S, Car, Outside
+from benchmarks.studies.second.engine import drive as second_drive
+from benchmarks.studies.workflow import drive as dyno
+from benchmarks.studies.workflow import plan
 from monitor.base.types import FloatArray
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name.naming import name
@@ -31,10 +35,6 @@ from training.gap.name.verdict import Candidate
 from training.gap.response.regressors import lagged
 from training.greybox.effects.empirical import formula
 from training.greybox.fit.drive import Drive, from_recording
-from training.studies.gap import drive as dyno
-from training.studies.gap import plan
-from training.studies.second.engine import STEP_S, Car, Outside
-from training.studies.second.engine import drive as second_drive
 
 Form = Callable[[Car, FloatArray], FloatArray]  # of car and time in s
 NEAR: Final = 1.1  # times the error without the effect

@@ -26,16 +26,16 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.gap_cases import gap_second_engine
 from benchmarks.gap_cases.gap_naming_table import LIKE_SENSOR, table
+from benchmarks.studies.second.engine import FORM, SOUND, Form
+from benchmarks.studies.second.engine import drive as second_drive
+from benchmarks.studies.workflow import drive as dyno
+from benchmarks.studies.workflow import plan
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import yardstick
 from training.gap.name.naming import name
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.drive import Drive, from_recording, path_of
 from training.jobs import run_folder
-from training.studies.gap import drive as dyno
-from training.studies.gap import plan
-from training.studies.second.engine import FORM, SOUND, Form
-from training.studies.second.engine import drive as second_drive
 
 ROOT: Final = Path(__file__).parents[1]
 LENGTH_S: Final = 300.0

@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 from joblib import Parallel, delayed
 
+from benchmarks.studies.second.engine import SOUND, Sensor, drive
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import yardstick
 from training.gap.name.naming import name
 from training.greybox.chain import Constants
-from training.studies.second.engine import SOUND, Sensor, drive
 
 HEALTHY_DRIVES, DRIVES, NULLS = 8, 6, 5
 SIZES = {

@@ -27,6 +27,7 @@ from typing import Final
 
 import numpy as np
 
+from benchmarks.studies.sensor.conditions import AMBIENTS, ageing, weather
 from benchmarks.verdicts import bosch_verdicts
 from benchmarks.verdicts.bosch import MASK
 from monitor.base import config, faults
@@ -45,7 +46,6 @@ from training.dyno.effects import from_severities
 from training.dyno.simulation import Experiment, simulate
 from training.limits.judging import judge_recordings
 from training.recordings.recording import load
-from training.studies.matrix.conditions import AMBIENTS, ageing, weather
 
 CONFIG: Final = config.load()
 CYCLES: Final = ("wltc_3b", "udds", "us06", "micro_trips", "hwfet")

@@ -23,6 +23,20 @@ from typing import Final, NamedTuple
 import numpy as np
 
 import training
+from benchmarks.studies.second.engine import (
+    LEANEST,
+    LENGTH_S,
+    PERIOD_S,
+    SOUND,
+    Form,
+    Sensor,
+    broadcast,
+)
+from benchmarks.studies.sensor import severities
+from benchmarks.studies.sensor.conditions import ageing
+from benchmarks.studies.sensor.goals import LIMIT_SEVERITY
+from benchmarks.studies.sensor.plan import MOST_ETHANOL
+from benchmarks.studies.sensor.verdicts import judge_drives, learn
 from monitor.base import config, faults
 from monitor.base.fault_streams import SensorFault
 from monitor.base.signals import OUTPUT
@@ -33,20 +47,6 @@ from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.side_by_side import Judged
-from training.limits.targets import LIMIT_SEVERITY
-from training.studies.matrix import severities
-from training.studies.matrix.conditions import ageing
-from training.studies.matrix.plan import MOST_ETHANOL
-from training.studies.matrix.verdicts import judge_drives, learn
-from training.studies.second.engine import (
-    LEANEST,
-    LENGTH_S,
-    PERIOD_S,
-    SOUND,
-    Form,
-    Sensor,
-    broadcast,
-)
 
 CONFIG: Final = config.load()
 TRAINING_DRIVES, HEALTHY_DRIVES, REPETITIONS = 5, 8, 3

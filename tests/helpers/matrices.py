@@ -1,6 +1,6 @@
 """A small matrix."""
 
-from training.studies.matrix.plan import Matrix
+from benchmarks.studies.sensor.plan import Matrix
 
 FIRST, SEED = 2000, 2_100_000
 SMALL = Matrix(

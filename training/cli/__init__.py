@@ -23,7 +23,6 @@ def _parser() -> argparse.ArgumentParser:
         fit,
         fleet,
         gap,
-        gap_study,
         recordings,
         simulate,
         study,
@@ -38,6 +37,6 @@ def _parser() -> argparse.ArgumentParser:
         required=True, metavar="command", dest="command", parser_class=command.Subcommand
     )
     modules = (simulate, recordings, check, fit, evaluate, calibrate, study)
-    for module in (*modules, tables, gap, gap_study, fleet):
+    for module in (*modules, tables, gap, fleet):
         module.add_parsers(commands)
     return parser

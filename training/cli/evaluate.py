@@ -4,15 +4,11 @@ import argparse
 from typing import Any
 
 from monitor.base import option_paths as paths
-from training.cli import catalyst_matrix, matrix
 from training.cli.recordings import add_recordings, load_all
 
 _EXAMPLES = """examples:
   o2train evaluate --model model.onnx drive4.log
   o2train evaluate --model model.onnx drive4.log drive5.log --washout 20 --json figures.json
-  o2train evaluate --model model.onnx --matrix --out matrix
-  o2train evaluate --model model.onnx --matrix --out matrix --faults delay_symmetric=0.4 --jobs 4
-  o2train evaluate --model model.onnx --matrix --parts catalyst --out behind
 """
 
 
@@ -22,8 +18,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "evaluate",
         help="predict recordings with a model and report the errors",
         description="Predict every recording by free run of a model and report the errors in the\n"
-        "unit of the output. With --matrix, the monitor judges many simulated drives instead,\n"
-        "healthy drives and drives with sensor faults.",
+        "unit of the output.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -34,7 +29,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         metavar="MODEL.onnx",
         help="model file to evaluate",
     )
-    add_recordings(evaluate, "*")
+    add_recordings(evaluate)
     evaluate.add_argument(
         "--washout",
         type=int,
@@ -45,15 +40,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     evaluate.add_argument(
         "--json", type=paths.written, metavar="OUT", help="write the figures as JSON"
     )
-    matrix.add_options(evaluate)
-    evaluate.set_defaults(
-        func=run,
-        also_written=lambda args: [
-            args.out / name
-            for name in (matrix.REPORT, matrix.RESULT, catalyst_matrix.PAGE)
-            if args.out
-        ],
-    )
+    evaluate.set_defaults(func=run)
 
 
 def _number(value: float | None) -> str:
@@ -61,18 +48,13 @@ def _number(value: float | None) -> str:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Predict recordings with a model, or run the matrix, and return exit code 0.
+    """Predict recordings with a model and return exit code 0.
 
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
-    from monitor.base.errors import UsageError
     from monitor.model.step import Model
     from training.limits.evaluation import evaluate, save
 
-    if args.matrix:
-        return matrix.run(args)
-    if not args.recordings:
-        raise UsageError("at least one RECORDING is wanted, or --matrix")
     card = Model.load(args.model).card
     period_s = args.period if args.period is not None else card.period_ns / 1e9
     result = evaluate(args.model, load_all(args, args.recordings, period_s), args.washout)

@@ -83,11 +83,11 @@ FORMATS: Final = (
 )
 
 
-def add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
+def add_recordings(parser: argparse.ArgumentParser) -> None:
     """Add the recordings, their period and their bus to a command that reads several."""
     parser.add_argument(
         "recordings",
-        nargs=number,
+        nargs="+",
         type=paths.read,
         metavar="RECORDING",
         help=FORMATS,

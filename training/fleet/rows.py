@@ -14,7 +14,7 @@ from monitor.pipeline.side_by_side import Judged
 from training.fleet.columns import BEHIND_KEYS, COUNTERS, ESTIMATES
 from training.fleet.drives import Drive
 from training.fleet.reading import Read
-from training.limits.alarm_rules import own_scores
+from training.limits.judging import reached_twice
 from training.recordings.start import start_of
 
 Row = dict[str, Any]
@@ -117,8 +117,7 @@ def _first_code(block: SampleBlock, judged: Judged, period_s: float) -> Row:
 
 
 def _scores(windows: Sequence[WindowJudged]) -> Row:
-    scores = own_scores(windows)
-    return {"evidence": scores["response"], "offset_beyond": scores["bias"]}
+    return {name: reached_twice(windows, name) for name in ("evidence", "offset_beyond")}
 
 
 def _quality(read: Read, card: ModelCard) -> Row:

@@ -11,6 +11,7 @@ from monitor.judge import air_pressure, enable
 from monitor.judge.causes import Asked, Cause, causes
 from monitor.judge.electrical import ElectricalTests
 from monitor.judge.enable import Enable
+from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import Limits
 from monitor.judge.observation import Observation
 from monitor.model.card import ModelCard
@@ -25,6 +26,7 @@ __all__ = [
     "judge_recordings",
     "most_common_cause",
     "moving_samples",
+    "reached_twice",
     "why_not",
 ]
 
@@ -93,6 +95,19 @@ def judge_recordings(
         blocks = [_block(recordings[i], names) for i in places]
         judged |= zip(places, judge_all(blocks, names, model, limits, config), strict=True)
     return [judged[i] for i in range(len(recordings))]
+
+
+def reached_twice(windows: Sequence[WindowJudged], name: str) -> float | None:
+    """Return the largest value of a statistic that two successive windows of a drive reach.
+
+    name : ``evidence`` for a faulty sensor, or ``offset_beyond``, the distance of the offset from
+        the healthy range in standard deviations
+    Return None if no two successive windows have the statistic.
+    """
+    values = [w.statistics[name] for w in windows]
+    x = np.array([-np.inf if v is None else v for v in values], dtype=np.float64)
+    best = float(np.minimum(x[1:], x[:-1]).max(initial=-np.inf))
+    return best if np.isfinite(best) else None
 
 
 def _names(recording: Recording, card: ModelCard) -> tuple[str, ...]:

@@ -14,18 +14,24 @@ from training.pages import numbers
 from training.pages.table import Table
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
+    from jinja2 import Environment, Template
 
 LONG: Final = 5  # headings from which a page has a list of contents
 _HEADING: Final = re.compile(r'<h2(?: id="([^"]+)")?>(.*?)</h2>', re.DOTALL)
 
 
 def page(
-    template: str, title: str, *, verdict: str, confidence: str, kind: str = "", **values: Any
+    template: "str | Template",
+    title: str,
+    *,
+    verdict: str,
+    confidence: str,
+    kind: str = "",
+    **values: Any,
 ) -> str:
     """Return a whole page: title, verdict, contents if it is long, body, footer.
 
-    template : of the body, below ``templates/``
+    template : of the body, below ``templates/`` or from ``template_of``
     verdict : sentences with the verdict and its reason; every page has one
     confidence : how sure the verdict is and why, behind "Confidence:"
     kind : class of the verdict: good, bad, or a name of its own
@@ -57,9 +63,14 @@ def page(
     )
 
 
-def part(template: str, /, **values: Any) -> str:
+def part(template: "str | Template", /, **values: Any) -> str:
     """Return a part of a page as HTML that other templates do not escape again."""
     return _html(_environment().get_template(template).render(values))
+
+
+def template_of(path: Path) -> "Template":
+    """Return the template of a file outside of this package."""
+    return _environment().from_string(path.read_text())
 
 
 def breakable(name: str, link: str | None = None) -> str:

@@ -147,7 +147,6 @@ ALLOWED = {
     "training/pages/figure.py",
     "training/recordings/table_files.py",
     "training/recordings/mf4_log.py",
-    "training/studies/gap/run.py",
 }
 
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.studies.second import brick as second_catalyst
 from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.catalyst import NEEDED, WIDE, BehindResult, CatalystMonitor
 from monitor.judge.catalyst_bank import CatalystBank, Members
 from monitor.judge.catalyst_rule import CatalystRule
-from training.studies.second import catalyst as second_catalyst
 
 PERIOD_S = 0.1
 BIASES = [

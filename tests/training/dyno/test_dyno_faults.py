@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.studies.sensor.plan import NOT_AFTERWARDS
 from monitor.base import faults
 from monitor.base.fault_streams import SensorFault
 from tests.helpers.simulated_drives import FAULT_DRIVE, SHORT, WARM, differs, driven, rms
@@ -12,7 +13,6 @@ from training.dyno import cycles, drive, ecu, mixture, vehicle
 from training.dyno.effects import Effects
 from training.dyno.mixture import Mixture
 from training.dyno.simulation import Experiment
-from training.studies.matrix.plan import NOT_AFTERWARDS
 
 STEP_S = cycles.STEP_S
 

@@ -14,11 +14,9 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers import fleet_drives
 from tests.helpers.dask_cluster import Cluster, cluster
 from tests.helpers.fleet_drives import assert_alike, judged, tables
-from tests.helpers.matrices import SMALL
 from training.fleet import run as fleet
 from training.fleet.bench import Bench
 from training.fleet.drives import drives_of
-from training.studies.matrix import run as matrix_run
 
 
 @pytest.fixture(scope="module")
@@ -89,24 +87,3 @@ def test_a_scheduler_without_workers_is_named(
         pytest.raises(UsageError, match=f"scheduler {dask.address}: it has no worker"),
     ):
         judged([str(folder)], tmp_path / "out.parquet", scheduler=dask.address)
-
-
-def test_the_matrix_on_a_cluster_has_the_same_rows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # GIVEN a small matrix in several chunks, without the literature's rules
-    monkeypatch.setattr(matrix_run, "_rules", lambda *_: {})
-    monkeypatch.setattr(matrix_run, "CHUNK", 3)
-
-    def rows(folder: Path, cores: matrix_run.Cores) -> list[dict[str, Any]]:
-        done = lambda _: None  # noqa: E731
-        return matrix_run.run(
-            SMALL, shipped_model(), config=config.load(), folder=folder, done=done, cores=cores
-        )
-
-    # WHEN it is driven here and on a cluster
-    with cluster(tmp_path, workers=1, installed=True) as dask:
-        there = rows(tmp_path / "there", matrix_run.Cores(scheduler=dask.address))
-    # THEN the rows are the same
-    assert len(there) == 8
-    assert there == rows(tmp_path / "here", matrix_run.Cores())

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.studies.second import brick as second_catalyst
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.cli import main
 from training.greybox.catalyst.chain import Catalyst, volts
 from training.greybox.catalyst.fit import Drive, fit
-from training.studies.second import catalyst as second_catalyst
 
 PERIOD_S = 0.1
 START = (Catalyst(capacity_g=0.1),)

@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from benchmarks.studies.workflow.drive import recording
+from benchmarks.studies.workflow.plan import Part
 from tests.helpers.chain_readings import PERIOD_S, TRUE, steps, synthetic
 from training.greybox.chain import base_path, simulate
 from training.greybox.charge.error import ChargeError, fit_with_charge_error
 from training.greybox.charge.map import ChargeMap, fit_with_charge
 from training.greybox.fit.drive import from_recording
-from training.studies.gap.drive import recording
-from training.studies.gap.plan import Part
 
 
 def test_the_error_of_a_charge_is_found_from_the_reading_alone() -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.studies.workflow.drive import recording
+from benchmarks.studies.workflow.plan import Part
 from monitor.base.types import BoolArray, FloatArray
 from training.gap.name import yardstick
 from training.gap.name.naming import name
@@ -18,8 +20,6 @@ from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.model import fit_greybox
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
-from training.studies.gap.drive import recording
-from training.studies.gap.plan import Part
 
 VEHICLE = 23_001
 WALLS = {"wall_film": 8.0}

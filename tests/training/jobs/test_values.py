@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pytest
 
+from benchmarks.studies.workflow.case import Vehicle
 from monitor.base.types import BoolArray, FloatArray
 from tests.conftest import ROOT
 from training.gap.healthy.behaviour import Healthy
@@ -25,7 +26,6 @@ from training.greybox.fit.sensor_faults import FAULTS
 from training.jobs import values
 from training.jobs.checkpoints import Checkpoints
 from training.jobs.values import ValuesError
-from training.studies.gap.case import Vehicle
 
 # Processes of one user send each other objects; nothing of them is kept in a folder.
 BETWEEN_PROCESSES = {"training/jobs/worker.py", "training/jobs/cluster.py"}

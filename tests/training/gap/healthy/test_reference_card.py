@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.studies.workflow import drive
+from benchmarks.studies.workflow.plan import Part
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
@@ -32,8 +34,6 @@ from training.greybox.graph.chain_graph import Greybox
 from training.greybox.model import fit_greybox
 from training.narx.export import update_card
 from training.recordings.recording import Recording
-from training.studies.gap import drive
-from training.studies.gap.plan import Part
 
 VEHICLE = 2011
 HEALTHY = ("wltc_3b", "micro_trips", "udds", "us06")

@@ -5,12 +5,12 @@ from functools import cache
 
 import pytest
 
+from benchmarks.studies.second.engine import SOUND, Sensor, drive
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import yardstick
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
-from training.studies.second.engine import SOUND, Sensor, drive
 
 VEHICLE = 2
 

@@ -1,0 +1,1 @@
+"""Studies on simulated drives: the sensor, the catalyst and the gap workflow."""

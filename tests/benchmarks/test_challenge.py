@@ -1,0 +1,75 @@
+"""A challenge for others: recordings, a sealed truth, and marks for their answers."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks.studies.gap import main
+from training.recordings.recording import load
+
+
+@pytest.fixture(scope="module")
+def challenge(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three cases of one vehicle, two drives of two minutes each."""
+    folder = tmp_path_factory.mktemp("challenge") / "set"
+    cases = ["effect=1", "null=1", "fault=1"]
+    call = ["--export", folder, "--cases", *cases]
+    call += ["--vehicles", "1", "--drives", "2", "--minutes", "2"]
+    assert main([str(word) for word in call]) == 0
+    return folder
+
+
+def answered(challenge: Path, folder: Path, right: bool) -> Path:
+    """Write answers by the truth, or that nothing is wrong anywhere."""
+    truth = json.loads((challenge.parent / "set-truth.json").read_text())["cases"]
+    verdicts = {"effect": "named", "null": "no_gap", "fault": "sensor_fault_suspected"}
+    answers = {
+        name: {"verdict": verdicts[case["kind"]], "names": case["hidden"]}
+        if right
+        else {"verdict": "no_gap"}
+        for name, case in truth.items()
+    }
+    path = folder / "answers.json"
+    path.write_text(json.dumps(answers))
+    return path
+
+
+def test_a_challenge_holds_recordings_and_tells_neither_truth_nor_seed(challenge: Path) -> None:
+    index = json.loads((challenge / "challenge.json").read_text())
+    assert sorted(index["cases"]) == ["case_0001", "case_0002", "case_0003"]
+    assert set(index["cases"].values()) == {"vehicle_01"}
+    drive = load(challenge / "case_0002" / "drive_02.csv.gz")
+    assert drive.t_s[-1] == pytest.approx(120.0, abs=1.0)
+    assert "lambda_measured" in drive.names
+    told = (challenge / "challenge.json").read_text()
+    study = json.loads((challenge.parent / "set-truth.json").read_text())["study"]
+    assert str(study["seed"]) not in told
+    assert str(study["first_vehicle"]) not in told
+
+
+@pytest.mark.parametrize(("right", "marks"), [(True, 1), (False, 0)])
+def test_answers_get_marks_by_kind(
+    challenge: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    right: bool,
+    marks: int,
+) -> None:
+    path = answered(challenge, tmp_path, right)
+    assert main(["--score", str(path), "--export", str(challenge)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith(f"effect: named rightly: {marks} of 1") for line in lines)
+    assert any(line.startswith("null: no gap: 1 of 1") for line in lines)
+    assert any(line.startswith(f"fault: suspected: {marks} of 1") for line in lines)
+
+
+def test_a_truth_that_was_changed_afterwards_is_refused(
+    challenge: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, changed = answered(challenge, tmp_path, True), tmp_path / "truth.json"
+    sealed = (challenge.parent / "set-truth.json").read_text()
+    changed.write_text(sealed.replace('"no_gap"', '"gap"').replace('"severities"', '"sizes"'))
+    call = ["--score", path, "--truth", changed, "--export", challenge]
+    assert main([str(word) for word in call]) == 2
+    assert "not the truth that was sealed" in capsys.readouterr().err

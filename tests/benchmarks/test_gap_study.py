@@ -1,0 +1,443 @@
+"""The study of the gap workflow: its plan, its cases, its run and its report."""
+
+import json
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.studies.gap import main
+from benchmarks.studies.workflow import base, case, drive, plan, run, tables
+from benchmarks.studies.workflow.answers import (
+    AMONG,
+    CLASSES,
+    answer,
+    closed,
+    right,
+    right_or_among,
+    right_or_beside_fault,
+    wrong_names,
+)
+from benchmarks.studies.workflow.gap_study_page import as_page
+from benchmarks.studies.workflow.gap_study_result import as_text
+from benchmarks.studies.workflow.plan import CASES, SEVERITIES, Study, cases, healthy_parts
+from benchmarks.studies.workflow.targets import Target, assess
+from monitor.base.errors import UsageError
+from monitor.model.step import Model
+from tests.conftest import ROOT
+from training.gap.inputs.roles import Options
+from training.greybox.effects import LIBRARY
+from training.recordings.recording import Recording
+
+WHOLE = Study()
+TINY = [
+    "--cases",
+    "effect=1",
+    "null=1",
+    "--vehicles",
+    "1",
+    "--drives",
+    "2",
+    "--minutes",
+    "4",
+    "--jobs",
+    "1",
+]
+
+
+def row(kind: str = "effect", **changed: Any) -> dict[str, Any]:
+    """Return the row of a case in which purge, 3 times the noise, was named rightly."""
+    return {
+        "number": 0,
+        "kind": kind,
+        "vehicle": 2100,
+        "hidden": ["purge"],
+        "severities": [4.0],
+        "fault": None,
+        "fault_severity": None,
+        "error": None,
+        "verdict": "named",
+        "names": ["purge"],
+        "among": [],
+        "indistinguishable": [],
+        "noise": 0.007,
+        "gap_over_noise": 3.0,
+        "seconds": 4.0,
+        "added": ["purge"],
+        "faults": {
+            "drives": 20,
+            "before": 15,
+            "before_named": 12,
+            "after": 16,
+            "after_named": 11,
+            "alike": 2,
+            "alike_named": 2,
+        },
+        "alarms": {"drives": 2, "before": 0, "after": 0},
+        "runner_up": "ethanol",
+        "win": 0.99,
+        "excess_before": 1e-4,
+        "excess_after": 5e-6,
+    } | changed
+
+
+def target(found: list[Target], where: str, what: str) -> Target:
+    """Return the one target with these words."""
+    (only,) = [t for t in found if where in t.where and what in t.what]
+    return only
+
+
+def test_a_study_is_planned_alike_every_time_and_by_its_seed() -> None:
+    assert cases(WHOLE) == cases(WHOLE)
+    assert healthy_parts(WHOLE, 2100) == healthy_parts(WHOLE, 2100)
+    assert cases(replace(WHOLE, seed=2_100_000)) != cases(WHOLE)
+
+
+def test_the_whole_plan_is_large_enough_for_every_target() -> None:
+    planned = cases(WHOLE)
+    assert Counter(each.kind for each in planned) == Counter(dict(CASES["greybox"]))
+    effects = [each for each in planned if each.kind == "effect"]
+    hidden = Counter(each.hidden[0] for each in effects)
+    assert hidden == {(n, s): 3 for n, sizes in SEVERITIES.items() for s in sizes}
+    assert set(SEVERITIES) == set(LIBRARY)
+    assert len({each.vehicle for each in effects}) == WHOLE.vehicles
+    assert len([each for each in planned if each.kind == "null"]) >= 400
+    for name in LIBRARY:  # not always the same vehicle
+        assert len({each.vehicle for each in effects if each.hidden[0][0] == name}) >= 5
+    assert len({n for each in planned if each.kind == "unknown" for n, _ in each.hidden}) >= 3
+
+
+def test_no_seed_is_used_twice() -> None:
+    seeds = [part.seed for each in cases(WHOLE) for part in each.parts]
+    vehicles = range(WHOLE.first_vehicle, WHOLE.first_vehicle + WHOLE.vehicles)
+    seeds += [part.seed for vehicle in vehicles for part in healthy_parts(WHOLE, vehicle)]
+    assert len(seeds) == len(set(seeds))
+
+
+def test_a_part_of_the_cases_holds_every_kind() -> None:
+    planned = cases(WHOLE)
+    assert [each.number for each in planned] != sorted(each.number for each in planned)
+    first = Counter(each.kind for each in planned[: len(planned) // 4])
+    assert set(first) == set(CASES["greybox"])
+
+
+def test_a_fault_with_an_onset_begins_within_one_recording_and_stays() -> None:
+    for each in (c for c in cases(WHOLE) if c.kind == "onset"):
+        begins = [part.fault_start_s for part in each.parts]
+        within = [
+            b is not None and b > part.start_s for b, part in zip(begins, each.parts, strict=True)
+        ]
+        assert sum(within) == 1
+        at = within.index(True)
+        assert begins[:at] == [None] * at
+        assert begins[at + 1 :] == [0.0] * (len(begins) - at - 1)
+
+
+def test_a_fault_from_the_start_is_there_before_the_recordings_begin() -> None:
+    faulty = [part for c in cases(WHOLE) if c.kind == "fault" for part in c.parts]
+    assert any(part.start_s > 0.0 for part in faulty)
+    assert {part.fault_start_s for part in faulty} == {0.0}
+
+
+def test_hidden_effects_and_late_faults_are_in_the_recordings_and_nowhere_else() -> None:
+    # GIVEN a case with a fault that begins within the second of two recordings
+    study = replace(WHOLE, drives=2, minutes=2.0)
+    for onset in (c for c in cases(study) if c.kind == "onset"):
+        if onset.parts[0].fault_start_s is None:
+            break
+    # WHEN they are made with and without it
+    with_it, without = (drive.recordings(onset, 120.0, hidden=h) for h in (True, False))
+    # THEN the first is the same, and the second until the fault begins
+    begins_s = onset.parts[1].fault_start_s
+    assert begins_s is not None
+    before = with_it[1].t_s < begins_s - onset.parts[1].start_s - 1.0
+    assert np.array_equal(with_it[0].values, without[0].values, equal_nan=True)
+    for name in ("lambda_measured", "fuel_mass_mg"):
+        a, b = with_it[1].column(name), without[1].column(name)
+        np.testing.assert_array_equal(a[before], b[before])
+        assert not np.array_equal(a, b, equal_nan=True)
+    assert with_it[1].sha256 != without[1].sha256
+    assert abs(len(with_it[1].t_s) - 1200) < 5
+
+
+def test_a_recording_from_the_midst_of_a_drive_is_that_part_of_it() -> None:
+    part = next(
+        p for c in cases(WHOLE) for p in c.parts if p.cycle == "wltc_3b" and p.start_s > 100.0
+    )
+    late = drive.recording(part, 2100, 120.0, {}, None)
+    whole = drive.recording(replace(part, start_s=0.0), 2100, part.start_s + 120.0, {}, None)
+    np.testing.assert_array_equal(late.values, whole.values[round(part.start_s * 10.0) :])
+
+
+def test_right_is_every_hidden_effect_named_and_nothing_else() -> None:
+    assert right(row())
+    assert not right(row(names=["ethanol"]))
+    assert not right(row(names=["purge", "ethanol"]))
+    assert not right(row(hidden=["purge", "ethanol"]))
+    assert right(row(hidden=["purge", "ethanol"], names=["ethanol", "purge"]))
+    assert not right(row(kind="null", hidden=[]))
+    assert wrong_names(row(kind="null", hidden=[])) == ["purge"]
+    assert right_or_among(row(verdict="ambiguous", names=[], among=["ethanol", "purge"]))
+    assert not right_or_among(row(verdict="ambiguous", names=[], among=["ethanol", "mix_flow"]))
+
+
+def test_an_effect_that_a_suspected_fault_looks_like_is_neither_named_nor_ambiguous() -> None:
+    suspected = row(
+        verdict="sensor_fault_suspected",
+        names=[],
+        hidden=["ethanol"],
+        indistinguishable=["ethanol"],
+    )
+    assert not right(suspected)
+    assert not right_or_among(suspected)
+    assert right_or_beside_fault(suspected)
+    assert not right_or_beside_fault(suspected | {"hidden": ["purge"]})
+
+
+def test_the_gap_closed_counts_what_was_not_named_as_open() -> None:
+    assert closed(row()) == pytest.approx(0.95)
+    assert closed(row(excess_after=1e-4)) == 0.0
+    assert closed(row(excess_before=-1e-6)) is None
+
+
+def test_targets_are_met_missed_or_unproved() -> None:
+    # GIVEN 98 right names and 2 wrong ones on large gaps, and a null that was named
+    rows = [row() for _ in range(98)] + [row(names=["ethanol"], excess_after=1e-4)] * 2
+    rows += [row(kind="null", hidden=[], gap_over_noise=0.0)] + [
+        row(kind="null", hidden=[], names=[], verdict="no_gap", gap_over_noise=0.0)
+        for _ in range(49)
+    ]
+    rows.append(row(error="ValueError: no"))
+    found = assess(rows, "greybox")
+    # THEN each target counts its own cases
+    names = target(found, "everything", "all names")
+    assert (names.cases, names.found, names.met) == (101, pytest.approx(98 / 101), False)
+    big = target(found, "one effect, gap at least", "right name")
+    assert (big.cases, big.found, big.met, big.proved) == (100, 0.98, True, True)
+    null = target(found, "nothing hidden", "named")
+    assert (null.found, null.met, null.verdict) == (0.02, False, "missed by 1.0 points")
+    onset = target(found, "onset", "taken")
+    assert (onset.cases, onset.met, onset.verdict) == (0, None, "no such case")
+    over_all = target(found, "all of one effect", "median")
+    assert (over_all.cases, over_all.found) == (100, pytest.approx(0.95))
+    assert target(found, "all", "seconds").met
+    faults, alike = (t for t in found if t.what == "faults put on and found")
+    assert (faults.wanted, faults.found, faults.cases, faults.met) == (0.75, 0.8, 98 * 20, True)
+    assert (alike.wanted, alike.found, alike.met) == (0.1, 0.8, True)
+    named = target(found, "new models", "named right")
+    assert (named.wanted, named.found, named.met) == (0.6, 0.55, False)
+    assert target(found, "new models", "false alarms").met
+
+
+def test_the_confusion_matrix_counts_every_case_once() -> None:
+    rows = [
+        row(),
+        row(names=["ethanol"]),
+        row(kind="null", hidden=[], names=[], verdict="no_gap"),
+        row(kind="onset", hidden=[], names=[], verdict="sensor_fault_suspected", fault="gain_low"),
+        row(kind="two", hidden=["purge", "ethanol"], names=["purge", "ethanol"]),
+        row(error="ValueError: no"),
+    ]
+    found = tables.confusion(rows)
+    assert found["driven"] == ["nothing", "purge", "two effects", "onset: gain_low"]
+    counts = np.array(found["counts"])
+    assert counts.sum() == len(rows)
+    purge = counts[found["driven"].index("purge")]
+    assert [purge[found["named"].index(n)] for n in ("purge", "ethanol", "error")] == [1, 1, 1]
+    assert tables.two(rows)["both right"] == 1
+    assert answer(row(verdict="ambiguous", names=[], among=["purge"])) == AMONG
+    assert answer(row(verdict="ambiguous", names=[], among=["ethanol"])) == "ambiguous"
+
+
+def test_cells_by_size_of_the_gap_add_up() -> None:
+    rows = [row(), row(gap_over_noise=1.5, names=[], verdict="no_gap"), row(gap_over_noise=0.4)]
+    found = {(c.effect, c.size): c for c in tables.by_size(rows)}
+    assert len(found) == 6
+    assert found["purge", CLASSES[1]].verdicts == "1 no_gap"
+    assert found["all effects", CLASSES[2]].right == 1
+
+
+def test_the_text_lists_wrong_names_with_what_was_hidden() -> None:
+    text = as_text([row(), row(names=["ethanol"])], WHOLE)
+    assert "purge 1/2, all effects 1/2" in text
+    assert "wrong name: case 0, purge 4, gap 3.0 times the noise: ethanol" in text
+
+
+def test_an_error_in_a_case_is_a_row_and_not_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise RuntimeError("no convergence")
+
+    monkeypatch.setattr(case, "ask", fails)
+    study = replace(WHOLE, drives=2, minutes=2.0)
+    vehicle = case.Vehicle(2100, Path(), (), None, 0.007)  # type: ignore[arg-type]
+    found = case.run(cases(study)[0], study, vehicle)
+    assert found["error"] == "RuntimeError: no convergence"
+    page = as_page([found], study, {"code_sha256": "0" * 64})
+    assert "no convergence" in page
+    text = as_text([found], study)
+    assert "1 of them ended in an error" in text
+    assert "error in 1 cases: RuntimeError: no convergence" in text
+
+
+def test_a_small_study_runs_stops_goes_on_and_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN a study that is stopped after its first case
+    monkeypatch.setattr(plan, "HEALTHY_DRIVES", 4)
+    whole = run._do
+
+    def stops(*args: Any) -> Any:
+        if any((tmp_path / "cases").glob("*.json")):
+            raise KeyboardInterrupt
+        return whole(*args)
+
+    monkeypatch.setattr(run, "_do", stops)
+    assert main([*TINY, "--out", str(tmp_path)]) == 130
+    assert "1 of 2 simulated cases reached" in capsys.readouterr().out
+    (first,) = (tmp_path / "cases").glob("*.json")
+    made = first.stat().st_mtime_ns
+    # WHEN it is begun again
+    monkeypatch.setattr(run, "_do", whole)
+    assert main([*TINY, "--out", str(tmp_path)]) == 0
+    # THEN the first case is taken up and the other is done
+    assert first.stat().st_mtime_ns == made
+    assert "2 of 2 simulated cases reached" in capsys.readouterr().out
+    rows = [json.loads(p.read_text()) for p in sorted((tmp_path / "cases").glob("*.json"))]
+    assert [r["kind"] for r in rows] == ["effect", "null"]
+    assert all(r["error"] is None and r["seconds"] > 0.0 for r in rows)
+    assert rows[1]["gap"] == 0.0
+    assert rows[1]["excess_before"] == pytest.approx(0.0, abs=1e-12)
+    result = json.loads((tmp_path / "gap.json").read_text())
+    assert (result["source"], result["reached"]) == ("simulated", 2)
+    page = (tmp_path / "report.html").read_text()
+    assert ">Hidden and answered</h2>" in page
+    assert "data:image/svg+xml" in page
+    assert rows[0]["hidden"][0] in page
+
+
+def test_the_base_is_fitted_to_the_healthy_recordings_or_to_those_of_the_case(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    # GIVEN a vehicle, and a case with an effect in it
+    monkeypatch.setattr(plan, "HEALTHY_DRIVES", 3)
+    study = Study(cases=(("effect", 1),), drives=2, minutes=3.0, vehicles=1)
+    studies = [study, replace(study, fitted_with_effect=True)]
+    (asked,) = cases(study)
+    vehicles = [
+        case.prepare(s, asked.vehicle, tmp_path / f"{i}.onnx") for i, s in enumerate(studies)
+    ]
+    fitted: list[str] = []
+
+    def takes_note(kind: str, recordings: list[Recording], out: Path) -> None:
+        fitted.extend(each.sha256 for each in recordings)
+        base.fit_base(kind, recordings, out)
+
+    monkeypatch.setattr(case, "fit_base", takes_note)
+    # WHEN it is run with either base
+    rows = [case.run(asked, s, vehicle) for s, vehicle in zip(studies, vehicles, strict=True)]
+    # THEN only the second is fitted, with the effect and without, to the drive not held out
+    assert [r["error"] for r in rows] == [None, None]
+    first = [drive.recordings(asked, 180.0, hidden=h)[0] for h in (True, False)]
+    assert fitted == [each.sha256 for each in first]
+    # and the gap is that of the vehicle's base in both
+    assert rows[0]["gap"] == rows[1]["gap"] > 0.0
+
+
+def test_a_sensor_declared_good_is_declared_to_the_workflow_and_has_no_faults(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a study in which the sensor is declared good, and one in which it is not
+    small = replace(WHOLE, cases=(("effect", 1),), drives=2, minutes=2.0)
+    told: list[bool] = []
+
+    def takes_note(_: object, __: object, options: Options, **___: object) -> None:
+        told.append(options.sensor_known_good)
+        raise RuntimeError("enough")
+
+    monkeypatch.setattr(case, "investigate", takes_note)
+    vehicle = case.Vehicle(2100, Path(), (), None, 0.007)  # type: ignore[arg-type]
+    # WHEN a case of either is run
+    for study in (replace(small, sensor_known_good=True), small):
+        assert case.run(cases(study)[0], study, vehicle)["error"] == "RuntimeError: enough"
+    # THEN the workflow is told so in the first
+    assert told == [True, False]
+    # and cases with a faulty sensor are left out, or refused
+    monkeypatch.setattr(run, "run", lambda *_, **__: None)
+    good = ["--sensor-known-good", "--out", str(tmp_path)]
+    assert main([*good, "--cases", "effect=2", "two=2"]) == 0
+    assert "0 of 4 simulated cases reached" in capsys.readouterr().out
+    assert "The sensor is declared good." in (tmp_path / "report.html").read_text()
+    assert main([*good, "--cases", "fault=1"]) == 2
+    assert "kind 'fault': its sensors are not known to be good" in capsys.readouterr().err
+
+
+def test_a_network_as_base_follows_the_recordings_it_was_fitted_to(tmp_path: Path) -> None:
+    study = replace(WHOLE, minutes=3.0)
+    recordings = drive.healthy(healthy_parts(study, 2100), 2100, 180.0)
+    base.fit_base("narx", recordings, tmp_path / "narx.onnx")
+    assert Model.load(tmp_path / "narx.onnx").card.kind == "narx"
+    assert case.rms_phi(tmp_path / "narx.onnx", recordings) < 0.02
+
+
+def test_another_study_in_the_folder_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run.begin(WHOLE, tmp_path)
+    assert main([*TINY, "--out", str(tmp_path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"gap: {tmp_path}: holds a run with another study; choose another")
+
+
+def test_an_out_that_is_a_file_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "out").write_text("")
+    assert main([*TINY, "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == f"gap: {tmp_path / 'out'}: is a file, a folder is wanted"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (["--cases", "effects=1"], "kind 'effects' is unknown; there are effect"),
+        (["--base", "net"], "base 'net' is unknown"),
+        (["--cases", "many"], "wanted KIND=N"),
+        (["--vehicles", "0"], "--vehicles is 1 to"),
+        (["--minutes", "1"], "--minutes is 2 to 60"),
+        (["--jobs", "0"], "--jobs is at least 1"),
+    ],
+)
+def test_what_a_study_cannot_hold_is_refused(
+    wrong: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*TINY, "--out", str(tmp_path / "new"), *wrong]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+def test_results_depend_on_all_code_that_makes_them_and_on_no_other() -> None:
+    used = {path.relative_to(ROOT).as_posix() for path in run.sources()}
+    assert {
+        "training/gap/default.toml",
+        "training/gap/name/naming.py",
+        "training/greybox/effects/wall_film.py",
+        "training/greybox/chain.py",
+        "training/dyno/mixture.py",
+        "monitor/base/faults.py",
+    } <= used
+    others = {
+        "benchmarks/studies/workflow/gap_study_page.py",
+        "training/gap/pages/gap_page.py",
+        "training/pages/page.py",
+        "tests/helpers/plants.py",
+    }
+    assert not used & others
+
+
+def test_a_study_with_an_unknown_base_is_refused() -> None:
+    with pytest.raises(UsageError, match="base 'net' is unknown"):
+        replace(WHOLE, base="net")

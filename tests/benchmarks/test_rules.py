@@ -1,0 +1,219 @@
+"""Rules from the literature, on simulated drives with the fault in the control loop."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from benchmarks.studies.rules import (
+    RULES,
+    AdaptiveThreshold,
+    DifferencesRule,
+    FuzzyRule,
+    PaperRule,
+    Windows,
+)
+from benchmarks.studies.rules.adaptive import _regression_quantile
+from benchmarks.studies.rules.differences import extreme_value_fit
+from benchmarks.studies.rules.fuzzy import cluster, memberships
+from benchmarks.studies.rules.windows import Rule, limit_for
+from monitor.base import config, faults
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
+from monitor.judge.limits import NO_LIMITS
+from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
+from training.dyno import ecu, vehicle
+from training.dyno.simulation import Experiment, simulate
+from training.limits.judging import judge
+from training.recordings.recording import Recording
+
+RATE = 0.05
+WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
+HEALTHY = Experiment(cycle="hwfet", conditions=WARM)
+
+
+def drive(experiment: Experiment) -> Recording:
+    bus_map = ecu.own_bus()
+    rng = np.random.default_rng([experiment.seed, experiment.vehicle])
+    sent = ecu.broadcast(
+        simulate(experiment), bus_map, rng, experiment.fault, experiment.fault_start_s
+    )
+    block = ecu.samples(sent, bus_map, 100_000_000)
+    t_s = (block.t_ns - block.t_ns[0]) / 1e9
+    return Recording(
+        path=Path("simulated"),
+        sha256="",
+        period_ns=100_000_000,
+        t_s=t_s,
+        names=bus_map.names,
+        values=block.values,
+        quality=block.quality,
+    )
+
+
+def windows(*experiments: Experiment) -> Windows:
+    model, settings = Model.load(shipped_model()), config.load()
+    return Windows.of([judge(drive(e), model, NO_LIMITS, settings).windows for e in experiments])
+
+
+@pytest.fixture(scope="module")
+def healthy() -> Windows:
+    return windows(*(replace(HEALTHY, seed=seed) for seed in (9001, 9002, 9003)))
+
+
+@pytest.fixture(scope="module")
+def others() -> Windows:
+    return windows(*(replace(HEALTHY, seed=seed) for seed in (9004, 9005, 9006)))
+
+
+@pytest.fixture(scope="module")
+def faulty() -> dict[str, Windows]:
+    severities = {"slow_symmetric": 0.6, "delay_lean_to_rich": 0.5, "gain_low": 0.6}
+    return {
+        name: windows(replace(HEALTHY, seed=9007, fault=faults.resolve(name, severity)))
+        for name, severity in severities.items()
+    }
+
+
+def together(parts: dict[str, Windows]) -> Windows:
+    each = list(parts.values())
+    return Windows(
+        np.vstack([w.measured for w in each]),
+        np.vstack([w.predicted for w in each]),
+        np.repeat(np.arange(len(each)), [len(w) for w in each]),
+    )
+
+
+@pytest.mark.parametrize("with_faults", [False, True])
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
+def test_the_false_alarm_rate_holds_on_drives_that_set_no_limit(
+    rule: type[Rule],
+    with_faults: bool,
+    healthy: Windows,
+    others: Windows,
+    faulty: dict[str, Windows],
+) -> None:
+    # GIVEN a rule set on three healthy drives
+    fitted = rule.fit(healthy, together(faulty) if with_faults else None, RATE)
+    # WHEN it judges three other drives
+    alarms = int(fitted.faulty(others).sum())
+    # THEN no more windows alarm than chance allows, the limit's own included
+    n, m = len(others), len(healthy)
+    most = stats.betabinom.ppf(0.999, n, RATE * (m + 1), (1.0 - RATE) * (m + 1))
+    assert n > 100
+    assert alarms <= most
+    assert fitted.faulty(healthy).mean() <= RATE
+
+
+@pytest.mark.parametrize(
+    ("rule", "fault", "least"),
+    [
+        (PaperRule, "slow_symmetric", 0.9),
+        (PaperRule, "delay_lean_to_rich", 0.9),
+        (FuzzyRule, "slow_symmetric", 0.9),
+        (FuzzyRule, "delay_lean_to_rich", 0.9),
+        (FuzzyRule, "gain_low", 0.8),
+        (DifferencesRule, "slow_symmetric", 0.5),
+        (AdaptiveThreshold, "slow_symmetric", 0.9),
+        (AdaptiveThreshold, "delay_lean_to_rich", 0.9),
+    ],
+)
+def test_a_faulty_sensor_in_the_loop_is_found(
+    rule: type[Rule], fault: str, least: float, healthy: Windows, faulty: dict[str, Windows]
+) -> None:
+    # the limit faults that the rule learns are other windows than those it judges
+    every = together(faulty)
+    even = np.arange(len(every)) % 2 == 0
+    learned = Windows(every.measured[even], every.predicted[even], every.drive[even])
+    fitted = rule.fit(healthy, learned, RATE)
+    odd = np.arange(len(faulty[fault])) % 2 == 1
+    own = faulty[fault]
+    judged = Windows(own.measured[odd], own.predicted[odd], own.drive[odd])
+    assert fitted.faulty(judged).mean() >= least
+
+
+def test_a_rule_without_limit_faults_finds_what_it_never_saw(
+    healthy: Windows, faulty: dict[str, Windows]
+) -> None:
+    rule = FuzzyRule.fit(healthy, None, RATE)
+    assert rule.faulty(faulty["slow_symmetric"]).mean() > 0.9
+
+
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
+def test_too_few_windows_for_the_rate_are_refused(rule: type[Rule], healthy: Windows) -> None:
+    few = Windows(healthy.measured[:18], healthy.predicted[:18], healthy.drive[:18])
+    with pytest.raises(RecordingError, match="18 healthy windows, 19 are wanted"):
+        rule.fit(few, None, RATE)
+
+
+def lagged(x: FloatArray, tau_s: float, direction: int) -> FloatArray:
+    """A first-order lag, 10 Hz, on one side of lambda; put on afterwards."""
+    y = x.copy()
+    for i in range(1, x.shape[1]):
+        step = x[:, i] - y[:, i - 1]
+        y[:, i] = y[:, i - 1] + np.where(step * direction > 0, 1 - np.exp(-0.1 / tau_s), 1) * step
+    return y
+
+
+@pytest.mark.parametrize(("direction", "name"), [(1, "rich_to_lean"), (-1, "lean_to_rich")])
+def test_a_lag_on_one_side_shows_in_the_differences(
+    direction: int, name: str, healthy: Windows, others: Windows
+) -> None:
+    rule = DifferencesRule.fit(healthy, None, RATE)
+    slow = Windows(lagged(others.measured, 1.0, direction), others.predicted, others.drive)
+    patterns = rule.pattern(slow)
+    opposite = {"rich_to_lean": "lean_to_rich", "lean_to_rich": "rich_to_lean"}[name]
+    right, wrong = patterns.count(name), patterns.count(opposite)
+    # more often on its own side than chance would have it; far from always
+    assert stats.binomtest(right, right + wrong, alternative="greater").pvalue < 0.01
+    assert patterns.count(name) > 4 * rule.pattern(others).count(name)
+
+
+def test_extreme_values_are_fitted_as_by_maximum_likelihood() -> None:
+    x = stats.genextreme.rvs(0.15, loc=2.0, scale=0.5, size=2000, random_state=7)
+    got = [float(each[0]) for each in extreme_value_fit(x[np.newaxis])]
+    k, location, scale = stats.genextreme.fit(x, 0.1, loc=2.0, scale=0.5)
+    assert got == pytest.approx([location, scale, k], abs=0.04)
+
+
+def test_fuzzy_clusters_find_the_groups_and_sum_to_one() -> None:
+    rng = np.random.default_rng(3)
+    groups = np.array([[0.0, 0.0], [6.0, 0.0], [0.0, 6.0]])
+    x = np.vstack([g + 0.5 * rng.standard_t(5, (60, 2)) for g in groups])
+    centres = cluster(x, 3, np.ones(len(x)))
+    assert np.abs(centres[:, np.newaxis] - groups[np.newaxis]).sum(axis=2).min(axis=0).max() < 0.5
+    u = memberships(x, centres)
+    assert np.allclose(u.sum(axis=1), 1.0)
+    kinds = u.argmax(axis=1).reshape(3, 60)
+    own = [np.bincount(each).argmax() for each in kinds]
+    assert all(np.mean(each == most) > 0.95 for each, most in zip(kinds, own, strict=True))
+    assert len(set(own)) == 3
+
+
+def test_the_adaptive_line_leaves_its_quantile_above() -> None:
+    rng = np.random.default_rng(5)
+    x = rng.gamma(2.0, 0.01, 1500)
+    y = np.abs((0.002 + 0.3 * x) * rng.standard_normal(1500))
+    base, slope = _regression_quantile(x, y, 0.9)
+    assert np.mean(y > base + slope * x) == pytest.approx(0.1, abs=0.005)
+    assert slope == pytest.approx(0.3 * 1.645, rel=0.15)
+
+
+def test_the_adaptive_limit_is_wider_where_more_moves(healthy: Windows) -> None:
+    rule = AdaptiveThreshold.fit(healthy, None, RATE)
+    calm = np.full((1, 50), 1.0)
+    moving = calm + 0.06 * np.sin(np.arange(50.0))
+    assert rule.threshold(moving).mean() > 1.1 * rule.threshold(calm).mean()
+
+
+@pytest.mark.parametrize("n", [19, 100, 437])
+def test_the_limit_keeps_the_rate_for_any_distribution(n: int) -> None:
+    # mean over many calibrations of the probability beyond the limit, skewed scores
+    rng = np.random.default_rng(n)
+    limits = [limit_for(rng.lognormal(0.0, 2.0, n), RATE) for _ in range(400)]
+    beyond = stats.lognorm.sf(limits, 2.0)
+    assert beyond.mean() <= RATE + 3.0 * beyond.std() / 20.0
+    assert beyond.mean() > 0.6 * RATE

@@ -1,1 +1,0 @@
-"""Studies: the detection matrix, the gap study."""
