@@ -2,13 +2,12 @@
 
 The log is a simulated drive of the project's own ECU (200 frames/s that are needed) among synthetic
 foreign traffic that fills a bus of 500 kbit/s (4,000 frames/s), as candump text and as BLF. It goes
-through ``o2mon replay``, JSON and HTML included (candump also with the parser of the [fleet]
-extra), and through the plain loop of python-can, cantools and onnxruntime of
-``replay_vs_plain_loop.py``: one that decodes only the messages it needs, and one that decodes every
-message of the bus, with a database that describes the foreign ones, too. The tables are simulated
-ten-minute drives held in memory, judged side by side by one process per core; they are repeated to
-the number asked for. Times are seconds of processor time, medians of repeats; the rate on several
-cores is also given by the clock on the wall.
+through ``o2mon replay``, JSON and HTML included, and through the plain loop of python-can, cantools
+and onnxruntime of ``replay_vs_plain_loop.py``: one that decodes only the messages it needs, and one
+that decodes every message of the bus, with a database that describes the foreign ones, too. The
+tables are simulated ten-minute drives held in memory, judged side by side by one process per core;
+they are repeated to the number asked for. Times are seconds of processor time, medians of repeats;
+the rate on several cores is also given by the clock on the wall.
 
     python -m benchmarks fleet_log [--seconds 600] [--drives 256] [--cores 2] [--repeats 3]
 """
@@ -21,7 +20,6 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter, process_time
@@ -37,7 +35,6 @@ from monitor.base.json_text import write_json
 from monitor.base.types import SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import load_database
-from monitor.frames.candump_blocks import Parser
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.pipeline import recordings
 from monitor.pipeline.replay import Setup, replay, result_of, set_up
@@ -46,13 +43,11 @@ from monitor.report.model_facts import model_info
 from monitor.report.page import write_report
 from training.dyno import ecu
 from training.dyno.simulation import Experiment, simulate
-from training.fleet.candump_parser import parse_lines
 from training.recordings.can_log import FrameBlock, merge, write_log
 
 FRAMES_PER_S, FOREIGN_IDS = 4_000, 60
 TARGETS = {
     "candump": 500.0,
-    "candump, fleet's parser": 1_000.0,
     "BLF": 500.0,
     "plain": 50.0,
     "samples_per_s": 1e6,
@@ -114,10 +109,10 @@ def reading_clocked(seconds: dict[str, float]) -> Iterator[None]:
         yield
 
 
-def judged(path: Path, setup: Setup, parse: Parser | None) -> tuple[dict[str, Any], float]:
+def judged(path: Path, setup: Setup) -> tuple[dict[str, Any], float]:
     """Return a log's entry, and the seconds until it stands in a JSON and in an HTML file."""
     start = process_time()
-    entry, trace = replay(path, replace(setup, parse=parse), trace=True)
+    entry, trace = replay(path, setup, trace=True)
     result = result_of([entry], setup)
     write_json(path.with_suffix(".json"), result)
     page = path.with_suffix(".html")
@@ -125,23 +120,20 @@ def judged(path: Path, setup: Setup, parse: Parser | None) -> tuple[dict[str, An
     return entry, process_time() - start
 
 
-def stages(path: Path, setup: Setup, parse: Parser | None) -> dict[str, float]:
+def stages(path: Path, setup: Setup) -> dict[str, float]:
     """Return the seconds of each stage; the clocks themselves cost a little."""
     seconds: dict[str, float] = {}
     judging: dict[str, float] = {}
     with reading_clocked(seconds), clocked(judging):
-        _, whole = judged(path, setup, parse)
+        _, whole = judged(path, setup)
     found = seconds | judging
     return found | {"rest": whole - sum(found.values()), "whole, with clocks": whole}
 
 
-def one_log(
-    kind: str, path: Path, setup: Setup, repeats: int, parse: Parser | None
-) -> dict[str, Any]:
+def one_log(kind: str, path: Path, setup: Setup, repeats: int) -> dict[str, Any]:
     """Return what judging one log costs."""
-    judged(path, setup, parse)  # compiles
-    runs = [judged(path, setup, parse) for _ in range(repeats)]
-    split = [stages(path, setup, parse) for _ in range(repeats)]
+    runs = [judged(path, setup) for _ in range(repeats)]
+    split = [stages(path, setup) for _ in range(repeats)]
     entry = runs[0][0]
     if not entry["windows"]:
         raise AssertionError("no window was judged")
@@ -265,14 +257,10 @@ def main(argv: Sequence[str]) -> int:
         candump, blf = (Path(folder) / f"loaded.{suffix}" for suffix in ("log", "blf"))
         for path in (candump, blf):
             write_log(path, frames)
-        for kind, path, parse in (
-            ("candump", candump, None),
-            ("candump, fleet's parser", candump, parse_lines),
-            ("BLF", blf, None),
-        ):
-            found.append(one_log(kind, path, setup, args.repeats, parse))
+        for kind, path in (("candump", candump), ("BLF", blf)):
+            found.append(one_log(kind, path, setup, args.repeats))
             print("\n".join(lines_of(found[-1])), flush=True)
-        plain = plain_loops(candump, setup, found[:2])
+        plain = plain_loops(candump, setup, found[:1])
     print("\n".join(_plain_lines(plain)), flush=True)
     rates = side_by_side(args.drives, args.cores)
     print("\n".join(_table_lines(rates, args.cores)))

@@ -26,7 +26,6 @@ from monitor.frames import blf, mdf
 from monitor.frames.bounds import open_binary
 from monitor.frames.log_blocks import read_blocks
 from monitor.frames.logs import read_frames
-from training.fleet.candump_parser import parse_lines
 from training.recordings.can_log import write_log
 
 FORMATS = (".log", ".log.gz", ".blf", ".mf4")
@@ -38,10 +37,6 @@ Reader = Callable[[Path], int]  # returns the number of frames
 
 def at_once(path: Path) -> int:
     return sum(len(block.t_ns) for block in read_blocks(path))
-
-
-def at_once_numba(path: Path) -> int:
-    return sum(len(block.t_ns) for block in read_blocks(path, parse=parse_lines))
 
 
 def one_by_one(path: Path) -> int:
@@ -67,10 +62,7 @@ def unzipped(path: Path) -> int:
 
 def readers(suffix: str) -> dict[str, Reader]:
     """Return the readers of a format, python-can's last."""
-    found: dict[str, Reader] = {AT_ONCE: at_once}
-    if suffix.startswith(".log"):
-        found["at once, numba"] = at_once_numba
-    found["one by one"] = one_by_one
+    found: dict[str, Reader] = {AT_ONCE: at_once, "one by one": one_by_one}
     if suffix in {".blf", ".log.gz"}:
         found["unpacking alone"] = unzipped
     return found | {"python-can": python_can}
@@ -79,8 +71,6 @@ def readers(suffix: str) -> dict[str, Reader]:
 def measure(path: Path, suffix: str, rounds: int, n_frames: int) -> dict[str, float]:
     """Return the median seconds of each reader of a log."""
     found = readers(suffix)
-    if suffix.startswith(".log"):
-        at_once_numba(path)  # compiles
     seconds: dict[str, list[float]] = {name: [] for name in found}
     for _ in range(rounds):
         for name, read in found.items():

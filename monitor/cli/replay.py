@@ -1,7 +1,6 @@
 """``o2mon replay``: judge recorded drives."""
 
 import argparse
-import dataclasses
 from contextlib import closing, nullcontext
 from typing import Any
 
@@ -47,12 +46,11 @@ def _replay(args: argparse.Namespace) -> int:
     from monitor.frames.python_can import import_without_mdf
 
     import_without_mdf()
-    from monitor.frames.parsers import parser_for
     from monitor.memory.store import Memory
     from monitor.pipeline import replay
     from monitor.report.lines import print_recording
 
-    setup = dataclasses.replace(set_up(args), parse=parser_for(args.log))
+    setup = set_up(args)
     memory = Memory(args.memory, hold=True) if args.memory else None
     if memory and memory.condition.says:
         warn(memory.condition.says)

@@ -6,7 +6,7 @@ Every step runs over all lines of a chunk: it finds the marks (space, #, newline
 the text around them as words of eight characters.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from io import BufferedIOBase
 from typing import BinaryIO, Final, NamedTuple, cast
 
@@ -48,24 +48,19 @@ class Lines(NamedTuple):
     frames: FrameBlock  # n rows
 
 
-Parser = Callable[[Bytes], Lines]
-
-
 def read_blocks(
     file: BinaryIO,
     counters: LogCounters,
-    parse: Parser | None = None,
     chunk_bytes: int = CHUNK_BYTES,
 ) -> Iterator[FrameBlock]:
     """Yield the frames of candump text, the same as ``monitor.frames.candump.read_candump``.
 
-    parse : parser of a chunk of lines, by default ``parse_lines``
     Raises ValueError if a line has another format (with its number) or the last line is cut
     short, and the errors of reading the file. The frames before the error are yielded first.
     """
     first = 1
     for text in line_chunks(cast(BufferedIOBase, file), chunk_bytes):
-        lines = (parse or parse_lines)(text)
+        lines = parse_lines(text)
         block, error = _understood(text, lines, first, counters)
         first += len(lines.plain)
         counters.frames += len(block.t_ns)

@@ -20,12 +20,10 @@ _KINDS: Final = (".log", ".blf", ".mf4")  # read in blocks; other formats frame 
 def read_blocks(
     path: str | Path,
     counters: LogCounters | None = None,
-    parse: candump_blocks.Parser | None = None,
 ) -> Iterator[FrameBlock]:
     """Return the frames of a log in blocks, in the order of the file.
 
     counters : updated with every block
-    parse : parser of candump lines, by default numpy's
     Raises RecordingError as ``logs.read_frames`` does, after the frames before the damage.
     """
     path = Path(path)
@@ -33,16 +31,14 @@ def read_blocks(
     kind = checked_kind(path)
     if kind in _KINDS:
         _keep_freed_memory()
-        return guarded(path, counters, _blocks(path, kind, counters, parse))
+        return guarded(path, counters, _blocks(path, kind, counters))
     return blocks_of(read_frames(path, counters))
 
 
-def _blocks(
-    path: Path, kind: str, counters: LogCounters, parse: candump_blocks.Parser | None
-) -> Iterator[FrameBlock]:
+def _blocks(path: Path, kind: str, counters: LogCounters) -> Iterator[FrameBlock]:
     with open_binary(path) as file:
         if kind == ".log":
-            yield from candump_blocks.read_blocks(file, counters, parse)
+            yield from candump_blocks.read_blocks(file, counters)
         elif kind == ".blf":
             yield from blf_blocks.read_blocks(file, counters)
         else:

@@ -11,7 +11,6 @@ from monitor.base.types import SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
 from monitor.frames.candump import LogCounters
-from monitor.frames.candump_blocks import Parser
 from monitor.frames.log_blocks import read_blocks
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples, whole
@@ -61,7 +60,6 @@ class RecordingReader:
     """Reads logs and CSV tables.
 
     bus_map : for logs; columns : for CSV tables
-    parse : of candump text, instead of numpy's
     """
 
     def __init__(
@@ -69,9 +67,8 @@ class RecordingReader:
         bus_map: BusMap,
         card: ModelCard,
         columns: Path | None = None,
-        parse: Parser | None = None,
     ) -> None:
-        self._card, self._columns, self._parse = card, columns, parse
+        self._card, self._columns = card, columns
         self._names = needed_names(card, (*bus_map.names, *bus_map.optional))
         self._decoder = BlockDecoder(bus_map, self._names)
         self._sources = bus_sources(bus_map, self._names)
@@ -111,7 +108,7 @@ class RecordingReader:
             counts = frame_counts(decoder.counters, assembler.counters, decoder.unmapped)
             return counts | timeline.counters.found | {"skipped": log.skipped}
 
-        blocks = timeline.blocks(read_blocks(path, log, self._parse))
+        blocks = timeline.blocks(read_blocks(path, log))
         parts = log_samples(blocks, decoder, assembler)
         return OpenRecording(
             path=path,

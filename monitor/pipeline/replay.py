@@ -13,7 +13,6 @@ from monitor.base.config import Config, ProfileConfig
 from monitor.base.errors import MissingSignalsError, RecordingError
 from monitor.base.manifest import source_of
 from monitor.decode.bus_map import BusMap, load_pairs
-from monitor.frames.candump_blocks import Parser
 from monitor.grid.block_samples import Clearing
 from monitor.grid.tables import Table
 from monitor.judge.limits import NO_LIMITS, Limits
@@ -43,7 +42,6 @@ class Setup:
     config: Config
     bus_map: BusMap
     columns: Path | None = None
-    parse: Parser | None = None  # of candump text, instead of numpy's
 
     @property
     def model_path(self) -> Path:
@@ -121,7 +119,7 @@ def replay(
     Raises RecordingError, SignalMapError or ModelError.
     """
     sha256 = sha256_of(path)
-    reader = RecordingReader(setup.bus_map, setup.model.card, setup.columns, setup.parse)
+    reader = RecordingReader(setup.bus_map, setup.model.card, setup.columns)
     try:
         opened = reader.open(path)
     except MissingSignalsError as lacking:

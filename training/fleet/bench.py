@@ -14,8 +14,6 @@ import monitor
 import training
 from monitor.base.config import Config
 from monitor.decode.bus_map import load_pairs
-from monitor.frames.candump_blocks import Lines
-from monitor.frames.lines import Bytes
 from monitor.grid.tables import checked_columns
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
@@ -138,7 +136,7 @@ def _made(bench: Bench) -> Tools:
     if bench.columns is not None:
         kept = _Folder()
         columns = _lay(kept.path, bench.columns)
-    reader = RecordingReader(bus_map, model.card, columns, _parse)
+    reader = RecordingReader(bus_map, model.card, columns)
     return Tools(
         model,
         Limits.from_card(model.card, bench.config, bench.model[0]),
@@ -157,13 +155,6 @@ def _lay(folder: Path, file: File) -> Path:
     path = folder / file[0]
     path.write_bytes(file[1])
     return path
-
-
-def _parse(text: Bytes) -> Lines:
-    """Parse candump text with the compiled parser; the first log imports numba."""
-    from training.fleet.candump_parser import parse_lines  # noqa: PLC0415
-
-    return parse_lines(text)
 
 
 def _file(path: Path) -> File:

@@ -18,16 +18,15 @@ from monitor.frames.lines import MARGIN
 from monitor.frames.logs import guarded
 from tests.helpers.examples import inputs
 from tests.helpers.read_outcome import Outcome, frames_of, outcome, streamed, synthetic
-from training.fleet import candump_parser
 from training.recordings.can_log import write_log
 
 
-def in_chunks(path: Path, chunk_bytes: int, parse: candump_blocks.Parser | None = None) -> Outcome:
+def in_chunks(path: Path, chunk_bytes: int) -> Outcome:
     counters = LogCounters()
 
     def blocks() -> Iterator[FrameBlock]:
         with open_binary(path) as file:
-            yield from candump_blocks.read_blocks(file, counters, parse, chunk_bytes)
+            yield from candump_blocks.read_blocks(file, counters, chunk_bytes)
 
     found = guarded(path, counters, blocks())
     return outcome((frame for block in found for frame in frames_of(block)), counters)
@@ -101,12 +100,8 @@ def test_candump_in_chunks_gives_frames_counters_and_errors_of_the_streaming_rea
     path.write_bytes(text or b"\n")
     wanted = streamed(path)
     assert in_chunks(path, chunk_bytes) == wanted
-    assert in_chunks(path, chunk_bytes, candump_parser.parse_lines) == wanted
 
 
-PARSERS = pytest.mark.parametrize(
-    "parser", [candump_blocks.parse_lines, candump_parser.parse_lines]
-)
 FORMS = [
     b"(1700000001.123456) can0 1A2#0123456789abCDeF",
     b"(1700000001.123456) can0 18FEF100#00fF R",
@@ -116,9 +111,11 @@ FORMS = [
 ]
 
 
-def parsed(lines: list[bytes], parser: candump_blocks.Parser) -> candump_blocks.Lines:
+def parsed(lines: list[bytes]) -> candump_blocks.Lines:
     margin = b"\x0a" * MARGIN
-    return parser(np.frombuffer(margin + b"\n".join(lines) + b"\n" + margin, dtype=np.uint8))
+    return candump_blocks.parse_lines(
+        np.frombuffer(margin + b"\n".join(lines) + b"\n" + margin, dtype=np.uint8)
+    )
 
 
 def assert_as_streamed(lines: list[bytes], found: candump_blocks.Lines) -> None:
@@ -135,10 +132,9 @@ def assert_as_streamed(lines: list[bytes], found: candump_blocks.Lines) -> None:
     assert frames is None or len(frames) == len(lines)
 
 
-@PARSERS
 @pytest.mark.parametrize("form", FORMS)
 def test_a_line_with_any_one_byte_changed_is_read_rightly_or_left_to_the_streaming_reader(
-    parser: candump_blocks.Parser, form: bytes
+    form: bytes,
 ) -> None:
     lines = [
         form[:place] + bytes([byte]) + form[place + 1 :]
@@ -150,7 +146,7 @@ def test_a_line_with_any_one_byte_changed_is_read_rightly_or_left_to_the_streami
     for is_fd in (False, True):  # CAN FD changes how a chunk is parsed
         chunk = [line for line in lines if (b"##" in line) == is_fd]
         if chunk:
-            found = parsed(chunk, parser)
+            found = parsed(chunk)
             assert len(found.plain) == len(chunk)
             assert_as_streamed(chunk, found)
             assert found.plain[[line == form for line in chunk]].all()
@@ -158,10 +154,7 @@ def test_a_line_with_any_one_byte_changed_is_read_rightly_or_left_to_the_streami
     assert n_plain > 10 * len(form)  # digits change, and letters of the channel
 
 
-@PARSERS
-def test_times_are_rounded_as_the_streaming_reader_rounds_them(
-    parser: candump_blocks.Parser,
-) -> None:
+def test_times_are_rounded_as_the_streaming_reader_rounds_them() -> None:
     rng = np.random.default_rng(5)
     times_us = [
         *rng.integers(0, 2**32 * 10**6, 3000).tolist(),
@@ -169,21 +162,18 @@ def test_times_are_rounded_as_the_streaming_reader_rounds_them(
         *(10**k - 1 for k in range(1, 16)),
     ]
     lines = [f"({t // 10**6}.{t % 10**6:06d}) can0 123#".encode() for t in times_us]
-    found = parsed(lines, parser)
+    found = parsed(lines)
     assert_as_streamed(lines, found)
     assert found.plain[:3000].all()
 
 
-@PARSERS
-def test_a_mark_too_few_or_too_many_is_left_to_the_streaming_reader(
-    parser: candump_blocks.Parser,
-) -> None:
+def test_a_mark_too_few_or_too_many_is_left_to_the_streaming_reader() -> None:
     marked = [b"##1", b"#1#", b"# 00", b"#00#", b"#00 #", b"##", b"###", b"#", b" #", b""]
     lines = [b"(1.000000) can0 123" + end for end in marked]
     lines += [b"", b" ", b"(1.000000)", b"(1.000000) can0", b"(1.000000) can0 ", b"#", b"  #"]
     lines += [b"(1.000000)  123#", b"(12", b"345678.123456) can0 123#", b"x" * 300]
     for chunk in ([line for line in lines if b"##" not in line], lines):
-        found = parsed([*chunk, FORMS[0]], parser)
+        found = parsed([*chunk, FORMS[0]])
         assert_as_streamed([*chunk, FORMS[0]], found)
         assert found.plain[-1]  # what comes after is read
         assert len(found.plain) == len(chunk) + 1
