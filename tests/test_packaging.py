@@ -73,7 +73,6 @@ def test_the_installed_packages_are_imported_from_where_they_were_installed(
         ("monitor/report/static/uplot", "*"),
         ("monitor/bus/live/static", "*"),
         ("training/dyno/cycles", "*.csv"),
-        ("share/man/man1", "*.1"),
         ("share/bash-completion/completions", "*"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Man pages, completions, the unit and the forms are what the commands and guides are."""
+"""Completions, the unit and the forms are what the commands and guides are."""
 
 import importlib.util
 import re
@@ -14,16 +14,16 @@ from tests.conftest import ROOT
 GUIDE = ROOT / "docs" / "guides" / "service.md"
 
 
-def test_man_pages_and_completions_are_those_of_the_parsers() -> None:
-    spec = importlib.util.spec_from_file_location("generate", ROOT / "share" / "generate.py")
+def test_completions_are_those_of_the_parsers() -> None:
+    spec = importlib.util.spec_from_file_location("completions", ROOT / "share" / "completions.py")
     assert spec and spec.loader
-    generate = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(generate)
-    made = generate.files()
-    assert len(made) == 6
+    completions = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(completions)
+    made = completions.files()
+    assert len(made) == 4
     for path, text in made.items():
         stored = (ROOT / "share" / path).read_text()
-        assert stored == text, f"share/{path} is old: python share/generate.py"
+        assert stored == text, f"share/{path} is old: python share/completions.py"
 
 
 @pytest.mark.skipif(not shutil.which("bash"), reason="needs bash")
@@ -69,7 +69,3 @@ def test_the_container_runs_without_rights_and_copies_what_exists() -> None:
     assert re.search(r"^USER o2mon$", text, re.M)
     for name in re.findall(r"^!(\S+)", (ROOT / ".dockerignore").read_text(), re.M):
         assert (ROOT / name).exists(), name
-    demo = yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]["demo"]
-    logs = [word for word in demo["command"] if word.startswith("/logs/")]
-    assert logs
-    assert all((ROOT / "replay_logs" / word.removeprefix("/logs/")).exists() for word in logs)
