@@ -1,13 +1,10 @@
 """The installed wheel is complete, works outside the tree and needs no library of training."""
 
-import hashlib
-import json
 import os
 import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,7 +14,6 @@ from tests.conftest import ROOT
 
 SOURCES = (
     "pyproject.toml",
-    "setup.py",
     "README.md",
     "LICENSE",
     "NOTICE",
@@ -82,27 +78,6 @@ def test_every_data_file_is_installed(installed: Path, folder: str, pattern: str
     assert {path.name for path in (installed / folder).glob(pattern)} == wanted
 
 
-def test_the_wheel_holds_a_bill_of_materials(installed: Path) -> None:
-    (path,) = installed.glob("o2_monitor-*.dist-info/sboms/o2-monitor.cdx.json")
-    bill = json.loads(path.read_text())
-    assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.6")
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    own = bill["metadata"]["component"]
-    assert (own["name"], own["version"]) == (project["name"], project["version"])
-    # THEN it names each package that the runtime needs, and no other as needed
-    scopes = {each["name"]: each.get("scope") for each in bill["components"]}
-    wanted = {re.split("[<>=\\[]", line)[0] for line in project["dependencies"]}
-    assert {name for name, scope in scopes.items() if scope == "required"} == wanted
-    assert {"torch", "uPlot", "FASTSim drive cycles"} <= scopes.keys()
-    references = {each["bom-ref"] for each in bill["components"]}
-    (depends,) = bill["dependencies"]
-    assert set(depends["dependsOn"]) <= references
-    # and the contained files by their sha256
-    (plot,) = [each for each in bill["components"] if each["name"] == "uPlot"]
-    content = (ROOT / plot["properties"][0]["value"]).read_bytes()
-    assert plot["hashes"][0]["content"] == hashlib.sha256(content).hexdigest()
-
-
 def test_the_lock_file_has_hashes_of_every_pinned_package_but_torch() -> None:
     pins = {line for line in (ROOT / "constraints.txt").read_text().split() if "==" in line}
     lines = (ROOT / "requirements-dev.lock").read_text().splitlines()
@@ -124,7 +99,7 @@ def test_every_package_and_module_of_the_tree_is_installed(installed: Path) -> N
     for package in ("monitor", "training", "dbc"):
         wanted = {path.relative_to(ROOT) for path in (ROOT / package).rglob("*.py")}
         have = {path.relative_to(installed) for path in (installed / package).rglob("*.py")}
-        assert have == wanted, "packages in pyproject.toml must name every package"
+        assert have == wanted
 
 
 def test_an_installed_monitor_replays_a_log_with_all_defaults(
