@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -30,6 +30,8 @@ _NUMBERED: Final = re.compile(
     r"h?o2s?|lambda\w*|lam\w*|afr|uego|lsu|sensor|sonde|bank|trim|stft|wideband|wbo?|ego|frm?|"
     r"cylinder|cyl|b|s"
 )
+
+Place = tuple[Message, Signal, tuple[str, ...]]  # a signal, and the words of its own name
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +71,12 @@ class Candidate:
 def ranked(database: Database) -> dict[str, list[Candidate]]:
     """Return the candidates of every canonical signal and of the fuel flow, the likeliest first."""
     meanings = MEANINGS | {FUEL_FLOW_NAME: FUEL_FLOW}
-    return {name: _candidates(database, name, meanings[name]) for name in meanings}
+    signals = [(*place, words_of(own_name(*place))) for place in _signals(database)]
+    return {name: _candidates(signals, name, meanings[name]) for name in meanings}
 
 
-def _candidates(database: Database, name: str, meaning: Meaning) -> list[Candidate]:
-    every = (_candidate(name, meaning, *place) for place in _signals(database))
+def _candidates(signals: Sequence[Place], name: str, meaning: Meaning) -> list[Candidate]:
+    every = (_candidate(name, meaning, *place) for place in signals)
     likely = [candidate for candidate in every if candidate is not None]
     return sorted(likely, key=lambda c: (*c.rank, *_preference(c)))
 
@@ -106,9 +109,14 @@ def _signals(database: Database) -> Iterator[tuple[Message, Signal]]:
                 yield message, signal
 
 
-def _candidate(name: str, meaning: Meaning, message: Message, signal: Signal) -> Candidate | None:
-    """Return the signal as a candidate, None if it is another quantity."""
-    sure, why = _name(meaning, message, signal)
+def _candidate(
+    name: str, meaning: Meaning, message: Message, signal: Signal, words: tuple[str, ...]
+) -> Candidate | None:
+    """Return the signal as a candidate, None if it is another quantity.
+
+    words : of the signal's own name
+    """
+    sure, why = _name(meaning, message, signal, words)
     scaling = scaling_of(name, signal, meaning) if sure > 0.0 else None
     if scaling is None:
         return None
@@ -126,20 +134,20 @@ def _candidate(name: str, meaning: Meaning, message: Message, signal: Signal) ->
     return _of_one_sensor(candidate) if name in OF_ONE_SENSOR else _numbered(candidate)
 
 
-def _name(meaning: Meaning, message: Message, signal: Signal) -> tuple[float, str]:
+def _name(
+    meaning: Meaning, message: Message, signal: Signal, words: tuple[str, ...]
+) -> tuple[float, str]:
     """Return how sure names and comment are, and the one that says most."""
-    words = words_of(own_name(message, signal))
-    if is_other(meaning, words):
-        return 0.0, ""
+    of_message, comment = words_of(message.name), words_of(signal.comment or "")
     sure, why = match(meaning.phrases, words), f"its name says {signal.name}"
-    both = 0.85 * match(meaning.phrases, words + words_of(message.name))
-    if both > sure and not is_other(meaning, words_of(message.name)):
+    both = 0.85 * match(meaning.phrases, words + of_message)
+    told = 0.8 * match(meaning.phrases, comment)
+    if max(sure, both, told) == 0.0 or is_other(meaning, words):
+        return 0.0, ""
+    if both > sure and not is_other(meaning, of_message):
         sure, why = both, f"its name and its message say {message.name} {signal.name}"
-    if signal.comment:
-        comment = words_of(signal.comment)
-        told = 0.8 * match(meaning.phrases, comment)
-        if told > sure and not is_other(meaning, comment):
-            sure, why = told, f"its comment says {_short(signal.comment)}"
+    if told > sure and not is_other(meaning, comment):
+        sure, why = told, f"its comment says {_short(signal.comment or '')}"
     return sure, why
 
 

@@ -85,6 +85,13 @@ _NOISE: Final = (  # words that tell no signal from another
 )
 NOISE: Final = frozenset(_NOISE.split())
 _STEMS: Final = {concept: stems.split() for concept, stems in CONCEPTS.items()}
+_EVERY_STEM: Final = frozenset(stem for stems in _STEMS.values() for stem in stems)
+_INSIDE: Final = [
+    (stem[:-1], concept)
+    for concept, stems in _STEMS.items()
+    for stem in stems
+    if stem.endswith("*") and not stem.startswith("=")
+]
 _SPELLINGS: Final = (
     *zip("äöüßÄÖÜ", ("ae", "oe", "ue", "ss", "Ae", "Oe", "Ue"), strict=True),
     ("λ", " lambda "),
@@ -136,13 +143,42 @@ def is_made_of_known(word: str) -> bool:
     return _letters().fullmatch(word) is not None
 
 
+@cache
+def _concepts(words: tuple[str, ...]) -> frozenset[str]:
+    """Return the concepts that a name may carry: ``_told`` of any other one is empty."""
+    name = "".join(words)
+    found = {concept for stem, concept in _INSIDE if stem in name}
+    for each in (*words, f"={_without_endings(words)}"):
+        found.update(_BY_WORD.get(each, ()))
+    return frozenset(found)
+
+
+def _without_endings(words: tuple[str, ...]) -> str:
+    return "".join(word for word in words if word not in _ENDINGS)
+
+
+def _by_word() -> dict[str, list[str]]:
+    """Return the concepts of each stem that is a whole word, or with ``=`` a whole name."""
+    found: dict[str, list[str]] = {}
+    for concept, stems in _STEMS.items():
+        for stem in stems:
+            if stem.startswith("="):
+                found.setdefault(stem.replace("_", ""), []).append(concept)
+            elif not stem.endswith("*"):
+                found.setdefault(stem, []).append(concept)
+    return found
+
+
+_BY_WORD: Final = _by_word()
+
+
 def _told(concept: str, words: tuple[str, ...]) -> set[str]:
     """Return the words of a name that carry the concept, none if it does not occur."""
     told: set[str] = set()
     name = "".join(words)
     for stem in _STEMS[concept]:
         if stem.startswith("="):
-            if "".join(w for w in words if w not in _ENDINGS) == stem[1:].replace("_", ""):
+            if _without_endings(words) == stem[1:].replace("_", ""):
                 told.update(words)
         elif stem.endswith("*"):
             part = stem[:-1]
@@ -184,14 +220,20 @@ def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> float:
     return found[0] if found else 0.0
 
 
+@cache
+def _split(phrase: str) -> tuple[str, ...]:
+    return tuple(phrase.split())
+
+
 def _best(phrases: Mapping[str, float], words: tuple[str, ...]) -> tuple[float, list[str]] | None:
     """Return how sure the best phrase is, and the words that it does not explain."""
     best: tuple[float, list[str]] | None = None
+    carried_here = _concepts(words)
     for phrase, weight in phrases.items():
-        parts = [_told(concept, words) for concept in phrase.split()]
-        if not all(parts):
+        concepts = _split(phrase)
+        if not carried_here.issuperset(concepts):
             continue
-        told = NOISE.union(*parts)
+        told = NOISE.union(*(_told(concept, words) for concept in concepts))
         rest = [w for w in words if w not in told and not w.isdigit()]
         sure = weight * (1.0 - 0.35 * (len(rest) / max(len(words), 1)))
         if best is None or sure > best[0]:
@@ -208,11 +250,10 @@ def unexplained(phrases: Mapping[str, float], words: tuple[str, ...]) -> list[st
     found = _best(phrases, words)
     if found is None:
         return None
-    stems = {stem for stems in _STEMS.values() for stem in stems}
     odd = [
         w
         for w in words
-        if w not in found[1] and not w.isdigit() and w not in stems | NOISE
+        if w not in found[1] and not w.isdigit() and w not in _EVERY_STEM | NOISE
         if not is_made_of_known(w)
     ]
     return found[1] + odd
