@@ -150,7 +150,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt requirements-dev.lock | pytho
 	@touch $@
 
 # Not editable: the demo runs what a user installs, and nothing of training's libraries.
-$(DEMO)/.installed: pyproject.toml constraints.txt o2_monitor.py $(shell find monitor dbc share training/dyno/cycles -type f -not -name '*.pyc') | python
+$(DEMO)/.installed: pyproject.toml constraints.txt $(shell find monitor dbc share training/dyno/cycles -type f -not -name '*.pyc') | python
 	$(PYTHON) -m venv $(DEMO)
 	$(DEMO)/bin/pip install --quiet --disable-pip-version-check -c constraints.txt .
 	@touch $@

@@ -10,8 +10,6 @@ obd2.dbc, obd2.toml          OBD-II PIDs, where a vehicle broadcasts no useful s
 from importlib.resources import files
 from pathlib import Path
 
-__distribution__ = "o2-monitor"
-
 
 def path(name: str) -> Path:
     """Return the path of a file of this package.

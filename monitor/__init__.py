@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Code", "Monitor", "O2Error", "OxygenSensorMonitor", "Verdict", "load_model", "replay"]
 __version__ = "0.1.0"
-__distribution__ = "o2-monitor"
 
 _PLACES: Final = {
     "Code": "monitor.api.verdict",
@@ -39,7 +38,6 @@ _PLACES: Final = {
 def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    import_module("monitor.base.own_packages").check()
     return getattr(import_module(_PLACES[name]), name)
 
 

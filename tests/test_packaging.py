@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from configparser import ConfigParser
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,7 +18,6 @@ SOURCES = (
     "README.md",
     "LICENSE",
     "NOTICE",
-    "o2_monitor.py",
     "share",
     "monitor",
     "training",
@@ -111,44 +111,16 @@ def test_an_installed_monitor_replays_a_log_with_all_defaults(
     assert finished.stdout
 
 
-@pytest.mark.parametrize("name", ["monitor", "training", "dbc"])
-@pytest.mark.parametrize("place", ["earlier", "same"])
-def test_a_package_of_another_distribution_with_our_name_is_named(
-    installed: Path, tmp_path: Path, name: str, place: str
-) -> None:
-    # GIVEN another package of the same name, on the path before ours or installed over ours
-    if place == "same":
-        ours = tmp_path / "site"
-        ours.mkdir()
-        for each in installed.iterdir():
-            (ours / each.name).symlink_to(each)
-        (ours / name).unlink()
-        (ours / name).mkdir()
-        for each in (installed / name).iterdir():
-            (ours / name / each.name).symlink_to(each)
-        (ours / name / "__init__.py").unlink()
-        path, foreign = [ours], ours / name
-    else:
-        foreign = tmp_path / "other" / name
-        foreign.mkdir(parents=True)
-        path = [foreign.parent, installed]
-    (foreign / "__init__.py").write_text("print_everything = True\n")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, path))}
-    # WHEN the command begins
-    script = "import sys, o2_monitor; sys.exit(o2_monitor.o2mon())"
-    ended = subprocess.run(
-        [sys.executable, "-c", script, "--version"],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    # THEN one line names the package and its file
-    assert ended.returncode == 2
-    (line,) = ended.stderr.splitlines()
-    assert line.startswith(f"o2mon: another package named {name}")
-    assert str(foreign / "__init__.py") in line
+def test_the_installed_commands_begin(installed: Path, tmp_path: Path) -> None:
+    (points,) = installed.glob("o2_monitor-*.dist-info/entry_points.txt")
+    commands = ConfigParser()
+    commands.read(points)
+    scripts = dict(commands["console_scripts"])
+    assert scripts.keys() == {"o2mon", "o2train"}
+    for name, place in scripts.items():
+        module, function = place.split(":")
+        script = f"import sys, {module}; sys.exit({module}.{function}(['--version']))"
+        assert python(installed, ["-c", script], cwd=tmp_path).stdout.startswith(f"{name} ")
 
 
 def test_the_runtime_starts_where_no_library_of_training_exists(tmp_path: Path) -> None:

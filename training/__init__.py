@@ -22,7 +22,6 @@ __all__ = [
     "load_recordings",
 ]
 
-__distribution__ = "o2-monitor"
 
 _PLACES: Final = {
     "Evaluation": "training.api.models",
@@ -39,7 +38,6 @@ _PLACES: Final = {
 def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    import_module("monitor.base.own_packages").check()
     return getattr(import_module(_PLACES[name]), name)
 
 
