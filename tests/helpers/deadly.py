@@ -10,8 +10,3 @@ def job(shared: int, item: int) -> int:
         time.sleep(0.2)  # so that the one before it is done
         os._exit(9)
     return shared + item
-
-
-def alone(item: int) -> tuple[int, int]:
-    """Return an item one larger, and the process that added; a negative one kills the process."""
-    return job(1, item), os.getpid()

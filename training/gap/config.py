@@ -37,72 +37,11 @@ class ErrorAloneConfig:
 
 @dataclass(frozen=True, slots=True)
 class DriversConfig:
-    """Variables that an excess may depend on."""
+    """Variables that a difference may depend on."""
 
     rate_s: float
     cut_memory_s: float
     values_min: int
-
-
-@dataclass(frozen=True, slots=True)
-class SplinesConfig:
-    """Functions of one driver."""
-
-    knots: int
-    smoothing: float
-    healthy_weight_max: float
-
-
-@dataclass(frozen=True, slots=True)
-class ExcessConfig:
-    """When the error of the recordings exceeds its reference."""
-
-    confidence: float
-
-
-@dataclass(frozen=True, slots=True)
-class NoiseFloorConfig:
-    """Pairs of samples at the same operating point."""
-
-    apart_s: float
-    closest_share: float
-    pairs_min: int
-
-
-@dataclass(frozen=True, slots=True)
-class RegimesConfig:
-    """When a driver at a point counts as found."""
-
-    false_share: float
-    excess_min: float
-    within_min: float
-    within_min_constant: float
-    recordings_many: int
-    wins_min: float
-    near: float
-
-
-@dataclass(frozen=True, slots=True)
-class BandsConfig:
-    """When a frequency band counts as found, and its segments."""
-
-    false_share: float
-    coherence_min: float
-    segment_s: float
-    segment_scored_min: float
-    segments_min: int
-    segments_independent: float
-
-
-@dataclass(frozen=True, slots=True)
-class ChangesConfig:
-    """When a change within a recording counts as found."""
-
-    false_share: float
-    block_s: float
-    blocks_min: int
-    blocks_together: int
-    step_clearly: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,12 +126,6 @@ class GapConfig:
     inputs: InputsConfig
     error_alone: ErrorAloneConfig
     drivers: DriversConfig
-    splines: SplinesConfig
-    excess: ExcessConfig
-    noise_floor: NoiseFloorConfig
-    regimes: RegimesConfig
-    bands: BandsConfig
-    changes: ChangesConfig
     response: ResponseConfig
     healthy: HealthyConfig
     name: NameConfig

@@ -16,7 +16,6 @@ from training.gap.name.ranking import HALF, loses
 from training.gap.name.verdict import Base, Candidate, Naming, Verdict
 from training.gap.response.difference import Difference
 from training.gap.verify.evidence import Verification
-from training.gap.where.findings import Findings
 from training.greybox.chain import Constants
 from training.greybox.effects.empirical import formula
 from training.jobs.json_tree import plain
@@ -72,10 +71,9 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Findings, naming, new model and verification of one run."""
+    """Naming, new model and verification of one run."""
 
     inputs: Inputs
-    findings: Findings | None
     naming: Naming
     difference: Difference | None = None  # from healthy runs, where no effect can be tried
     addition: Addition = field(default_factory=Addition)
@@ -215,7 +213,7 @@ def as_json(result: Result) -> dict[str, Any]:
 
 
 def _where(result: Result) -> list[dict[str, Any]]:
-    """Return the findings: of the comparison of runs if there is one, its p-values count."""
+    """Return the answers of the comparison of runs, else the regimes that hold the excess."""
     if result.difference is not None:
         return [
             {
@@ -229,7 +227,7 @@ def _where(result: Result) -> list[dict[str, Any]]:
             for f in result.difference.findings
             if f.significant
         ]
-    return [] if result.findings is None else result.findings.where()
+    return [] if result.verified is None else result.verified.where()
 
 
 def save(result: Result, path: Path) -> None:

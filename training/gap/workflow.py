@@ -1,16 +1,14 @@
-"""The gap workflow from recordings to a new model: localise, name, add, verify.
+"""The gap workflow from recordings to a new model: name, add, verify.
 
 The name is looked for in all recordings. The constants in the new model come from those that are
 not held out, and the errors of the new model are measured on those that are.
 """
 
 import time
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Final
 
-from training.gap import localisation
+from training.gap import run_comparison
 from training.gap.add.addition import Addition, add
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base, suitability
@@ -22,15 +20,12 @@ from training.gap.name.verdict import Naming
 from training.gap.result import Inputs, ModelFile, Result
 from training.gap.verify.evidence import Verification
 from training.gap.verify.verification import verify
-from training.gap.where.findings import Findings, localise
 from training.greybox.effects.model_effect import uncertain
 from training.jobs.checkpoints import Checkpoints, Progress
-from training.jobs.second_process import beside
 from training.recordings.recording import training_recording
 
 NEW_MODEL: Final = "model.onnx"
 UNVERIFIED: Final = "unverified.onnx"  # until the monitor has run with it
-LONG_S: Final = 9000.0  # of recordings: localising takes longer than the start of a process
 
 
 def investigate(
@@ -57,7 +52,7 @@ def investigate(
     card = base.card_of(material.model)
     missing = suitability.check_files(material.roles, card, material.model.name)
     if missing or card.transform != "phi":
-        return localisation.investigate(
+        return run_comparison.investigate(
             model=material.model,
             card=card,
             recordings=(*material.recordings, *material.verify),
@@ -67,27 +62,21 @@ def investigate(
             progress=progress,
         )
     subject = Subject.of(material, card)
-    is_long = options.localise and subject.seconds >= LONG_S and not stages.holds("where")
-    with beside(_localised, subject, is_long=is_long) as localised:
-        where = partial(_findings, localised, options, stages, progress)
-        found = Knowledge.of(subject, known, learned or stages, progress)
-        findings = None if is_long else where()
-        naming = _naming(subject, found, options, stages, progress)
-        knowledge = found.after(naming, subject)
-        addition = add(
-            subject=subject,
-            naming=naming,
-            knowledge=knowledge,
-            out=out / UNVERIFIED,
-            options=options,
-            progress=progress,
-        )
-        verification = _verification(subject, addition, knowledge, options, stages, progress)
-        findings = where() if is_long else findings
+    found = Knowledge.of(subject, known, learned or stages, progress)
+    naming = _naming(subject, found, options, stages, progress)
+    knowledge = found.after(naming, subject)
+    addition = add(
+        subject=subject,
+        naming=naming,
+        knowledge=knowledge,
+        out=out / UNVERIFIED,
+        options=options,
+        progress=progress,
+    )
+    verification = _verification(subject, addition, knowledge, options, stages, progress)
     addition = delivered(addition, verification, out / NEW_MODEL)
     return Result(
         inputs=_inputs(subject, options),
-        findings=findings,
         naming=naming,
         addition=addition,
         verified=verification,
@@ -95,23 +84,6 @@ def investigate(
         warnings=_warnings(subject, knowledge, naming, addition),
         seconds=time.monotonic() - began_s,
     )
-
-
-def _localised(subject: Subject) -> Findings:
-    """Return where the model's free run disagrees."""
-    return localise(*subject.compared())
-
-
-def _findings(
-    localised: Callable[[], Findings], options: Options, stages: Checkpoints, progress: Progress
-) -> Findings | None:
-    """Return where the model's free run disagrees; None if that is not asked for."""
-
-    def made() -> Findings:
-        progress("localising")
-        return localised()
-
-    return stages.done("where", Findings, made) if options.localise else None
 
 
 def _naming(

@@ -49,10 +49,6 @@ class Checkpoints:
         values.save(path, result, kind, self.named)
         return result
 
-    def holds(self, name: str) -> bool:
-        """Return whether a stage's result is stored."""
-        return self.folder is not None and self._path(self.folder, name).exists()
-
     def _path(self, folder: Path, name: str) -> Path:
         return folder / f"{name}_{self.key}.npz"
 

@@ -95,9 +95,7 @@ def ask(
     faults : faults that the verification puts on drives, to see that the new model still finds them
     """
     with TemporaryDirectory() as out:
-        options = Options(
-            steps, sensor_known_good, ADD, retrain_minutes, faults=faults, localise=False
-        )
+        options = Options(steps, sensor_known_good, ADD, retrain_minutes, faults=faults)
         return investigate(material, Path(out), options, known=known)
 
 

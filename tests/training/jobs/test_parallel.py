@@ -1,12 +1,9 @@
 """Jobs side by side on this machine."""
 
-import os
-
 import pytest
 
 from tests.helpers import deadly
 from training.jobs import parallel, worker
-from training.jobs.second_process import beside
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -21,25 +18,3 @@ def test_a_job_whose_process_dies_is_named() -> None:
     with pytest.raises(worker.WorkerDiedError, match=r"a worker died.*bad") as died:
         list(parallel.run(deadly.job, 0, jobs, jobs=2))
     assert died.value.keys in (("bad",), ("good", "bad"))
-
-
-@pytest.mark.parametrize("is_long", [False, True])
-def test_a_long_job_is_done_beside_this_process(is_long: bool) -> None:
-    with beside(deadly.alone, 3, is_long=is_long) as result:
-        found, process = result()
-    assert found == 4
-    assert (process != os.getpid()) == is_long
-
-
-def test_on_a_single_core_a_long_job_is_done_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("joblib.cpu_count", lambda: 1)
-    with beside(deadly.alone, 3, is_long=True) as result:
-        assert result() == (4, os.getpid())
-
-
-def test_a_job_beside_this_process_that_dies_is_named() -> None:
-    with (
-        beside(deadly.alone, -1, is_long=True) as result,
-        pytest.raises(worker.WorkerDiedError, match="alone"),
-    ):
-        result()

@@ -16,7 +16,6 @@ from tests.conftest import ROOT
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name.verdict import Naming
 from training.gap.verify.evidence import Verification
-from training.gap.where.findings import Findings
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.form.air_meter import following
@@ -112,7 +111,7 @@ def test_an_object_that_stands_twice_is_one_object_again(tmp_path: Path) -> None
     assert (second.count, again.count) == (4, 3)
 
 
-@pytest.mark.parametrize("kind", [Findings, Naming, Verification, Healthy, Vehicle | str])
+@pytest.mark.parametrize("kind", [Naming, Verification, Healthy, Vehicle | str])
 def test_whatever_a_run_stores_has_a_form(kind: Any) -> None:
     assert values.form_of(kind, NAMED) is not None
 

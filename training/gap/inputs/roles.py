@@ -28,7 +28,6 @@ class Options:
     add: tuple[str, ...] = ()  # effects that may be faults, and are known to be none
     retrain_minutes: float = 0.0  # for a network with the effect as an input; 0 is none
     faults: tuple[Fault, ...] = FAULTS  # put on for verifying; none leaves the monitor out
-    localise: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,10 +7,7 @@ from monitor.model.card import ModelCard
 from training.gap.inputs import base, suitability
 from training.gap.inputs.roles import Material
 from training.greybox.chain import Constants
-from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import Drive
-from training.greybox.graph.chain_graph import Greybox
-from training.recordings.prediction import predicted_phi
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +42,6 @@ class Subject:
         return base.constants_of(self.card)
 
     @property
-    def seconds(self) -> float:
-        """Return the duration of all recordings, the healthy ones included."""
-        material = self.material
-        return sum(
-            len(each.values) * each.period_ns * 1e-9
-            for each in (*material.recordings, *material.healthy)
-        )
-
-    @property
     def fit_drives(self) -> list[Drive]:
         """Return the drives that the new model's constants come from."""
         return [self.drives[i] for i in self.material.fit_numbers]
@@ -67,15 +55,3 @@ class Subject:
     def plain_healthy_drives(self) -> list[Drive]:
         """Return the healthy recordings as drives, without the effects that the model has."""
         return base.plain_drives_of(self.card, self.material.healthy, self.material.healthy)
-
-    def compared(self) -> tuple[list[Comparison], list[Comparison]]:
-        """Return the recordings and the healthy ones, each beside the model's free run."""
-        chain = Greybox.of(self.card) if self.is_greybox else None
-        recordings = [*self.material.recordings, *self.material.healthy]
-        drives = base.plain_drives_of(self.card, recordings)
-        compared = [
-            Comparison.of(drive, phi, chain.path(drive.signals) if chain else None)
-            for drive, phi in zip(drives, predicted_phi(self.model, recordings), strict=True)
-        ]
-        n = len(self.material.recordings)
-        return compared[:n], compared[n:]

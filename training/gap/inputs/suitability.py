@@ -12,6 +12,7 @@ from training.gap.config import CONFIG
 from training.gap.inputs import base
 from training.greybox.chain import Constants, base_path, valve_phi
 from training.greybox.effects import ALL
+from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import NEEDED, Drive
 from training.pages.numbers import percent
 from training.recordings.recording import Recording
@@ -42,7 +43,7 @@ def check_files(
         raise RecordingError(
             f"{', '.join(names)}: no column or no good value of {' and '.join(missing)}, without "
             "which the chain does not run (docs/reference/signals.md has the names, --columns maps "
-            "others); a network on other inputs (o2train fit --inputs) can be localised"
+            "others); a network on other inputs (o2train fit --inputs) can be compared"
         )
     if not missing:
         check_healthy(roles["--healthy"], own_charge)
@@ -101,7 +102,7 @@ def check_healthy(recordings: Sequence[Recording], own_charge: bool = False) -> 
         )
 
 
-def check_long(drives: Sequence[Drive], role: str) -> None:
+def check_long(drives: Sequence[Drive | Comparison], role: str) -> None:
     """Raise RecordingError if all drives together are too short to hold blocks out."""
     seconds = sum(float(d.scored.sum()) * d.period_s for d in drives)
     if seconds < LIMITS.scored_min_s:
@@ -194,5 +195,5 @@ def _moves(values: Sequence[FloatArray]) -> tuple[float, float]:
     return float(middle), float((high - low) / max(abs(middle), 1e-9))
 
 
-def _names(drives: Sequence[Drive]) -> str:
+def _names(drives: Sequence[Drive | Comparison]) -> str:
     return ", ".join(d.name for d in drives)

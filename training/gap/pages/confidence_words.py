@@ -31,7 +31,7 @@ def _beyond_chance(result: Result) -> str:
     if not ranking:
         if result.verdict == "no_gap":
             return "the error is what chance and healthy driving explain; no effect could be tried."
-        return "no effect could be tried; the parts below say how far each regime is beyond chance."
+        return "no effect could be tried; the parts below say how far each answer is beyond chance."
     best, *others = ranking
     score, needed = best.merit.score, best.merit.needed
     if result.verdict == "no_gap":

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from training.gap.name.verdict import Candidate
-from training.gap.pages.where_figures import runs_figure
 from training.gap.verify.evidence import Error, Trace
-from training.pages.figure import drawing, legend
+from training.gap.verify.operating_map import OperatingMap
+from training.pages.figure import drawing, legend, panels
 from training.pages.numbers import percent
 
 BEFORE, AFTER, FLOOR, WORSE = "0.55", "C0", "0.15", "C3"
@@ -47,8 +48,50 @@ def error_figure(errors: Sequence[Error]) -> Figure:
 
 def trace_figure(trace: Trace) -> Figure:
     """Draw measured phi and both models, and both residuals."""
-    runs = [(trace.before, BEFORE, "model before"), (trace.after, AFTER, "model after")]
-    return runs_figure(trace, runs)
+    figure, (top, bottom) = panels(2, 1, height=2.0, sharex=True, height_ratios=(2, 1))
+    top.plot(trace.t_s, trace.measured, color="0.2", linewidth=1.0, label="measured")
+    for phi, colour, name in (
+        (trace.before, BEFORE, "model before"),
+        (trace.after, AFTER, "model after"),
+    ):
+        top.plot(trace.t_s, phi, color=colour, linewidth=1.1, label=name)
+        residual = np.where(trace.scored, trace.measured - phi, np.nan)
+        bottom.plot(trace.t_s, residual, color=colour, linewidth=1.0)
+    runs = (trace.measured, trace.before, trace.after)
+    shown = np.concatenate([x[trace.scored] for x in runs])
+    if len(shown):
+        low, high = (float(v) for v in np.percentile(shown, [0.5, 99.5]))
+        margin = 0.15 * (high - low) + 1e-4
+        top.set_ylim(low - margin, high + margin)
+    bottom.axhline(0.0, color="0.6", linewidth=0.7)
+    for axes in (top, bottom):
+        low, high = axes.get_ylim()
+        axes.fill_between(trace.t_s, low, high, where=~trace.scored, color="0.9", step="mid", lw=0)
+        axes.set_ylim(low, high)
+        axes.margins(x=0)
+    top.set_ylabel("phi")
+    legend(top)
+    bottom.set(xlabel=f"s of {trace.recording}", ylabel="measured minus\npredicted [phi]")
+    return figure
+
+
+def map_figure(over: OperatingMap) -> Figure:
+    """Draw the error of both models over speed and load, in the same colours."""
+    shown = [("model before", over.before)]
+    shown += [] if over.after is None else [("model after", over.after)]
+    figure, every = panels(len(shown), 2, height=3.4, sharey=True)
+    errors = np.concatenate([error.ravel() for _, error in shown])
+    most = float(np.nanmax(errors)) if np.isfinite(errors).any() else 1.0
+    for axes, (title, error) in zip(every, shown, strict=True):
+        drawn = axes.pcolormesh(
+            over.speed_rpm, over.load_mg, error, cmap="Reds", vmin=0.0, vmax=most
+        )
+        axes.set_title(title)
+        axes.set_xlabel("engine speed [1/min]")
+        axes.set_facecolor("0.93")
+    every[0].set_ylabel("air per stroke [mg]")
+    figure.colorbar(drawn, ax=every, label="RMSE [phi]")
+    return figure
 
 
 def ranking_figure(ranking: Sequence[Candidate], chosen: Sequence[str]) -> Figure:

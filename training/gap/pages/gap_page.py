@@ -7,11 +7,10 @@ from typing import Final
 
 from monitor.base.outputs import write_text
 from training.gap.name.verdict import Candidate
-from training.gap.pages import cells, error_figures, where_figures
+from training.gap.pages import cells, error_figures, response_figures
 from training.gap.pages.confidence_words import confidence
 from training.gap.pages.verdict_words import actions, cautions, verdict_sentence
 from training.gap.result import Result
-from training.gap.where.findings import Findings
 from training.greybox.chain import RANGES
 from training.pages.numbers import p_value
 from training.pages.page import page, part
@@ -36,7 +35,7 @@ def as_page(result: Result) -> str:
         chosen=[c.name for c in result.effects],
         added={a.name: a for a in result.addition.effects},
         units={name: limits.unit for name, limits in RANGES.items()},
-        where=_where(result),
+        difference=_difference(result),
         shown=SHOWN,
         cells=cells,
         draw=error_figures,
@@ -49,27 +48,18 @@ def as_page(result: Result) -> str:
     )
 
 
-def _where(result: Result) -> str:
-    """Return the section: of the comparison of runs if there is one, else of the error alone."""
-    found, difference = result.findings, result.difference
-    if found is None:
+def _difference(result: Result) -> str:
+    """Return the section that compares runs, "" if effects were tried instead."""
+    if result.difference is None:
         return ""
-    if difference is None:
-        return where_section(found)
     return part(
         "gap/difference.html",
-        found=found,
-        difference=difference,
+        difference=result.difference,
         unit=result.inputs.unit,
         shown=SHOWN,
-        draw=where_figures,
+        draw=response_figures,
         p_value=p_value,
     )
-
-
-def where_section(found: Findings) -> str:
-    """Return the section that says where model and vehicle disagree."""
-    return part("gap/where.html", found=found, draw=where_figures, p_value=p_value)
 
 
 def save(result: Result, path: Path) -> None:

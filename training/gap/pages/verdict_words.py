@@ -213,7 +213,7 @@ def _describe(result: Result) -> list[str]:
             f"{result.addition.path} has the formula, found in these recordings and not in a "
             "library: use it within their speeds, loads and temperatures."
         )
-    return [*found, "Look at the regimes under Where for what the library lacks."]
+    return [*found, "Look at the errors by regime under How much for what the library lacks."]
 
 
 def _check_sensor(result: Result) -> list[str]:

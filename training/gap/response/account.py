@@ -10,8 +10,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.gap.response.equations import Held
 from training.gap.response.families import PASTS_S, Family
-from training.gap.response.regressors import lagged
-from training.gap.where.transport import transported
+from training.gap.response.regressors import lagged, transported
 from training.greybox.fit.comparison import Comparison
 
 DELAYS_S: Final = tuple(np.arange(0.0, 1.51, 0.1).tolist())
@@ -63,7 +62,7 @@ def response_of(new: Sequence[Comparison]) -> Response:
     for delay_s, lag_s in product(DELAYS_S, LAGS_S):
         made = np.concatenate(
             [
-                transported(r.phi_predicted, np.full(len(s), delay_s), lag_s, r.period_s)[s]
+                transported(r.phi_predicted, delay_s, lag_s, r.period_s)[s]
                 for r, s in zip(new, rows, strict=True)
             ]
         )

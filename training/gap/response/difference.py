@@ -12,10 +12,10 @@ import numpy as np
 
 from training.gap.config import CONFIG
 from training.gap.response.account import Curve, Response, curve_of, past_s, response_of
+from training.gap.response.drivers import UNITS, WORDS, find_drivers
 from training.gap.response.families import Family, families_of
 from training.gap.response.reference import Reference
 from training.gap.response.trial import Questions, Trial, p_value
-from training.gap.where.drivers import UNITS, WORDS, find_drivers
 from training.greybox.fit.comparison import Comparison
 
 LIMITS: Final = CONFIG.response
@@ -81,6 +81,12 @@ class References:
         shared = [n for n in healthy[0].signals if all(n in r.signals for r in healthy)]
         sets = dict.fromkeys((tuple(inputs), tuple(shared)))
         return cls(tuple(inputs), tuple(Reference.learn(healthy, names) for names in sets))
+
+    @property
+    def error(self) -> float:
+        """Return the least RMS error with which healthy runs tell each other's reading."""
+        residuals = [np.concatenate([r.residual[r.scored] for r in e.healthy]) for e in self.each]
+        return min(float(np.sqrt(np.mean(e**2))) for e in residuals)
 
 
 @dataclass(frozen=True, slots=True)

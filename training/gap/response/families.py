@@ -16,9 +16,9 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
+from training.gap.response.basis import Basis
+from training.gap.response.drivers import Driver, rate
 from training.gap.response.regressors import lagged
-from training.gap.where.drivers import Driver, rate
-from training.gap.where.splines import Basis
 from training.greybox.fit.comparison import Comparison
 from training.recordings.rows import hold
 

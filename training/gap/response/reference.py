@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
+from training.gap.response.drivers import rate
 from training.gap.response.regressors import Regressors, lagged
-from training.gap.where.drivers import rate
 from training.greybox.fit.comparison import Comparison
 
 PENALTIES: Final = (1e-5, 1e-4, 1e-3, 1e-2)  # of the mean diagonal; the best predicts others

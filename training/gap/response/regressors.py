@@ -85,5 +85,13 @@ def delayed(values: FloatArray, steps: int) -> FloatArray:
     ]
 
 
+def transported(
+    values: FloatArray, dead_time_s: float, lag_s: float, period_s: float
+) -> FloatArray:
+    """Return ``values`` (n,) after a dead time, between samples in a straight line, and a lag."""
+    ticks = np.arange(len(values), dtype=np.float64)
+    return lagged(np.interp(ticks - dead_time_s / period_s, ticks, values), lag_s, period_s)
+
+
 def _columns(run: Comparison, inputs: Sequence[str]) -> FloatArray:
     return np.stack([hold(run.signals[name]) for name in inputs], axis=1)

@@ -15,13 +15,13 @@ from scipy.stats import t as student
 
 from monitor.base.types import BoolArray, FloatArray
 from training.gap.config import CONFIG
+from training.gap.response.drivers import DERIVED
 from training.gap.verify.evidence import Error
-from training.gap.where.bootstrap import draw_counts
-from training.gap.where.drivers import DERIVED
 from training.greybox.fit.comparison import BLOCK_S, Comparison
 from training.recordings.rows import hold
 
 LIMITS: Final = CONFIG.verify
+DRAWS: Final = 500
 PARTS: Final = (("low", "medium", "high"), (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0))
 
 
@@ -173,7 +173,8 @@ def _bounds(
     The first is of all samples and stands by itself; those of the others hold for all ``told``
     together.
     """
-    drawn = draw_counts(counts.shape[1], rng).T
+    n_blocks = counts.shape[1]
+    drawn = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), size=DRAWS).T
     many = np.maximum(counts @ drawn, 1.0)
     changes = np.sqrt(after @ drawn / many) - np.sqrt(before @ drawn / many)
     n = counts.sum(axis=1)

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from monitor.base.types import BoolArray, FloatArray
+from training.gap.verify.operating_map import OperatingMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +86,7 @@ class Verification:
     healthy_alarms: Detection | None = None  # without a fault, on healthy recordings
     notes: tuple[str, ...] = ()
     trace: Trace | None = None  # where the new model helps most; None without one
+    map: OperatingMap | None = None
 
     @property
     def worse(self) -> tuple[Error, ...]:
@@ -154,6 +156,21 @@ class Verification:
         """Return how the old model is counted in one comparison."""
         return run.alike if self._quiet == "alike" and run.alike is not None else run.before
 
+    def where(self) -> list[dict[str, Any]]:
+        """Return the regimes in which the old model's excess error is dense, most of it first.
+
+        ``share_of_excess`` : of the squared error above the floor
+        """
+        whole = _excess(self.overall)
+        if whole <= 0.0:
+            return []
+        shares = [(min(_excess(e) / whole, 1.0), e) for e in self.regimes]
+        dense = [(s, e) for s, e in shares if s > e.samples / self.overall.samples]
+        return [
+            {"kind": e.kind, "regime": e.regime, "share_of_excess": s}
+            for s, e in sorted(dense, key=lambda each: -each[0])
+        ]
+
     def as_json(self) -> dict[str, Any]:
         """Return regimes and detection as ``gap.json`` has them."""
         return {
@@ -187,6 +204,11 @@ def rate(counts: Sequence[Count], of: str = "found") -> float | None:
     """
     drives = sum(c.drives for c in counts)
     return sum(int(getattr(c, of)) for c in counts) / drives if drives else None
+
+
+def _excess(error: Error) -> float:
+    """Return the sum of the old model's squared error above the floor; 0 if that is not known."""
+    return 0.0 if error.floor is None else error.samples * (error.before**2 - error.floor**2)
 
 
 def _error(error: Error) -> dict[str, Any]:

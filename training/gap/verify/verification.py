@@ -18,7 +18,7 @@ from training.gap.inputs.roles import FAULTS
 from training.gap.verify.detection import Monitors, Trial, detect, monitor_of
 from training.gap.verify.error_regimes import compare, rms, scored
 from training.gap.verify.evidence import Detection, Error, Trace, Verification
-from training.gap.where.operating_map import excerpt
+from training.gap.verify.operating_map import operating_map
 from training.greybox.chain import Constants
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import BLOCK_S, FOLDS, Comparison
@@ -28,6 +28,7 @@ from training.limits.repeated_model import RepeatedModel
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
+TRACE_S: Final = 40.0
 ALIKE: Final = (
     "A new model's limits are set on the recordings of the fit (of a network trained anew on the "
     "blocks held out of its training), by the rule of o2train fit, unless its card says that the "
@@ -69,30 +70,31 @@ def verify(
     n = len(drives)
     before, after = run[:n], run_new and run_new[:n]
     overall, regimes = _errors(drives, before, after, chain)
-    trace = _trace(before, after) if after else None
-    on_healthy = _plain(run[n:], run_new and run_new[n:]) if healthy else None
+    found = Verification(
+        overall=overall,
+        regimes=regimes,
+        healthy=_plain(run[n:], run_new and run_new[n:]) if healthy else None,
+        trace=_trace(before, after) if after else None,
+        map=operating_map(before, after),
+    )
     if not faults:
-        return Verification(overall, regimes, on_healthy, trace=trace)
+        return found
     progress("faults put on held-out recordings")
     try:
         monitors = _monitors(old, new, accepted)
     except (ModelError, ConfigError) as error:
-        note = f"The monitor was not asked: {error}."
-        return Verification(overall, regimes, on_healthy, notes=(note,), trace=trace)
+        return replace(found, notes=(f"The monitor was not asked: {error}.",))
     trials: list[Trial] = [(recordings, None), *((recordings, fault) for fault in faults)]
-    alarms, *found = detect([*trials, (healthy, None)] if healthy else trials, monitors)
-    healthy_alarms = found.pop() if healthy else None
+    alarms, *detected = detect([*trials, (healthy, None)] if healthy else trials, monitors)
+    healthy_alarms = detected.pop() if healthy else None
     told = () if monitors.alike is None else (ALIKE,)
-    notes = (AFTERWARDS, *told, *_undecided(alarms, found), *_alarmed(alarms))
-    return Verification(
-        overall=overall,
-        regimes=regimes,
-        healthy=on_healthy,
-        faults=tuple(found),
+    notes = (AFTERWARDS, *told, *_undecided(alarms, detected), *_alarmed(alarms))
+    return replace(
+        found,
+        faults=tuple(detected),
         alarms=alarms,
         healthy_alarms=healthy_alarms,
         notes=notes,
-        trace=trace,
     )
 
 
@@ -145,19 +147,22 @@ def _compared(
 
 def _trace(before: Sequence[Comparison], after: Sequence[Comparison]) -> Trace:
     """Return the stretch in which the new model takes away most of the squared error."""
-    numbered = [replace(r, name=str(i)) for i, r in enumerate(before)]
-    gained = [b.residual - a.residual for b, a in zip(before, after, strict=True)]
-    shown = excerpt(numbered, gained)
-    drive = after[int(shown.recording)]
-    first = round(float(shown.t_s[0]) / drive.period_s)
-    new = drive.phi_predicted[first : first + len(shown.t_s)]
+    best = (-1.0, 0, slice(0))
+    for i, (old, new) in enumerate(zip(before, after, strict=True)):
+        length = min(round(TRACE_S / old.period_s), len(old.residual))
+        total = np.concatenate([[0.0], np.cumsum(old.residual**2 - new.residual**2)])
+        sums = total[length:] - total[:-length]
+        at = int(np.argmax(sums))
+        best = max(best, (float(sums[at]), i, slice(at, at + length)), key=lambda each: each[0])
+    _, i, rows = best
+    old = before[i]
     return Trace(
-        recording=drive.name,
-        t_s=shown.t_s,
-        measured=shown.measured,
-        before=shown.predicted,
-        after=new,
-        scored=shown.scored,
+        recording=old.name,
+        t_s=np.arange(rows.start, rows.stop, dtype=np.float64) * old.period_s,
+        measured=old.phi_measured[rows],
+        before=old.phi_predicted[rows],
+        after=after[i].phi_predicted[rows],
+        scored=old.scored[rows],
     )
 
 

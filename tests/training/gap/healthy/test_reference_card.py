@@ -87,7 +87,7 @@ def alone(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 def asked(model: Path, seen: tuple[Recording, ...], out: Path, **healthy: Any) -> Result:
     """Return what the workflow says, quickly."""
-    options = Options(faults=(), localise=False)
+    options = Options(faults=())
     material = Material(model, seen, healthy.get("healthy", ()))
     return investigate(material, out, options, known=healthy.get("known"))
 

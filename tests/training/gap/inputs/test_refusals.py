@@ -175,23 +175,28 @@ def test_healthy_recordings_that_lack_a_signal_are_refused(
     )
 
 
-def localised(network: Path, folder: Path, rich: float) -> tuple[dict[str, Any], str]:
+def compared(
+    network: Path, folder: Path, rich: float, healthy: int = 3
+) -> tuple[dict[str, Any], str]:
     """Return the answer on recordings without fuel and air per stroke."""
     fuel = ["fuel_mass_mg", "air_mass_mg"]
-    new, healthy = (
+    new, known = (
         [table(folder / name, seed, without=fuel, rich=more) for seed in seeds]
-        for name, seeds, more in (("new", (21, 22, 23), rich), ("healthy", (31, 32, 33), 0.0))
+        for name, seeds, more in (
+            ("new", (21, 22, 23), rich),
+            ("healthy", (31, 32, 33)[:healthy], 0.0),
+        )
     )
     out = folder / "gap"
-    assert run("--model", network, *new, "--healthy", *healthy, "--out", out) == 0
+    assert run("--model", network, *new, "--healthy", *known, "--out", out) == 0
     found: dict[str, Any] = json.loads((out / "gap.json").read_text())
     return found, (out / "report.html").read_text()
 
 
-def test_without_fuel_and_air_the_report_still_localises(
+def test_without_fuel_and_air_the_report_says_in_what_runs_differ(
     network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found, page = localised(network, tmp_path, rich=0.05)
+    found, page = compared(network, tmp_path, rich=0.05)
     assert found["verdict"] == "unknown_effect"
     regimes = [each for each in found["where"] if each["kind"] == "regime"]
     first = next(each for each in regimes if each["driver"] != "everywhere")
@@ -210,7 +215,21 @@ def test_without_fuel_and_air_the_report_still_localises(
 
 
 def test_without_fuel_and_air_a_vehicle_as_it_was_has_no_gap(network: Path, tmp_path: Path) -> None:
-    found, page = localised(network, tmp_path, rich=0.0)
+    found, page = compared(network, tmp_path, rich=0.0)
     assert found["verdict"] == "no_gap"
     assert "not beyond what healthy recordings differ by" in page
     assert found["where"] == []
+
+
+def test_with_one_healthy_run_its_pieces_tell_what_is_usual(network: Path, tmp_path: Path) -> None:
+    found, _ = compared(network, tmp_path, rich=0.05, healthy=1)
+    assert found["verdict"] == "unknown_effect"
+    assert any("chance is judged within the recordings" in text for text in found["warnings"])
+
+
+def test_without_fuel_and_air_healthy_recordings_are_wanted(
+    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dry = table(tmp_path, 9, without=["fuel_mass_mg", "air_mass_mg"])
+    line = refused(capsys, "--model", network, dry, "--out", tmp_path / "gap")
+    assert "without healthy ones (--healthy) a weakness of the model cannot be told" in line

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from monitor.model.card import TrainingRecording
-from tests.helpers.gap_residuals import drive, purge
 from training.gap import result
 from training.gap.add.addition import Addition
 from training.gap.name.manoeuvres import Experiment
@@ -30,7 +29,7 @@ from training.gap.pages import gap_page
 from training.gap.pages.verdict_words import actions, verdict_sentence
 from training.gap.result import Inputs, ModelFile, Result, as_json
 from training.gap.verify.evidence import Count, Detection, Error, Trace, Verification
-from training.gap.where.findings import Findings, localise
+from training.gap.verify.operating_map import OperatingMap
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
@@ -164,6 +163,7 @@ def verified(after: float | None = 0.0112, worse: bool = False, lost: bool = Fal
     alarm = None if after is None else Count(4, 4, 0, 0, ())
     t_s = np.arange(50) * 0.1
     wave = 1.0 + 0.02 * np.sin(t_s)
+    edges, grid = np.linspace(0.0, 1.0, 4), np.full((3, 3), 0.02)
     trace = Trace(
         recording="held.csv",
         t_s=t_s,
@@ -184,19 +184,15 @@ def verified(after: float | None = 0.0112, worse: bool = False, lost: bool = Fal
         healthy_alarms=None,
         notes=("The control loop has not seen them.",),
         trace=None if after is None else trace,
+        map=OperatingMap(edges, edges, grid, None if after is None else 0.5 * grid),
     )
-
-
-@cache
-def findings() -> Findings:
-    return localise([drive(seed, purge, n=4000) for seed in (1, 2)])
 
 
 def used(name: str, source: str = "") -> TrainingRecording:
     return TrainingRecording(name, name[0] * 64, 6000, source)
 
 
-def made(verdict: Verdict, localised: bool = False) -> Result:
+def made(verdict: Verdict) -> Result:
     named = verdict == "named"
     return Result(
         inputs=Inputs(
@@ -205,7 +201,6 @@ def made(verdict: Verdict, localised: bool = False) -> Result:
             healthy=(used("old.csv"),),
             held_out=(used("held & out.csv"),),
         ),
-        findings=findings() if localised else None,
         naming=naming(verdict),
         addition=PURGE_ADDED if named else Addition(),
         verified=verified() if named else verified(None),
@@ -347,17 +342,24 @@ def test_no_probability_speaks_against_the_headline_that_there_is_no_gap(
     assert ("of all hypotheses" in page) is is_said
 
 
-def test_where_is_what_localising_found() -> None:
-    tree = as_json(made("named", localised=True))
-    assert tree["where"]
-    for entry in tree["where"]:
-        assert isinstance(entry["regime"], str)
-        assert 0.0 <= entry["share_of_excess"] <= 1.0
+def test_where_are_the_regimes_in_which_the_excess_is_dense() -> None:
+    # GIVEN an excess of 100 in 1,000 samples, 60 of it in 300 samples at edges
+    whole = error("all", "all scored samples", None)
+    excess = whole.before**2 - 0.0102**2
+    dense = replace(
+        error("edge", "rich", None), samples=300, before=(2 * excess + 0.0102**2) ** 0.5
+    )
+    thin = replace(error("edge", "none", None), samples=700, before=(excess / 2 + 0.0102**2) ** 0.5)
+    shown = replace(verified(None), overall=whole, regimes=(thin, dense))
+    # WHEN the JSON is made THEN it names them with their share, and not the others
+    (found,) = as_json(replace(made("unknown_effect"), verified=shown))["where"]
+    assert (found["kind"], found["regime"]) == ("edge", "rich")
+    assert found["share_of_excess"] == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_the_page_has_every_section_in_order_and_asks_for_nothing(verdict: Verdict) -> None:
-    page = gap_page.as_page(made(verdict, localised=True))
+    page = gap_page.as_page(made(verdict))
     places = [page.index(f'<h2 id="{name}">') for name in SECTIONS]
     assert places == sorted(places)
     assert page.index(f'class="verdict {verdict}"') < places[0]

@@ -1,4 +1,4 @@
-"""Variables that an excess may depend on: the signals, and a few made from them."""
+"""Variables that a difference may depend on: the signals, and a few made from them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -70,7 +70,6 @@ UNITS: Final[Mapping[str, str]] = {
 }
 # States and targets rather than causes, and what the loop is closed through.
 NO_DRIVERS: Final = frozenset({"closed_loop", "fuel_cut", "sensor_ready", "lambda_measured"})
-AT_SENSOR: Final = frozenset({"phi_predicted", "phi_slope_1_s"})  # already behind the transport
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,16 +78,6 @@ class Driver:
 
     name: str
     values: tuple[FloatArray, ...]
-
-    @property
-    def words(self) -> str:
-        """Return the driver's name for a reader."""
-        return WORDS.get(self.name, self.name.replace("_", " "))
-
-    @property
-    def unit(self) -> str:
-        """Return the driver's unit, empty if it has none."""
-        return UNITS.get(self.name, "")
 
 
 def find_drivers(recordings: Sequence[Comparison]) -> list[Driver]:

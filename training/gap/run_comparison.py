@@ -1,19 +1,20 @@
-"""The answer where no effect can be tried: where the model is wrong, and whether more than before.
+"""The answer where no effect can be tried: in what runs differ from those of the healthy vehicle.
 
 The library's effects act on the chain of charge and fuel. Recordings without fuel or air per stroke
-can still say in which regime, band or at what time a network is wrong, and with healthy recordings
-in what the reading differs from that of a healthy vehicle. So can any output other than lambda.
+can still say in what the reading differs from that of a healthy vehicle. So can any output other
+than lambda.
 """
 
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import nan
+from math import ceil, nan
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from training.gap.config import CONFIG
@@ -21,7 +22,6 @@ from training.gap.inputs import suitability
 from training.gap.name.verdict import Answer, BlockError, Naming, Trials, Verdict
 from training.gap.response.difference import Difference, References, difference_of
 from training.gap.result import Inputs, ModelFile, Result
-from training.gap.where.findings import Findings, localise
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, Drive, make
@@ -31,6 +31,7 @@ from training.recordings.recording import Recording, training_recording
 from training.recordings.rows import hold
 
 LIMITS: Final = CONFIG.error_alone
+RUNS_MIN: Final = CONFIG.response.runs_min
 
 
 def investigate(
@@ -43,27 +44,30 @@ def investigate(
     sensor_known_good: bool,
     progress: Progress,
 ) -> Result:
-    """Return where the model's free run disagrees, and the verdict that the error alone allows.
+    """Return in what the recordings differ from the healthy ones, and the verdict that allows.
 
     missing : signal that the chain needs → recordings without it
-    Raises RecordingError if an input of the model is missing or too little can be scored.
+    Raises RecordingError if there is no healthy recording, an input of the model is missing or too
+    little can be scored.
     """
+    if not healthy:
+        raise RecordingError(
+            f"{model}: on these recordings no effect of the library can be tried, and without "
+            "healthy ones (--healthy) a weakness of the model cannot be told from an effect"
+        )
     began_s = time.monotonic()
-    progress("localising")
-    new, known = (
-        [
-            Comparison.of(_drive(recording, card), phi)
-            for recording, phi in zip(each, predicted_phi(model, each), strict=True)
-        ]
-        for each in (recordings, healthy)
-    )
-    found, unit = localise(new, known), _unit(card)
-    difference = None
-    if len(known) >= CONFIG.response.runs_min:
-        progress("comparing runs")
-        difference = difference_of(new, References.learn(known, card.input_names), unit)
-    optimism = _optimism(found, card, healthy)
-    answer = _naming(found, difference, missing, optimism, sensor_known_good)
+    progress("comparing runs")
+    new, known = (_beside(model, card, each) for each in (recordings, healthy))
+    for role, runs in (("new", new), ("healthy", known)):
+        suitability.check_long(runs, role)
+    error = float(np.sqrt(np.mean(np.concatenate([r.residual[r.scored] for r in new]) ** 2)))
+    enough, unit = len(known) >= RUNS_MIN, _unit(card)
+    if not enough:
+        new, known = _pieces(new, known)
+    references = References.learn(known, card.input_names)
+    difference = difference_of(new, references, unit)
+    verdict, suspected = _verdict(difference, enough=enough, sensor_known_good=sensor_known_good)
+    best = difference.best
     return Result(
         inputs=Inputs(
             model=ModelFile.of(model, card),
@@ -73,10 +77,16 @@ def investigate(
             sensor_known_good=sensor_known_good,
             unit=unit,
         ),
-        findings=found,
         difference=difference,
-        naming=answer,
-        unknown=_description(found, difference) if answer.verdict == "unknown_effect" else None,
+        naming=Naming(
+            verdict=verdict,
+            answer=Answer(suspected=suspected),
+            trials=Trials(skipped={effect.name: tuple(missing) for effect in ALL}),
+            base=None,
+            error=BlockError(before=error, after=None, floor=references.error, explained_share=nan),
+            warnings=_warnings(missing, enough=enough),
+        ),
+        unknown=best.sentence if best is not None and verdict == "unknown_effect" else None,
         warnings=tuple(suitability.poor_model_warnings(card)),
         seconds=time.monotonic() - began_s,
     )
@@ -87,93 +97,74 @@ def _unit(card: ModelCard) -> str:
     return "phi" if card.transform == "phi" else card.output.unit or f"units of {card.output.name}"
 
 
-def _description(found: Findings, difference: Difference | None) -> str:
-    if difference is None or difference.best is None:
-        return " ".join(found.significant)
-    return difference.best.sentence
-
-
-def _optimism(found: Findings, card: ModelCard, healthy: Sequence[Recording]) -> float | None:
-    """Return by how much, in phi squared, the model knows healthy recordings that trained it.
-
-    That is the mean square on blocks held out of its training less that on the recordings; None
-    if none of them trained it.
-    """
-    trained = {each.sha256 for each in card.recordings}
-    if not trained & {each.sha256 for each in healthy}:
-        return None
-    figures = card.fit.get("test_enabled") or card.fit.get("test") or {}
-    held_out = float(figures.get("rmse_model_units", 0.0))
-    return max(held_out**2 - found.excess.reference, 0.0)
-
-
-def _naming(
-    found: Findings,
-    difference: Difference | None,
-    missing: Mapping[str, Sequence[str]],
-    optimism: float | None,
-    sensor_known_good: bool,
-) -> Naming:
-    """Return the verdict; every candidate is skipped."""
-    verdict, suspected = _verdict(found, difference, sensor_known_good)
-    names = sorted({name for group in missing.values() for name in group})
-    why = "" if not missing else f", and {', '.join(names)} cannot give {', '.join(missing)}"
-    by = "by the error alone" if difference is None else "by a comparison of runs"
-    warnings = [
-        "no effect could be tried: the library acts on lambda through the chain of charge and "
-        f"fuel{why}; the verdict is {by}"
+def _beside(model: Path, card: ModelCard, recordings: Sequence[Recording]) -> list[Comparison]:
+    """Return recordings beside the model's free run."""
+    return [
+        Comparison.of(_drive(recording, card), phi)
+        for recording, phi in zip(recordings, predicted_phi(model, recordings), strict=True)
     ]
-    if difference is None and found.excess.relative:
-        warnings.append(
-            f"{CONFIG.response.runs_min} healthy recordings or more tell how much runs differ "
-            "anyway; with fewer, chance is judged within the recordings"
-        )
-    if not found.excess.relative:
-        warnings.append(
-            "no healthy recordings: a weakness of the model itself cannot be told from an effect"
-        )
-    if optimism is not None:
-        warnings.append(
-            "the model was trained on healthy recordings: its error there is taken to be at least "
-            "that on the blocks held out of its training"
-        )
-    return Naming(
-        verdict=verdict,
-        answer=Answer(suspected=suspected),
-        trials=Trials(skipped={effect.name: tuple(missing) for effect in ALL}),
-        base=None,
-        error=BlockError(
-            before=float(np.sqrt(found.excess.mean_square)),
-            after=None,
-            floor=found.floor.rms,
-            explained_share=nan,
-        ),
-        warnings=tuple(warnings),
+
+
+def _pieces(
+    new: Sequence[Comparison], healthy: Sequence[Comparison]
+) -> tuple[list[Comparison], list[Comparison]]:
+    """Return few healthy runs in as many equal pieces as are wanted, new runs in such pieces."""
+    parts = ceil(RUNS_MIN / len(healthy))
+    length = np.mean([len(r.residual) for r in healthy]) / parts
+    return (
+        [p for r in new for p in _cut(r, max(round(len(r.residual) / length), 1))],
+        [p for r in healthy for p in _cut(r, parts)],
     )
 
 
+def _cut(run: Comparison, parts: int) -> list[Comparison]:
+    """Return a run in equal parts; filters settle in each before it is scored."""
+    found = []
+    for rows in np.array_split(np.arange(len(run.residual)), parts):
+        scored = run.scored[rows]
+        scored[: round(AFTER_GAP_S / run.period_s)] = False
+        found.append(
+            Comparison(
+                name=f"{rows[0] * run.period_s:.0f} s of {run.name}",
+                period_s=run.period_s,
+                signals={name: x[rows] for name, x in run.signals.items()},
+                phi_measured=run.phi_measured[rows],
+                phi_predicted=run.phi_predicted[rows],
+                scored=scored,
+            )
+        )
+    return found
+
+
+def _warnings(missing: Mapping[str, Sequence[str]], *, enough: bool) -> tuple[str, ...]:
+    names = sorted({name for group in missing.values() for name in group})
+    why = "" if not missing else f", and {', '.join(names)} cannot give {', '.join(missing)}"
+    found = [
+        "no effect could be tried: the library acts on lambda through the chain of charge and "
+        f"fuel{why}; the verdict is by a comparison of runs"
+    ]
+    if not enough:
+        found.append(
+            f"{RUNS_MIN} healthy recordings or more tell how much runs differ anyway; with fewer, "
+            "chance is judged within the recordings"
+        )
+    return tuple(found)
+
+
 def _verdict(
-    found: Findings, difference: Difference | None, sensor_known_good: bool
+    difference: Difference, *, enough: bool, sensor_known_good: bool
 ) -> tuple[Verdict, str | None]:
     """Return the verdict and, if the sensor is suspected, the reason.
 
-    No gap is the answer only if no question that the report shows was answered beyond chance.
+    enough : healthy runs to say how runs differ anyway; else only a change within the recordings
+        speaks for the sensor
     """
-    if difference is not None:
-        best = difference.best
-        suspected = best is not None and difference.like_sensor and not sensor_known_good
-        if best is None:
-            return "no_gap", None
-        return (
-            ("sensor_fault_suspected", best.sentence.rstrip("."))
-            if suspected
-            else ("unknown_effect", None)
-        )
-    if not found.significant:
+    best = difference.best
+    if best is None:
         return "no_gap", None
-    change = next((c for c in found.changes if c.significant), None)
-    if change is not None and not sensor_known_good:
-        return "sensor_fault_suspected", change.sentence.rstrip(".")
+    of_sensor = difference.like_sensor if enough else best.kind == "begins"
+    if of_sensor and not sensor_known_good:
+        return "sensor_fault_suspected", best.sentence.rstrip(".")
     return "unknown_effect", None
 
 
