@@ -99,7 +99,7 @@ class NameConfig:
 
 @dataclass(frozen=True, slots=True)
 class AddConfig:
-    """Choice between forms, and inputs corrected before a network."""
+    """Choice between forms, and the controller of a vehicle without the effect."""
 
     as_good: float
     controller_ratio_min: float

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -15,7 +14,6 @@ from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.gap.add import greybox, network
-from training.gap.add.network_graph import BEFORE, TO_OUTPUT
 from training.gap.config import CONFIG
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
@@ -36,12 +34,11 @@ from training.recordings.recording import Recording, training_recording
 
 FORMS: Final = {
     "greybox": "inside the chain, where it acts on the mixture's way",
-    "before": "before the network, which reads fuel and lambda controller as if it were not there",
     "output": "beside the network: its output plus the chain with the effect less that without",
     "input": "as one more input of the network, trained anew",
 }
 TRAINED_ANEW: Final = "input"
-AGAINST: Final = {"before": "before it", "output": "beside its output", "input": "trained anew"}
+AGAINST: Final = {"output": "beside its output", "input": "trained anew"}
 HELD_OUT_BLOCKS: Final = "blocks of the recordings of the fit held out of the training anew"
 
 
@@ -150,15 +147,15 @@ class _Forms:
     def beside_network(
         self, choices: Sequence[Sequence[ModelEffect]], folder: Path
     ) -> list[_Tried]:
-        """Write the network with effects before it and at its output, with each of the choices."""
-        forms = {"output": TO_OUTPUT}
-        if network.can_stand_before(self.model, choices[0], self.chain, self.drives[0]):
-            forms = {"before": BEFORE, **forms}
+        """Write the network with effects at its output, with each of the choices.
+
+        Raises ParityError if none computes the same in ONNX and numpy.
+        """
         # On drives that it knows a network errs less than on others: the old limits stay.
         blocks = [] if self.known else whole(self.fit)
         tried, wrong = list[_Tried](), None
-        for (name, form), (i, added) in product(forms.items(), enumerate(choices)):
-            path = folder / f"{name}{i}.onnx"
+        for i, added in enumerate(choices):
+            path = folder / f"{i}.onnx"
             try:
                 network.add(
                     self.model,
@@ -168,14 +165,12 @@ class _Forms:
                     ranges=self.ranges,
                     recordings=tuple(map(training_recording, self.fit)),
                     drives=self.drives,
-                    form=form,
                 )
             except ParityError as error:
                 wrong = error
             else:
-                tried.append(self._tried(name, tuple(added), path, blocks))
-        if not tried:
-            assert wrong is not None
+                tried.append(self._tried("output", tuple(added), path, blocks))
+        if wrong is not None and not tried:
             raise wrong
         return tried
 

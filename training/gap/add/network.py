@@ -1,8 +1,8 @@
-"""Effects become part of a network's file: before it, added to its output, or as one more input.
+"""Effects become part of a network's file: added to its output, or as one more input.
 
-Before it they change what the network reads (``network_before``). The chain with the effects minus
-the chain without is what they change at the sensor: added to the output it leaves the network as it
-is; as an input the network is trained anew and may weigh it by regime.
+The chain with the effects minus the chain without is what they change at the sensor: added to the
+output it leaves the network as it is; as an input the network is trained anew and may weigh it by
+regime.
 """
 
 import time
@@ -17,10 +17,8 @@ from monitor.base.errors import ModelError
 from monitor.base.types import BoolArray
 from monitor.model.card import Channel, ModelCard, TrainingRecording
 from monitor.model.step import Model
-from training.gap.add.network_before import CORRECTED, FUEL, acts_before
 from training.gap.add.network_graph import (
     AS_INPUT,
-    BEFORE,
     DIFFERENCE,
     TO_OUTPUT,
     NetworkWithEffects,
@@ -29,7 +27,7 @@ from training.gap.add.network_graph import (
 from training.gap.add.network_training import train_again, with_difference
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.drive import Drive, from_recording, path_of
+from training.greybox.fit.drive import Drive, from_recording
 from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.effect_inputs import Ranges, channel_of
 from training.jobs.checkpoints import Progress
@@ -50,16 +48,14 @@ def add(
     ranges: Ranges,
     recordings: Sequence[TrainingRecording],
     drives: Sequence[Drive] = (),
-    form: str = TO_OUTPUT,
 ) -> ModelCard:
-    """Write ``model`` with effects beside its output, or before it, to ``out``; return its card.
+    """Write ``model`` with effects beside its output to ``out``; return its card.
 
     chain : constants of the chain that the effects were fitted in
     ranges : low and high of every signal present in the drives of the fit; an optional signal
         that is not among them was not there, and the effect takes its own default for it
     recordings : what the effects were fitted to
     drives : on which ONNX, torch and numpy must agree; made inputs if there are none
-    form : TO_OUTPUT, or BEFORE if ``can_stand_before``
     Effects that the model has already stay, in the chain of the new constants.
     Raises ModelError if the model is not a network, was retrained with effects, a signal is
     missing, or the three disagree.
@@ -68,21 +64,9 @@ def add(
     _check(card, str(model))
     difference = ChainDifference.of(card, [*_older(card), *added], chain, ranges)
     inputs = tuple(dict.fromkeys((*card.input_names, *difference.inputs)))
-    extended = NetworkWithEffects(form, network, difference, inputs)
+    extended = NetworkWithEffects(TO_OUTPUT, network, difference, inputs)
     entries = _entries(card, difference, recordings)
     return save(out, extended, _card(card, extended, entries, ranges, recordings), drives)
-
-
-def can_stand_before(
-    model: Path | str, added: Sequence[ModelEffect], chain: Constants, drive: Drive
-) -> bool:
-    """Whether effects, and those that the model has, may stand before the network.
-
-    They must act on fuel and charge alone, and the network must read the fuel.
-    """
-    card = Model.load(model).card
-    every, path = [*_older(card), *added], path_of(drive, chain)
-    return FUEL in card.input_names and acts_before(every, path, drive.signals)
 
 
 def retrain(
@@ -208,7 +192,7 @@ def _card(
     structure = {"form": model.form, "chain": model.difference.to_card()}
     return replace(
         card,
-        inputs=channels(card, model.inputs, ranges, CORRECTED if model.form == BEFORE else ()),
+        inputs=channels(card, model.inputs, ranges),
         state=model.state_layout,
         recordings=tuple(by_sha.values()),
         effects=tuple(entries),
@@ -216,19 +200,11 @@ def _card(
     )
 
 
-def channels(
-    card: ModelCard, inputs: Sequence[str], ranges: Ranges, corrected: Sequence[str]
-) -> tuple[Channel, ...]:
-    """Return the inputs for a card; those that the network has keep what it was trained on.
-
-    corrected : those of which the network reads another value, so that they may be as ``ranges``
-        has them as well
-    """
+def channels(card: ModelCard, inputs: Sequence[str], ranges: Ranges) -> tuple[Channel, ...]:
+    """Return the inputs for a card; those that the network has keep what it was trained on."""
     known = {each.name: each for each in card.inputs}
     return tuple(
-        known[name]
-        if name in known and name not in corrected
-        else channel_of(name, known.get(name), ranges.get(name))
+        known[name] if name in known else channel_of(name, None, ranges.get(name))
         for name in inputs
     )
 

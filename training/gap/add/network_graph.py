@@ -1,13 +1,12 @@
-"""A network with effects: graphs of three forms, and the network taken out of a file again.
+"""A network with effects: graphs of two forms, and the network taken out of a file again.
 
-Before the network: its own state, then the effects'. Added to the output: the state is the
-network's own as ``export`` has it, then the effects' part of the newest output, then what the
-chains remember. The newest output in the state is the whole one, so that the monitor forces and
-reads it as in any model, and the network feeds back what remains of it without the effects' part.
+Added to the output: the state is the network's own as ``export`` has it, then the effects' part of
+the newest output, then what the chains remember. The newest output in the state is the whole one,
+so that the monitor forces and reads it as in any model, and the network feeds back what remains of
+it without the effects' part.
 As an input: the network's own state, then the chains'.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -20,7 +19,6 @@ from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard, StateLayout
 from monitor.model.step import Model
-from training.gap.add.network_before import CONTROLLER, Before
 from training.greybox.graph.chain_difference import ChainDifference
 from training.narx.export import (
     Graph,
@@ -35,14 +33,13 @@ from training.narx.network import Spec
 from training.recordings.scaling import Scaling
 
 DIFFERENCE: Final = "chain_difference"  # the network's last input after a retraining
-BEFORE: Final = "before the network"
 TO_OUTPUT: Final = "added to the output"
 AS_INPUT: Final = "input of the retrained network"
 
 
 @dataclass(frozen=True, slots=True)
 class NetworkWithEffects:
-    """A network and the effects' change of the chain, in one of the three forms."""
+    """A network and the effects' change of the chain, in one of the two forms."""
 
     form: str
     network: Network
@@ -54,20 +51,12 @@ class NetworkWithEffects:
         """Size of the state, and where the output lies in it."""
         own = self.network.state_layout
         parts = 1 if self.form == TO_OUTPUT else 0
-        return replace(own, size=own.size + parts + self._n_states)
+        return replace(own, size=own.size + parts + self.difference.n_states)
 
     @property
     def memory(self) -> int:
         """Samples after which all but the network has forgotten how it began."""
-        return self._before.memory if self.form == BEFORE else self.difference.memory
-
-    @property
-    def _before(self) -> Before:
-        return Before(self.difference)
-
-    @property
-    def _n_states(self) -> int:
-        return self._before.n_states if self.form == BEFORE else self.difference.n_states
+        return self.difference.memory
 
     def build(self) -> onnx.ModelProto:
         """Return the graph ``step``, float32, without a card."""
@@ -75,30 +64,14 @@ class NetworkWithEffects:
         signals = {
             name: graph.take("u", i, i + 1, f"signal_{name}")
             for i, name in enumerate(self.inputs)
-            if name in (*self.difference.inputs, CONTROLLER)
+            if name in self.difference.inputs
         }
         size = self.state_layout.size
-        chains = graph.take("state", size - self._n_states, size, "chains")
-        if self.form == BEFORE:
-            self._corrected(graph, signals, chains)
-        else:
-            more, chains = self.difference.nodes(graph, signals, chains)
-            nodes = self._added if self.form == TO_OUTPUT else self._retrained
-            nodes(graph, more, chains)
+        chains = graph.take("state", size - self.difference.n_states, size, "chains")
+        more, chains = self.difference.nodes(graph, signals, chains)
+        nodes = self._added if self.form == TO_OUTPUT else self._retrained
+        nodes(graph, more, chains)
         return finished(graph, len(self.inputs), size)
-
-    def _corrected(self, graph: Graph, signals: Mapping[str, str], effects: str) -> None:
-        network, size = self.network, self.network.state_layout.size
-        corrected, kept = self._before.nodes(graph, signals, effects)
-        columns = [
-            corrected.get(name) or graph.take("u", i, i + 1, f"own_{name}")
-            for i, name in enumerate(network.inputs)
-        ]
-        u = graph.add("Concat", columns, "network_u", axis=1)
-        state = graph.take("state", 0, size, "network_state")
-        u_scaled, y = network_nodes(graph, network, u, state)
-        lambda_nodes(graph, network.transform, y)
-        next_nodes(graph, network, u_scaled=u_scaled, y=y, state=state, more=kept)
 
     def _added(self, graph: Graph, more: str, chains: str) -> None:
         network, size = self.network, self.network.state_layout.size
@@ -132,11 +105,7 @@ class NetworkWithEffects:
     def split(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the network's inputs (n, k) and the difference (n,) for ``u`` (n, n_inputs)."""
         signals = {name: u[:, i] for i, name in enumerate(self.inputs)}
-        if self.form == BEFORE:
-            signals |= self._before.values(signals)
-            difference = np.zeros(len(u))
-        else:
-            difference = signals[DIFFERENCE] = self.difference.values(signals)
+        difference = signals[DIFFERENCE] = self.difference.values(signals)
         return np.column_stack([signals[name] for name in self.network.inputs]), difference
 
     def whole(self, own: FloatArray, difference: FloatArray) -> FloatArray:

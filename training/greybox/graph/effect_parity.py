@@ -12,7 +12,6 @@ from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.step import Inputs, Model
 from training.greybox.chain import STOICHIOMETRIC, charge_mg, simulate
-from training.greybox.chain import Path as ChainPath
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
@@ -57,18 +56,12 @@ class Parity:
 
 def reading(greybox: Greybox, entries: Sequence[Entry], u: FloatArray) -> FloatArray:
     """Return the phi (n,) of the arrays for inputs ``u`` (n, n_inputs)."""
-    return simulate(path_with(greybox, entries, greybox.signals(u)), greybox.period_s)
-
-
-def path_with(
-    greybox: Greybox, entries: Sequence[Entry], signals: Mapping[str, FloatArray]
-) -> ChainPath:
-    """Return the path with effects, for signals from ``greybox.signals``."""
+    signals = greybox.signals(u)
     path = greybox.path(signals)
     for entry in entries:
         seen = {name: signals[name] for name in (FUEL, *entry.reads)}
         path = entry.added.effect.apply(path, entry.added.values, seen, greybox.period_s)
-    return path
+    return simulate(path, greybox.period_s)
 
 
 def parity(
