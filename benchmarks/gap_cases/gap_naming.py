@@ -171,7 +171,7 @@ def _errors(drives: Sequence[Drive], known: Healthy) -> list[Any]:
 
 def _learned(path: Path) -> Healthy:
     """Return what the present code learns of a vehicle, kept beside its drives."""
-    code = run_folder.code_sha256(run_folder.sources(Path(yardstick.__file__), ROOT), ROOT)
+    code = run_folder.code_sha256()
     kept = path.with_name(f"{path.stem}_{code[:12]}.learned")
     if not kept.exists():
         healthy = yardstick.learn(pickle.loads(path.read_bytes()), Constants())

@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     from monitor.base import config
     from monitor.base.errors import UsageError
     from training.cli import drive_reports
-    from training.fleet import fleet_page, partitions
+    from training.fleet import partitions
     from training.fleet import run as fleet
     from training.fleet.bench import Bench
     from training.fleet.drives import drives_of
@@ -133,6 +133,8 @@ def run(args: argparse.Namespace) -> int:
             bar.update(chunk["drives"])
 
         result = fleet.run(drives, bench, args.out, done, jobs=jobs, scheduler=args.scheduler)
+    from training.fleet import fleet_page  # its pictures take a second to import
+
     html, json_path = fleet_page.write(
         args.out, bench, result, args.false_alarms, lambda drives: drive_reports.write(args, drives)
     )

@@ -219,16 +219,14 @@ def _effects(names: list[str]) -> list[str]:
 
 def _identity(material: "Material", roles: Sequence[str]) -> dict[str, Any]:
     """Return digests of model, code and the recordings in roles; equal ones give equal results."""
-    from training import __file__ as package
     from training.greybox.effects.brought import origins
     from training.jobs.run_folder import code_sha256
     from training.recordings.recording import sha256
 
-    root = Path(package).parent
     return {
         "model": sha256(material.model),
         "plugins": origins(),
-        "code": code_sha256([*root.rglob("*.py"), *root.rglob("*.toml")], root),
+        "code": code_sha256(),
         **{role: [(r.path.name, r.read_sha256) for r in getattr(material, role)] for role in roles},
     }
 

@@ -10,8 +10,6 @@ from threading import local
 from typing import Any, Final
 from weakref import finalize
 
-import monitor
-import training
 from monitor.base.config import Config
 from monitor.decode.bus_map import load_pairs
 from monitor.grid.tables import checked_columns
@@ -77,7 +75,7 @@ class Bench:
             "model_sha256": places.sha256_of(self.model[1]),
             "config_sha256": places.sha256_of(json.dumps(asdict(self.config))),
             **{f"{key}_sha256": places.sha256_of(repr(file)) for key, file in files.items()},
-            "code_sha256": _code_sha256(),
+            "code_sha256": run_folder.code_sha256(),
         }
 
 
@@ -159,12 +157,3 @@ def _lay(folder: Path, file: File) -> Path:
 
 def _file(path: Path) -> File:
     return path.name, path.read_bytes()
-
-
-def _code_sha256() -> str:
-    """Return the digest of the code that reads and judges; report code does not count."""
-    root = Path(str(training.__file__)).parent.parent
-    paths = {*Path(str(monitor.__file__)).parent.rglob("*.toml")}
-    return run_folder.code_sha256(
-        paths | run_folder.sources(root / "training" / "fleet" / "judging.py", root), root
-    )

@@ -1,17 +1,20 @@
 """A folder with the results of one run; the same run, begun again, goes on there."""
 
-import ast
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
+import monitor
+import training
 from monitor.base.errors import UsageError
 from monitor.base.outputs import write_text
 
 RUN: Final = "run.json"
+PACKAGES: Final = (monitor, training)
+SOURCES: Final = (".py", ".toml")
 
 
 def claim(folder: Path, identity: Mapping[str, Any]) -> None:
@@ -45,40 +48,11 @@ def write_json(path: Path, tree: Any, indent: int | None = None) -> None:
     write_text(path, json.dumps(tree, indent=indent, allow_nan=False) + "\n")
 
 
-def code_sha256(paths: Iterable[Path], root: Path) -> str:
-    """Return the digest of names and contents of files below ``root``."""
+@cache
+def code_sha256(*more: Path) -> str:
+    """Return the digest of all code and numbers of the product, and of the folders ``more``."""
     digest = hashlib.sha256()
-    for path in sorted(paths):
-        digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    for folder in (*(Path(str(each.__file__)).parent for each in PACKAGES), *more):
+        for path in sorted(p for p in folder.rglob("*") if p.suffix in SOURCES):
+            digest.update(path.relative_to(folder.parent).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
-
-
-def sources(module: Path, root: Path) -> set[Path]:
-    """Return the files of a module and of all modules below ``root`` that it imports, directly
-    or through others.
-    """
-    found, new = set[Path](), {module}
-    while new:
-        path = new.pop()
-        found.add(path)
-        new |= {each for each in _imported(path, root) if each not in found}
-    return found
-
-
-def _imported(path: Path, root: Path) -> Iterator[Path]:
-    """Yield the files of the modules below ``root`` that a file names in its imports."""
-    for name in _names(path.read_text()):
-        stem = root.joinpath(*name.split("."))
-        yield from (p for p in (stem.with_suffix(".py"), stem / "__init__.py") if p.is_file())
-
-
-@cache  # one process may begin many runs
-def _names(source: str) -> frozenset[str]:
-    """Return the modules that a source imports, and all that it imports from modules."""
-    names = set[str]()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return frozenset(names)

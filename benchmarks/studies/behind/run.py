@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import monitor
 from benchmarks.studies.behind import rules
 from benchmarks.studies.behind.cases import PERIOD_S, drive, judged
 from benchmarks.studies.behind.plan import CatalystMatrix, CatalystTrial, trials
@@ -20,7 +19,6 @@ from training.jobs import parallel, run_folder
 
 CHUNK: Final = 8
 LIMITS: Final = "limits.json"
-ROOT: Final = Path(monitor.__file__).parents[1]
 Row = dict[str, Any]
 
 
@@ -67,7 +65,7 @@ def identity(matrix: CatalystMatrix, config: Config) -> dict[str, Any]:
     return {
         "matrix": json.loads(json.dumps(dataclasses.asdict(matrix))),
         "config_sha256": hashlib.sha256(settings).hexdigest(),
-        "code_sha256": run_folder.code_sha256(run_folder.sources(Path(__file__), ROOT), ROOT),
+        "code_sha256": run_folder.code_sha256(Path(__file__).parents[1]),
     }
 
 

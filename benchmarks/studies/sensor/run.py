@@ -9,7 +9,6 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
-import monitor
 from benchmarks.studies.rules.alarms import fitted
 from benchmarks.studies.rules.windows import Rule
 from benchmarks.studies.sensor.drive import samples
@@ -38,7 +37,6 @@ from training.recordings.recording import sha256
 
 CHUNK: Final = 32  # trials per chunk; the windows of one trial take some megabytes
 VEHICLES: Final = 10  # vehicles per chunk of reference drives
-ROOT: Final = Path(monitor.__file__).parents[1]
 References = dict[str, Any]  # vehicle number → reference as JSON values
 Progress = Callable[[int], None]  # called with the number of newly finished drives
 
@@ -106,13 +104,8 @@ def identity(matrix: Matrix, model_path: Path, config: Config) -> dict[str, Any]
         "matrix": json.loads(json.dumps(tree["matrix"])),
         "model_sha256": sha256(model_path),
         "config_sha256": hashlib.sha256(json.dumps(tree["config"]).encode()).hexdigest(),
-        "code_sha256": _code_sha256(),
+        "code_sha256": run_folder.code_sha256(Path(__file__).parents[1]),
     }
-
-
-def _code_sha256() -> str:
-    """Return the digest of the code that simulates and judges; tables and pages do not count."""
-    return run_folder.code_sha256(run_folder.sources(Path(__file__), ROOT), ROOT)
 
 
 def _rules(matrix: Matrix, bench: Bench, jobs: int) -> dict[str, Rule]:

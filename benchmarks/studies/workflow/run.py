@@ -7,19 +7,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-import monitor
 from benchmarks.studies.workflow import case
 from benchmarks.studies.workflow.case import Row, Vehicle
 from benchmarks.studies.workflow.plan import Case, Study, cases
 from monitor.base.outputs import write_bytes
-from training.gap import config
 from training.greybox.fit.case import NAMED
 from training.jobs import parallel, run_folder, values
 
 CASES: Final = "cases"
 VEHICLES: Final = "vehicles"
 MODEL: Final = "base.onnx"
-ROOT: Final = Path(monitor.__file__).parent.parent
 Item = tuple[Case, Vehicle | str, bytes]  # a case, its vehicle, and the file of the vehicle's base
 Progress = Callable[[int], None]  # called with the number of newly finished cases
 
@@ -66,14 +63,8 @@ def identity(study: Study) -> dict[str, Any]:
     """Return the study's settings and the digest of all code and numbers behind the rows."""
     return {
         "study": json.loads(json.dumps(asdict(study))),
-        "code_sha256": run_folder.code_sha256(sources(), ROOT),
+        "code_sha256": run_folder.code_sha256(Path(__file__).parents[1]),
     }
-
-
-def sources() -> set[Path]:
-    """Return the files of all code that makes the rows, and of the numbers that it reads."""
-    numbers = Path(config.__file__).with_name("default.toml")
-    return {*run_folder.sources(Path(case.__file__), ROOT), numbers}
 
 
 def _path(folder: Path, asked: Case) -> Path:
