@@ -163,7 +163,6 @@ def run(args: argparse.Namespace) -> int:
     from training.gap.result import save
     from training.gap.workflow import NEW_MODEL, investigate
     from training.greybox.fit.case import NAMED
-    from training.jobs.cache import cache
     from training.jobs.checkpoints import Checkpoints
 
     gc.freeze()  # of the imported modules nothing becomes garbage
@@ -178,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
     )
     args.out.mkdir(parents=True, exist_ok=True)
     vehicle = _identity(material, ("healthy",))
-    learned = cache("healthy", vehicle, NAMED)
+    learned = Checkpoints.kept("healthy", vehicle, NAMED)
     rest = _identity(material, ("recordings", "verify")) | {"options": repr(options)}
     stages = Checkpoints.of(args.out / STAGES, [vehicle, rest], NAMED)
     with tqdm(unit="step", leave=False, disable=args.nothing or None) as bar:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from training.jobs.values import Named, ValuesError
 T = TypeVar("T")
 Progress = Callable[[str], None]  # called with a line of text
 SUFFIXES: Final = (".npz", ".begun")
+KEPT: Final = 30  # files of one kind in the cache; the oldest go first
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +35,26 @@ class Checkpoints:
         text = json.dumps(identity, sort_keys=True)
         return cls(folder, hashlib.sha256(text.encode()).hexdigest()[:16], named or {})
 
+    @classmethod
+    def kept(cls, kind: str, identity: Any, named: Named | None = None) -> "Checkpoints":
+        """Return results that later runs use again, in the user's cache folder.
+
+        kind : of results, a folder's name in ``o2-monitor`` of ``$XDG_CACHE_HOME`` or ``~/.cache``
+            (XDG Base Directory Specification), which may be deleted at any time
+        Nothing is kept where the folder cannot be written.
+        """
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        folder = home / "o2-monitor" / kind
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            files = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)
+        except OSError:
+            return cls()
+        for path in files[:-KEPT]:
+            with suppress(OSError):
+                path.unlink()
+        return cls.of(folder, identity, named) if os.access(folder, os.W_OK) else cls()
+
     def done(self, name: str, kind: type[T], make: Callable[[], T]) -> T:
         """Return a stage's result: the stored one of the same run, else that of ``make``.
 
@@ -40,17 +62,14 @@ class Checkpoints:
         """
         if self.folder is None:
             return make()
-        path = self._path(self.folder, name)
+        path = self.folder / f"{name}_{self.key}.npz"
         with suppress(FileNotFoundError, ValuesError):
             found: T = values.load(path, kind, self.named)
             return found
         result = make()
         self.folder.mkdir(parents=True, exist_ok=True)
-        values.save(path, result, kind, self.named)
+        values.save(path, result, self.named)
         return result
-
-    def _path(self, folder: Path, name: str) -> Path:
-        return folder / f"{name}_{self.key}.npz"
 
     def clear(self) -> None:
         """Remove the results of all runs in the folder."""

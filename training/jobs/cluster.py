@@ -1,9 +1,9 @@
 """Jobs on a Dask cluster whose machines have the project's dependencies and nothing else.
 
-The code is a zip that every worker unpacks, also a worker that joins later. Shared data is the
-result of a task: if its worker dies, Dask makes it again. Jobs and results are bytes, so that the
-scheduler needs none of our packages. As on every Dask cluster, anybody who reaches the scheduler
-can run code on the workers.
+The code is a zip from which every worker imports, also a worker that joins later. Shared data is
+the result of a task: if its worker dies, Dask makes it again. Jobs and results are bytes, so that
+the scheduler needs none of our packages. As on every Dask cluster, anybody who reaches the
+scheduler can run code on the workers.
 """
 
 import hashlib
@@ -43,70 +43,69 @@ def run(
     Raises the error of a job, and UsageError if the scheduler does not answer, has no worker or
     drops the connection, or if a worker lacks a package.
     """
-    rest = iter(items)
-    first = next(rest, None)
-    if first is None:
-        return
     with _connected(scheduler) as client:
-        data, code = pickle.dumps(shared), _archive()
-        folder = f"o2-monitor-{hashlib.sha256(code).hexdigest()[:16]}"
-        name = f"{folder}-{uuid4().hex}"  # other runs may use the same code
+        code = _archive()
+        shipment = _shipment(f"o2-monitor-{hashlib.sha256(code).hexdigest()[:16]}", code)
         try:
-            client.register_plugin(_shipment(name, folder, code))
-            yield from _results(
-                client,
-                name,
-                scheduler=scheduler,
-                function=function,
-                data=data,
-                first=first,
-                rest=rest,
-            )
+            client.register_plugin(shipment)
+            yield from _results(client, shipment.name, function, pickle.dumps(shared), iter(items))
+        except ModuleNotFoundError as error:
+            raise UsageError(
+                f"scheduler {scheduler}: {error.name} is not installed on its workers, which "
+                "need what this command needs here"
+            ) from error
         except (CancelledError, OSError) as error:
             if client.status == "running":  # an error of a job
                 raise
             raise UsageError(f"scheduler {scheduler}: the connection was lost") from error
         finally:
             if client.status == "running":
-                client.unregister_worker_plugin(name)
+                client.unregister_worker_plugin(shipment.name)
 
 
 def _results(
     client: Any,
     name: str,
-    scheduler: str,
     function: Callable[[Shared, Item], Result],
     data: bytes,
-    first: tuple[str, Item],
     rest: Iterator[tuple[str, Item]],
 ) -> Iterator[tuple[str, Result]]:
     from distributed import KilledWorker, as_completed  # noqa: PLC0415
 
-    call, hold = _functions(name)
-    held = _submit(client, hold, data)
+    def call(shared: bytes, job: bytes) -> bytes:  # pickled by value, as all functions within one
+        from distributed import get_worker  # noqa: PLC0415
+        from threadpoolctl import threadpool_limits  # noqa: PLC0415
+
+        import training  # noqa: PLC0415
+
+        plugin: Any = get_worker().plugins[name]
+        if not str(training.__file__).startswith(plugin.root):
+            raise RuntimeError(f"{training.__file__} was loaded on this worker, not {plugin.root}")
+        function, item = pickle.loads(job)
+        if plugin.shared is None:  # a model is loaded once and not for every job
+            plugin.shared = (pickle.loads(shared),)
+        with threadpool_limits(1):
+            return pickle.dumps(function(*plugin.shared, item))
+
+    held = _submit(client, bytes, data)
     keys: dict[Any, str] = {}
     running = as_completed()
 
-    def send(key: str, item: Item) -> None:
-        future = _submit(client, call, held, pickle.dumps((function, item)))
-        keys[future] = key
-        running.add(future)
-
-    send(*first)
-    for future in running:
+    def send_ahead() -> None:
         while len(keys) <= AHEAD * sum(client.ncores().values()):
             job = next(rest, None)
             if job is None:
-                break
-            send(*job)
+                return
+            future = _submit(client, call, held, pickle.dumps((function, job[1])))
+            keys[future] = job[0]
+            running.add(future)
+
+    send_ahead()
+    for future in running:
         key = keys.pop(future)
+        send_ahead()
         try:
             result = future.result()
-        except ModuleNotFoundError as error:
-            raise UsageError(
-                f"scheduler {scheduler}: {error.name} is not installed on its workers, which "
-                "need what this command needs here"
-            ) from error
         except KilledWorker as error:
             raise WorkerDiedError([key]) from error
         future.release()
@@ -117,26 +116,6 @@ def _submit(client: Any, function: Callable[..., bytes], *arguments: Any) -> Any
     with warnings.catch_warnings():  # of a large graph: the data is part of it on purpose
         warnings.simplefilter("ignore", UserWarning)
         return client.submit(function, *arguments, pure=False)
-
-
-def _functions(name: str) -> tuple[Callable[[bytes, bytes], bytes], Callable[[bytes], bytes]]:
-    """Return the functions that tasks call; a function defined here is pickled by value."""
-
-    def call(shared: bytes, job: bytes) -> bytes:
-        from distributed import get_worker  # noqa: PLC0415
-
-        from training.jobs import worker  # noqa: PLC0415
-
-        plugin: Any = get_worker().plugins[name]
-        root = plugin.root
-        if not worker.__file__.startswith(root):
-            raise RuntimeError(f"{worker.__file__} was loaded on this worker, not from {root}")
-        return worker.of_bytes(shared, job)
-
-    def hold(data: bytes) -> bytes:
-        return data
-
-    return call, hold
 
 
 def _archive() -> bytes:
@@ -152,10 +131,10 @@ def _archive() -> bytes:
     return buffer.getvalue()
 
 
-def _shipment(name: str, folder_name: str, archive: bytes) -> Any:
+def _shipment(name: str, archive: bytes) -> Any:
     """Return a plugin that makes our code importable on a worker; its class is pickled by value.
 
-    folder_name : folder of the unpacked code
+    name : of the code; the plugin's name has a part of its own, other runs may use the same code
     """
     from distributed.diagnostics.plugin import WorkerPlugin  # noqa: PLC0415
 
@@ -163,41 +142,25 @@ def _shipment(name: str, folder_name: str, archive: bytes) -> Any:
 
     class Shipment(WorkerPlugin):
         def __init__(self) -> None:
-            self.name, self.archive, self.ours = name, archive, ours
-            self.folder_name = folder_name
+            self.name, self.archive = f"{name}-{uuid4().hex}", archive
+            self.shared: tuple[Any] | None = None  # of the jobs
 
         def setup(self, worker: Any) -> None:
-            import contextlib  # noqa: PLC0415
             import importlib  # noqa: PLC0415
-            import importlib.util  # noqa: PLC0415
-            import io  # noqa: PLC0415
             import sys  # noqa: PLC0415
-            import zipfile  # noqa: PLC0415
             from pathlib import Path  # noqa: PLC0415
 
-            def is_same(root: Path) -> bool:
-                return all(
-                    (root / name).is_file() and (root / name).read_bytes() == file.read(name)
-                    for name in file.namelist()
-                )
-
-            file = zipfile.ZipFile(io.BytesIO(self.archive))
-            spec = importlib.util.find_spec("training")
-            if spec and spec.origin and is_same(Path(spec.origin).parent.parent):
-                self.root = str(Path(spec.origin).parent.parent)
-                return
             # beside the folders of this machine's workers, so that numba compiles once for all
-            folder = Path(worker.local_directory).parent / self.folder_name
-            if not folder.exists():
-                begun = Path(worker.local_directory) / self.name
-                file.extractall(begun)
-                with contextlib.suppress(OSError):  # another worker was quicker
-                    begun.rename(folder)
-            self.root = str(folder)
-            sys.path[:] = [self.root, *(path for path in sys.path if path != self.root)]
+            path = Path(worker.local_directory).parent / f"{name}.zip"
+            if not path.exists():
+                begun = path.with_name(f"{self.name}.begun")
+                begun.write_bytes(self.archive)
+                begun.replace(path)
+            self.root = str(path)
+            sys.path[:] = [self.root, *(each for each in sys.path if each != self.root)]
             for module, loaded in list(sys.modules.items()):
-                own = str(getattr(loaded, "__file__", None) or folder).startswith(self.root)
-                if module.split(".")[0] in self.ours and not own:
+                own = str(getattr(loaded, "__file__", None) or path).startswith(self.root)
+                if module.split(".")[0] in ours and not own:
                     del sys.modules[module]  # an installed or an earlier version
             importlib.invalidate_caches()
 

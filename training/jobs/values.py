@@ -1,17 +1,18 @@
-"""Values of a run as files: numbers, texts, arrays and the project's dataclasses, without code.
+"""Values of a run as files: numbers, texts, arrays and our own dataclasses, without code.
 
-A file is an ``.npz`` of plain arrays; the entry ``tree`` is JSON and tells what stands where. The
-reader says which type it wants, and nothing else can come out of a file: the file names no class,
-and arrays of objects are refused. So a folder that somebody else made cannot run code here.
+A file is an ``.npz`` of plain arrays; its entry ``tree`` is JSON and tells what stands where. It
+names no code but dataclasses and named tuples of this repository, whose fields it fills, and arrays
+of objects are refused. So a folder that somebody else made cannot run code here.
 """
 
 import dataclasses
 import json
-import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol, Union, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Any, Final, get_origin
 
 import numpy as np
 
@@ -23,256 +24,116 @@ from monitor.base.outputs import replaced
 Named = Mapping[type, Callable[[str], Any]]
 TREE: Final = "tree"
 KINDS: Final = "biuf"  # of arrays, as numpy calls them
-_PLAIN: Final[dict[Any, tuple[type, ...]]] = {
-    bool: (bool, np.bool_),
-    int: (int, np.integer),
-    float: (float, int, np.floating, np.integer),
-    str: (str,),
-}
+OURS: Final = ("monitor", "training", "benchmarks", "tests")
 
 
 class ValuesError(RecordingError):
     """A file of a run does not hold a value of the wanted type."""
 
 
-def save(path: Path, value: Any, kind: Any, named: Named | None = None) -> None:
-    """Write a value of the type ``kind`` in one step, so that the file is never there in part.
+def save(path: Path, value: Any, named: Named | None = None) -> None:
+    """Write a value in one step, so that the file is never there in part.
 
-    Raises TypeError if a part of the type has no form in a file.
+    Raises TypeError if a part of the value has no form in a file.
     """
-    store = Store()
-    tree = form_of(kind, named or {}).pack(value, store)
-    arrays = store.arrays | {TREE: np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)}
+    store = _Store(named or {})
+    text = json.dumps(store.pack(value)).encode()
+    arrays = store.arrays | {TREE: np.frombuffer(text, dtype=np.uint8)}
     with replaced(path) as begun, begun.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
 
 
 def load(path: Path, kind: Any, named: Named | None = None) -> Any:
-    """Return the value of the type ``kind`` that a file holds.
+    """Return the value that a file holds, which is of the type ``kind`` or one of a union.
 
     Raises ValuesError if the file is damaged or holds something else, OSError if it cannot be read.
     """
-    form = form_of(kind, named or {})
     with path.open("rb") as file:
         try:
             with np.load(file, allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}
-            return form.unpack(json.loads(arrays[TREE].tobytes()), Store(arrays))
+            store = _Store(named or {}, arrays)
+            found = store.unpack(json.loads(arrays[TREE].tobytes()))
+            is_plain = get_origin(kind) in (None, UnionType)
+            if not isinstance(found, kind if is_plain else get_origin(kind)):
+                raise TypeError(f"it is a {type(found).__name__}")
         except Exception as error:  # zipfile and numpy raise a dozen kinds for damaged files
-            raise ValuesError(f"{path}: is no stored {_name(kind)}: {error}") from error
+            name = getattr(kind, "__name__", kind)
+            raise ValuesError(f"{path}: is no stored {name}: {error}") from error
+        return found
 
 
 @dataclass(slots=True)
-class Store:
-    """Content of a file beside the tree, and the objects that the tree refers to.
+class _Store:
+    """Content of a file beside the tree; an object that stands at several places is one again."""
 
-    An object that stands at several places is stored once, so that it is one object again.
-    """
-
+    named: Named
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
     places: dict[int, int] = field(default_factory=dict)  # of objects packed so far, by their id
-    objects: list[Any] = field(default_factory=list)  # unpacked so far, in the same order
+    objects: dict[int, Any] = field(default_factory=dict)  # unpacked so far, by their place
 
+    def pack(self, value: Any) -> Any:
+        """Return the tree of a value and put its arrays aside."""
+        value = value.item() if isinstance(value, np.generic) else value
+        if value is None or isinstance(value, bool | int | float | str):
+            return value
+        if isinstance(value, list | tuple) and not hasattr(value, "_fields"):
+            return [self.pack(each) for each in value]
+        if isinstance(value, Path):
+            return {"path": str(value)}
+        if isinstance(value, np.ndarray) and value.dtype.kind in KINDS:
+            self.arrays[name := f"a{len(self.arrays)}"] = value
+            return {"array": name}
+        if isinstance(value, Mapping):
+            return {"map": {name: self.pack(each) for name, each in value.items()}}
+        return self._pack_object(value, type(value))
 
-class Form(Protocol):
-    """How values of one type stand in a JSON tree with arrays beside it."""
+    def _pack_object(self, value: Any, kind: type) -> dict[str, Any]:
+        tree: dict[str, Any] = {"is": f"{kind.__module__}.{kind.__name__}"}
+        parts = {name: getattr(value, name) for name in _fields(kind)}
+        if kind in self.named:
+            known = self.named[kind](value.name)
+            parts = {n: x for n, x in parts.items() if not callable(x) and x != getattr(known, n)}
+            tree["name"] = value.name
+        elif id(value) in self.places:
+            return {"at": self.places[id(value)]}
+        packed = {name: self.pack(each) for name, each in parts.items()}
+        self.places[id(value)] = len(self.places)
+        return tree | {"at": self.places[id(value)], "of": packed}
 
-    def pack(self, value: Any, store: Store) -> Any:
-        """Return the tree of a value and put its arrays aside; raises TypeError for others."""
-
-    def unpack(self, tree: Any, store: Store) -> Any:
+    def unpack(self, tree: Any) -> Any:
         """Return the value of a tree; raises one of several errors if the tree has no such form."""
+        if isinstance(tree, list):
+            return tuple(self.unpack(each) for each in tree)
+        if not isinstance(tree, dict):
+            return tree
+        if "is" in tree:
+            kind = _kind(tree["is"])
+            parts = {name: self.unpack(each) for name, each in tree["of"].items()}
+            if kind in self.named:
+                return dataclasses.replace(self.named[kind](tree["name"]), **parts)
+            self.objects[tree["at"]] = kind(**parts)
+        if "at" in tree:
+            return self.objects[tree["at"]]
+        if "map" in tree:
+            return {name: self.unpack(each) for name, each in tree["map"].items()}
+        return Path(tree["path"]) if "path" in tree else self.arrays[tree["array"]]
 
 
-def form_of(kind: Any, named: Named) -> Form:
-    """Return the form of a type; raises TypeError if a part of it has none."""
-    origin, members = get_origin(kind) or kind, get_args(kind)
-    if kind in named:
-        return _ByName(named[kind], _fields(kind, named, skip_unknown=True))
-    if kind in _PLAIN or origin is Literal:
-        return _Plain(kind)
-    if origin is Path:
-        return _Path()
-    if origin is np.ndarray:
-        return _Array()
-    if origin in (Union, types.UnionType):
-        inner = [each for each in members if each is not types.NoneType]
-        forms = [(get_origin(each) or each, form_of(each, named)) for each in inner]
-        return _OneOf(forms, len(inner) < len(members))
-    return _compound(kind, named)
+def _fields(kind: Any) -> tuple[str, ...]:
+    """Return the fields of a dataclass or named tuple; raises TypeError for another type."""
+    if dataclasses.is_dataclass(kind):
+        return tuple(each.name for each in dataclasses.fields(kind) if each.init)
+    if issubclass(kind, tuple) and hasattr(kind, "_fields"):
+        return tuple(kind._fields)
+    raise TypeError(f"{kind.__name__} has no form in a file")
 
 
-def _compound(kind: Any, named: Named) -> Form:
-    origin, members = get_origin(kind) or kind, get_args(kind)
-    if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
-        return _Fields(kind, _fields(kind, named))
-    if isinstance(origin, type) and members:
-        if issubclass(origin, Mapping):
-            return _Table(form_of(members[1], named))
-        if issubclass(origin, Sequence):
-            forms = [form_of(each, named) for each in members if each is not ...]
-            endless = origin is not tuple or members[-1] is ...
-            return _Items(list if origin is list else tuple, forms, endless)
-    raise TypeError(f"{_name(kind)} has no form in a file")
-
-
-def _fields(kind: Any, named: Named, *, skip_unknown: bool = False) -> dict[str, Form]:
-    hints, forms = get_type_hints(kind), {}
-    inner = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
-    for name in [each.name for each in inner if each.init] or kind._fields:
-        try:
-            forms[name] = form_of(hints[name], named)
-        except TypeError:
-            if not skip_unknown:
-                raise
-    return forms
-
-
-def _name(kind: Any) -> str:
-    return getattr(kind, "__name__", str(kind))
-
-
-class _Plain:
-    """A number, a text, a truth value, or one of several constants."""
-
-    def __init__(self, kind: Any) -> None:
-        self._kind, self._constants = kind, get_args(kind)
-        self._types = _PLAIN.get(kind) or tuple(map(type, self._constants))
-
-    def pack(self, value: Any, store: Store) -> Any:
-        plain = value.item() if isinstance(value, np.generic) else value
-        return self.unpack(plain, store)
-
-    def unpack(self, tree: Any, store: Store) -> Any:
-        is_right = isinstance(tree, self._types) and isinstance(tree, bool) == (self._kind is bool)
-        if not is_right or (self._constants and tree not in self._constants):
-            raise TypeError(f"{tree!r} is no {_name(self._kind)}")
-        return tree
-
-
-class _Path:
-    def pack(self, value: Any, store: Store) -> Any:
-        return str(value)
-
-    def unpack(self, tree: Any, store: Store) -> Any:
-        return Path(tree)
-
-
-class _Array:
-    """An array of numbers: the tree holds its name."""
-
-    def pack(self, value: Any, store: Store) -> Any:
-        name, array = f"a{len(store.arrays)}", np.asarray(value)
-        if array.dtype.kind not in KINDS:
-            raise TypeError(f"an array of {array.dtype} has no form in a file")
-        store.arrays[name] = array
-        return name
-
-    def unpack(self, tree: Any, store: Store) -> Any:
-        array = store.arrays[tree]
-        if tree == TREE or array.dtype.kind not in KINDS:
-            raise ValueError(f"{tree} is no array of numbers")
-        return array
-
-
-class _OneOf:
-    """A value of one of several types, or None."""
-
-    def __init__(self, forms: Sequence[tuple[Any, Form]], has_none: bool) -> None:
-        self._forms, self._has_none = forms, has_none
-
-    def pack(self, value: Any, store: Store) -> Any:
-        if value is None and self._has_none:
-            return None
-        if len(self._forms) == 1:
-            return self._forms[0][1].pack(value, store)
-        for place, (kind, form) in enumerate(self._forms):
-            if isinstance(value, kind):
-                return [place, form.pack(value, store)]
-        raise TypeError(f"{value!r} is none of the types")
-
-    def unpack(self, tree: Any, store: Store) -> Any:
-        if tree is None and self._has_none:
-            return None
-        if len(self._forms) == 1:
-            return self._forms[0][1].unpack(tree, store)
-        place, packed = tree
-        return self._forms[place][1].unpack(packed, store)
-
-
-class _Table:
-    """A mapping with texts as keys."""
-
-    def __init__(self, form: Form) -> None:
-        self._form = form
-
-    def pack(self, value: Any, store: Store) -> Any:
-        return {name: self._form.pack(each, store) for name, each in value.items()}
-
-    def unpack(self, tree: Any, store: Store) -> Any:
-        return {name: self._form.unpack(each, store) for name, each in tree.items()}
-
-
-class _Items:
-    """A sequence: of any length with items of one type, or of a type for each place."""
-
-    def __init__(self, make: type, forms: Sequence[Form], endless: bool) -> None:
-        self._make, self._forms, self._endless = make, forms, endless
-
-    def _of(self, n: int) -> Sequence[Form]:
-        return [self._forms[0]] * n if self._endless else self._forms
-
-    def pack(self, value: Any, store: Store) -> Any:
-        pairs = zip(value, self._of(len(value)), strict=True)
-        return [form.pack(each, store) for each, form in pairs]
-
-    def unpack(self, tree: Any, store: Store) -> Any:
-        if not isinstance(tree, list):
-            raise TypeError(f"{tree!r} is no sequence")
-        pairs = zip(tree, self._of(len(tree)), strict=True)
-        return self._make(form.unpack(each, store) for each, form in pairs)
-
-
-class _Fields:
-    """A dataclass or a named tuple: its fields, or the place of an object that came before."""
-
-    def __init__(self, kind: Any, forms: Mapping[str, Form]) -> None:
-        self._kind, self._forms = kind, forms
-
-    def pack(self, value: Any, store: Store) -> Any:
-        if id(value) in store.places:
-            return store.places[id(value)]
-        if not isinstance(value, self._kind):
-            raise TypeError(f"{value!r} is no {_name(self._kind)}")
-        tree = {name: form.pack(getattr(value, name), store) for name, form in self._forms.items()}
-        store.places[id(value)] = len(store.places)
-        return tree
-
-    def unpack(self, tree: Any, store: Store) -> Any:
-        if isinstance(tree, int):
-            found = store.objects[tree]
-            if not isinstance(found, self._kind):
-                raise TypeError(f"{found!r} is no {_name(self._kind)}")
-            return found
-        made = self._kind(**{n: form.unpack(tree[n], store) for n, form in self._forms.items()})
-        store.objects.append(made)
-        return made
-
-
-class _ByName:
-    """A thing with functions inside: its name, and the fields that differ from the named thing."""
-
-    def __init__(self, find: Callable[[str], Any], forms: Mapping[str, Form]) -> None:
-        self._find, self._forms = find, forms
-
-    def pack(self, value: Any, store: Store) -> Any:
-        known = self._find(value.name)
-        changed = [n for n in self._forms if getattr(value, n) != getattr(known, n)]
-        return {
-            "name": value.name,
-            "changed": {n: self._forms[n].pack(getattr(value, n), store) for n in changed},
-        }
-
-    def unpack(self, tree: Any, store: Store) -> Any:
-        changed = {n: self._forms[n].unpack(each, store) for n, each in tree["changed"].items()}
-        return dataclasses.replace(self._find(tree["name"]), **changed)
+def _kind(name: str) -> Any:
+    """Return a dataclass or named tuple of ours by its name with its module."""
+    module, _, own = name.rpartition(".")
+    if module.split(".")[0] not in OURS:
+        raise TypeError(f"{name} is none of ours")
+    found = getattr(import_module(module), own)
+    _fields(found)
+    return found

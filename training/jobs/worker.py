@@ -1,14 +1,10 @@
-"""One job on a worker, and the error for a worker that has died."""
+"""A worker's end: with its coordinator, or by its own death."""
 
 import os
-import pickle
 import time
 from collections.abc import Iterable
-from functools import lru_cache
 from threading import Thread
-from typing import Any, Final
-
-from threadpoolctl import threadpool_limits
+from typing import Final
 
 WATCH_S: Final = 1.0  # how often a worker looks whether its coordinator still lives
 
@@ -22,18 +18,6 @@ class WorkerDiedError(Exception):
             f"a worker died while it did {', '.join(self.keys)}: killed, out of memory, or a crash "
             "within a library"
         )
-
-
-def of_bytes(shared: bytes, job: bytes) -> bytes:
-    """Return the pickled result of a pickled job."""
-    function, item = pickle.loads(job)
-    with threadpool_limits(1):
-        return pickle.dumps(function(_unpickled(shared), item))
-
-
-@lru_cache(maxsize=1)  # a model is loaded once and not for every job
-def _unpickled(shared: bytes) -> Any:
-    return pickle.loads(shared)
 
 
 def end_with(parent: int) -> None:

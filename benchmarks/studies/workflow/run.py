@@ -88,7 +88,7 @@ def _prepare(study: Study, number: int) -> tuple[Vehicle | str, bytes]:
 def _keep(folder: Path, number: int, vehicle: Vehicle | str, model: bytes) -> None:
     path = _vehicle(folder, number)
     write_bytes(path.with_suffix(".onnx"), model)
-    values.save(path, vehicle, Vehicle | str, NAMED)
+    values.save(path, vehicle, NAMED)
 
 
 def _item(asked: Case, folder: Path) -> Item:
