@@ -25,9 +25,7 @@ from benchmarks.studies.workflow.gap_study_page import as_page
 from benchmarks.studies.workflow.gap_study_result import as_text
 from benchmarks.studies.workflow.plan import CASES, SEVERITIES, Study, cases, healthy_parts
 from benchmarks.studies.workflow.targets import Target, assess
-from monitor.base.errors import UsageError
 from monitor.model.step import Model
-from tests.conftest import ROOT
 from training.gap.inputs.roles import Options
 from training.greybox.effects import LIBRARY
 from training.recordings.recording import Recording
@@ -417,27 +415,3 @@ def test_what_a_study_cannot_hold_is_refused(
     assert main([*TINY, "--out", str(tmp_path / "new"), *wrong]) == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
-
-
-def test_results_depend_on_all_code_that_makes_them_and_on_no_other() -> None:
-    used = {path.relative_to(ROOT).as_posix() for path in run.sources()}
-    assert {
-        "training/gap/default.toml",
-        "training/gap/name/naming.py",
-        "training/greybox/effects/wall_film.py",
-        "training/greybox/chain.py",
-        "training/dyno/mixture.py",
-        "monitor/base/faults.py",
-    } <= used
-    others = {
-        "benchmarks/studies/workflow/gap_study_page.py",
-        "training/gap/pages/gap_page.py",
-        "training/pages/page.py",
-        "tests/helpers/plants.py",
-    }
-    assert not used & others
-
-
-def test_a_study_with_an_unknown_base_is_refused() -> None:
-    with pytest.raises(UsageError, match="base 'net' is unknown"):
-        replace(WHOLE, base="net")

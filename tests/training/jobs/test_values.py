@@ -11,7 +11,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pytest
 
-from benchmarks.studies.workflow.case import Vehicle
 from monitor.base.types import BoolArray, FloatArray
 from tests.conftest import ROOT
 from training.greybox.chain import Constants
