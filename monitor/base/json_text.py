@@ -18,12 +18,12 @@ def write_json(path: Path, result: Mapping[str, Any]) -> None:
 
 def rounded(value: Any) -> Any:
     """Round floats to nine decimals; numbers that are not finite become null."""
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
     if isinstance(value, float):
         return round(value, 9) if math.isfinite(value) else None
+    if isinstance(value, str | int) or value is None:
+        return value
     if isinstance(value, Mapping):
         return {k: rounded(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [rounded(v) for v in value]
-    return value
+    return bool(value) if isinstance(value, np.bool_) else value

@@ -9,12 +9,10 @@ libraries log.
 import argparse
 import logging
 import os
-import platform
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
@@ -58,7 +56,8 @@ def applied(args: argparse.Namespace) -> Iterator[None]:
     root.addHandler(handler)
     root.setLevel(_LEVELS[verbose])
     begin_s = time.perf_counter()
-    LOG.info("%s", ", ".join(_versions()))
+    if LOG.isEnabledFor(logging.INFO):
+        LOG.info("%s", ", ".join(_versions()))
     try:
         with _silent(args):
             yield
@@ -79,6 +78,9 @@ def _silent(args: argparse.Namespace) -> Iterator[None]:
 
 
 def _versions() -> Iterator[str]:
+    import platform  # noqa: PLC0415 - slow, and of no use without -v
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
+
     yield f"Python {platform.python_version()}"
     yield f"{platform.system()} {platform.machine()}"
     for package in PACKAGES:

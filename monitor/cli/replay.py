@@ -43,9 +43,9 @@ def add(commands: Any) -> None:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    from monitor.frames.python_can import import_without_mdf
+    from monitor.frames.python_can import import_cantools_alone
 
-    import_without_mdf()
+    import_cantools_alone()
     from monitor.memory.store import Memory
     from monitor.pipeline import replay
     from monitor.report.lines import print_recording

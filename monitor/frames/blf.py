@@ -5,11 +5,13 @@ python-can reads a BLF up to its end and does not report that the end comes too 
 
 import struct
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from typing import IO, Final
 
 from monitor.frames.bounds import PIECE_BYTES, BoundError
 
 _FILE_HEADER: Final = struct.Struct("<4sLBBBBBBBBQQLL")
+_START: Final = struct.Struct("<4xL32x8H16x")  # size of the header, its SYSTEMTIME of the start
 _OBJECT_HEADER: Final = struct.Struct("<4sHHLL")
 
 
@@ -36,6 +38,19 @@ def check(file: IO[bytes]) -> int | None:
     if file_size <= header_size and position > header_size:
         raise ValueError("the file was never finished: its header announces no data")
     return n_objects or None
+
+
+def start_s(file: IO[bytes]) -> float:
+    """Return the Unix time in s at which the recording began, 0 if the header tells no time.
+
+    file : stands at its begin, and behind its header afterwards
+    """
+    size, year, month, _, day, hour, minute, second, ms = _START.unpack(file.read(_START.size))
+    file.read(size - _START.size)
+    try:
+        return datetime(year, month, day, hour, minute, second, ms * 1000, tzinfo=UTC).timestamp()
+    except ValueError:
+        return 0.0
 
 
 def objects(file: IO[bytes], position: int) -> Iterator[tuple[int, bytes, int]]:

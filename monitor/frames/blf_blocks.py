@@ -8,14 +8,12 @@ Containers are inflated and joined. Their objects form a chain, because each obj
 the start of the next one. The reader finds all signatures at once and keeps those on the chain.
 """
 
+import struct
 from collections.abc import Iterator
 from decimal import Decimal
-from typing import IO, Any, BinaryIO, Final, NamedTuple, cast
+from typing import IO, Any, Final, NamedTuple
 
-import can
 import numpy as np
-from can.io import blf as python_can
-from can.util import dlc2len
 from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, FloatArray, FrameBlock, IntArray
@@ -31,23 +29,30 @@ _MARGIN: Final = 512  # bytes after a chunk that may be read
 _SIGNATURE: Final = int.from_bytes(b"LOBJ", "little")
 _TEN_MICROSECONDS: Final = 1  # flag of an object: its time counts in units of 10 us
 _OBJECT_BYTES: Final = 16 << 20  # most of one object in a container; a CAN frame takes 150
-_BASE_HEADER: Final = python_can.OBJ_HEADER_BASE_STRUCT.size
+_BASE_HEADER: Final = 16  # bytes of an object before its version's own header
+_FD_64_BYTES: Final = 40  # of an FD object of type 101 before its data
+_CONTAINER: Final = 10  # type of the object that holds the others
+_CONTAINER_HEADER: Final = struct.Struct("<H14x")  # method of compression
+_STORED, _DEFLATED = 0, 2
+_REMOTE: Final = 0x80  # flag of a classic frame
 _EXACT: Final = 1 << 53  # a double holds every integer up to this one
-_LENGTHS: Final = np.array([dlc2len(code) for code in range(256)])  # bytes per CAN FD length code
+_LENGTHS: Final = np.array(
+    [*range(9), 12, 16, 20, 24, 32, 48, *[64] * 241]
+)  # bytes per CAN FD length code
 _DATA: Final = swar.masks([swar.kept_first(n) for n in range(9)])  # mask of n bytes of data
 
 # Class of an object by its type, and the bytes needed after its header.
 _OTHER, _SKIPPED, _CLASSIC, _FD, _FD_64 = range(5)
 _CLASS: Final = np.zeros(256, dtype=np.uint8)
 _NEEDED: Final = np.zeros(256, dtype=np.int64)
-for _type, _class, _struct in (
-    (python_can.CAN_MESSAGE, _CLASSIC, python_can.CAN_MSG_STRUCT),
-    (python_can.CAN_MESSAGE2, _CLASSIC, python_can.CAN_MSG_STRUCT),
-    (python_can.CAN_ERROR_EXT, _SKIPPED, python_can.CAN_ERROR_EXT_STRUCT),
-    (python_can.CAN_FD_MESSAGE, _FD, python_can.CAN_FD_MSG_STRUCT),
-    (python_can.CAN_FD_MESSAGE_64, _FD_64, python_can.CAN_FD_MSG_64_STRUCT),
+for _type, _class, _size in (
+    (1, _CLASSIC, 16),
+    (86, _CLASSIC, 16),
+    (73, _SKIPPED, 32),
+    (100, _FD, 84),
+    (101, _FD_64, _FD_64_BYTES),
 ):
-    _CLASS[_type], _NEEDED[_type] = _class, _struct.size
+    _CLASS[_type], _NEEDED[_type] = _class, _size
 _HEADER: Final = np.array([0, 32, 40])  # bytes by header version; other versions are skipped
 
 
@@ -80,11 +85,11 @@ def read_blocks(
 
     chunk_bytes : inflated bytes per chunk
     Raises ValueError if the file is damaged or holds fewer objects than its header announces, and
-    the errors of zlib and python-can. The frames before the damage are yielded first.
+    the errors of zlib. The frames before the damage are yielded first.
     """
     announced = blf.check(file)
     file.seek(0)
-    start_s = can.BLFReader(cast(BinaryIO, file)).start_timestamp
+    start_s = blf.start_s(file)
     n_objects, rest = 0, b""
     for chunk in _inflated(file, chunk_bytes):
         raw = b"".join((rest, *chunk, bytes(_MARGIN)))
@@ -104,13 +109,13 @@ def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
     inflation = Inflation()
     try:
         for kind, body, _ in blf.objects(file, 0):
-            if kind != python_can.LOG_CONTAINER:
+            if kind != _CONTAINER:
                 continue
-            method, _ = python_can.LOG_CONTAINER_STRUCT.unpack_from(body)
-            content = body[python_can.LOG_CONTAINER_STRUCT.size :]
-            if method == python_can.ZLIB_DEFLATE:
+            (method,) = _CONTAINER_HEADER.unpack_from(body)
+            content = body[_CONTAINER_HEADER.size :]
+            if method == _DEFLATED:
                 content = inflation.inflate(content)
-            elif method != python_can.NO_COMPRESSION:
+            elif method != _STORED:
                 continue  # python-can skips it, too
             parts.append(content)
             if sum(map(len, parts)) >= chunk_bytes:
@@ -214,7 +219,7 @@ def _contents(objects: Objects) -> Contents:
     is_extended = key >> np.uint32(31)
     key &= np.uint32(0x1FFFFFFF)
     key |= is_extended << np.uint32(31)
-    is_remote = (head & (python_can.REMOTE_FLAG << 16)) != 0
+    is_remote = (head & (_REMOTE << 16)) != 0
     announced = (head >> 24).astype(np.int64)
     length = np.minimum(announced, 8)
     data = words.take(body + 3).astype(np.uint64) << np.uint64(32)
@@ -256,8 +261,8 @@ def _with_fd(objects: Objects, contents: Contents) -> Contents:
     behind = (objects.words.take(body + 8) >> 24).astype(np.int64)
     size, at = objects.size[rows], objects.at[rows]
     header, own = (objects.words.take(at + 1) & 0xFFFF).astype(np.int64), 4 * (body - at)
-    there = np.where(behind, behind, size) - own - python_can.CAN_FD_MSG_64_STRUCT.size
-    end = own + python_can.CAN_FD_MSG_64_STRUCT.size + np.minimum(length, there)
+    there = np.where(behind, behind, size) - own - _FD_64_BYTES
+    end = own + _FD_64_BYTES + np.minimum(length, there)
     contents.is_outside[rows] = (header != own) | (there < 0) | (end > size)
     data[rows] = _bytes(objects, body, 40, np.minimum(length, there))
     return contents._replace(data=data)

@@ -8,9 +8,7 @@ bytes.
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, Final, TypeVar
-
-import can
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeVar
 
 from monitor.base.errors import RecordingError
 from monitor.base.inputs import open_regular
@@ -20,12 +18,15 @@ from monitor.frames.blocks import frames_of
 from monitor.frames.bounds import open_binary, open_text
 from monitor.frames.candump import CUT_SHORT, LATEST_S, MAX_BYTES, LogCounters, read_candump
 from monitor.frames.frame_lines import FrameLines
+from monitor.frames.python_can import text_reader
 from monitor.frames.tables.readers import SUFFIXES as TABLES
+
+if TYPE_CHECKING:
+    import can
 
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
 IDENTIFIERS: Final = 1 << 29  # CAN identifiers have 29 bits at most
 _TEXT: Final = (".log", ".asc", ".csv", ".trc")
-_TEXT_READERS: Final = {".asc": can.ASCReader, ".csv": can.CSVReader, ".trc": can.TRCReader}
 _CSV_HEADER: Final = "timestamp,arbitration_id,"
 
 T = TypeVar("T")
@@ -62,7 +63,7 @@ def checked_kind(path: Path) -> str:
     return kind
 
 
-def frame_of(message: can.Message) -> Frame:
+def frame_of(message: "can.Message") -> Frame:
     """Return a python-can message as a frame, its time rounded to microseconds."""
     return Frame(
         round(message.timestamp * 1e6) * 1000,
@@ -121,7 +122,7 @@ def _frames(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
     else:
         if kind == ".csv":
             _check_csv_header(path)
-        with open_text(path) as file, _TEXT_READERS[kind](FrameLines(file, kind)) as reader:
+        with open_text(path) as file, text_reader(kind)(FrameLines(file, kind)) as reader:
             yield from through_python_can(reader, counters)
     if kind in _TEXT and not _ends_with_newline(path):
         raise ValueError(CUT_SHORT)

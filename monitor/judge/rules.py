@@ -9,7 +9,6 @@ set codes of the manufacturer's range.
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import entry_points
 from typing import ClassVar, Final, Literal, Protocol
 
 from monitor.base.errors import ConfigError, O2Error
@@ -49,6 +48,8 @@ def loaded(names: Iterable[str]) -> dict[str, RuleClass]:
 
 @cache
 def _load(name: str) -> RuleClass:
+    from importlib.metadata import entry_points  # noqa: PLC0415 - slow, and few have plug-ins
+
     points = {point.name: point for point in entry_points(group=GROUP)}
     if name not in points:
         raise ConfigError(f"[rules] {name}: no such rule; installed are {sorted(points) or 'none'}")

@@ -28,6 +28,7 @@ from monitor.report.words import has_model
 MAX_SAMPLES = 50_000  # longer recordings are thinned out; extremes are kept
 _BUCKETS = 10_000  # of a thinned recording; at most five samples of each are kept
 _DIGITS = 5  # significant digits of embedded values
+_COMPACT = json.JSONEncoder(allow_nan=False, separators=(",", ":")).encode
 
 
 def write_report(
@@ -151,8 +152,11 @@ def _rounded(value: float) -> float | None:
 
 
 def _json(value: Any) -> str:
-    """Return JSON that is safe inside a script element."""
-    text = json.dumps(_finite(value), allow_nan=False, separators=(",", ":"))
+    """Return JSON that is safe inside a script element; numbers that are not finite are null."""
+    try:
+        text = _COMPACT(value)
+    except (TypeError, ValueError):  # a scalar of numpy, or a number that is not finite
+        text = _COMPACT(_finite(value))
     return text.replace("<", "\\u003c")
 
 
