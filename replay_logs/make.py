@@ -14,7 +14,8 @@ import sys
 from pathlib import Path
 
 from monitor import cli
-from monitor.base import downstream_faults, faults, manifest
+from monitor.base import downstream_faults, faults
+from monitor.base.files import manifest
 from training.dyno import vehicle
 from training.dyno.recording_files import describe, write
 from training.dyno.simulation import Experiment

@@ -13,7 +13,7 @@ from typing import Final
 
 import shtab
 
-from monitor.base import verbosity
+from monitor.base.command_line import verbosity
 from monitor.cli import _parser as o2mon_parser
 from training.cli import _parser as o2train_parser
 
@@ -35,7 +35,8 @@ def tidy(parser: argparse.ArgumentParser) -> None:
     """Let file options complete file names; interfaces differ between installations."""
     for action in parser._actions:
         is_argument = not action.choices and not action.option_strings
-        names_file = getattr(action.type, "__module__", "") == "monitor.base.option_paths"
+        module = getattr(action.type, "__module__", "")
+        names_file = module == "monitor.base.command_line.option_paths"
         if is_argument or names_file:
             action.complete = shtab.FILE  # type: ignore[attr-defined]
         if isinstance(action, argparse._SubParsersAction):

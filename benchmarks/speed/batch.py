@@ -21,11 +21,11 @@ import numpy as np
 from monitor.base import config
 from monitor.base.config import Config
 from monitor.base.types import SampleBlock
-from monitor.judge.bank import Bank
-from monitor.judge.decisions import Decisions
+from monitor.judge.decision.decisions import Decisions
+from monitor.judge.electrical.plausibility import ActivityTest, Plausibility
 from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
-from monitor.judge.plausibility import ActivityTest, Plausibility
+from monitor.judge.response.bank import Bank
 from monitor.memory.cycles import Cycles
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model

@@ -31,7 +31,7 @@ import numpy as np
 from benchmarks.speed.batch import FIRST_SEED, FIRST_VEHICLE, PERIOD_NS, clocked
 from benchmarks.speed.replay_vs_plain_loop import Bench, replay_plain
 from monitor.base import config
-from monitor.base.json_text import write_json
+from monitor.base.files.json_text import write_json
 from monitor.base.types import SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import load_database

@@ -25,11 +25,11 @@ from monitor.base.types import FloatArray, Frame, SampleBlock
 from monitor.frames.logs import read_frames
 from monitor.grid.samples import FrameSamples
 from monitor.judge import enable
-from monitor.judge.bank import Bank, Spans, build
-from monitor.judge.claims import Noise
-from monitor.judge.plausibility import Plausibility
+from monitor.judge.electrical.plausibility import Plausibility
 from monitor.judge.residual import oriented
-from monitor.judge.response import ResponseRule
+from monitor.judge.response.bank import Bank, Spans, build
+from monitor.judge.response.claims import Noise
+from monitor.judge.response.rule import ResponseRule
 from monitor.judge.window import Window
 from monitor.memory.cycles import Cycles
 from monitor.memory.dtc_store import DtcStore

@@ -16,9 +16,10 @@ from tqdm import tqdm
 from benchmarks.studies.behind import catalyst_page, run, targets
 from benchmarks.studies.behind.plan import CatalystMatrix
 from benchmarks.studies.options import parser_of, plan_of
-from monitor.base import command, config
-from monitor.base import option_paths as paths
-from monitor.base.outputs import write_text
+from monitor.base import config
+from monitor.base.command_line import command
+from monitor.base.command_line import option_paths as paths
+from monitor.base.files.outputs import write_text
 from training.jobs import run_folder
 
 REPORT, RESULT = "catalyst.html", "catalyst.json"

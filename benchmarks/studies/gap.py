@@ -22,10 +22,10 @@ from benchmarks.studies.options import parser_of, plan_of
 from benchmarks.studies.workflow import challenge, gap_study_result, run
 from benchmarks.studies.workflow.gap_study_page import as_page
 from benchmarks.studies.workflow.plan import Study
-from monitor.base import command
-from monitor.base import option_paths as paths
+from monitor.base.command_line import command
+from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import UsageError
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from training.jobs import run_folder
 
 REPORT, RESULT = "report.html", "gap.json"

@@ -17,9 +17,10 @@ from benchmarks.studies.options import parser_of, plan_of
 from benchmarks.studies.sensor import matrix_result, run
 from benchmarks.studies.sensor.matrix_page import as_page
 from benchmarks.studies.sensor.plan import Matrix
-from monitor.base import command, config
-from monitor.base import option_paths as paths
-from monitor.base.outputs import write_text
+from monitor.base import config
+from monitor.base.command_line import command
+from monitor.base.command_line import option_paths as paths
+from monitor.base.files.outputs import write_text
 from monitor.pipeline.replay import shipped_model
 from training.jobs import run_folder
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import MISSING, field, fields
 from typing import Any, TypeVar
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import UsageError
 
 Plan = TypeVar("Plan")

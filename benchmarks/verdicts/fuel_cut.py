@@ -35,7 +35,7 @@ from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import Fault
 from monitor.base.signals import OUTPUT
 from monitor.base.types import SampleBlock
-from monitor.judge.fuel_cut_response import FuelCutResponse
+from monitor.judge.fuel_cut.response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model

@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 
 from monitor.base.errors import UsageError
-from monitor.base.json_text import rounded
+from monitor.base.files.json_text import rounded
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.causes import Cause
+from monitor.judge.causes.causes import Cause
 from monitor.judge.findings import Evidence
 from monitor.pipeline.collector import Trace
 from monitor.report.lines import verdict_text

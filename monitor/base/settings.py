@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from monitor.base.errors import ConfigError
-from monitor.base.inputs import read_toml
+from monitor.base.files.inputs import read_toml
 
 _MOST: Final = 1e6  # 11 days, or so many samples
 _Kind = TypeVar("_Kind")

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TextIO
 
-from monitor.base.json_text import rounded
+from monitor.base.files.json_text import rounded
 from monitor.base.types import Frame
 from monitor.bus.link.port import BusHealth
 from monitor.judge.enable import CONDITIONS

@@ -4,8 +4,8 @@ import argparse
 import os
 from collections.abc import Sequence
 
-from monitor.base.command import Subcommand
-from monitor.base.command import run as run_command
+from monitor.base.command_line.command import Subcommand
+from monitor.base.command_line.command import run as run_command
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import UsageError
 from monitor.base.signals import OUTPUT
 from monitor.cli.options import (
@@ -165,7 +165,7 @@ def _check_table(args: argparse.Namespace) -> int:
 
 
 def _write_profile(args: argparse.Namespace) -> int:
-    from monitor.base.outputs import check_new, write_text
+    from monitor.base.files.outputs import check_new, write_text
     from monitor.frames.tables.readers import open_table
     from monitor.mapping.profile_proposal import proposed
 

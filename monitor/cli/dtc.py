@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import UsageError
 from monitor.base.signals import unit_of
 from monitor.cli.options import add_command, say, warn

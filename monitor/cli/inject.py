@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import UsageError
 from monitor.cli.options import (
     add_bus,
@@ -148,7 +148,7 @@ def _bus_map(args: argparse.Namespace) -> "BusMap":
 def _logs(
     args: argparse.Namespace, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
 ) -> "list[Recording]":
-    from monitor.base.outputs import check, numbered
+    from monitor.base.files.outputs import check, numbered
     from monitor.frames.logs import read_frames
     from monitor.inject.expected import Judge, fresh_memory
     from monitor.inject.gateway import write_log
@@ -184,7 +184,7 @@ def _logs(
 def _table(
     args: argparse.Namespace, scenario: "Scenario", setup: "Setup | None"
 ) -> "list[Recording]":
-    from monitor.base.outputs import check, numbered
+    from monitor.base.files.outputs import check, numbered
     from monitor.grid.tables import read_table
     from monitor.inject.expected import fresh_memory
     from monitor.inject.table_faults import with_faults, write_own

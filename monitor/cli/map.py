@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from monitor.cli.options import NOT_JUDGED, add_command, say
 
 HELP = "propose a signal map for a CAN database"
@@ -44,7 +44,7 @@ def add(commands: Any) -> None:
 
 def _map(args: argparse.Namespace) -> int:
     from monitor.base.errors import UsageError
-    from monitor.base.outputs import check_new, write_text
+    from monitor.base.files.outputs import check_new, write_text
     from monitor.frames.python_can import import_without_mdf
 
     import_without_mdf()

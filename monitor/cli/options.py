@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import BusError, UsageError
 
 if TYPE_CHECKING:
@@ -229,7 +229,7 @@ def write_outputs(
     args: argparse.Namespace, setup: "Setup", recordings: list[dict[str, Any]], traces: list[Any]
 ) -> None:
     """Write the JSON and HTML that the options name; raises UsageError if that fails."""
-    from monitor.base.json_text import write_json
+    from monitor.base.files.json_text import write_json
     from monitor.pipeline.replay import result_of
     from monitor.report.model_facts import model_info, predicted_quantity
     from monitor.report.page import write_report

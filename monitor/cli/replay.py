@@ -4,7 +4,7 @@ import argparse
 from contextlib import closing, nullcontext
 from typing import Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from monitor.cli.options import (
     LOGS,
     add_columns,

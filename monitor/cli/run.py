@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, nullcontext
 from typing import TYPE_CHECKING, Any
 
-from monitor.base import option_paths as paths
-from monitor.base.outputs import unused
+from monitor.base.command_line import option_paths as paths
+from monitor.base.files.outputs import unused
 from monitor.cli.diagnostics import add_diagnostics, diagnostics
 from monitor.cli.live import add_live, live_feed, live_server
 from monitor.cli.options import (

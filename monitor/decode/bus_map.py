@@ -15,7 +15,7 @@ from cantools.database import load_file, load_string
 from cantools.database.can import Database, Message, Signal
 
 from monitor.base.errors import SignalMapError
-from monitor.base.inputs import read_small
+from monitor.base.files.inputs import read_small
 from monitor.decode import soundness
 from monitor.decode.dbc_text import read
 from monitor.decode.parameter_groups import is_any_source

@@ -31,7 +31,7 @@ from typing import Any, Final
 
 from monitor.base.config import POSITIONS
 from monitor.base.errors import SignalMapError
-from monitor.base.inputs import as_number, in_words, read_toml
+from monitor.base.files.inputs import as_number, in_words, read_toml
 from monitor.decode.checksum import ALGORITHMS
 
 DEFAULT_TIMEOUT_S: Final = 0.5

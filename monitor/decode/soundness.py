@@ -14,7 +14,7 @@ from typing import Final
 from cantools.database.can import Database, Message, Signal
 
 from monitor.base.errors import SignalMapError
-from monitor.base.inputs import in_words
+from monitor.base.files.inputs import in_words
 from monitor.frames.candump import MAX_BYTES
 
 MOST_LETTERS: Final = 1000  # of a name; DBC allows 128

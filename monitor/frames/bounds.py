@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, BinaryIO, Final, TextIO, cast
 
-from monitor.base.inputs import open_regular
+from monitor.base.files.inputs import open_regular
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer

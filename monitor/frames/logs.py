@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeVar
 
 from monitor.base.errors import RecordingError
-from monitor.base.inputs import open_regular
+from monitor.base.files.inputs import open_regular
 from monitor.base.types import Frame, FrameBlock
 from monitor.frames import blf_blocks, mdf
 from monitor.frames.blocks import frames_of

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from monitor.base.errors import ConfigError
-from monitor.base.inputs import read_toml
+from monitor.base.files.inputs import read_toml
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from typing import Final
 
 import can
 
-from monitor.base.outputs import replaced
+from monitor.base.files.outputs import replaced
 from monitor.base.types import Frame
 from monitor.bus.link.clock import BEHIND_S, SILENCE_S
 from monitor.bus.link.recorder import Recorder, message_of

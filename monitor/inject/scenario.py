@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.errors import ConfigError, UsageError
-from monitor.base.inputs import read_toml
+from monitor.base.files.inputs import read_toml
 from monitor.inject.injection import Injection
 from monitor.memory.codes import CODES
 

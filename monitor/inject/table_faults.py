@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from monitor.base.signals import OUTPUT
 from monitor.grid.tables import TIME, Table
 from monitor.inject.injection import FRAME_FAULTS, Injection

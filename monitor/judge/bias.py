@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.base.config import BiasConfig
 from monitor.base.types import FloatArray
-from monitor.judge.response import Outcome
+from monitor.judge.response.rule import Outcome
 
 MOST: Final = 256  # means of a drive that are kept
 LEAST: Final = 8  # means that a line is laid through, or a step

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from monitor.judge.movement import Moved
-from monitor.judge.response import Outcome, Response
+from monitor.judge.response.movement import Moved
+from monitor.judge.response.rule import Outcome, Response
 from monitor.judge.window import Window
 from monitor.memory.dtc import Dtc
 

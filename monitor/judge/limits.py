@@ -6,8 +6,8 @@ from typing import Final
 
 from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import ConfigError, ModelError
-from monitor.judge.fuel_cut_response import FuelCutReference
-from monitor.judge.region import Region
+from monitor.judge.fuel_cut.response import FuelCutReference
+from monitor.judge.response.region import Region
 from monitor.memory.reference import Reference
 from monitor.model.card import ModelCard
 

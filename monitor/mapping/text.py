@@ -10,7 +10,7 @@ from cantools.database.can import Database
 from monitor.decode.checksum import ALGORITHMS
 from monitor.decode.signal_map import LONGEST_TIMEOUT_S
 from monitor.frames.logs import read_frames
-from monitor.judge.causes import timeout_of
+from monitor.judge.causes.causes import timeout_of
 from monitor.mapping.candidates import Candidate, cycle_ms, ranked
 from monitor.mapping.proposal import NOTHING, Proposal, Proposals, propose
 from monitor.mapping.recording import Protection, observe, protections

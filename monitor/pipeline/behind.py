@@ -8,9 +8,9 @@ from monitor.base.config import CatalystConfig
 from monitor.base.counts import counted
 from monitor.base.types import FloatArray
 from monitor.grid.tables import Table
-from monitor.judge.catalyst import VOLTAGE
-from monitor.judge.causes import Cause
-from monitor.judge.rear_activity import RearActivity
+from monitor.judge.catalyst.rear_activity import RearActivity
+from monitor.judge.catalyst.watch import VOLTAGE
+from monitor.judge.causes.causes import Cause
 from monitor.memory.codes import codes_on
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame

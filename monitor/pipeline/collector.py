@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.causes import Asked, Judgement, Source, causes
+from monitor.judge.causes.causes import Asked, Judgement, Source, causes
 from monitor.pipeline.entry import (
     dtc_entry,
     enable_shares,

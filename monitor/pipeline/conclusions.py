@@ -9,12 +9,12 @@ import numpy as np
 
 from monitor.base.signals import CAPACITY
 from monitor.base.types import SampleBlock
-from monitor.judge.catalyst import BehindResult
-from monitor.judge.decisions import Decisions
+from monitor.judge.catalyst.watch import BehindResult
+from monitor.judge.decision.decisions import Decisions
+from monitor.judge.electrical.plausibility import Still, TickResult
 from monitor.judge.findings import Facts
-from monitor.judge.fuel_cut import Cut
+from monitor.judge.fuel_cut.cuts import Cut
 from monitor.judge.limits import Limits
-from monitor.judge.plausibility import Still, TickResult
 from monitor.judge.window import Window
 from monitor.memory.cycles import Driven, Moment
 from monitor.memory.dtc import Status

@@ -13,10 +13,10 @@ from monitor.decode.bus_map import BusMap
 from monitor.decode.decoder import MessageCounters
 from monitor.grid.assembler import AssemblerCounters
 from monitor.grid.tables import Table
-from monitor.judge.causes import Cause, Source
+from monitor.judge.causes.causes import Cause, Source
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import Evidence, WindowJudged
-from monitor.judge.fuel_cut_response import FuelCutResponse
+from monitor.judge.fuel_cut.response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import Dtc
 from monitor.model.card import ModelCard

@@ -7,9 +7,9 @@ import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.types import BoolArray
-from monitor.judge import air_pressure
 from monitor.judge.enable import AROUND_FUEL_CUT, NO_CUT, masks
-from monitor.judge.fuel_cut import Cut, FuelCuts, Stretch
+from monitor.judge.fuel_cut import air_pressure
+from monitor.judge.fuel_cut.cuts import Cut, FuelCuts, Stretch
 from monitor.judge.residual import oriented
 from monitor.model.card import ModelCard
 from monitor.pipeline.segments import Part

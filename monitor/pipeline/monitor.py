@@ -15,15 +15,17 @@ import numpy as np
 from monitor.base.config import Config
 from monitor.base.runs import runs
 from monitor.base.types import SampleBlock
-from monitor.judge import bank, enable, rules
-from monitor.judge.catalyst import BehindResult, CatalystMonitor
-from monitor.judge.decisions import Decisions
-from monitor.judge.electrical import ElectricalTests
+from monitor.judge import enable
+from monitor.judge.catalyst.watch import BehindResult, CatalystMonitor
+from monitor.judge.causes.observation import Observation
+from monitor.judge.decision import plugins as rules
+from monitor.judge.decision.decisions import Decisions
+from monitor.judge.electrical.plausibility import Still, TickResult
+from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import Enable
-from monitor.judge.fuel_cut import Cut
+from monitor.judge.fuel_cut.cuts import Cut
 from monitor.judge.limits import Limits
-from monitor.judge.observation import Observation
-from monitor.judge.plausibility import Still, TickResult
+from monitor.judge.response import bank
 from monitor.judge.window import Series, Window, Windows
 from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import Cycles

@@ -4,9 +4,9 @@ from collections.abc import Collection, Sequence
 
 from monitor.base.errors import MissingSignalsError
 from monitor.judge import enable
-from monitor.judge.catalyst import REAR
-from monitor.judge.catalyst import SIGNALS as CATALYST_SIGNALS
-from monitor.judge.heater import DUTY
+from monitor.judge.catalyst.watch import REAR
+from monitor.judge.catalyst.watch import SIGNALS as CATALYST_SIGNALS
+from monitor.judge.electrical.heater import DUTY
 from monitor.memory.cycles import SIGNALS as CYCLE_SIGNALS
 from monitor.model.card import ModelCard
 

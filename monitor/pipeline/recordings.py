@@ -17,7 +17,7 @@ from monitor.grid.block_samples import Clearing, log_samples, whole
 from monitor.grid.table_samples import table_block
 from monitor.grid.tables import BLANK, Table, is_table, read_table
 from monitor.grid.timeline import Timeline
-from monitor.judge.causes import Source
+from monitor.judge.causes.causes import Source
 from monitor.model.card import ModelCard
 from monitor.pipeline.entry import (
     bus_sources,

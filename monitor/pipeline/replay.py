@@ -11,7 +11,7 @@ import dbc
 from monitor import __version__
 from monitor.base.config import Config, ProfileConfig
 from monitor.base.errors import MissingSignalsError, RecordingError
-from monitor.base.manifest import source_of
+from monitor.base.files.manifest import source_of
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.grid.block_samples import Clearing
 from monitor.grid.tables import Table

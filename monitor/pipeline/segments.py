@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, FloatArray, SampleBlock
-from monitor.judge.bank import Bank, BankState, Hypothesis, Spans, phases
 from monitor.judge.residual import oriented
+from monitor.judge.response.bank import Bank, BankState, Hypothesis, Spans, phases
 from monitor.judge.window import Span, Windows
 from monitor.model.step import Float32Array, Model
 from monitor.pipeline.conclusions import Findings

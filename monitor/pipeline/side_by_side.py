@@ -10,7 +10,7 @@ from monitor.base.config import BiasConfig, Config
 from monitor.base.types import BoolArray, FloatArray, SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.enable import CONDITIONS
-from monitor.judge.fuel_cut import Cut
+from monitor.judge.fuel_cut.cuts import Cut
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import Dtc
 from monitor.memory.dtc_store import DtcStore

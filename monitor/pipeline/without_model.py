@@ -16,13 +16,13 @@ from monitor.base.signals import OUTPUT
 from monitor.base.types import SampleBlock
 from monitor.grid.table_samples import table_block
 from monitor.grid.tables import Table, is_table, read_table
-from monitor.judge.catalyst import VOLTAGE
-from monitor.judge.causes import Cause
+from monitor.judge.catalyst.watch import VOLTAGE
+from monitor.judge.causes.causes import Cause
 from monitor.judge.counters import Counters
-from monitor.judge.electrical import ElectricalTests
+from monitor.judge.electrical.readiness import ENGINE
+from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import BURNING, Enable, masks
 from monitor.judge.findings import Change, DtcChanged
-from monitor.judge.readiness import ENGINE
 from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame

@@ -8,7 +8,7 @@ from pathlib import PurePath
 from typing import Any
 
 from monitor.base.counts import counted
-from monitor.judge.causes import Cause
+from monitor.judge.causes.causes import Cause
 from monitor.pipeline.entry import fault_words
 from monitor.report import catalyst, evidence, fuel_cuts
 from monitor.report.elements import number, path, row, table, term_list, text

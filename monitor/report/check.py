@@ -10,9 +10,9 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import Frame, SampleBlock
 from monitor.decode.bus_map import BusMap
 from monitor.decode.decoder import Decoder
-from monitor.judge.causes import Asked, Cause, causes, timeout_of
+from monitor.judge.causes.causes import Asked, Cause, causes, timeout_of
+from monitor.judge.causes.observation import Observation
 from monitor.judge.enable import Enable
-from monitor.judge.observation import Observation
 from monitor.model.card import ModelCard
 from monitor.pipeline.recordings import OpenRecording
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from monitor.base.counts import counted
-from monitor.judge.fuel_cut import LEVEL
+from monitor.judge.fuel_cut.cuts import LEVEL
 from monitor.report.elements import plain
 
 WORDS: Final = {

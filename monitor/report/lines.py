@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from monitor.judge.causes import Cause
+from monitor.judge.causes.causes import Cause
 from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import fault_words
 from monitor.pipeline.events import Counted, CutJudged, CycleStarted, DtcChanged, Happening

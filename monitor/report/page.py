@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from monitor.base.types import FloatArray
 from monitor.pipeline.collector import Trace
 from monitor.report import elements

@@ -101,8 +101,8 @@ def test_a_target_is_missed_by_one_drive_too_many() -> None:
 
 def test_a_fault_counts_when_two_results_in_a_row_agree() -> None:
     from monitor.base import config
-    from monitor.judge.catalyst import BehindResult
-    from monitor.judge.catalyst_rule import Claim
+    from monitor.judge.catalyst.rule import Claim
+    from monitor.judge.catalyst.watch import BehindResult
 
     def results(*outcomes: str) -> list[BehindResult]:
         claims = [Claim(o, "catalyst_low", 0.0) for o in outcomes]  # type: ignore[arg-type]

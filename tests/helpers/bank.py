@@ -3,7 +3,7 @@
 import numpy as np
 
 from monitor.base.types import FloatArray
-from monitor.judge.bank import Bank, Hypothesis, Spans
+from monitor.judge.response.bank import Bank, Hypothesis, Spans
 
 
 def readings(hypotheses: tuple[Hypothesis, ...], period_s: float, values: FloatArray) -> FloatArray:

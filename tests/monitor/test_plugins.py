@@ -15,7 +15,7 @@ from monitor import cli
 from monitor.base.errors import ConfigError
 from monitor.frames.tables import readers
 from monitor.grid.tables import read_table
-from monitor.judge import rules
+from monitor.judge.decision import plugins as rules
 from monitor.memory import codes
 from tests.conftest import ROOT
 

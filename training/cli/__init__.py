@@ -4,7 +4,7 @@ import argparse
 import os
 from collections.abc import Sequence
 
-from monitor.base import command
+from monitor.base.command_line import command
 
 
 def main(argv: Sequence[str] | None = None) -> int:

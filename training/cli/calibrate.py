@@ -5,7 +5,7 @@ import json
 import sys
 from typing import Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from training.cli.recordings import add_bus_options, load_all
 
 _EXAMPLES = """examples:
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from monitor.base import config
     from monitor.base.errors import UsageError
-    from monitor.base.outputs import write_text
+    from monitor.base.files.outputs import write_text
     from monitor.model.step import Model
     from training.limits.calibration import calibrate
     from training.limits.calibration_page import as_page, as_text

@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from training.cli.recordings import (
     FORMATS,
     add_bus_options,
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     (both exit code 2).
     """
     from monitor.base.errors import RecordingError, UsageError
-    from monitor.base.outputs import write_text
+    from monitor.base.files.outputs import write_text
     from monitor.base.signals import NARX_INPUTS, OUTPUT
     from training.limits.data_check.check import check
     from training.limits.data_check.findings import as_page, as_text, verdict

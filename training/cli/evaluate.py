@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from training.cli.recordings import add_recordings, load_all
 
 _EXAMPLES = """examples:

@@ -6,7 +6,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from training.cli import catalyst, greybox
 from training.cli.recordings import add_recordings, add_signal_options, inputs_of, load_all
 from training.cli.seeds import add_seed_option, check_seed

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from training.cli.cores import add_cores_options, jobs_of
 from training.cli.recordings import add_bus_options, pairs_of
 

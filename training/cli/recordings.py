@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

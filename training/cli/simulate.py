@@ -4,9 +4,9 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import UsageError
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 
 if TYPE_CHECKING:
     from monitor.base.downstream_faults import DownstreamFault

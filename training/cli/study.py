@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from monitor.base import option_paths as paths
+from monitor.base.command_line import option_paths as paths
 from training.cli.recordings import (
     add_bus_options,
     add_period_option,

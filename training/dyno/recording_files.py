@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base import manifest
+from monitor.base.files import manifest
 from training.dyno import downstream, ecu, logger
 from training.dyno.simulation import Experiment, simulate
 from training.recordings.can_log import write_log

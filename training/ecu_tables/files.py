@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from monitor.base.types import FloatArray
 from training.recordings.ecu_table import EcuTable, document
 

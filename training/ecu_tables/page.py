@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from monitor.base.counts import counted
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from training.ecu_tables.drive_plan import plan
 from training.ecu_tables.fit import Fitted
 from training.pages.figure import drawing

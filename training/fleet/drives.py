@@ -10,8 +10,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
-from monitor.base import manifest
 from monitor.base.errors import RecordingError, UsageError
+from monitor.base.files import manifest
 from training.fleet import places
 
 SIDE_BY_SIDE: Final = 32  # most vehicles of a chunk

@@ -7,7 +7,7 @@ from typing import Any, Final
 import polars as pl
 
 from monitor.base.counts import counted
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from training.fleet import distribution_figures, outliers, summary
 from training.fleet.bench import Bench, tools_of
 from training.fleet.outliers import Standing

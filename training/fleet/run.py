@@ -15,7 +15,7 @@ from typing import Any, Final
 import polars as pl
 
 from monitor.base.errors import UsageError
-from monitor.base.outputs import replaced, write_bytes
+from monitor.base.files.outputs import replaced, write_bytes
 from training.fleet import drives as fleet_drives
 from training.fleet.bench import Bench
 from training.fleet.chunk_rows import Done, failed, joined

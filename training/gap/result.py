@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from monitor.model.card import ModelCard, TrainingRecording
 from training.gap.add.addition import Addition
 from training.gap.config import CONFIG

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from training.greybox.model import GreyboxResult
 from training.narx import free_run_figures
 from training.narx.fit_confidence import fit_confidence

@@ -10,7 +10,7 @@ from typing import Any, Final
 import monitor
 import training
 from monitor.base.errors import UsageError
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 
 RUN: Final = "run.json"
 PACKAGES: Final = (monitor, training)

@@ -17,7 +17,7 @@ from typing import Any, Final, get_origin
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.outputs import replaced
+from monitor.base.files.outputs import replaced
 
 # Types with functions inside, and the function that returns such a thing by its name; a file holds
 # the name, and the fields in which the thing differs from that one.

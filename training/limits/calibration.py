@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base import manifest
 from monitor.base.config import Config
 from monitor.base.counts import counted
 from monitor.base.errors import ConfigError, RecordingError, UsageError
+from monitor.base.files import manifest
 from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model

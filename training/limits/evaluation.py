@@ -10,8 +10,8 @@ import numpy as np
 
 from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.manifest import source_of
-from monitor.base.outputs import write_text
+from monitor.base.files.manifest import source_of
+from monitor.base.files.outputs import write_text
 from monitor.base.types import FloatArray
 from monitor.judge import enable
 from monitor.model.step import Model, from_model_units, to_model_units

@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.judge.air_pressure import AirPressure, learned
-from monitor.judge.fuel_cut import LEVEL, QUANTITIES, Cut
-from monitor.judge.fuel_cut_response import FuelCutReference, Healthy
+from monitor.judge.fuel_cut.air_pressure import AirPressure, learned
+from monitor.judge.fuel_cut.cuts import LEVEL, QUANTITIES, Cut
+from monitor.judge.fuel_cut.response import FuelCutReference, Healthy
 
 LEAST_DRIVES: Final = 2  # that show a quantity
 LEAST_CUTS: Final = 6  # that they show in all

@@ -7,13 +7,14 @@ import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, SampleBlock
-from monitor.judge import air_pressure, enable
-from monitor.judge.causes import Asked, Cause, causes
-from monitor.judge.electrical import ElectricalTests
+from monitor.judge import enable
+from monitor.judge.causes.causes import Asked, Cause, causes
+from monitor.judge.causes.observation import Observation
+from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import Enable
 from monitor.judge.findings import WindowJudged
+from monitor.judge.fuel_cut import air_pressure
 from monitor.judge.limits import Limits
-from monitor.judge.observation import Observation
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.side_by_side import Judged, judge_all

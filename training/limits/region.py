@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from monitor.judge.region import Region, counted, points_of
+from monitor.judge.response.region import Region, counted, points_of
 from monitor.pipeline.events import WindowJudged
 
 POINTS: Final = 96  # that are kept

@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.plausibility import STRETCHES_OF_A_CODE, ActivityTest
+from monitor.judge.electrical.plausibility import STRETCHES_OF_A_CODE, ActivityTest
 from monitor.model.card import Limit, ModelCard
 from training.limits.judging import moving_samples
 from training.recordings.recording import Recording

@@ -16,7 +16,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from monitor.base.errors import ModelError
-from monitor.base.outputs import replaced, write_bytes
+from monitor.base.files.outputs import replaced, write_bytes
 from monitor.base.types import FloatArray
 from monitor.model import model_file
 from monitor.model.card import USUAL_PREDICTION, ModelCard, StateLayout, prediction_name

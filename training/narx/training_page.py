@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from training.narx import free_run_figures
 from training.narx.fit import FitResult
 from training.narx.fit_confidence import fit_confidence

@@ -14,7 +14,7 @@ import numpy as np
 from cantools.database.can import Message
 
 from monitor.base.errors import RecordingError, SignalMapError
-from monitor.base.outputs import replaced
+from monitor.base.files.outputs import replaced
 from monitor.base.types import FloatArray, IntArray
 from monitor.decode.bus_map import BusMap, Channel
 from monitor.decode.signal_map import Integrity

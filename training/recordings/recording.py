@@ -15,7 +15,7 @@ import numpy as np
 
 import dbc
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.manifest import source_of
+from monitor.base.files.manifest import source_of
 from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder

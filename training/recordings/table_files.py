@@ -10,7 +10,7 @@ from typing import IO, cast
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.outputs import replaced
+from monitor.base.files.outputs import replaced
 from monitor.base.types import FloatArray
 from monitor.grid.tables import TIME
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from monitor import __version__
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from training.limits.data_check.check import check
 from training.limits.data_check.findings import verdict
 from training.recordings.preparation import ENABLE_COLUMNS

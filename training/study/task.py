@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.manifest import source_of
+from monitor.base.files.manifest import source_of
 from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
 from training.recordings.outliers import outlier_mask

@@ -12,8 +12,8 @@ import numpy as np
 from monitor.base import downstream_faults, faults
 from monitor.base.config import Config, DebounceConfig
 from monitor.base.types import FloatArray
-from monitor.judge.catalyst import BehindResult, CatalystMonitor
-from monitor.judge.decisions import CIRCUIT_TESTS
+from monitor.judge.catalyst.watch import BehindResult, CatalystMonitor
+from monitor.judge.decision.decisions import CIRCUIT_TESTS
 from monitor.memory.codes import CODES
 from monitor.memory.debounce import PASSED, Debounce
 from training.dyno import downstream, ecu, effects

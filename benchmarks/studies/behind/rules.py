@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.studies.behind.cases import CYCLES, PERIOD_S, Case, drive
 from monitor.base import config
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.catalyst_bank import OXYGEN_IN_AIR, CatalystBank, Members
+from monitor.judge.catalyst.bank import OXYGEN_IN_AIR, CatalystBank, Members
 
 TITLES: Final = {
     "switches": "switching frequency, rear over front",

@@ -15,7 +15,7 @@ from typing import Any, Final
 from benchmarks.studies.workflow import answers, drive
 from benchmarks.studies.workflow.plan import Case, Study, cases, healthy_parts
 from monitor.base.errors import UsageError
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from training.limits.rates import Figures, rate
 from training.recordings.recording import Recording, write_table
 

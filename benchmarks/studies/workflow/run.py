@@ -10,7 +10,7 @@ from typing import Any, Final
 from benchmarks.studies.workflow import case
 from benchmarks.studies.workflow.case import Row, Vehicle
 from benchmarks.studies.workflow.plan import Case, Study, cases
-from monitor.base.outputs import write_bytes
+from monitor.base.files.outputs import write_bytes
 from training.greybox.fit.case import NAMED
 from training.jobs import parallel, run_folder, values
 

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.errors import ConfigError
-from monitor.base.inputs import read_toml
+from monitor.base.files.inputs import read_toml
 from monitor.base.signals import BY_NAME
 
 STOICH_AFR: Final = 14.7

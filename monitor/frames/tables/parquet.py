@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.inputs import open_regular
+from monitor.base.files.inputs import open_regular
 from monitor.base.types import FloatArray
 
 

@@ -15,7 +15,7 @@ import pytest
 
 import monitor
 from monitor import Code, Monitor, O2Error, OxygenSensorMonitor, load_model, replay
-from monitor.base.json_text import rounded
+from monitor.base.files.json_text import rounded
 from monitor.cli import main
 from monitor.grid.tables import read_table
 from tests.conftest import ROOT

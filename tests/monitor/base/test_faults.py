@@ -11,7 +11,7 @@ from monitor.base import config, downstream_faults
 from monitor.base.errors import UsageError
 from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import NAMES, TRANSIENT_GAIN, Fault, combine, lag_step, resolve
-from monitor.judge.bank import DIRECTIONS, build
+from monitor.judge.response.bank import DIRECTIONS, build
 from monitor.memory.codes import CODES
 from tests.helpers.bank import readings
 from tests.helpers.examples import inputs

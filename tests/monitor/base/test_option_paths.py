@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from monitor.base import option_paths as paths
+from monitor.base import config
+from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import UsageError
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.command_line import (
@@ -108,7 +109,7 @@ def test_no_command_writes_one_file_twice_or_over_a_manifest_beside_a_recording(
 def test_no_result_is_written_over_the_program_s_own_model_and_settings(
     program: str, words: tuple[str, ...]
 ) -> None:
-    own = [shipped_model(), Path(paths.__file__).with_name("default.toml")]
+    own = [shipped_model(), Path(config.__file__).with_name("default.toml")]
     for goal in options(leaf_of(program, words), paths.written):
         for path in own:
             with pytest.raises(UsageError, match="belongs to the program"):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from monitor import cli as o2mon
-from monitor.base.outputs import numbered, replaced, unused
+from monitor.base.files.outputs import numbered, replaced, unused
 from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from tests.helpers.injected_frames import HEALTHY
@@ -114,7 +114,7 @@ def test_a_command_that_is_killed_while_it_writes_leaves_the_old_file(tmp_path: 
     place = tmp_path / "result.json"
     place.write_text("old")
     code = (
-        "import os, signal, sys\nfrom monitor.base.outputs import replaced\n"
+        "import os, signal, sys\nfrom monitor.base.files.outputs import replaced\n"
         "with replaced(sys.argv[1]) as begun:\n"
         "    begun.write_text('ne')\n    os.kill(os.getpid(), signal.SIGKILL)\n"
     )
@@ -134,8 +134,8 @@ def test_a_full_disk_is_told_in_one_line(
 WRITERS = {"write_text", "write_bytes", "savefig", "to_csv", "write_csv", "write_parquet"}
 # these write into a temporary folder, into memory, or beside the place, and rename themselves
 ALLOWED = {
-    "monitor/base/outputs.py",
-    "monitor/base/verbosity.py",  # to the null device
+    "monitor/base/files/outputs.py",
+    "monitor/base/command_line/verbosity.py",  # to the null device
     "monitor/memory/spare.py",
     "monitor/sinks/json_lines.py",  # appends
     "training/jobs/values.py",

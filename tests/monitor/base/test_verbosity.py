@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from monitor.base import verbosity
+from monitor.base.command_line import verbosity
 from monitor.cli import _parser as o2mon_parser
 from monitor.cli import main
 from tests.conftest import ROOT

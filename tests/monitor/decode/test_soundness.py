@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from monitor.base.errors import ConfigError, SignalMapError
-from monitor.base.inputs import SMALL_BYTES, read_toml
+from monitor.base.files.inputs import SMALL_BYTES, read_toml
 from monitor.decode.bus_map import load_database, load_pairs
 from monitor.decode.decoder import Decoder
 

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base import config
-from monitor.judge.bank import build
 from monitor.judge.bias import BiasRule, paper_failed
-from monitor.judge.decisions import Decisions
+from monitor.judge.decision.decisions import Decisions
 from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import NO_LIMITS
+from monitor.judge.response.bank import build
 from monitor.judge.window import Window
 from monitor.memory.dtc_store import DtcStore
 

@@ -9,9 +9,9 @@ import pytest
 from benchmarks.studies.second import brick as second_catalyst
 from monitor.base import config
 from monitor.base.types import FloatArray
-from monitor.judge.catalyst import NEEDED, WIDE, BehindResult, CatalystMonitor
-from monitor.judge.catalyst_bank import CatalystBank, Members
-from monitor.judge.catalyst_rule import CatalystRule
+from monitor.judge.catalyst.bank import CatalystBank, Members
+from monitor.judge.catalyst.rule import CatalystRule
+from monitor.judge.catalyst.watch import NEEDED, WIDE, BehindResult, CatalystMonitor
 
 PERIOD_S = 0.1
 BIASES = [

@@ -5,7 +5,7 @@ import pytest
 
 from monitor.base import config
 from monitor.base.types import FloatArray
-from monitor.judge.catalyst_estimate import CapacityCurve
+from monitor.judge.catalyst.estimate import CapacityCurve
 
 LOG_G = np.log(np.array(config.shipped().catalyst.capacities_g))
 PARTS = 8

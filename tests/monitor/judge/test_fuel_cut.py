@@ -8,8 +8,8 @@ import pytest
 from monitor.base.config import shipped
 from monitor.base.faults import lag_step
 from monitor.base.types import FloatArray
-from monitor.judge.fuel_cut import LEVEL, Cut, FuelCuts, Seen, Stretch, cuts_of
-from monitor.judge.fuel_cut_response import FuelCutReference, FuelCutResponse, Healthy
+from monitor.judge.fuel_cut.cuts import LEVEL, Cut, FuelCuts, Seen, Stretch, cuts_of
+from monitor.judge.fuel_cut.response import FuelCutReference, FuelCutResponse, Healthy
 from training.limits.fuel_cuts import reference_of
 
 CONFIG, PERIOD_S = shipped(), 0.1

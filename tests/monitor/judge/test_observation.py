@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.types import Quality
+from monitor.judge.causes.observation import Observation, Observed
 from monitor.judge.enable import Enable
-from monitor.judge.observation import Observation, Observed
 from tests.helpers.examples import inputs
 
 CONFIG = config.load()

@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.types import Quality, Sample
-from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, Results, TickResult
+from monitor.judge.electrical.plausibility import (
+    ActivityTest,
+    Maturing,
+    Plausibility,
+    Results,
+    TickResult,
+)
 from monitor.memory.codes import CODES
 from monitor.memory.debounce import Debounce
 from monitor.model.card import Channel

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from monitor.base import config
-from monitor.judge.rear_activity import RearActivity
+from monitor.judge.catalyst.rear_activity import RearActivity
 from tests.helpers.switching_drive import switching_drive
 
 SETTINGS = config.shipped().catalyst

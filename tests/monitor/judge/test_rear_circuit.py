@@ -5,7 +5,7 @@ import pytest
 
 from monitor.base import config
 from monitor.base.types import FloatArray
-from monitor.judge.rear_circuit import CIRCUIT, HEATER, RearCircuit
+from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER, RearCircuit
 
 PERIOD_S = 0.1
 SETTINGS = config.shipped().catalyst

@@ -10,11 +10,11 @@ import pytest
 from monitor.base import config
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
-from monitor.judge.bank import build
-from monitor.judge.decisions import Decisions
+from monitor.judge.decision.decisions import Decisions
 from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import NO_LIMITS, Limits
-from monitor.judge.region import Region, points_of
+from monitor.judge.response.bank import build
+from monitor.judge.response.region import Region, points_of
 from monitor.judge.window import Window
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model

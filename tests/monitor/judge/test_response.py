@@ -19,10 +19,10 @@ from scipy.signal import lfilter
 
 from monitor.base import config
 from monitor.base.types import FloatArray
-from monitor.judge.bank import DIRECTIONS, build
-from monitor.judge.claims import Noise
-from monitor.judge.movement_gain import MovementGain
-from monitor.judge.response import Response, ResponseRule
+from monitor.judge.response.bank import DIRECTIONS, build
+from monitor.judge.response.claims import Noise
+from monitor.judge.response.movement_gain import MovementGain
+from monitor.judge.response.rule import Response, ResponseRule
 from monitor.memory.codes import CODES
 from tests.helpers.bank import readings
 from tests.helpers.examples import inputs

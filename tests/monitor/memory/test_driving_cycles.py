@@ -7,8 +7,8 @@ import pytest
 
 from monitor.base.types import Frame
 from monitor.frames.logs import read_frames
+from monitor.judge.electrical.plausibility import Plausibility
 from monitor.judge.findings import Counted
-from monitor.judge.plausibility import Plausibility
 from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from monitor.base import config, downstream_faults, faults
-from monitor.judge.catalyst import CatalystMonitor
+from monitor.judge.catalyst.watch import CatalystMonitor
 from monitor.pipeline.replay import replay, set_up
 from training.dyno import ecu, effects, vehicle
 from training.dyno.recording_files import write

@@ -13,8 +13,8 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import Quality, SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge import enable
-from monitor.judge.bank import Bank, Spans, build, phases
 from monitor.judge.limits import Limits
+from monitor.judge.response.bank import Bank, Spans, build, phases
 from monitor.memory.reference import Reference
 from monitor.model.card import Channel, ModelCard
 from monitor.model.step import Model

@@ -7,7 +7,7 @@ import pytest
 
 from monitor.base import faults
 from monitor.base.types import SampleBlock
-from monitor.judge.fuel_cut_response import FuelCutResponse
+from monitor.judge.fuel_cut.response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model

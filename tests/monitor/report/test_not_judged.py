@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from monitor import cli
-from monitor.judge.region import Region
+from monitor.judge.response.region import Region
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.drive_tables import PERIOD_S, Columns, table

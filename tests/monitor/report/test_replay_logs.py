@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from monitor import cli
-from monitor.base import manifest
+from monitor.base.files import manifest
 from tests.conftest import ROOT
 
 LOGS = manifest.load(ROOT / "replay_logs")

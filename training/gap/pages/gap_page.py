@@ -5,7 +5,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from training.gap.name.verdict import Candidate
 from training.gap.pages import cells, error_figures, response_figures
 from training.gap.pages.confidence_words import confidence

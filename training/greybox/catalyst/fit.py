@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from monitor.base.config import CatalystConfig, shipped
 from monitor.base.errors import RecordingError
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 from monitor.base.types import BoolArray, FloatArray
 from training.greybox.catalyst.chain import RANGES, Catalyst, volts
 

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from monitor.base.manifest import source_of
+from monitor.base.files.manifest import source_of
 from training.limits.data_check.inputs import copies, covered, excited
 from training.limits.data_check.samples import Finding, closed_loop, enough, usable
 from training.recordings.recording import Recording

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from tqdm import tqdm
 
-from monitor.base.outputs import replaced, write_text
+from monitor.base.files.outputs import replaced, write_text
 from monitor.base.types import FloatArray
 from training.jobs import parallel
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base import manifest
 from monitor.base.errors import UsageError
 from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
+from monitor.base.files import manifest
 from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units
 from training.jobs.json_tree import plain

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base.manifest import source_of
+from monitor.base.files.manifest import source_of
 from monitor.base.signals import BY_NAME, plausible_range
 from monitor.base.types import FloatArray, Quality
 from training.recordings.linear_data import (

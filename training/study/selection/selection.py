@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.manifest import source_of
+from monitor.base.files.manifest import source_of
 from monitor.base.types import FloatArray
 from training.limits.data_check.measures import variance_inflation
 from training.recordings.augmentation import CONTROLLER

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 import pytest
 
 from monitor import cli as o2mon
-from monitor.base.command import INTERRUPTED
+from monitor.base.command_line.command import INTERRUPTED
 from monitor.base.errors import ModelError
 from monitor.model.step import Model
 from tests.helpers.gap_files import drives, run

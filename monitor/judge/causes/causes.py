@@ -10,11 +10,11 @@ from monitor.base.config import Config
 from monitor.base.signals import BY_NAME
 from monitor.base.types import Quality
 from monitor.judge import enable
+from monitor.judge.causes.liveness import dead_at_end
+from monitor.judge.causes.observation import Observed
 from monitor.judge.enable import CONDITIONS, Range
-from monitor.judge.fuel_cut_response import TEST as FUEL_CUT_TEST
+from monitor.judge.fuel_cut.response import TEST as FUEL_CUT_TEST
 from monitor.judge.limits import Limits
-from monitor.judge.liveness import dead_at_end
-from monitor.judge.observation import Observed
 from monitor.model.card import ModelCard
 
 MOST: Final = 3  # conditions that are named

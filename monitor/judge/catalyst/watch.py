@@ -14,10 +14,10 @@ import numpy as np
 
 from monitor.base.config import CatalystConfig
 from monitor.base.types import BoolArray, FloatArray, IntArray
-from monitor.judge.behind_results import circuit_results, rule_results
-from monitor.judge.catalyst_bank import LEAK, switching_volts
-from monitor.judge.catalyst_rule import CatalystRule, Claim
-from monitor.judge.rear_circuit import CIRCUIT, HEATER, CircuitResult, RearCircuit
+from monitor.judge.catalyst.bank import LEAK, switching_volts
+from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER, CircuitResult, RearCircuit
+from monitor.judge.catalyst.results import circuit_results, rule_results
+from monitor.judge.catalyst.rule import CatalystRule, Claim
 from monitor.memory.obd_records import TestResult
 
 VOLTAGE: Final = "downstream_voltage_v"

@@ -16,9 +16,9 @@ from typing import Any, Final, NamedTuple
 
 from monitor.base.config import Config
 from monitor.base.errors import ModelError
-from monitor.judge.air_pressure import AirPressure
-from monitor.judge.fuel_cut import LEVEL, QUANTITIES, Cut, Seen
-from monitor.judge.response import EDGES, Outcome
+from monitor.judge.fuel_cut.air_pressure import AirPressure
+from monitor.judge.fuel_cut.cuts import LEVEL, QUANTITIES, Cut, Seen
+from monitor.judge.response.rule import EDGES, Outcome
 from monitor.memory.obd_records import TestResult
 
 TEST: Final = "fuel_cut_response"

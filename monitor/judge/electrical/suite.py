@@ -9,8 +9,14 @@ from typing import NamedTuple
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.judge.counters import ticks_to_mature
-from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, Still, TickResult
-from monitor.judge.readiness import Readiness
+from monitor.judge.electrical.plausibility import (
+    ActivityTest,
+    Maturing,
+    Plausibility,
+    Still,
+    TickResult,
+)
+from monitor.judge.electrical.readiness import Readiness
 from monitor.model.card import Channel
 
 

@@ -10,16 +10,16 @@ import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.types import FloatArray
-from monitor.judge.bank import Hypothesis
-from monitor.judge.claims import Noise
 from monitor.judge.findings import Evidence, Facts
-from monitor.judge.fuel_cut import LEVEL, Cut
-from monitor.judge.fuel_cut_response import FuelCutResponse
+from monitor.judge.fuel_cut.cuts import LEVEL, Cut
+from monitor.judge.fuel_cut.response import FuelCutResponse
 from monitor.judge.limits import Limits
-from monitor.judge.movement import MovementRule
-from monitor.judge.movement_gain import MovementGain
 from monitor.judge.residual import lambda_of, means_and_stds
-from monitor.judge.response import Response, ResponseRule
+from monitor.judge.response.bank import Hypothesis
+from monitor.judge.response.claims import Noise
+from monitor.judge.response.movement import MovementRule
+from monitor.judge.response.movement_gain import MovementGain
+from monitor.judge.response.rule import Response, ResponseRule
 from monitor.judge.window import Window
 from monitor.memory.codes import CODES
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from monitor.base.config import ResponseConfig
-from monitor.judge.bank import Hypothesis
+from monitor.judge.response.bank import Hypothesis
 
 UNRELATED = "unrelated"  # the prediction says nothing of the measurement: neither sound nor a fault
 

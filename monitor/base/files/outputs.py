@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from monitor.base.errors import UsageError
-from monitor.base.inputs import other_kind
+from monitor.base.files.inputs import other_kind
 
 _PACKAGES: Final = ("monitor", "training", "dbc")
 _NAME_KEPT: Final = 100  # characters of a name that its temporary file keeps: a name has 255 bytes

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from monitor.base import manifest, outputs
 from monitor.base.errors import UsageError
-from monitor.base.inputs import other_kind
+from monitor.base.files import manifest, outputs
+from monitor.base.files.inputs import other_kind
 
 
 def read(text: str) -> Path:

@@ -19,8 +19,8 @@ import numpy as np
 
 from monitor.base.config import CatalystConfig
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.catalyst_bank import LEAK, MID_V, STUCK, WEAK, CatalystBank, Members
-from monitor.judge.catalyst_estimate import Capacity, CapacityCurve, jackknife
+from monitor.judge.catalyst.bank import LEAK, MID_V, STUCK, WEAK, CatalystBank, Members
+from monitor.judge.catalyst.estimate import Capacity, CapacityCurve, jackknife
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 CATALYST: Final = "catalyst_low"

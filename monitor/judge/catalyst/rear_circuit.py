@@ -19,7 +19,7 @@ import numpy as np
 
 from monitor.base.config import CatalystConfig
 from monitor.base.types import BoolArray, FloatArray, IntArray
-from monitor.judge.catalyst_bank import MID_V, OXYGEN_IN_AIR
+from monitor.judge.catalyst.bank import MID_V, OXYGEN_IN_AIR
 
 CircuitTest = Literal["downstream_circuit", "downstream_heater"]
 CIRCUIT: Final = "downstream_circuit"

@@ -10,9 +10,9 @@ import numpy as np
 from monitor.base.config import PlausibilityConfig
 from monitor.base.runs import Thresholds, alike
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
-from monitor.judge import heater
-from monitor.judge.heater import Heater
-from monitor.judge.readiness import ENGINE, READY
+from monitor.judge.electrical import heater
+from monitor.judge.electrical.heater import Heater
+from monitor.judge.electrical.readiness import ENGINE, READY
 from monitor.model.card import Channel
 
 _GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS, _PINNED, _GAP = (

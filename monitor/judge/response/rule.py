@@ -23,10 +23,10 @@ import numpy as np
 
 from monitor.base.config import ResponseConfig
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.bank import Hypothesis
-from monitor.judge.claims import UNRELATED, Noise, claims
-from monitor.judge.movement_gain import MovementGain
 from monitor.judge.residual import means_and_stds, whitened
+from monitor.judge.response.bank import Hypothesis
+from monitor.judge.response.claims import UNRELATED, Noise, claims
+from monitor.judge.response.movement_gain import MovementGain
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 WEAK = "gain_low"

@@ -12,11 +12,11 @@ import numpy as np
 from monitor.base.config import Config, PlausibilityConfig
 from monitor.base.runs import runs
 from monitor.base.types import BoolArray, FloatArray, Quality
+from monitor.judge.causes.observation import Observed
 from monitor.judge.enable import CONDITIONS, FOLLOWED, masks
 from monitor.judge.limits import Limits
-from monitor.judge.movement import MovementRule
-from monitor.judge.observation import Observed
 from monitor.judge.residual import oriented
+from monitor.judge.response.movement import MovementRule
 from monitor.model.card import Channel, ModelCard
 
 Dead = Literal["stale", "invalid", "out_of_range", "not_ready", "frozen", "pegged", "lifeless"]

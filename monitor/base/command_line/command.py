@@ -13,7 +13,7 @@ from contextlib import suppress
 from difflib import get_close_matches
 from typing import Any, Final, TextIO
 
-from monitor.base import option_paths, verbosity
+from monitor.base.command_line import option_paths, verbosity
 from monitor.base.errors import O2Error
 
 USAGE_ERROR: Final = 2

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from monitor.base.config import CatalystConfig
-from monitor.judge.catalyst_rule import CATALYST, Claim
+from monitor.judge.catalyst.rule import CATALYST, Claim
 
 LEAN, RICH, BETWEEN = -1, 1, 0
 MID_V: Final = 0.45  # of a switching sensor

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base.outputs import write_text
+from monitor.base.files.outputs import write_text
 
 
 def write_json(path: Path, result: Mapping[str, Any]) -> None:

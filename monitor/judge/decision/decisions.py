@@ -9,22 +9,22 @@ from dataclasses import replace
 from typing import Final
 
 from monitor.base.config import Config
-from monitor.judge.bank import Hypothesis
 from monitor.judge.bias import Bias, BiasRule, paper_failed
-from monitor.judge.catalyst_rule import Claim
+from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER
+from monitor.judge.catalyst.rule import Claim
 from monitor.judge.counters import Counters
+from monitor.judge.decision.plugins import RuleClass, opinion
+from monitor.judge.decision.window_facts import WindowFacts
+from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.findings import Change, Counted, CutJudged, Evidence, Facts, WindowJudged
-from monitor.judge.fuel_cut import Cut
-from monitor.judge.fuel_cut_response import TEST as FUEL_CUT_TEST
-from monitor.judge.fuel_cut_response import FuelCutResponse
+from monitor.judge.fuel_cut.cuts import Cut
+from monitor.judge.fuel_cut.response import TEST as FUEL_CUT_TEST
+from monitor.judge.fuel_cut.response import FuelCutResponse
 from monitor.judge.limits import Limits
-from monitor.judge.movement import Moved
-from monitor.judge.plausibility import TickResult
-from monitor.judge.rear_circuit import CIRCUIT, HEATER
-from monitor.judge.response import EDGES, Response
-from monitor.judge.rules import RuleClass, opinion
+from monitor.judge.response.bank import Hypothesis
+from monitor.judge.response.movement import Moved
+from monitor.judge.response.rule import EDGES, Response
 from monitor.judge.window import Window
-from monitor.judge.window_facts import WindowFacts
 from monitor.memory.codes import OF_VEHICLE, TESTS
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import TestResult

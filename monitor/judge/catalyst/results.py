@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from monitor.base.config import CatalystConfig
-from monitor.judge.catalyst_rule import CatalystRule
-from monitor.judge.rear_circuit import HEATER, CircuitResult
+from monitor.judge.catalyst.rear_circuit import HEATER, CircuitResult
+from monitor.judge.catalyst.rule import CatalystRule
 from monitor.memory.obd_records import TestResult
 
 

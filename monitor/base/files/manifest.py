@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.errors import RecordingError
-from monitor.base.inputs import read_small
-from monitor.base.outputs import write_text
+from monitor.base.files.inputs import read_small
+from monitor.base.files.outputs import write_text
 
 NAME: Final = "manifest.json"
 SCHEMA: Final = "o2mon.manifest/1"

@@ -1,0 +1,1 @@
+"""Files in and out: bounded inputs, whole outputs, manifests, JSON."""

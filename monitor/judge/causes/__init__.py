@@ -1,0 +1,1 @@
+"""Why a recording was not judged: counts over its samples, and the conditions that failed."""

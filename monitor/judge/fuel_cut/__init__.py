@@ -1,0 +1,1 @@
+"""Fuel cuts, and the test of the fuel-cut response."""

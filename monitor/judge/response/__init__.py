@@ -1,0 +1,1 @@
+"""The response rule: bank of sensor hypotheses, their evidence, and readings that do not move."""
