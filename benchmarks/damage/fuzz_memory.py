@@ -8,21 +8,10 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 
 from benchmarks.damage.fuzz_options import fuzz_parser
-from monitor.memory.store import Memory
-from tests.helpers.memory_damage import (
-    attacks,
-    content,
-    files_of,
-    full_store,
-    killed_copy,
-    outcome,
-    put,
-    stored,
-)
+from tests.helpers.memory_damage import attacks, contents, memories, outcome
 
 SLOW_S = 5.0
 
@@ -33,21 +22,12 @@ def main(argv: Sequence[str]) -> int:
     args = parser.parse_args(argv)
     draw, counts, slowest_s = random.Random(args.seed), Counter[str](), 0.0
     with tempfile.TemporaryDirectory() as temporary:
-        path = Path(temporary) / "o2.db"
-        stored(path)
-        closed = files_of(path)
-        with closing(
-            Memory(path, hold=True)
-        ) as memory:  # a kill leaves the log that is written ahead
-            memory.save(full_store().saved)
-            killed = files_of(killed_copy(path, Path(temporary) / "killed"))
-        for name, files in (("closed", closed), ("killed", killed)):
-            folder = Path(temporary) / "folder"
-            put(files, folder)
-            _, _, *whole = content(folder / "o2.db")
+        folder = Path(temporary) / "folder"
+        for name, files in memories(Path(temporary)).items():
+            wholes = contents(files, folder)
             for changed, victims in attacks(files, draw, args.damages // 2):
                 began_s = time.monotonic()
-                found = outcome(changed, folder, (whole[0], whole[1]))
+                found = outcome(changed, folder, wholes)
                 slowest_s = max(slowest_s, time.monotonic() - began_s)
                 counts[found] += 1
                 if found.isupper() or found.split()[0].isupper():

@@ -52,10 +52,10 @@ def add(commands: Any) -> None:
 
 def _check(path: Path) -> None:
     """Raise UsageError if the fault memory does not exist; opening it would create one."""
-    from monitor.memory.spare import spare_of
+    from monitor.memory.block import Block
 
-    if spare_of(path).exists():
-        return  # the main file can be made anew
+    if Block(path).files[1].exists():
+        return
     if not path.exists():
         raise UsageError(f"{path}: no such fault memory")
     if path.is_file() and path.stat().st_size == 0:

@@ -112,7 +112,7 @@ def add_setup(parser: argparse.ArgumentParser, *, memory: bool = True) -> None:
             "--memory",
             type=paths.kept,
             metavar="FILE",
-            help="fault memory to continue, or to create",
+            help="fault memory to continue, or to create; its copy is FILE.b; clear with o2mon dtc",
         )
 
 

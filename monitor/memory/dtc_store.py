@@ -326,7 +326,7 @@ class DtcStore:
             freeze_frames=tuple(self._frames.values()),
             latest_frames=tuple(self._latest[code] for code in self._frames),
             permanent=dict(self._permanent),
-            results=self.results,
+            results=tuple(sorted(self.results, key=lambda r: (r.test, r.quantity))),
             ratios=self.ratios,
             counts=self._counts,
             completed=frozenset(self._completed),

@@ -1,111 +1,98 @@
 """One user at a time works on a fault memory: a lock on a file beside it.
 
-SQLite's locks do not serve: they end when any descriptor of the database is closed, and the
-database is replaced when it is repaired. The locked file is never renamed or removed. It holds a
-note: how often the memory was stored. So an old main file is known as old if the spare copy is
-damaged.
+The locked file is never renamed or removed. The memory's own files are locked as well: a hard link
+gives them other names, with another lock beside. Each storing replaces them, so an older hard link
+is a copy.
 
-Linux and macOS lock with flock, Windows locks one byte behind the note. Elsewhere there is no fault
-memory; everything else works.
+Linux and macOS lock with flock, Windows the first byte of the file beside only. Elsewhere there is
+no fault memory; everything else works.
 """
 
-import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import Final
 
 from monitor.base.errors import RecordingError
-from monitor.memory.content import checksum_of
-
-NOTE_BYTES: Final = 200  # most that a note has
-LOCKED_BYTE: Final = 1 << 20  # on Windows a locked byte cannot be read, so it is none of the note
 
 
 class Lock:
-    """The lock of a fault memory, not taken yet."""
+    """The lock of a fault memory, not taken yet.
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._descriptor: int | None = None
+    path : as the user names the memory
+    files : of the memory, which need not exist
+    """
 
-    def take(self) -> None:
-        """Take the lock; raises RecordingError if another process has it."""
-        beside = _beside(self._path)
-        try:
-            descriptor = os.open(beside, os.O_CREAT | os.O_RDWR, 0o644)
-        except OSError as error:
-            raise RecordingError(
-                f"{self._path}: cannot open the fault memory: {beside.name}: {error.strerror}"
-            ) from None
-        try:
-            _lock(descriptor)
-        except ModuleNotFoundError:
-            os.close(descriptor)
-            raise RecordingError(
-                f"{self._path}: this system has no file locks, so no fault memory can be used"
-            ) from None
-        except OSError:
-            os.close(descriptor)
-            raise RecordingError(
-                f"{self._path}: the fault memory is in use by a running monitor"
-            ) from None
-        self._descriptor = descriptor
+    def __init__(self, path: Path, files: Sequence[Path]) -> None:
+        self._path, self._files = path, files
+        self._descriptors: list[int] = []  # of the file beside, then of the memory's files
 
     @property
     def is_taken(self) -> bool:
         """Return whether this process holds the lock by this object."""
-        return self._descriptor is not None
+        return bool(self._descriptors)
 
-    def note(self, memory: str, generation: int) -> None:
-        """Note that a memory was stored, if the lock is taken; a disk that is full is no error."""
-        if self._descriptor is None:
-            return
-        text = json.dumps([memory, generation])
-        line = f"{checksum_of(text)} {text}".ljust(NOTE_BYTES - 1) + "\n"
-        with suppress(OSError):
-            os.lseek(self._descriptor, 0, os.SEEK_SET)
-            os.write(self._descriptor, line.encode())
+    def take(self) -> None:
+        """Take the lock; raises RecordingError if another process has it."""
+        main = self._files[0]
+        try:
+            self._lock(main.with_name(f"{main.name}-lock"))
+            self.follow()
+        except BaseException:
+            self.let_go()
+            raise
+
+    def follow(self) -> None:
+        """Lock the memory's files that are there now; raises RecordingError."""
+        self._close(1)
+        if os.name != "nt":  # Windows replaces no open file
+            for file in self._files:
+                if file.exists():
+                    self._lock(file)
 
     @contextmanager
     def taken(self) -> Iterator[None]:
         """Hold the lock for a while, or longer if it is taken already; raises RecordingError."""
-        if self.is_taken:
-            yield
-            return
-        self.take()
+        is_own = not self.is_taken
+        if is_own:
+            self.take()
         try:
             yield
         finally:
-            self.let_go()
+            if is_own:
+                self.let_go()
 
     def let_go(self) -> None:
         """Let go of the lock, if it is taken."""
-        if self._descriptor is not None:
-            os.close(self._descriptor)
-            self._descriptor = None
+        self._close(0)
 
+    def _lock(self, file: Path) -> None:
+        try:
+            self._descriptors.append(os.open(file, os.O_CREAT | os.O_RDWR, 0o644))
+        except OSError as error:
+            raise RecordingError(
+                f"{self._path}: cannot open the fault memory: {file.name}: {error.strerror}"
+            ) from None
+        try:
+            _lock(self._descriptors[-1])
+        except ModuleNotFoundError:
+            raise RecordingError(
+                f"{self._path}: this system has no file locks, so no fault memory can be used"
+            ) from None
+        except OSError:
+            raise RecordingError(
+                f"{self._path}: the fault memory is in use by a running monitor"
+            ) from None
 
-def noted(path: Path, memory: str) -> int | None:
-    """Return how often a memory was stored at least, None if no note of it is there.
-
-    Raises ValueError if the note is damaged.
-    """
-    try:
-        line = _beside(path).read_bytes()[:NOTE_BYTES]
-    except OSError:
-        return None
-    found, text = line.decode().rstrip().split(" ", 1)
-    if found != checksum_of(text):
-        raise ValueError("the note has changed")
-    name, generation = json.loads(text)
-    return int(generation) if name == memory else None
+    def _close(self, begin: int) -> None:
+        for descriptor in self._descriptors[begin:]:
+            os.close(descriptor)
+        del self._descriptors[begin:]
 
 
 def _lock(descriptor: int) -> None:
-    """Lock the file for this process.
+    """Lock a file for this process.
 
     Raises OSError if another process has it, ModuleNotFoundError if the system has no locks.
     """
@@ -113,11 +100,6 @@ def _lock(descriptor: int) -> None:
         fcntl = import_module("fcntl")
     except ModuleNotFoundError:
         msvcrt = import_module("msvcrt")
-        os.lseek(descriptor, LOCKED_BYTE, os.SEEK_SET)
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
     else:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def _beside(path: Path) -> Path:
-    return path.with_name(f"{path.name}-lock")

@@ -1,79 +1,106 @@
 """The fault memory on disk: trouble codes, counts and the vehicle's healthy reference.
 
-A memory is a main file (SQLite) and a spare copy (text), each with checksums. When ``save``
-returns, the data survives a kill, and damage of one of both; see ``agreement`` and ``repair``.
+When ``save`` returns, the data survive a kill, and damage of one of the two files, see ``block``.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 from monitor.base.config import BiasConfig, ProfileConfig
 from monitor.base.errors import RecordingError
-from monitor.memory import repair, spare
-from monitor.memory.agreement import Condition, agreed
+from monitor.memory import predecessor
+from monitor.memory.block import Block, Found
 from monitor.memory.codes import CODES, LOST, is_known
-from monitor.memory.content import SCHEMA_VERSION, Content, reference_row, rows_of, saved_of
+from monitor.memory.content import Content
 from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.lock import Lock
 from monitor.memory.reference import Reference, Seen
-from monitor.memory.tables import ERRORS, DamagedError, Tables
 
-__all__ = ["SCHEMA_VERSION", "Condition", "Memory"]
+
+class Condition(NamedTuple):
+    """The finding of opening a fault memory."""
+
+    state: Literal["ok", "repaired", "lost"] = "ok"
+    says: str = ""  # one line, if the state is not ok
+    set_aside: Path | None = None  # of a lost memory: the copy of its file
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """Return the field ``memory`` of a result."""
+        return {"state": self.state, "set_aside": self.set_aside and str(self.set_aside)}
 
 
 class Memory:
-    """Stores the fault memory in files that are made if they do not exist.
+    """Stores the fault memory in two files, which are made if they do not exist.
 
-    hold : lock the memory against other processes that hold it, until ``close``
+    hold : lock the memory against other processes that hold it, until ``close``; else each storing
+        locks it
     Raises RecordingError if the file is no fault memory, has a newer schema, or is held by another
     process. Damage is no error: ``condition`` says what opening found.
     """
 
     def __init__(self, path: Path, *, hold: bool = False) -> None:
-        self._path, self._spare = path, spare.spare_of(path)
-        self._lock = Lock(path)
-        self._tables: Tables | None = None
-        self._data_version = -1  # SQLite's; it stays equal until another process writes the file
+        self._path, self._block = path, Block(path)
+        self._lock = Lock(path, self._block.files)
+        self._is_held, self._is_closed = hold, False
+        self._is_sure = False  # the content in RAM is that of both files
         if hold:
             self._lock.take()
         try:
-            self._content = self._opened()
+            self._content, self.condition = self._opened()
         except BaseException:
             self.close()
             raise
+        self._is_sure = hold
 
-    def _opened(self) -> Content:
-        """Open main file and spare copy, repair them, and return their content."""
+    def _opened(self) -> tuple[Content, Condition]:
+        """Return the content, and how the files were found; make both hold it, if nobody works."""
+        found = self._block.read()
+        if not found.is_whole:
+            try:
+                with self._lock.taken():
+                    found = self._repaired(self._block.read())  # another process may have done it
+            except RecordingError:
+                if self._lock.is_taken or found.content is None:
+                    raise
+        return found.content or Content(), self._condition(found)
+
+    def _repaired(self, found: Found) -> Found:
+        """Write what is left to both files; put them aside and begin anew if nothing is."""
+        if found.is_whole:
+            return found
         try:
-            self._tables, content, self.condition = agreed(self._path)
-        except DamagedError as damage:
-            self._tables, content, self.condition = repair.repaired(self._path, self._lock, damage)
-        self._mark()
-        self._lock.note(content.memory, content.generation)
-        if content.set_aside:  # also if a kill came before the loss was a stored code
-            aside = self._path.with_name(content.set_aside)
-            self.condition = Condition.lost(self._path, aside)
-        return content
+            content = found.content or Content(set_aside=self._block.put_aside())
+            self._block.write(content)
+            predecessor.remove_rest(self._block.files[0])
+        except OSError as error:
+            raise self._failed(error) from None
+        return found._replace(content=content)
 
-    def _mark(self) -> None:
-        """Note that the content in RAM is the one in the file."""
-        self._data_version = self._tables.data_version if self._tables else -1
+    def _failed(self, error: OSError) -> RecordingError:
+        said = error.strerror or error
+        return RecordingError(f"{self._path}: cannot store the fault memory: {said}")
+
+    def _condition(self, found: Found) -> Condition:
+        if found.content and found.content.set_aside:  # until the loss is a stored code
+            aside = self._block.files[0].with_name(found.content.set_aside)
+            says = f"{self._path}: the fault memory was damaged, both files of it: codes, counts "
+            says += "and the vehicle's reference are lost and begin anew; "
+            return Condition("lost", f"{says}{aside} holds what is left", aside)
+        if not found.says:
+            return Condition()
+        says = f"{self._path}: the fault memory was damaged: {found.says}; nothing is lost"
+        return Condition("repaired", says)
 
     def load(self) -> Saved:
-        """Return the stored content.
-
-        Raises RecordingError if the file cannot be read or holds unknown codes or values.
-        """
-        rows = self._settled().rows
-        for code in (row[0] for row in rows["dtc"]):
+        """Return the stored content; raises RecordingError if it holds unknown codes."""
+        for code in (dtc.code for dtc in self._content.saved.dtcs):
             if not is_known(code):
                 raise RecordingError(f"{self._path}: unknown trouble code {code!r}")
-        try:
-            return saved_of(rows)
-        except (ValueError, TypeError) as error:
-            raise RecordingError(f"{self._path}: damaged fault memory: {error}") from None
+        return self._content.saved
 
     def begin(self, profile: ProfileConfig) -> DtcStore:
         """Return the fault memory in RAM, with a driving cycle begun.
@@ -85,129 +112,64 @@ class Memory:
         store.start_driving_cycle()
         return store
 
-    def _settled(self) -> Content:
-        """Return the content of the file, repaired if it was damaged meanwhile."""
-        try:
-            return self._current()
-        except DamagedError as damage:
-            self._repair(damage)
-        return self._content
-
-    def _current(self) -> Content:
-        """Return the content of the file; it is in RAM unless another process has written."""
-        if self._tables is None or self._tables.data_version == self._data_version:
-            return self._content
-        content = self._tables.read().content
-        if content is None:
-            raise DamagedError("what another process stored is damaged")
-        return content
-
     def reference(self, model_sha256: str) -> Reference:
-        """Return the vehicle's reference for a model; an empty one if there is none.
-
-        Raises RecordingError if the file cannot be read.
-        """
-        return self._settled().reference(model_sha256)
+        """Return the vehicle's reference for a model; an empty one if there is none."""
+        return self._content.references.get(model_sha256, Reference())
 
     def learn(self, model_sha256: str, seen: Seen | None, config: BiasConfig) -> None:
         """Add a healthy drive to the vehicle's reference for a model; None adds nothing.
 
-        Raises RecordingError if the file cannot be read or written.
+        Raises RecordingError if the files cannot be written.
         """
         if seen is None:
             return
 
         def learned(content: Content) -> Content:
-            new = content.reference(model_sha256).learn(seen, config)
-            others = [row for row in content.rows["reference"] if row[0] != model_sha256]
-            return content.after({"reference": [*others, reference_row(model_sha256, new)]})
+            known = content.references.get(model_sha256, Reference())
+            new = {model_sha256: known.learn(seen, config)}
+            return replace(content, references={**content.references, **new})
 
         self._store(learned)
 
     def save(self, saved: Saved) -> None:
-        """Store the tables that changed, in one transaction.
+        """Store codes, frames and counts; nothing is written if they are stored already.
 
         Changes that another process made meanwhile are replaced. Raises RecordingError if the
-        files cannot be written; they then hold the content before, or the spare copy the new one.
+        files cannot be written; they then hold the content before, or one of them the new one.
         """
-        rows = rows_of(saved)
-        is_told = any(code in CODES[LOST] and fault for code, fault, *_ in rows["dtc"])
-
-        def changed(content: Content) -> Content:
-            differ = {table: new for table, new in rows.items() if new != content.rows[table]}
-            told = is_told and content.set_aside
-            if not differ and not told:
-                return content
-            after = content.after(differ)
-            return replace(after, set_aside="") if told else after
-
-        self._store(changed)
+        is_told = any(dtc.code in CODES[LOST] and dtc.fault for dtc in saved.dtcs)
+        self._store(
+            lambda before: replace(
+                before, saved=saved, set_aside="" if is_told else before.set_aside
+            )
+        )
 
     def forget_loss(self) -> None:
         """Store that the user knows of the lost memory before this one."""
-
-        def told(content: Content) -> Content:
-            return replace(content.after({}), set_aside="") if content.set_aside else content
-
-        self._store(told)
+        self._store(lambda before: replace(before, set_aside=""))
 
     def _store(self, change: Callable[[Content], Content]) -> None:
-        """Store a change; repair the main file first if it was damaged meanwhile."""
-        try:
-            self._write(change)
-        except DamagedError as damage:
-            self._repair(damage)
-            self._write(change)
-
-    def _repair(self, damage: DamagedError) -> None:
-        """Open the files anew; raises RecordingError if that is another process's business."""
-        if not self._lock.is_taken:
-            raise RecordingError(f"{self._path}: the fault memory was damaged: {damage}") from None
-        self._close_tables()
-        self._content = self._opened()
-
-    def _write(self, change: Callable[[Content], Content]) -> None:
-        if self._is_as_left and change(self._content) == self._content:
-            return
-        with self._writing() as tables:
-            before = self._current()
-            new = change(before)
-            if new != before:
-                tables.write(new, [t for t in new.rows if new.rows[t] != before.rows[t]])
-                spare.write(self._spare, new)
-            self._mark()
-        self._content = new
-        self._lock.note(new.memory, new.generation)
-
-    @property
-    def _is_as_left(self) -> bool:
-        return self._tables is not None and self._tables.data_version == self._data_version
-
-    @contextmanager
-    def _writing(self) -> Iterator[Tables]:
-        """Commit or roll back together; raises RecordingError, or DamagedError."""
-        what = f"{self._path}: cannot store the fault memory"
-        if self._tables is None:
-            raise RecordingError(f"{what}: it is closed, or in use by a running monitor")
-        try:
-            with self._tables.transaction():
-                yield self._tables
-        except ERRORS as error:
-            self._data_version = -1
-            raise self._tables.meaning_of_writing(error) from None
-        except OverflowError as error:
-            self._data_version = -1
-            raise RecordingError(f"{what}: {error}") from None
-        except OSError as error:
-            self._data_version = -1
-            raise RecordingError(f"{what}: {self._spare.name}: {error.strerror}") from None
+        if self._is_closed:
+            raise RecordingError(f"{self._path}: cannot store the fault memory: it is closed")
+        with self._lock.taken():
+            is_whole = self._is_sure
+            if not self._is_sure:
+                found = self._block.read()
+                self._content, is_whole = found.content or self._content, found.is_whole
+            new = change(self._content)
+            if new == self._content and is_whole:
+                return
+            new = replace(new, generation=new.generation + 1)
+            self._is_sure = False
+            try:
+                self._block.write(new)
+            except OSError as error:
+                raise self._failed(error) from None
+            self._content, self._is_sure = new, self._is_held
+            with suppress(RecordingError):
+                self._lock.follow()
 
     def close(self) -> None:
-        """Close the files and release the lock."""
-        self._close_tables()
+        """Release the lock; nothing can be stored any more."""
+        self._is_closed = True
         self._lock.let_go()
-
-    def _close_tables(self) -> None:
-        if self._tables is not None:
-            self._tables.close()
-            self._tables = None

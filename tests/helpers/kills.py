@@ -4,7 +4,6 @@ import json
 import os
 import random
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
@@ -14,6 +13,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from monitor.memory.block import Block
 from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.store import Memory
 from tests.helpers.driven_memory import drive, told
@@ -25,9 +25,8 @@ LONGEST_S = 0.02  # between the last of these, or the process's beginning, and t
 
 
 def assert_sound(path: Path) -> None:
-    """Fail if the file of the fault memory is damaged."""
-    with closing(sqlite3.connect(path)) as db:
-        assert db.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+    """Fail if a file of the fault memory is damaged."""
+    assert all(part.content for part in Block(path).parts)
 
 
 def loaded(path: Path) -> Saved:

@@ -42,13 +42,14 @@ def stored(path: Path, saves: int = 3) -> None:
         memory.learn(MODEL, Seen(0.01, 1.02), shipped().bias)
 
 
-def killed_copy(path: Path, folder: Path) -> Path:
-    """Copy the files of an open memory, as a kill would leave them; return the main file."""
-    folder.mkdir()
-    for file in path.parent.glob(f"{path.name}*"):
-        if not file.name.endswith("-shm"):
-            shutil.copy(file, folder)
-    return folder / path.name
+def memories(folder: Path) -> dict[str, dict[str, bytes]]:
+    """Return the files of a memory that was closed, and after a kill between its two writings."""
+    path = folder / "o2.db"
+    stored(path)
+    closed = files_of(path)
+    with closing(Memory(path, hold=True)) as memory:
+        memory.save(Saved(dtcs=full_store().saved.dtcs))
+    return {"closed": closed, "killed": closed | {path.name: path.read_bytes()}}
 
 
 def content(path: Path) -> tuple[str, Path | None, Saved, Reference]:
@@ -105,13 +106,15 @@ def put(files: dict[str, bytes], folder: Path) -> None:
 
 
 def files_of(path: Path) -> dict[str, bytes]:
-    """Return the files of a memory by name; SQLite's index of its log is made anew."""
-    beside = [*path.parent.glob(f"{path.name}*")]
-    return {file.name: file.read_bytes() for file in beside if not file.name.endswith("-shm")}
+    """Return the files of a memory by name."""
+    return {file.name: file.read_bytes() for file in (path, path.with_name(f"{path.name}.b"))}
 
 
-def outcome(files: dict[str, bytes], folder: Path, whole: tuple[Saved, Reference]) -> str:
-    """Return what became of a damaged memory: ok, repaired, lost, or in capitals an error."""
+def outcome(files: dict[str, bytes], folder: Path, wholes: list[tuple[Saved, Reference]]) -> str:
+    """Return what became of a damaged memory: ok, repaired, lost, or in capitals an error.
+
+    wholes : contents that the files may hold; a kill leaves one more than it should
+    """
     put(files, folder)
     path = folder / "o2.db"
     try:
@@ -124,16 +127,15 @@ def outcome(files: dict[str, bytes], folder: Path, whole: tuple[Saved, Reference
         if aside is None or not aside.exists():
             return "NOT PUT ASIDE"
         return state if content(path)[0] == "lost" else "LOSS FORGOTTEN"
-    if sorted_out(found[0]) != sorted_out(whole[0]) or found[1] != whole[1]:
+    if tuple(found) not in wholes:
         return f"SILENT ({state})"
     return state if content(path)[0] == "ok" else f"STILL DAMAGED ({state})"
 
 
-def sorted_out(saved: Saved) -> Saved:
-    """Return the content in an order of its own; the file may give another."""
-    return replace(
-        saved,
-        dtcs=tuple(sorted(saved.dtcs, key=lambda d: d.code)),
-        results=tuple(sorted(saved.results, key=lambda r: (r.test, r.quantity))),
-        ratios=tuple(sorted(saved.ratios, key=lambda r: r.test)),
-    )
+def contents(files: dict[str, bytes], folder: Path) -> list[tuple[Saved, Reference]]:
+    """Return what each file of a memory holds."""
+    wholes = []
+    for name, data in files.items():
+        put({name: data}, folder)
+        wholes.append(content(folder / "o2.db")[2:])
+    return wholes

@@ -125,6 +125,6 @@ def _check_kind(path: Path) -> None:
 
 
 def _is_of_memory(path: Path, memory: Path) -> bool:
-    """Return whether the file is one that lies beside a fault memory: its lock, log or copy."""
+    """Return whether the file is one that lies beside a fault memory: its partner or lock."""
     place, own = path.resolve(), memory.resolve()
     return place.parent == own.parent and place != own and place.name.startswith(own.name)

@@ -128,7 +128,7 @@ def test_no_command_reads_a_fifo(tmp_path: Path, program: str, words: tuple[str,
 
 def test_the_files_of_a_fault_memory_are_not_written_over(tmp_path: Path) -> None:
     memory = tmp_path / "o2.db"
-    for name in ("o2.db", "o2.db-lock", "o2.db-wal", "o2.db-journal"):
+    for name in ("o2.db", "o2.db.b", "o2.db-lock", "o2.db.b-begun"):
         (tmp_path / name).write_text("kept")
         chosen = {"memory": str(memory), "json": str(tmp_path / name)}
         with pytest.raises(UsageError, match=r"is read, too|belongs to the fault memory"):

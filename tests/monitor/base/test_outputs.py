@@ -136,7 +136,7 @@ WRITERS = {"write_text", "write_bytes", "savefig", "to_csv", "write_csv", "write
 ALLOWED = {
     "monitor/base/files/outputs.py",
     "monitor/base/command_line/verbosity.py",  # to the null device
-    "monitor/memory/spare.py",
+    "monitor/memory/block.py",
     "monitor/sinks/json_lines.py",  # appends
     "training/jobs/values.py",
     "training/jobs/model_bytes.py",

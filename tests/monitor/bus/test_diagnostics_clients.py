@@ -155,7 +155,7 @@ def bench(
         buses = [stack.enter_context(can.Bus(channel, interface="virtual")) for _ in range(3)]
         started, loops = threading.Event(), []
 
-        def run() -> None:  # SQLite wants to stay in the thread that opened it
+        def run() -> None:
             with closing(Memory(path)) as memory:
                 loop = Loop(buses[0], setup, memory=memory, say=lambda _: None)
                 loop.attachments.extend(diagnostics(args, setup, loop))

@@ -1,9 +1,7 @@
-"""Damaged files of the fault memory: repaired from the spare copy, or put aside and announced."""
+"""Damaged files of the fault memory: repaired by the other file, or put aside and announced."""
 
 import json
 import random
-import shutil
-import sqlite3
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -12,122 +10,102 @@ import pytest
 
 from monitor.base.errors import RecordingError
 from monitor.cli import main
+from monitor.memory.block import Block
 from monitor.memory.dtc import Dtc
 from monitor.memory.dtc_store import Saved
 from monitor.memory.reference import Reference
-from monitor.memory.spare import spare_of
 from monitor.memory.store import Memory
 from tests.conftest import ROOT
-from tests.helpers.memory_damage import (
-    attacks,
-    content,
-    damaged,
-    files_of,
-    full_store,
-    killed_copy,
-    outcome,
-    put,
-    stored,
-)
+from tests.helpers.memory_damage import attacks, content, contents, damaged, memories, outcome, put
 
 DAMAGES = 90  # of each kind of file set; the benchmark fuzz_memory does 10,000
+Files = dict[str, bytes]
 
 
 @pytest.fixture(scope="module")
-def memories(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, bytes]]:
-    """Files of a memory that was closed, and of one that a kill left open."""
-    folder = tmp_path_factory.mktemp("memory")
-    path = folder / "o2.db"
-    stored(path)
-    closed = files_of(path)
-    with closing(Memory(path, hold=True)) as memory:
-        memory.save(full_store().saved)
-        killed = files_of(killed_copy(path, folder / "killed"))
-    assert "o2.db-wal" in killed
-    return {"closed": closed, "killed": killed}
+def kept(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Files]:
+    """Files of a memory that was closed, and of one that a kill left."""
+    return memories(tmp_path_factory.mktemp("memory"))
+
+
+@pytest.fixture
+def path(tmp_path: Path, kept: dict[str, Files]) -> Path:
+    """A memory with codes and a reference."""
+    put(kept["closed"], tmp_path / "folder")
+    return tmp_path / "folder" / "o2.db"
+
+
+def damage(path: Path, data: bytes | None = None, of: slice = slice(2)) -> None:
+    """Cut the files of a memory off, or write something else into them."""
+    for file in Block(path).files[of]:
+        file.write_bytes(file.read_bytes()[:900] if data is None else data)
 
 
 @pytest.mark.parametrize("kind", ["closed", "killed"])
 def test_whatever_is_damaged_nothing_is_silent_and_no_start_fails(
-    tmp_path: Path, memories: dict[str, dict[str, bytes]], kind: str
+    tmp_path: Path, kept: dict[str, Files], kind: str
 ) -> None:
     # GIVEN a memory with codes and a reference
-    folder = tmp_path / "folder"
-    put(memories[kind], folder)
-    _, _, saved, reference = content(folder / "o2.db")
-    assert saved.dtcs
-    assert reference.drives == 1
-    # WHEN bits flip, sectors are lost or files are cut off, in one file or in several
+    wholes = contents(kept[kind], tmp_path / "folder")
+    assert all(saved.dtcs and reference.drives == 1 for saved, reference in wholes)
+    # WHEN bits flip, sectors are lost or files are cut off, in one file or in both
     seen = [
-        outcome(files, folder, (saved, reference))
-        for files, _ in attacks(memories[kind], random.Random(5), DAMAGES)
+        outcome(files, tmp_path / "folder", wholes)
+        for files, _ in attacks(kept[kind], random.Random(5), DAMAGES)
     ]
     # THEN each start gives back everything, or says that it is lost and puts the files aside
-    assert set(seen) == {"ok", "repaired", "lost"}
+    assert set(seen) == {"repaired", "lost"}
 
 
-def test_damage_of_one_file_is_always_repaired(
-    tmp_path: Path, memories: dict[str, dict[str, bytes]]
+def test_damage_of_one_file_is_always_repaired(tmp_path: Path, kept: dict[str, Files]) -> None:
+    draw, files = random.Random(6), kept["closed"]
+    wholes = contents(files, tmp_path / "folder")
+    for name in files:
+        for _ in range(20):
+            hit = files | {name: damaged(files[name], draw)}
+            assert outcome(hit, tmp_path / "folder", wholes) == "repaired"
+
+
+def test_a_sector_lost_in_each_file_is_repaired_from_the_other(
+    tmp_path: Path, kept: dict[str, Files]
 ) -> None:
-    folder, draw = tmp_path / "folder", random.Random(6)
-    for kind, name in (("closed", "o2.db"), ("killed", "o2.db-wal"), ("closed", "o2.db-spare")):
-        put(memories[kind], folder)
-        _, _, *whole = content(folder / "o2.db")
-        for _ in range(15):
-            files = memories[kind] | {name: damaged(memories[kind][name], draw)}
-            assert outcome(files, folder, (whole[0], whole[1])) in ("ok", "repaired")
+    (first, data), (second, _) = kept["closed"].items()
+    hit = {first: data[:1024] + bytes(512) + data[1536:], second: bytes(512) + data[512:]}
+    assert hit[first] != hit[second] != data
+    assert outcome(hit, tmp_path / "folder", contents(kept["closed"], tmp_path)) == "repaired"
 
 
-def test_a_record_damaged_in_each_file_is_repaired_from_the_other(
-    tmp_path: Path, memories: dict[str, dict[str, bytes]]
+def test_after_a_kill_between_the_two_files_the_newer_one_counts(
+    path: Path, kept: dict[str, Files]
 ) -> None:
-    # GIVEN one row damaged in the main file and another one in the spare copy
-    put(memories["closed"], tmp_path / "folder")
-    path = tmp_path / "folder" / "o2.db"
-    _, _, *whole = content(path)
-    with closing(sqlite3.connect(path)) as db:
-        db.execute("UPDATE dtc SET status = status + 1 WHERE code = 'P0133'")
-        db.commit()
-    text = spare_of(path).read_text()
-    assert '["dtc", "P2195"' in text
-    spare_of(path).write_text(text.replace('["dtc", "P2195"', '["dtc", "P2196"', 1))
-    # WHEN it is opened
-    state, _, *found = content(path)
-    # THEN everything is there again
-    assert state == "repaired"
-    assert found == whole
+    new, old = contents(kept["killed"], path.parent)
+    assert new != old
+    put(kept["killed"], path.parent)
+    assert content(path) == ("ok", None, *new)
+    assert contents({file.name: file.read_bytes() for file in Block(path).files}, path.parent) == [
+        new,
+        new,
+    ]
 
 
-def test_a_memory_of_an_older_version_gets_a_spare_copy(tmp_path: Path) -> None:
-    path = tmp_path / "o2.db"
-    stored(path)
-    spare_of(path).unlink()
-    state, _, saved, _ = content(path)
-    assert state == "ok"
-    shutil.copy(path, tmp_path / "whole.db")
-    path.write_bytes(b"")
-    state, _, again, reference = content(path)
-    assert (state, again, reference.drives) == ("repaired", saved, 1)
-
-
-def test_the_page_that_holds_no_record_does_not_matter(tmp_path: Path) -> None:
-    path = tmp_path / "o2.db"
-    stored(path)
-    data = bytearray(path.read_bytes())
-    unused = data.index(b"\0" * 200) + 100  # between the cells of a page
-    data[unused] ^= 4
-    path.write_bytes(data)
-    assert content(path)[0] == "ok"
+def test_a_file_that_is_gone_is_made_anew_and_the_line_says_how_to_begin_anew(path: Path) -> None:
+    whole = content(path)
+    path.unlink()
+    with closing(Memory(path)) as memory:
+        assert memory.condition.state == "repaired"
+        assert memory.condition.says == (
+            f"{path}: the fault memory was damaged: o2.db is missing, o2.db.b was whole "
+            "(to begin anew, remove both); nothing is lost"
+        )
+    path.with_name("o2.db.b").unlink()
+    assert content(path) == whole
 
 
 def test_a_lost_memory_is_announced_until_its_code_is_stored(
-    tmp_path: Path, memories: dict[str, dict[str, bytes]]
+    path: Path,
 ) -> None:
     # GIVEN a memory that is lost
-    path = tmp_path / "folder" / "o2.db"
-    put(memories["closed"], path.parent)
-    for file in (path, spare_of(path)):
-        file.write_bytes(file.read_bytes()[: len(file.read_bytes()) // 2])
+    damage(path)
     # WHEN processes open it and are killed before they have judged a sample
     for _ in range(3):
         state, aside, saved, reference = content(path)
@@ -142,51 +120,27 @@ def test_a_lost_memory_is_announced_until_its_code_is_stored(
     assert content(path)[0] == "ok"
     assert aside.exists()
     # and a second loss gets another name
-    for file in (path, spare_of(path)):
-        file.write_bytes(b"SQLite format 3\0 and nothing more")
+    damage(path, b"o2mon and nothing more")
     assert content(path)[1] == path.with_name("o2.db-damaged-2")
 
 
-def test_a_damaged_memory_stays_locked_while_it_is_repaired_and_read(tmp_path: Path) -> None:
-    path = tmp_path / "o2.db"
-    stored(path)
-    path.write_bytes(path.read_bytes()[:5000])
+def test_a_reader_repairs_nothing_while_another_process_works_on_the_memory(path: Path) -> None:
+    damage(path, of=slice(1))
     with closing(Memory(path, hold=True)) as memory:
         assert memory.condition.state == "repaired"
-        with pytest.raises(RecordingError, match="in use by a running monitor"):
-            Memory(path, hold=True)
-        assert content_read(path) == memory.load()
-    # and a reader repairs nothing while another process works on the file
-    data = path.read_bytes()
-    with closing(Memory(path, hold=True)) as memory:
-        path.write_bytes(data[:5000])
+        damage(path, of=slice(1))
         with closing(Memory(path)) as reader:
             assert reader.condition.state == "repaired"
-            assert reader.load().dtcs
-            with pytest.raises(RecordingError, match="in use by a running monitor"):
-                reader.save(Saved())
-        assert path.stat().st_size == 5000
-        assert memory.load().dtcs
-
-
-def content_read(path: Path) -> Saved:
-    with closing(Memory(path)) as memory:
-        return memory.load()
-
-
-def test_damage_under_a_running_monitor_ends_no_storing(tmp_path: Path) -> None:
-    # GIVEN a monitor that has the memory open while its main file is destroyed
-    path = tmp_path / "o2.db"
-    stored(path)
-    with closing(Memory(path, hold=True)) as memory:
-        saved = memory.load()
-        path.write_bytes(path.read_bytes()[:5000])
-        # WHEN it stores the next change THEN the file is repaired and holds it
+            assert reader.load() == memory.load()
+        assert path.stat().st_size == 900
+        damage(path)
+        with pytest.raises(RecordingError, match="in use by a running monitor"):
+            Memory(path)
+        # and damage under a running monitor ends no storing
         memory.save(Saved((Dtc("P0133", "slow_symmetric", t_ns=9),)))
-        assert memory.condition.state == "repaired"
     state, _, found, reference = content(path)
     assert state == "ok"
-    assert [dtc.t_ns for dtc in found.dtcs] == [9] != [dtc.t_ns for dtc in saved.dtcs]
+    assert [dtc.t_ns for dtc in found.dtcs] == [9]
     assert reference.drives == 1
 
 
@@ -199,12 +153,9 @@ def replayed(path: Path, tmp_path: Path) -> tuple[int, dict[str, Any]]:
 
 
 def test_a_replay_on_a_lost_memory_says_so_sets_p062f_and_no_exit_code_1(
-    tmp_path: Path, memories: dict[str, dict[str, bytes]], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "folder" / "o2.db"
-    put(memories["closed"], path.parent)
-    for file in (path, spare_of(path)):
-        file.write_bytes(file.read_bytes()[:900])
+    damage(path)
     # WHEN a healthy drive is judged on a memory that is lost
     code, recording = replayed(path, tmp_path)
     # THEN it is judged, the loss is in text, JSON and codes, and it is no fault of the vehicle
@@ -226,11 +177,9 @@ def test_a_replay_on_a_lost_memory_says_so_sets_p062f_and_no_exit_code_1(
 
 
 def test_dtc_says_what_happened_to_a_damaged_memory(
-    tmp_path: Path, memories: dict[str, dict[str, bytes]], capsys: pytest.CaptureFixture[str]
+    path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "folder" / "o2.db"
-    put(memories["closed"], path.parent)
-    path.write_bytes(path.read_bytes()[:900])
+    damage(path, of=slice(1))
     assert main(["dtc", "list", "--memory", str(path), "--json"]) == 0
     said = capsys.readouterr()
     assert "o2.db: the fault memory was damaged" in said.err
@@ -238,8 +187,7 @@ def test_dtc_says_what_happened_to_a_damaged_memory(
     found = json.loads(said.out)
     assert found["memory_state"] == {"state": "repaired", "set_aside": None}
     assert found["dtcs"]
-    for file in (path, spare_of(path)):
-        file.write_bytes(b"")
+    damage(path, b"")
     assert main(["dtc", "clear", "--memory", str(path)]) == 0
     assert "lost and begin anew" in capsys.readouterr().err
     assert main(["dtc", "list", "--memory", str(path)]) == 0

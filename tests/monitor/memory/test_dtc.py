@@ -81,73 +81,6 @@ def test_a_completed_test_without_a_fault_clears_only_the_completion_bits() -> N
     assert store.complete("activity") == []
 
 
-def test_a_cycle_in_which_the_test_does_not_complete_neither_confirms_nor_heals() -> None:
-    store = DtcStore()
-    store.fail("gain_low", 1)
-    for _ in range(5):
-        store.start_driving_cycle()
-    assert states(store) == {"P2A00": "pending"}
-    store.start_driving_cycle()
-    store.fail("gain_low", 1)
-    assert states(store) == {"P2A00": "confirmed"}
-
-
-def test_a_pending_code_goes_after_a_driving_cycle_that_passes() -> None:
-    store = DtcStore()
-    store.fail("delay_rich_to_lean", 1)
-    store.start_driving_cycle()
-    store.complete("response")
-    assert states(store) == {"P015A": "pending"}  # until the cycle is over
-    store.start_driving_cycle()
-    assert states(store) == {}
-    # and the next failure is a first one again
-    store.fail("delay_rich_to_lean", 1)
-    assert states(store) == {"P015A": "pending"}
-
-
-def test_the_lamp_goes_out_after_three_passing_driving_cycles_in_a_row() -> None:
-    store = DtcStore()
-    for _ in range(2):
-        store.fail("biased_lean", 1)
-        store.start_driving_cycle()
-    for cycle in range(1, CARB.lamp_off_cycles + 1):
-        assert code_of(store, "P2195").status & Status.WARNING_INDICATOR, cycle
-        store.complete("bias")
-        store.start_driving_cycle()
-    healed = code_of(store, "P2195")
-    assert not healed.status & Status.WARNING_INDICATOR
-    assert healed.state == "confirmed"  # the code itself is kept
-
-
-def test_a_failing_cycle_starts_the_count_towards_healing_anew() -> None:
-    store = DtcStore()
-    for _ in range(2):
-        store.fail("biased_lean", 1)
-        store.start_driving_cycle()
-    for passes in (True, True, False, True, True):
-        if passes:
-            store.complete("bias")
-        else:
-            store.fail("biased_lean", 1)
-        store.start_driving_cycle()
-    assert code_of(store, "P2195").status & Status.WARNING_INDICATOR
-    store.complete("bias")
-    store.start_driving_cycle()
-    assert not code_of(store, "P2195").status & Status.WARNING_INDICATOR
-
-
-def test_a_cycle_without_a_completed_test_does_not_count_towards_healing() -> None:
-    store = DtcStore()
-    for _ in range(2):
-        store.fail("biased_lean", 1)
-        store.start_driving_cycle()
-    for completes in (True, False, True, False):
-        if completes:
-            store.complete("bias")
-        store.start_driving_cycle()
-    assert code_of(store, "P2195").status & Status.WARNING_INDICATOR
-
-
 @pytest.mark.parametrize(
     ("fault", "other_test"),
     [
@@ -242,16 +175,6 @@ def test_a_failure_starts_the_count_towards_erasing_anew() -> None:
     store.count_warm_up()
     store.start_driving_cycle()
     assert states(store) == {"P2195": "confirmed"}
-
-
-def test_a_code_that_fails_again_after_healing_lights_the_lamp_in_its_second_cycle() -> None:
-    store = confirmed()
-    heal(store)
-    store.fail("biased_lean", 1)
-    assert not store.mil
-    store.start_driving_cycle()
-    store.fail("biased_lean", 1)
-    assert store.mil
 
 
 def test_the_profile_sets_the_counts() -> None:

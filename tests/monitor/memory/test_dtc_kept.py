@@ -249,9 +249,6 @@ def test_what_is_driven_counts_since_clearing_and_with_the_lamp_on() -> None:
     store.drive([(50.0, 1.0)])
     store.fail("biased_lean", 1)
     assert store.counts == Counts(
-        ignition_cycles=0,
-        general_denominator=0,
-        warm_ups_since_clear=0,
         distance_since_clear_km=3.0,
         distance_with_mil_km=3.0,
         engine_run_with_mil_s=150.0,
@@ -261,9 +258,6 @@ def test_what_is_driven_counts_since_clearing_and_with_the_lamp_on() -> None:
     store.fail("slow_symmetric", 1)  # a pending code lights no lamp
     store.drive([(50.0, 1.0)])  # with the lamp off what was driven with it stays
     assert store.counts == Counts(
-        ignition_cycles=0,
-        general_denominator=0,
-        warm_ups_since_clear=0,
         distance_since_clear_km=4.0,
         distance_with_mil_km=3.0,
         engine_run_with_mil_s=150.0,
@@ -273,11 +267,6 @@ def test_what_is_driven_counts_since_clearing_and_with_the_lamp_on() -> None:
         store.start_driving_cycle()
         store.fail("biased_lean", 1)
     assert store.counts == Counts(
-        ignition_cycles=0,
-        general_denominator=0,
-        warm_ups_since_clear=0,
         distance_since_clear_km=4.0,
-        distance_with_mil_km=0.0,
-        engine_run_with_mil_s=0.0,
         engine_run_since_clear_s=200.0,
     )

@@ -1,6 +1,5 @@
 """The vehicle's reference: what healthy drives teach, and that no fault is learned away."""
 
-import sqlite3
 from contextlib import closing
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 from monitor.base import config
 from monitor.judge.bias import BiasRule
 from monitor.memory.reference import Reference, Seen
-from monitor.memory.store import SCHEMA_VERSION, Memory
+from monitor.memory.store import Memory
 
 BIAS = config.load().bias
 SPAN = BIAS.fuel_span_lambda
@@ -92,24 +91,3 @@ def test_the_reference_outlives_the_process_and_belongs_to_its_model(tmp_path: P
     with closing(Memory(path)) as memory:
         assert memory.reference("model a") == Reference(-0.01, 0.01, pytest.approx(0.9), 2)
         assert memory.reference("model b") == Reference()
-
-
-def test_a_memory_of_the_first_schema_is_brought_up_to_date(tmp_path: Path) -> None:
-    # GIVEN a fault memory as version 1 wrote it, with a code
-    path = tmp_path / "o2.db"
-    with closing(sqlite3.connect(path)) as db:
-        db.execute(
-            "CREATE TABLE dtc (code TEXT PRIMARY KEY, fault TEXT NOT NULL, also TEXT NOT NULL,"
-            " status INTEGER NOT NULL, t_ns INTEGER NOT NULL, failed_before INTEGER NOT NULL,"
-            " passed_cycles INTEGER NOT NULL) STRICT"
-        )
-        db.execute("INSERT INTO dtc VALUES ('P0133', 'slow_symmetric', '', 47, 5, 1, 0)")
-        db.execute("PRAGMA user_version=1")
-        db.commit()
-    # WHEN it is opened
-    with closing(Memory(path)) as memory:
-        # THEN the code is there, and there is room for a reference
-        assert [dtc.code for dtc in memory.load().dtcs] == ["P0133"]
-        memory.learn("model", Seen(0.0, 1.0), BIAS)
-    with closing(sqlite3.connect(path)) as db:
-        assert db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)

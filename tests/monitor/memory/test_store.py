@@ -1,10 +1,9 @@
 """The fault memory on disk: what it has stored outlives the process, whatever ends it."""
 
-import json
+import os
 import sqlite3
 import subprocess
 import sys
-import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -16,12 +15,13 @@ from hypothesis import strategies as st
 from monitor.base.config import shipped
 from monitor.base.errors import RecordingError
 from monitor.memory import obd_records
+from monitor.memory.block import Block
 from monitor.memory.codes import CODES, TESTS
-from monitor.memory.content import checksum_of
+from monitor.memory.content import SCHEMA_VERSION, Content, text_of
 from monitor.memory.dtc import Dtc, Status
 from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.reference import Reference, Seen
-from monitor.memory.store import SCHEMA_VERSION, Memory
+from monitor.memory.store import Memory
 from tests.helpers.examples import inputs
 
 KNOWN = sorted({code for group in CODES.values() for code in group})
@@ -80,18 +80,12 @@ def reopened(path: Path) -> Saved:
         return memory.load()
 
 
-def times(saved: Saved) -> dict[str, int]:
-    return {dtc.code: dtc.t_ns for dtc in saved.dtcs}
+def times(path: Path) -> dict[str, int]:
+    return {dtc.code: dtc.t_ns for dtc in reopened(path).dtcs}
 
 
-def sorted_out(saved: Saved) -> Saved:
-    """Return what is saved in the order in which the file gives it."""
-    return replace(
-        saved,
-        dtcs=tuple(sorted(saved.dtcs, key=lambda d: d.code)),
-        results=tuple(sorted(saved.results, key=lambda r: (r.test, r.quantity))),
-        ratios=tuple(sorted(saved.ratios, key=lambda r: r.test)),
-    )
+def at(t_ns: int) -> Saved:
+    return Saved((Dtc("P0133", t_ns=t_ns),))
 
 
 @inputs(60)
@@ -103,7 +97,7 @@ def test_everything_is_loaded_as_it_was_saved(
     with closing(Memory(path)) as memory:
         for each in (saved, later, saved):
             memory.save(each)
-            assert sorted_out(reopened(path)) == sorted_out(each)
+            assert reopened(path) == each
             assert list(reopened(path).permanent) == list(each.permanent)  # oldest first
 
 
@@ -122,118 +116,58 @@ def test_a_code_matures_over_processes_as_it_does_in_one(tmp_path: Path) -> None
 def test_what_another_process_has_written_in_between_is_replaced(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
     with closing(Memory(path)) as memory, closing(Memory(path)) as other:
-        memory.save(Saved((Dtc("P0133", t_ns=1),)))
-        other.save(Saved((Dtc("P0133", t_ns=2),), permanent={"P2195": "biased_lean"}))
-        memory.save(Saved((Dtc("P0133", t_ns=1),)))
-    assert reopened(path) == Saved((Dtc("P0133", t_ns=1),))
-
-
-def test_the_file_is_written_ahead_so_that_readers_never_hold_the_loop_up(tmp_path: Path) -> None:
-    path = tmp_path / "dtc.db"
-    with closing(Memory(path)) as memory, closing(sqlite3.connect(path)) as reader:
-        assert reader.execute("PRAGMA journal_mode").fetchone() == ("wal",)
-        reader.execute("BEGIN")
-        reader.execute("SELECT * FROM dtc").fetchall()
-        memory.save(Saved((Dtc("P0133", t_ns=1),)))
-    assert times(reopened(path)) == {"P0133": 1}
+        memory.save(at(1))
+        other.save(replace(at(2), permanent={"P2195": "biased_lean"}))
+        memory.save(at(1))
+    assert reopened(path) == at(1)
 
 
 def test_what_is_stored_already_is_not_written_again(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
-    with closing(Memory(path)) as memory, closing(sqlite3.connect(path)) as watcher:
-        memory.save(Saved((Dtc("P0133", t_ns=1),)))
-        before = watcher.execute("PRAGMA data_version").fetchone()
-        memory.save(Saved((Dtc("P0133", t_ns=1),)))
-        assert watcher.execute("PRAGMA data_version").fetchone() == before
-        memory.save(Saved((Dtc("P0133", t_ns=2),)))
-        assert watcher.execute("PRAGMA data_version").fetchone() != before
+    with closing(Memory(path, hold=True)) as memory:
+        memory.save(at(1))
+        before = [file.stat().st_ino for file in Block(path).files]
+        memory.save(at(1))
+        assert [file.stat().st_ino for file in Block(path).files] == before
+        memory.save(at(2))
+        assert times(path) == {"P0133": 2}
 
 
-def test_a_new_memory_is_empty(tmp_path: Path) -> None:
-    assert reopened(tmp_path / "dtc.db") == Saved()
-
-
-def test_what_is_no_database_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+def test_a_new_memory_is_empty_and_two_files(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
-    path.write_text("(1.0) can0 123#00\n" * 100)
-    before = path.read_bytes()
-    with pytest.raises(RecordingError, match=r"dtc\.db: not a fault memory"):
-        Memory(path)
-    assert path.read_bytes() == before
-
-
-@pytest.mark.parametrize("table", ["notes", "dtc"])
-def test_a_database_of_another_program_is_refused_and_left_as_it_is(
-    tmp_path: Path, table: str
-) -> None:
-    path = tmp_path / "notes.db"
-    with closing(sqlite3.connect(path)) as db:
-        db.execute(f"CREATE TABLE {table} (text TEXT)")
-        db.commit()
-    with pytest.raises(RecordingError, match=r"notes\.db: not a fault memory"):
-        Memory(path)
-    with closing(sqlite3.connect(path)) as db:
-        names = [name for (name,) in db.execute("SELECT name FROM sqlite_master")]
-    assert names == [table]
-
-
-OLD_TABLES = (
-    "CREATE TABLE dtc (code TEXT PRIMARY KEY, fault TEXT NOT NULL, also TEXT NOT NULL,"
-    " status INTEGER NOT NULL, t_ns INTEGER NOT NULL, failed_before INTEGER NOT NULL,"
-    " passed_cycles INTEGER NOT NULL) STRICT",
-    "CREATE TABLE reference (model_sha256 TEXT PRIMARY KEY, offset_low REAL NOT NULL,"
-    " offset_high REAL NOT NULL, gain REAL NOT NULL, drives INTEGER NOT NULL) STRICT",
-)
-
-
-@pytest.mark.parametrize("version", [1, 2])
-def test_a_memory_of_an_older_schema_is_brought_up_to_date(tmp_path: Path, version: int) -> None:
-    # GIVEN a file as an older version wrote it: a code that was pending in an earlier drive
-    path = tmp_path / "dtc.db"
-    with closing(sqlite3.connect(path)) as db:
-        for table in OLD_TABLES[:version]:
-            db.execute(table)
-        db.execute("INSERT INTO dtc VALUES ('P0133', 'transient', 'slow_symmetric', 100, 0, 1, 0)")
-        if version == 2:
-            db.execute("INSERT INTO reference VALUES ('sha', -0.01, 0.02, 0.97, 4)")
-        db.execute(f"PRAGMA user_version={version}")
-        db.commit()
-    # WHEN it is opened
+    assert reopened(path) == Saved()
+    assert {file.name for file in tmp_path.iterdir()} == {"dtc.db", "dtc.db.b", "dtc.db-lock"}
+    path.chmod(0o600)
     with closing(Memory(path)) as memory:
-        saved = memory.load()
-        # THEN all of it is there
-        old = Dtc("P0133", "transient", ("slow_symmetric",), Status(0x64), failed_cycles=1)
-        assert saved == Saved((old,))
-        assert memory.reference("sha").drives == (4 if version == 2 else 0)
-        with closing(sqlite3.connect(path)) as db:
-            assert db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
-        # and the code is confirmed when it fails again
-        store = DtcStore(saved)
-        store.fail("transient", 7)
-        memory.save(store.saved)
-    assert DtcStore(reopened(path)).active[0].state == "confirmed"
+        memory.save(at(1))
+    assert path.stat().st_mode & 0o777 == 0o600
 
 
-def make_newer(path: Path) -> None:
-    """Make a memory as a later version would."""
-    Memory(path).close()
-    head = ["head", SCHEMA_VERSION + 1, "memory", 7, "", "digest"]
-    with closing(sqlite3.connect(path)) as db:
-        db.execute("DELETE FROM head")
-        db.execute(
-            "INSERT INTO head VALUES (?, ?, ?, ?, ?, ?)", [*head[1:], checksum_of(json.dumps(head))]
-        )
-        db.execute(f"PRAGMA user_version={SCHEMA_VERSION + 1}")
+def test_what_is_no_fault_memory_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+    log, database = tmp_path / "drive.log", tmp_path / "notes.db"
+    log.write_text("(1.0) can0 123#00\n" * 100)
+    with closing(sqlite3.connect(database)) as db:
+        db.execute("CREATE TABLE dtc (text TEXT)")
         db.commit()
+    for path in (log, database):
+        before = path.read_bytes()
+        for hold in (False, True, True):  # what was refused is not held
+            with pytest.raises(RecordingError, match=rf"{path.name}: not a fault memory"):
+                Memory(path, hold=hold)
+        assert path.read_bytes() == before
 
 
-def test_another_schema_version_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "dtc.db"
-    make_newer(path)
-    with pytest.raises(
-        RecordingError, match=rf"dtc\.db: .* schema {SCHEMA_VERSION + 1}, wanted {SCHEMA_VERSION}"
-    ):
-        Memory(path)
+def test_another_version_of_the_file_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, wanted = tmp_path / "dtc.db", SCHEMA_VERSION
+    newer = text_of(Content()).replace(f'"schema": {wanted}', f'"schema": {wanted + 1}')
+    for text, what in ((newer, f"schema {wanted + 1}, wanted {wanted}"), ("{}", "schema")):
+        monkeypatch.setattr("monitor.memory.block.text_of", lambda _, text=text: text)
+        Block(path).write(Content())
+        for _ in range(2):
+            with pytest.raises(RecordingError, match=rf"dtc\.db: .* another version: .*{what}"):
+                Memory(path, hold=True)
 
 
 def test_an_unknown_code_in_the_memory_is_refused(tmp_path: Path) -> None:
@@ -244,80 +178,66 @@ def test_an_unknown_code_in_the_memory_is_refused(tmp_path: Path) -> None:
             memory.load()
 
 
-def test_a_folder_that_is_not_there_is_an_error_that_names_the_file(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"nowhere/dtc\.db"):
-        Memory(tmp_path / "nowhere" / "dtc.db")
-
-
-def test_a_save_that_fails_leaves_the_memory_as_it_was_and_usable(tmp_path: Path) -> None:
-    path = tmp_path / "dtc.db"
-    with closing(Memory(path)) as memory:
-        memory.save(Saved((Dtc("P0133", t_ns=1),)))
-        # GIVEN a save that breaks half way: the second row does not fit the table
-        too_large = Dtc("P2195", t_ns=2**70)
-        with pytest.raises(RecordingError, match=r"dtc\.db: cannot store"):
-            memory.save(Saved((Dtc("P0133", t_ns=2), too_large)))
-        assert times(memory.load()) == {"P0133": 1}
-        # THEN the next one works
-        memory.save(Saved((Dtc("P0133", t_ns=3),)))
-    assert times(reopened(path)) == {"P0133": 3}
+def test_a_place_where_no_memory_can_be_is_an_error_that_names_it(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    for name in ("nowhere/dtc.db", "folder"):
+        with pytest.raises(RecordingError, match=f"{name}: cannot open the fault memory"):
+            Memory(tmp_path / name, hold=True)
 
 
 def test_one_process_at_a_time_holds_a_memory_and_others_may_read_it(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
     with closing(Memory(path, hold=True)) as memory:
-        memory.save(Saved((Dtc("P0133", t_ns=1),)))
-        with pytest.raises(RecordingError, match=r"dtc\.db: the fault memory is in use"):
-            Memory(path, hold=True)
-        assert times(reopened(path)) == {"P0133": 1}
-    Memory(path, hold=True).close()
-    # and what could not be opened is not held
-    other = tmp_path / "drive.log"
-    other.write_text("(1.0) can0 123#00\n" * 100)
-    for _ in range(2):
-        with pytest.raises(RecordingError, match="not a fault memory"):
-            Memory(other, hold=True)
-    with pytest.raises(RecordingError, match=r"nowhere/dtc\.db: cannot open the fault memory"):
-        Memory(tmp_path / "nowhere" / "dtc.db", hold=True)
-
-
-def test_a_memory_that_is_let_go_or_refused_is_held_by_nobody(tmp_path: Path) -> None:
-    path = tmp_path / "dtc.db"
-    memory = Memory(path, hold=True)
-    n_open = len(list(Path("/proc/self/fd").iterdir()))
-    for _ in range(5):
-        with pytest.raises(RecordingError, match="in use"):
-            Memory(path, hold=True)
-    assert len(list(Path("/proc/self/fd").iterdir())) == n_open
+        memory.save(at(1))
+        n_open = len(list(Path("/proc/self/fd").iterdir()))
+        for _ in range(5):
+            with pytest.raises(RecordingError, match=r"dtc\.db: the fault memory is in use"):
+                Memory(path, hold=True)
+        assert len(list(Path("/proc/self/fd").iterdir())) == n_open
+        with closing(Memory(path)) as other:
+            assert other.load() == at(1)
+            with pytest.raises(RecordingError, match=r"dtc\.db: the fault memory is in use"):
+                other.save(at(2))
+        assert times(path) == {"P0133": 1}
     for _ in range(2):  # closed twice does no harm
         memory.close()
-    make_newer(path)
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    for _ in range(2):  # the second one would find it held
-        with pytest.raises(RecordingError, match="schema"):
-            Memory(path, hold=True)
-        with pytest.raises(RecordingError, match="cannot open the fault memory"):
-            Memory(folder, hold=True)
+    with pytest.raises(RecordingError, match="cannot store the fault memory: it is closed"):
+        memory.save(at(1))
+    Memory(path, hold=True).close()
 
 
-def test_a_memory_that_is_closed_is_a_file_that_may_be_copied_and_its_spare(tmp_path: Path) -> None:
-    path = tmp_path / "dtc.db"
-    memory = Memory(path)
-    memory.save(Saved((Dtc("P0133", t_ns=1),)))
-    memory.close()
-    assert {file.name for file in tmp_path.iterdir()} == {"dtc.db", "dtc.db-spare"}
-    for t_ns in (1, 2):  # also what stood in it when it was closed
-        with pytest.raises(RecordingError, match="cannot store"):
-            memory.save(Saved((Dtc("P0133", t_ns=t_ns),)))
+def test_another_name_of_a_memory_is_the_same_memory(tmp_path: Path) -> None:
+    path, link, hard = (tmp_path / name for name in ("o2.db", "link.db", "hard.db"))
+    link.symlink_to(path)
+    with closing(Memory(link, hold=True)) as memory:  # also before there is a file
+        memory.save(at(1))
+        for stored in (path, path.with_name("o2.db.b")):
+            os.link(stored, hard)
+            for name in (path, link, hard):
+                with pytest.raises(RecordingError, match=rf"{name.name}: .* is in use"):
+                    Memory(name, hold=True)
+            hard.unlink()
+        assert memory.condition.entry == {"state": "ok", "set_aside": None}
+    assert link.is_symlink()
+    assert times(path) == times(link) == {"P0133": 1}
 
 
-def test_a_memory_can_be_read_while_another_process_writes_it(tmp_path: Path) -> None:
-    path = tmp_path / "dtc.db"
-    with closing(Memory(path)) as memory, closing(sqlite3.connect(path)) as writer:
-        memory.save(Saved((Dtc("P0133", t_ns=1),)))
-        writer.execute("BEGIN IMMEDIATE")
-        assert times(reopened(path)) == {"P0133": 1}
+def test_a_copy_of_the_file_is_the_memory_also_beside_the_partner_of_another(
+    tmp_path: Path,
+) -> None:
+    old, new = tmp_path / "old.db", tmp_path / "new.db"
+    for path, n in ((old, 1), (new, 5)):
+        with closing(Memory(path)) as memory:
+            for t_ns in range(n):
+                memory.save(at(t_ns))
+    new.write_bytes(old.read_bytes())
+    for path in (new, tmp_path / "alone.db"):
+        path.write_bytes(old.read_bytes())
+        with closing(Memory(path, hold=True)) as memory:
+            assert memory.condition.state == "ok"
+            assert memory.load() == at(0)
+            memory.save(at(7))
+        assert times(path) == {"P0133": 7}
 
 
 def test_what_is_learned_of_a_vehicle_is_kept_for_each_model(tmp_path: Path) -> None:
@@ -332,19 +252,6 @@ def test_what_is_learned_of_a_vehicle_is_kept_for_each_model(tmp_path: Path) -> 
         assert memory.reference("one") == Reference().learn(seen, config).learn(seen, config)
         assert memory.reference("one").drives == 2
         assert memory.reference("other") == Reference()
-
-
-def test_a_file_that_is_held_up_by_another_process_does_not_stall_the_loop(tmp_path: Path) -> None:
-    path = tmp_path / "dtc.db"
-    with closing(Memory(path)) as memory, closing(sqlite3.connect(path)) as other:
-        other.execute("BEGIN IMMEDIATE")
-        began_s = time.monotonic()
-        with pytest.raises(RecordingError, match=r"dtc\.db: cannot store .* locked"):
-            memory.save(Saved((Dtc("P0133", t_ns=1),)))
-        assert time.monotonic() - began_s < 2.0  # SQLite's own patience is five seconds
-        other.rollback()
-        memory.save(Saved((Dtc("P0133", t_ns=2),)))
-    assert times(reopened(path)) == {"P0133": 2}
 
 
 def test_two_processes_may_make_the_same_memory_at_once(tmp_path: Path) -> None:

@@ -1,0 +1,93 @@
+"""Fault memories of schema 4: a SQLite file with a spare copy in text, which is read once.
+
+Every line of the spare copy has a checksum, and its head a digest of them all. The spare copy was
+stored before the main file, so it is never older.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Final
+
+from monitor.base.errors import RecordingError
+from monitor.memory.content import Content
+from monitor.memory.dtc import Dtc, Status
+from monitor.memory.dtc_store import Saved
+from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
+from monitor.memory.reference import Reference
+
+SQLITE: Final = b"SQLite format 3\0"
+BESIDE: Final = ("-spare", "-wal", "-shm")  # files that it had beside the main file
+
+
+def is_there(path: Path) -> bool:
+    """Return whether a main file or a spare copy of schema 4 is there."""
+    if _spare_of(path).exists():
+        return True
+    try:
+        with path.open("rb") as file:
+            return file.read(len(SQLITE)) == SQLITE
+    except FileNotFoundError:
+        return False
+
+
+def remove_rest(path: Path) -> None:
+    """Remove the files beside a main file that was converted; raises OSError."""
+    for suffix in BESIDE:
+        path.with_name(path.name + suffix).unlink(missing_ok=True)
+
+
+def content_of(path: Path) -> Content:
+    """Return the content of a memory of schema 4; raises RecordingError if it has no whole copy."""
+    try:
+        lines = _spare_of(path).read_bytes().splitlines()
+        sums, rows = zip(*(_row(line) for line in lines), strict=True)
+        at = next(i for i, row in enumerate(rows) if row[0] == "head")
+        _, schema, memory, generation, set_aside, digest = rows[at]
+        others = "".join(sorted(sums[:at] + sums[at + 1 :]))
+        if schema == 4 and hashlib.sha256(others.encode()).hexdigest() == digest:
+            tables = {row[0]: sorted(r[1:] for r in rows if r[0] == row[0]) for row in rows}
+            return _content(tables, memory, generation, set_aside)
+    except (OSError, ValueError, StopIteration):
+        pass
+    raise RecordingError(
+        f"{path}: not a fault memory, or one of an earlier version (SQLite) without a whole spare "
+        "copy: let that version repair it (o2mon dtc list), or choose another file"
+    )
+
+
+def _row(line: bytes) -> tuple[str, list[Any]]:
+    """Return checksum and row of a line; raises ValueError if they do not fit."""
+    found, text = line.decode().split(" ", 1)
+    if hashlib.sha256(text.encode()).hexdigest()[: len(found)] != found:
+        raise ValueError("the line has changed")
+    return found, json.loads(text)
+
+
+def _content(tables: dict[str, list[Any]], memory: str, generation: int, set_aside: str) -> Content:
+    def rows(table: str) -> list[Any]:
+        return tables.get(table, [])
+
+    signals = {code: (t_ns, json.loads(text)) for _, code, t_ns, text in rows("freeze_frame")}
+    latest = {code: values.pop("latest", None) for code, (_, values) in signals.items()}
+    saved = Saved(
+        dtcs=tuple(
+            Dtc(code, fault, tuple(filter(None, also.split(","))), Status(status), *numbers)
+            for code, fault, also, status, *numbers in rows("dtc")
+        ),
+        freeze_frames=tuple(FreezeFrame(code, *found) for code, found in signals.items()),
+        latest_frames=tuple(
+            FreezeFrame(code, found.pop("t_ns"), found) for code, found in latest.items() if found
+        ),
+        permanent={code: fault for _, code, fault in rows("permanent")},
+        results=tuple(TestResult(*row) for row in rows("result")),
+        ratios=tuple(Ratio(*row) for row in rows("ratio")),
+        counts=Counts(**dict(rows("counted"))),
+        completed=frozenset(test for (test,) in rows("completed")),
+    )
+    references = {model: Reference(*numbers) for model, *numbers in rows("reference")}
+    return Content(saved, references, memory, generation, set_aside)
+
+
+def _spare_of(path: Path) -> Path:
+    return path.with_name(path.name + "-spare")
