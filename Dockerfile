@@ -5,7 +5,7 @@ WORKDIR /source
 COPY . .
 RUN python -m venv /opt/o2mon \
  && /opt/o2mon/bin/pip install --no-cache-dir --disable-pip-version-check \
-      -c constraints.txt '.[diagnostics,live,mqtt]'
+      -c constraints.txt '.[diagnostics,mqtt]'
 
 FROM python:3.12-slim
 LABEL org.opencontainers.image.title="o2-monitor" \

@@ -1,7 +1,6 @@
 """The server process and the pipe to it; writing to the pipe never waits."""
 
 import contextlib
-import importlib.util
 import os
 import signal
 import subprocess
@@ -11,7 +10,6 @@ from typing import Final
 from monitor.base.errors import UsageError
 from monitor.bus.live.address import Address, is_loopback, listen
 
-NEEDED: Final = ("starlette", "uvicorn")
 END_S: Final = 2.0  # time for the server to end after its pipe is closed
 TOLD_BYTES: Final = 4096  # most read from the keeper, which writes a line per started server
 GREETING: Final = b'{"version":'  # start of the first message to a server
@@ -20,16 +18,10 @@ GREETING: Final = b'{"version":'  # start of the first message to a server
 class Server:
     """A running server; a keeper starts it again when it dies.
 
-    Raises UsageError if its libraries are missing or it cannot listen at the address.
+    Raises UsageError if it cannot listen at the address.
     """
 
     def __init__(self, address: Address) -> None:
-        missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
-        if missing:
-            raise UsageError(
-                f"--live needs {' and '.join(missing)}: "
-                "pip install '.[live]' in the project's folder"
-            )
         with listen(address) as listening:
             self.address = Address(address.host, listening.getsockname()[1])
             self.is_loopback = is_loopback(listening)

@@ -24,7 +24,6 @@ from monitor.base.types import Frame, Quality, Sample
 from monitor.bus.live import feed as feeds
 from monitor.bus.live.codes import fault_memory
 from monitor.bus.live.describe import Conditions, signal_rows
-from monitor.bus.live.process import Server
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import DtcChanged
 from monitor.memory.dtc_store import DtcStore
@@ -383,15 +382,3 @@ def test_odd_requests_bring_neither_errors_nor_growth(
     assert rss_kb(player.server.pid) - before_kb < 4000
     assert httpx.get(player.url).status_code == 200
     assert capfd.readouterr().err == ""
-
-
-def test_the_servers_libraries_missing_is_said_before_the_loop(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    from monitor.base.errors import UsageError
-    from monitor.bus.live import process
-    from monitor.bus.live.address import Address
-
-    monkeypatch.setattr(process, "NEEDED", ("starlette", "no_such_library"))
-    with pytest.raises(UsageError, match=r"--live needs no_such_library: pip install"):
-        Server(Address("127.0.0.1", 0))

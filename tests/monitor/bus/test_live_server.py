@@ -10,27 +10,25 @@ import pytest
 
 from monitor.base.errors import UsageError
 from monitor.bus.live.address import Address, is_loopback, listen, may_ask, parse
-from monitor.bus.live.app import FILES, HEADERS, create_app
 from monitor.bus.live.hub import RING, SAMPLES, STREAMS, WINDOWS, Hub
+from monitor.bus.live.page import FILES, HEADERS, Page
 
 HOST = "127.0.0.1"
 
 
 class Client:
-    """Asks the application without a socket in between."""
+    """Asks the page over a socket; each request has a server of its own."""
 
     def __init__(self, hub: Hub | None = None, *, loopback: bool = True) -> None:
-        def asked(header: str) -> bool:
-            return may_ask(header, HOST, loopback=loopback)
-
-        self._app = create_app(hub or Hub(), asked)
+        self._page = Page(hub or Hub(), lambda header: may_ask(header, HOST, loopback=loopback))
 
     def request(self, method: str, path: str, **headers: str) -> httpx.Response:
         async def ask() -> httpx.Response:
-            transport = httpx.ASGITransport(self._app)
-            async with httpx.AsyncClient(transport=transport) as client:
-                url = f"http://{HOST}:8765{path}"
-                return await client.request(method, url, headers=headers)
+            async with await asyncio.start_server(self._page.serve, HOST, 0) as server:
+                port = server.sockets[0].getsockname()[1]
+                async with httpx.AsyncClient() as client:
+                    url = f"http://{HOST}:{port}{path}"
+                    return await client.request(method, url, headers=headers)
 
         return asyncio.run(ask())
 
