@@ -77,8 +77,8 @@ lock: venv ## renew requirements-dev.lock from constraints.txt (needs uv)
 	cat build/lock.head build/pins.lock > requirements-dev.lock
 
 bench: venv ## the benchmarks, those of logs and fleets on a small scale
-	@for call in replay_vs_plain_loop streaming free_run \
-	  "log_readers --seconds 20 --rounds 3" "fleet_log --seconds 60 --drives 32 --repeats 1" \
+	@for call in "replay_vs_plain_loop --seconds 600" streaming free_run \
+	  "log_readers --seconds 20 --rounds 3" "fleet_log --seconds 60 --drives 32 --rounds 1" \
 	  "fleet_scaling --counts 10 100"; do \
 	  echo "== $$call"; $(VENV)/bin/python -m benchmarks $$call || exit 1; done
 

@@ -40,6 +40,7 @@ MARKS = {
     "browser": ("browser",),
     "trains": (
         "benchmarks",
+        "test_benchmarks.py",
         "training/api",
         "training/fleet",
         "training/gap",

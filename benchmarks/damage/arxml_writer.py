@@ -25,27 +25,27 @@ def arxml_of(database: Database) -> str:
         *(_package(f"I_{m.name}", [_i_signal(m, s) for s in m.signals]) for m in messages),
         _package("Signal", [_system_signal(m, s) for m, s in signals]),
         _package("Compu", [_compu(m, s) for m, s in signals]),
-        _package("Type", map(_base_type, (False, True))),
+        _package("Type", map(_base_type, ("unsigned", "signed"))),
         _package("Unit", map(_unit, sorted({s.unit for _, s in signals if s.unit}))),
     ]
-    return f"{_HEAD}<AR-PACKAGES>\n{''.join(packages)}</AR-PACKAGES>\n</AUTOSAR>\n"
+    return f"{_HEAD}{_in('AR-PACKAGES', *packages)}</AUTOSAR>\n"
 
 
-def _tag(name: str, *content: str, **attributes: str) -> str:
-    words = "".join(f' {key}="{value}"' for key, value in attributes.items())
-    return f"<{name}{words}>{''.join(content)}</{name}>\n"
+def _in(tags: str, *content: str) -> str:
+    """Return the content in nested elements, the outermost first; "TAG:KIND" refers to a kind."""
+    text = "".join(content)
+    for tag in reversed(tags.split(" ")):
+        name, _, kind = tag.partition(":")
+        text = f'<{name} DEST="{kind}">{text}</{name}>\n' if kind else f"<{name}>{text}</{name}>\n"
+    return text
 
 
 def _named(kind: str, name: str, *content: str) -> str:
-    return _tag(kind, _tag("SHORT-NAME", name), *content)
+    return _in(kind, _in("SHORT-NAME", name), *content)
 
 
 def _package(name: str, elements: Iterable[str]) -> str:
-    return _named("AR-PACKAGE", name, _tag("ELEMENTS", *elements))
-
-
-def _ref(tag: str, kind: str, path: str) -> str:
-    return _tag(tag, path, DEST=kind)
+    return _named("AR-PACKAGE", name, _in("ELEMENTS", *elements))
 
 
 def _unit_name(unit: str) -> str:
@@ -57,36 +57,35 @@ def _cluster(messages: Iterable[Message]) -> str:
         _named(
             "CAN-FRAME-TRIGGERING",
             f"T_{m.name}",
-            _ref("FRAME-REF", "CAN-FRAME", f"/Frame/{m.name}"),
-            _tag("CAN-ADDRESSING-MODE", "EXTENDED" if m.is_extended_frame else "STANDARD"),
-            _tag("IDENTIFIER", str(m.frame_id)),
+            _in("FRAME-REF:CAN-FRAME", f"/Frame/{m.name}"),
+            _in("CAN-ADDRESSING-MODE", "EXTENDED" if m.is_extended_frame else "STANDARD"),
+            _in("IDENTIFIER", str(m.frame_id)),
         )
         for m in messages
     ]
-    channel = _named("CAN-PHYSICAL-CHANNEL", "Channel", _tag("FRAME-TRIGGERINGS", *triggerings))
-    conditional = _tag(
-        "CAN-CLUSTER-CONDITIONAL",
-        _tag("BAUDRATE", "500000"),
-        _tag("PHYSICAL-CHANNELS", channel),
-        _tag("PROTOCOL-NAME", "CAN"),
+    channel = _named("CAN-PHYSICAL-CHANNEL", "Channel", _in("FRAME-TRIGGERINGS", *triggerings))
+    return _named(
+        "CAN-CLUSTER",
+        "Can",
+        _in(
+            "CAN-CLUSTER-VARIANTS CAN-CLUSTER-CONDITIONAL",
+            _in("BAUDRATE", "500000"),
+            _in("PHYSICAL-CHANNELS", channel),
+            _in("PROTOCOL-NAME", "CAN"),
+        ),
     )
-    return _named("CAN-CLUSTER", "Can", _tag("CAN-CLUSTER-VARIANTS", conditional))
 
 
 def _frame(message: Message) -> str:
     mapping = _named(
         "PDU-TO-FRAME-MAPPING",
         f"M_{message.name}",
-        _tag("PACKING-BYTE-ORDER", "MOST-SIGNIFICANT-BYTE-LAST"),
-        _ref("PDU-REF", "I-SIGNAL-I-PDU", f"/Pdu/{message.name}"),
-        _tag("START-POSITION", "0"),
+        _in("PACKING-BYTE-ORDER", "MOST-SIGNIFICANT-BYTE-LAST"),
+        _in("PDU-REF:I-SIGNAL-I-PDU", f"/Pdu/{message.name}"),
+        _in("START-POSITION", "0"),
     )
-    return _named(
-        "CAN-FRAME",
-        message.name,
-        _tag("FRAME-LENGTH", str(message.length)),
-        _tag("PDU-TO-FRAME-MAPPINGS", mapping),
-    )
+    length = _in("FRAME-LENGTH", str(message.length))
+    return _named("CAN-FRAME", message.name, length, _in("PDU-TO-FRAME-MAPPINGS", mapping))
 
 
 def _pdu(message: Message) -> str:
@@ -94,72 +93,54 @@ def _pdu(message: Message) -> str:
         _named(
             "I-SIGNAL-TO-I-PDU-MAPPING",
             f"M_{s.name}",
-            _ref("I-SIGNAL-REF", "I-SIGNAL", f"/I_{message.name}/{s.name}"),
-            _tag(
-                "PACKING-BYTE-ORDER",
-                "MOST-SIGNIFICANT-BYTE-" + ("LAST" if s.byte_order == "little_endian" else "FIRST"),
-            ),
-            _tag("START-POSITION", str(s.start)),
+            _in("I-SIGNAL-REF:I-SIGNAL", f"/I_{message.name}/{s.name}"),
+            _in("PACKING-BYTE-ORDER", f"MOST-SIGNIFICANT-BYTE-{_END[s.byte_order]}"),
+            _in("START-POSITION", str(s.start)),
         )
         for s in message.signals
     ]
+    length = _in("LENGTH", str(message.length))
     return _named(
-        "I-SIGNAL-I-PDU",
-        message.name,
-        _tag("LENGTH", str(message.length)),
-        _tag("I-SIGNAL-TO-PDU-MAPPINGS", *mappings),
+        "I-SIGNAL-I-PDU", message.name, length, _in("I-SIGNAL-TO-PDU-MAPPINGS", *mappings)
     )
+
+
+_END = {"little_endian": "LAST", "big_endian": "FIRST"}
+_VARIANT = "SW-DATA-DEF-PROPS-VARIANTS SW-DATA-DEF-PROPS-CONDITIONAL"
 
 
 def _i_signal(message: Message, signal: Signal) -> str:
     base = f"/Type/{'signed' if signal.is_signed else 'unsigned'}"
-    conditional = _tag("SW-DATA-DEF-PROPS-CONDITIONAL", _ref("BASE-TYPE-REF", "SW-BASE-TYPE", base))
     return _named(
         "I-SIGNAL",
         signal.name,
-        _tag("LENGTH", str(signal.length)),
-        _tag("NETWORK-REPRESENTATION-PROPS", _tag("SW-DATA-DEF-PROPS-VARIANTS", conditional)),
-        _ref("SYSTEM-SIGNAL-REF", "SYSTEM-SIGNAL", f"/Signal/{message.name}_{signal.name}"),
+        _in("LENGTH", str(signal.length)),
+        _in(f"NETWORK-REPRESENTATION-PROPS {_VARIANT} BASE-TYPE-REF:SW-BASE-TYPE", base),
+        _in("SYSTEM-SIGNAL-REF:SYSTEM-SIGNAL", f"/Signal/{message.name}_{signal.name}"),
     )
 
 
 def _system_signal(message: Message, signal: Signal) -> str:
-    unit = _ref("UNIT-REF", "UNIT", f"/Unit/{_unit_name(signal.unit)}") if signal.unit else ""
-    compu = _ref("COMPU-METHOD-REF", "COMPU-METHOD", f"/Compu/{message.name}_{signal.name}")
-    props = _tag("SW-DATA-DEF-PROPS-CONDITIONAL", compu, unit)
-    return _named(
-        "SYSTEM-SIGNAL",
-        f"{message.name}_{signal.name}",
-        _tag("PHYSICAL-PROPS", _tag("SW-DATA-DEF-PROPS-VARIANTS", props)),
-    )
+    name = f"{message.name}_{signal.name}"
+    unit = _in("UNIT-REF:UNIT", f"/Unit/{_unit_name(signal.unit)}") if signal.unit else ""
+    compu = _in("COMPU-METHOD-REF:COMPU-METHOD", f"/Compu/{name}")
+    return _named("SYSTEM-SIGNAL", name, _in(f"PHYSICAL-PROPS {_VARIANT}", compu, unit))
 
 
 def _compu(message: Message, signal: Signal) -> str:
-    terms = _tag("V", str(signal.offset)), _tag("V", str(signal.scale))
-    rational = _tag(
-        "COMPU-RATIONAL-COEFFS",
-        _tag("COMPU-NUMERATOR", *terms),
-        _tag("COMPU-DENOMINATOR", _tag("V", "1")),
+    rational = _in(
+        "COMPU-INTERNAL-TO-PHYS COMPU-SCALES COMPU-SCALE COMPU-RATIONAL-COEFFS",
+        _in("COMPU-NUMERATOR", _in("V", str(signal.offset)), _in("V", str(signal.scale))),
+        _in("COMPU-DENOMINATOR V", "1"),
     )
-    return _named(
-        "COMPU-METHOD",
-        f"{message.name}_{signal.name}",
-        _tag("CATEGORY", "LINEAR"),
-        _tag(
-            "COMPU-INTERNAL-TO-PHYS",
-            _tag("COMPU-SCALES", _tag("COMPU-SCALE", rational)),
-        ),
-    )
+    name = f"{message.name}_{signal.name}"
+    return _named("COMPU-METHOD", name, _in("CATEGORY", "LINEAR"), rational)
 
 
-def _base_type(signed: bool) -> str:
-    return _named(
-        "SW-BASE-TYPE",
-        "signed" if signed else "unsigned",
-        _tag("CATEGORY", "FIXED_LENGTH"),
-        _tag("BASE-TYPE-ENCODING", "2C" if signed else "NONE"),
-    )
+def _base_type(name: str) -> str:
+    encoding = _in("BASE-TYPE-ENCODING", "2C" if name == "signed" else "NONE")
+    return _named("SW-BASE-TYPE", name, _in("CATEGORY", "FIXED_LENGTH"), encoding)
 
 
 def _unit(unit: str) -> str:
-    return _named("UNIT", _unit_name(unit), _tag("DISPLAY-NAME", escape(unit)))
+    return _named("UNIT", _unit_name(unit), _in("DISPLAY-NAME", escape(unit)))

@@ -1,4 +1,4 @@
-"""Fuzzes CAN databases, signal maps and settings: ``o2mon check``, ``replay`` and ``map``.
+"""Fuzz CAN databases, signal maps and settings: ``o2mon check``, ``replay`` and ``map``.
 
 A shipped database (DBC, KCD, SYM or ARXML) and its map get something wrong: numbers that no bus
 has, multiplexers that lead nowhere or in circles, ranges without end, elements and entities out of
@@ -19,10 +19,11 @@ import cantools
 
 import dbc
 from benchmarks.damage.arxml_writer import arxml_of
-from benchmarks.damage.fuzz_options import fuzz_parser
+from benchmarks.damage.harness import fuzz_options
 from benchmarks.damage.log_seeds import DRIVE
 from benchmarks.damage.mutations import TEXT, lines_of_order
 from benchmarks.damage.sandbox import Job, Tally, calls
+from benchmarks.outcome import finish, say
 from monitor import cli
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
@@ -42,22 +43,9 @@ _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _ELEMENT = re.compile(r"</?[^<>]{1,200}>|\b\w+=\"[^\"]*\"|\b(?:Sig|Type|Len|Mux|ID)=[^ \r\n]*")
 _SIGNAL = re.compile(r"^( SG_ \w+)\s*(?:[mM]\w*)?\s*:", re.MULTILINE)
 TOML = (
-    '"text"',
-    "true",
-    "nan",
-    "-inf",
-    "[]",
-    "{}",
-    "0",
-    "-1",
-    "1e308",
-    "0x" + "f" * 5000,
-    "[" * 3000,
-    "1979-05-27",
-    '"""',
-    "9" * 5000,
-    '{ message = "M", signal = "S" }',
-    '"\\u0000\\n"',
+    *(['"text"', "true", "nan", "-inf", "[]", "{}", "0", "-1", "1e308", "1979-05-27", '"""']),
+    *("0x" + "f" * 5000, "[" * 3000, "9" * 5000),
+    *('{ message = "M", signal = "S" }', '"\\u0000\\n"'),
 )
 
 
@@ -165,26 +153,15 @@ def values(text: str, rng: random.Random) -> str:
     return "\n".join(lines) + "\n"
 
 
-DATABASE: tuple[Callable[[str, random.Random], str], ...] = (
-    numbers,
-    numbers,
-    numbers,
-    multiplexers,
-    multiplexers,
-    floats,
-    broken,
-)
-XML: tuple[Callable[[str, random.Random], str], ...] = (
-    numbers,
-    numbers,
-    elements,
-    elements,
-    entities,
-    broken,
-)
-SYM: tuple[Callable[[str, random.Random], str], ...] = (numbers, numbers, elements, broken)
-WAYS = {"dbc": DATABASE, "kcd": XML, "arxml": XML, "sym": SYM}
-SETTINGS: tuple[Callable[[str, random.Random], str], ...] = (numbers, values, values, broken)
+Way = Callable[[str, random.Random], str]
+XML: tuple[Way, ...] = (*[numbers] * 2, *[elements] * 2, entities, broken)
+WAYS: dict[str, tuple[Way, ...]] = {
+    "dbc": (*[numbers] * 3, *[multiplexers] * 2, floats, broken),
+    "kcd": XML,
+    "arxml": XML,
+    "sym": (*[numbers] * 2, elements, broken),
+}
+SETTINGS: tuple[Way, ...] = (numbers, *[values] * 2, broken)
 
 
 def case(folder: Path, number: int, rng: random.Random, log: Path) -> list[str]:
@@ -209,7 +186,7 @@ def case(folder: Path, number: int, rng: random.Random, log: Path) -> list[str]:
     return rng.choice((["check", str(log), *both], ["replay", "--quiet", str(log), *both]))
 
 
-def fuzz(n: int, seed: int, keep: Path, say: Callable[[str], None] = print) -> Tally:
+def fuzz(n: int, seed: int, keep: Path) -> Tally:
     """Run commands with ``n`` damaged files; return the counts. Failures go to ``keep``."""
     rng, tally = random.Random(seed), Tally(most_mb=MOST_MB)
     with TemporaryDirectory() as name:
@@ -230,15 +207,13 @@ def fuzz(n: int, seed: int, keep: Path, say: Callable[[str], None] = print) -> T
                 if found:
                     say(f"{', '.join(found)}: {i} {commands[i - first][0]} {outcome}")
             if (first + BATCH) % 1000 == 0:
-                say(tally.line())
+                say(f"{first + BATCH} files")
     return tally
 
 
 def main(argv: Sequence[str]) -> int:
-    """Fuzz and print the counts; return 1 if a promise was broken."""
-    parser = fuzz_parser(__doc__, "files", 10_000, keeps=True)
-    args = parser.parse_args(argv)
+    """Fuzz and count; return 1 if a promise was broken."""
+    args = fuzz_options(__name__, __doc__, 10_000, 50).parse_args(argv)
     args.keep.mkdir(parents=True, exist_ok=True)
-    tally = fuzz(args.files, args.seed, args.keep, lambda line: print(line, flush=True))
-    print(tally.line())
-    return 1 if tally.complaints else 0
+    tally = fuzz(args.cases, args.seed, args.keep)
+    return finish(args, [tally.row("databases, maps and settings")], tally.missed())

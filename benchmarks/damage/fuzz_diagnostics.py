@@ -1,24 +1,25 @@
-"""Fuzzes the diagnostics with random and mutated requests and ISO-TP frames, a million of each.
+"""Fuzz the diagnostics with random and mutated requests and ISO-TP frames, a million of each.
 
-    python -m benchmarks fuzz_diagnostics [--count N] [--seed N]
+It fails if an answer is invalid, a code or counter changes while the engine runs, or memory grows.
+can-isotp's clock is replaced, so that timeouts are as frequent as everything else.
 
-It exits with 1 if an answer is invalid, a code or counter changes while the engine runs, or memory
-grows. can-isotp's clock is replaced, so that timeouts are as frequent as everything else.
+python -m benchmarks fuzz_diagnostics [--cases 1000000]
 """
 
 import gc
 import random
-import resource
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Final
+from unittest.mock import patch
 
 import isotp.tools
 
-from benchmarks.damage.fuzz_options import fuzz_parser
+from benchmarks.damage.harness import fuzz_options
+from benchmarks.measures import rss_mb
+from benchmarks.outcome import Row, finish, say
 from monitor.base.types import Frame
 from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.server import Address, Diagnostics
@@ -34,7 +35,8 @@ _VALID: Final = (
 VALID: Final = [bytes.fromhex(text) for text in _VALID.split()]
 FLOW_CONTROL: Final = bytes.fromhex("300000 300100 30007F 3000F1 310000 320000 330000")
 GROWTH_BLOCKS: Final = 500  # of what Python has allocated, over the second half of a run
-GROWTH_BYTES: Final = 2 << 20  # of the process, over the same
+GROWTH_MB: Final = 2.0  # of the process, over the same
+LEAST_MEASURED: Final = 10_000  # requests; before, caches fill
 REQUESTS: Final = (0x7E1, 0x7E1, 0x7DF)
 
 
@@ -46,12 +48,6 @@ class Clock:
     def perf_counter_ns(self) -> int:
         """Return the time of the run."""
         return round(self.now_s * 1e9)
-
-
-def resident_bytes() -> int:
-    """Return the memory of this process (Linux)."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize()
 
 
 def request(rng: random.Random) -> bytes:
@@ -118,7 +114,7 @@ class Run:
         self.before = self.vehicle.store.saved
         self.engine_runs = engine_speed_rpm > 0.0
         self.kinds: Counter[str] = Counter()
-        self.started_s, self.blocks, self.bytes = time.perf_counter(), 0, 0
+        self.started_s, self.blocks, self.mb = time.perf_counter(), 0, 0.0
 
     def check(self, data: bytes, answered: bytes | None) -> None:
         """Count an answer; raise AssertionError if it does not answer the request."""
@@ -134,23 +130,30 @@ class Run:
     def half(self) -> None:
         """Remember what is allocated."""
         gc.collect()
-        self.blocks, self.bytes = sys.getallocatedblocks(), resident_bytes()
+        self.blocks, self.mb = sys.getallocatedblocks(), rss_mb()
 
-    def end(self, count: int) -> None:
-        """Print what came of it; raise AssertionError if something has changed."""
+    def end(self, count: int) -> Row:
+        """Return what came of it; raise AssertionError if something has changed."""
         gc.collect()
-        blocks, size = sys.getallocatedblocks() - self.blocks, resident_bytes() - self.bytes
+        blocks, mb = sys.getallocatedblocks() - self.blocks, rss_mb() - self.mb
         rate = count / (time.perf_counter() - self.started_s)
-        kinds = ", ".join(f"{name} {n}" for name, n in self.kinds.most_common())
-        print(f"{self.name}: {count} ({rate:.0f}/s), {self.vehicle.clearings} clearings; {kinds}")
-        print(f"  memory {blocks:+} blocks, {size:+} bytes in the second half", flush=True)
-        assert blocks < GROWTH_BLOCKS and size < GROWTH_BYTES
+        if count >= LEAST_MEASURED:
+            assert blocks < GROWTH_BLOCKS and mb < GROWTH_MB, (self.name, blocks, mb)
         if self.engine_runs:
             assert self.vehicle.clearings == 0
             assert self.vehicle.store.saved == self.before
+        say(f"{self.name}: {', '.join(f'{name} {n}' for name, n in self.kinds.most_common())}")
+        return {
+            "what": self.name,
+            "n": count,
+            "a second": rate,
+            "clearings": self.vehicle.clearings,
+            "more blocks": blocks,
+            "more_mb": mb,
+        }
 
 
-def fuzz_requests(count: int, rng: random.Random, engine_speed_rpm: float) -> None:
+def fuzz_requests(count: int, rng: random.Random, engine_speed_rpm: float) -> Row:
     """Ask the services directly."""
     run = Run(f"requests at {engine_speed_rpm:g} 1/min", engine_speed_rpm)
     for number in range(count):
@@ -158,10 +161,10 @@ def fuzz_requests(count: int, rng: random.Random, engine_speed_rpm: float) -> No
             run.half()
         data = request(rng)
         run.check(data, answer(data, rng.random() < 0.3, run.vehicle.state))
-    run.end(count)
+    return run.end(count)
 
 
-def fuzz_frames(count: int, rng: random.Random, engine_speed_rpm: float, clock: Clock) -> None:
+def fuzz_frames(count: int, rng: random.Random, engine_speed_rpm: float, clock: Clock) -> Row:
     """Ask through ISO-TP."""
     run = Run(f"frames at {engine_speed_rpm:g} 1/min", engine_speed_rpm)
     server = Diagnostics(run.vehicle.state, Address.parse("7E9"))
@@ -183,17 +186,16 @@ def fuzz_frames(count: int, rng: random.Random, engine_speed_rpm: float, clock: 
                 ] += 1
     run.kinds["ignored"] = run.vehicle.state.ignored_frames
     run.kinds["failed transfers"] = run.vehicle.state.failed_transfers
-    run.end(count)
+    return run.end(count)
 
 
 def main(argv: Sequence[str]) -> int:
     """Run all."""
-    parser = fuzz_parser(__doc__, "count", 1_000_000)
-    args = parser.parse_args(argv)
-    clock = Clock()
-    isotp.tools.time = clock
-    for engine_speed_rpm in (800.0, 0.0):
-        fuzz_requests(args.count, random.Random(args.seed), engine_speed_rpm)
-        fuzz_frames(args.count, random.Random(args.seed + 1), engine_speed_rpm, clock)
-    print(f"peak resident {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
-    return 0
+    args = fuzz_options(__name__, __doc__, 1_000_000, 500).parse_args(argv)
+    rows: list[Row] = []
+    with patch.object(isotp.tools, "time", clock := Clock()):
+        for engine_speed_rpm in (800.0, 0.0):
+            rows.append(fuzz_requests(args.cases, random.Random(args.seed), engine_speed_rpm))
+            rng = random.Random(args.seed + 1)
+            rows.append(fuzz_frames(args.cases, rng, engine_speed_rpm, clock))
+    return finish(args, rows)

@@ -1,22 +1,27 @@
-"""Fuzzes the live loop with random and mutated frames beside those of a healthy drive.
+"""Fuzz the live loop with random and mutated frames beside those of a healthy drive.
 
 A crash, a code, a detached attachment or a growth of memory is a failure. One in 256 random
 payloads has a right eight-bit checksum: it is a sound frame with another content, which no monitor
 can detect. Such frames are left out unless --sound is given.
+
+python -m benchmarks fuzz_frames [--cases 1000000] [--sound]
 """
 
 import gc
 import random
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 
 import can
 
-from benchmarks.damage.fuzz_options import fuzz_parser
-from benchmarks.live.played import Played, rss_mb
-from benchmarks.repository import ROOT
+from benchmarks.damage.harness import fuzz_options
+from benchmarks.live.played import Played
+from benchmarks.measures import rss_mb
+from benchmarks.outcome import Row, finish
+from benchmarks.repository import REPLAY_LOGS
 from monitor.base import config
 from monitor.base.types import Frame
 from monitor.bus.link.recorder import message_of
@@ -26,7 +31,7 @@ from monitor.decode.checksum import payload_checksum
 from monitor.frames.logs import read_frames
 from monitor.pipeline import replay
 
-LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
+LOG = REPLAY_LOGS / "healthy_wltc_3b_v101_s101.blf"
 BEGIN_NS = 1_700_000_000_000_000_000
 N_DATA, CHECKSUM_BYTE = 8, 7  # of every message of the project's ECU
 STRANGE_TIMES = (0.0, -1.0, 1e-9, 1e12, 2.0**53, float(BEGIN_NS) / 1e9)
@@ -137,7 +142,7 @@ def fuzz(
     mad_clock : the frames are sound, their times are not
     sound : with frames whose checksum is right by chance
     """
-    rng, drive = random.Random(seed), list(read_frames(log))
+    rng, drive = random.Random(seed), list(islice(read_frames(log), n))
     play = strange_times if mad_clock else messages
     made = 0
     sizes: list[float] = []
@@ -175,11 +180,17 @@ def fuzz(
 
 
 def main(argv: Sequence[str]) -> int:
-    parser = fuzz_parser(__doc__, "frames", 1_000_000)
-    parser.add_argument("--sound", action="store_true", help="with right checksums by chance")
-    args = parser.parse_args(argv)
-    found = fuzz(args.frames, args.seed, sound=args.sound)
-    print(found)
-    mad = fuzz(args.frames // 10, args.seed, mad_clock=True)
-    print(f"mad clock: {mad}")
-    return 1 if found.codes or found.detached or mad.detached else 0
+    """Fuzz with frames, then with times; return 1 if a code came or something was detached."""
+    options = fuzz_options(__name__, __doc__, 1_000_000, 1000)
+    options.add_argument("--sound", action="store_true", help="with right checksums by chance")
+    args = options.parse_args(argv)
+    whole = {
+        "frames": fuzz(args.cases, args.seed, sound=args.sound),
+        "mad clock": fuzz(args.cases // 10, args.seed, mad_clock=True),
+    }
+    rows: list[Row] = [
+        {"what": what} | asdict(found) | {"codes": " ".join(found.codes)}
+        for what, found in whole.items()
+    ]
+    missed = [f"{what}: {found}" for what, found in whole.items() if found.detached]
+    return finish(args, rows, missed + [str(c) for c in [whole["frames"].codes] if c])

@@ -1,4 +1,4 @@
-"""Fuzzes ``o2mon replay`` with damaged and hostile logs and tables of every format.
+"""Fuzz ``o2mon replay`` with damaged and hostile logs and tables of every format.
 
 Each log is a short healthy drive (``log_seeds.py``) with something wrong: bits, bytes, numbers,
 lines, blocks, stretches in another order, its packing. Undamaged, every format ends with exit code
@@ -13,7 +13,7 @@ import json
 import random
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count, islice
 from pathlib import Path
@@ -21,11 +21,12 @@ from tempfile import TemporaryDirectory
 
 import asammdf  # noqa: F401  imported once, for all children
 
-from benchmarks.damage.fuzz_options import fuzz_parser
+from benchmarks.damage.harness import fuzz_options
 from benchmarks.damage.log_content import Content
 from benchmarks.damage.log_seeds import BINARY_KINDS, KINDS, write_seeds
 from benchmarks.damage.mutations import BINARY, TEXT, flip, in_containers
 from benchmarks.damage.sandbox import Job, Tally, call, calls
+from benchmarks.outcome import Row, finish, say
 from monitor import cli
 from monitor.cli import options, replay
 
@@ -40,11 +41,6 @@ class Found:
 
     tally: Tally = field(default_factory=Tally)
     explained: Counter[str] = field(default_factory=Counter)  # codes by what explains them
-
-    def line(self) -> str:
-        """Return the counts in one line."""
-        reasons = "; ".join(f"{why} {n}" for why, n in sorted(self.explained.items()))
-        return self.tally.line() + (f"; codes explained by content: {reasons}" if reasons else "")
 
 
 def cases(sound: dict[str, bytes], seed: int) -> Iterator[tuple[str, bytes]]:
@@ -87,7 +83,7 @@ def replaying(path: Path, *more: str) -> Job:
     return functools.partial(cli.main, ["replay", "--quiet", str(path), *more])
 
 
-def fuzz(n: int, seed: int, keep: Path, say: Callable[[str], None] = print) -> dict[str, Found]:
+def fuzz(n: int, seed: int, keep: Path) -> dict[str, Found]:
     """Replay ``n`` damaged logs; return the counts by format. Files of failures go to ``keep``."""
     setup = options.set_up(cli._parser(["replay"]).parse_args(["replay", "x"]))
     replay.set_up = lambda _: setup  # type: ignore[assignment]  # loaded once
@@ -147,14 +143,15 @@ def _explained(path: Path, kind: str, content: Content) -> str:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Fuzz and print the counts; return 1 if a promise was broken."""
-    parser = fuzz_parser(__doc__, "logs", 100_000, keeps=True)
-    args = parser.parse_args(argv)
+    """Fuzz and count; return 1 if a promise was broken."""
+    args = fuzz_options(__name__, __doc__, 100_000, 50).parse_args(argv)
     args.keep.mkdir(parents=True, exist_ok=True)
-    found = fuzz(args.logs, args.seed, args.keep, lambda line: print(line, flush=True))
-    whole = Tally()
-    for kind, each in sorted(found.items()):
-        print(f"{kind}: {each.line()}")
+    found, whole = fuzz(args.cases, args.seed, args.keep), Tally()
+    for each in found.values():
         whole.merge(each.tally)
-    print(f"all: {whole.line()}")
-    return 1 if whole.complaints else 0
+    rows = [each.tally.row(kind) for kind, each in sorted(found.items())]
+    why = Counter[str]()
+    for each in found.values():
+        why.update(each.explained)
+    explained: list[Row] = [{"code explained by": reason, "logs": n} for reason, n in why.items()]
+    return finish(args, [*rows, whole.row("all"), *explained], whole.missed())

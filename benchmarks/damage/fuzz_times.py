@@ -1,11 +1,14 @@
-"""Fuzzes frame times: a healthy drive whose clock is set back and forward and whose frames are
-stamped wrongly, in replays (with and without alive counters) and through the live loop.
+"""Fuzz frame times, in replays (with and without alive counters) and through the live loop.
 
-The frames' content stays sound, so that a code, a driving cycle or a crash is a failure. So is a
-recording of the live loop whose replay says anything else than the loop did.
+The clock of a healthy drive is set back and forward and its frames are stamped wrongly. Their
+content stays sound, so that a code, a driving cycle or a crash is a failure. So is a recording of
+the live loop whose replay says anything else than the loop did.
+
+python -m benchmarks fuzz_times [--cases 10000000] [--seconds 600]
 """
 
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,8 +17,9 @@ from typing import Any
 import can
 import numpy as np
 
-from benchmarks.damage.fuzz_options import fuzz_parser
-from benchmarks.repository import ROOT
+from benchmarks.damage.harness import fuzz_options
+from benchmarks.outcome import finish, say
+from benchmarks.repository import REPLAY_LOGS
 from monitor.base import config
 from monitor.base.types import Frame, FrameBlock
 from monitor.bus.link.recorder import message_of
@@ -36,7 +40,7 @@ from monitor.pipeline.monitor import Judge, Monitor
 from monitor.pipeline.names import needed_names
 from monitor.pipeline.side_by_side import slices
 
-LOG = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
+LOG = REPLAY_LOGS / "healthy_micro_trips_v102_s102.blf"
 BEGIN_NS = 1_700_000_000_000_000_000
 S = 1_000_000_000
 SMALLEST_S, LARGEST_S = 1e-3, 1e6  # of the jumps
@@ -200,48 +204,42 @@ def lived(frames: FrameBlock, arrivals_s: list[float], setup: replay.Setup) -> F
 
 def drives(
     n: int, seed: int, setup: replay.Setup, frames: FrameBlock
-) -> Iterator[tuple[int, str, Found, float]]:
-    """Yield number of frames, form, findings and seconds, until ``n`` frames are judged."""
-    bare, made = without_counters(setup), 0
-    while made < n:
-        rng = np.random.default_rng(seed)
+) -> Iterator[tuple[str, str, Found, float]]:
+    """Yield form, what was done, findings and seconds, until ``n`` frames are judged."""
+    bare = without_counters(setup)
+    for number in range(seed, seed + -(-n // len(frames.t_ns))):
+        rng = np.random.default_rng(number)
         rate, kind = rng.choice(RATES), str(rng.choice(("steps", "stamps", "both")))
         jumped = jumping(frames, rng, rate, kind)
-        form = ("replay", "replay without counters", "live")[seed % 3]
+        form = ("replay", "replay without counters", "live")[number % 3]
         begin_s = time.process_time()
         if form == "live":
             found = lived(jumped, arrivals(frames.t_ns, rng), setup)
         else:
             found = replayed(jumped, setup if form == "replay" else bare)
-        yield (
-            len(frames.t_ns),
-            f"{form}, seed {seed}, {kind}, {rate:g}",
-            found,
-            (time.process_time() - begin_s),
-        )
-        made += len(frames.t_ns)
-        seed += 1
+        yield form, f"seed {number}, {kind}, {rate:g}", found, time.process_time() - begin_s
 
 
 def main(argv: Sequence[str]) -> int:
-    parser = fuzz_parser(__doc__, "frames", 10_000_000)
-    parser.add_argument("--seconds", type=float, help="of the drive; by default all")
-    args = parser.parse_args(argv)
-    setup, frames = replay.set_up(None, (), config.load()), healthy(args.seconds)
-    n, failures, windows, slowest_s, total = 0, 0, 0, 0.0, TimeCounters()
-    for more, name, found, took_s in drives(args.frames, args.seed, setup, frames):
-        n, slowest_s = n + more, max(slowest_s, took_s)
-        windows += len(found.judged["windows"])
-        total.clock_steps += found.times.clock_steps
-        total.log_gaps += found.times.log_gaps
-        total.outliers += found.times.outliers
-        if found.codes or found.cycles:
-            failures += 1
-            print(f"{name}: codes {found.codes}, driving cycles {found.cycles}", flush=True)
-        if n // 1_000_000 > (n - more) // 1_000_000:
-            print(
-                f"{n} frames, {windows} windows, slowest drive {slowest_s:.1f} s of CPU", flush=True
-            )
-    print(f"{n} frames, {windows} windows: {failures} drives with a false code or cycle; {total}")
-    print(f"slowest drive {slowest_s:.1f} s of CPU")
-    return 1 if failures else 0
+    """Fuzz and count; return 1 if a drive has a false code or driving cycle."""
+    options = fuzz_options(__name__, __doc__, 10_000_000, 60_000)
+    options.add_argument("--seconds", type=float, help="of the drive; by default all")
+    args = options.parse_args(argv)
+    seconds = 100.0 if args.smallest else args.seconds
+    setup, frames = replay.set_up(None, (), config.load()), healthy(seconds)
+    sums, missed = dict[str, Counter[str]](), []
+    for form, what, found, took_s in drives(args.cases, args.seed, setup, frames):
+        false = bool(found.codes or found.cycles)
+        sums.setdefault(form, Counter()).update(
+            frames=len(frames.t_ns),
+            windows=len(found.judged["windows"]),
+            clock_steps=found.times.clock_steps,
+            log_gaps=found.times.log_gaps,
+            outliers=found.times.outliers,
+            false=false,
+            cpu_ms=round(1e3 * took_s),
+        )
+        if false:
+            missed.append(f"{form}, {what}: codes {found.codes}, driving cycles {found.cycles}")
+            say(missed[-1])
+    return finish(args, [{"form": form} | dict(sums[form]) for form in sums], missed)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.repository import ROOT
+from benchmarks.repository import REPLAY_LOGS
 from monitor.base.types import FloatArray, Frame
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
@@ -22,7 +22,7 @@ from training.recordings.mf4_log import write_mf4
 from training.recordings.recording import Recording, load
 from training.recordings.table_files import write_table
 
-DRIVE = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
+DRIVE = REPLAY_LOGS / "healthy_wltc_3b_v101_s101.blf"
 BEGIN_S, LENGTH_S = 200.0, 30.0
 LOGS = (".log", ".asc", ".csv", ".trc", ".blf", ".mf4")
 OWN = (".table.csv", ".parquet")

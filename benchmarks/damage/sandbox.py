@@ -20,6 +20,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from benchmarks.measures import peak_mb
+from benchmarks.outcome import Row
+
 HANG_S: Final = 5.0  # the lesser of wall and processor time, because other work runs beside it
 MOST_MB: Final = 1000.0
 KILL_S: Final = 60.0
@@ -82,14 +85,21 @@ class Tally:
         self.longest_s = max(self.longest_s, other.longest_s)
         self.peak_mb = max(self.peak_mb, other.peak_mb)
 
-    def line(self) -> str:
-        """Return the counts in one line."""
-        codes = ", ".join(f"exit {code}: {n}" for code, n in sorted(self.codes.items()))
-        broken = ", ".join(f"{what} {n}" for what, n in self.complaints.items()) or "none"
-        return (
-            f"{self.calls} calls ({codes}); broken promises: {broken}; "
-            f"longest {self.longest_s:.2f} s, peak {self.peak_mb:.0f} MB"
-        )
+    def row(self, of: str) -> Row:
+        """Return the counts as a row."""
+        codes = ", ".join(f"{code}: {n}" for code, n in sorted(self.codes.items()))
+        return {
+            "of": of,
+            "calls": self.calls,
+            "exit codes": codes,
+            "broken promises": self.complaints.total(),
+            "longest_s": self.longest_s,
+            "peak_mb": self.peak_mb,
+        }
+
+    def missed(self) -> list[str]:
+        """Return the broken promises and how often each was."""
+        return [f"{what}: {n} calls" for what, n in self.complaints.items()]
 
 
 def call(job: Job, kill_s: float = KILL_S) -> Outcome:
@@ -120,16 +130,8 @@ def calls(jobs: Sequence[Job], kill_s: float = KILL_S) -> Iterator[Outcome]:
         _, status, usage = os.wait4(child, 0)
         if done < len(jobs):
             done += 1
-            took_s = time.monotonic() - begun_s
-            peak_mb = usage.ru_maxrss / 1024
-            yield Outcome(
-                code=os.waitstatus_to_exitcode(status),
-                last_line="",
-                n_lines=0,
-                wall_s=took_s,
-                cpu_s=took_s,
-                peak_mb=peak_mb,
-            )
+            took_s, code = time.monotonic() - begun_s, os.waitstatus_to_exitcode(status)
+            yield Outcome(code, "", 0, took_s, took_s, usage.ru_maxrss / 1024)
 
 
 def _line(records: io.RawIOBase, within_s: float) -> bytes | None:
@@ -176,10 +178,5 @@ def _outcome(job: Job) -> dict[str, float | str]:
         "n_lines": len(lines),
         "wall_s": time.monotonic() - begun_s,
         "cpu_s": time.process_time() - cpu_s,
-        "peak_mb": _peak_mb(),
+        "peak_mb": peak_mb(),
     }
-
-
-def _peak_mb() -> float:
-    status = Path("/proc/self/status").read_text()
-    return int(status.partition("VmHWM:")[2].split()[0]) / 1024

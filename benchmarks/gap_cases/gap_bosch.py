@@ -8,11 +8,10 @@ healthy errors (the robust spread of the runs that were left out in turn). Twelv
 runs as they are against the other seven: four divisions of the runs times three outputs.
 ``--seeds`` draws other divisions, signals and constants, nine effects per seed.
 
-    python -m benchmarks gap_bosch [FOLDER] [--size 2] [--nulls 12] [--outputs NAME ...]
-        [--seeds N ...]
+python -m benchmarks gap_bosch [FOLDER] [--size 2] [--nulls 12] [--outputs NAME ...]
+    [--seeds N ...]
 """
 
-import argparse
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,14 +19,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from benchmarks.outcome import Options, Row, finish, say
+from benchmarks.verdicts.bosch import LAMBDA_PER_Z, RUNS, STOICHIOMETRIC_Z, run_of
 from monitor.base.types import BoolArray, FloatArray
 from training.gap.response.account import Response
 from training.gap.response.difference import Difference, Finding, References, difference_of
 from training.gap.response.regressors import lagged
 from training.greybox.fit.comparison import Comparison
-from training.recordings.recording import Recording, load
+from training.recordings.recording import Recording
 
-RUNS: Final = (10, 11, 12, 13, 14, 15, 30, 31, 32, 33, 53, 54)
 NEW: Final = (
     (11, 13, 31, 33, 54),
     (10, 12, 30, 32, 53),
@@ -153,7 +153,7 @@ def drawn(rng: np.random.Generator) -> tuple[Effect, ...]:
     )
 
 
-def run_of(recording: Recording, output: str, phi: FloatArray | None = None) -> Comparison:
+def compared(recording: Recording, output: str, phi: FloatArray | None = None) -> Comparison:
     """Return a run; the model's reading is not used."""
     columns = {n: recording.column(n) for n in recording.names if n not in (output, CUT)}
     columns["fuel_cut"] = in_cut(recording).astype(np.float64)
@@ -175,7 +175,7 @@ def run_of(recording: Recording, output: str, phi: FloatArray | None = None) -> 
 
 def phi_of(recording: Recording) -> FloatArray:
     """Return phi (n,) of a run."""
-    return 1.0 / (1.0 + 0.064 * (recording.column("lambda_z") + 0.065))
+    return 1.0 / (1.0 + LAMBDA_PER_Z * (recording.column("lambda_z") - STOICHIOMETRIC_Z))
 
 
 def in_cut(recording: Recording) -> BoolArray:
@@ -186,7 +186,7 @@ def in_cut(recording: Recording) -> BoolArray:
 def learn(recordings: list[Recording], output: str) -> References:
     """Return what healthy runs say of an output."""
     inputs = [*INPUTS, *(["lambda_z"] if output != "lambda_z" else [])]
-    return References.learn([run_of(r, output) for r in recordings], inputs)
+    return References.learn([compared(r, output) for r in recordings], inputs)
 
 
 def hidden(effect: Effect, recordings: list[Recording], size: float) -> list[FloatArray]:
@@ -201,59 +201,61 @@ def hidden(effect: Effect, recordings: list[Recording], size: float) -> list[Flo
     return [p + b * e * size / rms for p, b, e in zip(phi, burning, made, strict=True)]
 
 
-def report(name: str, found: Difference, right: str, began_s: float) -> None:
-    """Print one row."""
-    best = found.findings[0]
-    print(
-        f"| {name} | {'reported' if found.best else 'no gap'} | {right} | {best.p_value:.2g} | "
-        f"{best.kind} {best.driver} | {best.sentence if found.best else ''} | "
-        f"{time.process_time() - began_s:.0f} |",
-        flush=True,
-    )
+def row_of(name: str, found: Difference, right: bool | None, began_s: float) -> Row:
+    """Return the row of one question."""
+    best, cpu_s = found.findings[0], time.process_time() - began_s
+    say(f"{name}: {best.sentence if found.best else 'no gap'}, {cpu_s:.0f} s")
+    return {
+        "hidden": name,
+        "reported": found.best is not None,
+        "described": right,
+        "p of the best": float(best.p_value),
+        "kind, driver": f"{best.kind} {best.driver}",
+        "cpu_s": cpu_s,
+    }
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print a table, one row per effect and null."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", nargs="?", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--size", type=float, default=2.0)
-    parser.add_argument("--outputs", nargs="+", default=OUTPUTS, help="of the nulls")
-    parser.add_argument("--nulls", type=int, default=12, metavar="N")
-    parser.add_argument("--seeds", nargs="+", type=int, help="of other divisions and effects")
-    args = parser.parse_args(argv)
-    runs = {n: load(args.folder / "bosch_gengine1" / f"run_{n:06d}.csv.gz") for n in RUNS}
+    """Ask for effects and nulls, and count."""
+    options = Options(__name__, __doc__, outputs=["lambda_z"], nulls=1, effects=1)
+    options.add_argument("folder", nargs="?", type=Path, default=Path("../shared/data"))
+    options.add_argument("--size", type=float, default=2.0)
+    options.add_argument("--outputs", nargs="+", default=OUTPUTS, help="of the nulls")
+    options.add_argument("--nulls", type=int, default=12, metavar="N")
+    options.add_argument("--seeds", nargs="+", type=int, help="of other divisions and effects")
+    options.add_argument("--effects", type=int, help="only the first so many of each division")
+    args = options.parse_args(argv)
+    runs = {n: run_of(args.folder, 1, n) for n in RUNS[1]}
     sets = [(NEW[0], NINE), *((group, ()) for group in NEW[1:])]
     if args.seeds:
         rngs = [np.random.default_rng(seed) for seed in args.seeds]
-        sets = [(sorted(g.choice(RUNS, 5, replace=False).tolist()), drawn(g)) for g in rngs]
-    print("| hidden | verdict | described | p of the best | kind, driver | sentence | CPU s |")
-    print("|---|---|---|---|---|---|---|")
-    answers, wrong = [], []
+        sets = [(sorted(g.choice(RUNS[1], 5, replace=False).tolist()), drawn(g)) for g in rngs]
+    nulls, answers = list[Row](), list[Row]()
     for group, effects in sets:
         new, healthy = [runs[n] for n in group], [r for n, r in runs.items() if n not in group]
         for output in args.outputs:
-            if len(wrong) == args.nulls:
+            if len(nulls) == args.nulls:
                 break
             began_s = time.process_time()
             known = learn(healthy, output)
-            found = difference_of([run_of(r, output) for r in new], known)
-            wrong.append(found.best is not None)
-            report(f"none, {output}, {group}", found, "", began_s)
+            found = difference_of([compared(r, output) for r in new], known)
+            nulls.append(row_of(f"none, {output}, {group}", found, None, began_s))
             if output != "lambda_z":
                 continue
-            spread = np.median(
-                np.abs(np.concatenate([r.residual[r.scored] for r in known.each[0].healthy]))
-            )
-            for effect in effects:
+            errors = [r.residual[r.scored] for r in known.each[0].healthy]
+            spread = 1.4826 * float(np.median(np.abs(np.concatenate(errors))))
+            for effect in effects[: args.effects]:
                 began_s = time.process_time()
-                phi = hidden(effect, new, args.size * 1.4826 * float(spread))
-                changed = [run_of(r, output, p) for r, p in zip(new, phi, strict=True)]
+                phi = hidden(effect, new, args.size * spread)
+                changed = [compared(r, output, p) for r, p in zip(new, phi, strict=True)]
                 found = difference_of(changed, known)
                 right = found.best is not None and effect.says(found.best, found.response)
-                answers.append((found.best is not None, right))
-                report(effect.name, found, "yes" if right else "no", began_s)
-    if answers:
-        reported, described = np.sum(answers, axis=0)
-        print(f"{reported} of {len(answers)} reported, {described} described")
-    print(f"{sum(wrong)} of {len(wrong)} nulls reported")
-    return 0
+                answers.append(row_of(effect.name, found, right, began_s))
+    counts: Row = {
+        "effects": len(answers),
+        "reported": sum(bool(row["reported"]) for row in answers),
+        "described": sum(bool(row["described"]) for row in answers),
+        "nulls": len(nulls),
+        "nulls reported": sum(bool(row["reported"]) for row in nulls),
+    }
+    return finish(args, [*answers, *nulls, counts])

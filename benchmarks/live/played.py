@@ -1,7 +1,6 @@
 """A bus that plays messages from memory as fast as they are read; None stands for 0.1 s silence."""
 
 from collections.abc import Iterable
-from pathlib import Path
 
 import can
 
@@ -37,9 +36,3 @@ class Played(can.BusABC):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         self.sent += 1
-
-
-def rss_mb() -> float:
-    """Return the memory this process has in use now."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * 4096 / 1e6

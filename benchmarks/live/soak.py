@@ -3,9 +3,10 @@
 A healthy simulated drive is played again and again from memory. The loop has all attachments of a
 service: fault memory on disk, transmitter, JSON lines, status line. The bus is silent for a moment
 between two drives. The drives are healthy, so every code is wrong.
+
+python -m benchmarks soak [--hours 24] [--every 1] [--trace]
 """
 
-import argparse
 import gc
 import io
 import json
@@ -21,8 +22,10 @@ from pathlib import Path
 
 import can
 
-from benchmarks.live.played import SILENCE_S, Played, rss_mb
-from benchmarks.repository import ROOT
+from benchmarks.live.played import SILENCE_S, Played
+from benchmarks.measures import rss_mb
+from benchmarks.outcome import Options, Row, finish
+from benchmarks.repository import REPLAY_LOGS
 from monitor.base import config
 from monitor.base.types import Frame
 from monitor.bus.link.recorder import message_of
@@ -33,7 +36,7 @@ from monitor.frames.logs import read_frames
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 
-LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
+LOG = REPLAY_LOGS / "healthy_wltc_3b_v101_s101.blf"
 PAUSE_S = 2.0  # between two drives: time marks are made, no communication is lost yet
 BEGIN_NS = 1_700_000_000_000_000_000
 
@@ -113,18 +116,17 @@ def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) 
 
 
 def main(argv: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--log", type=Path, default=LOG, help="a healthy drive")
-    parser.add_argument("--hours", type=float, default=24.0, help="of bus time")
-    parser.add_argument("--every", type=float, default=1.0, metavar="HOURS")
-    parser.add_argument("--trace", action="store_true", help="with tracemalloc, five times slower")
-    args = parser.parse_args(argv)
+    """Play drives; return 1 if a code came."""
+    options = Options(__name__, __doc__, hours=0.04, every=0.02)
+    options.add_argument("--log", type=Path, default=LOG, help="a healthy drive")
+    options.add_argument("--hours", type=float, default=24.0, help="of bus time")
+    options.add_argument("--every", type=float, default=1.0, metavar="HOURS")
+    options.add_argument("--trace", action="store_true", help="with tracemalloc, five times slower")
+    args = options.parse_args(argv)
     start_s = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         points = soak(args.log, args.hours, args.every, Path(folder), trace=args.trace)
-    took_s = time.monotonic() - start_s
-    for p in points:
-        traced = f"  traced {p.traced_kb:9.1f} kB" if args.trace else ""
-        print(f"{p.bus_h:6.1f} h  RSS {p.rss_mb:7.1f} MB{traced}  windows {p.windows}  {p.codes}")
-    print(f"{args.hours:g} h of bus time in {took_s:.0f} s, {args.hours * 3600 / took_s:.0f} x")
-    return 1 if any(p.codes for p in points) else 0
+    times = args.hours * 3600.0 / (time.monotonic() - start_s)
+    rows: list[Row] = [asdict(p) | {"codes": " ".join(p.codes)} for p in points]
+    missed = [f"codes at {p.bus_h:.1f} h: {p.codes}" for p in points if p.codes]
+    return finish(args, [*rows, {"times real time": times}], missed)

@@ -1,17 +1,15 @@
 """Processor time and memory per recording, from ten recordings to ten thousand.
 
 Sixteen short drives, pieces of the shipped simulated logs, are linked under the wanted number of
-names and judged by ``o2train fleet``, as logs or tables. "Judging" is the workers' processor time
-for reading, judging and rows; "all" is that of every process from start to report. Memory is the
+names and judged by ``o2train fleet``, as logs or tables. "judging" is the workers' processor time
+for reading, judging and rows; "cpu_s" is that of every process from start to report. Memory is the
 largest resident set of the coordinator and of any one worker, sampled ten times a second.
 
-    python -m benchmarks fleet_scaling [--format log] [--jobs 2] [--counts 10 100 1000]
+python -m benchmarks fleet_scaling [--format log] [--jobs 2] [--counts 10 100 1000]
 """
 
-import argparse
 import json
 import os
-import platform
 import subprocess
 import sys
 import time
@@ -22,13 +20,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import psutil
 
-from benchmarks.repository import ROOT
+from benchmarks.outcome import Options, Row, finish
+from benchmarks.repository import REPLAY_LOGS
 from monitor.decode.bus_map import load_pairs
 from monitor.pipeline.replay import shipped_model
 from training.recordings.can_log import broadcast, write_log
 from training.recordings.recording import default_pairs, load, write_table
 
-LOGS = ROOT / "replay_logs"
 SOURCES = ("healthy_micro_trips_v102_s102.blf", "healthy_wltc_3b_v101_s101.blf")
 DISTINCT = 16
 SAMPLES = 1200  # of 0.1 s in a recording
@@ -39,12 +37,11 @@ def make(folder: Path, kind: str) -> list[Path]:
     """Write sixteen recordings of two minutes."""
     folder.mkdir()
     bus_map = load_pairs(default_pairs())
-    whole = [load(LOGS / name) for name in SOURCES]
+    whole = [load(REPLAY_LOGS / name) for name in SOURCES]
     made = []
     for i in range(DISTINCT):
         drive = whole[i % len(whole)]
-        piece = slice(i // 2 * 400, i // 2 * 400 + SAMPLES)
-        values = drive.values[piece]
+        values = drive.values[i // 2 * 400 :][:SAMPLES]
         t_s = np.arange(len(values)) * (drive.period_ns / 1e9)
         path = folder / f"source_{i:02d}.{kind}"
         if kind == "parquet":
@@ -65,13 +62,13 @@ def link(made: list[Path], folder: Path, count: int) -> Path:
     return folder
 
 
-def run(folder: Path, out: Path, jobs: int) -> dict[str, float]:
+def run(folder: Path, out: Path, jobs: int) -> Row:
     """Judge a folder; return what it took."""
-    model = str(shipped_model())
-    call = [sys.executable, "-m", "training.cli", "fleet", str(folder), "--model", model]
+    count = len(list(folder.iterdir()))
+    options = ["--model", str(shipped_model()), "--out", str(out), "--jobs", str(jobs)]
     began_s, before = time.perf_counter(), os.times()
     process = subprocess.Popen(
-        [*call, "--out", str(out), "--jobs", str(jobs)],
+        [sys.executable, "-m", "training.cli", "fleet", str(folder), *options],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
@@ -91,33 +88,27 @@ def run(folder: Path, out: Path, jobs: int) -> dict[str, float]:
     if found["errors"]:
         raise SystemExit(f"{found['errors']} recordings could not be judged")
     return {
+        "recordings": count,
         "wall_s": time.perf_counter() - began_s,
         "cpu_s": sum(after[2:4]) - sum(before[2:4]),
-        "judging_cpu_s": sum(found["seconds"].values()),
+        "judging, ms each": 1e3 * sum(found["seconds"].values()) / count,
         "driving_h": found["hours"],
         **{f"{name}_mb": value / 1e6 for name, value in peak.items()},
     }
 
 
 def main(argv: Sequence[str]) -> int:
-    """Measure and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--format", choices=("log", "blf", "parquet"), default="log")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--counts", type=int, nargs="+", default=[10, 100, 1000])
-    args = parser.parse_args(argv)
-    print(f"{platform.machine()}, {os.cpu_count()} cores, {args.jobs} jobs, {args.format}")
-    print("recordings    wall s   all, cpu s   judging, cpu ms each   coordinator MB   worker MB")
+    """Judge folders of growing size."""
+    options = Options(__name__, __doc__, counts=[16], jobs=1)
+    options.add_argument("--format", choices=("log", "blf", "parquet"), default="log")
+    options.add_argument("--jobs", type=int, default=2)
+    options.add_argument("--counts", type=int, nargs="+", default=[10, 100, 1000])
+    args = options.parse_args(argv)
+    rows: list[Row] = []
     with TemporaryDirectory(dir=os.environ.get("TMPDIR")) as temporary:
         root = Path(temporary)
         made = make(root / "made", args.format)
         for count in args.counts:
             folder = link(made, root / str(count), count)
-            took = run(folder, root / f"{count}.parquet", args.jobs)
-            print(
-                f"{count:10d} {took['wall_s']:9.1f} {took['cpu_s']:12.1f} "
-                f"{1000.0 * took['judging_cpu_s'] / count:22.2f} {took['coordinator_mb']:16.0f} "
-                f"{took['worker_mb']:11.0f}",
-                flush=True,
-            )
-    return 0
+            rows.append(run(folder, root / f"{count}.parquet", args.jobs))
+    return finish(args, rows)

@@ -5,15 +5,14 @@ writes in half an hour). Read are the canonical signals, as ``o2mon replay`` doe
 each in a process of its own that counts its peak memory. No reader of this format stands on PyPI;
 the comparison is the plain loop of the public converters: one ``struct.unpack`` per record.
 
-    python -m benchmarks mlg_reader [--records 190000] [--channels 979] [--keep FILE]
+Targets: 60 s and 300 MB.
 
-Returns 1 if a target is missed: 60 s and 300 MB.
+python -m benchmarks mlg_reader [--records 190000] [--channels 979] [--keep FILE]
 """
 
 import argparse
 import struct
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -21,6 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.measures import benchmark_call, peak_mb
+from benchmarks.outcome import Options, Row, finish
 from monitor.frames.tables.raw_table import Notes, Wanted
 from monitor.frames.tables.readers import open_table
 from monitor.grid.tables import read_table
@@ -112,46 +113,35 @@ WAYS: dict[str, Callable[[Path], int]] = {
 }
 
 
-def peak_mb() -> float:
-    """Return the largest memory of this process; ``getrusage`` would count its parent's, too."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return int(next(line for line in lines if line.startswith("VmHWM")).split()[1]) / 1024
-
-
-def measured(way: str, path: Path) -> tuple[float, float, int]:
-    """Return seconds, peak MB and values of one way, in a process of its own."""
-    done = subprocess.run(
-        [sys.executable, __file__, "--way", way, "--keep", str(path)],
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    seconds, peak, values = done.stdout.split()
-    return float(seconds), float(peak), int(values)
+def measured(way: str, path: Path) -> Row:
+    """Return what one way takes, in a process of its own."""
+    command = benchmark_call("mlg_reader", "--way", way, "--keep", path)
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    seconds, peak, values = map(float, done.stdout.split())
+    return {"way": way, "seconds": seconds, "peak_mb": peak, "values": int(values)}
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print a table of the ways; return 1 if a target is missed."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--records", type=int, default=190_000)
-    parser.add_argument("--channels", type=int, default=979)
-    parser.add_argument("--keep", type=Path, help="file to write, and to leave")
-    parser.add_argument("--way", choices=WAYS, help=argparse.SUPPRESS)
-    args = parser.parse_args(argv)
+    """Read in each way; return 1 if a target is missed."""
+    options = Options(__name__, __doc__, records=2000, channels=100)
+    options.add_argument("--records", type=int, default=190_000)
+    options.add_argument("--channels", type=int, default=979)
+    options.add_argument("--keep", type=Path, help="file to write, and to leave")
+    options.add_argument("--way", choices=WAYS, help=argparse.SUPPRESS)
+    args = options.parse_args(argv)
     if args.way:
-        begun = time.perf_counter()
+        begun_s = time.perf_counter()
         values = WAYS[args.way](args.keep)
-        seconds = time.perf_counter() - begun
-        print(seconds, peak_mb(), values)
+        print(time.perf_counter() - begun_s, peak_mb(), values)
         return 0
-    missed = False
     with tempfile.TemporaryDirectory() as folder:
         path = args.keep or Path(folder) / "large.mlg"
         write(path, args.records, args.channels)
         size_mb = path.stat().st_size / 1e6
-        print(f"{args.records} records of {args.channels} channels, {size_mb:.0f} MB")
-        for way in WAYS:
-            seconds, peak, values = measured(way, path)
-            print(f"{way:<12}{seconds:8.1f} s {peak:8.0f} MB at most {values:12d} values")
-            missed |= way != "plain_loop" and (seconds > TARGET_S or peak > TARGET_MB)
-    return int(missed)
+        rows: list[Row] = [measured(way, path) | {"file_mb": size_mb} for way in WAYS]
+    missed = [
+        f"{row['way']}: {TARGET_S:g} s and {TARGET_MB:g} MB"
+        for row in rows[:2]
+        if float(row["seconds"] or 0.0) > TARGET_S or float(row["peak_mb"] or 0.0) > TARGET_MB
+    ]
+    return finish(args, rows, missed)

@@ -9,7 +9,7 @@ import importlib
 import io
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import ModuleType
 
@@ -39,6 +39,10 @@ class Case:
     @property
     def target(self) -> np.ndarray:
         return self.y[self.spec.lags :]
+
+    def first(self, n: int) -> "Case":
+        """Return the case with the first ``n`` training samples."""
+        return replace(self, u=self.u[:n], y=self.y[:n])
 
 
 @dataclass
@@ -74,7 +78,7 @@ def timed(work: Callable[[], tuple[int, np.ndarray]]) -> Run:
     return Run(iterations, time.process_time() - cpu_s, time.perf_counter() - wall_s, weights)
 
 
-def _minimise(objectives: list[Objective], start: np.ndarray, iterations: int) -> Run:
+def _minimise(objective: Objective, start: np.ndarray, iterations: int) -> Run:
     history: list[tuple[float, float]] = []
     began = time.process_time()
 
@@ -82,12 +86,8 @@ def _minimise(objectives: list[Objective], start: np.ndarray, iterations: int) -
         history.append((time.process_time() - began, float(np.sqrt(cost))))
 
     def work() -> tuple[int, np.ndarray]:
-        weights = start
-        for objective in objectives:
-            weights = minimise(
-                objective, weights, Options(epochs=iterations), progress=note
-            ).weights
-        return len(history), weights
+        found = minimise(objective, start, Options(epochs=iterations), progress=note)
+        return len(history), found.weights
 
     run = timed(work)
     run.history = history
@@ -96,20 +96,7 @@ def _minimise(objectives: list[Objective], start: np.ndarray, iterations: int) -
 
 def ours(case: Case, start: np.ndarray, iterations: int) -> Run:
     """Levenberg–Marquardt of this project, one step ahead."""
-    return _minimise([OneStep(case.spec, case.phi, case.target)], start, iterations)
-
-
-def ours_in_stages(case: Case, start: np.ndarray, iterations: int) -> Run:
-    """Levenberg–Marquardt of this project over growing horizons."""
-    samples = Samples(case.u, case.y, np.ones(len(case.y)))
-    objectives: list[Objective] = []
-    for horizon in (1, 5, 20, 100, 1000):
-        first = np.arange(case.spec.lags, len(case.y), horizon)
-        history = case.y[first[:, None] - np.arange(1, case.spec.lags + 1)]
-        stop = np.minimum(first + horizon, len(case.y))
-        pieces = Pieces(first, stop, 0 * first, history)
-        objectives.append(ClosedLoop(case.spec, samples, pieces))
-    return _minimise(objectives, start, iterations)
+    return _minimise(OneStep(case.spec, case.phi, case.target), start, iterations)
 
 
 def free_run_objective(case: Case) -> ClosedLoop:
@@ -123,7 +110,7 @@ def free_run_objective(case: Case) -> ClosedLoop:
 
 def ours_free_run(case: Case, start: np.ndarray, iterations: int) -> Run:
     """Levenberg–Marquardt of this project on one free run over all samples."""
-    return _minimise([free_run_objective(case)], start, iterations)
+    return _minimise(free_run_objective(case), start, iterations)
 
 
 def _to_pyrenn(spec: Spec, weights: np.ndarray) -> np.ndarray:
@@ -179,70 +166,17 @@ def pyrenn_free_run(case: Case, start: np.ndarray, iterations: int) -> Run:
     )
 
 
-def _least_squares(case: Case, start: np.ndarray, iterations: int, **options: object) -> Run:
-    def residual(weights: np.ndarray) -> np.ndarray:
-        return forward(case.spec, weights, case.phi) - case.target
-
-    def work() -> tuple[int, np.ndarray]:
-        found = least_squares(residual, start, max_nfev=iterations, **options)  # type: ignore[call-overload]
-        return int(found.njev or found.nfev), found.x
-
-    return timed(work)
-
-
 def scipy_lm(case: Case, start: np.ndarray, iterations: int) -> Run:
     """Run MINPACK's Levenberg–Marquardt through scipy, with the Jacobian of this project."""
+
+    def residual(weights: np.ndarray) -> np.ndarray:
+        return forward(case.spec, weights, case.phi) - case.target
 
     def derivative(weights: np.ndarray) -> np.ndarray:
         return jacobian(case.spec, weights, case.phi)[1]
 
-    return _least_squares(case, start, iterations, method="lm", jac=derivative)
-
-
-def scipy_two_point(case: Case, start: np.ndarray, iterations: int) -> Run:
-    """Trust region of scipy with its own finite differences."""
-    return _least_squares(case, start, iterations, method="trf", jac="2-point", tr_solver="exact")
-
-
-def sysidentpy_adam(case: Case, start: np.ndarray, iterations: int) -> Run:
-    """NARXNN of SysIdentPy, with its defaults: Adam, rate 0.01, batches of 100, float32.
-
-    Its constructor refuses the nested lags that its fit wants for several inputs, so they are set
-    in between.
-    """
-    torch = package("torch")
-    narxnn = package("sysidentpy.neural_network").NARXNN
-    linear = package("sysidentpy.basis_function").Polynomial(degree=1)
-    spec = case.spec
-    parts: list[object] = []
-    columns = _sysidentpy_columns(spec)
-    for number, (matrix, bias) in enumerate(layers(spec, start)):
-        layer = torch.nn.Linear(matrix.shape[1], matrix.shape[0])
-        first = matrix[:, columns] if number == 0 else matrix
-        layer.weight.data, layer.bias.data = (
-            torch.tensor(a, dtype=torch.float32) for a in (first, bias)
-        )
-        parts += [layer, torch.nn.Tanh()]
-    net = torch.nn.Sequential(*parts[:-1])
-    model = narxnn(
-        net=net, ylag=spec.lags, xlag=spec.lags, basis_function=linear, epochs=iterations
-    )
-    model.xlag = [list(range(1, spec.lags + 1))] * spec.n_inputs
-
     def work() -> tuple[int, np.ndarray]:
-        model.fit(X=case.u, y=case.y[:, None])
-        weights = np.empty(spec.n_weights)
-        for number, (matrix, bias) in enumerate(layers(spec, weights)):
-            trained = net[2 * number]
-            matrix[:, columns if number == 0 else slice(None)] = trained.weight.detach().numpy()
-            bias[:] = trained.bias.detach().numpy()
-        return iterations, weights
+        found = least_squares(residual, start, max_nfev=iterations, method="lm", jac=derivative)
+        return int(found.njev or found.nfev), found.x
 
     return timed(work)
-
-
-def _sysidentpy_columns(spec: Spec) -> list[int]:
-    """Return our regressor's columns in SysIdentPy's order: lags of y, then of every input."""
-    inputs = range(spec.n_inputs)
-    past = [spec.lags * spec.n_inputs + lag for lag in range(spec.lags)]
-    return past + [lag * spec.n_inputs + k for k in inputs for lag in range(spec.lags)]

@@ -13,13 +13,12 @@ coupled drives (CED)  DATAUNIF.MAT                u11, z11, u12, z12 (n, 1)
 pilot plant           pilotPlant.mat              those of the tanks; more inputs as columns
 ====================  ==========================  =========================================
 
-A variable ``synthetic`` marks a stand-in: its plant is named so and has no goals.
 Training and test parts, and the measured samples that begin a test, are those of the package,
 version 1.0.1. The pilot plant is not in the package: save it in the layout of the tanks.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -72,14 +71,6 @@ def tanks(file: Path) -> Plant:
 def pilot_plant(file: Path) -> Plant:
     """Level in mm."""
     return _two_records(file, "pilot plant", "mm", 25.0)
-
-
-def plant_of(name: str, file: Path) -> Plant:
-    """Return the plant called ``name`` from its file."""
-    plant = PLANTS[name][1](file)
-    if "synthetic" not in loadmat(file, variable_names=["synthetic"]):
-        return plant
-    return replace(plant, name=f"synthetic {plant.name}", goals={})
 
 
 def _two_records(file: Path, name: str, unit: str, goal: float) -> Plant:
@@ -160,9 +151,10 @@ PLANTS: dict[str, tuple[str, Callable[[Path], Plant]]] = {
 }
 
 
-def find(folder: Path, name: str) -> Path | None:
-    """Return the file of plant ``name`` below ``folder``, whatever its case, or None."""
-    wanted = PLANTS[name][0].lower()
-    return next(
-        (p for p in sorted(folder.rglob("*.[mM][aA][tT]")) if p.name.lower() == wanted), None
-    )
+def find(folder: Path, name: str) -> Plant | None:
+    """Return the plant from its file below ``folder``, whatever the name's case, or None."""
+    file, read = PLANTS[name]
+    for path in sorted(folder.rglob("*.[mM][aA][tT]")):
+        if path.name.lower() == file.lower():
+            return read(path)
+    return None

@@ -1,26 +1,20 @@
 """Verdicts of the monitor on runs of a Bosch engine that neither trained its model nor chose it.
 
-Real recordings (boschresearch/Bosch-Engine-Datasets, CC BY-SA 4.0; 10 Hz, z-scored by their
-authors). Every run is judged whole: as it is, and with each response fault put on the measured
-lambda afterwards, which the control loop did not see. Engine 1 is split in two: the model of each
-half is judged on the other. The response rule's constants were chosen on runs 10, 13, 32, 33, 53
-and 54 (``1a``) with a model of runs 10 to 15, 30 and 31; three later choices were made on the
-others (``1b``), too. Engine 2 has six runs, all of which were looked at; each is judged by a model
-of others.
+Every run is judged whole: as it is, and with each response fault put on the measured lambda
+afterwards (see bosch.py). Engine 1 is split in two: the model of each half is judged on the other.
+The response rule's constants were chosen on runs 10, 13, 32, 33, 53 and 54 (``1a``) with a model of
+runs 10 to 15, 30 and 31; three later choices were made on the others (``1b``), too. Engine 2 has
+six runs, all of which were looked at; each is judged by a model of others. Offsets are put on
+engine 1 alone. On engine 2 the recorded lambda stands still for up to 42 s, exact in all digits,
+which the plausibility test calls stuck; codes of other tests are counted apart.
 
-Gains act around z = -0.065. Offsets are put on engine 1 alone, since engine 2's scale is not
-published. On engine 2 the recorded lambda stands still for up to 42 s, exact in all digits, which
-the plausibility test calls stuck; codes of other faults than those put on are counted apart.
+python -m benchmarks bosch_verdicts SPLIT [--folder FOLDER] [--model MODEL] [--budget MINUTES]
+    [--faults NAME ...] [--offset LAMBDA]
 
-    python -m benchmarks bosch_verdicts FOLDER SPLIT [--model MODEL] [--budget MINUTES]
-        [--faults NAME…] [--offset LAMBDA] [--nearer SHARE]
-
-FOLDER holds the runs of the engine; SPLIT is 1a, 1b, 2a, 2b or 2c, or 1:RUN,RUN… or 2:RUN,RUN…, in
-which these runs train and all others are judged. ``--nearer`` asks how good a model would have to
-be: every reading is moved towards its prediction by this share of the residual, and limits stay.
+SPLIT is 1a, 1b, 2a, 2b or 2c, or 1:RUN,RUN... or 2:RUN,RUN..., in which these runs train and all
+others are judged. FOLDER holds the folders of the engines.
 """
 
-import argparse
 import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
@@ -31,15 +25,15 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.verdicts.bosch import INPUTS, MASK, OUTPUT, faulty
+from benchmarks.outcome import Options, Row, finish, say
+from benchmarks.verdicts.bosch import INPUTS, MASK, OUTPUT, RUNS, faulty, path_of, run_of
 from monitor.base import config, faults
-from monitor.base.config import Config
-from monitor.judge.limits import NO_LIMITS, Limits
+from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from training import cli
 from training.limits.judging import Judged, judge_recordings
 from training.recordings import metrics
-from training.recordings.recording import Recording, load
+from training.recordings.recording import Recording
 
 FAULTS: Final = (
     ("delay_symmetric", 0.4),
@@ -53,31 +47,35 @@ FAULTS: Final = (
 )
 OFFSETS: Final = ("biased_lean", "biased_rich")  # engine 1 alone
 ONE_CLASS: Final = ("slow_symmetric", "transient")
+FAILS: Final = 2  # windows in a row that decide
 
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """Which runs train a model, and which it is judged on."""
+    """Which runs of an engine train a model; it is judged on all others."""
 
+    engine: int
     training: tuple[int, ...]
-    test: tuple[int, ...]
-    has_cut: bool  # engine 1: the channel of the fuel cut and the scale of lambda are published
+
+    @property
+    def test(self) -> tuple[int, ...]:
+        """Return the runs that are judged."""
+        return tuple(n for n in RUNS[self.engine] if n not in self.training)
 
     def faults(self, offset: float) -> tuple[tuple[str, float], ...]:
         """Return name and severity of each fault that is put on.
 
         offset : in lambda
         """
-        offsets = tuple((name, offset) for name in OFFSETS)
-        return (*FAULTS, *offsets) if self.has_cut else FAULTS
+        return (*FAULTS, *((name, offset) for name in OFFSETS if self.engine == 1))
 
 
 SPLITS: Final = {
-    "1a": Split((11, 12, 14, 15, 30, 31), (10, 13, 32, 33, 53, 54), has_cut=True),
-    "1b": Split((10, 13, 32, 33, 53, 54), (11, 12, 14, 15, 30, 31), has_cut=True),
-    "2a": Split((3, 6, 8, 11), (15, 19), has_cut=False),
-    "2b": Split((8, 11, 15, 19), (3, 6), has_cut=False),
-    "2c": Split((3, 6, 15, 19), (8, 11), has_cut=False),
+    "1a": Split(1, (11, 12, 14, 15, 30, 31)),
+    "1b": Split(1, (10, 13, 32, 33, 53, 54)),
+    "2a": Split(2, (3, 6, 8, 11)),
+    "2b": Split(2, (8, 11, 15, 19)),
+    "2c": Split(2, (3, 6, 15, 19)),
 }
 
 
@@ -89,12 +87,10 @@ def split_of(name: str) -> Split:
     if name in SPLITS:
         return SPLITS[name]
     engine, _, listed = name.partition(":")
-    runs = {str(n): n for key, split in SPLITS.items() if key[0] == engine for n in split.test}
-    training = listed.split(",")
-    if not runs.keys() >= set(training):
-        raise ValueError(f"{name}: wanted {', '.join(SPLITS)} or ENGINE:RUN,RUN…")
-    test = tuple(sorted(n for key, n in runs.items() if key not in training))
-    return Split(tuple(runs[key] for key in training), test, has_cut=engine == "1")
+    training = tuple(int(run) for run in listed.split(","))
+    if not set(RUNS[int(engine)]) >= set(training):
+        raise ValueError(f"{name}: wanted {', '.join(SPLITS)} or ENGINE:RUN,RUN...")
+    return Split(int(engine), training)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +104,13 @@ class Verdict:
     sound: bool
 
 
-def verdict(fault: str, judged: Judged, names: Collection[str], fails: int) -> Verdict:
+def verdict(fault: str, judged: Judged, names: Collection[str]) -> Verdict:
     """Return the verdict on a drive.
 
     names : of the faults that are put on
-    fails : windows in a row that decide
     """
     outcomes = [w.outcome for w in judged.windows]
-    passed = _nth_in_a_row(outcomes, "passed", fails)
+    passed = _nth_in_a_row(outcomes, "passed", FAILS)
     own = [d for d in judged.dtcs if d.fault in names]
     beside = " ".join(d.fault for d in judged.dtcs if d.fault not in names)
     failed = min((d.t_ns for d in own), default=None)
@@ -123,13 +118,6 @@ def verdict(fault: str, judged: Judged, names: Collection[str], fails: int) -> V
     sound = passed is not None
     first = sound and (failed is None or ends[passed or 0] < failed)
     return Verdict(fault, own[-1].fault if own else "", beside, first, sound)
-
-
-def most_beyond(judged: Judged, settings: Config) -> float:
-    """Return by how many standard deviations the offset exceeds its limit at most."""
-    told = [w.statistics["offset_beyond"] for w in judged.windows]
-    beyond = [each for each in told if isinstance(each, float)]
-    return max(beyond[settings.bias.n_windows - 1 :], default=-np.inf)
 
 
 def _nth_in_a_row(outcomes: Sequence[str], wanted: str, n: int) -> int | None:
@@ -156,64 +144,21 @@ def drives(
 
 def fit(folder: Path, split: Split, columns: Path | None, budget: str, path: Path) -> None:
     """Fit the split's model with all defaults, and its limits."""
-    runs = [str(folder / f"run_{n:06d}.csv.gz") for n in split.training]
+    runs = [str(path_of(folder, split.engine, n)) for n in split.training]
     mask = ["--columns", str(columns)] if columns else []
     used = [*mask, "--output", OUTPUT, "--budget", budget, "--out", str(path)]
-    for inputs in (INPUTS, INPUTS[:-1])[not split.has_cut :]:  # some runs have no fuel cut
+    for inputs in (INPUTS, INPUTS[:-1])[split.engine - 1 :]:  # some runs have no fuel cut
         if cli.main(["fit", *runs, *used, "--inputs", *inputs]) == 0:
             return
 
 
-def nearer(model: Model, recording: Recording, share: float, settings: Config) -> Recording:
-    """Return the recording with the reading moved towards its prediction."""
-    unlimited = judge_recordings([recording], model, NO_LIMITS, settings)[0]
-    column, values = recording.names.index(OUTPUT), recording.values.copy()
-    residual = np.nan_to_num(unlimited.measured - unlimited.predicted)
-    values[:, column] -= share * residual
-    return replace(recording, values=values)
-
-
-def table(title: str, verdicts: Sequence[Verdict]) -> None:
-    """Print the table of all drives."""
-    print(
-        f"\n| {title} | found | named | named, class | called sound first | codes of other tests "
-        "| names |"
-    )
-    print("|---|---|---|---|---|---|---|")
-    totals: Counter[str] = Counter()
-    for fault in dict.fromkeys(v.fault for v in verdicts):
-        own = [v for v in verdicts if v.fault == fault]
-        alike = ONE_CLASS if fault in ONE_CLASS else (fault,)
-        count = {
-            "found": sum(bool(v.named) for v in own),
-            "named": sum(v.named == fault for v in own if fault),
-            "class": sum(v.named in alike for v in own if fault),
-            "sound": sum(v.sound_first for v in own),
-            "beside": sum(bool(v.beside) for v in own),
-        }
-        names = ", ".join(f"{n} {k}" for n, k in Counter(v.named for v in own if v.named).items())
-        print(_line(fault or "healthy", count, len(own), names))
-        if fault:
-            totals.update(count)
-    n = sum(bool(v.fault) for v in verdicts)
-    print(_line("all faults", totals, n, ""))
-
-
-def _line(title: str, count: dict[str, int], n: int, names: str) -> str:
-    cells = (f"{count[key]} of {n}" for key in ("found", "named", "class", "sound", "beside"))
-    return f"| {title} | {' | '.join(cells)} | {names or '-'} |"
-
-
 @contextmanager
 def model_of(
-    folder: Path, split: Split, given: Path | None, budget: str, *, masks: bool
+    folder: Path, split: Split, given: Path | None, budget: str
 ) -> Iterator[tuple[Path, Path | None]]:
-    """Give the model's file, fitted to the split unless one is given, and the columns' map.
-
-    masks : whether fuel cuts are left out
-    """
+    """Give the model's file, fitted to the split unless one is given, and the columns' map."""
     with tempfile.TemporaryDirectory() as name:
-        columns = Path(name) / "columns.toml" if masks else None
+        columns = Path(name) / "columns.toml" if split.engine == 1 else None
         if columns:
             columns.write_text(MASK)
         path = given or Path(name) / "bosch.onnx"
@@ -222,51 +167,55 @@ def model_of(
         yield path, columns
 
 
+def rows_of(split: str, verdicts: Sequence[Verdict]) -> Iterator[Row]:
+    """Yield a row for the healthy runs, for each fault and for all of them."""
+    totals: Counter[str] = Counter()
+    for fault in dict.fromkeys(v.fault for v in verdicts):
+        own = [v for v in verdicts if v.fault == fault]
+        alike = ONE_CLASS if fault in ONE_CLASS else (fault,)
+        count = {
+            "of": len(own),
+            "found": sum(bool(v.named) for v in own),
+            "named": sum(v.named == fault for v in own if fault),
+            "named, class": sum(v.named in alike for v in own if fault),
+            "called sound": sum(v.sound for v in own),
+            "sound first": sum(v.sound_first for v in own),
+            "codes of other tests": sum(bool(v.beside) for v in own),
+        }
+        names = Counter(v.named for v in own if v.named)
+        told = ", ".join(f"{n} {k}" for n, k in names.items())
+        yield {"split": split, "fault": fault or "healthy"} | count | {"names": told}
+        totals.update(count if fault else {})
+    yield {"split": split, "fault": "all faults"} | dict(totals) | {"names": ""}
+
+
 def main(argv: Sequence[str]) -> int:
     """Fit unless a model is given, then judge the runs left out."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("split", type=split_of)
+    smallest = {"faults": ["gain_low"], "budget": "0.05", "runs": 1}
+    options = Options(__name__, __doc__, **smallest)
     names = [*(name for name, _ in FAULTS), *OFFSETS]
-    parser.add_argument("--faults", nargs="+", choices=names, default=names)
-    parser.add_argument("--offset", type=float, default=0.1, metavar="LAMBDA")
-    parser.add_argument("--model", type=Path)
-    parser.add_argument("--budget", default="8")
-    parser.add_argument("--nearer", type=float, default=0.0, metavar="SHARE")
-    parser.add_argument("--no-mask", action="store_true", help="judge fuel cuts as any driving")
-    args = parser.parse_args(argv)
-    split, settings = args.split, config.load()
-    masks = split.has_cut and not args.no_mask
-    with model_of(args.folder, split, args.model, args.budget, masks=masks) as (path, columns):
+    options.add_argument("split", help="1a, 1b, 2a, 2b, 2c or ENGINE:RUN,RUN...")
+    options.add_argument("--folder", type=Path, default=Path("../shared/data"))
+    options.add_argument("--faults", nargs="+", choices=names, default=names)
+    options.add_argument("--offset", type=float, default=0.1, metavar="LAMBDA")
+    options.add_argument("--model", type=Path)
+    options.add_argument("--budget", default="8")
+    options.add_argument("--runs", type=int, help="judge only the first so many")
+    args = options.parse_args(argv)
+    split, settings = split_of(args.split), config.load()
+    every, verdicts = split.faults(args.offset), list[Verdict]()
+    put_on, told = [each for each in every if each[0] in args.faults], {name for name, _ in every}
+    with model_of(args.folder, split, args.model, args.budget) as (path, columns):
         model = Model.load(path)
-
-        def recording_of(run: int) -> Recording:
-            whole_run = load(args.folder / f"run_{run:06d}.csv.gz", columns=columns)
-            return nearer(model, whole_run, args.nearer, settings) if args.nearer else whole_run
-
         limits = Limits.from_card(model.card, settings, str(path))
-        print(
-            f"evidence {limits.evidence:.3g}, gain_model {limits.gain_model:.3g}, "
-            f"offset {limits.offset_high:.3g}"
-        )
-        every = split.faults(args.offset)
-        put_on = [each for each in every if each[0] in args.faults]
-        told, verdicts = {name for name, _ in every}, []
-        for run in split.test:
-            cases = drives(recording_of(run), put_on)
+        for run in split.test[: args.runs]:
+            cases = drives(run_of(args.folder, split.engine, run, columns), put_on)
             judged = judge_recordings([r for _, r in cases], model, limits, settings)
             on = judged[0].enabled & np.isfinite(judged[0].predicted)
             share = metrics.fit_percent(judged[0].measured[on], judged[0].predicted[on])
-            own = [
-                verdict(fault, each, told, 2)
-                for (fault, _), each in zip(cases, judged, strict=True)
-            ]
+            pairs = zip(cases, judged, strict=True)
+            own = [verdict(fault, each, told) for (fault, _), each in pairs]
             said = " ".join(v.named or ("SOUND" if v.sound_first else "-") for v in own)
-            print(
-                f"run {run}: fit {share:.0f} %, {on.sum()} samples, healthy offset at most "
-                f"{most_beyond(judged[0], settings):.1f} standard deviations beyond: {said}",
-                flush=True,
-            )
+            say(f"run {run}: fit {share:.0f} %, {on.sum()} samples: {said}")
             verdicts += own
-    table(f"trained on {split.training}, {len(split.test)} runs", verdicts)
-    return 0
+    return finish(args, list(rows_of(args.split, verdicts)))

@@ -3,21 +3,22 @@
 The training vehicle and ten others drive a WLTC each; all drives are simulated. Figures are for
 the enabled samples.
 
-    python -m benchmarks free_run [--model MODEL]
+python -m benchmarks free_run [--model MODEL] [--vehicles 11]
 """
 
-import argparse
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.outcome import Options, Row, finish
 from monitor.base import config
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.physical_baseline import Baseline, fit_baseline
+from tests.helpers.physical_baseline import fit_baseline
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.limits.judging import judge
@@ -33,43 +34,35 @@ def simulated(folder: Path, **what: object) -> Recording:
     return load(write(Experiment(**what), folder, "parquet"))  # type: ignore[arg-type]
 
 
-def figures(measured: np.ndarray, predicted: np.ndarray) -> str:
-    """Return the line of figures on lambda."""
-    return (
-        f"r {metrics.correlation(measured, predicted):.4f}  "
-        f"RMSE {metrics.rmse(measured, predicted):.4f}  "
-        f"slope {metrics.slope(measured, predicted):.3f}  "
-        f"mean {float((measured - predicted).mean()):+.4f}"
-    )
-
-
-def line(recording: Recording, path: Path, baseline: Baseline) -> str:
-    """Return both models' figures on one drive."""
-    model = Model.load(path)
-    judged = judge(
-        recording, model, Limits.from_card(model.card, config.load(), str(path)), config.load()
-    )
-    on = judged.enabled
-    first = 1.0 / baseline.predict(recording)
-    return (
-        f"NARX {figures(judged.measured[on], judged.predicted[on])} | "
-        f"baseline {figures(judged.measured[on], first[on])}"
-    )
+def figures(measured: np.ndarray, predicted: np.ndarray) -> dict[str, float]:
+    """Return the figures on lambda."""
+    return {
+        "r": metrics.correlation(measured, predicted),
+        "RMSE": metrics.rmse(measured, predicted),
+        "slope": metrics.slope(measured, predicted),
+        "mean error": float((measured - predicted).mean()),
+    }
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--model", type=Path, default=shipped_model())
-    path = parser.parse_args(argv).model
+    """Compare both models on each vehicle."""
+    options = Options(__name__, __doc__, vehicles=1, seconds=300.0)
+    options.add_argument("--model", type=Path, default=shipped_model())
+    options.add_argument("--vehicles", type=int, default=11)
+    options.add_argument("--seconds", type=float, help="of each drive; by default all")
+    args = options.parse_args(argv)
+    model, settings, rows = Model.load(args.model), config.load(), list[Row]()
+    limits = Limits.from_card(model.card, settings, str(args.model))
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        baseline = fit_baseline([simulated(folder, cycle=c, seed=s) for c, s in TRAINING])
-        print(f"baseline: {baseline}")
-        for vehicle in range(1, 12):
-            drive = simulated(folder, vehicle=vehicle, seed=TEST_SEED + vehicle - 1)
-            print(
-                f"simulated WLTC, vehicle {vehicle:2d}: {line(drive, path, baseline)}", flush=True
-            )
-    print(f"contraction: {Model.load(path).card.checks['contraction']}")
-    return 0
+        drive = partial(simulated, Path(name), duration_s=args.seconds)
+        baseline = fit_baseline([drive(cycle=c, seed=s) for c, s in TRAINING])
+        for vehicle in range(1, args.vehicles + 1):
+            recording = drive(vehicle=vehicle, seed=TEST_SEED + vehicle - 1)
+            judged = judge(recording, model, limits, settings)
+            on, first = judged.enabled, 1.0 / baseline.predict(recording)
+            for which, predicted in (("shipped", judged.predicted), ("baseline", first)):
+                rows.append(
+                    {"vehicle": vehicle, "model": which}
+                    | figures(judged.measured[on], predicted[on])
+                )
+    return finish(args, rows)

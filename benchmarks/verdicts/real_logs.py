@@ -12,27 +12,27 @@ out, behind a guard of 60 s that nobody uses. All figures are of what is left ou
 
 Nobody knows whether these sensors were sound. Logs without a lambda are read and listed.
 
-    python -m benchmarks real_logs FOLDER [--profiles DIR] [--budget MINUTES] [--kind narx|greybox]
-        [--only TEXT] [--work DIR]
+python -m benchmarks real_logs [FOLDER] [--profiles DIR] [--budget MINUTES] [--only TEXT]
+    [--kind narx|greybox] [--work DIR]
 
 ``--work`` keeps models and tables in DIR, one folder per vehicle, and uses the models it finds
 there. A profile in DIR (default: ``profiles`` beside this file) with the name of a vehicle's
 folder or file is given with its logs.
 """
 
-import argparse
 import gzip
 import io
 import json
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.outcome import Options, Row, finish, say
 from monitor.base.config import load as load_config
 from monitor.base.errors import O2Error
 from monitor.base.fault_streams import SensorFault
@@ -47,36 +47,14 @@ from training.recordings.preparation import pinned_rows
 from training.recordings.recording import Recording, load
 
 FAULTS: Final = (
-    "slow_symmetric",
-    "slow_rich_to_lean",
-    "slow_lean_to_rich",
-    "delay_symmetric",
-    "delay_rich_to_lean",
-    "delay_lean_to_rich",
-    "gain_low",
-    "biased_lean",
-    "biased_rich",
-    "stuck_lean",
-    "stuck_rich",
-    "stuck_at_one",
+    *("slow_symmetric", "slow_rich_to_lean", "slow_lean_to_rich"),
+    *("delay_symmetric", "delay_rich_to_lean", "delay_lean_to_rich"),
+    *("gain_low", "biased_lean", "biased_rich", "stuck_lean", "stuck_rich", "stuck_at_one"),
 )
 PART: Final = 0.6  # of a vehicle's only log that is fitted
 GUARD_S: Final = 60.0  # between the fitted and the left-out part of a log
 LEAST_S: Final = 60.0  # of a log that is worth a fit
-COLUMNS: Final = (
-    ("vehicle", 26),
-    ("profile", 11),
-    ("logs", 5),
-    ("s", 6),
-    ("rows/s", 7),
-    ("signals", 8),
-    ("r", 6),
-    ("fit %", 6),
-    ("codes", 22),
-    ("judged", 16),
-    ("found", 8),
-    ("named", 8),
-)
+NOTHING: Final = dict.fromkeys(("r", "fit %", "windows", "judged", "found", "named"), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,11 +111,6 @@ def quietly(*arguments: str | Path) -> tuple[int, str]:
     return code, text.getvalue()
 
 
-def judged(path: Path, setup: replay.Setup) -> dict[str, Any]:
-    entry, _ = replay.replay(path, setup)
-    return entry
-
-
 def faulty(recording: Recording, name: str) -> Recording:
     """Return the recording with a fault on its lambda, from a third of its readings on.
 
@@ -155,29 +128,30 @@ def faulty(recording: Recording, name: str) -> Recording:
     return replace(recording, values=values)
 
 
-def row_of(vehicle: Vehicle, work: Path, kind: str, budget: float) -> dict[str, str]:
+def row_of(vehicle: Vehicle, work: Path, kind: str, budget: float) -> dict[str, Any]:
+    """Return the figures of a vehicle."""
     tables = [read_table(path, vehicle.profile) for path in vehicle.paths]
     spans_s = [(int(t.t_ns[-1]) - int(t.t_ns[0])) / 1e9 for t in tables]
     row = {
         "vehicle": vehicle.name[:25],
         "profile": tables[0].profile or "own",
-        "logs": str(len(tables)),
-        "s": f"{sum(spans_s):.0f}",
-        "rows/s": f"{sum(len(t.t_ns) for t in tables) / max(sum(spans_s), 1e-9):.1f}",
-        "signals": str(len(tables[0].names)),
+        "logs": len(tables),
+        "s": round(sum(spans_s)),
+        "rows/s": sum(len(t.t_ns) for t in tables) / max(sum(spans_s), 1e-9),
+        "signals": len(tables[0].names),
+        "codes": "no usable lambda",
+        **NOTHING,
     }
-    print(f"\n{vehicle.name}: {', '.join(tables[0].names)}")
+    say(f"\n{vehicle.name}: {', '.join(tables[0].names)}")
     for table in tables:
         for note in table.notes.lines:
-            print(f"  {table.path.name}: {note}")
+            say(f"  {table.path.name}: {note}")
     if OUTPUT not in tables[0].names or sum(spans_s) < LEAST_S or _stands(tables):
-        return row | {"codes": "no usable lambda"}
+        return row
     *fitted, left_out = (
         vehicle.paths if len(tables) > 1 else parts(vehicle.paths[0], spans_s[0], work)
     )
-    return row | _scored(
-        vehicle, list(fitted), left_out=left_out, work=work, kind=kind, budget=budget
-    )
+    return row | _scored(vehicle, fitted, left_out, work=work, kind=kind, budget=budget)
 
 
 def _stands(tables: Sequence[Table]) -> bool:
@@ -187,74 +161,65 @@ def _stands(tables: Sequence[Table]) -> bool:
 
 def _scored(
     vehicle: Vehicle, fitted: list[Path], left_out: Path, work: Path, kind: str, budget: float
-) -> dict[str, str]:
+) -> dict[str, Any]:
     model, figures = work / "model.onnx", work / "figures.json"
     own = ("--profile", vehicle.profile) if vehicle.profile else ()
-    limit = ("--budget", budget) if kind == "narx" else ()
+    limit = ("--budget", str(budget)) if kind == "narx" else ()
     if not model.exists():
-        code, said = quietly("fit", *fitted, "--out", model, "--kind", kind, *map(str, limit), *own)
+        code, said = quietly("fit", *fitted, "--out", model, "--kind", kind, *limit, *own)
         if code:
             return {"codes": said.strip().splitlines()[-1][-60:]}
-        print("".join(f"  {s}\n" for s in said.splitlines() if "no decision limits" in s), end="")
-    print(f"  inputs: {', '.join(Model.load(model).card.input_names)}")
+        for line in said.splitlines():
+            if "no decision limits" in line:
+                say(f"  {line}")
+    say(f"  inputs: {', '.join(Model.load(model).card.input_names)}")
     code, said = quietly("evaluate", "--model", model, left_out, "--json", figures, *own)
     if code:
         return {"codes": said.strip().splitlines()[-1][-60:]}
     scores = json.loads(figures.read_text())["recordings"][0]
-    row = {"r": f"{scores['correlation']:.3f}", "fit %": f"{scores['fit_percent']:.0f}"}
+    row = {"r": scores["correlation"], "fit %": scores["fit_percent"]}
     try:
         setup = replay.set_up(model, [], load_config(None), vehicle.profile)
     except O2Error:
         return row | {"codes": "too short for limits"}
-    healthy = judged(left_out, setup)
-    decided = sum(w["verdict"] != "inconclusive" for w in healthy["windows"])
+    healthy, _ = replay.replay(left_out, setup)
     codes = " ".join(sorted({dtc["fault"] for dtc in healthy["dtcs"]})) or "none"
-    row |= {"codes": codes[:21] if healthy["completed"] or codes != "none" else "not judged"}
-    number = max(healthy["samples"] // 50, 1)
-    row["judged"] = f"{decided}/{number}, {100 * decided / number:.0f} %"
-    period_s = setup.model.card.period_ns / 1e9
-    recording = load(left_out, period_s=period_s, columns=vehicle.profile)
-    found, named = [], []
+    recording = load(left_out, period_s=setup.model.card.period_ns / 1e9, columns=vehicle.profile)
+    found = named = 0
     for name in FAULTS:
         verdict = judge(faulty(recording, name), setup.model, setup.limits, setup.config)
         given = {fault for dtc in verdict.dtcs for fault in (dtc.fault, *dtc.also)}
-        found += [name] * bool(given)
-        named += [name] * (name in given)
+        found, named = found + bool(given), named + (name in given)
         best = max((float(w.statistics["evidence"] or 0.0) for w in verdict.windows), default=0.0)
-        print(f"  {name}: {' or '.join(sorted(given)) or '-'}; evidence up to {best:.1f}")
-    row["found"] = f"{len(found)}/{len(FAULTS)}"
-    row["named"] = f"{len(named)}/{len(FAULTS)}"
-    return row
-
-
-@contextmanager
-def _place(kept: Path | None, name: str) -> Iterator[Path]:
-    """Give a folder for one vehicle's files."""
-    with tempfile.TemporaryDirectory() as spare:
-        place = kept / name if kept else Path(spare)
-        place.mkdir(parents=True, exist_ok=True)
-        yield place
+        say(f"  {name}: {' or '.join(sorted(given)) or '-'}; evidence up to {best:.1f}")
+    return row | {
+        "codes": codes if healthy["completed"] or codes != "none" else "not judged",
+        "windows": max(healthy["samples"] // 50, 1),
+        "judged": sum(w["verdict"] != "inconclusive" for w in healthy["windows"]),
+        "found": found,
+        "named": named,
+    }
 
 
 def main(argv: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--profiles", type=Path, default=Path(__file__).parent / "profiles")
-    parser.add_argument("--budget", type=float, default=2.0)
-    parser.add_argument("--kind", choices=("narx", "greybox"), default="narx")
-    parser.add_argument("--only", help="vehicles whose names hold this text")
-    parser.add_argument("--work", type=Path, help="keeps models and tables here")
-    args = parser.parse_args(argv)
-    rows = []
+    """Read, fit and judge each vehicle's logs."""
+    options = Options(__name__, __doc__, budget=0.02, only="wrx")
+    options.add_argument("folder", nargs="?", type=Path, default=Path("../shared/data/logs"))
+    options.add_argument("--profiles", type=Path, default=Path(__file__).parent / "profiles")
+    options.add_argument("--budget", type=float, default=2.0)
+    options.add_argument("--kind", choices=("narx", "greybox"), default="narx")
+    options.add_argument("--only", default="", help="vehicles whose names hold this text")
+    options.add_argument("--work", type=Path, help="keeps models and tables here")
+    args = options.parse_args(argv)
+    rows: list[Row] = []
     for vehicle in vehicles(args.folder, args.profiles):
-        if args.only and args.only not in vehicle.name:
+        if args.only not in vehicle.name:
             continue
-        with _place(args.work, vehicle.name) as work:
+        with tempfile.TemporaryDirectory() as spare:
+            work = args.work / vehicle.name if args.work else Path(spare)
+            work.mkdir(parents=True, exist_ok=True)
             try:
                 rows.append(row_of(vehicle, work, args.kind, args.budget))
             except O2Error as error:
-                rows.append({"vehicle": vehicle.name[:25], "codes": str(error)[-60:]})
-    print()
-    for each in ({name: name for name, _ in COLUMNS}, *rows):
-        print("".join(f"{each.get(name, '-'):<{width}}" for name, width in COLUMNS).rstrip())
-    return 0
+                rows.append({"vehicle": vehicle.name, "codes": str(error)[-60:], "logs": 0})
+    return finish(args, rows)

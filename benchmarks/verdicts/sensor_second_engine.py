@@ -7,15 +7,13 @@ specification; faults at their limit severities in the control loop and put on t
 afterwards; offsets in a first drive, and after three healthy drives that taught the vehicle's
 reference. The fault memory is empty in every drive.
 
-    python -m benchmarks sensor_second_engine FIRST_VEHICLE VEHICLES [--kinds narx greybox]
-        [--models DIR] [--budget MINUTES] [--faults NAME…]
-
 ``--models`` keeps the models in DIR and uses those it finds there. All drives are simulated.
+
+python -m benchmarks sensor_second_engine [FIRST_VEHICLE VEHICLES] [--kinds narx greybox]
+    [--models DIR] [--budget MINUTES] [--faults NAME ...]
 """
 
-import argparse
 import tempfile
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -23,6 +21,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 import training
+from benchmarks.outcome import Options, Row, finish, say
 from benchmarks.studies.second.engine import (
     LEANEST,
     LENGTH_S,
@@ -49,11 +48,12 @@ from monitor.model.step import Model
 from monitor.pipeline.side_by_side import Judged
 
 CONFIG: Final = config.load()
-TRAINING_DRIVES, HEALTHY_DRIVES, REPETITIONS = 5, 8, 3
+TRAINING_DRIVES: Final = 5
 TRAINING_ETHANOL: Final = 0.05  # of the fuel
 JUDGED_S: Final = 900.0  # after a cold start an engine is warm in some 600 s; drifts: half an hour
 TAUGHT, OFFSET_DRIVES = 3, 3  # healthy drives, then drives with the offset
 PURGE: Final = 1.0  # of the size of the noise
+KINDS: Final = ("narx", "greybox")
 OFFSETS: Final = ("biased_lean", "biased_rich")
 ELECTRICAL: Final = tuple(name for name in severities.ELECTRICAL if name != "heater")
 BROKEN_FROM_S: Final = 60.0  # a message that never came is no fault that a first drive can show
@@ -126,13 +126,13 @@ class Bench:
         return tuple(seen)
 
 
-def cases(names: Sequence[str]) -> Iterator[Case]:
+def cases(names: Sequence[str], healthy: int, repetitions: int) -> Iterator[Case]:
     """Yield the drives of a vehicle that are judged without a reference."""
-    for k in range(HEALTHY_DRIVES):
+    for k in range(healthy):
         yield Case(100 + k)
     for fault in names:
         i = NAMES.index(fault)  # the same drives for any choice of faults
-        for k in range(1 if fault in ELECTRICAL else REPETITIONS):
+        for k in range(1 if fault in ELECTRICAL else repetitions):
             for in_loop in (True, False)[: 1 if fault in severities.NOT_AFTERWARDS else 2]:
                 yield Case(200 + 10 * i + 2 * k + in_loop, fault, in_loop)
 
@@ -160,93 +160,80 @@ def said(vehicle: int, case: Case, judged: Judged) -> Said:
     return Said(vehicle, case, names, also, judged.completed)
 
 
-def table(drives: Sequence[Said]) -> None:
-    """Print counts, the names of each fault, and every drive that was missed or named wrongly."""
-    healthy = [each for each in drives if not each.case.fault]
-    codes = sum(bool(each.names) for each in healthy)
-    print(f"healthy: {codes} of {len(healthy)} have a code, ", end="")
-    print(f"{sum(each.completed for each in healthy)} judged")
-    response = [name for name in LIMIT_SEVERITY if name not in OFFSETS]
-    groups = {
-        "response and gain": response,
+def rows_of(kind: str, drives: Sequence[Said]) -> Iterator[Row]:
+    """Yield a row for each group and each fault, and say each drive that was named wrongly."""
+    groups: dict[str, Sequence[str]] = {
+        "healthy": ("",),
+        "response and gain": [name for name in LIMIT_SEVERITY if name not in OFFSETS],
         "offsets, first drive": OFFSETS,
         "electrical": ELECTRICAL,
     }
-    for title, names in groups.items():
+    for title, names in (groups | {name: (name,) for name in NAMES}).items():
         for in_loop in (True, False):
             own = [d for d in drives if d.case.fault in names and d.case.in_loop == in_loop]
-            print(f"{title}, {'in the loop' if in_loop else 'put on'}: {counts(own)}")
-    for fault in dict.fromkeys(each.case.fault for each in drives if each.case.fault):
-        own = [each for each in drives if each.case.fault == fault]
-        codes_of = Counter(" ".join(each.names) or "-" for each in own)
-        names_of = ", ".join(f"{n} {names}" for names, n in codes_of.items())
-        print(f"  {fault}: {counts(own)}; {names_of}")
+            if own:
+                yield {
+                    "kind": kind,
+                    "of": title,
+                    "fault is": "in the loop" if in_loop else "put on",
+                    "drives": len(own),
+                    "found": sum(bool(each.names) for each in own),
+                    "named exactly": sum(each.names == each.wanted for each in own),
+                    "or listed": sum(set(each.wanted) <= {*each.names, *each.also} for each in own),
+                    "judged": sum(each.completed or bool(each.names) for each in own),
+                }
     for each in drives:
         if each.names != each.wanted and each.case.fault not in OFFSETS:
-            print(f"  {each}")
+            say(str(each))
 
 
-def counts(drives: Sequence[Said]) -> str:
-    """Return how many drives have a code, and how many the right one alone."""
-    found = sum(bool(each.names) for each in drives)
-    named = sum(each.names == each.wanted for each in drives)
-    listed = sum(set(each.wanted) <= {*each.names, *each.also} for each in drives)
-    judged = sum(each.completed or bool(each.names) for each in drives)
-    n = len(drives)
-    return f"{found} of {n} found, {named} named exactly, {listed} or listed, {judged} judged"
-
-
-def offsets(bench: Bench) -> tuple[list[int], int, int]:
-    """Return in which drive with the offset each had its name, and codes before, of how many."""
-    drive, false, n = [], 0, 0
+def offsets(bench: Bench, repetitions: int) -> tuple[list[int], int]:
+    """Return in which drive with the offset each had its name, and codes in the drives before."""
+    drive, false = [], 0
     for i, fault in enumerate(OFFSETS):
         for in_loop in (True, False):
-            for k in range(REPETITIONS):
+            for k in range(repetitions):
                 first = 500 + 100 * i + 50 * in_loop + 10 * k
                 seen = bench.after_healthy(first, fault, in_loop=in_loop)
                 false += sum(bool(each.dtcs) for each in seen[:TAUGHT])
-                n += TAUGHT
                 named = [dtc.fault == fault for dtc in seen[-1].dtcs]
                 drive.append(len(seen) - TAUGHT if named and all(named) else 0)
                 if drive[-1] != 1:
-                    where = "in the loop" if in_loop else "put on"
                     codes = [dtc.fault for dtc in seen[-1].dtcs]
-                    print(
-                        f"  vehicle {bench.vehicle} {fault} {where} from {first}: "
-                        f"drive {drive[-1]} {codes}"
-                    )
-    return drive, false, n
+                    say(f"vehicle {bench.vehicle} {fault} from {first}: drive {drive[-1]} {codes}")
+    return drive, false
 
 
 def main(argv: Sequence[str]) -> int:
-    """Fit, judge and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("first_vehicle", type=int)
-    parser.add_argument("vehicles", type=int)
-    parser.add_argument("--kinds", nargs="+", choices=("narx", "greybox"))
-    parser.add_argument("--models", type=Path)
-    parser.add_argument("--budget", type=float, default=10.0)
-    parser.add_argument("--faults", nargs="+", choices=NAMES, default=NAMES)
-    args = parser.parse_args(argv)
+    """Fit and judge."""
+    few = {"vehicles": 1, "healthy": 1, "repetitions": 1}
+    options = Options(__name__, __doc__, kinds=["greybox"], faults=["gain_low"], **few)
+    options.add_argument("first_vehicle", type=int, nargs="?", default=301)
+    options.add_argument("vehicles", type=int, nargs="?", default=2)
+    options.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
+    options.add_argument("--models", type=Path)
+    options.add_argument("--budget", type=float, default=10.0)
+    options.add_argument("--faults", nargs="+", choices=NAMES, default=NAMES)
+    options.add_argument("--healthy", type=int, default=8, help="drives of each vehicle")
+    options.add_argument("--repetitions", type=int, default=3, help="of each fault")
+    args = options.parse_args(argv)
+    rows: list[Row] = []
     with tempfile.TemporaryDirectory() as spare:
         folder = args.models or Path(spare)
         folder.mkdir(parents=True, exist_ok=True)
-        for kind in args.kinds or ("narx", "greybox"):
-            drives: list[Said] = []
-            when: list[int] = []
-            false = n = 0
+        for kind in args.kinds:
+            drives, when, false = list[Said](), list[int](), 0
             for vehicle in range(args.first_vehicle, args.first_vehicle + args.vehicles):
-                bench, each = Bench(vehicle, kind, folder, args.budget), list(cases(args.faults))
+                bench = Bench(vehicle, kind, folder, args.budget)
+                each = list(cases(args.faults, args.healthy, args.repetitions))
                 verdicts = bench.judged(each)
                 drives += [said(vehicle, *pair) for pair in zip(each, verdicts, strict=True)]
                 if set(OFFSETS) <= set(args.faults):
-                    drive, codes, taught = offsets(bench)
-                    when, false, n = when + drive, false + codes, n + taught
-            print(f"\n{kind}")
-            table(drives)
-            by = [sum(0 < each <= k + 1 for each in when) for k in range(OFFSET_DRIVES)]
-            print(f"offsets after {TAUGHT} healthy drives: named by drive 1, 2, 3: {by}", end="")
-            print(f" of {len(when)}; {false} of {n} healthy drives before have a code", flush=True)
-    return 0
+                    drive, codes = offsets(bench, args.repetitions)
+                    when, false = when + drive, false + codes
+            rows += rows_of(kind, drives)
+            if when:
+                by = {f"by drive {k}": sum(0 < n <= k for n in when) for k in range(1, 4)}
+                taught = {"healthy before": TAUGHT * len(when), "with a code": false}
+                rows.append({"kind": kind, "taught offsets": len(when)} | by | taught)
+    return finish(args, rows)

@@ -1,16 +1,12 @@
 """Tables of simulated cars against what their equations say: errors, coverage, filled cells.
 
-    python -m benchmarks tables                      the vehicles of the report
-    python -m benchmarks tables --calibrate          those that set the widening of the intervals
-
 Every vehicle has an engine of its own (port or direct injection, speed density or air meter) and
 two logged drives of 20 minutes with a record every 50 ms. The vehicles of the report were not used
 to choose anything; those of the calibration set ``[widening]`` in ``training/ecu_tables``.
+
+python -m benchmarks tables [--calibrate] [--vehicles N] [--seconds 1200]
 """
 
-import argparse
-import json
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.outcome import Options, Row, finish, say
 from training.dyno import truth
 from training.dyno.engine import INJECTIONS, METERINGS, Layout
 from training.dyno.recording_files import write
@@ -28,7 +25,7 @@ from training.recordings.recording import load
 
 REPORT, CALIBRATION = range(501, 521), (*range(301, 313), *range(401, 421))
 CYCLES = ("wltc_3b", "micro_trips")
-DURATION_S, PERIOD_S = 1200.0, 0.05
+PERIOD_S = 0.05
 FILLED_S = 30.0
 SMALL_FILM = 0.01  # error of a fraction that is next to none
 TARGETS = {  # table → (largest error, relative)
@@ -40,26 +37,23 @@ TARGETS = {  # table → (largest error, relative)
 
 
 def main(argv: Sequence[str]) -> int:
-    """Simulate, fit, compare and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--calibrate", action="store_true", help="the vehicles of the calibration")
-    parser.add_argument("--vehicles", type=int, help="number of vehicles (default: all)")
-    parser.add_argument("--json", type=Path, help="write all cells")
-    args = parser.parse_args(argv)
+    """Simulate, fit and compare."""
+    options = Options(__name__, __doc__, vehicles=1, seconds=150.0)
+    options.add_argument("--calibrate", action="store_true", help="the vehicles of the calibration")
+    options.add_argument("--vehicles", type=int, help="number of vehicles (default: all)")
+    options.add_argument("--seconds", type=float, default=1200.0, help="of each drive")
+    args = options.parse_args(argv)
     vehicles = (CALIBRATION if args.calibrate else REPORT)[: args.vehicles]
     cells: list[dict[str, Any]] = []
     for place, vehicle in enumerate(vehicles):
         layout = Layout(INJECTIONS[place % 2], METERINGS[place // 2 % 2])
-        cells += of_vehicle(vehicle, layout)
-        print(f"{vehicle} {layout.name}: {len(cells)} cells so far", file=sys.stderr, flush=True)
-    if args.json:
-        args.json.write_text(json.dumps(cells))
-    for name in dict.fromkeys(c["table"] for c in cells):
-        print(line(name, [c for c in cells if c["table"] == name], calibrate=args.calibrate))
-    return 0
+        cells += of_vehicle(vehicle, layout, args.seconds)
+        say(f"{vehicle} {layout.name}: {len(cells)} cells so far")
+    names = dict.fromkeys(cell["table"] for cell in cells)
+    return finish(args, [row_of(n, [c for c in cells if c["table"] == n]) for n in names])
 
 
-def of_vehicle(vehicle: int, layout: Layout) -> list[dict[str, Any]]:
+def of_vehicle(vehicle: int, layout: Layout, seconds: float) -> list[dict[str, Any]]:
     """Return every cell of one vehicle with estimate, bounds, truth and seconds."""
     recordings, own = [], None
     with tempfile.TemporaryDirectory() as folder:
@@ -69,7 +63,7 @@ def of_vehicle(vehicle: int, layout: Layout) -> list[dict[str, Any]]:
                 layout=layout,
                 vehicle=vehicle,
                 seed=100 * vehicle + k,
-                duration_s=DURATION_S,
+                duration_s=seconds,
             )
             own = experiment.engine
             recordings.append(load(write(experiment, Path(folder), "parquet", PERIOD_S)))
@@ -101,30 +95,36 @@ def _cells(table: EcuTable, true: EcuTable, vehicle: int, layout: Layout) -> lis
     ]
 
 
-def line(name: str, cells: list[dict[str, Any]], *, calibrate: bool) -> str:
-    """Return one line of figures of a table's cells."""
-    of = {
-        k: np.array([c[k] for c in cells]) for k in ("seconds", "estimate", "low", "high", "true")
-    }
+def row_of(name: str, cells: list[dict[str, Any]]) -> Row:
+    """Return the figures of a table's cells."""
+    keys = ("seconds", "estimate", "low", "high", "true")
+    of = {k: np.array([c[k] for c in cells]) for k in keys}
     filled, long = np.isfinite(of["estimate"]), of["seconds"] >= FILLED_S
-    text = f"{name:20} {filled.sum():5} cells filled, {100 * filled[long].mean():3.0f} % of 30 s"
-    if not filled.any():
-        return text
     e = {k: v[filled] for k, v in of.items()}
     error = np.abs(e["estimate"] - e["true"])
-    covered = (e["low"] <= e["true"]) & (e["true"] <= e["high"])
-    text += f"; error p50 {np.median(error):.4f} p95 {np.percentile(error, 95):.4f}"
-    relative = error / e["true"]
-    text += f", relative p50 {100 * np.median(relative):.1f} p95 {np.percentile(relative, 95):.2f}"
-    if name in TARGETS:
-        most, is_relative = TARGETS[name]
-        met = (relative if is_relative else error) <= most
-        text += f"; within target {100 * met.mean():.1f} %"
-        if name == "wall_film_fraction":
-            text += f", or within {SMALL_FILM:g} {100 * (met | (error <= SMALL_FILM)).mean():.1f} %"
-    text += f"; covered {100 * covered.mean():.1f} %"
-    if calibrate:
-        half = np.log(e["high"] / e["estimate"])
-        factor = np.percentile(np.abs(np.log(e["estimate"] / e["true"])) / half, 90)
-        text += f"; widening × {factor:.2f}"
-    return text
+    relative, covered = error / e["true"], (e["low"] <= e["true"]) & (e["true"] <= e["high"])
+    most, is_relative = TARGETS.get(name, (np.nan, False))
+    met = (relative if is_relative else error) <= most
+    with np.errstate(all="ignore"):
+        widening = np.abs(np.log(e["estimate"] / e["true"])) / np.log(e["high"] / e["estimate"])
+    return {
+        "table": name,
+        "cells": int(filled.sum()),
+        "filled of 30 s, %": _percent(filled[long]),
+        "error p50": _quantile(error, 0.5),
+        "error p95": _quantile(error, 0.95),
+        "relative p50": _quantile(relative, 0.5),
+        "relative p95": _quantile(relative, 0.95),
+        "within target, %": _percent(met) if name in TARGETS else None,
+        "or error small, %": _percent(met | (error <= SMALL_FILM)) if "film_f" in name else None,
+        "covered, %": _percent(covered),
+        "widening x": _quantile(widening, 0.9),
+    }
+
+
+def _percent(which: np.ndarray) -> float | None:
+    return 100.0 * float(which.mean()) if which.size else None
+
+
+def _quantile(values: np.ndarray, q: float) -> float | None:
+    return float(np.nanquantile(values, q)) if values.size else None

@@ -13,5 +13,5 @@ def complaints(name: str, keep: Path, *options: str) -> list[str]:
     ran = subprocess.run(
         command, capture_output=True, text=True, cwd=ROOT, timeout=300, check=False
     )
-    assert "calls (" in ran.stdout, ran.stderr
-    return [line for line in ran.stdout.splitlines() if str(keep) in line or "Outcome(" in line]
+    assert "calls" in ran.stdout, ran.stderr
+    return [line for line in ran.stderr.splitlines() if "Outcome(" in line]

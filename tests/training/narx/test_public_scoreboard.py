@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from benchmarks.training_sets.public import measure, row
-from benchmarks.training_sets.public_data import PLANTS, Plant, Record, find, plant_of
+from benchmarks.training_sets.public import measure
+from benchmarks.training_sets.public_data import Plant, Record, find
 from benchmarks.training_sets.public_models import MODELS
-from benchmarks.training_sets.public_stand_ins import STAND_INS, ced
 
 
 def _resonance(seed: int, n: int) -> Record:
@@ -26,12 +25,12 @@ def _resonance(seed: int, n: int) -> Record:
 def test_drives_are_split_as_the_public_package_splits_them(tmp_path: Path) -> None:
     # GIVEN a file of coupled electric drives, its name in other letters, in a folder of its own
     (tmp_path / "CED").mkdir()
-    content = ced(np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    content = {name: rng.random(500) for name in ("u11", "z11", "u12", "z12")}
     savemat(tmp_path / "CED" / "dataunif.mat", content, oned_as="column")
     # WHEN it is read
-    file = find(tmp_path, "ced")
-    assert file is not None
-    plant = plant_of("ced", file)
+    plant = find(tmp_path, "ced")
+    assert plant is not None
     # THEN the first 400 samples train, the others test, of both records
     assert [len(record.y) for record in plant.train] == [400, 400]
     assert np.array_equal(plant.train[1].u[:, 0], content["u12"][:400])
@@ -39,20 +38,19 @@ def test_drives_are_split_as_the_public_package_splits_them(tmp_path: Path) -> N
     assert plant.washout == 10
 
 
-def test_a_stand_in_is_called_synthetic_and_has_no_goals(tmp_path: Path) -> None:
+def test_a_plant_with_several_inputs_is_read_from_columns(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     content = {"uEst": rng.random((60, 2)), "yEst": rng.random(60), "Ts": 4.0}
     content |= {"uVal": content["uEst"], "yVal": content["yEst"]}
-    for synthetic in ({}, {"synthetic": 1.0}):
-        savemat(tmp_path / "pilotPlant.mat", content | synthetic, oned_as="column")
-        plant = plant_of("pilot_plant", tmp_path / "pilotPlant.mat")
-        assert plant.train[0].u.shape == (60, 2)
-        assert plant.name == ("synthetic pilot plant" if synthetic else "pilot plant")
-        assert plant.goals == ({} if synthetic else {"test": 25.0})
+    savemat(tmp_path / "pilotPlant.mat", content, oned_as="column")
+    plant = find(tmp_path, "pilot_plant")
+    assert plant is not None
+    assert plant.train[0].u.shape == (60, 2)
+    assert plant.goals == {"test": 25.0}
 
 
-def test_every_plant_has_a_file_name_and_a_stand_in() -> None:
-    assert PLANTS.keys() == STAND_INS.keys()
+def test_a_plant_without_a_file_is_none(tmp_path: Path) -> None:
+    assert find(tmp_path, "silverbox") is None
 
 
 def test_the_scoreboard_compares_free_runs_of_all_models(
@@ -71,14 +69,14 @@ def test_the_scoreboard_compares_free_runs_of_all_models(
         goals={"test": 40.0},
     )
     # WHEN all models are measured
-    errors = measure(plant, list(MODELS), seeds=1, budget_minutes=0.2, epochs=20)
+    rows = measure(plant, list(MODELS), seeds=1, budget_minutes=0.2, epochs=20)
     # THEN the network is better than the ARX
-    assert max(errors["NARX"]["test"]) < errors["ARX"]["test"][0] < 1e3 * test.y.std()
-    line = row(plant, "test", errors, list(MODELS))
-    assert line.startswith("| resonance, test | mV | ") and line.endswith(" | ≤ 40 |")
+    error = {str(row["model"]): float(row["RMSE"] or 0.0) for row in rows}
+    assert error["NARX"] < error["ARX"] < 1e3 * test.y.std()
+    assert [row["goal"] for row in rows if row["model"] == "NARX"] == [40.0]
     # AND a package that is not installed is said
     said = capsys.readouterr().err
     for model, package in (("FROLS", "sysidentpy"), ("jax-sysid", "jax_sysid")):
         missing = importlib.util.find_spec(package) is None
         assert (f"{model} is skipped" in said) == missing
-        assert (model not in errors) == missing
+        assert (model not in error) == missing
