@@ -137,12 +137,12 @@ class Block:
         The files stay until new ones replace them, so a kill meanwhile hides no loss.
         """
         names = (self.files[0].with_name(f"{self.files[0].name}{ASIDE}{n}") for n in count(1))
-        free = next(n for n in names if not n.exists() and not _partner_of(n).exists())
-        asides = dict(zip(self.files, (free, _partner_of(free)), strict=True))
-        there = [file for file in self.files if file.exists()]
-        for file in there:
-            shutil.copyfile(file, asides[file])
-        return asides[there[0]].name
+        asides = ((name, _partner_of(name)) for name in names)
+        free = next(pair for pair in asides if not any(aside.exists() for aside in pair))
+        for file, aside in zip(self.files, free, strict=True):
+            if file.exists():
+                shutil.copyfile(file, aside)
+        return next(aside.name for aside in free if aside.exists())
 
 
 def _partner_of(path: Path) -> Path:

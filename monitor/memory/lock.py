@@ -68,38 +68,26 @@ class Lock:
         self._close(0)
 
     def _lock(self, file: Path) -> None:
+        """Lock a file for this process; raises RecordingError."""
         try:
             self._descriptors.append(os.open(file, os.O_CREAT | os.O_RDWR, 0o644))
         except OSError as error:
-            raise RecordingError(
-                f"{self._path}: cannot open the fault memory: {file.name}: {error.strerror}"
-            ) from None
+            said = f"cannot open the fault memory: {file.name}: {error.strerror}"
+            raise RecordingError(f"{self._path}: {said}") from None
         try:
-            _lock(self._descriptors[-1])
-        except ModuleNotFoundError:
-            raise RecordingError(
-                f"{self._path}: this system has no file locks, so no fault memory can be used"
-            ) from None
-        except OSError:
-            raise RecordingError(
-                f"{self._path}: the fault memory is in use by a running monitor"
-            ) from None
+            if os.name == "nt":
+                msvcrt = import_module("msvcrt")
+                msvcrt.locking(self._descriptors[-1], msvcrt.LK_NBLCK, 1)
+            else:
+                fcntl = import_module("fcntl")
+                fcntl.flock(self._descriptors[-1], fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except (ModuleNotFoundError, OSError) as error:
+            said = "the fault memory is in use by a running monitor"
+            if isinstance(error, ModuleNotFoundError):
+                said = "this system has no file locks, so no fault memory can be used"
+            raise RecordingError(f"{self._path}: {said}") from None
 
     def _close(self, begin: int) -> None:
         for descriptor in self._descriptors[begin:]:
             os.close(descriptor)
         del self._descriptors[begin:]
-
-
-def _lock(descriptor: int) -> None:
-    """Lock a file for this process.
-
-    Raises OSError if another process has it, ModuleNotFoundError if the system has no locks.
-    """
-    try:
-        fcntl = import_module("fcntl")
-    except ModuleNotFoundError:
-        msvcrt = import_module("msvcrt")
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-    else:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

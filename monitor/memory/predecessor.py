@@ -6,6 +6,7 @@ stored before the main file, so it is never older.
 
 import hashlib
 import json
+from collections import defaultdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,15 +41,16 @@ def remove_rest(path: Path) -> None:
 def content_of(path: Path) -> Content:
     """Return the content of a memory of schema 4; raises RecordingError if it has no whole copy."""
     try:
-        lines = _spare_of(path).read_bytes().splitlines()
-        sums, rows = zip(*(_row(line) for line in lines), strict=True)
-        at = next(i for i, row in enumerate(rows) if row[0] == "head")
-        _, schema, memory, generation, set_aside, digest = rows[at]
-        others = "".join(sorted(sums[:at] + sums[at + 1 :]))
-        if schema == 4 and hashlib.sha256(others.encode()).hexdigest() == digest:
-            tables = {row[0]: sorted(r[1:] for r in rows if r[0] == row[0]) for row in rows}
-            return _content(tables, memory, generation, set_aside)
-    except (OSError, ValueError, StopIteration):
+        rows = [_row(line) for line in _spare_of(path).read_bytes().splitlines()]
+        (head,) = (row for row in rows if row[1] == "head")
+        rows.remove(head)
+        digest = _sha256("".join(sorted(checksum for checksum, *_ in rows)))
+        if head[2] == 4 and head[-1] == digest:
+            tables = defaultdict[str, list[Any]](list)
+            for table, *row in sorted(row[1:] for row in rows):
+                tables[table].append(row)
+            return _content(tables, *head[3:6])
+    except (OSError, ValueError, TypeError):
         pass
     raise RecordingError(
         f"{path}: not a fault memory, or one of an earlier version (SQLite) without a whole spare "
@@ -56,36 +58,37 @@ def content_of(path: Path) -> Content:
     )
 
 
-def _row(line: bytes) -> tuple[str, list[Any]]:
+def _row(line: bytes) -> list[Any]:
     """Return checksum and row of a line; raises ValueError if they do not fit."""
     found, text = line.decode().split(" ", 1)
-    if hashlib.sha256(text.encode()).hexdigest()[: len(found)] != found:
+    if _sha256(text)[:16] != found:
         raise ValueError("the line has changed")
-    return found, json.loads(text)
+    return [found, *json.loads(text)]
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _content(tables: dict[str, list[Any]], memory: str, generation: int, set_aside: str) -> Content:
-    def rows(table: str) -> list[Any]:
-        return tables.get(table, [])
-
-    signals = {code: (t_ns, json.loads(text)) for _, code, t_ns, text in rows("freeze_frame")}
+    signals = {code: (t_ns, json.loads(text)) for _, code, t_ns, text in tables["freeze_frame"]}
     latest = {code: values.pop("latest", None) for code, (_, values) in signals.items()}
     saved = Saved(
         dtcs=tuple(
             Dtc(code, fault, tuple(filter(None, also.split(","))), Status(status), *numbers)
-            for code, fault, also, status, *numbers in rows("dtc")
+            for code, fault, also, status, *numbers in tables["dtc"]
         ),
         freeze_frames=tuple(FreezeFrame(code, *found) for code, found in signals.items()),
         latest_frames=tuple(
             FreezeFrame(code, found.pop("t_ns"), found) for code, found in latest.items() if found
         ),
-        permanent={code: fault for _, code, fault in rows("permanent")},
-        results=tuple(TestResult(*row) for row in rows("result")),
-        ratios=tuple(Ratio(*row) for row in rows("ratio")),
-        counts=Counts(**dict(rows("counted"))),
-        completed=frozenset(test for (test,) in rows("completed")),
+        permanent={code: fault for _, code, fault in tables["permanent"]},
+        results=tuple(TestResult(*row) for row in tables["result"]),
+        ratios=tuple(Ratio(*row) for row in tables["ratio"]),
+        counts=Counts(**dict(tables["counted"])),
+        completed=frozenset(test for (test,) in tables["completed"]),
     )
-    references = {model: Reference(*numbers) for model, *numbers in rows("reference")}
+    references = {model: Reference(*numbers) for model, *numbers in tables["reference"]}
     return Content(saved, references, memory, generation, set_aside)
 
 
