@@ -112,7 +112,7 @@ class Block:
         """Return what there is if FILE is not whole and has no partner."""
         if MAGIC in first.data:
             return Found(None, f"{self.files[0].name} {first.note}")
-        if predecessor.is_there(self.files[0]):
+        if predecessor.is_there(self.files[0], first.data):
             return Found(predecessor.content_of(self.files[0]))
         if first.data:
             raise RecordingError(f"{self.files[0]}: not a fault memory")

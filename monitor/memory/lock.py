@@ -45,7 +45,7 @@ class Lock:
 
     def follow(self) -> None:
         """Lock the memory's files that are there now; raises RecordingError."""
-        self._close(1)
+        self.let_go(1)
         if os.name != "nt":  # Windows replaces no open file
             for file in self._files:
                 if file.exists():
@@ -62,10 +62,6 @@ class Lock:
         finally:
             if is_own:
                 self.let_go()
-
-    def let_go(self) -> None:
-        """Let go of the lock, if it is taken."""
-        self._close(0)
 
     def _lock(self, file: Path) -> None:
         """Lock a file for this process; raises RecordingError."""
@@ -87,7 +83,8 @@ class Lock:
                 said = "this system has no file locks, so no fault memory can be used"
             raise RecordingError(f"{self._path}: {said}") from None
 
-    def _close(self, begin: int) -> None:
+    def let_go(self, begin: int = 0) -> None:
+        """Let go of the lock, if it is taken, or of its files from one on."""
         for descriptor in self._descriptors[begin:]:
             os.close(descriptor)
         del self._descriptors[begin:]

@@ -21,15 +21,9 @@ SQLITE: Final = b"SQLite format 3\0"
 BESIDE: Final = ("-spare", "-wal", "-shm")  # files that it had beside the main file
 
 
-def is_there(path: Path) -> bool:
-    """Return whether a main file or a spare copy of schema 4 is there."""
-    if _spare_of(path).exists():
-        return True
-    try:
-        with path.open("rb") as file:
-            return file.read(len(SQLITE)) == SQLITE
-    except FileNotFoundError:
-        return False
+def is_there(path: Path, data: bytes) -> bool:
+    """Return whether a memory of schema 4 is there; ``data`` is what its main file holds."""
+    return data.startswith(SQLITE) or _spare_of(path).exists()
 
 
 def remove_rest(path: Path) -> None:
