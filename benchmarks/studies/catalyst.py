@@ -2,50 +2,34 @@
 
 Each drive has a vehicle of its own. Five of eight drives have a drawn catalyst and sensors, two
 have wrong metering or fuel, one is of a second engine. Repeat the same command to continue a
-stopped run; ``--out`` gets the rows, catalyst.html and catalyst.json.
+stopped run; ``--out`` gets rows, report.html and catalyst.json.
 
     python -m benchmarks catalyst --out build/catalyst
 """
 
 import argparse
-from pathlib import Path
-from typing import Final
+from functools import partial
 
-from tqdm import tqdm
-
-from benchmarks.studies.behind import catalyst_page, run, targets
-from benchmarks.studies.behind.plan import CatalystMatrix
+from benchmarks.studies import runner
+from benchmarks.studies.behind import run, tables
+from benchmarks.studies.behind.plan import CatalystMatrix, trials
 from benchmarks.studies.options import parser_of, plan_of
 from monitor.base import config
 from monitor.base.command_line import command
 from monitor.base.command_line import option_paths as paths
-from monitor.base.files.outputs import write_text
-from training.jobs import run_folder
-
-REPORT, RESULT = "catalyst.html", "catalyst.json"
-NAME: Final = "catalyst"
 
 
 def main(argv: list[str]) -> int:
     """Drive the catalyst matrix; return the exit code."""
-    return command.run(NAME, lambda _: _parser(), argv)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = parser_of(NAME, CatalystMatrix, __doc__)
+    parser = parser_of("catalyst", CatalystMatrix, __doc__, _run)
     parser.add_argument("--config", type=paths.read, help="TOML file that changes shipped settings")
-    parser.set_defaults(func=_run)
-    return parser
+    return command.run("catalyst", lambda _: parser, argv)
 
 
 def _run(args: argparse.Namespace) -> int:
-    matrix, out = plan_of(CatalystMatrix, args), Path(args.out)
-    settings = config.load(args.config)
-    with tqdm(total=matrix.drives, unit="drive", disable=args.nothing or None) as bar:
-        rows, limits = run.run(matrix, settings, out, bar.update, args.jobs)
-    result = catalyst_page.result(rows, limits, run_folder.identity_of(out))
-    print(targets.as_text(result))
-    write_text(out / REPORT, catalyst_page.as_page(result))
-    run_folder.write_json(out / RESULT, result, indent=1)
-    print(f"report: {out / REPORT}")
+    matrix, settings = plan_of(CatalystMatrix, args), config.load(args.config)
+    total, digest = len(trials(matrix)) + 1, runner.config_sha256(settings)
+    made = partial(tables.report, matrix)
+    with runner.running("catalyst", args, matrix, total, made, config_sha256=digest) as place:
+        run.run(matrix, settings, place)
     return 0

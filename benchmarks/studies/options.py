@@ -21,18 +21,25 @@ def option(default: Any, text: str, read: Callable[[str], Any] | None = None) ->
     return field(default=default, metadata={"help": text, "read": read})
 
 
-def parser_of(name: str, plan: type[Plan], description: str | None) -> argparse.ArgumentParser:
-    """Return the parser of a study: the options of its plan, ``--out`` and ``--jobs``."""
+def parser_of(
+    name: str, plan: type[Any], about: str | None, run: Callable[[argparse.Namespace], int]
+) -> argparse.ArgumentParser:
+    """Return the parser of a study: the options of its plan, ``--out`` and ``--jobs``.
+
+    about : description
+    run : does the study
+    """
     parser = argparse.ArgumentParser(
         prog=f"python -m benchmarks {name}",
-        description=description,
+        description=about,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--out", type=paths.folder, metavar="DIR", help="folder for rows and page")
     parser.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (all cores)"
     )
-    for each in fields(plan):  # type: ignore[arg-type]
+    parser.set_defaults(func=run)
+    for each in fields(plan):
         if "help" in each.metadata:
             _add(parser, each.name, each.default, each.type, each.metadata)
     return parser

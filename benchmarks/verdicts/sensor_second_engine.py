@@ -33,11 +33,11 @@ from benchmarks.studies.second.engine import (
 )
 from benchmarks.studies.sensor import severities
 from benchmarks.studies.sensor.conditions import ageing
-from benchmarks.studies.sensor.goals import LIMIT_SEVERITY
 from benchmarks.studies.sensor.plan import MOST_ETHANOL
-from benchmarks.studies.sensor.verdicts import judge_drives, learn
+from benchmarks.studies.sensor.run import judge_drives, learn
 from monitor.base import config, faults
 from monitor.base.fault_streams import SensorFault
+from monitor.base.faults import LIMIT_SEVERITY
 from monitor.base.signals import OUTPUT
 from monitor.base.types import FloatArray, SampleBlock
 from monitor.grid.arrays import table_of

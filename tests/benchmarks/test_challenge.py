@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.studies.gap import main
+from benchmarks.studies.challenge import main
 from training.recordings.recording import load
 
 
@@ -13,26 +13,13 @@ from training.recordings.recording import load
 def challenge(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three cases of one vehicle, two drives of two minutes each."""
     folder = tmp_path_factory.mktemp("challenge") / "set"
-    cases = ["effect=1", "null=1", "fault=1"]
-    call = ["--export", folder, "--cases", *cases]
-    call += ["--vehicles", "1", "--drives", "2", "--minutes", "2"]
-    assert main([str(word) for word in call]) == 0
+    words = "--cases effect=1 null=1 fault=1 --vehicles 1 --drives 2 --minutes 2"
+    assert main(["--out", str(folder), *words.split()]) == 0
     return folder
 
 
-def answered(challenge: Path, folder: Path, right: bool) -> Path:
-    """Write answers by the truth, or that nothing is wrong anywhere."""
-    truth = json.loads((challenge.parent / "set-truth.json").read_text())["cases"]
-    verdicts = {"effect": "named", "null": "no_gap", "fault": "sensor_fault_suspected"}
-    answers = {
-        name: {"verdict": verdicts[case["kind"]], "names": case["hidden"]}
-        if right
-        else {"verdict": "no_gap"}
-        for name, case in truth.items()
-    }
-    path = folder / "answers.json"
-    path.write_text(json.dumps(answers))
-    return path
+def score(challenge: Path, answers: Path) -> int:
+    return main(["--out", str(challenge), "--score", str(answers)])
 
 
 def test_a_challenge_holds_recordings_and_tells_neither_truth_nor_seed(challenge: Path) -> None:
@@ -50,14 +37,19 @@ def test_a_challenge_holds_recordings_and_tells_neither_truth_nor_seed(challenge
 
 @pytest.mark.parametrize(("right", "marks"), [(True, 1), (False, 0)])
 def test_answers_get_marks_by_kind(
-    challenge: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    right: bool,
-    marks: int,
+    challenge: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], right: bool, marks: int
 ) -> None:
-    path = answered(challenge, tmp_path, right)
-    assert main(["--score", str(path), "--export", str(challenge)]) == 0
+    truth = json.loads((challenge.parent / "set-truth.json").read_text())["cases"]
+    verdicts = {"effect": "named", "null": "no_gap", "fault": "sensor_fault_suspected"}
+    answers = {
+        name: {"verdict": verdicts[case["kind"]], "names": case["hidden"]}
+        if right
+        else {"verdict": "no_gap"}
+        for name, case in truth.items()
+    }
+    path = tmp_path / "answers.json"
+    path.write_text(json.dumps(answers))
+    assert score(challenge, path) == 0
     lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith(f"effect: named rightly: {marks} of 1") for line in lines)
     assert any(line.startswith("null: no gap: 1 of 1") for line in lines)
@@ -65,11 +57,11 @@ def test_answers_get_marks_by_kind(
 
 
 def test_a_truth_that_was_changed_afterwards_is_refused(
-    challenge: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    challenge: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path, changed = answered(challenge, tmp_path, True), tmp_path / "truth.json"
-    sealed = (challenge.parent / "set-truth.json").read_text()
-    changed.write_text(sealed.replace('"no_gap"', '"gap"').replace('"severities"', '"sizes"'))
-    call = ["--score", path, "--truth", changed, "--export", challenge]
-    assert main([str(word) for word in call]) == 2
+    place = challenge.parent / "set-truth.json"
+    sealed = place.read_text()
+    place.write_text(sealed.replace('"severities"', '"sizes"'))
+    assert score(challenge, challenge / "answers.json") == 2
     assert "not the truth that was sealed" in capsys.readouterr().err
+    place.write_text(sealed)

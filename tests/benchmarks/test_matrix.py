@@ -1,4 +1,4 @@
-"""The matrix: its plan, its faults put on afterwards, its run and its command."""
+"""The detection matrix: its plan, its drives, its tables and its command."""
 
 import json
 from dataclasses import replace
@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks.studies.matrix import main
-from benchmarks.studies.sensor import run
+from benchmarks.studies.sensor import run, tables
 from benchmarks.studies.sensor.conditions import AMBIENTS, weather
-from benchmarks.studies.sensor.drive import put_on, samples
-from benchmarks.studies.sensor.goals import LIMIT_SEVERITY
+from benchmarks.studies.sensor.drive import samples
 from benchmarks.studies.sensor.plan import (
     Matrix,
     calibration,
@@ -20,33 +19,42 @@ from benchmarks.studies.sensor.plan import (
     refuse_used,
     trials,
 )
-from benchmarks.studies.sensor.severities import ELECTRICAL, NOT_AFTERWARDS, SEVERITIES
-from monitor.base import config, faults
+from benchmarks.studies.sensor.severities import ELECTRICAL, SEVERITIES, beyond_limit
+from benchmarks.studies.tables import Row
+from benchmarks.studies.targets import Target
+from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.fault_streams import SensorFault
-from monitor.pipeline.replay import shipped_model
-from tests.helpers.matrices import FIRST, SEED, SMALL
+from monitor.base.faults import LIMIT_SEVERITY
 from training.dyno import ecu
-from training.dyno.simulation import Experiment, simulate
 
+FIRST, SEED = 2000, 2_100_000
 DEVELOPMENT = Matrix(first_vehicle=FIRST, seed=SEED)
+SMALL = replace(
+    DEVELOPMENT,
+    vehicles=2,
+    repetitions=2,
+    healthy=2,
+    reference_drives=1,
+    cycles=("us06",),
+    ambients=("mild",),
+    faults=(("biased_lean", (0.05,)),),
+)
 
 
 def test_a_matrix_is_planned_alike_every_time_and_by_its_seed() -> None:
     assert trials(DEVELOPMENT) == trials(DEVELOPMENT)
     assert reference_drives(DEVELOPMENT) == reference_drives(DEVELOPMENT)
     other = trials(replace(DEVELOPMENT, seed=SEED + 100_000))
-    assert not any(
-        a.conditions == b.conditions for a, b in zip(trials(DEVELOPMENT), other, strict=True)
-    )
+    pairs = zip(trials(DEVELOPMENT), other, strict=True)
+    assert not any(a.conditions == b.conditions for a, b in pairs)
 
 
 def test_the_whole_plan_is_large_enough_for_every_target() -> None:
     planned = trials(DEVELOPMENT)
     healthy = [t for t in planned if t.kind == "healthy"]
     assert len(planned) >= 5000
-    assert len(healthy) >= 500
-    assert len({t.vehicle for t in healthy}) >= 50
+    assert len(healthy) >= tables.HEALTHY_DRIVES
+    assert len({t.vehicle for t in healthy}) >= tables.HEALTHY_VEHICLES
     assert {t.ambient for t in healthy} == set(AMBIENTS)
     for name, limit in LIMIT_SEVERITY.items():
         for placement in ("loop", "after"):
@@ -67,12 +75,9 @@ def test_the_whole_plan_is_large_enough_for_every_target() -> None:
 def test_each_kind_of_weather_is_what_its_name_says() -> None:
     drawn = {name: [weather(name, seed) for seed in range(200)] for name in AMBIENTS}
     assert all(35.0 <= c.ambient_degc <= 43.0 for c in drawn["hot"])
-    assert all(-15.0 <= c.ambient_degc <= -5.0 for c in drawn["cold"])
-    assert all(c.coolant_start_degc == c.ambient_degc for c in drawn["cold"])
+    assert all(c.coolant_start_degc == c.ambient_degc <= -5.0 for c in drawn["cold"])
     assert all(72.0 <= c.ambient_kpa <= 80.0 for c in drawn["altitude"])
     assert len({c.ambient_degc for c in drawn["mild"]}) == 200
-    with pytest.raises(UsageError, match="tropical"):
-        weather("tropical", 1)
 
 
 def test_vehicles_and_seeds_that_have_served_before_are_refused() -> None:
@@ -97,163 +102,83 @@ def test_the_literatures_rules_are_set_on_every_fault_that_must_be_found() -> No
     assert not own & {n for t in (*good, *bad) for n in (t.seed, t.vehicle)}
 
 
-@pytest.mark.parametrize("name", [n for n in faults.NAMES if n not in NOT_AFTERWARDS])
-def test_a_fault_put_on_a_whole_drive_is_the_streaming_one_sample_by_sample(name: str) -> None:
-    drive = simulate(Experiment(cycle="us06", vehicle=FIRST, seed=SEED, duration_s=120.0))
-    healthy, fault = drive["lambda_measured"], faults.resolve(name)
-    put = put_on(healthy, fault)
-    streamed = np.array(SensorFault(fault, 0.01).apply(healthy.tolist()))
-    assert np.isnan(healthy).any()
-    np.testing.assert_allclose(put, np.minimum(streamed, 15.9), rtol=1e-12)
-    assert np.nanmax(np.abs(put - healthy)) > 0.005
-
-
-def test_a_fault_of_the_communication_cannot_be_put_on_readings() -> None:
-    with pytest.raises(UsageError, match="not_ready"):
-        put_on(np.ones(10), faults.resolve("not_ready"))
+def test_what_must_be_found_begins_at_the_limit_severity() -> None:
+    assert beyond_limit("delay_symmetric", 0.4)
+    assert not beyond_limit("delay_symmetric", 0.39)
+    assert not beyond_limit("gain_low", 0.61)
+    assert not beyond_limit("stuck_lean", 0.15)
 
 
 def test_only_a_fault_in_the_loop_moves_the_controller() -> None:
     bus_map = ecu.own_bus()
-    planned = trials(replace(SMALL, faults=(("biased_lean", (0.05,)),)))
-    trial = next(t for t in planned if t.placement == "after")
-    healthy = replace(trial, kind="healthy", fault="", severity=None, placement="")
-    seen = {}
-    for key, each in (
-        ("after", trial),
-        ("loop", replace(trial, placement="loop")),
-        ("healthy", healthy),
-    ):
-        block = samples(each, bus_map, 100_000_000)
-        trim, reading = (
-            block.values[:, bus_map.names.index(n)]
-            for n in ("lambda_controller", "lambda_measured")
-        )
-        seen[key] = np.nanmean(trim[1000:]), np.nanmedian(reading[1000:])
-    assert seen["after"][0] == seen["healthy"][0]
-    assert seen["loop"][0] > seen["healthy"][0] + 0.02
-    assert seen["after"][1] == pytest.approx(seen["healthy"][1] + 0.05, abs=0.002)
+    trial = next(t for t in trials(SMALL) if t.placement == "after")
+    driven = {
+        "after": trial,
+        "loop": replace(trial, placement="loop"),
+        "healthy": replace(trial, kind="healthy", fault="", severity=None, placement=""),
+    }
+    trim, reading = {}, {}
+    for key, each in driven.items():
+        values = samples(each, bus_map, 100_000_000).values
+        trim[key] = np.nanmean(values[1000:, bus_map.names.index("lambda_controller")])
+        reading[key] = np.nanmedian(values[1000:, bus_map.names.index("lambda_measured")])
+    assert trim["after"] == trim["healthy"]
+    assert trim["loop"] > trim["healthy"] + 0.02
+    assert reading["after"] == pytest.approx(reading["healthy"] + 0.05, abs=0.002)
 
 
-class StoppedError(Exception):
-    """The run was ended."""
-
-
-def test_a_run_that_was_stopped_goes_on_and_gives_the_same_rows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(run, "CHUNK", 3)
-    monkeypatch.setattr(run, "_rules", lambda *_: {})
-    driven: list[int] = []
-    whole = samples
-
-    def counted(trial: Any, *others: Any) -> Any:
-        driven.append(trial.seed)
-        return whole(trial, *others)
-
-    monkeypatch.setattr(run, "samples", counted)
-    settings = config.load()
-
-    def do(folder: str, done: Any = lambda _: None, matrix: Matrix = SMALL) -> Any:
-        return run.run(matrix, shipped_model(), settings, tmp_path / folder, done)
-
-    def stop(_: int) -> None:
-        raise StoppedError
-
-    rows = do("whole")
-    assert len(rows) == len(driven) == run.count(SMALL) == 8
-    driven.clear()
-    with pytest.raises(StoppedError):
-        do("stopped", stop)
-    assert 0 < len(driven) < 8
-    assert do("stopped") == rows
-    assert len(driven) == 8  # nothing twice
-    with pytest.raises(UsageError, match="another matrix"):
-        do("stopped", matrix=replace(SMALL, seed=SEED + 1))
-
-
-def test_a_drive_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(trial: Any, *_: Any) -> Any:
-        raise ValueError("no road")
-
-    monkeypatch.setattr(run, "_rules", lambda *_: {})
-    monkeypatch.setattr(run, "samples", broken)
-    with pytest.raises(RuntimeError, match=r"trial 0 \(us06, vehicle 2000, reference\).*no road"):
-        run.run(SMALL, shipped_model(), config.load(), tmp_path / "out", lambda _: None)
-
-
-def test_a_model_that_cannot_judge_the_drives_is_the_users_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def unfit(*_: Any, **__: Any) -> Any:
-        raise RecordingError("the model needs boost_kpa")
-
-    monkeypatch.setattr(run, "_rules", lambda *_: {})
-    monkeypatch.setattr(run, "judge_drives", unfit)
-    with pytest.raises(RecordingError, match="needs boost_kpa"):
-        run.run(SMALL, shipped_model(), config.load(), tmp_path / "out", lambda _: None)
+def small(folder: Path) -> list[str]:
+    words = "--vehicles 2 --healthy 2 --repetitions 1 --reference-drives 1 --jobs 1"
+    words += f" --first-vehicle {FIRST} --seed {SEED} --cycles us06 --ambients mild --faults"
+    return [*words.split(), "delay_symmetric=0.4,2", "signal_missing", "--out", str(folder)]
 
 
 def test_the_command_drives_a_small_matrix_and_reports_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # GIVEN few drives for the literature's rules
-    few = calibration(SMALL)
-    monkeypatch.setattr(
-        run,
-        "calibration",
-        lambda _: (
-            [
-                replace(t, cycle="hwfet", ambient="mild", conditions=weather("hot", t.seed))
-                for t in few[0][:3]
-            ],
-            few[1][:1],
-        ),
-    )
+    good, bad = calibration(SMALL)
+    few = [replace(t, cycle="hwfet", ambient="hot") for t in good[:3]]
+    monkeypatch.setattr(run, "calibration", lambda _: (few, bad[:1]))
     monkeypatch.setattr("benchmarks.studies.rules.alarms.FALSE_ALARM_RATE", 0.05)
     # WHEN the matrix is driven
-    args = [
-        "--out",
-        str(tmp_path / "m"),
-        "--vehicles",
-        "2",
-        "--first-vehicle",
-        str(FIRST),
-        "--seed",
-        str(SEED),
-        "--healthy",
-        "2",
-        "--repetitions",
-        "1",
-        "--reference-drives",
-        "1",
-        "--cycles",
-        "us06",
-        "--jobs",
-        "1",
-        "--ambients",
-        "mild",
-        "--faults",
-        "delay_symmetric=0.4,2",
-        "signal_missing",
-    ]
-    assert main(args) == 0
+    assert main(small(tmp_path)) == 0
     # THEN both faults are found, and text, JSON and page say so
-    result = json.loads((tmp_path / "m" / "matrix.json").read_text())
-    assert result["schema"] == "o2train.matrix/1"
-    assert result["source"] == "simulated"
-    assert result["drives"]["all"] == 9
-    cells = {(d["severity"], d["placement"]): d["named"]["events"] for d in result["detection"]}
-    assert cells[2.0, "loop"] == cells[2.0, "after"] == cells[1.0, "loop"] == 1
-    html = (tmp_path / "m" / "report.html").read_text()
-    assert "Everything here is simulated: 9 drives" in html
-    assert "these figures are not final" in html  # of vehicles for development
-    assert html.count("data:image/svg+xml") == 6
     assert "9 simulated drives" in capsys.readouterr().out
+    result = json.loads((tmp_path / "matrix.json").read_text())
+    cells = {
+        (d["severity"], d["placement"]): d["named"]["events"]
+        for d in result["tables"]["Detection against severity"]
+    }
+    assert cells[2.0, "loop"] == cells[2.0, "after"] == cells[1.0, "loop"] == 1
+    rules = [r["rule"] for r in result["tables"]["Rules of the literature"]]
+    assert rules == ["monitor", *tables.TITLES.values()]
+    html = (tmp_path / "report.html").read_text()
+    assert "no figure is final" in html  # of vehicles for development
+    assert html.count("data:image/svg+xml") == 3
     # WHEN it is asked for again THEN nothing is driven anew
     monkeypatch.setattr(run, "samples", None)
-    monkeypatch.setattr(run, "_rules", lambda *_: {})
-    assert main(args) == 0
+    assert main(small(tmp_path)) == 0
+
+
+@pytest.mark.parametrize(
+    ("error", "raised", "words"),
+    [
+        (ValueError("no road"), RuntimeError, r"trial 0 \(us06, vehicle 2000, ref.*no road"),
+        (RecordingError("it needs boost_kpa"), RecordingError, "needs boost_kpa"),
+    ],
+)
+def test_a_drive_that_fails_is_named_and_the_users_error_stays_his(
+    error: Exception, raised: type[Exception], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: Any) -> Any:
+        raise error
+
+    monkeypatch.setattr(run, "samples", broken)
+    model = Path("monitor/model/shipped.onnx").resolve()
+    (chunk,) = run.chunks(SMALL, model).values()
+    with pytest.raises(raised, match=words):
+        run._rows(run.Bench(model, config.load()), chunk)
 
 
 @pytest.mark.parametrize(
@@ -270,8 +195,99 @@ def test_the_command_drives_a_small_matrix_and_reports_it(
 def test_what_cannot_be_driven_is_said_in_one_line(
     options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    own = ["--first-vehicle", str(FIRST), "--seed", str(SEED), "--out", str(tmp_path / "m")]
-    assert main([*own, *options]) == 2
+    assert main([*small(tmp_path / "m"), *options]) == 2
     error = capsys.readouterr().err
     assert said in error
     assert len(error.splitlines()) == 1
+    assert not (tmp_path / "m").exists()
+
+
+def row(number: int, fault: str = "", severity: float | None = None, **changes: Any) -> Row:
+    """Return a row of a WLTC; a fault is found and named unless the changes say otherwise."""
+    names = (*tables.TITLES, "monitor")
+    return {
+        "number": number,
+        "kind": "faulty" if fault else "healthy",
+        "vehicle": FIRST + number % 2,
+        "cycle": "wltc_3b",
+        "ambient": "mild",
+        "fault": fault,
+        "severity": severity,
+        "placement": "loop" if fault else "",
+        "seed": SEED + number,
+        "aged": None,
+        "completed": True,
+        "codes": ["P0133"] if fault else [],
+        "faults": [fault] if fault else [],
+        "also": [],
+        "first_code_driving_s": 100.0 if fault else None,
+        "first_code_enabled_s": 30.0 if fault else None,
+        "driving_s": 1800.0,
+        "enabled_s": 900.0,
+        "windows": 100,
+        "not_held": dict.fromkeys(tables.CONDITIONS, 0.1),
+        "alarms_enabled_s": dict.fromkeys(names, 40.0 if fault else None),
+        "failed_windows": dict.fromkeys(names, 50 if fault else 1),
+    } | changes
+
+
+@pytest.fixture
+def hand_made() -> list[Row]:
+    """60 healthy drives, one with a false code; 40 slow ones, two missed, two misnamed."""
+    missed: dict[str, Any] = {"codes": [], "faults": [], "first_code_enabled_s": None}
+    both = ["delay_symmetric", "slow_symmetric"]
+    changes = {100: missed, 101: missed, 102: {"faults": ["transient"]}, 104: {"faults": both}}
+    slow = [row(i, "slow_symmetric", 0.5, **changes.get(i, {})) for i in range(100, 140)]
+    slow[3] = row(103, "slow_symmetric", 0.2, **missed)
+    false = {"codes": ["P0133"], "faults": ["slow_symmetric"], "first_code_driving_s": 9.0}
+    healthy = {7: false, 9: {"completed": False}}
+    return [*(row(i, **healthy.get(i, {})) for i in range(60)), *slow]
+
+
+def target(rows: list[Row], what: str, where: str) -> Target:
+    return next(t for t in tables.assess(rows) if what in t.what and where in t.where)
+
+
+def test_targets_stand_beside_what_was_found(hand_made: list[Row]) -> None:
+    detected = target(hand_made, "detected", "in the loop, at the limit")
+    assert (detected.found, detected.trials) == (37 / 39, 39)
+    assert detected.verdict == "missed by 4.1 points"
+    assert target(hand_made, "named", "in the loop, at the limit").found == 35 / 39
+    assert target(hand_made, "median", "in the loop, at the limit").met
+    assert target(hand_made, "detected", "afterwards, at the limit").met is None
+    assert target(hand_made, "pending", "healthy").verdict == "missed by 1"
+    assert target(hand_made, "confirmed", "healthy").met is None  # too few drives to say
+    completed = target(hand_made, "completed", "healthy")
+    assert (completed.found, completed.met, completed.proved) == (59 / 60, True, False)
+
+
+def test_zero_false_codes_are_a_target_met_only_by_many_drives_of_many_vehicles() -> None:
+    many = [row(i, vehicle=FIRST + i % 50) for i in range(500)]
+    assert target(many, "pending", "healthy").met is True
+    assert target(many[:-1], "pending", "healthy").met is None
+
+
+def test_a_code_of_two_drives_in_a_row_of_a_vehicle_would_be_confirmed() -> None:
+    coded = {"codes": ["P0133"]}
+    drives = [row(0, **coded, vehicle=1), row(1, vehicle=1), row(2, **coded, vehicle=1)]
+    assert tables.confirmed(drives) == 0  # drive 1 has passed
+    skipped = row(1, vehicle=1, completed=False)
+    assert tables.confirmed([drives[0], skipped, drives[2]]) == 1
+    assert tables.confirmed([drives[0], skipped, row(2, **coded, vehicle=2)]) == 0
+
+
+def test_tables_of_hand_made_rows(hand_made: list[Row]) -> None:
+    cells = {d["severity"]: d for d in tables.detection(hand_made)}
+    assert (cells[0.5]["detected"]["events"], cells[0.2]["detected"]["events"]) == (37, 0)
+    names = tables.names(hand_made, "loop")
+    counts = dict(zip(names["driven"], names["counts"], strict=True))
+    of_slow = dict(zip(names["named"], counts["slow_symmetric"], strict=True))
+    assert of_slow == {"none": 2, "slow_symmetric": 35, "transient": 1, "several names": 1}
+    assert sum(counts["healthy"]) == 60
+    (only,) = tables.several(hand_made, "loop")
+    assert only["named"] == "delay_symmetric + slow_symmetric"
+    monitor, card, *_ = tables.side_by_side(hand_made)
+    assert monitor["loop, found"]["rate"] == 37 / 39
+    assert card["loop, found"]["rate"] == 1.0
+    assert card["false windows"]["rate"] == 0.01
+    assert tables.healthy(hand_made)[0]["per 1000 h"]["per_1000_h"] == pytest.approx(1000 / 30)

@@ -93,7 +93,7 @@ def _trial(i: int, vehicle: int) -> CatalystTrial:
     rng = np.random.default_rng([31, vehicle])
     kind, turn = KINDS[i % len(KINDS)], i // len(KINDS)
     if kind == "second":
-        return CatalystTrial(i, kind, vehicle, "", "", second(*SECOND[turn % len(SECOND)]))
+        return CatalystTrial(i, kind, vehicle, "", "", _second(*SECOND[turn % len(SECOND)]))
     mode, cycle = (str(rng.choice(of)) for of in (MODES, CYCLES))
     ambient = str(rng.choice(AMBIENTS))
     if kind == "wrong":
@@ -120,7 +120,7 @@ def _trial(i: int, vehicle: int) -> CatalystTrial:
     return CatalystTrial(i, kind, vehicle, cycle, ambient, case)
 
 
-def second(grams: float, lag_s: float, offset: float, leak: float) -> Case:
+def _second(grams: float, lag_s: float, offset: float, leak: float) -> Case:
     """Return the case of a drive of the second engine."""
     return Case(
         "second",

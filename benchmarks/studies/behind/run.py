@@ -1,87 +1,56 @@
-"""Parallel run of a catalyst matrix; every chunk is one file, so that a killed run can resume."""
+"""Rows of the catalyst matrix: truth, what the monitor says, and the indices of the rules."""
 
-import dataclasses
-import hashlib
-import json
 import math
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 from benchmarks.studies.behind import rules
 from benchmarks.studies.behind.cases import PERIOD_S, drive, judged
 from benchmarks.studies.behind.plan import CatalystMatrix, CatalystTrial, trials
-from benchmarks.studies.second import brick as second_catalyst
+from benchmarks.studies.runner import Found, Place
+from benchmarks.studies.second import brick
 from benchmarks.studies.sensor.conditions import weather
 from monitor.base.config import Config
 from monitor.base.types import FloatArray
-from training.jobs import parallel, run_folder
 
 CHUNK: Final = 8
-LIMITS: Final = "limits.json"
-Row = dict[str, Any]
+LIMITS: Final = "rule_limits"  # a chunk without drives
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Bench:
+@dataclass(frozen=True, slots=True)
+class Setting:
     """What a worker needs beside its trials."""
 
     config: Config
     seconds: float
 
 
-def run(
-    matrix: CatalystMatrix,
-    config: Config,
-    folder: Path,
-    done: Callable[[int], None],
-    jobs: int = 1,
-) -> tuple[list[Row], dict[str, float | None]]:
-    """Return a row for every drive, and the limits of the rules; stored chunks are not run again.
-
-    done : called with the number of newly finished drives
-    Raises UsageError if the folder holds another run, or the plan cannot be driven.
-    """
-    planned = trials(matrix)
-    run_folder.claim(folder, identity(matrix, config))
-    limits = folder / LIMITS
-    if not limits.exists():
-        run_folder.write_json(limits, rules.limits(matrix.seconds))
-    chunks = {f"drives_{i:05d}": planned[i : i + CHUNK] for i in range(0, len(planned), CHUNK)}
-    paths = {name: folder / f"{name}.json" for name in chunks}
-    missing = {name: own for name, own in chunks.items() if not paths[name].exists()}
-    done(len(planned) - sum(map(len, missing.values())))
-    bench = Bench(config, matrix.seconds)
-    for name, rows in parallel.run(_do, bench, missing.items(), jobs=jobs):
-        run_folder.write_json(paths[name], rows)
-        done(len(rows))
-    found = [row for path in paths.values() for row in json.loads(path.read_text())]
-    return found, json.loads(limits.read_text())
+def run(matrix: CatalystMatrix, config: Config, place: Place) -> None:
+    """Set the rules' limits, and drive and judge every chunk that the place does not hold yet."""
+    planned, setting = trials(matrix), Setting(config, matrix.seconds)
+    place.do(_limits, setting, {LIMITS: None})
+    parts = range(0, len(planned), CHUNK)
+    place.do(_rows, setting, {f"drives_{i:05d}": planned[i : i + CHUNK] for i in parts})
 
 
-def identity(matrix: CatalystMatrix, config: Config) -> dict[str, Any]:
-    """Return the settings of a run and the digests of configuration and code."""
-    settings = json.dumps(dataclasses.asdict(config)).encode()
-    return {
-        "matrix": json.loads(json.dumps(dataclasses.asdict(matrix))),
-        "config_sha256": hashlib.sha256(settings).hexdigest(),
-        "code_sha256": run_folder.code_sha256(Path(__file__).parents[1]),
-    }
+def _limits(setting: Setting, _: None) -> Found:
+    return {"rows": [{"kind": LIMITS, **rules.limits(setting.seconds)}]}
 
 
-def _do(bench: Bench, chunk: Sequence[CatalystTrial]) -> list[Row]:
-    """Drive and judge a chunk on a worker; an error names the drive."""
+def _rows(setting: Setting, chunk: Sequence[CatalystTrial]) -> Found:
+    """Drive and judge a chunk; an error names the drive."""
     rows = []
     for trial in chunk:
         try:
-            rows.append(row(trial, bench.config, bench.seconds))
+            rows.append(row(trial, setting.config, setting.seconds))
         except Exception as error:
             where = f"catalyst drive {trial.number}, vehicle {trial.vehicle}"
             raise RuntimeError(f"{where}: {type(error).__name__}: {error}") from error
-    return rows
+    return {"rows": rows}
 
 
-def row(trial: CatalystTrial, config: Config, seconds: float) -> Row:
+def row(trial: CatalystTrial, config: Config, seconds: float) -> dict[str, Any]:
     """Return one drive's truth, what the monitor says of it, and the indices of the rules."""
     names, values, true_g = _samples(trial, seconds)
     indices = rules.indices(names, values, PERIOD_S)
@@ -97,10 +66,8 @@ def _samples(trial: CatalystTrial, seconds: float) -> tuple[tuple[str, ...], Flo
     """Return names, samples (n, n_names) and true capacity in g of a drive."""
     case, vehicle = trial.case, trial.vehicle
     if trial.kind != "second":
-        outside = weather(trial.ambient, vehicle)
-        return drive(vehicle, trial.cycle, case, seconds, outside)
+        return drive(vehicle, trial.cycle, case, seconds, weather(trial.ambient, vehicle))
     grams = case.grams or 0.0
-    own = second_catalyst.brick(vehicle, grams)._replace(leak=case.leak)
-    lag_s = case.sensor_severity or 0.0
-    values = second_catalyst.drive(vehicle, vehicle, own, lag_s, case.offset_lambda)
-    return second_catalyst.NAMES, values[: round(seconds / PERIOD_S)], grams
+    own = brick.brick(vehicle, grams)._replace(leak=case.leak)
+    values = brick.drive(vehicle, vehicle, own, case.sensor_severity or 0.0, case.offset_lambda)
+    return brick.NAMES, values[: round(seconds / PERIOD_S)], grams

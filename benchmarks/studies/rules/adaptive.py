@@ -35,7 +35,7 @@ class AdaptiveThreshold:
     level: float  # -
 
     @classmethod
-    def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
+    def fit(cls, healthy: Windows, faulty: Windows, false_alarm_rate: float) -> Self:
         """Return the rule set on healthy windows."""
         x, r = _activity(healthy.predicted).ravel(), np.abs(healthy.residual).ravel()
         step = max(1, len(x) // MOST_SAMPLES)
@@ -43,10 +43,6 @@ class AdaptiveThreshold:
         base = max(base, 0.1 * float(np.quantile(r, QUANTILE)), 1e-12)
         rule = cls(base, slope, 1.0)
         return cls(base, slope, limit_for(rule.score(healthy), false_alarm_rate))
-
-    def threshold(self, predicted: FloatArray) -> FloatArray:
-        """Return the limit of |residual| at every sample, (n, n_samples), output's unit."""
-        return self.level * (self.base + self.slope * _activity(predicted))
 
     def score(self, windows: Windows) -> FloatArray:
         """Return the largest |residual| / ``(base + slope * activity)`` per window, (n,)."""

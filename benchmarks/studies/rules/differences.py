@@ -75,7 +75,7 @@ class DifferencesRule:
     limit: float  # in robust standard deviations
 
     @classmethod
-    def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
+    def fit(cls, healthy: Windows, faulty: Windows, false_alarm_rate: float) -> Self:
         """Return the rule set on healthy windows."""
         low, centre, high = np.quantile(statistics(healthy.measured), [0.25, 0.5, 0.75], axis=0)
         rule = cls(centre, np.maximum((high - low) / 1.349, 1e-9), np.inf)
@@ -84,32 +84,10 @@ class DifferencesRule:
 
     def score(self, windows: Windows) -> FloatArray:
         """Return the largest deviation per window, (n,), in healthy standard deviations."""
-        return np.asarray(self._deviations(windows).max(axis=1))
+        z = (statistics(windows.measured) - self.centre) / self.scale
+        sides = [-z[:, LEVEL], np.abs(z[:, ASYMMETRY]), z[:, PEAK]]
+        return np.asarray(np.max(sides, axis=0))
 
     def faulty(self, windows: Windows) -> np.ndarray:
         """Return the verdict on each window, (n,) bool."""
         return self.score(windows) >= self.limit
-
-    def pattern(self, windows: Windows) -> list[str]:
-        """Return the pattern of each window: a slow direction, "symmetric", or "" if not faulty.
-
-        A sensor that is slow in one direction moves in this direction most of the time, so nearly
-        every set has an extreme on this side. If lambda rises slowly (rich to lean), the upper
-        extremes are larger.
-        """
-        deviations = self._deviations(windows)
-        sign = statistics(windows.measured)[:, ASYMMETRY] - self.centre[ASYMMETRY]
-        return [
-            ""
-            if deviation.max() < self.limit
-            else "symmetric"
-            if deviation[[ASYMMETRY, PEAK]].max() < self.limit
-            else "rich_to_lean"
-            if s > 0.0
-            else "lean_to_rich"
-            for deviation, s in zip(deviations, sign, strict=True)
-        ]
-
-    def _deviations(self, windows: Windows) -> FloatArray:
-        z = (statistics(windows.measured) - self.centre) / self.scale
-        return np.column_stack([-z[:, LEVEL], np.abs(z[:, ASYMMETRY]), z[:, PEAK]])

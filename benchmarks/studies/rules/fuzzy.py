@@ -4,7 +4,7 @@
 here because scikit-fuzzy would save only a few lines.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -12,15 +12,6 @@ import numpy as np
 from benchmarks.studies.rules.windows import Windows, limit_for
 from monitor.base.types import FloatArray
 
-FEATURES = (
-    "residual mean",
-    "residual std",
-    "residual roughness",
-    "spread of measured over predicted",
-    "correlation",
-    "lateness",
-    "mean residual rising against falling",
-)
 CLUSTERS = 8
 FUZZINESS = 2.0
 ITERATIONS = 200
@@ -28,10 +19,11 @@ TOLERANCE = 1e-6
 
 
 def features(windows: Windows) -> FloatArray:
-    """Return the features of each window, (n, 7), in the order of ``FEATURES``.
+    """Return the features of each window, (n, 7).
 
-    The first three features and the last have the output's unit. The ratio of spreads is a
-    logarithm. Lateness, in samples, is the least-squares slope of the residual over the negative
+    They are mean, standard deviation and roughness of the residual, the logarithm of measured over
+    predicted spread, correlation, lateness, and the mean residual of rising against falling
+    predictions. Lateness, in samples, is the least-squares slope of the residual over the negative
     predicted change per sample.
     """
     residual, predicted = windows.residual, windows.predicted
@@ -95,51 +87,36 @@ def cluster(x: FloatArray, n_clusters: int, weight: FloatArray) -> FloatArray:
 class FuzzyRule:
     """A window is faulty if its membership in faulty clusters reaches the limit.
 
-    With faulty windows, the rule clusters healthy and faulty windows together and stores the faulty
-    share of every cluster. Without faulty windows, all clusters are healthy, and the score is the
-    membership in a noise cluster, which rises with the distance from all clusters.
-    Source of the noise cluster: Davé, Characterization and detection of noise in clustering,
-    Pattern Recognition Letters 12, 1991.
+    The rule clusters healthy and faulty windows together and keeps the faulty share of every
+    cluster.
     """
 
     centre: FloatArray  # (n_features,) medians of healthy features
     scale: FloatArray  # (n_features,) robust standard deviations of healthy features
     centres: FloatArray  # (n_clusters, n_features), scaled
-    share: FloatArray | None  # (n_clusters,) faulty share, None without faulty windows
+    share: FloatArray  # (n_clusters,) faulty share
     limit: float  # of the membership
 
     @classmethod
-    def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
-        """Return the rule; healthy and faulty windows weigh the same in total.
-
-        Raises RecordingError if there are too few healthy windows.
-        """
-        sound = features(healthy)
-        low, centre, high = np.quantile(sound, [0.25, 0.5, 0.75], axis=0)
+    def fit(cls, healthy: Windows, faulty: Windows, false_alarm_rate: float) -> Self:
+        """Return the rule; healthy and faulty windows weigh the same in total."""
+        low, centre, high = np.quantile(features(healthy), [0.25, 0.5, 0.75], axis=0)
         scale = np.maximum((high - low) / 1.349, 1e-9)  # 1.349: quartile range of a unit normal
-        x = np.arcsinh((sound - centre) / scale)
-        share = None
-        if faulty is None or len(faulty) == 0:
-            centres = cluster(x, min(CLUSTERS // 2, len(x)), np.ones(len(x)))
-        else:
-            other = np.arcsinh((features(faulty) - centre) / scale)
-            both = np.vstack([x, other])
-            kind = np.repeat([0.0, 1.0], [len(x), len(other)])
-            weight = np.where(kind > 0.0, 1.0 / len(other), 1.0 / len(x))
-            centres = cluster(both, min(CLUSTERS, len(both)), weight)
-            belongs = memberships(both, centres) * weight[:, np.newaxis]
-            share = (belongs * kind[:, np.newaxis]).sum(axis=0) / belongs.sum(axis=0)
+        both = np.vstack(
+            [np.arcsinh((features(each) - centre) / scale) for each in (healthy, faulty)]
+        )
+        kind = np.repeat([0.0, 1.0], [len(healthy), len(faulty)])
+        weight = np.where(kind > 0.0, 1.0 / len(faulty), 1.0 / len(healthy))
+        centres = cluster(both, min(CLUSTERS, len(both)), weight)
+        belongs = memberships(both, centres) * weight[:, np.newaxis]
+        share = (belongs * kind[:, np.newaxis]).sum(axis=0) / belongs.sum(axis=0)
         rule = cls(centre, scale, centres, share, np.inf)
-        limit = limit_for(rule.score(healthy), false_alarm_rate)
-        return cls(centre, scale, centres, share, limit)
+        return replace(rule, limit=limit_for(rule.score(healthy), false_alarm_rate))
 
     def score(self, windows: Windows) -> FloatArray:
-        """Return the membership of each window in the faulty or noise clusters, (n,), 0 to 1."""
+        """Return the membership of each window in the faulty clusters, (n,), 0 to 1."""
         x = np.arcsinh((features(windows) - self.centre) / self.scale)
-        if self.share is not None:
-            return np.asarray(memberships(x, self.centres) @ self.share)
-        near = (x.shape[1] / _distances(x, self.centres)).sum(axis=1)
-        return np.asarray(1.0 / (1.0 + near))
+        return np.asarray(memberships(x, self.centres) @ self.share)
 
     def faulty(self, windows: Windows) -> np.ndarray:
         """Return the verdict on each window, (n,) bool."""

@@ -14,8 +14,8 @@ from training.limits.paper_limits import RATIOS
 class PaperRule:
     """A window is faulty if |mean| and standard deviation of its residual both reach their limits.
 
-    With faulty windows, ``fit`` chooses the pair of limits that keeps the false-alarm rate and
-    misses the fewest faulty windows.
+    ``fit`` chooses the pair of limits that keeps the false-alarm rate and misses the fewest faulty
+    windows.
     Source: Model Based Diagnosis of Oxygen Sensors, section 2.
     """
 
@@ -23,26 +23,15 @@ class PaperRule:
     j_sigma: float
 
     @classmethod
-    def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
-        """Return the rule with both limits; without faulty windows they are healthy quantiles.
-
-        Raises RecordingError if there are too few healthy windows.
-        """
-        if faulty is None or len(faulty) == 0:
-            mean, std = _mean_std(healthy)
-            return cls(limit_for(mean, false_alarm_rate), limit_for(std, false_alarm_rate))
+    def fit(cls, healthy: Windows, faulty: Windows, false_alarm_rate: float) -> Self:
+        """Return the rule with both limits."""
+        mean, std = _mean_std(healthy)
         mu, sigma = (max(float(np.median(values)), 1e-12) for values in _mean_std(faulty))
         rules = []
         for ratio in RATIOS:
-            rule = cls(mu * ratio, sigma)
-            level = limit_for(rule.score(healthy), false_alarm_rate)
-            rules.append(cls(level * rule.j_mu, level * rule.j_sigma))
+            level = limit_for(np.minimum(mean / (mu * ratio), std / sigma), false_alarm_rate)
+            rules.append(cls(level * mu * ratio, level * sigma))
         return max(rules, key=lambda rule: int(rule.faulty(faulty).sum()))
-
-    def score(self, windows: Windows) -> FloatArray:
-        """Return the smaller of |mean| / j_mu and std / j_sigma per window, (n,)."""
-        mean, std = _mean_std(windows)
-        return np.minimum(mean / self.j_mu, std / self.j_sigma)
 
     def faulty(self, windows: Windows) -> np.ndarray:
         """Return the verdict on each window, (n,) bool."""

@@ -50,17 +50,13 @@ class Rule(Protocol):
     """A decision rule for single windows."""
 
     @classmethod
-    def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
-        """Return the rule, set on healthy windows and optionally on windows with a fault.
+    def fit(cls, healthy: Windows, faulty: Windows, false_alarm_rate: float) -> Self:
+        """Return the rule, set on healthy windows and, by some rules, on faulty ones.
 
-        faulty : windows of sensors at the limit severity; some rules ignore them
+        faulty : windows of sensors at the limit severity
         false_alarm_rate : per healthy window, above 0 and below 1
         Raises RecordingError if there are too few healthy windows.
         """
-        ...
-
-    def score(self, windows: Windows) -> FloatArray:
-        """Return a score per window, (n,); larger is more faulty."""
         ...
 
     def faulty(self, windows: Windows) -> np.ndarray:

@@ -7,18 +7,22 @@ vehicles in random order and through all kinds of weather.
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 
 from benchmarks.studies.options import option
 from benchmarks.studies.sensor.conditions import AMBIENTS, ageing, weather
-from benchmarks.studies.sensor.goals import LIMIT_SEVERITY, at_limit
-from benchmarks.studies.sensor.severities import NOT_AFTERWARDS, SEVERITIES, severities_of
+from benchmarks.studies.sensor.severities import (
+    NOT_AFTERWARDS,
+    SEVERITIES,
+    at_limit,
+    severities_of,
+)
 from monitor.base import faults
 from monitor.base.errors import UsageError
-from monitor.base.faults import Fault
+from monitor.base.faults import LIMIT_SEVERITY, Fault
 from training.dyno import cycles
 from training.dyno.vehicle import Conditions
 
@@ -67,13 +71,21 @@ class Trial:
     vehicle: int
     cycle: str
     ambient: str
-    conditions: Conditions
-    ethanol: float  # fraction of the fuel
-    aged: Fault | None  # ageing of a healthy sensor, within its specification
-    fault: str  # "" means healthy
-    severity: float | None
-    placement: Placement  # "after": put on the readings, unseen by the control loop
     seed: int
+    aged: Fault | None = None  # ageing of a healthy sensor, within its specification
+    fault: str = ""  # "" means healthy
+    severity: float | None = None
+    placement: Placement = ""  # "after": put on the readings, unseen by the control loop
+
+    @property
+    def conditions(self) -> Conditions:
+        """Return the weather of the drive."""
+        return weather(self.ambient, self.seed)
+
+    @property
+    def ethanol(self) -> float:
+        """Return the fraction of the fuel."""
+        return float(np.random.default_rng([0x0_2, 11, self.seed]).uniform(0.0, MOST_ETHANOL))
 
     @property
     def name(self) -> str:
@@ -83,15 +95,14 @@ class Trial:
 
     def as_row(self) -> dict[str, Any]:
         """Return the trial as JSON values."""
-        c, aged = self.conditions, self.aged
-        row = {k: v for k, v in asdict(self).items() if k not in ("conditions", "aged")}
-        return row | {
-            "ambient_degc": c.ambient_degc,
-            "ambient_kpa": c.ambient_kpa,
-            "coolant_start_degc": c.coolant_start_degc,
-            "aged": None
-            if aged is None
-            else {
+        outside, aged = self.conditions, self.aged
+        return {name: getattr(self, name) for name in self.__slots__ if name != "aged"} | {
+            "ethanol": self.ethanol,
+            "ambient_degc": outside.ambient_degc,
+            "ambient_kpa": outside.ambient_kpa,
+            "coolant_start_degc": outside.coolant_start_degc,
+            "aged": aged
+            and {
                 "lag_s": aged.tau_rising_s,
                 "dead_time_s": aged.delay_s,
                 "gain": aged.gain,
@@ -104,22 +115,18 @@ def reference_drives(matrix: Matrix) -> list[list[Trial]]:
     """Return a list of healthy drives for every vehicle, from which its reference is learned."""
     drives = []
     for i in range(matrix.vehicles):
-        own = []
-        for k in range(matrix.reference_drives):
-            number = i * matrix.reference_drives + k
-            cycle = _next(matrix.cycles or REFERENCE_CYCLES, i + k)
-            ambient = _next(matrix.ambients, i + k // 2)
-            seed = matrix.seed + REFERENCE_SEEDS + number
-            own.append(
-                _trial(
-                    number=number,
-                    kind="reference",
-                    piece=matrix.first_vehicle + i,
-                    cycle=cycle,
-                    ambient=ambient,
-                    seed=seed,
-                )
+        numbers = [i * matrix.reference_drives + k for k in range(matrix.reference_drives)]
+        own = [
+            Trial(
+                number,
+                "reference",
+                matrix.first_vehicle + i,
+                _next(matrix.cycles or REFERENCE_CYCLES, i + k),
+                _next(matrix.ambients, i + k // 2),
+                matrix.seed + REFERENCE_SEEDS + number,
             )
+            for k, number in enumerate(numbers)
+        ]
         drives.append(own)
     return drives
 
@@ -148,31 +155,16 @@ def calibration(matrix: Matrix) -> tuple[list[Trial], list[Trial]]:
     The limits of the literature's rules are set on them. In the healthy drives every vehicle drives
     once with a new sensor and once with an aged one.
     """
-    pieces, ambients = CALIBRATION_VEHICLES, matrix.ambients
-    good = [
-        _trial(
-            number=i,
-            kind="calibration",
-            piece=_next(pieces, i),
-            cycle="wltc_3b",
-            ambient=_next(ambients, i + i // len(pieces)),
-            seed=CALIBRATION_SEED + i,
-            aged=ageing(CALIBRATION_SEED + i) if i >= len(pieces) else None,
-        )
-        for i in range(2 * len(pieces))
-    ]
+
+    def trial(i: int, turn: int, **sensor: Any) -> Trial:
+        piece, ambient = _next(CALIBRATION_VEHICLES, i), _next(matrix.ambients, turn)
+        return Trial(i, "calibration", piece, "wltc_3b", ambient, CALIBRATION_SEED + i, **sensor)
+
+    n = len(CALIBRATION_VEHICLES)
+    aged = [None] * n + [ageing(CALIBRATION_SEED + n + i) for i in range(n)]
+    good = [trial(i, i + i // n, aged=each) for i, each in enumerate(aged)]
     bad = [
-        _trial(
-            number=i,
-            kind="calibration",
-            piece=_next(pieces, i),
-            cycle="wltc_3b",
-            ambient=_next(ambients, i // 2),
-            seed=CALIBRATION_SEED + i,
-            fault=fault,
-            severity=severity,
-            placement=("loop", "after")[i % 2],
-        )
+        trial(i, i // 2, fault=fault, severity=severity, placement=PLACEMENTS[i % 2])
         for i, (fault, severity) in enumerate(2 * list(LIMIT_SEVERITY.items()), len(good))
     ]
     return good, bad
@@ -183,9 +175,7 @@ def refuse_used(planned: Iterable[Trial], recordings: Iterable[str]) -> None:
 
     recordings : file names of the model's training recordings
     """
-    used = [
-        tuple(map(int, found.groups())) for name in recordings if (found := _TRAINED.search(name))
-    ]
+    used = [tuple(map(int, m.groups())) for name in recordings if (m := _TRAINED.search(name))]
     pieces, seeds = {v for v, _ in used}, {s for _, s in used}
     set_on = range(CALIBRATION_SEED, CALIBRATION_SEED + 1000)
     for trial in planned:
@@ -225,15 +215,7 @@ def _healthy(matrix: Matrix, i: int) -> Trial:
     cycle = str(rng.choice(matrix.cycles or HEALTHY_CYCLES))
     aged = ageing(seed) if rng.random() < 0.5 else None
     ambient = _next(matrix.ambients, round_ + piece)
-    return _trial(
-        number=i,
-        kind="healthy",
-        piece=matrix.first_vehicle + piece,
-        cycle=cycle,
-        ambient=ambient,
-        seed=seed,
-        aged=aged,
-    )
+    return Trial(i, "healthy", matrix.first_vehicle + piece, cycle, ambient, seed, aged)
 
 
 def _cell(
@@ -248,48 +230,17 @@ def _cell(
         [rng.permutation(matrix.vehicles) for _ in range(-(-repetitions // matrix.vehicles))]
     )
     for r in range(repetitions):
-        number = first + r
-        yield _trial(
-            number=number,
+        yield Trial(
+            number=first + r,
             kind="faulty",
-            piece=matrix.first_vehicle + int(order[r]),
+            vehicle=matrix.first_vehicle + int(order[r]),
             cycle=_next(matrix.cycles or FAULTY_CYCLES, r // len(matrix.ambients)),
             ambient=_next(matrix.ambients, r + k),
-            seed=matrix.seed + number,
+            seed=matrix.seed + first + r,
             fault=fault,
             severity=severity,
             placement=placement,
         )
-
-
-def _trial(
-    *,
-    number: int,
-    kind: Kind,
-    piece: int,
-    cycle: str,
-    ambient: str,
-    seed: int,
-    fault: str = "",
-    severity: float | None = None,
-    placement: Placement = "",
-    aged: Fault | None = None,
-) -> Trial:
-    ethanol = float(np.random.default_rng([0x0_2, 11, seed]).uniform(0.0, MOST_ETHANOL))
-    return Trial(
-        number=number,
-        kind=kind,
-        vehicle=piece,
-        cycle=cycle,
-        ambient=ambient,
-        conditions=weather(ambient, seed),
-        ethanol=ethanol,
-        aged=aged,
-        fault=fault,
-        severity=severity,
-        placement=placement,
-        seed=seed,
-    )
 
 
 def _next(choices: Sequence[T], i: int) -> T:

@@ -1,16 +1,20 @@
-"""Parallel run of a detection matrix; every chunk is one file, so that a killed run can resume."""
+"""Rows of the detection matrix: what the monitor and the literature's rules say of every trial.
 
-import dataclasses
-import hashlib
-import json
-from collections.abc import Callable, Iterator, Sequence
+A chunk holds some vehicles: first their healthy drives, from which their references learn, one
+drive of each vehicle after the other; then all their trials, with an empty fault memory each.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.studies.rules.alarms import fitted
+import numpy as np
+
+from benchmarks.studies.rules.alarms import alarms, fitted
 from benchmarks.studies.rules.windows import Rule
+from benchmarks.studies.runner import Found, Place
 from benchmarks.studies.sensor.drive import samples
 from benchmarks.studies.sensor.plan import (
     Matrix,
@@ -20,185 +24,189 @@ from benchmarks.studies.sensor.plan import (
     refuse_used,
     trials,
 )
-from benchmarks.studies.sensor.rows import Row, row
-from benchmarks.studies.sensor.verdicts import from_json, judge_drives, learn, to_json
 from monitor.base.config import Config
 from monitor.base.errors import O2Error
 from monitor.base.types import SampleBlock
+from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from monitor.pipeline.side_by_side import Judged
+from monitor.pipeline.side_by_side import Judged, judge_all
 from training.dyno import ecu
-from training.jobs import parallel, run_folder
-from training.jobs.model_bytes import model_of
-from training.recordings.recording import sha256
+from training.jobs import parallel
 
-CHUNK: Final = 32  # trials per chunk; the windows of one trial take some megabytes
-VEHICLES: Final = 10  # vehicles per chunk of reference drives
-References = dict[str, Any]  # vehicle number → reference as JSON values
-Progress = Callable[[int], None]  # called with the number of newly finished drives
+SIDE_BY_SIDE: Final = 32  # drives judged at once; the windows of one take some megabytes
+VEHICLES: Final = 5  # of a chunk
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Model, configuration, rules and references, in a form that can be sent to a worker."""
+    """Model, configuration and rules of the literature."""
 
-    model_name: str
-    model: bytes  # content of the model file
+    model: Path
     config: Config
     rules: dict[str, Rule] = field(default_factory=dict)
-    learned: References = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Drives that one worker does together; a vehicle's reference drives stay in one chunk."""
+    """Drives of some vehicles: healthy ones in rounds with one of each vehicle, then the trials."""
 
-    name: str
-    drives: tuple[Trial, ...]
+    rounds: tuple[tuple[Trial, ...], ...]
+    trials: tuple[Trial, ...]
+
+    @property
+    def count(self) -> int:
+        """Return the number of drives."""
+        return sum(map(len, self.rounds)) + len(self.trials)
+
+
+def chunks(matrix: Matrix, model: Path) -> dict[str, Chunk]:
+    """Return all drives of a matrix in chunks, by the chunk's name.
+
+    Raises UsageError for an impossible plan, or if the model or the rules were fitted with one of
+    the vehicles or seeds.
+    """
+    planned, references = trials(matrix), reference_drives(matrix)
+    recordings = Model.load(model).card.recordings
+    every = [*planned, *(drive for own in references for drive in own)]
+    refuse_used(every, [recording.path for recording in recordings])
+    found = {}
+    for i in range(0, matrix.vehicles, VEHICLES):
+        first = matrix.first_vehicle + i
+        own = tuple(t for t in planned if first <= t.vehicle < first + VEHICLES)
+        rounds = tuple(zip(*references[i : i + VEHICLES], strict=True))
+        found[f"vehicles_{first:05d}"] = Chunk(rounds, own)
+    return found
 
 
 def run(
-    matrix: Matrix,
-    model_path: Path,
-    config: Config,
-    folder: Path,
-    done: Progress,
-    jobs: int = 1,
-) -> list[Row]:
-    """Return a row for every drive, reference drives first; stored chunks are not run again.
-
-    done : called with the number of newly finished drives
-    Raises UsageError if the folder holds another run, if the model or the rules were fitted with
-    one of the vehicles or seeds.
-    """
-    planned, references = trials(matrix), reference_drives(matrix)
-    card = Model.load(model_path).card
-    refuse_used([*chain(*references), *planned], [r.path for r in card.recordings])
-    run_folder.claim(folder, identity(matrix, model_path, config))
-    bench = Bench(model_path.name, model_path.read_bytes(), config)
-    bench = replace(bench, rules=_rules(matrix, bench, jobs))
-    first = [
-        Chunk(f"reference_{i:05d}", tuple(t for own in references[i : i + VEHICLES] for t in own))
-        for i in range(0, len(references) if matrix.reference_drives else 0, VEHICLES)
-    ]
-    rows, learned = _all(first, bench, folder, jobs, done)
-    second = [
-        Chunk(f"trials_{i:05d}", tuple(planned[i : i + CHUNK]))
-        for i in range(0, len(planned), CHUNK)
-    ]
-    return rows + _all(second, replace(bench, learned=learned), folder, jobs, done)[0]
-
-
-def count(matrix: Matrix) -> int:
-    """Return the number of drives of a run; drives that set the literature's rules do not count."""
-    return len(trials(matrix)) + matrix.vehicles * matrix.reference_drives
-
-
-def identity(matrix: Matrix, model_path: Path, config: Config) -> dict[str, Any]:
-    """Return the settings of a run and the digests of model, configuration and code."""
-    tree = {"matrix": dataclasses.asdict(matrix), "config": dataclasses.asdict(config)}
-    return {
-        "matrix": json.loads(json.dumps(tree["matrix"])),
-        "model_sha256": sha256(model_path),
-        "config_sha256": hashlib.sha256(json.dumps(tree["config"]).encode()).hexdigest(),
-        "code_sha256": run_folder.code_sha256(Path(__file__).parents[1]),
-    }
+    matrix: Matrix, planned: dict[str, Chunk], model: Path, config: Config, place: Place
+) -> None:
+    """Drive and judge every chunk that the place does not hold yet."""
+    bench = Bench(model, config)
+    if place.lacks(planned):
+        bench = replace(bench, rules=_rules(matrix, bench, place.jobs))
+    place.do(_rows, bench, planned)
 
 
 def _rules(matrix: Matrix, bench: Bench, jobs: int) -> dict[str, Rule]:
     good, bad = calibration(matrix)
     every = [*good, *bad]
-    parts = {str(i): tuple(every[i : i + CHUNK]) for i in range(0, len(every), CHUNK)}
+    n = SIDE_BY_SIDE
+    parts = {str(i): every[i : i + n] for i in range(0, len(every), n)}
     found = dict(parallel.run(_windows, bench, parts.items(), jobs=jobs))
     windows = [drive for key in parts for drive in found[key]]
-    limits = _limits(model_of(bench.model_name, bench.model), bench)
-    return fitted(windows[: len(good)], windows[len(good) :], limits)
+    return fitted(windows[: len(good)], windows[len(good) :], _limits(bench))
 
 
 def _windows(bench: Bench, drives: Sequence[Trial]) -> list[list[WindowJudged]]:
     """Return a list of windows for every drive."""
-    return [judged.windows for _, judged in _judge(drives, bench)]
+    return [judged.windows for _, judged in _judge(drives, bench, [None] * len(drives))]
 
 
-def _all(
-    chunks: Sequence[Chunk], bench: Bench, folder: Path, jobs: int, done: Progress
-) -> tuple[list[Row], References]:
-    """Return the rows in the order of the chunks, and the references learned in them."""
-    missing = {}
-    for chunk in chunks:
-        if (folder / f"{chunk.name}.json").exists():
-            done(len(chunk.drives))
-        else:
-            missing[chunk.name] = chunk
-    # Workers return results and this process writes them: a cluster needs no shared file system.
-    for name, result in parallel.run(_do, bench, missing.items(), jobs=jobs):
-        run_folder.write_json(folder / f"{name}.json", result)
-        done(len(missing[name].drives))
-    rows: list[Row] = []
-    references: References = {}
-    for chunk in chunks:
-        found = json.loads((folder / f"{chunk.name}.json").read_text())
-        rows += found["rows"]
-        references |= found["references"]
-    return rows, references
-
-
-def _do(bench: Bench, chunk: Chunk) -> dict[str, Any]:
-    """Run a chunk on a worker; return its rows and, for reference drives, the references."""
-    rows: list[Row] = []
-    references: dict[str, Reference | None] = {
-        key: from_json(tree) for key, tree in bench.learned.items()
-    }
-    learning = chunk.drives[0].kind == "reference"
-    for drives in _rounds(chunk) if learning else [chunk.drives]:
-        own = [references.get(str(trial.vehicle)) for trial in drives]
-        judged = _judge(drives, bench, own)
-        for trial, reference, (block, drive) in zip(drives, own, judged, strict=True):
-            rows.append(row(trial, block, drive, bench.rules))
-            if learning:
-                references[str(trial.vehicle)] = learn(reference, drive, bench.config)
-    found = {key: to_json(each) for key, each in references.items() if each} if learning else {}
-    return {"rows": rows, "references": found}
-
-
-def _rounds(chunk: Chunk) -> Iterator[tuple[Trial, ...]]:
-    """Yield the first drive of every vehicle, then the second."""
-    vehicles = dict.fromkeys(trial.vehicle for trial in chunk.drives)
-    own = [[t for t in chunk.drives if t.vehicle == vehicle] for vehicle in vehicles]
-    yield from zip(*own, strict=True)
+def _rows(bench: Bench, chunk: Chunk) -> Found:
+    rows: list[dict[str, Any]] = []
+    known: dict[int, Reference] = {}
+    n = SIDE_BY_SIDE
+    batches = [chunk.trials[i : i + n] for i in range(0, len(chunk.trials), n)]
+    for drives in (*chunk.rounds, *batches):
+        own = [known.get(trial.vehicle) for trial in drives]
+        found = _judge(drives, bench, own)
+        for trial, reference, (block, judged) in zip(drives, own, found, strict=True):
+            rows.append(row(trial, block, judged, bench.rules))
+            if trial.kind == "reference":
+                known[trial.vehicle] = learn(reference, judged, bench.config)
+    return {"rows": rows}
 
 
 def _judge(
-    drives: Sequence[Trial], bench: Bench, references: Sequence[Reference | None] | None = None
+    drives: Sequence[Trial], bench: Bench, references: Sequence[Reference | None]
 ) -> list[tuple[SampleBlock, Judged]]:
     """Return samples and verdict of every drive; an error names the drive."""
-    model, bus_map = model_of(bench.model_name, bench.model), ecu.own_bus()
-    blocks = []
-    for trial in drives:
-        try:
-            blocks.append(samples(trial, bus_map, model.card.period_ns))
-        except Exception as error:
-            raise RuntimeError(f"{trial.name}: {type(error).__name__}: {error}") from error
-    limits = _limits(model, bench)
+    model, bus_map, limits = _model(bench.model), ecu.own_bus(), _limits(bench)
+    blocks: list[SampleBlock] = []
+    where = ""
     try:
-        judged = judge_drives(
-            blocks,
-            bus_map.names,
-            model=model,
-            limits=limits,
-            config=bench.config,
-            references=references,
-        )
+        for trial in drives:
+            where = trial.name
+            blocks.append(samples(trial, bus_map, model.card.period_ns))
+        where = f"{drives[0].name} to {where}"
+        judged = judge_drives(blocks, bus_map.names, model, limits, bench.config, references)
     except O2Error:  # the model cannot judge these drives
         raise
     except Exception as error:
-        between = f"{drives[0].name} to {drives[-1].name}"
-        raise RuntimeError(f"{between}: {type(error).__name__}: {error}") from error
+        raise RuntimeError(f"{where}: {type(error).__name__}: {error}") from error
     return list(zip(blocks, judged, strict=True))
 
 
-def _limits(model: Model, bench: Bench) -> Limits:
-    return Limits.from_card(model.card, bench.config, bench.model_name)
+def judge_drives(
+    blocks: Sequence[SampleBlock],
+    names: Sequence[str],
+    model: Model,
+    limits: Limits,
+    config: Config,
+    references: Sequence[Reference | None],
+) -> list[Judged]:
+    """Return the verdicts on drives, with an empty fault memory for every drive.
+
+    names : column names of the blocks
+    references : one per drive, the reference of its vehicle; None means a new reference
+    """
+    known = [reference or Reference() for reference in references]
+    return judge_all(blocks, names, model, limits, config, references=known)
+
+
+def learn(reference: Reference | None, judged: Judged, config: Config) -> Reference:
+    """Return the vehicle's reference after one more drive, by the monitor's rule."""
+    known = reference or Reference()
+    return known if judged.seen is None else known.learn(judged.seen, config.bias)
+
+
+@lru_cache(maxsize=1)
+def _model(path: Path) -> Model:
+    return Model.load(path)
+
+
+def _limits(bench: Bench) -> Limits:
+    return Limits.from_card(_model(bench.model).card, bench.config, bench.model.name)
+
+
+def row(trial: Trial, block: SampleBlock, judged: Judged, rules: dict[str, Rule]) -> dict[str, Any]:
+    """Return the answers of the monitor and the literature's rules to a trial, as JSON values."""
+    period_s = float(np.diff(block.t_ns[:2])[0]) / 1e9
+    enabled_s = np.cumsum(judged.enabled) * period_s
+    windows = judged.windows
+
+    def times_s(t_ns: int) -> tuple[float, float]:
+        """Return the seconds of driving and of enabled driving up to ``t_ns``."""
+        k = int(np.searchsorted(block.t_ns, t_ns, side="right")) - 1
+        return round((t_ns - int(block.t_ns[0])) / 1e9, 3), round(float(enabled_s[k]), 3)
+
+    first = min((d.t_ns for d in judged.dtcs), default=None)
+    driving, enabled = (None, None) if first is None else times_s(first)
+    found = alarms(windows, rules)
+    not_held = 1.0 - judged.conditions.mean(axis=0)
+    return trial.as_row() | {
+        "completed": judged.completed,
+        "codes": [d.code for d in judged.dtcs],
+        "faults": sorted({d.fault for d in judged.dtcs}),
+        "also": sorted({name for d in judged.dtcs for name in d.also}),
+        "states": [d.state for d in judged.dtcs],
+        "first_code_driving_s": driving,
+        "first_code_enabled_s": enabled,
+        "driving_s": round(len(block.t_ns) * period_s, 3),
+        "enabled_s": round(float(enabled_s[-1]), 3),
+        "windows": len(windows),
+        "inconclusive": sum(w.outcome == "inconclusive" for w in windows),
+        "not_held": {
+            name: round(float(x), 5) for name, x in zip(CONDITIONS, not_held, strict=True)
+        },
+        "alarms_enabled_s": {
+            name: None if a.second is None else times_s(windows[a.second].window.t_end_ns)[1]
+            for name, a in found.items()
+        },
+        "failed_windows": {"monitor": sum(w.outcome == "failed" for w in windows)}
+        | {name: a.failed for name, a in found.items()},
+    }

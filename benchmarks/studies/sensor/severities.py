@@ -1,9 +1,10 @@
-"""Faults of the detection matrix and their severities."""
+"""Faults of the detection matrix, their severities, and those that the monitor must detect."""
 
 from typing import Final
 
 from monitor.base import faults
 from monitor.base.errors import UsageError
+from monitor.base.faults import LIMIT_SEVERITY
 
 SLOW, DELAY = (0.2, 0.3, 0.5, 0.7, 1.0, 2.0), (0.2, 0.3, 0.4, 0.6, 1.0, 2.0)  # s
 BIAS = (0.02, 0.035, 0.05, 0.07, 0.1, 0.2)  # lambda
@@ -46,3 +47,20 @@ def severities_of(text: str) -> tuple[str, tuple[float, ...]]:
         return name, tuple(map(float, values.split(","))) if values else SEVERITIES[name]
     except ValueError:
         raise UsageError(f"{text!r}: wanted NAME=SEVERITY,…") from None
+
+
+def at_limit(fault: str, severity: float) -> bool:
+    """Return whether the severity is the limit severity of the fault."""
+    return LIMIT_SEVERITY.get(fault) == severity
+
+
+def beyond_limit(fault: str, severity: float) -> bool:
+    """Return whether the monitor must detect a fault of this severity; False if electrical.
+
+    >>> beyond_limit("gain_low", 0.5), beyond_limit("slow_symmetric", 0.3)
+    (True, False)
+    """
+    limit = LIMIT_SEVERITY.get(fault)
+    if limit is None:
+        return False
+    return severity <= limit if fault == "gain_low" else severity >= limit

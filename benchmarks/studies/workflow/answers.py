@@ -3,12 +3,11 @@
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from benchmarks.studies.workflow.case import Row
+from benchmarks.studies.tables import SEVERAL, Row
 from training.greybox.effects import LIBRARY
 
 CLASSES: Final = ("below the noise", "1 to 2 times the noise", "at least twice the noise")
 SUSPECTED: Final = "sensor_fault_suspected"
-SEVERAL: Final = "several names"
 AMONG: Final = "ambiguous, it among them"
 ERROR: Final = "error"
 

@@ -1,5 +1,7 @@
 """One case of the gap study: simulate its recordings, run the workflow, return a row.
 
+The base model is fitted like ``o2train fit`` does it.
+
 Every drive is simulated twice with the same seed: with the hidden effect or fault, and without it
 (the reference drive). A row measures:
 
@@ -16,6 +18,7 @@ only drives that the workflow does not hold out.
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -25,12 +28,14 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.studies.workflow import drive
-from benchmarks.studies.workflow.base import fit_base
 from benchmarks.studies.workflow.plan import Case, Study, healthy_parts
-from monitor.base.faults import Fault
+from monitor.base import config
+from monitor.base.errors import RecordingError
+from monitor.base.signals import NARX_INPUTS, OUTPUT
 from monitor.base.types import FloatArray
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
+from training.gap.inputs.base import GREYBOX
 from training.gap.inputs.roles import FAULTS, Material, Options
 from training.gap.name import scoring, yardstick
 from training.gap.name.base_state import base_state
@@ -39,10 +44,15 @@ from training.gap.verify.evidence import Detection, Verification
 from training.gap.workflow import investigate
 from training.greybox.effects import ALL
 from training.greybox.fit.drive import from_recording
+from training.greybox.model import fit_greybox
+from training.limits.decision_limits import set_limits
+from training.narx import fit
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
-Row = dict[str, Any]
+BUDGET_MINUTES: Final = 3.0  # upper bound; a training on two hours of driving takes half a minute
+LAGS: Final = 5
+HIDDEN: Final = (8, 8)
 # Minutes to retrain a network that was trained on drives with the effect. The command's default is
 # three minutes.
 RETRAIN_MINUTES: Final = 0.5
@@ -60,6 +70,30 @@ class Vehicle:
     healthy: tuple[Recording, ...]
     known: Healthy
     noise_phi: float
+
+
+def fit_base(base: str, recordings: Sequence[Recording], out: Path) -> None:
+    """Fit a model of the kind ``base`` (``greybox`` or ``narx``) and write it to ``out``.
+
+    The model gets decision limits if the recordings hold enough windows.
+    """
+    if base == GREYBOX:
+        held_out = fit_greybox(recordings, out).held_out
+    else:
+        held_out = fit.fit(
+            recordings,
+            NARX_INPUTS,
+            OUTPUT,
+            out,
+            lags=LAGS,
+            hidden=HIDDEN,
+            input_lag_start=0,
+            starts=1,
+            budget_minutes=BUDGET_MINUTES,
+            threads=1,
+        ).held_out
+    with suppress(RecordingError):  # too few windows: the model stands without limits
+        set_limits(out, recordings, held_out, config.load())
 
 
 def prepare(study: Study, number: int, model: Path) -> Vehicle:
@@ -81,25 +115,7 @@ def prepare(study: Study, number: int, model: Path) -> Vehicle:
     )
 
 
-def ask(
-    material: Material,
-    known: Healthy,
-    steps: int,
-    faults: tuple[Fault, ...],
-    sensor_known_good: bool = False,
-    retrain_minutes: float = 0.0,
-) -> Result:
-    """Return the workflow's answer.
-
-    steps : largest number of effects that the workflow may name
-    faults : faults that the verification puts on drives, to see that the new model still finds them
-    """
-    with TemporaryDirectory() as out:
-        options = Options(steps, sensor_known_good, ADD, retrain_minutes, faults=faults)
-        return investigate(material, Path(out), options, known=known)
-
-
-def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
+def run(case: Case, study: Study, vehicle: Vehicle | str) -> dict[str, Any]:
     """Return the case's row; an error of the case or of its vehicle is written into the row.
 
     vehicle : a text instead of a vehicle says why the vehicle could not be prepared
@@ -116,7 +132,7 @@ def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
         return row | {"error": f"{type(error).__name__}: {error}"}
 
 
-def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
+def _answered(case: Case, study: Study, vehicle: Vehicle) -> dict[str, Any]:
     recordings = drive.recordings(case, study.duration_s)
     nothing = recordings
     if case.hidden or case.fault:
@@ -128,18 +144,16 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
             seen = Material(model, recordings, vehicle.healthy).fit_numbers
             fit_base(study.base, [recordings[i] for i in seen], model)
             fit_base(study.base, [nothing[i] for i in seen], reference)
-        began_s = time.perf_counter()
-        steps, faults = 2 if case.kind == "two" else 1, FAULTS if case.hidden else ()
         material = Material(model, recordings, vehicle.healthy)
-        minutes = RETRAIN_MINUTES if study.fitted_with_effect else 0.0
-        found = ask(
-            material,
-            vehicle.known,
-            steps=steps,
-            faults=faults,
-            sensor_known_good=study.sensor_known_good,
-            retrain_minutes=minutes,
+        options = Options(
+            2 if case.kind == "two" else 1,
+            study.sensor_known_good,
+            ADD,
+            RETRAIN_MINUTES if study.fitted_with_effect else 0.0,
+            faults=FAULTS if case.hidden else (),
         )
+        began_s = time.perf_counter()
+        found = investigate(material, Path(folder), options, known=vehicle.known)
         took_s = time.perf_counter() - began_s
         held_out = {each.sha256 for each in found.inputs.held_out}
         pairs = zip(recordings, nothing, strict=True)
@@ -154,7 +168,7 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
     }
 
 
-def _said(found: Result) -> Row:
+def _said(found: Result) -> dict[str, Any]:
     naming, answer = found.naming, found.naming.answer
     ranking = naming.trials.ranking
     names = [candidate.name for candidate in answer.effects]
@@ -178,7 +192,7 @@ def _said(found: Result) -> Row:
     }
 
 
-def _closed(verified: Verification | None, without: float, withdrawn: bool) -> Row:
+def _closed(verified: Verification | None, without: float, withdrawn: bool) -> dict[str, Any]:
     """Return the errors on the held-out recordings before and after the new model.
 
     withdrawn : the new model was not written, so the old one's error stays; what the monitor found

@@ -5,10 +5,9 @@ vehicles. The order of the cases is random, so that an interrupted study holds a
 kind.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from itertools import combinations, product
-from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -20,45 +19,31 @@ from monitor.base.errors import UsageError
 
 KINDS: Final = ("effect", "null", "unknown", "two", "onset", "fault")
 FAULTY: Final = ("onset", "fault")  # kinds of cases with a sensor fault
-BASES: Final = ("greybox", "narx")
-CASES: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
-    {
-        "greybox": {
-            "effect": 240,
-            "null": 400,
-            "unknown": 60,
-            "two": 60,
-            "onset": 110,
-            "fault": 110,
-        },
-        "narx": {"effect": 240, "null": 200, "unknown": 60, "two": 60, "onset": 110, "fault": 110},
-    }
-)
+CASES: Final = {"effect": 240, "null": 400, "unknown": 60, "two": 60, "onset": 110, "fault": 110}
+OF_BASE: Final = {"greybox": CASES, "narx": CASES | {"null": 200}}
 USUAL: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # severities; 1 moves lambda by about the plant's noise
 TWICE: Final = tuple(2.0 * severity for severity in USUAL)
 # The largest severity moves the base model's error by about eight times the noise that the workflow
 # sees (this noise is larger than the plant's). Two effects cannot go so far: sensor_asymmetry
 # becomes unstable, maf_pulsation saturates.
-SEVERITIES: Final[Mapping[str, tuple[float, ...]]] = MappingProxyType(
-    {
-        "wall_film": USUAL,
-        "delay_flow": TWICE,
-        "mix_flow": TWICE,
-        "sensor_asymmetry": (0.4, 0.8, 1.2, 1.4, 1.6),
-        "injector_offset": TWICE,
-        "rail_exponent": TWICE,
-        "maf_offset": TWICE,
-        "maf_pulsation": USUAL,
-        "purge": TWICE,
-        "exhaust_leak": TWICE,
-        "back_pressure": USUAL,
-        "scavenging": USUAL,
-        "fuel_cut_tail": TWICE,
-        "charge_temperature": (4.0, 8.0, 16.0, 24.0, 32.0),
-        "manifold_filling": TWICE,
-        "ethanol": TWICE,
-    }
-)
+SEVERITIES: Final[dict[str, tuple[float, ...]]] = {
+    "wall_film": USUAL,
+    "delay_flow": TWICE,
+    "mix_flow": TWICE,
+    "sensor_asymmetry": (0.4, 0.8, 1.2, 1.4, 1.6),
+    "injector_offset": TWICE,
+    "rail_exponent": TWICE,
+    "maf_offset": TWICE,
+    "maf_pulsation": USUAL,
+    "purge": TWICE,
+    "exhaust_leak": TWICE,
+    "back_pressure": USUAL,
+    "scavenging": USUAL,
+    "fuel_cut_tail": TWICE,
+    "charge_temperature": (4.0, 8.0, 16.0, 24.0, 32.0),
+    "manifold_filling": TWICE,
+    "ethanol": TWICE,
+}
 UNKNOWN_SEVERITIES: Final = (4.0, 8.0, 16.0)
 OF_TWO: Final = (2, 3)  # indices into an effect's severities, for cases with two effects
 UNKNOWN: Final = ("oil_dilution", "battery_voltage", "intake_resonance")  # not in the library
@@ -102,17 +87,15 @@ class Study:
     )
 
     def __post_init__(self) -> None:
-        if self.base not in BASES:
-            raise UsageError(f"base {self.base!r} is unknown; there are {', '.join(BASES)}")
+        if self.base not in OF_BASE:
+            raise UsageError(f"base {self.base!r} is unknown; there are {', '.join(OF_BASE)}")
         if not self.cases:
-            usual = CASES[self.base].items()
-            own = [(k, n) for k, n in usual if not (self.sensor_known_good and k in FAULTY)]
-            object.__setattr__(self, "cases", tuple(own))
-        for kind, number in self.cases:
+            left_out = FAULTY if self.sensor_known_good else ()
+            own = {k: n for k, n in OF_BASE[self.base].items() if k not in left_out}
+            object.__setattr__(self, "cases", tuple(own.items()))
+        for kind, _ in self.cases:
             if kind not in KINDS:
                 raise UsageError(f"kind {kind!r} is unknown; there are {', '.join(KINDS)}")
-            if number < 0:
-                raise UsageError(f"{kind}: {number} cases, wanted 0 or more")
             if self.sensor_known_good and kind in FAULTY:
                 raise UsageError(f"kind {kind!r}: its sensors are not known to be good")
         if not 1 <= self.vehicles <= MOST_VEHICLES:
@@ -164,24 +147,24 @@ class Case:
 
     def as_row(self) -> dict[str, Any]:
         """Return the case as JSON values."""
+        fault, severity = self.fault or (None, None)
         return {
             "number": self.number,
             "kind": self.kind,
             "vehicle": self.vehicle,
             "hidden": [name for name, _ in self.hidden],
             "severities": [severity for _, severity in self.hidden],
-            "fault": self.fault[0] if self.fault else None,
-            "fault_severity": self.fault[1] if self.fault else None,
-            "cycles": [part.cycle for part in self.parts],
-            "seeds": [part.seed for part in self.parts],
-            "starts_s": [part.start_s for part in self.parts],
-            "fault_starts_s": [part.fault_start_s for part in self.parts],
+            "fault": fault,
+            "fault_severity": severity,
+            "parts": [asdict(part) for part in self.parts],
         }
 
 
 def cases(study: Study) -> list[Case]:
     """Return every case in the order of execution."""
-    planned = [each for kind, number in study.cases for each in _of_kind(study, kind, number)]
+    planned: list[Case] = []
+    for kind, number in study.cases:
+        planned += _of_kind(study, kind, number, first=len(planned))
     order = np.random.default_rng([0x0_2, 21, study.seed]).permutation(len(planned))
     return [planned[i] for i in order]
 
@@ -192,11 +175,11 @@ def healthy_parts(study: Study, vehicle: int) -> tuple[Part, ...]:
     return tuple(_part(study, first + i, i, None) for i in range(HEALTHY_DRIVES))
 
 
-def _of_kind(study: Study, kind: str, number: int) -> Iterator[Case]:
+def _of_kind(study: Study, kind: str, number: int, first: int) -> Iterator[Case]:
     """Yield the cases of one kind; every round uses each vehicle once, in random order."""
     rng = np.random.default_rng([0x0_2, 22, KINDS.index(kind), study.seed])
     hidden = _hidden(kind, rng)
-    first, rounds = _first(study, kind), -(-number // study.vehicles)
+    rounds = -(-number // study.vehicles)
     order = np.array([rng.permutation(study.vehicles) for _ in range(rounds)]).ravel()
     for i in range(number):
         effects, fault = hidden[i % len(hidden)]
@@ -207,15 +190,7 @@ def _of_kind(study: Study, kind: str, number: int) -> Iterator[Case]:
             _part(study, seed + k, k + first + i, begins[k] if fault else None)
             for k in range(study.drives)
         )
-        yield Case(
-            number=first + i, kind=kind, vehicle=vehicle, hidden=effects, fault=fault, parts=parts
-        )
-
-
-def _first(study: Study, kind: str) -> int:
-    """Return the number of a kind's first case."""
-    kinds = [each for each, _ in study.cases]
-    return sum(number for _, number in study.cases[: kinds.index(kind)])
+        yield Case(first + i, kind, vehicle, effects, fault, parts)
 
 
 Hidden = tuple[tuple[tuple[str, float], ...], tuple[str, float] | None]

@@ -1,108 +1,53 @@
-"""Parallel run of a gap study; every case is one file, so that a killed study can resume."""
+"""Run of a gap study: its vehicles are prepared first, then every case is a chunk."""
 
-import json
-from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Final
 
+from benchmarks.studies.runner import Found, Place
 from benchmarks.studies.workflow import case
-from benchmarks.studies.workflow.case import Row, Vehicle
+from benchmarks.studies.workflow.case import Vehicle
 from benchmarks.studies.workflow.plan import Case, Study, cases
-from monitor.base.files.outputs import write_bytes
 from training.greybox.fit.case import NAMED
-from training.jobs import parallel, run_folder, values
-
-CASES: Final = "cases"
-VEHICLES: Final = "vehicles"
-MODEL: Final = "base.onnx"
-Item = tuple[Case, Vehicle | str, bytes]  # a case, its vehicle, and the file of the vehicle's base
-Progress = Callable[[int], None]  # called with the number of newly finished cases
+from training.jobs import values
 
 
-def begin(study: Study, folder: Path) -> dict[str, Any]:
-    """Claim the folder for a study; return the study's identity.
+@dataclass(frozen=True, slots=True)
+class Shed:
+    """A study and the folder with its vehicles; a text instead of a vehicle says what failed."""
 
-    Raises UsageError if the folder holds another study.
-    """
-    own = identity(study)
-    run_folder.claim(folder, own)
-    for part in (CASES, VEHICLES):
-        (folder / part).mkdir(exist_ok=True)
-    return own
+    study: Study
+    folder: Path
 
+    def model(self, number: int) -> Path:
+        """Return the file of a vehicle's base model."""
+        return self.folder / f"{number}.onnx"
 
-def run(study: Study, folder: Path, done: Progress, jobs: int = 1) -> None:
-    """Run all cases that the folder does not hold yet.
+    def keep(self, number: int, vehicle: Vehicle | str) -> None:
+        """Write a vehicle beside its base model."""
+        values.save(self.folder / f"{number}.npz", vehicle, NAMED)
 
-    done : called with the number of newly finished cases
-    """
-    planned = {str(each.number): each for each in cases(study)}
-    missing = {k: each for k, each in planned.items() if not _path(folder, each).exists()}
-    done(len(planned) - len(missing))
-    numbers = dict.fromkeys(each.vehicle for each in missing.values())
-    new = [(str(n), n) for n in numbers if not _vehicle(folder, n).exists()]
-    # Workers return results and this process writes them: a cluster needs no shared file system.
-    for key, (found, model) in parallel.run(_prepare, study, new, jobs=jobs):
-        _keep(folder, int(key), found, model)
-    work = ((key, _item(each, folder)) for key, each in missing.items())
-    for key, row in parallel.run(_do, study, work, jobs=jobs):
-        run_folder.write_json(_path(folder, missing[key]), row)
-        done(1)
+    def take(self, number: int) -> Vehicle | str:
+        """Return a vehicle that was written."""
+        found: Vehicle | str = values.load(self.folder / f"{number}.npz", Vehicle | str, NAMED)
+        return replace(found, model=self.model(number)) if isinstance(found, Vehicle) else found
 
 
-def rows(study: Study, folder: Path) -> list[Row]:
-    """Return the rows stored in the folder, in the order of the case numbers."""
-    found = [_path(folder, each) for each in cases(study)]
-    there = [json.loads(path.read_text()) for path in found if path.exists()]
-    return sorted(there, key=lambda row: int(row["number"]))
+def run(study: Study, place: Place) -> None:
+    """Prepare the vehicles and run all cases that the place does not hold yet."""
+    shed, planned = Shed(study, place.folder / "vehicles"), cases(study)
+    shed.folder.mkdir(exist_ok=True)
+    numbers = dict.fromkeys(each.vehicle for each in planned)
+    place.do(_prepare, shed, {f"vehicle_{n:05d}": n for n in numbers})
+    place.do(_answer, shed, {f"case_{each.number:05d}": each for each in planned})
 
 
-def identity(study: Study) -> dict[str, Any]:
-    """Return the study's settings and the digest of all code and numbers behind the rows."""
-    return {
-        "study": json.loads(json.dumps(asdict(study))),
-        "code_sha256": run_folder.code_sha256(Path(__file__).parents[1]),
-    }
+def _prepare(shed: Shed, number: int) -> Found:
+    try:
+        shed.keep(number, case.prepare(shed.study, number, shed.model(number)))
+    except Exception as error:  # the vehicle's cases report it; other vehicles go on
+        shed.keep(number, f"{type(error).__name__}: {error}")
+    return {"rows": []}
 
 
-def _path(folder: Path, asked: Case) -> Path:
-    return folder / CASES / f"{asked.number:05d}.json"
-
-
-def _vehicle(folder: Path, number: int) -> Path:
-    return folder / VEHICLES / f"{number}.npz"
-
-
-def _prepare(study: Study, number: int) -> tuple[Vehicle | str, bytes]:
-    """Return a vehicle, or the error as text, and the content of its base model's file."""
-    with TemporaryDirectory() as temporary:
-        model = Path(temporary) / MODEL
-        try:
-            return case.prepare(study, number, model), model.read_bytes()
-        except Exception as error:  # the vehicle's cases report it; other vehicles go on
-            return f"{type(error).__name__}: {error}", b""
-
-
-def _keep(folder: Path, number: int, vehicle: Vehicle | str, model: bytes) -> None:
-    path = _vehicle(folder, number)
-    write_bytes(path.with_suffix(".onnx"), model)
-    values.save(path, vehicle, NAMED)
-
-
-def _item(asked: Case, folder: Path) -> Item:
-    path = _vehicle(folder, asked.vehicle)
-    vehicle: Vehicle | str = values.load(path, Vehicle | str, NAMED)
-    prepared = isinstance(vehicle, Vehicle)
-    return asked, vehicle, path.with_suffix(".onnx").read_bytes() if prepared else b""
-
-
-def _do(study: Study, item: Item) -> Row:
-    """Return the row of a case; runs on a worker."""
-    asked, vehicle, model = item
-    with TemporaryDirectory() as temporary:
-        if isinstance(vehicle, Vehicle):
-            vehicle = replace(vehicle, model=Path(temporary) / MODEL)
-            vehicle.model.write_bytes(model)
-        return case.run(asked, study, vehicle)
+def _answer(shed: Shed, asked: Case) -> Found:
+    return {"rows": [case.run(asked, shed.study, shed.take(asked.vehicle))]}

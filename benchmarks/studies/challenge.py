@@ -1,25 +1,35 @@
 """A challenge of the gap study: recordings for anyone, the truth sealed by its hash, and marks.
 
-The folder names neither seed nor vehicle, because the simulation is public and both would tell the
-truth. The truth holds a random text, so that its hash tells nothing before the file is published.
+``--out DIR`` gets recordings of every case and of its healthy vehicle, and the hash of the truth,
+which stands beside in DIR-truth.json: keep it until all answers are in. The folder names neither
+seed nor vehicle, which are drawn in secret, because the simulation is public and both would tell
+the truth. The truth holds a random text, so that its hash tells nothing before it is published.
+``--score`` counts the right answers, in the form of the folder's answers.json.
+
+    python -m benchmarks challenge --out set --vehicles 4 --cases effect=20 null=10 fault=5
+    python -m benchmarks challenge --out set --score answers.json
 """
 
+import argparse
 import hashlib
 import json
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
+from benchmarks.studies.options import parser_of, plan_of
+from benchmarks.studies.tables import Row, split
 from benchmarks.studies.workflow import answers, drive
 from benchmarks.studies.workflow.plan import Case, Study, cases, healthy_parts
+from monitor.base.command_line import command
+from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import UsageError
 from monitor.base.files.outputs import write_text
 from training.limits.rates import Figures, rate
 from training.recordings.recording import Recording, write_table
 
-SCHEMA: Final = "o2train.gap-challenge/1"
 TRUTH, INDEX, TEMPLATE = "truth.json", "challenge.json", "answers.json"
 VERDICTS: Final = ("named", "no_gap", "ambiguous", "unknown_effect", answers.SUSPECTED)
 SECRET: Final = 10**9  # seeds and vehicles are drawn below it
@@ -29,18 +39,30 @@ NOTE: Final = (
 )
 
 
-def secret(study: Study) -> Study:
-    """Return the study with vehicles and seeds that nobody can guess."""
-    return replace(study, seed=secrets.randbelow(SECRET), first_vehicle=secrets.randbelow(SECRET))
+def main(argv: list[str]) -> int:
+    """Write a challenge or count the right answers; return the exit code."""
+    parser = parser_of("challenge", Study, __doc__, _run)
+    parser.add_argument("--score", type=paths.read, metavar="ANSWERS", help="count right answers")
+    return command.run("challenge", lambda _: parser, argv)
 
 
-def export(study: Study, folder: Path, truth: Path, done: Callable[[int], object]) -> str:
+def _run(args: argparse.Namespace) -> int:
+    study = plan_of(Study, args)
+    truth = args.out.with_name(f"{args.out.name}-{TRUTH}")
+    if args.score:
+        print(as_text(score(args.score, truth, args.out)))
+        return 0
+    drawn = (secrets.randbelow(SECRET) for _ in range(2))
+    digest = export(replace(study, seed=next(drawn), first_vehicle=next(drawn)), args.out, truth)
+    print(f"challenge: {args.out}\ntruth: {truth}, sha256 {digest}")
+    return 0
+
+
+def export(study: Study, folder: Path, truth: Path) -> str:
     """Write the recordings and the sealed truth; return the truth's sha256.
 
     folder : gets a folder of healthy recordings per vehicle, one of recordings per case, the index
         and a form for answers
-    truth : file to be kept until all answers are in
-    done : called with 1 after every case and vehicle
     Raises UsageError if one of them is there already.
     """
     for path in (folder, truth):
@@ -51,25 +73,22 @@ def export(study: Study, folder: Path, truth: Path, done: Callable[[int], object
     for number, name in numbers.items():
         made = drive.healthy(healthy_parts(study, number), number, study.duration_s)
         _write(made, folder / name)
-        done(1)
     names = [f"case_{i:04d}" for i in range(1, len(planned) + 1)]
     for case, name in zip(planned, names, strict=True):
         _write(drive.recordings(case, study.duration_s), folder / name)
-        done(1)
+    pairs = list(zip(names, planned, strict=True))
     sealed = {
-        "schema": SCHEMA,
         "secret": secrets.token_hex(32),
         "study": asdict(study),
-        "cases": {name: _truth(case) for case, name in zip(planned, names, strict=True)},
+        "cases": {name: _truth(case) for name, case in pairs},
     }
     text = json.dumps(sealed, indent=1) + "\n"
     write_text(truth, text)
     digest = _sha256(text)
     index = {
-        "schema": SCHEMA,
         "note": NOTE,
         "truth_sha256": digest,
-        "cases": {name: numbers[case.vehicle] for case, name in zip(planned, names, strict=True)},
+        "cases": {name: numbers[case.vehicle] for name, case in pairs},
     }
     write_text(folder / INDEX, json.dumps(index, indent=1) + "\n")
     form = {name: {"verdict": "", "names": []} for name in names}
@@ -77,28 +96,26 @@ def export(study: Study, folder: Path, truth: Path, done: Callable[[int], object
     return digest
 
 
-def score(given: Path, truth: Path, folder: Path | None = None) -> dict[str, Figures]:
+def score(given: Path, truth: Path, folder: Path) -> dict[str, Figures]:
     """Return the marks of anyone's answers: how many are right, of each kind of case.
 
     A case without an answer counts as not right. An effect is right if it is named, ``among`` also
     if it stands in the ambiguous set.
     folder : of the challenge, whose hash the truth must have
-    Raises UsageError if a file is none of a challenge, or if the truth is not the sealed one.
+    Raises UsageError if the truth is not the sealed one, or for an answer of no case.
     """
-    text = _read(truth)
-    if folder is not None and _sha256(text) != _tree(folder / INDEX).get("truth_sha256"):
+    text = truth.read_text()
+    if _sha256(text) != json.loads((folder / INDEX).read_text())["truth_sha256"]:
         raise UsageError(f"{truth}: not the truth that was sealed in {folder / INDEX}")
-    hidden, answered = _tree(truth).get("cases"), _tree(given)
-    if not isinstance(hidden, dict):
-        raise UsageError(f"{truth}: no truth of a challenge")
-    strange = sorted(set(answered) - set(hidden))
-    if strange:
+    hidden, answered = json.loads(text)["cases"], json.loads(given.read_text())
+    if strange := sorted(set(answered) - set(hidden)):
         raise UsageError(f"{given}: no such case: {', '.join(strange[:3])}")
     rows = [case | _answer(answered.get(name, {}), given, name) for name, case in hidden.items()]
     marks: dict[str, Figures] = {}
-    for kind in dict.fromkeys(row["kind"] for row in rows):
-        own = [row for row in rows if row["kind"] == kind]
-        for what, is_right in _RIGHT[kind].items():
+    for (kind,), own in split(rows, "kind").items():
+        for what, verdict in _VERDICTS.get(kind, {}).items():
+            marks[f"{kind}: {what}"] = rate(sum(r["verdict"] == verdict for r in own), len(own))
+        for what, is_right in _EFFECT.items() if kind not in _VERDICTS else ():
             marks[f"{kind}: {what}"] = rate(sum(map(is_right, own)), len(own))
     named = [row for row in rows if row["names"]]
     marks["names that are right"] = rate(sum(map(answers.right, named)), len(named))
@@ -118,33 +135,26 @@ def as_text(marks: Mapping[str, Figures]) -> str:
     )
 
 
-Row = dict[str, Any]
-_EFFECT: Final[Mapping[str, Callable[[Row], bool]]] = {
+_EFFECT: Final = {
     "named rightly": answers.right,
     "right or among the ambiguous": answers.right_or_among,
 }
-_SUSPECTED: Final[Mapping[str, Callable[[Row], bool]]] = {
-    "suspected": lambda row: row["verdict"] == answers.SUSPECTED
-}
-_RIGHT: Final[Mapping[str, Mapping[str, Callable[[Row], bool]]]] = {
-    "effect": _EFFECT,
-    "two": _EFFECT,
-    "null": {"no gap": lambda row: row["verdict"] == "no_gap"},
-    "unknown": {"unknown": lambda row: row["verdict"] == "unknown_effect"},
-    "onset": _SUSPECTED,
-    "fault": _SUSPECTED,
+_VERDICTS: Final = {
+    "null": {"no gap": "no_gap"},
+    "unknown": {"unknown": "unknown_effect"},
+    "onset": {"suspected": answers.SUSPECTED},
+    "fault": {"suspected": answers.SUSPECTED},
 }
 
 
-def _truth(case: Case) -> Row:
+def _truth(case: Case) -> dict[str, Any]:
     return {k: v for k, v in case.as_row().items() if k != "number"}
 
 
-def _answer(given: Any, path: Path, name: str) -> Row:
-    verdict = given.get("verdict", "") if isinstance(given, dict) else None
-    names = given.get("names", []) if isinstance(given, dict) else None
-    if verdict not in (*VERDICTS, "") or not isinstance(names, list):
-        raise UsageError(f"{path}: {name}: verdict is one of {', '.join(VERDICTS)}, names a list")
+def _answer(given: Row, path: Path, name: str) -> dict[str, Any]:
+    verdict, names = given.get("verdict", ""), given.get("names", [])
+    if verdict not in (*VERDICTS, ""):
+        raise UsageError(f"{path}: {name}: verdict is one of {', '.join(VERDICTS)}")
     return {
         "verdict": verdict,
         "names": names if verdict == "named" else [],
@@ -161,20 +171,3 @@ def _write(recordings: list[Recording], folder: Path) -> None:
 
 def _sha256(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text()
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"{path}: cannot read it: {error}") from error
-
-
-def _tree(path: Path) -> dict[str, Any]:
-    try:
-        found = json.loads(_read(path))
-    except json.JSONDecodeError as error:
-        raise UsageError(f"{path}: no JSON: {error}") from error
-    if not isinstance(found, dict):
-        raise UsageError(f"{path}: an object is wanted")
-    return found

@@ -1,0 +1,134 @@
+"""Tables of a study: rows in groups, the confusion matrix, and cells for a page."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy import stats
+
+from training.limits.rates import Figures
+from training.limits.tolerance import CONFIDENCE
+from training.pages.figure import drawing
+from training.pages.numbers import MISSING, median_s, percent_rate, short, words
+
+Row = Mapping[str, Any]
+SEVERAL: Final = "several names"
+
+
+def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
+    """Return the rows of one kind of trials."""
+    return [r for r in rows if r["kind"] == kind]
+
+
+def split(rows: Iterable[Row], *keys: str) -> dict[tuple[Any, ...], list[Row]]:
+    """Return the rows with the same values of the keys together, in order of first occurrence."""
+    found: dict[tuple[Any, ...], list[Row]] = {}
+    for r in rows:
+        found.setdefault(tuple(r[key] for key in keys), []).append(r)
+    return found
+
+
+def grouped(
+    rows: Iterable[Row], keys: Sequence[str], figures: Callable[[list[Row]], Figures]
+) -> list[Figures]:
+    """Return a row of figures for every group of rows with the same values of the keys."""
+    return [
+        dict(zip(keys, values, strict=True)) | figures(own)
+        for values, own in split(rows, *keys).items()
+    ]
+
+
+def mean(values: Iterable[float]) -> float | None:
+    """Return the mean, None without a value."""
+    every = list(values)
+    return sum(every) / len(every) if every else None
+
+
+def median(times_s: Sequence[float | None]) -> Figures:
+    """Return the median of times in s and its two-sided 95 % bounds; None means never.
+
+    The bounds are order statistics and hold for any distribution.
+    Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
+    """
+    x = np.sort([math.inf if t is None else t for t in times_s])
+    n = len(x)
+    figures: Figures = {"trials": n, "median": None, "low": None, "high": None}
+    if n == 0:
+        return figures
+    below = int(stats.binom.ppf((1.0 - CONFIDENCE) / 2.0, n, 0.5))
+    figures["median"] = _finite(float(x[(n - 1) // 2] + x[n // 2]) / 2.0)
+    figures["low"] = _finite(float(x[below - 1])) if below else 0.0
+    figures["high"] = _finite(float(x[n - below])) if below else None
+    return figures
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def confusion(pairs: Iterable[tuple[str, str]], order: Sequence[str]) -> Figures:
+    """Return the confusion matrix of pairs of what is true and what is answered.
+
+    order : of the names; others follow
+    ``driven`` are the row names, ``named`` the column names, ``counts`` a list for each row
+    """
+    counts = Counter(pairs)
+    driven, named = (
+        sorted({pair[i] for pair in counts}, key=lambda name: _place(name, order)) for i in (0, 1)
+    )
+    table = [[counts[true, answer] for answer in named] for true in driven]
+    return {"driven": driven, "named": named, "counts": table}
+
+
+def _place(name: str, order: Sequence[str]) -> tuple[int, str]:
+    return (order.index(name) if name in order else len(order)), name
+
+
+def confusion_figure(table: Mapping[str, Any]) -> Figure:
+    """Draw the answers (columns) to the driven faults (rows), in percent of the drives."""
+    counts = np.array(table["counts"], dtype=np.float64).reshape(-1, len(table["named"]))
+    share = 100.0 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
+    figure, axes = drawing(1.6 + 0.32 * len(counts))
+    axes.imshow(share, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
+    for i, j in zip(*np.nonzero(counts), strict=True):
+        text = f"{share[i, j]:.0f}" if share[i, j] >= 1.0 else "<1"
+        colour = "white" if share[i, j] > 60.0 else "black"
+        axes.text(j, i, text, ha="center", va="center", size=7, color=colour)
+    names = [words(n) for n in table["named"]]
+    axes.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
+    axes.set_yticks(range(len(counts)), [words(d) for d in table["driven"]])
+    axes.set(xlabel="answered", ylabel="driven")
+    return figure
+
+
+def cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
+    """Return the head of a table and its cells; all rows have the keys of the first."""
+    return [words(key) for key in rows[0]], [[cell(row[key]) for key in rows[0]] for row in rows]
+
+
+def cell(value: Any) -> str:
+    """Return a value of a table as text: rates in percent with bounds, medians in s.
+
+    >>> cell(None), cell(0.123456), cell(["a_b", "c"]), cell(7)
+    ('–', '0.123', 'a b, c', '7')
+    """
+    if isinstance(value, Mapping):
+        return _figure(value)
+    if isinstance(value, list | tuple):
+        return ", ".join(map(cell, value)) or MISSING
+    if isinstance(value, float):
+        return short(value, 3)
+    return MISSING if value is None else words(str(value))
+
+
+def _figure(value: Mapping[str, Any]) -> str:
+    if "rate" in value:
+        return f"{percent_rate(value)} of {value['trials']}" if value["trials"] else MISSING
+    if "median" in value:
+        return median_s(value)
+    if "per_1000_h" in value:
+        return f"{short(value['per_1000_h'], 3)}, at most {short(value['high'], 3)}"
+    return ", ".join(f"{words(k)} {cell(v)}" for k, v in value.items()) or MISSING
