@@ -22,7 +22,7 @@ from benchmarks.measures import rss_mb
 from benchmarks.outcome import Row, finish, say
 from monitor.base.types import Frame
 from monitor.bus.diagnostics.answer import answer
-from monitor.bus.diagnostics.server import Address, Diagnostics
+from monitor.bus.diagnostics.server import DiagnosticAddress, Diagnostics
 from tests.helpers.diagnostics_state import Vehicle, tick
 
 _VALID: Final = (
@@ -167,7 +167,7 @@ def fuzz_requests(count: int, rng: random.Random, engine_speed_rpm: float) -> Ro
 def fuzz_frames(count: int, rng: random.Random, engine_speed_rpm: float, clock: Clock) -> Row:
     """Ask through ISO-TP."""
     run = Run(f"frames at {engine_speed_rpm:g} 1/min", engine_speed_rpm)
-    server = Diagnostics(run.vehicle.state, Address.parse("7E9"))
+    server = Diagnostics(run.vehicle.state, DiagnosticAddress.parse("7E9"))
     source, sample = frames(rng), tick(engine_speed_rpm)
     for number in range(count):
         if number == count // 2:

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from monitor.base.settings import Settings, built
+from monitor.base.settings import ShippedSettings, built
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,7 +311,7 @@ class Config:
         return self.carb if self.obd.profile == "carb" else self.eobd
 
 
-_SHIPPED: Final = Settings("monitor.base")
+_SHIPPED: Final = ShippedSettings("monitor.base")
 POSITIONS: Final = _SHIPPED.sections["catalyst"]["position"].one_of  # of the judged catalyst
 
 

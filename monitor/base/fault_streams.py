@@ -133,7 +133,7 @@ class TimedSensorFault:
         return phi + (later - phi) * (t_ns - t0_ns) / (t1_ns - t0_ns)
 
 
-class Noise:
+class NoiseFault:
     """White noise from reading to reading, with a standard deviation in lambda."""
 
     def __init__(self, std_lambda: float, seed: str) -> None:

@@ -19,7 +19,7 @@ _Kind = TypeVar("_Kind")
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class BoundedSetting:
     """A shipped value with its bounds."""
 
     value: Any
@@ -30,7 +30,7 @@ class Setting:
     one_of: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, entry: Any) -> "Setting":
+    def of(cls, entry: Any) -> "BoundedSetting":
         """Return a setting of the file."""
         is_table = isinstance(entry, dict) and "value" in entry
         return cls(**entry) if is_table else cls(entry)
@@ -72,13 +72,13 @@ class Setting:
         return ""
 
 
-class Settings:
+class ShippedSettings:
     """The shipped settings of a package, by section and key."""
 
     def __init__(self, package: str) -> None:
         tree = tomllib.loads(files(package).joinpath("default.toml").read_text(encoding="utf-8"))
         self.sections = {
-            name: {key: Setting.of(entry) for key, entry in entries.items()}
+            name: {key: BoundedSetting.of(entry) for key, entry in entries.items()}
             for name, entries in tree.items()
         }
 

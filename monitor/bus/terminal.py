@@ -110,7 +110,7 @@ def _not_blocking(stream: TextIO) -> int | None:
         return None
 
 
-class Status:
+class StatusLine:
     """The loop's state in one line: an attachment that only listens."""
 
     identifiers: tuple[tuple[int, bool], ...] = ()
@@ -174,7 +174,7 @@ class Status:
         return f"bus {health.state}{counted}  {health.frames} frames"
 
 
-class Lines(Status):
+class EventLines(StatusLine):
     """One line for every window and every changed code, for the journal of a service."""
 
     def __init__(self, monitor: Monitor, health: BusHealth, collector: Collector, out: Out) -> None:
@@ -197,7 +197,7 @@ class Lines(Status):
         self._out.close()
 
 
-class Screen(Lines):
+class Screen(EventLines):
     """The lines, and under them the state, drawn anew four times a second at most."""
 
     due_s = -math.inf
@@ -212,7 +212,7 @@ class Screen(Lines):
         return ()
 
 
-class JsonLines(Status):
+class JsonEvents(StatusLine):
     """Every event but ticks, and the bus health from time to time, as one line of JSON each."""
 
     due_s = -math.inf

@@ -54,9 +54,9 @@ def diagnostics(
             raise UsageError(_MISSING)
         tell(f"no diagnostics: {_MISSING}")
         return []
-    from monitor.bus.diagnostics.server import DEFAULT_RESPONSE_ID, Address, Diagnostics
+    from monitor.bus.diagnostics.server import DEFAULT_RESPONSE_ID, DiagnosticAddress, Diagnostics
 
-    address = Address.parse(args.diagnostics_id or DEFAULT_RESPONSE_ID)
+    address = DiagnosticAddress.parse(args.diagnostics_id or DEFAULT_RESPONSE_ID)
     return [Diagnostics(_state(args, setup, loop), address)]
 
 

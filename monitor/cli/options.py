@@ -171,7 +171,7 @@ def obd_poller(
     tell : receives a line about the supported parameters
     Raises O2Error if the map has no OBD-II parameter.
     """
-    from monitor.bus.polling.answer import Address
+    from monitor.bus.polling.answer import EcuAddress
     from monitor.bus.polling.pids import lengths, wanted
     from monitor.bus.polling.poller import ADDRESSES, ObdPoller
 
@@ -180,7 +180,7 @@ def obd_poller(
     return ObdPoller(
         parameters,
         lengths(bus_map, parameters),
-        addresses=ADDRESSES if only is None else (Address.of(only),),
+        addresses=ADDRESSES if only is None else (EcuAddress.of(only),),
         rate_hz=args.obd_rate,
         say=tell,
     )

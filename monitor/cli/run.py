@@ -154,15 +154,15 @@ def _speaker(args: argparse.Namespace, out: "Out") -> Callable[[str], None]:
 
 def _views(args: argparse.Namespace, loop: "Loop", out: "Out") -> "Iterator[Attachment]":
     """Yield the attachments that show the loop's state: screen, JSON or log lines, watchdog."""
-    from monitor.bus.terminal import JsonLines, Lines, Screen, Status
+    from monitor.bus.terminal import EventLines, JsonEvents, Screen, StatusLine
     from monitor.bus.watchdog import Watchdog
 
     monitor, health = loop.pipeline.monitor, loop.health
-    view = Status(monitor, health)
+    view = StatusLine(monitor, health)
     if args.json_lines:
-        view = JsonLines(monitor, health, out)
+        view = JsonEvents(monitor, health, out)
     elif not args.quiet:
-        kind = Screen if sys.stdout.isatty() else Lines
+        kind = Screen if sys.stdout.isatty() else EventLines
         view = kind(monitor, health, loop.collector, out)
     yield view
     watchdog = Watchdog.of(view.line)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from monitor.base.errors import SignalMapError
-from monitor.base.fault_streams import DropOuts, Noise, TimedSensorFault
+from monitor.base.fault_streams import DropOuts, NoiseFault, TimedSensorFault
 from monitor.base.faults import DEFAULT_SEVERITY, Fault, resolve
 from monitor.base.signals import OUTPUT
 from monitor.base.types import Frame
@@ -25,7 +25,7 @@ DUTY: Final = "sensor_heater_percent"
 
 
 @dataclass(slots=True)
-class Counts:
+class InjectionCounts:
     """Counts of incoming, outgoing and changed frames."""
 
     taken: int = 0
@@ -58,9 +58,9 @@ class SensorReading:
 
 def _reading_of(
     what: Injection, fault: Fault | None, seed: str
-) -> TimedSensorFault | Noise | DropOuts | None:
+) -> TimedSensorFault | NoiseFault | DropOuts | None:
     if what.name == "noise":
-        return Noise(what.severity, seed)
+        return NoiseFault(what.severity, seed)
     if what.name == "drop_outs":
         return DropOuts(what.severity, seed)
     return TimedSensorFault(fault) if fault else None
@@ -90,7 +90,7 @@ class Injector:
         self._writers = writers(bus_map.channels)
         self._signal = self._writers[self._key].signals[OUTPUT]
         self._check(bus_map, {each.name for each in injections})
-        self.counts = Counts()
+        self.counts = InjectionCounts()
         self._sensor = [
             SensorReading(what, f"{seed}/{number}")
             for number, what in enumerate(injections)

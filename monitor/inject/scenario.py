@@ -107,10 +107,10 @@ def load(path: Path) -> Scenario:
 
     Raises ConfigError with file and key if a key is unknown or missing, or a value impossible.
     """
-    return _Reader(path).scenario(read_toml(path, "the scenario", ConfigError))
+    return _ScenarioReader(path).scenario(read_toml(path, "the scenario", ConfigError))
 
 
-class _Reader:
+class _ScenarioReader:
     """Checks and converts the parsed TOML of one file."""
 
     def __init__(self, path: Path) -> None:

@@ -27,7 +27,7 @@ class Proposal:
 
 
 @dataclass(frozen=True, slots=True)
-class Derived:
+class DerivedEntry:
     """A signal that follows from proposed ones."""
 
     name: str
@@ -43,7 +43,7 @@ class Proposals:
 
     signals: tuple[Proposal, ...]  # one per canonical signal, in their order
     auxiliary: tuple[Proposal, ...]
-    derived: tuple[Derived, ...]
+    derived: tuple[DerivedEntry, ...]
 
     @property
     def found(self) -> tuple[Candidate, ...]:
@@ -65,11 +65,11 @@ def propose(ranked: Mapping[str, Sequence[Candidate]], cylinders: int = 4) -> Pr
     """
     taken = _assigned(ranked)
     auxiliary: list[Proposal] = []
-    derived: list[Derived] = []
+    derived: list[DerivedEntry] = []
     for name, phi in PHI_NAMES.items():
         if name in taken and taken[name].is_phi:
             auxiliary.append(Proposal(phi, taken[name]))
-            derived.append(Derived(name, 1.0, (), (phi,), "lambda is 1 / phi"))
+            derived.append(DerivedEntry(name, 1.0, (), (phi,), "lambda is 1 / phi"))
     flows = {"air_mass_mg": "maf_kg_h"} if "maf_kg_h" in taken else {}
     flow = ranked.get(FUEL_FLOW_NAME, ())
     if "fuel_mass_mg" not in taken and not _doubt(flow) and "engine_speed_rpm" in taken:
@@ -79,7 +79,7 @@ def propose(ranked: Mapping[str, Sequence[Candidate]], cylinders: int = 4) -> Pr
         if name not in taken and "engine_speed_rpm" in taken:
             why = f"kg/h and speed to mg per stroke of one of {cylinders} cylinders"
             factor = STROKES_MG_PER_KG_H / cylinders
-            derived.append(Derived(name, factor, (source,), ("engine_speed_rpm",), why))
+            derived.append(DerivedEntry(name, factor, (source,), ("engine_speed_rpm",), why))
     below = {each.name for each in derived}
     signals = (_proposal(s.name, ranked.get(s.name, ()), taken, below) for s in OWN)
     return Proposals(tuple(signals), tuple(auxiliary), tuple(derived))

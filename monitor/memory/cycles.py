@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from monitor.base.config import CyclesConfig, ProfileConfig
 from monitor.base.runs import Thresholds, alike
 from monitor.base.types import FloatArray, IntArray, Quality, SampleBlock
-from monitor.memory.denominator import Denominator, Flags, Span, whole_ns
+from monitor.memory.denominator import Denominator, DrivenSpan, Flags, whole_ns
 from monitor.memory.engine_watch import EngineWatch
 
 SIGNALS: Final = (
@@ -125,7 +125,7 @@ class Cycles:
             if self._speed is None:
                 runs, stands = heard not in (Quality.STALE, *_UNKNOWN), 0
             if runs:
-                span = Span(begin, end, until_ns)
+                span = DrivenSpan(begin, end, until_ns)
                 self._run(
                     span,
                     self._flags(bits),
@@ -159,7 +159,7 @@ class Cycles:
 
     def _run(
         self,
-        span: Span,
+        span: DrivenSpan,
         flags: Flags,
         coolant_degc: FloatArray | None,
         speed_km_h: FloatArray | None,
@@ -175,7 +175,7 @@ class Cycles:
         if started:  # the time since the last sample is not driven
             self._start_ns = 0
             self._denominator.interrupt()
-            driven = Span(span.begin + 1, span.end, until_ns)
+            driven = DrivenSpan(span.begin + 1, span.end, until_ns)
         reached: dict[Moment, int | None] = {}
         if "ignition_cycle" in self._due:
             is_long = self._start_ns >= self._start_least_ns
@@ -194,7 +194,7 @@ class Cycles:
         if driven.begin < driven.end:
             self._drive(driven, speed_km_h, until_ns, found)
 
-    def _warm_up(self, span: Span, flags: Flags, coolant_degc: FloatArray) -> int | None:
+    def _warm_up(self, span: DrivenSpan, flags: Flags, coolant_degc: FloatArray) -> int | None:
         """Return where the coolant is warm and has risen enough since the engine's start."""
         if not flags.is_warm and not math.isnan(self._first_degc):
             return None
@@ -212,7 +212,7 @@ class Cycles:
         return span.begin + int(np.argmax(inside - self._first_degc >= rise_degc))
 
     def _drive(
-        self, span: Span, speed_km_h: FloatArray | None, until_ns: IntArray, found: Counting
+        self, span: DrivenSpan, speed_km_h: FloatArray | None, until_ns: IntArray, found: Counting
     ) -> None:
         """Count running time and distance whenever a whole second has passed."""
         before_ns, self._run_ns = self._run_ns, self._run_ns + span.elapsed_ns
@@ -231,7 +231,9 @@ class Cycles:
             found.driven.append((span.begin + k, driven))
             self._taken_ns, self._taken_km = now_ns, now_km
 
-    def _totals_km(self, span: Span, speed_km_h: FloatArray, until_ns: IntArray) -> FloatArray:
+    def _totals_km(
+        self, span: DrivenSpan, speed_km_h: FloatArray, until_ns: IntArray
+    ) -> FloatArray:
         """Return the distance of the driving cycle after each sample."""
         if span.end - span.begin == 1:  # the sum of a single addend: no array is needed
             speed = speed_km_h.item(span.begin)

@@ -18,7 +18,7 @@ class Flags(NamedTuple):
     is_warm: bool
 
 
-class Span:
+class DrivenSpan:
     """Samples begin to end of a block, and the time that passes in them."""
 
     def __init__(self, begin: int, end: int, until_ns: IntArray) -> None:
@@ -53,7 +53,7 @@ class Denominator:
         """End the idling."""
         self._idle_ns = 0
 
-    def push(self, span: Span, flags: Flags) -> int | None:
+    def push(self, span: DrivenSpan, flags: Flags) -> int | None:
         """Take samples that are alike, the engine running; return where all is reached."""
         if not flags.fits:
             self._idle_ns = 0
@@ -74,7 +74,7 @@ class Denominator:
         reached = [k for k in at if k is not None]
         return max(reached) if len(reached) == len(at) else None
 
-    def _reached(self, span: Span, sum_ns: int, least_ns: int, *, on: bool) -> int | None:
+    def _reached(self, span: DrivenSpan, sum_ns: int, least_ns: int, *, on: bool) -> int | None:
         if on:
             return span.reached(sum_ns, least_ns)
         return span.begin if sum_ns >= least_ns else None

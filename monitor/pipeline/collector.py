@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.causes.causes import Asked, Judgement, Source, causes
+from monitor.judge.causes.causes import Asked, Judgement, SignalSource, causes
 from monitor.pipeline.entry import (
     dtc_entry,
     enable_shares,
@@ -53,7 +53,7 @@ class Collector:
         self,
         monitor: Monitor,
         *,
-        sources: Mapping[str, Source] | None = None,
+        sources: Mapping[str, SignalSource] | None = None,
         trace: bool = False,
         keep: int | None = None,
         keep_samples: int | None = None,

@@ -54,7 +54,7 @@ class Findings(NamedTuple):
     items: At[Window | Cut] = ()
 
 
-class Place(NamedTuple):
+class SamplePlace(NamedTuple):
     """A sample of a block."""
 
     block: SampleBlock
@@ -99,7 +99,7 @@ class Conclusions:
         """
         if not self._has_begun:
             self._has_begun = True
-            yield 0, self._judge_memory(Place(block, 0))
+            yield 0, self._judge_memory(SamplePlace(block, 0))
         steps: tuple[Callable[..., Iterable[Happening]], ...] = (
             self._drive,
             self._count,
@@ -114,16 +114,16 @@ class Conclusions:
             key=itemgetter(0, 1),
         )
         for k, step, each in merged:
-            events = steps[step](each, Place(block, k))
+            events = steps[step](each, SamplePlace(block, k))
             if events:
                 yield k + (step >= _AFTER_TICK), events
 
-    def _drive(self, driven: Driven, _: Place) -> Iterable[Happening]:
+    def _drive(self, driven: Driven, _: SamplePlace) -> Iterable[Happening]:
         """Let the fault memory count driving."""
         self._store.drive([driven])
         return ()
 
-    def _count(self, moment: Moment, at: Place) -> Iterator[Happening]:
+    def _count(self, moment: Moment, at: SamplePlace) -> Iterator[Happening]:
         """Let the fault memory count; begin the next driving cycle."""
         store = self._store
         match moment:
@@ -139,35 +139,35 @@ class Conclusions:
                 store.count_general_denominator()
         yield Counted(at.t_ns, moment)
 
-    def _judge_memory(self, at: Place) -> Iterable[Happening]:
+    def _judge_memory(self, at: SamplePlace) -> Iterable[Happening]:
         """Judge the fault memory itself at the first sample of a driving cycle."""
         t_ns = at.t_ns
         changed = [DtcChanged(t_ns, dtc) for dtc in self._store.judge_memory(t_ns) if dtc.state]
         return list(self._frozen(changed, at))
 
-    def _know(self, filled: Filled, _: Place) -> Iterable[Happening]:
+    def _know(self, filled: Filled, _: SamplePlace) -> Iterable[Happening]:
         """Take note of the windows and fuel cuts that follow."""
         if filled.anew:
             self.adopt(self.limits)
         self._facts = iter(self.decisions.facts(filled.items) if filled.items else ())
         return ()
 
-    def _mature(self, result: TickResult, at: Place) -> Iterator[Happening]:
+    def _mature(self, result: TickResult, at: SamplePlace) -> Iterator[Happening]:
         """Take the last of enough alike results of an electrical test."""
         yield from self._frozen(self.decisions.matured(result, at.t_ns), at)
 
-    def _act(self, still: Still, at: Place) -> Iterator[Happening]:
+    def _act(self, still: Still, at: SamplePlace) -> Iterator[Happening]:
         """Take a stretch of the activity test."""
         yield from self._frozen(self.decisions.activity(*still, at.t_ns), at)
 
-    def _judge_behind(self, result: BehindResult, at: Place) -> Iterable[Happening]:
+    def _judge_behind(self, result: BehindResult, at: SamplePlace) -> Iterable[Happening]:
         """Take a result of catalyst, downstream sensor or oxygen balance."""
         self._store.report(result.results)
         changes = self.decisions.behind(result.test, result.claim, at.t_ns)
         grams = result.capacity_g
         return list(self._frozen(changes, at, {} if grams is None else {CAPACITY: grams}))
 
-    def _judge(self, item: Window | Cut, at: Place) -> Iterator[Happening]:
+    def _judge(self, item: Window | Cut, at: SamplePlace) -> Iterator[Happening]:
         """Take a full window, or a fuel cut that is over."""
         if isinstance(item, Cut):
             yield from self.decisions.cut_over(item, at.t_ns)
@@ -188,7 +188,7 @@ class Conclusions:
     def _frozen(
         self,
         events: Iterable[WindowJudged | CutJudged | Change],
-        at: Place,
+        at: SamplePlace,
         estimates: Mapping[str, float] = MappingProxyType({}),
     ) -> Iterator[WindowJudged | CutJudged | Change]:
         """Yield the events; with a code that fails, the signals of the sample are kept.

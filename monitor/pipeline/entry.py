@@ -13,7 +13,7 @@ from monitor.decode.bus_map import BusMap
 from monitor.decode.decoder import MessageCounters
 from monitor.grid.assembler import AssemblerCounters
 from monitor.grid.tables import Table
-from monitor.judge.causes.causes import Cause, Source
+from monitor.judge.causes.causes import Cause, SignalSource
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import Evidence, WindowJudged
 from monitor.judge.fuel_cut.response import FuelCutResponse
@@ -137,14 +137,14 @@ def not_judged(causes: Sequence[Cause]) -> list[dict[str, Any]] | None:
     return [asdict(cause) for cause in causes] or None
 
 
-def bus_sources(bus_map: BusMap, names: Iterable[str]) -> dict[str, Source]:
+def bus_sources(bus_map: BusMap, names: Iterable[str]) -> dict[str, SignalSource]:
     """Return where the named signals come from on the bus."""
     found = {}
     for name in names:
         channels = [bus_map.channels[each] for each in bus_map.sources((name,))]
         places = [f"{each.message.name}.{each.signal.name}" for each in channels]
         timeout_s = min(each.mapped.timeout_s for each in channels)
-        found[name] = Source(" and ".join(places), timeout_s)
+        found[name] = SignalSource(" and ".join(places), timeout_s)
     return found
 
 

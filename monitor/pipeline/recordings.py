@@ -17,7 +17,7 @@ from monitor.grid.block_samples import Clearing, log_samples, whole
 from monitor.grid.table_samples import table_block
 from monitor.grid.tables import BLANK, Table, is_table, read_table
 from monitor.grid.timeline import Timeline
-from monitor.judge.causes.causes import Source
+from monitor.judge.causes.causes import SignalSource
 from monitor.model.card import ModelCard
 from monitor.pipeline.entry import (
     bus_sources,
@@ -39,7 +39,7 @@ class OpenRecording:
     names: tuple[str, ...]  # signals of a sample
     parts: Iterator[SampleBlock | Clearing]
     counters: Callable[[], dict[str, int]]  # of frames that could not be used, behind the parts
-    sources: Mapping[str, Source]  # where each signal comes from
+    sources: Mapping[str, SignalSource]  # where each signal comes from
     is_live: Callable[[], bool] = lambda: False  # whether a live monitor made it, with its part
     profile: str = ""  # of a logger's file
     notes: tuple[str, ...] = ()  # oddities of a table, in words
@@ -137,7 +137,7 @@ class RecordingReader:
             raise MissingSignalsError(f"{table.path}: {needs(lacking, table.names)}")
         block = table_block(table, table.names, self._card.period_ns)
         counters = table_counts(table, block, self._card)
-        sources = {name: Source(table.column_of(name)) for name in table.names}
+        sources = {name: SignalSource(table.column_of(name)) for name in table.names}
         return OpenRecording(
             table.path,
             table.names,

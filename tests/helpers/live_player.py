@@ -7,7 +7,7 @@ from typing import Any
 
 from monitor.base import config
 from monitor.base.types import Frame
-from monitor.bus.live.address import Address
+from monitor.bus.live.address import PageAddress
 from monitor.bus.live.feed import LiveFeed
 from monitor.bus.live.process import Server
 from monitor.frames.logs import read_frames
@@ -22,7 +22,7 @@ class Sink:
     """Takes the feed's lines in place of a server."""
 
     def __init__(self) -> None:
-        self.address = Address("127.0.0.1", 0)
+        self.address = PageAddress("127.0.0.1", 0)
         self.is_free, self.is_closed, self.restarts = True, False, 0
         self.lines: list[bytes] = []
 
@@ -48,7 +48,7 @@ class Player:
         )
         self.lines: list[str] = []
         self.health: dict[str, Any] = {"frames": 0, "error_frames": 0}
-        self.server = server or Server(Address("127.0.0.1", 0))
+        self.server = server or Server(PageAddress("127.0.0.1", 0))
         self.url = self.server.address.url
         self.feed = LiveFeed(
             self.server,

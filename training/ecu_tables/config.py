@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
-from monitor.base.settings import Settings
+from monitor.base.settings import ShippedSettings
 from training.ecu_tables.signals import Air
 
 
@@ -29,7 +29,7 @@ class TablesConfig:
 @cache
 def defaults() -> TablesConfig:
     """Return the settings of ``default.toml``."""
-    read = Settings("training.ecu_tables").values()
+    read = ShippedSettings("training.ecu_tables").values()
     return TablesConfig(
         z90=read["interval"]["z90"],
         least_s=read["cell"]["least_s"],

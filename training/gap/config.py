@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from monitor.base.settings import Settings, built
+from monitor.base.settings import ShippedSettings, built
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,4 +133,4 @@ class GapConfig:
     verify: VerifyConfig
 
 
-CONFIG: Final = built(GapConfig, Settings("training.gap").values())
+CONFIG: Final = built(GapConfig, ShippedSettings("training.gap").values())

@@ -15,7 +15,7 @@ def unsigned(value: float, length: int) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class ReportedParameter:
     """The signal of a parameter, and its encoding: the number ``scale * value + shift``."""
 
     signal: str  # canonical name
@@ -30,27 +30,29 @@ class Parameter:
 
 
 # Parameters without a canonical signal, such as calculated load, are left out.
-PARAMETERS: Final[Mapping[int, Parameter]] = {
-    0x03: Parameter("closed_loop", 1, 1.0, 1.0, bytes(1)),  # 1 open, 2 closed loop
-    0x05: Parameter("coolant_temperature_degc", 1, 1.0, 40.0),
-    0x06: Parameter("lambda_controller", 1, 128.0),
-    0x0B: Parameter("manifold_pressure_kpa", 1, 1.0),
-    0x0C: Parameter("engine_speed_rpm", 2, 4.0),
-    0x0D: Parameter("vehicle_speed_km_h", 1, 1.0),
-    0x0F: Parameter("manifold_temperature_degc", 1, 1.0, 40.0),
-    0x10: Parameter("maf_kg_h", 2, 100.0 / 3.6),
-    0x11: Parameter("throttle_percent", 1, 2.55),
+PARAMETERS: Final[Mapping[int, ReportedParameter]] = {
+    0x03: ReportedParameter("closed_loop", 1, 1.0, 1.0, bytes(1)),  # 1 open, 2 closed loop
+    0x05: ReportedParameter("coolant_temperature_degc", 1, 1.0, 40.0),
+    0x06: ReportedParameter("lambda_controller", 1, 128.0),
+    0x0B: ReportedParameter("manifold_pressure_kpa", 1, 1.0),
+    0x0C: ReportedParameter("engine_speed_rpm", 2, 4.0),
+    0x0D: ReportedParameter("vehicle_speed_km_h", 1, 1.0),
+    0x0F: ReportedParameter("manifold_temperature_degc", 1, 1.0, 40.0),
+    0x10: ReportedParameter("maf_kg_h", 2, 100.0 / 3.6),
+    0x11: ReportedParameter("throttle_percent", 1, 2.55),
     # the voltage behind the catalyst, then the byte of a sensor that takes no part in the trim
-    0x15: Parameter("downstream_voltage_v", 1, 200.0, tail=b"\xff"),
-    0x23: Parameter("rail_pressure_mpa", 2, 100.0),
-    0x24: Parameter("lambda_measured", 2, 32768.0, tail=bytes(2)),  # no voltage of the sensor
-    0x25: Parameter("downstream_lambda", 2, 32768.0, tail=bytes(2)),
-    0x2E: Parameter("purge_duty_percent", 1, 2.55),
-    0x33: Parameter("ambient_pressure_kpa", 1, 1.0),
-    0x3C: Parameter("catalyst_temperature_degc", 2, 10.0, 400.0),
-    0x42: Parameter("battery_voltage_v", 2, 1000.0),
-    0x44: Parameter("lambda_target", 2, 32768.0),
-    0x46: Parameter("ambient_temperature_degc", 1, 1.0, 40.0),
+    0x15: ReportedParameter("downstream_voltage_v", 1, 200.0, tail=b"\xff"),
+    0x23: ReportedParameter("rail_pressure_mpa", 2, 100.0),
+    0x24: ReportedParameter(
+        "lambda_measured", 2, 32768.0, tail=bytes(2)
+    ),  # no voltage of the sensor
+    0x25: ReportedParameter("downstream_lambda", 2, 32768.0, tail=bytes(2)),
+    0x2E: ReportedParameter("purge_duty_percent", 1, 2.55),
+    0x33: ReportedParameter("ambient_pressure_kpa", 1, 1.0),
+    0x3C: ReportedParameter("catalyst_temperature_degc", 2, 10.0, 400.0),
+    0x42: ReportedParameter("battery_voltage_v", 2, 1000.0),
+    0x44: ReportedParameter("lambda_target", 2, 32768.0),
+    0x46: ReportedParameter("ambient_temperature_degc", 1, 1.0, 40.0),
 }
 
 

@@ -8,7 +8,7 @@ from monitor.memory.obd_records import TestResult
 
 
 @dataclass(frozen=True, slots=True)
-class Scaling:
+class ResultScaling:
     """One unit-and-scaling identifier of SAE J1979, annex E: a quantity in two bytes."""
 
     number: int
@@ -22,11 +22,11 @@ class Scaling:
         return round(held / self.step).to_bytes(2, "big", signed=self.is_signed)
 
 
-MILLIVOLTS: Final = Scaling(0x0B, 0.001)
-CENTIGRAMS: Final = Scaling(0x36, 0.01)
-MILLISECONDS: Final = Scaling(0x10, 0.001)
-RATIO: Final = Scaling(0x20, 1.0 / 256.0)
-FINE_SIGNED: Final = Scaling(0x85, 1.0 / 32768.0, is_signed=True)  # -1 to 1
+MILLIVOLTS: Final = ResultScaling(0x0B, 0.001)
+CENTIGRAMS: Final = ResultScaling(0x36, 0.01)
+MILLISECONDS: Final = ResultScaling(0x10, 0.001)
+RATIO: Final = ResultScaling(0x20, 1.0 / 256.0)
+FINE_SIGNED: Final = ResultScaling(0x85, 1.0 / 32768.0, is_signed=True)  # -1 to 1
 
 UPSTREAM, DOWNSTREAM, CATALYST, HEATER = 0x01, 0x02, 0x21, 0x42  # monitor identifiers of bank 1
 # monitor → (test, quantity) → test identifier, scaling; $07 and $08 are the standard's lowest and

@@ -23,7 +23,7 @@ LONGEST_FRAME: Final = 8  # bytes; ISO 15765-4 uses classical CAN
 
 
 @dataclass(frozen=True, slots=True)
-class Address:
+class DiagnosticAddress:
     """Identifiers of ISO 15765-4 with 11 or 29 bits."""
 
     request_id: int
@@ -32,7 +32,7 @@ class Address:
     is_extended: bool
 
     @classmethod
-    def parse(cls, text: str) -> "Address":
+    def parse(cls, text: str) -> "DiagnosticAddress":
         """Return the address for a response identifier in hexadecimal.
 
         Raises UsageError unless it is 7E9 to 7EF or 18DAF1xx, or if it is the engine's.
@@ -75,7 +75,7 @@ class Allowance:
 class Diagnostics:
     """The attachment that answers testers."""
 
-    def __init__(self, state: State, address: Address) -> None:
+    def __init__(self, state: State, address: DiagnosticAddress) -> None:
         self.state, self._address = state, address
         self._transport = Transport(
             address.request_id, address.response_id, is_extended=address.is_extended

@@ -17,7 +17,7 @@ _PLACE = re.compile(r"(?:(?:\[([0-9A-Fa-f:.]+)\]|([^\[\]:\s]+)):)?(\d{1,5})")
 
 
 @dataclass(frozen=True, slots=True)
-class Address:
+class PageAddress:
     """A host and a port to listen on; port 0 means any free port."""
 
     host: str
@@ -31,7 +31,7 @@ class Address:
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
 
-def parse(text: str) -> Address:
+def parse(text: str) -> PageAddress:
     """Return the address of HOST:PORT, [IPV6]:PORT, or PORT for the loopback.
 
     Raises argparse.ArgumentTypeError.
@@ -42,10 +42,10 @@ def parse(text: str) -> Address:
     match = _PLACE.fullmatch(text)
     if not match or int(match[3]) > 65535:
         raise argparse.ArgumentTypeError(f"{text}: HOST:PORT is wanted, as in {LOOPBACK}:8765")
-    return Address(match[1] or match[2] or LOOPBACK, int(match[3]))
+    return PageAddress(match[1] or match[2] or LOOPBACK, int(match[3]))
 
 
-def listen(address: Address) -> socket.socket:
+def listen(address: PageAddress) -> socket.socket:
     """Return a socket that listens at the address.
 
     Raises UsageError with the reason if that fails.

@@ -61,7 +61,7 @@ def value_text(name: str, value: float) -> str:
     return f"{value:.{digits}f} {unit}".strip().replace("-", "−")
 
 
-class Conditions:
+class ConditionWords:
     """The enable conditions of one monitor: the need of each, and its present value."""
 
     def __init__(self, monitor: Monitor, config: EnableConfig, card: ModelCard) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from monitor import __version__
 from monitor.base.types import Frame
 from monitor.bus.live.codes import fault_memory
-from monitor.bus.live.describe import Conditions, response_limits, signal_rows
+from monitor.bus.live.describe import ConditionWords, response_limits, signal_rows
 from monitor.bus.live.process import Server
 from monitor.judge.findings import WindowJudged
 from monitor.pipeline.entry import evidence_entry
@@ -56,7 +56,7 @@ class LiveFeed:
     ) -> None:
         self._server, self._monitor, self._health, self._say = server, monitor, health, say
         card = setup.model.card
-        self._conditions = Conditions(monitor, setup.config.enable, card)
+        self._conditions = ConditionWords(monitor, setup.config.enable, card)
         self._offset = self._vehicle_offset()
         self._step = max(1, math.ceil(SAMPLE_NS / card.period_ns))
         self._output = monitor.names.index(monitor.output)

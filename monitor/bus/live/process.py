@@ -8,7 +8,7 @@ import sys
 from typing import Final
 
 from monitor.base.errors import UsageError
-from monitor.bus.live.address import Address, is_loopback, listen
+from monitor.bus.live.address import PageAddress, is_loopback, listen
 
 END_S: Final = 2.0  # time for the server to end after its pipe is closed
 TOLD_BYTES: Final = 4096  # most read from the keeper, which writes a line per started server
@@ -21,9 +21,9 @@ class Server:
     Raises UsageError if it cannot listen at the address.
     """
 
-    def __init__(self, address: Address) -> None:
+    def __init__(self, address: PageAddress) -> None:
         with listen(address) as listening:
-            self.address = Address(address.host, listening.getsockname()[1])
+            self.address = PageAddress(address.host, listening.getsockname()[1])
             self.is_loopback = is_loopback(listening)
             number = listening.fileno()
             self._keeper = subprocess.Popen(

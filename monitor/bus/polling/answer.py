@@ -23,7 +23,7 @@ _ENGINE_29: Final = 0x10
 
 
 @dataclass(frozen=True, slots=True)
-class Address:
+class EcuAddress:
     """Identifiers of one tester and one ECU."""
 
     request: int  # to one ECU, or to all (functional)
@@ -32,7 +32,7 @@ class Address:
     is_extended: bool = False
 
     @classmethod
-    def of(cls, request: int) -> "Address":
+    def of(cls, request: int) -> "EcuAddress":
         """Return the address for a request identifier.
 
         Raises UsageError if ISO 15765-4 does not define the identifier.

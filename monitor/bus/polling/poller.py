@@ -20,7 +20,7 @@ from monitor.bus.polling.answer import (
     PENDING,
     POSITIVE,
     SERVICE,
-    Address,
+    EcuAddress,
     Reassembly,
     request_of,
     values_of,
@@ -30,7 +30,7 @@ from monitor.bus.polling.schedule import Schedule
 from monitor.pipeline.events import Event
 
 # Tried in this order until one is answered: 11 bits before 29, as in ISO 15765-4.
-ADDRESSES: Final = tuple(map(Address.of, (0x7E0, FUNCTIONAL, 0x18DA10F1, FUNCTIONAL_29)))
+ADDRESSES: Final = tuple(map(EcuAddress.of, (0x7E0, FUNCTIONAL, 0x18DA10F1, FUNCTIONAL_29)))
 DEFAULT_RATE_HZ: Final = 12.0  # requests; an ECU answers about 10 to 20 per second
 TIMEOUT_S: Final = 0.25  # an ECU has 0.05 s by the standard; gateways and adapters add to it
 PENDING_S: Final = 5.0  # timeout after "response pending", P2* of ISO 15765-4
@@ -66,7 +66,7 @@ class ObdPoller:
         parameters: Sequence[Parameter],
         lengths: Mapping[int, int],
         *,
-        addresses: Sequence[Address] = ADDRESSES,
+        addresses: Sequence[EcuAddress] = ADDRESSES,
         rate_hz: float = DEFAULT_RATE_HZ,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:

@@ -32,7 +32,7 @@ def target_of(name: str, stoich_afr: float) -> Unit | None:
     return unit_of(_TARGETS.get(canonical, canonical), stoich_afr)
 
 
-class Setting:
+class LoggerSetting:
     """The unit of columns whose unit is a setting of the logger: one choice for all alike.
 
     Units of mixture are one setting; all others are another: metric or not.
@@ -94,7 +94,7 @@ def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
 
 
 def converted(
-    profile: Profile, setting: Setting, choice: Choice, column: RawColumn, cells: FloatArray
+    profile: Profile, setting: LoggerSetting, choice: Choice, column: RawColumn, cells: FloatArray
 ) -> tuple[FloatArray, str]:
     """Return the values in the signal's unit, and the logger's unit in words."""
     canonical = BY_NAME[choice.name].unit

@@ -149,7 +149,7 @@ def load_profile(path: Path) -> Profile:
 
 def profile_of(tree: Mapping[str, Any], path: Path) -> Profile:
     """Return the profile of a TOML file's tree; raises ConfigError as ``load_profile``."""
-    return _Reader(path).profile(tree)
+    return _ProfileReader(path).profile(tree)
 
 
 def tree_of(profile: Profile) -> dict[str, Any]:
@@ -177,7 +177,7 @@ def _source_tree(source: Source) -> dict[str, Any]:
     return {"column": source.column} | changed | lists
 
 
-class _Reader:
+class _ProfileReader:
     """Checks every key of a profile."""
 
     def __init__(self, path: Path) -> None:

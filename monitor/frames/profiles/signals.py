@@ -9,7 +9,7 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.signals import BY_NAME, OUTPUT, SIGNALS
 from monitor.base.types import BoolArray, FloatArray, IntArray
-from monitor.frames.profiles.conversion import Choice, Setting, converted, stated_texts
+from monitor.frames.profiles.conversion import Choice, LoggerSetting, converted, stated_texts
 from monitor.frames.profiles.derived import derive
 from monitor.frames.profiles.profile import Profile, Source
 from monitor.frames.profiles.recognition import key, places
@@ -95,7 +95,7 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
     told = cells[rows, len(times) :]
     updates = np.count_nonzero(np.isfinite(told), axis=0).tolist()
     told = held(told, t_ns, [i for i, each in enumerate(choices) if each.name == OUTPUT])
-    setting = Setting(raw, profile, [(each, told[:, i]) for i, each in enumerate(choices)])
+    setting = LoggerSetting(raw, profile, [(each, told[:, i]) for i, each in enumerate(choices)])
     taken: dict[str, tuple[FloatArray, BoolArray, Found]] = {}
     for i, each in enumerate(choices):
         if each.name not in taken and _lives(each.name, told[:, i]):
@@ -179,7 +179,7 @@ def _stated(column: RawColumn, source: Source, quantity: str, stoich: float = 14
 
 
 def _signal(
-    raw: RawTable, profile: Profile, setting: Setting, choice: Choice, cells: FloatArray
+    raw: RawTable, profile: Profile, setting: LoggerSetting, choice: Choice, cells: FloatArray
 ) -> tuple[FloatArray, BoolArray, Found]:
     column, source = raw.columns[choice.column], choice.source
     pinned = np.zeros(len(cells), dtype=bool)

@@ -105,7 +105,7 @@ def dialect_of(path: Path) -> Dialect:
     )
 
 
-class _Layout(NamedTuple):
+class _TextLayout(NamedTuple):
     separator: str
     comma: bool  # of decimals
     rows: list[list[str]]
@@ -113,7 +113,7 @@ class _Layout(NamedTuple):
     width: int  # cells of a row of data
 
 
-def _layout(lines: Sequence[str], separator: str) -> _Layout | None:
+def _layout(lines: Sequence[str], separator: str) -> _TextLayout | None:
     """Return how the lines read with a separator, None if there is no header with data below."""
     try:
         rows = list(csv.reader(io.StringIO("\n".join(lines)), delimiter=separator))
@@ -122,7 +122,7 @@ def _layout(lines: Sequence[str], separator: str) -> _Layout | None:
     comma = separator != "," or any('"' in line for line in lines)
     comma = comma and any(_COMMA.fullmatch(cell.strip()) for row in rows for cell in row)
     data = _first_data_row(rows, comma=comma)
-    return _Layout(separator, comma, rows, data, _width(rows[data:])) if data else None
+    return _TextLayout(separator, comma, rows, data, _width(rows[data:])) if data else None
 
 
 def _width(rows: Sequence[Sequence[str]]) -> int:

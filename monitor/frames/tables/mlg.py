@@ -46,7 +46,7 @@ class _Field:
     bit: int | None = None  # of a bit field
 
 
-class _Layout(NamedTuple):
+class _MlgLayout(NamedTuple):
     fields: tuple[_Field, ...]
     offsets: tuple[int, ...]  # of the fields within a record
     data: int  # byte of the first block
@@ -70,7 +70,7 @@ def open_mlg(path: Path) -> RawTable:
     )
 
 
-def _header(path: Path, file: BinaryIO) -> tuple[int, _Layout, str]:
+def _header(path: Path, file: BinaryIO) -> tuple[int, _MlgLayout, str]:
     head = _wanted_bytes(path, file, 24)
     if head[:6] != MAGIC:
         raise RecordingError(f"{path}: begins with {head[:6]!r}, an MLG log begins with {MAGIC!r}")
@@ -102,7 +102,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[int, _Layout, str]:
         raise RecordingError(f"{path}: records of {record} bytes, its {n} fields take {at}")
     text = rest[info - start - n * size :][:20_000] if info else b""
     signature = _text(text.partition(b"\0")[0])
-    return version, _Layout(tuple(fields), tuple(offsets), data, record), signature
+    return version, _MlgLayout(tuple(fields), tuple(offsets), data, record), signature
 
 
 def _wanted_bytes(path: Path, file: BinaryIO, n: int) -> bytes:
@@ -160,7 +160,7 @@ def _name(data: bytes) -> str:
 
 
 def _read(
-    path: Path, layout: _Layout, wanted: Sequence[Wanted], notes: Notes
+    path: Path, layout: _MlgLayout, wanted: Sequence[Wanted], notes: Notes
 ) -> Iterator[FloatArray]:
     """Yield the wanted fields, (n, n_wanted), of one chunk after the other."""
     blocks = Blocks(layout.record)

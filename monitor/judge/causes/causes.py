@@ -42,7 +42,7 @@ class Cause:
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class SignalSource:
     """Where a recording's signal comes from."""
 
     place: str  # message and signal, or column
@@ -68,7 +68,7 @@ class Asked:
 
     card: ModelCard
     config: Config
-    sources: Mapping[str, Source] = field(default_factory=dict)  # by canonical name
+    sources: Mapping[str, SignalSource] = field(default_factory=dict)  # by canonical name
     limits: Limits | None = None  # with which the recording was judged
 
 
@@ -194,7 +194,7 @@ def _bad(
 ) -> tuple[str, str] | None:
     """Return reason and advice for a signal whose values are not usable, None if all are."""
     stale = counts[Quality.STALE] + counts[Quality.OFF_BUS]
-    source = asked.sources.get(signal, Source("its source"))
+    source = asked.sources.get(signal, SignalSource("its source"))
     if stale == seen.samples:
         text = f"{signal} never came ({source.place}): correct the map, or leave the signal out"
         return "never_seen", text
@@ -218,7 +218,7 @@ def _bad(
     return reason, f"{text} ({source.place})"
 
 
-def _stale(signal: str, stale: int, source: Source, seen: Observed) -> str:
+def _stale(signal: str, stale: int, source: SignalSource, seen: Observed) -> str:
     """Return the advice for a signal whose values come too seldom or stopped."""
     n = max(int(seen.stale_runs[seen.names.index(signal)]), 1)
     share = f"{100 * stale / seen.samples:.0f} % of the samples"

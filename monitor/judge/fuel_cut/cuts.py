@@ -33,7 +33,7 @@ _MOVING: Final = 0.15  # of a step that still goes on within its end, so that no
 _SETTLED_S: Final = 0.5  # the end of a step, which shows where it leads
 
 
-class Seen(NamedTuple):
+class CutReading(NamedTuple):
     """One quantity of one fuel cut."""
 
     measured: float
@@ -45,7 +45,7 @@ class Cut:
     """What one fuel cut shows."""
 
     t_ns: int  # of the first sample with fuel cut
-    seen: dict[str, Seen]  # some of QUANTITIES
+    seen: dict[str, CutReading]  # some of QUANTITIES
     is_flat: bool = False  # the reading of its level does not move at all
     pressure_kpa: float = math.nan  # of the ambient air, NaN if not known
 
@@ -83,13 +83,15 @@ def cuts_of(stretch: Stretch, config: FuelCutConfig, period_s: float, least: flo
         seen |= _edge("lean_to_rich", stretch.part(end - 1, stop), least, period_s)
         if (end - begin) * period_s >= config.level_after_s:
             last = stretch.part(end - round(config.level_s / period_s), end)
-            seen[LEVEL] = Seen(float(np.median(last.measured)), float(np.median(last.predicted)))
+            seen[LEVEL] = CutReading(
+                float(np.median(last.measured)), float(np.median(last.predicted))
+            )
             is_flat = bool(np.ptp(last.measured) == 0.0)
         found.append(Cut(stretch.t_ns.item(begin), seen, is_flat))
     return found
 
 
-def _edge(name: str, part: Stretch, least: float, period_s: float) -> dict[str, Seen]:
+def _edge(name: str, part: Stretch, least: float, period_s: float) -> dict[str, CutReading]:
     """Return delay and rise of a step, nothing if measurement or prediction shows none.
 
     least : smallest step, with its sign
@@ -97,7 +99,7 @@ def _edge(name: str, part: Stretch, least: float, period_s: float) -> dict[str, 
     measured, predicted = (_step(each, least, period_s) for each in (part.measured, part.predicted))
     if measured is None or predicted is None:
         return {}
-    pairs = map(Seen, measured, predicted)
+    pairs = map(CutReading, measured, predicted)
     return {f"{what}_{name}_s": each for what, each in zip(("delay", "rise"), pairs, strict=True)}
 
 

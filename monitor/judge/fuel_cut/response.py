@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 from monitor.base.config import Config
 from monitor.base.errors import ModelError
 from monitor.judge.fuel_cut.air_pressure import AirPressure
-from monitor.judge.fuel_cut.cuts import LEVEL, QUANTITIES, Cut, Seen
+from monitor.judge.fuel_cut.cuts import LEVEL, QUANTITIES, Cut, CutReading
 from monitor.judge.response.rule import EDGES, Outcome
 from monitor.memory.obd_records import TestResult
 
@@ -103,7 +103,9 @@ class FuelCutResponse:
         normal = NormalDist()
         self._z_fail = normal.inv_cdf(1.0 - self._response.false_alarm_probability)
         self._z_pass = normal.inv_cdf(1.0 - self._response.miss_probability)
-        self._latest: defaultdict[str, deque[Seen]] = defaultdict(lambda: deque(maxlen=LATEST))
+        self._latest: defaultdict[str, deque[CutReading]] = defaultdict(
+            lambda: deque(maxlen=LATEST)
+        )
         self._pressures_kpa: deque[float] = deque(maxlen=LATEST)  # of the levels
         self._shows_level = False  # a level was not the end of the reading's range
         self.cuts: list[Cut] = []
@@ -117,7 +119,7 @@ class FuelCutResponse:
                 self._pressures_kpa.append(cut.pressure_kpa)
                 self._shows_level |= not self._is_at_end(seen)
 
-    def _is_at_end(self, level: Seen) -> bool:
+    def _is_at_end(self, level: CutReading) -> bool:
         """Return whether a level is the end of the reading's range."""
         end = self._reference.healthy.get(LEVEL)
         if end is None or not self._reference.is_clipped:

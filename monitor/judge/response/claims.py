@@ -23,7 +23,7 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class SensorClaim:
     """A sensor with this lag or dead time and a gain in this range."""
 
     column: int  # of the bank; behind its last one stands the sensor quicker than the model's
@@ -34,7 +34,7 @@ class Claim:
 
 
 @cache
-def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[Claim, ...]:
+def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[SensorClaim, ...]:
     """Return every claim about the sensor, the healthy one first."""
     least, top = config.gain_least, config.gain_max
     found = []
@@ -43,13 +43,15 @@ def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[Claim,
     quick = Hypothesis("", "healthy", "symmetric", 0.0, False)
     for column, each in enumerate((*bank, quick)):
         if not each.beyond_limit:
-            found.append(Claim(column, each, config.gain_sound_min, top, ""))
-            found.append(Claim(column, each, least, config.gain_weak_max, "gain_low"))
+            found.append(SensorClaim(column, each, config.gain_sound_min, top, ""))
+            found.append(SensorClaim(column, each, least, config.gain_weak_max, "gain_low"))
         elif each.kind == "delay":
-            found.append(Claim(column, each, config.gain_late_min, top, each.fault))
+            found.append(SensorClaim(column, each, config.gain_late_min, top, each.fault))
         else:
-            found.append(Claim(column, each, config.gain_slow_min, top, each.fault))
+            found.append(SensorClaim(column, each, config.gain_slow_min, top, each.fault))
             if each.direction == "symmetric":
-                found.append(Claim(column, each, least, config.gain_transient_max, "transient"))
-    found.append(Claim(len(bank), quick, 0.0, 0.0, UNRELATED))
+                found.append(
+                    SensorClaim(column, each, least, config.gain_transient_max, "transient")
+                )
+    found.append(SensorClaim(len(bank), quick, 0.0, 0.0, UNRELATED))
     return tuple(found)

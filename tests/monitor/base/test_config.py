@@ -9,9 +9,9 @@ import pytest
 
 from monitor.base import config
 from monitor.base.errors import ConfigError
-from monitor.base.settings import Settings
+from monitor.base.settings import ShippedSettings
 
-SHIPPED = Settings("monitor.base").values()
+SHIPPED = ShippedSettings("monitor.base").values()
 KEYS = [(section, key) for section, values in SHIPPED.items() for key in values]
 
 

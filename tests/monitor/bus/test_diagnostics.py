@@ -175,7 +175,7 @@ def test_test_results_carry_value_and_limits_in_their_scaling() -> None:
     ],
 )
 def test_a_result_beyond_its_scaling_is_held_at_its_end(
-    scaling: results.Scaling, value: float, data: str
+    scaling: results.ResultScaling, value: float, data: str
 ) -> None:
     assert scaling.encode(value).hex() == data
 

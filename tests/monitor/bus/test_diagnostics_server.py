@@ -14,8 +14,8 @@ from monitor.bus.attachment import Attachment
 from monitor.bus.diagnostics.server import (
     BURST_FRAMES,
     FRAMES_PER_S,
-    Address,
     Allowance,
+    DiagnosticAddress,
     Diagnostics,
 )
 from tests.helpers.diagnostics_state import Vehicle, tick
@@ -50,7 +50,7 @@ class Tester:
 
     def __init__(self, vehicle: Vehicle | None = None) -> None:
         self.vehicle = vehicle or Vehicle()
-        self.server = Diagnostics(self.vehicle.state, Address.parse("7E9"))
+        self.server = Diagnostics(self.vehicle.state, DiagnosticAddress.parse("7E9"))
 
     @property
     def now_s(self) -> float:
@@ -294,12 +294,12 @@ def test_an_allowance_never_grows_beyond_its_burst() -> None:
 @pytest.mark.parametrize("text", ["7E8", "7E0", "7F0", "18DAF110", "18DAF133", "18DB33F1", "", "x"])
 def test_identifiers_of_others_are_refused(text: str) -> None:
     with pytest.raises(UsageError, match="wanted 7E9 to 7EF"):
-        Address.parse(text)
+        DiagnosticAddress.parse(text)
 
 
 def test_29_bit_identifiers_are_answered_under_29_bits() -> None:
     vehicle = Vehicle()
-    server = Diagnostics(vehicle.state, Address.parse("0x18daf1a5"))
+    server = Diagnostics(vehicle.state, DiagnosticAddress.parse("0x18daf1a5"))
     assert set(server.identifiers) == {(0x18DB33F1, True), (0x18DAA5F1, True)}
     server.receive(Frame(0, 0x18DAA5F1, True, bytes.fromhex("02011C")))
     (frame,) = server.work(0.0)

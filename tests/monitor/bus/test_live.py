@@ -23,7 +23,7 @@ import pytest
 from monitor.base.types import Frame, Quality, Sample
 from monitor.bus.live import feed as feeds
 from monitor.bus.live.codes import fault_memory
-from monitor.bus.live.describe import Conditions, signal_rows
+from monitor.bus.live.describe import ConditionWords, signal_rows
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import DtcChanged
 from monitor.memory.dtc_store import DtcStore
@@ -179,7 +179,7 @@ def test_an_input_outside_the_training_is_named_with_its_bound(late_sensor: list
     player = Player(server=Sink())
     monitor, setup = player.pipeline.monitor, player.setup
     ticks = [t for f in late_sensor[:2000] for t in player.ticks(f)]
-    conditions = Conditions(monitor, setup.config.enable, setup.model.card)
+    conditions = ConditionWords(monitor, setup.config.enable, setup.model.card)
     place, rail = CONDITIONS.index("trained_range"), monitor.names.index("rail_pressure_mpa")
     tick = ticks[-1]
     assert conditions.seen(tick)[place] == "within"

@@ -14,7 +14,7 @@ import httpx
 import pytest
 
 from monitor.bus.live import page
-from monitor.bus.live.address import Address, listen, may_ask
+from monitor.bus.live.address import PageAddress, listen, may_ask
 from monitor.bus.live.hub import STREAMS, Hub
 from monitor.bus.live.page import Page
 
@@ -28,7 +28,7 @@ class Running:
         self.hub = Hub()
         self.page = Page(self.hub, lambda header: may_ask(header, "127.0.0.1", loopback=True))
         self._loop, self._ended = asyncio.new_event_loop(), asyncio.Event()
-        listening = listen(Address("127.0.0.1", 0))
+        listening = listen(PageAddress("127.0.0.1", 0))
         self.port = listening.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}/"
 

@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from monitor.base.errors import UsageError
-from monitor.bus.live.address import Address, is_loopback, listen, may_ask, parse
+from monitor.bus.live.address import PageAddress, is_loopback, listen, may_ask, parse
 from monitor.bus.live.hub import RING, SAMPLES, STREAMS, WINDOWS, Hub
 from monitor.bus.live.page import FILES, HEADERS, Page
 
@@ -170,14 +170,14 @@ def test_what_the_server_keeps_is_bounded() -> None:
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
-        ("8765", Address("127.0.0.1", 8765)),
-        ("127.0.0.1:0", Address("127.0.0.1", 0)),
-        ("bench.lan:80", Address("bench.lan", 80)),
-        ("0.0.0.0:8765", Address("0.0.0.0", 8765)),
-        ("[::1]:8765", Address("::1", 8765)),
+        ("8765", PageAddress("127.0.0.1", 8765)),
+        ("127.0.0.1:0", PageAddress("127.0.0.1", 0)),
+        ("bench.lan:80", PageAddress("bench.lan", 80)),
+        ("0.0.0.0:8765", PageAddress("0.0.0.0", 8765)),
+        ("[::1]:8765", PageAddress("::1", 8765)),
     ],
 )
-def test_addresses_are_understood(text: str, wanted: Address) -> None:
+def test_addresses_are_understood(text: str, wanted: PageAddress) -> None:
     assert parse(text) == wanted
 
 
@@ -188,15 +188,15 @@ def test_other_texts_are_no_addresses(text: str) -> None:
 
 
 def test_a_port_that_is_taken_is_refused_in_one_line() -> None:
-    with listen(Address(HOST, 0)) as taken:
+    with listen(PageAddress(HOST, 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(UsageError, match=f"^--live {HOST}:{port}: Address already in use$"):
-            listen(Address(HOST, port))
+            listen(PageAddress(HOST, port))
 
 
 def test_loopback_is_known_from_the_rest() -> None:
     for host, wanted in ((HOST, True), ("localhost", True), ("0.0.0.0", False)):
-        with listen(Address(host, 0)) as server:
+        with listen(PageAddress(host, 0)) as server:
             assert is_loopback(server) is wanted
-    assert Address("0.0.0.0", 80).url == "http://127.0.0.1:80/"
-    assert Address("::1", 80).url == "http://[::1]:80/"
+    assert PageAddress("0.0.0.0", 80).url == "http://127.0.0.1:80/"
+    assert PageAddress("::1", 80).url == "http://[::1]:80/"

@@ -13,7 +13,7 @@ import dbc
 from monitor.base.errors import SignalMapError, UsageError
 from monitor.base.types import Frame
 from monitor.bus.polling import answer
-from monitor.bus.polling.answer import Address, Reassembly, values_of
+from monitor.bus.polling.answer import EcuAddress, Reassembly, values_of
 from monitor.bus.polling.pids import BITMAPS, wanted
 from monitor.bus.polling.poller import ObdPoller
 from monitor.bus.polling.schedule import Schedule
@@ -250,7 +250,7 @@ def test_answers_to_other_testers_are_neither_acknowledged_nor_counted() -> None
 
 def test_flow_control_goes_to_the_engine_alone_when_all_were_asked() -> None:
     ecu = steady_ecu(requests=(0x7DF, 0x7E0))
-    talk = Conversation(ecu, addresses=[Address.of(0x7DF)]).run(3.0)
+    talk = Conversation(ecu, addresses=[EcuAddress.of(0x7DF)]).run(3.0)
     assert {m.arbitration_id for _, m in talk.bus.sent if m.data[0] == 0x30} == {0x7E0}
     assert {m.arbitration_id for _, m in talk.bus.sent if m.data[0] != 0x30} == {0x7DF}
 
@@ -324,7 +324,7 @@ def test_a_map_without_obd_signals_is_refused() -> None:
 @pytest.mark.parametrize("request_id", [0x123, 0x7E8, 0x18DAF1F1, 0x18DA10F2, -1])
 def test_an_identifier_that_is_no_request_is_refused(request_id: int) -> None:
     with pytest.raises(UsageError, match="no identifier of an OBD-II request"):
-        Address.of(request_id)
+        EcuAddress.of(request_id)
 
 
 def test_its_examples_run() -> None:
@@ -334,8 +334,8 @@ def test_its_examples_run() -> None:
 
 
 def test_the_gear_box_can_be_asked_too() -> None:
-    assert Address.of(0x7E1) == Address(0x7E1, 0x7E1, 0x7E9)
-    assert Address.of(0x18DA18F1) == Address(0x18DA18F1, 0x18DA18F1, 0x18DAF118, True)
+    assert EcuAddress.of(0x7E1) == EcuAddress(0x7E1, 0x7E1, 0x7E9)
+    assert EcuAddress.of(0x18DA18F1) == EcuAddress(0x18DA18F1, 0x18DA18F1, 0x18DAF118, True)
 
 
 @inputs(300)

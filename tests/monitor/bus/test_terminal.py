@@ -21,7 +21,15 @@ from monitor.base.errors import UsageError
 from monitor.base.types import Frame
 from monitor.bus.loop import Loop
 from monitor.bus.realtime import use_cpu, use_priority
-from monitor.bus.terminal import REDRAW_S, WAITING_LINES, JsonLines, Lines, Out, Screen, Status
+from monitor.bus.terminal import (
+    REDRAW_S,
+    WAITING_LINES,
+    EventLines,
+    JsonEvents,
+    Out,
+    Screen,
+    StatusLine,
+)
 from monitor.bus.watchdog import Watchdog
 from monitor.frames.logs import read_frames
 from monitor.judge.enable import CONDITIONS
@@ -55,7 +63,7 @@ def loop(late_sensor: list[Frame]) -> Loop:
     return loop
 
 
-class Recollection(Status):
+class Recollection(StatusLine):
     """Keeps every event."""
 
     def __init__(self) -> None:
@@ -70,7 +78,7 @@ def events(loop: Loop) -> list[Event]:
     return kept.events
 
 
-def told(view: Status, loop: Loop) -> None:
+def told(view: StatusLine, loop: Loop) -> None:
     for event in events(loop):
         view.push(event)
         view.work(0.0)
@@ -79,7 +87,7 @@ def told(view: Status, loop: Loop) -> None:
 
 def test_a_journal_gets_a_line_for_every_event_but_ticks(loop: Loop) -> None:
     stream = io.StringIO()
-    told(Lines(loop.pipeline.monitor, loop.health, loop.collector, Out(stream)), loop)
+    told(EventLines(loop.pipeline.monitor, loop.health, loop.collector, Out(stream)), loop)
     lines = stream.getvalue().splitlines()
     assert len(lines) == sum(not isinstance(e, Tick) for e in events(loop))
     assert any("window 0" in line for line in lines)
@@ -88,7 +96,7 @@ def test_a_journal_gets_a_line_for_every_event_but_ticks(loop: Loop) -> None:
 
 
 def test_the_status_says_what_is_measured_what_blocks_and_how_the_bus_is(loop: Loop) -> None:
-    status = Status(loop.pipeline.monitor, loop.health)
+    status = StatusLine(loop.pipeline.monitor, loop.health)
     assert "nothing received yet" in status.line()
     for event in events(loop):
         status.push(event)
@@ -104,7 +112,7 @@ def test_the_status_says_what_is_measured_what_blocks_and_how_the_bus_is(loop: L
 
 
 def test_bad_news_of_the_bus_stands_in_the_status(loop: Loop) -> None:
-    status = Status(loop.pipeline.monitor, loop.health)
+    status = StatusLine(loop.pipeline.monitor, loop.health)
     before = status.line()
     loop.health.drops, loop.health.overruns, loop.health.reconnects = 3, 4, 5
     try:
@@ -142,7 +150,7 @@ def test_lines_stand_above_the_screen(loop: Loop) -> None:
 
 def test_every_line_of_json_has_its_schema_and_is_finite(loop: Loop) -> None:
     stream = io.StringIO()
-    told(JsonLines(loop.pipeline.monitor, loop.health, Out(stream), lambda: 5.0), loop)
+    told(JsonEvents(loop.pipeline.monitor, loop.health, Out(stream), lambda: 5.0), loop)
     lines = [
         json.loads(line, parse_constant=pytest.fail) for line in stream.getvalue().splitlines()
     ]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.errors import SignalMapError, UsageError
-from monitor.base.fault_streams import DropOuts, Noise, SensorFault, TimedSensorFault
+from monitor.base.fault_streams import DropOuts, NoiseFault, SensorFault, TimedSensorFault
 from monitor.base.faults import resolve
 from monitor.base.types import Frame
 from monitor.decode.decoder import Decoder
@@ -84,7 +84,7 @@ def test_at_uneven_times_a_lag_has_its_time_constant(steps_ms: list[int], tau_s:
 
 
 def test_noise_has_its_standard_deviation_and_drop_outs_their_share() -> None:
-    noise, loose = Noise(0.02, "1"), DropOuts(0.2, "1")
+    noise, loose = NoiseFault(0.02, "1"), DropOuts(0.2, "1")
     noisy = np.array([noise.push(n * 20 * MS, 1.0) for n in range(20_000)])
     assert noisy.std() == pytest.approx(0.02, rel=0.03)
     assert abs(noisy.mean() - 1.0) < 0.001

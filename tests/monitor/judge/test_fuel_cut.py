@@ -8,7 +8,7 @@ import pytest
 from monitor.base.config import shipped
 from monitor.base.faults import lag_step
 from monitor.base.types import FloatArray
-from monitor.judge.fuel_cut.cuts import LEVEL, Cut, FuelCuts, Seen, Stretch, cuts_of
+from monitor.judge.fuel_cut.cuts import LEVEL, Cut, CutReading, FuelCuts, Stretch, cuts_of
 from monitor.judge.fuel_cut.response import FuelCutReference, FuelCutResponse, Healthy
 from training.limits.fuel_cuts import reference_of
 
@@ -136,14 +136,17 @@ def test_a_clipped_reading_shows_no_level_and_one_below_it_the_most_that_the_gai
     clipped = replace(
         REFERENCE, healthy={**REFERENCE.healthy, LEVEL: Healthy(AIR, 0.0, 0.0)}, is_clipped=True
     )
-    at_end = judged(Cut(0, {LEVEL: Seen(AIR, 0.0)}), reference=clipped)
+    at_end = judged(Cut(0, {LEVEL: CutReading(AIR, 0.0)}), reference=clipped)
     assert at_end.gain is None
-    below = judged(Cut(0, {LEVEL: Seen(1.0 - 0.5 * (1.0 - AIR), 0.0)}), reference=clipped)
+    below = judged(Cut(0, {LEVEL: CutReading(1.0 - 0.5 * (1.0 - AIR), 0.0)}), reference=clipped)
     assert below.gain is not None
     assert below.gain[0] == pytest.approx(0.5)
     assert below.faults == ("gain_low",)
     # a sensor that reaches the end in other cuts is not weak
-    cuts = [Cut(0, {LEVEL: Seen(level, 0.0)}) for level in (AIR, 1.0 - 0.5 * (1.0 - AIR), AIR, AIR)]
+    cuts = [
+        Cut(0, {LEVEL: CutReading(level, 0.0)})
+        for level in (AIR, 1.0 - 0.5 * (1.0 - AIR), AIR, AIR)
+    ]
     mixed = judged(*cuts, reference=clipped)
     assert mixed.gain is not None
     assert mixed.gain[0] == pytest.approx(0.875)
@@ -164,7 +167,8 @@ def test_what_healthy_drives_show_is_learned_with_its_spread() -> None:
 def test_levels_that_are_alike_and_do_not_move_are_the_end_of_the_range() -> None:
     levels = 0.063, 0.063, 0.063, 0.1
     still, moving = (
-        [Cut(0, {LEVEL: Seen(each, 0.0)}, is_flat) for each in levels] for is_flat in (True, False)
+        [Cut(0, {LEVEL: CutReading(each, 0.0)}, is_flat) for each in levels]
+        for is_flat in (True, False)
     )
     found = reference_of([still, still], CONFIG, "phi", PERIOD_S)
     assert found is not None
@@ -181,7 +185,7 @@ def levels(kpa: float, gain: float = 1.0, share: float = 1.0) -> Cut:
     In the form of a linear dependence, 10 % less at 75 kPa.
     """
     span = gain * (1.0 - AIR) * (1.0 + share * 0.1 * (kpa - 101.3) / 26.3)
-    return Cut(0, {LEVEL: Seen(1.0 - span, AIR)}, pressure_kpa=kpa)
+    return Cut(0, {LEVEL: CutReading(1.0 - span, AIR)}, pressure_kpa=kpa)
 
 
 def gain_of(cut: Cut, *healthy: Cut) -> tuple[float, float]:
