@@ -9,6 +9,7 @@ from tests.helpers.tanks import TANK_PERIOD_S, leaking_tank
 from training.recordings.preparation import Prepared, prepare
 from training.recordings.recording import Recording
 from training.study.narx.candidates import BAYES, CONJUGATE, DESCENT, LM, PAPER, Candidate
+from training.study.task import Settings
 
 FEW = (
     Candidate(number=1, algorithm=LM, lags=3, hidden=(4,), rate=0.2, origin=PAPER),
@@ -17,13 +18,7 @@ FEW = (
     Candidate(4, CONJUGATE, 3, (3, 3)),
     Candidate(5, DESCENT, 3, (4,), 0.05),
 )
-SETTINGS: dict[str, Any] = {
-    "starts": 2,
-    "iterations": 25,
-    "n_samples": 900,
-    "tune_best": 1,
-    "candidates": FEW,
-}
+SETTINGS = Settings(starts=2, iterations=25, n_samples=900, tune_best=1)
 
 
 def drive(n: int, seed: int, name: str) -> Recording:

@@ -14,15 +14,11 @@ from monitor.base.signals import NARX_INPUTS
 from monitor.base.types import FloatArray, Quality
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.recordings.linear_data import Filter, LinearData, Trend
+from training.recordings.linear_data import Filter, LinearData, Trend, linear_records
 from training.recordings.recording import Recording, load
 from training.recordings.spectrum import coherence_limit, find_lines, welch
-from training.study.preparation.preparation import (
-    linear_records,
-    preparation,
-    reasons,
-)
-from training.study.preparation.preparation_section import section
+from training.study.page import section
+from training.study.preparation import preparation, unusable
 
 BOSCH = ("speed_z", "load_z", "ignition_angle_z", "fuel_cutoff_z")
 
@@ -88,7 +84,7 @@ def test_no_narrow_line_stands_in_the_real_lambda(shared_data: Path) -> None:
     runs = [load(folder / f"run_0000{n}.csv.gz") for n in (30, 31)]
     result = preparation(runs, BOSCH, "lambda_z")
     assert result["band_hz"] is None and result["filter"] is None
-    assert "The output has no narrow noise band" in section(result)
+    assert "The output has no narrow noise band" in section("preparation", {"preparation": result})
 
 
 def test_red_noise_has_no_lines() -> None:
@@ -132,7 +128,7 @@ def test_every_outlier_is_counted_with_its_reason() -> None:
     speed[2000:2010] = np.nan
     drive = recording({"engine_speed_rpm": speed, "y": red_noise(1, 3000)})
     # THEN each is counted once
-    masks = reasons(drive, "engine_speed_rpm")
+    masks = unusable(drive, "engine_speed_rpm")
     assert {reason: int(mask.sum()) for reason, mask in masks.items()} == {
         "out_of_range": 2,
         "spike": 3,
@@ -253,6 +249,6 @@ def test_different_periods_are_refused() -> None:
 
 
 def test_the_section_says_simulated_filter_and_look_ahead(prepared: dict) -> None:  # type: ignore[type-arg]
-    page = section(prepared)
+    page = section("preparation", {"preparation": prepared})
     for words in ("simulated", "Butterworth band-stop of order 2", "look ahead", "dither"):
         assert words in page

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +16,18 @@ import pytest
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from monitor.model.step import Model
 from tests.helpers.tanks import TANK_PERIOD_S as PERIOD_S
 from tests.helpers.tanks import leaking_tank
 from training.cli import main
 from training.narx.network import Spec, initial_weights
 from training.recordings.preparation import prepare
 from training.recordings.recording import load
-from training.study import study_page
-from training.study.outcome.choice import _decide
-from training.study.outcome.sensor import WINDOW, _put_on, _residuals, against_sensor
-from training.study.outcome.steady_training import _steady_parts
-from training.study.task import Settings, Task, scaled_as
+from training.study.choice import decide
+from training.study.free_runs import WINDOW, FreeRun, scaled_as
+from training.study.page import section
+from training.study.sensor import against_sensor, put_on, residuals
+from training.study.steady import steady_parts
+from training.study.task import Settings, Task
 
 SIGNALS = ["--inputs", "valve", "leak", "--output", "level_m"]
 SMALL = [
@@ -179,8 +180,6 @@ def test_the_model_evaluates_as_the_study_says(
     figures = json.loads(out.read_text())["recordings"][0]
     said = result["sensor"]["views"][-1]["all"]
     assert figures["rmse"] == pytest.approx(said["rmse"], rel=0.05)
-    preparation = Model.load(model).card.checks["study_preparation"]
-    assert preparation["names"] == ["valve", "leak", "level_m"]
 
 
 Change = Callable[[FloatArray], FloatArray]
@@ -263,24 +262,24 @@ def test_of_models_that_are_not_told_apart_the_smaller_is_chosen() -> None:
     rows = [
         candidate(float(np.sqrt(b.sum())), n) for b, n in ((blocks, 400), (noisy, 80), (worse, 20))
     ]
-    chosen, equal, reason = _decide(rows, [blocks, noisy, worse], strict=True)
+    chosen, equal, reason = decide(rows, [blocks, noisy, worse], strict=True)
     assert chosen == 1 and 2 not in equal and "smaller" in reason
 
 
 def test_for_lambda_a_model_that_does_not_forget_comes_last() -> None:
     blocks = np.linspace(1.0, 2.0, 20)
     rows = [candidate(1.0, 100, forgets=False), candidate(2.0, 100)]
-    assert _decide(rows, [blocks, 4 * blocks], strict=True)[0] == 1
-    assert _decide(rows, [blocks, 4 * blocks], strict=False)[0] == 0
+    assert decide(rows, [blocks, 4 * blocks], strict=True)[0] == 1
+    assert decide(rows, [blocks, 4 * blocks], strict=False)[0] == 0
     with pytest.raises(RecordingError, match="every training diverged"):
-        _decide([candidate(float("nan"), 5)], [blocks], strict=True)
+        decide([candidate(float("nan"), 5)], [blocks], strict=True)
 
 
 def test_steady_driving_is_where_nothing_changes(tmp_path: Path) -> None:
     n = 400
     valve = np.concatenate([np.full(150, 0.2), np.linspace(0.2, 1.0, 100), np.full(150, 1.0)])
     values = np.column_stack([np.arange(n) * PERIOD_S, valve, np.full(n, 0.5), valve])
-    found, rule = _steady_parts([load(write(tmp_path / "ramp.csv", values))], ["valve", "leak"])
+    found, rule = steady_parts([load(write(tmp_path / "ramp.csv", values))], ["valve", "leak"])
     steady = np.isfinite(found[0].values[:, 0])
     assert steady[:150].all() and steady[250:].all() and not steady[165:235].any()
     assert "valve and leak" in rule
@@ -299,7 +298,7 @@ def test_a_late_sensor_reads_what_it_read_before(drives: dict[str, Path]) -> Non
     data = scaled_as(
         prepare([load(drives["morning"])], ["valve", "leak"], "level_m"), [load(drives["test"])]
     )
-    late = _put_on("delay_symmetric", data, phi=False)
+    late = put_on("delay_symmetric", data)
     delay = round(0.6 / PERIOD_S)
     np.testing.assert_allclose(late[delay:], data.samples.y[:-delay], atol=1e-9)
 
@@ -321,13 +320,12 @@ def test_a_missing_signal_is_named_and_compared_with_nothing(
     )
     spec = Spec(2, 3, (3,))
     weights = initial_weights(spec, np.random.default_rng(0))
-    found = against_sensor(task, spec, weights, {})
+    network = {"spec": asdict(spec), "weights": weights.tolist(), "one_step_weights": None}
+    free, shipped = network | {"stage": "none"}, {"limits": {}}
+    parts = {"narx": {}, "free": free, "choice": {"chosen": 0}, "shipped": shipped}
+    found = against_sensor(task, parts)
     assert found["unreadable"] == ["lost.csv"] and found["faults"] == []
-    bounded = {"runs": 1, "samples": 1, "stuck": 0}
-    page = study_page.faulty(found) + study_page.outcome(
-        "against_sensor", sensor=found | {"bounded": bounded}
-    )
-    assert "Nothing to compare in lost.csv" in page
+    assert "Nothing to compare in lost.csv" in section("faulty", {"sensor": found})
 
 
 def test_windows_are_fifty_unbroken_samples(drives: dict[str, Path]) -> None:
@@ -336,7 +334,8 @@ def test_windows_are_fifty_unbroken_samples(drives: dict[str, Path]) -> None:
     measured = data.scaling.unscale_y(data.samples.y)
     rows = np.ones(len(measured), dtype=bool)
     rows[120] = False  # breaks the third window
-    found = _residuals(data, measured - 0.3, rows, 1.0, {"j_mu": 0.2, "j_sigma": 0.1})
+    run = FreeRun(data, measured - 0.3, rows)
+    found = residuals(run, 1.0, {"j_mu": 0.2, "j_sigma": 0.1})
     assert found["windows"] == 120 // WINDOW + (len(rows) - 121) // WINDOW
     assert found["beyond"] == {"mean": 1.0, "std": 0.0, "both": 0.0}
     assert found["mean"] == pytest.approx(0.3)

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,10 @@ import pytest
 
 from monitor.base.errors import UsageError
 from tests.helpers.dask_cluster import cluster
-from tests.helpers.small_study import SETTINGS, timeless, two_drives
+from tests.helpers.small_study import FEW, SETTINGS, timeless, two_drives
 from training.recordings.preparation import Prepared
-from training.study.narx import parallel
-from training.study.narx.study import narx_study
+from training.study.narx.study import compared
+from training.study.results import stored
 
 
 @pytest.fixture(scope="module")
@@ -30,26 +31,26 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def result(data: Prepared, folder: Path) -> dict[str, Any]:
-    return narx_study(data, folder, jobs=1, **SETTINGS)
+    return compared(data, folder, SETTINGS, FEW, jobs=1)
 
 
 def test_a_finished_job_is_not_repeated_and_other_settings_are(
     data: Prepared, result: dict[str, Any], folder: Path
 ) -> None:
     before = {p: p.stat().st_mtime_ns for p in folder.iterdir()}
-    again = narx_study(data, folder, jobs=1, **SETTINGS)
+    again = compared(data, folder, SETTINGS, FEW, jobs=1)
     assert {p: p.stat().st_mtime_ns for p in folder.iterdir()} == before
     assert timeless(again) == timeless(result)
-    narx_study(data, folder, jobs=1, **{**SETTINGS, "iterations": 3, "starts": 1})
+    compared(data, folder, replace(SETTINGS, iterations=3, starts=1), FEW, jobs=1)
     assert len(list(folder.iterdir())) > len(before)
 
 
 KILLED = """
 import pickle, sys
 from pathlib import Path
-from training.study.narx.study import narx_study
-data, settings = pickle.loads(Path(sys.argv[1]).read_bytes())
-narx_study(data, Path(sys.argv[2]), jobs=2, **settings)
+from training.study.narx.study import compared
+data, settings, few = pickle.loads(Path(sys.argv[1]).read_bytes())
+compared(data, Path(sys.argv[2]), settings, few, jobs=2)
 """
 
 
@@ -57,7 +58,7 @@ def test_a_killed_study_goes_on_where_it_was(
     data: Prepared, result: dict[str, Any], tmp_path: Path
 ) -> None:
     # GIVEN a study in its own process, killed after its first jobs
-    (tmp_path / "data").write_bytes(pickle.dumps((data, SETTINGS)))
+    (tmp_path / "data").write_bytes(pickle.dumps((data, SETTINGS, FEW)))
     folder = tmp_path / "jobs"
     command = [sys.executable, "-c", KILLED, str(tmp_path / "data"), str(folder)]
     study = subprocess.Popen(command, stderr=subprocess.DEVNULL)
@@ -70,7 +71,7 @@ def test_a_killed_study_goes_on_where_it_was(
     assert study.wait() == -signal.SIGKILL
     finished = {p: p.stat().st_mtime_ns for p in folder.glob("train_*.json")}
     # WHEN it is run again
-    resumed = narx_study(data, folder, jobs=1, **SETTINGS)
+    resumed = compared(data, folder, SETTINGS, FEW, jobs=1)
     # THEN finished jobs were left alone and the result is that of an undisturbed study
     assert 2 <= len(finished) < len(list(folder.glob("*.json")))
     assert {p: p.stat().st_mtime_ns for p in finished} == finished
@@ -95,16 +96,14 @@ def command_line(pid: int) -> str:
 
 def test_a_half_written_job_does_not_count_as_finished(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text('{"x": 1')
-    (tmp_path / "b.json").write_text('{"x": 1}')  # its arrays are missing
-    assert parallel.stored(tmp_path, "a") is None
-    assert parallel.stored(tmp_path, "b") is None
+    assert stored(tmp_path / "a.json") is None
 
 
 def test_a_dask_cluster_gives_the_same_study(
     data: Prepared, result: dict[str, Any], tmp_path: Path
 ) -> None:
     with cluster(tmp_path, workers=1, installed=True) as dask:
-        found = narx_study(data, tmp_path / "jobs", scheduler=dask.address, **SETTINGS)
+        found = compared(data, tmp_path / "jobs", SETTINGS, FEW, scheduler=dask.address)
     assert timeless(found) == timeless(result)
 
 
@@ -113,4 +112,4 @@ def test_a_scheduler_that_does_not_answer_is_named(
 ) -> None:
     monkeypatch.setattr("training.jobs.cluster.CONNECT_S", 0.3)
     with pytest.raises(UsageError, match=r"scheduler tcp://127\.0\.0\.1:9: no answer"):
-        narx_study(data, tmp_path, scheduler="tcp://127.0.0.1:9", **SETTINGS)
+        compared(data, tmp_path, SETTINGS, FEW, scheduler="tcp://127.0.0.1:9")

@@ -15,10 +15,10 @@ from training.narx.linear.arx import Arx, choose_arx, fit_arx
 from training.narx.linear.free_run import free_run_error
 from training.narx.linear.regressors import Stretch
 from training.recordings.metrics import fit_percent
+from training.study import choice
 from training.study.linear.baselines import Regime, linear
-from training.study.linear.linear_section import section
-from training.study.linear.residual_tests import independence, whiteness
-from training.study.outcome import choice
+from training.study.linear.responses import independence, whiteness
+from training.study.page import section
 from training.study.task import Settings
 
 
@@ -40,7 +40,9 @@ def test_an_unstable_plant_is_said_to_be_unstable() -> None:
     assert not result["models"]["arx_mdl"]["stable"]
     assert result["models"]["arx_mdl"]["fit_percent"] is None
     assert result["models"][result["best"]]["stable"]
-    assert "unstable" in section(json.loads(json.dumps(result, allow_nan=False)))
+    assert "unstable" in section(
+        "linear", {"linear": json.loads(json.dumps(result, allow_nan=False))}
+    )
 
 
 def test_a_short_record_has_its_linear_baselines() -> None:
@@ -131,8 +133,8 @@ def test_the_study_of_a_tank_is_complete_and_survives_json(tank_result: dict) ->
     runs = [(y[skip:], again.simulate(u, y[:skip])[skip:]) for u, y in (tank(900, 5), tank(900, 6))]
     measured, run = (np.concatenate(side) for side in zip(*runs, strict=True))
     assert fit_percent(measured, run) == pytest.approx(fits["arx_free_run"], abs=0.01)
-    html = section(json.loads(stored))
-    assert html == section(tank_result)
+    html = section("linear", {"linear": json.loads(stored)})
+    assert html == section("linear", {"linear": tank_result})
     for words in ("Impulse responses", "Singular values", "residuals are white", "ARX, free run"):
         assert words in html
 
@@ -193,5 +195,5 @@ def test_the_model_of_the_study_leaves_the_blocks_alone_that_compare_it(
     task = SimpleNamespace(
         folder=tmp_path, settings=Settings(), recordings=[], inputs=[], output="y", jobs=1
     )
-    choice.free_structure(task)  # type: ignore[arg-type]
+    choice.free_structure(task, {})  # type: ignore[arg-type]
     assert asked["keep_validation"]

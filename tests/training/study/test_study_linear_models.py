@@ -10,9 +10,8 @@ from training.narx.linear.arx import Arx, arx_delays, fit_arx, order_grid
 from training.narx.linear.free_run import free_run_error
 from training.narx.linear.regressors import Stretch, triangle
 from training.recordings.metrics import fit_percent
-from training.study.linear.impulse import impulse_response
 from training.study.linear.output_error import OutputError, fit_output_error, refine
-from training.study.linear.residual_tests import effective_samples
+from training.study.linear.responses import BAND, effective_samples, impulse_response
 from training.study.linear.subspace import best_state_space, subspace
 
 
@@ -40,7 +39,7 @@ def test_bands_of_an_input_without_effect_hold_under_coloured_noise() -> None:
         y = continuous(u[:, 0], 1.0, [0.5, 1.0], 0.2) + coloured(800, rng, 0.97)
         found = impulse_response([(u, y)], 15)
         size = np.abs(found.response[1]) / found.standard_error[1]
-        outside.append(np.mean(size > found.band))
+        outside.append(np.mean(size > BAND))
         joint.append(found.delays()[1] is not None)
         naive.append(effective_samples([y], [u[:, 1]], 200) / 800)
     # THEN the second input's response leaves its 99 % bands about as often as they say
@@ -56,7 +55,7 @@ def test_the_bands_hold_the_true_response() -> None:
     pulse[10] = 1.0
     true = continuous(pulse, -0.5, [0.3, 1.0], 0.21)[10:40]
     found = impulse_response([(u, y)], 30)
-    inside = np.abs(found.response[1] - true) < found.band * found.standard_error[1]
+    inside = np.abs(found.response[1] - true) < BAND * found.standard_error[1]
     assert inside.mean() > 0.85
     assert np.abs(found.response[1] - true).max() < 0.03
 

@@ -30,13 +30,15 @@ from training.study.narx.models import (
     figures,
     regressors,
     rows,
+    spec_from,
     spec_of,
     thin,
     train_one,
 )
-from training.study.narx.narx_section import section
-from training.study.narx.study import _best, best_model, narx_study
+from training.study.narx.study import _best, compared
 from training.study.narx.verdicts import judge
+from training.study.page import section
+from training.study.results import stored
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def result(data: Prepared, folder: Path) -> dict[str, Any]:
-    return narx_study(data, folder, jobs=1, **SETTINGS)
+    return compared(data, folder, SETTINGS, FEW, jobs=1)
 
 
 def test_the_29_models_cover_what_is_known_of_the_paper() -> None:
@@ -78,7 +80,7 @@ def test_coinciding_models_are_trained_once_and_shown_with_the_same_figures(
     one, two = result["models"][:2]
     assert two["same_as"] == 1
     assert one["starts"] == two["starts"]
-    assert len(list(folder.glob("train_*.json"))) == 4 * SETTINGS["starts"]
+    assert len(list(folder.glob("train_*.json"))) == 4 * SETTINGS.starts
     assert 2 not in result["ranking"]
 
 
@@ -155,16 +157,15 @@ def test_a_model_that_runs_away_is_said_to_diverge(data: Prepared) -> None:
 def test_every_algorithm_learns_and_its_start_is_reproducible(
     data: Prepared, candidate: Candidate
 ) -> None:
-    job = Job(candidate, 0, 7, 40, 1)
-    (one, weights), (two, again) = train_one(data, job), train_one(data, job)
+    job = Job(candidate, 0, 7, 40)
+    one, two = train_one(data, job), train_one(data, job)
     assert timeless(one) == timeless(two)
-    assert np.array_equal(weights["weights"], again["weights"])
     assert 0 < one["iterations"] <= 40
     assert one["one_step"]["validate"]["all"]["r"] > 0.8
 
 
 def test_early_stopping_keeps_the_start_with_the_best_one_step_validation(data: Prepared) -> None:
-    few, many = (train_one(data, Job(FEW[0], 0, 3, n, 1))[0] for n in (5, 200))
+    few, many = (train_one(data, Job(FEW[0], 0, 3, n)) for n in (5, 200))
     assert few["stop"] == "epochs"
     assert many["one_step"]["validate"]["all"]["mse"] <= few["one_step"]["validate"]["all"]["mse"]
 
@@ -180,7 +181,8 @@ def test_the_best_models_are_tuned_and_the_best_of_all_is_given_with_its_weights
     ]
     assert any(lower)
     best = result["best"]
-    spec, weights = best_model(result, folder)
+    network = (stored(folder / f"{best['weights_key']}.json") or {})["network"]
+    spec, weights = spec_from(network["spec"]), np.array(network["weights"])
     assert spec.lags == FEW[best["number"] - 1].lags
     score = free_run_score(data, spec, weights)
     assert score == pytest.approx(best["figures"]["validation_score"], rel=1e-4)
@@ -197,23 +199,23 @@ def test_the_result_is_plain_json_without_machine_paths(
 
 
 def test_the_section_shows_every_model_and_says_which_coincide(result: dict[str, Any]) -> None:
-    html = section(json.loads(json.dumps(result)))
+    html = section("narx", {"narx": json.loads(json.dumps(result))})
     text = html.replace("\N{NO-BREAK SPACE}", " ").replace("\N{NON-BREAKING HYPHEN}", "-")
     for model in result["models"]:
         assert f"<td>{model['number']}  {model['name']}" in text
     assert "same training as 1" in text
     assert html.count("<img") == 2
     assert "recordings of real engines" in html
-    assert "simulated recordings" in section({**result, "source": "simulated"})
+    assert "simulated recordings" in section("narx", {"narx": {**result, "source": "simulated"}})
 
 
 def test_too_few_samples_and_impossible_settings_are_refused(
     data: Prepared, tmp_path: Path
 ) -> None:
     with pytest.raises(RecordingError, match=r"training samples for \d+ weights"):
-        narx_study(data, tmp_path, candidates=[Candidate(1, LM, 8, (60, 60))])
+        compared(data, tmp_path, SETTINGS, [Candidate(1, LM, 8, (60, 60))])
     with pytest.raises(UsageError, match="at least one of each"):
-        narx_study(data, tmp_path, starts=0)
+        compared(data, tmp_path, replace(SETTINGS, starts=0))
 
 
 def test_weights_that_forget_their_history_come_before_better_ones_that_do_not() -> None:
@@ -222,7 +224,7 @@ def test_weights_that_forget_their_history_come_before_better_ones_that_do_not()
     after = {"validation_score": 0.3, "forgets": True}
     tuned = {"number": 4, "name": "", "start": 0, "weights_key": "tune_4"}
     chosen = [
-        _best(models, [4], [{**tuned, "before": before, "after": a}])["weights_key"]
+        _best(models, [{**tuned, "before": before, "after": a}])["weights_key"]
         for a in (after, {**after, "forgets": False})
     ]
     assert chosen == ["tune_4", "train_4"]

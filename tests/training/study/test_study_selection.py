@@ -16,11 +16,12 @@ from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.recordings.preparation import Role, enabled_rows
 from training.recordings.recording import Recording, load
+from training.study.page import section
+from training.study.selection.components import components, pca
 from training.study.selection.input_sets import InputSet, aligned, exact_inputs, try_sets
-from training.study.selection.pca import components, pca
 from training.study.selection.selection import CANDIDATES, candidates, selection
-from training.study.selection.selection_section import section
 from training.study.selection.transparency import estimate_controller
+from training.study.task import Settings, Task
 
 STEP_S = 0.01  # of the plant below; recordings have 0.1 s
 DRIVE = Experiment(cycle="micro_trips", seed=4, duration_s=700.0)
@@ -90,6 +91,13 @@ def nonlinear_drive(seed: int, n: int = 2500) -> Recording:
     return recording(columns, f"run{seed}")
 
 
+def select(
+    drive: Recording, inputs: tuple[str, ...], output: str, seed: int = 0, minutes: float = 2.0
+) -> dict[str, Any]:
+    settings = Settings(budget_minutes=minutes, seed=seed)
+    return selection(Task((drive,), (), (), (), inputs, output, Path(), settings, jobs=1), {})
+
+
 @pytest.fixture(scope="module")
 def healthy_drive(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     return load(write(DRIVE, tmp_path_factory.mktemp("drive"), "parquet", 0.1))
@@ -98,16 +106,14 @@ def healthy_drive(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 @pytest.fixture(scope="module")
 def chosen() -> dict[str, Any]:
     """Selection on a drive in closed loop, after a round through JSON."""
-    result = selection(
-        [closed_loop_drive(1)], LAMBDA_INPUTS, "lambda_measured", budget_minutes=0.4, seed=1
-    )
+    result = select(closed_loop_drive(1), LAMBDA_INPUTS, "lambda_measured", seed=1)
     return json.loads(json.dumps(result, allow_nan=False))  # type: ignore[no-any-return]
 
 
 @pytest.fixture(scope="module")
 def left_out() -> dict[str, Any]:
     """Each input of a recording with other columns left out in turn."""
-    return selection([nonlinear_drive(1)], ("speed", "load", "idle"), "y", budget_minutes=0.4)
+    return select(nonlinear_drive(1), ("speed", "load", "idle"), "y")
 
 
 def test_components_are_those_of_the_correlation_matrix() -> None:
@@ -172,7 +178,7 @@ def test_every_set_of_inputs_gets_the_same_samples_and_blocks() -> None:
     drive.values[800, 2] += 100.0
     same = aligned([drive], ("speed", "load", "idle"))
     sets = [InputSet("a", ("speed", "idle")), InputSet("b", ("load",))]
-    tried = try_sets(same, sets, "y", seed=0, budget_minutes=0.02)
+    tried = try_sets(same, sets, "y", seed=0, budget_minutes=0.02, jobs=1)
     one, two = (t.data for t in tried)
     assert one.segments == two.segments and len(one.segments) == 3
     assert np.array_equal(one.role, two.role)
@@ -183,7 +189,7 @@ def test_every_set_of_inputs_gets_the_same_samples_and_blocks() -> None:
 def test_what_is_not_needed_for_training_tests() -> None:
     drive = nonlinear_drive(4, 60_000)
     sets = [InputSet("a", ("speed",))]
-    (tried,) = try_sets([drive], sets, "y", seed=0, budget_minutes=0.003)
+    (tried,) = try_sets([drive], sets, "y", seed=0, budget_minutes=0.003, jobs=1)
     role = tried.data.role
     assert 15_000 < (role == Role.TRAIN).sum() < 24_000
     assert (role == Role.TEST).sum() > 36_000
@@ -198,7 +204,9 @@ def test_leaving_out_what_matters_is_worse_and_what_does_not_is_not(
     full = left_out["sets"][0]
     assert full["correlation"] > 0.98 and full["inputs"] == ["speed", "load", "idle"]
     assert left_out["transparency"] is None
-    assert "is known to come from a controller of the measured y" in section(left_out)
+    assert "is known to come from a controller of the measured y" in section(
+        "selection", {"selection": left_out}
+    )
 
 
 def test_an_interval_holds_its_difference(left_out: dict[str, Any], chosen: dict[str, Any]) -> None:
@@ -265,7 +273,8 @@ def test_the_exact_controller_is_the_recorded_one() -> None:
     drive = closed_loop_drive(8, 800)
     sets = [InputSet("blurred", LAMBDA_INPUTS), InputSet("exact", LAMBDA_INPUTS, exact=True)]
     blurred, exact = (
-        t.data for t in try_sets([drive], sets, "lambda_measured", seed=0, budget_minutes=0.003)
+        t.data
+        for t in try_sets([drive], sets, "lambda_measured", seed=0, budget_minutes=0.003, jobs=1)
     )
     assert np.array_equal(exact.samples.u, exact_inputs(exact))
     train = blurred.role == Role.TRAIN
@@ -274,7 +283,7 @@ def test_the_exact_controller_is_the_recorded_one() -> None:
 
 
 def test_the_section_says_what_the_controller_costs_and_gains(chosen: dict[str, Any]) -> None:
-    page = section(chosen)
+    page = section("selection", {"selection": chosen})
     for words in (
         "Leaving lambda_controller out",
         "denominator of the air-fuel ratio",
@@ -287,9 +296,9 @@ def test_a_constant_candidate_is_refused_by_name() -> None:
     columns = {n: nonlinear_drive(1, 300).column(n) for n in ("speed", "load", "y")}
     drive = recording(columns | {"load": np.full(300, 2.0)})
     with pytest.raises(RecordingError, match="load is constant"):
-        selection([drive], ("speed", "load"), "y", budget_minutes=0.01)
+        select(drive, ("speed", "load"), "y", minutes=0.02)
 
 
 def test_a_budget_too_short_for_one_epoch_is_an_error() -> None:
-    with pytest.raises(UsageError, match="budget of 1e-09 min"):
-        selection([nonlinear_drive(1, 900)], ("speed", "load"), "y", budget_minutes=1e-9)
+    with pytest.raises(UsageError, match="budget of 4e-10 min"):
+        select(nonlinear_drive(1, 900), ("speed", "load"), "y", minutes=1e-9)

@@ -1,6 +1,6 @@
 """Linear study: impulse responses, ARX, state space and output error models, residual tests."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -15,14 +15,13 @@ from training.narx.linear.arx import (
     GRID_DELAYS,
     MAX_ORDER,
     Arx,
-    Candidate,
     arx_delays,
     best_in_free_run,
     common_delays,
     order_grid,
     solve_arx,
 )
-from training.narx.linear.free_run import LinearModel
+from training.narx.linear.free_run import LinearModel, free_runs
 from training.narx.linear.regressors import (
     Stretch,
     Triangle,
@@ -30,16 +29,18 @@ from training.narx.linear.regressors import (
     largest_order,
     triangle,
 )
-from training.study.linear.impulse import impulse_response
+from training.recordings.metrics import correlation, fit_percent, rmse
+from training.study.free_runs import liveliest
 from training.study.linear.output_error import fit_output_error
-from training.study.linear.scores import example, residuals, scores
-from training.study.linear.subspace import Subspace, best_state_space, subspace
-
-__all__ = ["Regime", "linear"]
+from training.study.linear.responses import BAND, impulse_response, independence, whiteness
+from training.study.linear.subspace import StateSpace, best_state_space, subspace
 
 MAX_STATES = 12
 LEAST_ORDER = 2
 IMPULSE_LAGS = 50  # samples
+EXAMPLE = 600  # samples of the excerpt
+FREE_RUN = ("validation_rmse", "validation_fit_percent", "fit_percent", "correlation", "rmse")
+SHOWN = ("arx_free_run", "subspace", "output_error")  # models in the excerpt
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,18 @@ class Regime:
     name: str
     unit: str
     values: Sequence[FloatArray]  # (n,) per test stretch
-    edges: Sequence[float] | None = None  # inner edges of the ranges; None: thirds of the samples
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What the linear models are fitted to."""
+
+    train: Sequence[Stretch]
+    validate: Sequence[Stretch]
+    order: int  # largest
+    skip: int  # first samples of a stretch that set the state and are not scored
+    data: Triangle  # condensed training stretches
+    delays: tuple[int, ...]  # dead time of each input
 
 
 def linear(
@@ -64,7 +76,7 @@ def linear(
     regime: Regime | None = None,
     max_order: int = MAX_ORDER,
 ) -> dict[str, Any]:
-    """Return the linear study of one output, ready for JSON and ``section``.
+    """Return the linear study of one output.
 
     train, validate, test : stretches (u (n, k), y (n,)) without gaps; models are fitted on
         ``train``, orders chosen on ``validate``, fits in percent taken on ``test``
@@ -83,65 +95,47 @@ def linear(
     skip = 2 * order
     usable = {role: _usable(each, inputs, role, skip) for role, each in roles.items()}
     learn, choose, judge = ([s for _, s in usable[role]] for role in roles)
-    ranges = _ranges(regime, test, [index for index, _ in usable["test"]], skip)
-    data, held_out = triangle(learn, skip, skip), triangle(choose, skip, skip)
-    delays = arx_delays(data, order)
-    models, arx = _arx_models(data, held_out, choose, order, delays)
-    states, state_result = _state_space(data, choose, order, skip)
-    models["subspace"] = states.models[state_result["order"] - 1]
-    models["output_error"], error_result = _output_error(
-        data=data,
-        train=learn,
-        validate=choose,
-        order=order,
-        delays=delays,
-        states=states,
-        free=models["arx_free_run"],
-        skip=skip,
-    )
-    fits = {name: scores(m, choose, judge, ranges, skip) for name, m in models.items()}
+    ranges, masks = _ranges(regime, test, [index for index, _ in usable["test"]], skip)
+    data = triangle(learn, skip, skip)
+    case = Case(learn, choose, order, skip, data, arx_delays(data, order))
+    models, arx = _arx_models(case)
+    states, models["subspace"], space = _state_space(case)
+    models["output_error"], error = _output_error(case, states, models["arx_free_run"])
+    fits = {name: _scores(m, case, judge, masks) for name, m in models.items()}
     best = min((n for n in fits if fits[n]["stable"]), key=lambda n: fits[n]["validation_rmse"])
-    result = {
-        "schema": "o2train.study.linear/1",
-        "inputs": list(inputs),
-        "output": output,
-        "unit": unit,
-        "period_s": period_s,
-        "samples": {role: sum(len(y) for _, (_, y) in each) for role, each in usable.items()},
-        "stretches": {role: [len(each), len(roles[role])] for role, each in usable.items()},
-        "skip": skip,
-        "largest_order": order,
-        "impulse": _impulse(learn, inputs, delays, order),
-        "arx": arx,
-        "subspace": state_result,
-        "output_error": error_result,
-        "models": fits,
-        "best": best,
-        "regime": None
-        if regime is None
-        else {
-            "name": regime.name,
-            "unit": regime.unit,
-            "ranges": [r["range"] for r in ranges],
-            "samples": [int(sum(m.sum() for m in r["rows"])) for r in ranges],
-        },
-        "residuals": residuals(models, judge, inputs, skip),
-        "example": example(models, fits, judge, period_s, skip),
+    counts = [int(m.sum()) for m in masks]
+    stored: dict[str, Any] = plain(
+        {
+            "schema": "o2train.study.linear/1",
+            "inputs": inputs,
+            "output": output,
+            "unit": unit,
+            "period_s": period_s,
+            "samples": {role: sum(len(y) for _, (_, y) in each) for role, each in usable.items()},
+            "stretches": {role: [len(each), len(roles[role])] for role, each in usable.items()},
+            "skip": skip,
+            "largest_order": order,
+            "impulse": _impulse(case, inputs),
+            "arx": arx,
+            "subspace": space,
+            "output_error": error,
+            "models": fits,
+            "best": best,
+            "regime": regime
+            and {"name": regime.name, "unit": regime.unit, "ranges": ranges, "samples": counts},
+            "residuals": _residuals(models, judge, inputs, skip),
+            "example": _example({n: models[n] for n in SHOWN}, judge, period_s, skip),
+        }
+    )
+    free = models["arx_free_run"]
+    assert isinstance(free, Arx)
+    stored["arx"]["free_run_model"] = {  # a free run needs all digits
+        "a": free.a.tolist(),
+        "b": free.b.tolist(),
+        "delays": list(free.delays),
+        "offset": free.offset,
     }
-    stored = plain(result)
-    stored["arx"]["free_run_model"] = _exactly(models["arx_free_run"])
     return stored
-
-
-def _exactly(model: LinearModel) -> dict[str, Any]:
-    """Return the coefficients of an ARX model in full precision; a free run needs all digits."""
-    assert isinstance(model, Arx)
-    return {
-        "a": model.a.tolist(),
-        "b": model.b.tolist(),
-        "delays": list(model.delays),
-        "offset": model.offset,
-    }
 
 
 def _usable(
@@ -162,10 +156,10 @@ def _usable(
 
 def _ranges(
     regime: Regime | None, test: Sequence[Stretch], indices: Sequence[int], skip: int
-) -> list[dict[str, Any]]:
-    """Return the regime's ranges with masks of the scored rows, one per usable test stretch."""
+) -> tuple[list[tuple[float, float]], list[np.ndarray]]:
+    """Return thirds of the regime's values, with masks (n,) of the scored rows in them."""
     if regime is None:
-        return []
+        return [], []
     for index, (values, (_, y)) in enumerate(zip(regime.values, test, strict=False)):
         if np.shape(values) != y.shape:
             raise UsageError(
@@ -173,120 +167,180 @@ def _ranges(
             )
     if len(regime.values) != len(test):
         raise UsageError(f"{regime.name}: of {len(regime.values)} stretches, wanted {len(test)}")
-    scored = [np.asarray(regime.values[i], dtype=np.float64)[skip:] for i in indices]
-    edges = regime.edges
-    if edges is None:
-        edges = np.unique(np.nanquantile(np.concatenate(scored), [1 / 3, 2 / 3])).tolist()
-    borders = [-np.inf, *edges, np.inf]
-    return [
-        {"range": [low, high], "rows": [(v >= low) & (v < high) for v in scored]}
-        for low, high in pairwise(borders)
-    ]
+    scored = np.concatenate([np.asarray(regime.values[i], dtype=float)[skip:] for i in indices])
+    edges = np.unique(np.nanquantile(scored, [1 / 3, 2 / 3])).tolist()
+    ranges = list(pairwise([-np.inf, *edges, np.inf]))
+    return ranges, [(scored >= low) & (scored < high) for low, high in ranges]
 
 
-def _arx_models(
-    data: Triangle,
-    held_out: Triangle,
-    validate: Sequence[Stretch],
-    order: int,
-    delays: tuple[int, ...],
-) -> tuple[dict[str, LinearModel], dict[str, Any]]:
+def _arx_models(case: Case) -> tuple[dict[str, LinearModel], dict[str, Any]]:
     """Return four ARX models, chosen by four criteria, and the figures of the grid of orders."""
-    grid = order_grid(
-        data, held_out, order, common_delays(data.n_inputs, min(GRID_DELAYS, order), delays)
-    )
-    choices: dict[str, Candidate] = {
-        "arx_sum_of_squares": min(grid, key=lambda c: c.validation_loss),
-        "arx_mdl": min(grid, key=lambda c: c.mdl),
-        "arx_aic": min(grid, key=lambda c: c.aic),
-    }
-    models: dict[str, LinearModel] = {
-        name: solve_arx(data, c.na, c.nb, c.delays) for name, c in choices.items()
-    }
-    few = common_delays(data.n_inputs, min(FREE_RUN_DELAYS, order), delays)
-    free = best_in_free_run(data, validate, order, few)
-    models["arx_free_run"] = free
+    data, order, inputs = case.data, case.order, case.data.n_inputs
+    held_out = triangle(case.validate, case.skip, case.skip)
+    delays = common_delays(inputs, min(GRID_DELAYS, order), case.delays)
+    grid = order_grid(data, held_out, order, delays)
+    least = {"arx_sum_of_squares": "validation_loss", "arx_mdl": "mdl", "arx_aic": "aic"}
+    arx: dict[str, Arx] = {}
+    for name, criterion in least.items():
+        found = min(grid, key=lambda c: getattr(c, criterion))
+        arx[name] = solve_arx(data, found.na, found.nb, found.delays)
+    few = common_delays(inputs, min(FREE_RUN_DELAYS, order), case.delays)
+    arx["arx_free_run"] = best_in_free_run(data, case.validate, order, few)
     counts = sorted({c.n_parameters for c in grid})
     envelope = {
         key: [min(getattr(c, key) for c in grid if c.n_parameters == d) for d in counts]
         for key in ("loss", "validation_loss", "aic", "mdl")
     }
-    orders = {
-        name: {"na": len(m.a), "nb": m.b.shape[1], "nk": m.delays}
-        for name, m in models.items()
-        if isinstance(m, Arx)
-    }
-    shown = {"candidates": len(grid), "choices": orders, "parameters": counts, **envelope}
-    return models, shown
+    orders = {n: {"na": len(m.a), "nb": m.b.shape[1], "nk": m.delays} for n, m in arx.items()}
+    shown = {"candidates": len(grid), "choices": orders, "parameters": counts}
+    return dict(arx), shown | envelope
 
 
-def _state_space(
-    data: Triangle, validate: Sequence[Stretch], order: int, skip: int
-) -> tuple[Subspace, dict[str, Any]]:
-    past = skip
-    found = subspace(data, past, min(MAX_STATES, past - 1))
-    best, errors = best_state_space(found, validate, skip)
-    return found, {
-        "past": past,
-        "singular_values": found.singular_values,
-        "order": best.order,
-        "order_by_gap": found.order_by_gap,
-        "validation_rmse": [float(np.sqrt(e)) if np.isfinite(e) else None for e in errors],
-    }
+def _state_space(case: Case) -> tuple[Sequence[StateSpace], LinearModel, dict[str, Any]]:
+    """Return the models of all orders, the best in free run, and the figures."""
+    past = case.skip
+    found = subspace(case.data, past, min(MAX_STATES, past - 1))
+    best, errors = best_state_space(found, case.validate, case.skip)
+    return (
+        found.models,
+        best,
+        {
+            "past": past,
+            "singular_values": found.singular_values,
+            "order": best.order,
+            "order_by_gap": found.order_by_gap,
+            "validation_rmse": np.sqrt(errors),
+        },
+    )
 
 
 def _output_error(
-    *,
-    data: Triangle,
-    train: Sequence[Stretch],
-    validate: Sequence[Stretch],
-    order: int,
-    delays: tuple[int, ...],
-    states: Subspace,
-    free: LinearModel,
-    skip: int,
+    case: Case, states: Sequence[StateSpace], free: LinearModel
 ) -> tuple[LinearModel, dict[str, Any]]:
     """Return the best output error model from many starts, and the figures of all starts."""
-    none = (0,) * data.n_inputs
-    starts = [("subspace", m.transfer()) for m in states.models[:8]]
-    wide = min(12, order)
-    shapes = [(n, n, delays) for n in (1, 2, 3)] + [(n, wide, none) for n in (1, 2, 4, 6)]
-    starts += [("ARX", solve_arx(data, *shape)) for shape in shapes if shape[0] <= order]
+    data, none, wide = case.data, (0,) * case.data.n_inputs, min(12, case.order)
+    starts = [("subspace", m.transfer()) for m in states[:8]]
+    shapes = [(n, n, case.delays) for n in (1, 2, 3)] + [(n, wide, none) for n in (1, 2, 4, 6)]
+    starts += [("ARX", solve_arx(data, *shape)) for shape in shapes if shape[0] <= case.order]
     if isinstance(free, Arx) and 1 <= len(free.a) <= MAX_STATES:
         starts.append(("ARX, free run", free))
-    starts = [(name, m) for name, m in starts if m.lags + len(m.a) <= skip]
-    best, tried = fit_output_error(train, validate, [m for _, m in starts], skip)
+    starts = [(name, m) for name, m in starts if m.lags + len(m.a) <= case.skip]
+    best, tried = fit_output_error(case.train, case.validate, [m for _, m in starts], case.skip)
     rows = [
-        {
-            "start": name,
-            "nf": len(m.a),
-            "nb": m.b.shape[1],
-            "nk": m.delays,
-            "training_rmse": np.sqrt(cost),
-            "validation_rmse": np.sqrt(error),
-        }
+        {"start": name, **_shape(m)}
+        | {"training_rmse": np.sqrt(cost), "validation_rmse": np.sqrt(error)}
         for (name, _), (m, cost, error) in zip(starts, tried, strict=True)
     ]
-    chosen = {"nf": len(best.transfer.a), "nb": best.transfer.b.shape[1]}
-    return best, {**chosen, "nk": best.transfer.delays, "starts": rows}
+    return best, {**_shape(best.transfer), "starts": rows}
 
 
-def _impulse(
-    train: Sequence[Stretch], inputs: Sequence[str], delays: tuple[int, ...], order: int
-) -> dict[str, Any]:
-    samples = sum(len(y) for _, y in train)
-    found = impulse_response(train, max(5, min(IMPULSE_LAGS, samples // (20 * len(inputs)))))
+def _shape(model: Arx) -> dict[str, Any]:
+    return {"nf": len(model.a), "nb": model.b.shape[1], "nk": model.delays}
+
+
+def _impulse(case: Case, inputs: Sequence[str]) -> dict[str, Any]:
+    samples = sum(len(y) for _, y in case.train)
+    lags = max(5, min(IMPULSE_LAGS, samples // (20 * len(inputs))))
+    found = impulse_response(case.train, lags)
     rows = [
         {
             "input": name,
             "response": found.response[i],
-            "band": found.band * found.standard_error[i],
-            "joint_band": found.joint_band * found.standard_error[i],
+            "band": BAND * found.standard_error[i],
+            "joint_band": found.joint_band[i],
             "delay": found.delays()[i],
-            "arx_delay": delays[i],
+            "arx_delay": case.delays[i],
             "effective_samples": found.effective_samples[i],
         }
         for i, name in enumerate(inputs)
     ]
-    remainder = float(np.abs(found.white[1:]).max())
-    return {"rows": rows, "largest_arx_delay": order, "largest_autocorrelation_left": remainder}
+    left = float(np.abs(found.white[1:]).max())
+    return {"rows": rows, "largest_arx_delay": case.order, "largest_autocorrelation_left": left}
+
+
+def _scores(
+    model: LinearModel, case: Case, test: Sequence[Stretch], masks: Sequence[np.ndarray]
+) -> dict[str, Any]:
+    """Return the fits of free run and one-step prediction; free-run fits are None if unstable."""
+    skip = case.skip
+    y = _scored([y for _, y in test], skip)
+    known = {
+        "parameters": model.n_parameters,
+        "stable": model.stable,
+        "one_step_fit_percent": fit(y, _scored([model.predict(u, y) for u, y in test], skip)),
+    }
+    if not model.stable:
+        lists = {"stretch_fit_percent": len(test), "regime_fit_percent": len(masks)}
+        return known | dict.fromkeys(FREE_RUN) | {k: [None] * n for k, n in lists.items()}
+    free = free_runs(model, test, skip)
+    run = _scored(free, skip)
+    held_out = _scored([y for _, y in case.validate], skip)
+    held_out_run = _scored(free_runs(model, case.validate, skip), skip)
+    return known | {
+        "validation_rmse": rmse(held_out, held_out_run),
+        "validation_fit_percent": fit(held_out, held_out_run),
+        "rmse": rmse(y, run),
+        **fits(y, run, masks),
+        "stretch_fit_percent": [
+            fit(y[skip:], run[skip:]) for (_, y), run in zip(test, free, strict=True)
+        ],
+    }
+
+
+def _scored(series: Sequence[FloatArray], skip: int) -> FloatArray:
+    return np.concatenate([each[skip:] for each in series])
+
+
+def fits(y: FloatArray, run: FloatArray, masks: Sequence[np.ndarray]) -> dict[str, Any]:
+    """Return fit and correlation of a free run (n,), and the fit in each mask (n,)."""
+    return {
+        "fit_percent": fit(y, run),
+        "correlation": correlation(y, run),
+        "regime_fit_percent": [fit(y[m], run[m]) for m in masks],
+    }
+
+
+def fit(measured: FloatArray, simulated: FloatArray) -> float | None:
+    """Return the fit in percent, None where there is nothing to fit."""
+    if len(measured) < 2 or np.ptp(measured) == 0.0 or not np.isfinite(simulated).all():
+        return None
+    return fit_percent(measured, simulated)
+
+
+def _residuals(
+    models: Mapping[str, LinearModel], test: Sequence[Stretch], inputs: Sequence[str], skip: int
+) -> dict[str, Any]:
+    """Return the residual tests of all models on the test stretches.
+
+    The residuals are one-step residuals, for output error models simulation residuals.
+    """
+    driven = [u[skip:] for u, _ in test]
+    result = {}
+    for name, model in models.items():
+        left = [y[skip:] - model.predict(u, y)[skip:] for u, y in test]
+        if np.isfinite(np.concatenate(left)).all():  # the Kalman filter may be unstable
+            tests = {
+                "whiteness": whiteness(left),
+                "independence": independence(left, driven, inputs),
+            }
+            result[name] = tests
+    return result
+
+
+def _example(
+    models: Mapping[str, LinearModel], test: Sequence[Stretch], period_s: float, skip: int
+) -> dict[str, Any]:
+    """Return a lively excerpt of the test stretches with the free runs of the stable models."""
+    length = min(EXAMPLE, min(len(y) for _, y in test) - skip)
+    begins = np.cumsum([0, *(len(y) for _, y in test)])
+    scored = np.concatenate([np.arange(len(y)) >= skip for _, y in test])
+    first, _ = liveliest(np.concatenate([y for _, y in test]), scored, scored, length)
+    index = int(np.searchsorted(begins, first, "right")) - 1
+    (u, y), at = test[index], first - int(begins[index])
+    rows = slice(at, at + length)
+    return {
+        "stretch": index,
+        "time_s": (at + np.arange(length)) * period_s,
+        "measured": y[rows],
+        "runs": {n: m.simulate(u, y[:skip])[rows] for n, m in models.items() if m.stable},
+    }

@@ -6,13 +6,15 @@ free-run figures use the same samples.
 """
 
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
+from training.jobs import parallel
 from training.jobs.json_tree import plain
 from training.narx import stages
 from training.narx.algorithms import gradient, lm, scaled_conjugate
@@ -24,14 +26,39 @@ from training.narx.stability import contraction
 from training.recordings.metrics import correlation
 from training.recordings.preparation import Prepared, Role, Samples
 from training.study.narx.candidates import BAYES, CONJUGATE, LM, Candidate
-from training.study.narx.parallel import Arrays, Done
 
 BLOCK = 1000  # largest block, in samples, that thinning keeps or drops as a whole
 ENOUGH = 50  # least enabled samples per role for figures on enabled samples
 NOT_USED = -1  # role of training samples that thinning drops
 STUCK_SHARE = 0.01  # a free run with more samples wrongly at an end of the range has diverged
 CONTRACTION_SEED = 0  # gives other histories than the tuning uses
-HORIZONS = (5, 20, 100, 1000)  # samples, of the closed-loop tuning
+HORIZONS = stages.HORIZONS  # samples, of the closed-loop tuning
+SEED_STEP = 1000  # difference of the seeds of two starts, as in ``fit``
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """One whole training: series-parallel from random weights, then in closed loop."""
+
+    data: int  # number of its data
+    spec: Spec
+    seed: int
+    budget_s: float
+    horizons: tuple[int, ...] = HORIZONS
+
+
+def trained(data: Sequence[Prepared], starts: Sequence[Start], jobs: int) -> list[stages.Trained]:
+    """Return the trainings, ``jobs`` of them side by side."""
+    shared = [replace(each, recordings=()) for each in data]
+    items = [(str(i), start) for i, start in enumerate(starts)]
+    found = dict(parallel.run(_trained, shared, items, jobs=jobs))
+    return [found[key] for key, _ in items]
+
+
+def _trained(data: Sequence[Prepared], start: Start) -> stages.Trained:
+    end_s = time.monotonic() + start.budget_s
+    own = data[start.data]
+    return stages.train(own, start.spec, start.seed, end_s, horizons=start.horizons)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +69,6 @@ class Job:
     start: int
     seed: int
     iterations: int
-    input_lag_start: int
     weights: tuple[float, ...] = ()  # initial weights of a closed-loop tuning
 
 
@@ -77,17 +103,16 @@ def thin(data: Prepared, n_samples: int) -> Prepared:
     return replace(data, role=role, enabled=judged, recordings=())
 
 
-def spec_of(data: Prepared, candidate: Candidate, input_lag_start: int = 1) -> Spec:
+def spec_of(data: Prepared, candidate: Candidate) -> Spec:
     """Return the shape of a candidate for ``data``; feedback is clipped to the output's range."""
-    scale = data.scaling
-    return Spec(
-        n_inputs=data.samples.u.shape[1],
-        lags=candidate.lags,
-        hidden=candidate.hidden,
-        input_lag_start=input_lag_start,
-        y_min=float(scale.scale_y(scale.y_low)),
-        y_max=float(scale.scale_y(scale.y_high)),
-    )
+    n_inputs, limits = data.samples.u.shape[1], data.scaling.y_scaled_limits
+    return Spec(n_inputs, candidate.lags, candidate.hidden, 1, *limits)
+
+
+def spec_from(stored: Mapping[str, Any]) -> Spec:
+    """Return the network shape from its stored form, ``asdict`` written as JSON."""
+    boxes = tuple((int(a), int(b)) for a, b in stored["input_boxes"])
+    return Spec(**{**stored, "hidden": tuple(stored["hidden"]), "input_boxes": boxes})
 
 
 def rows(data: Prepared, spec: Spec, role: Role | None = None) -> IntArray:
@@ -106,82 +131,59 @@ def regressors(spec: Spec, samples: Samples, at: IntArray) -> FloatArray:
     return np.concatenate([*inputs, *outputs], axis=1)
 
 
-def train_one(data: Prepared, job: Job) -> Done:
+def train_one(data: Prepared, job: Job) -> dict[str, Any]:
     """Return figures and weights of one start, trained series-parallel.
 
     The training stops early by the one-step validation error, except with Bayesian regularisation.
     """
-    data = _writable(data)
-    spec = spec_of(data, job.candidate, job.input_lag_start)
+    data, spec = _writable(data), spec_of(data, job.candidate)
     began, began_cpu = time.monotonic(), time.process_time()
-    weights = initial_weights(spec, np.random.default_rng(job.seed))
-    outcome = _minimise(data, spec, weights, job)
+    outcome = _minimise(data, spec, initial_weights(spec, np.random.default_rng(job.seed)), job)
+    used = outcome.effective_weights if isinstance(outcome, BayesOutcome) else None
     result = {
         "start": job.start,
         "seed": job.seed,
         "iterations": len(outcome.costs) - 1,
         "stop": outcome.stop,
         "unfinished": _still_falling(outcome),
-        "seconds": plain(time.monotonic() - began),
-        "cpu_s": plain(time.process_time() - began_cpu),
-        "effective_weights": (
-            plain(outcome.effective_weights) if isinstance(outcome, BayesOutcome) else None
-        ),
+        **_times(began, began_cpu),
+        "effective_weights": used,
         **figures(data, spec, outcome.weights),
     }
-    return result, arrays(spec, outcome.weights)
+    return plain(result) | _network(spec, outcome.weights)
 
 
-def tune_one(data: Prepared, job: Job) -> Done:
+def tune_one(data: Prepared, job: Job) -> dict[str, Any]:
     """Return figures and weights after tuning in closed loop, over growing horizons."""
-    data = _writable(data)
-    spec = spec_of(data, job.candidate, job.input_lag_start)
+    data, spec = _writable(data), spec_of(data, job.candidate)
     began, began_cpu = time.monotonic(), time.process_time()
     before = np.array(job.weights)
-    trained = stages.train(data, spec, job.seed, horizons=HORIZONS, weights=before)
+    found = stages.train(data, spec, job.seed, horizons=HORIZONS, weights=before)
     result = {
         "start": job.start,
         "before": figures(data, spec, before) | _forgets(data, spec, before),
-        "after": figures(data, spec, trained.weights) | _forgets(data, spec, trained.weights),
+        "after": figures(data, spec, found.weights) | _forgets(data, spec, found.weights),
         "stages": [
             {
                 "name": s.name,
                 "iterations": len(s.costs) - 1,
                 "stop": s.stop,
-                "best_score": plain(min(s.scores)),
-                "seconds": plain(s.seconds),
+                "best_score": min(s.scores),
+                "seconds": s.seconds,
             }
-            for s in trained.stages
+            for s in found.stages
         ],
-        "seconds": plain(time.monotonic() - began),
-        "cpu_s": plain(time.process_time() - began_cpu),
+        **_times(began, began_cpu),
     }
-    return result, arrays(spec, trained.weights)
+    return plain(result) | _network(spec, found.weights)
 
 
-def arrays(spec: Spec, weights: FloatArray) -> Arrays:
-    """Return weights and shape as arrays for storage."""
-    shape = [spec.n_inputs, spec.lags, spec.input_lag_start, *spec.hidden]
-    return {
-        "weights": weights,
-        "shape": np.array(shape, dtype=float),
-        "y_range": np.array([spec.y_min, spec.y_max]),
-    }
+def _times(began: float, began_cpu: float) -> dict[str, float]:
+    return {"seconds": time.monotonic() - began, "cpu_s": time.process_time() - began_cpu}
 
 
-def from_arrays(stored: Arrays) -> tuple[Spec, FloatArray]:
-    """Return shape and weights from the arrays of ``arrays``."""
-    n_inputs, lags, first, *hidden = (int(v) for v in stored["shape"])
-    low, high = (float(v) for v in stored["y_range"])
-    spec = Spec(
-        n_inputs=n_inputs,
-        lags=lags,
-        hidden=tuple(hidden),
-        input_lag_start=first,
-        y_min=low,
-        y_max=high,
-    )
-    return spec, stored["weights"]
+def _network(spec: Spec, weights: FloatArray) -> dict[str, Any]:
+    return {"network": {"spec": asdict(spec), "weights": weights.tolist()}}
 
 
 def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
@@ -190,19 +192,20 @@ def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
     Also returned: the free-run validation score, the share of stuck predictions, and whether the
     free run diverges.
     """
-    at = rows(data, spec)
-    one_step = np.full(len(data.role), np.nan)
+    at, y = rows(data, spec), data.samples.y
+    one_step = np.full(len(y), np.nan)
     one_step[at] = forward(spec, weights, regressors(spec, data.samples, at))
     free = stages.free_run(data, spec, weights)
-    stuck = _stuck_share(data, spec, free)
+    at_end = (free[at] <= spec.y_min) | (free[at] >= spec.y_max)
+    # at an end of the range with a measurement farther away than a tenth of it
+    stuck = np.mean(at_end & (np.abs(free[at] - y[at]) > 0.1 * (spec.y_max - spec.y_min)))
     held_out = at[np.isin(data.role[at], (Role.VALIDATE, Role.TEST)) & data.enabled[at]]
-    measured = data.samples.y[held_out]
-    worse = not np.mean((measured - free[held_out]) ** 2) < measured.var()
+    worse = not np.mean((y[held_out] - free[held_out]) ** 2) < y[held_out].var()
     return {
         "one_step": _by_role(data, spec, one_step),
         "free_run": _by_role(data, spec, free),
-        "validation_score": plain(stages.free_run_score(data, spec, weights)),
-        "stuck_share": plain(stuck),
+        "validation_score": stages.free_run_score(data, spec, weights),
+        "stuck_share": stuck,
         "diverged": bool(worse or stuck > STUCK_SHARE),
     }
 
@@ -241,11 +244,8 @@ def _by_role(data: Prepared, spec: Spec, predicted: FloatArray) -> dict[str, dic
     result = {}
     for role in Role:
         every = rows(data, spec, role)
-        on = every[data.enabled[every]]
-        result[role.name.lower()] = {
-            "all": _measure(data, predicted, every),
-            "enabled": _measure(data, predicted, on),
-        }
+        each = {"all": every, "enabled": every[data.enabled[every]]}
+        result[role.name.lower()] = {k: _measure(data, predicted, at) for k, at in each.items()}
     return result
 
 
@@ -253,29 +253,14 @@ def _measure(data: Prepared, predicted: FloatArray, at: IntArray) -> dict[str, A
     a, b = data.samples.y[at], predicted[at]
     if len(at) < 2 or not np.isfinite(b).all():
         return {"samples": len(at), "r": None, "mse": None}
-    return {
-        "samples": len(at),
-        "r": plain(correlation(a, b)),
-        "mse": plain(float(np.mean((a - b) ** 2))),
-    }
+    return {"samples": len(at), "r": correlation(a, b), "mse": float(np.mean((a - b) ** 2))}
 
 
 def _forgets(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
     """Return whether two histories give the same prediction after one window of the monitor."""
     found = contraction(data, spec, weights, CONTRACTION_SEED)
     share = found.gap / found.limit
-    return {"contraction_gap_over_limit": plain(share), "forgets": bool(share <= 1.0)}
-
-
-def _stuck_share(data: Prepared, spec: Spec, free: FloatArray) -> float:
-    """Return the share of predictions at an end of the range with a measurement elsewhere.
-
-    Elsewhere means farther away than a tenth of the range.
-    """
-    at = rows(data, spec)
-    y, span = data.samples.y[at], spec.y_max - spec.y_min
-    at_end = (free[at] <= spec.y_min) | (free[at] >= spec.y_max)
-    return float(np.mean(at_end & (np.abs(free[at] - y) > 0.1 * span)))
+    return {"contraction_gap_over_limit": share, "forgets": bool(share <= 1.0)}
 
 
 def _writable(data: Prepared) -> Prepared:

@@ -4,7 +4,7 @@ Errors are RMSE on enabled samples in scaled units, averaged over the starts. Th
 is the standard deviation over its starts.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,8 @@ DECEIVES = 1.5  # times the lowest free-run error, at a one-step error within UN
 SAMPLES_PER_WEIGHT = 10  # with fewer samples per weight every network overfits
 SPREADS = 2.0  # least excess of an overfit, in spreads of the test error
 HARD = 1.5  # largest ratio of test to training error expected of the smallest model
+
+ROLES = {"train": "training", "validate": "validation", "test": "test"}
 
 Model = Mapping[str, Any]
 
@@ -63,47 +65,52 @@ def judge(models: Sequence[Model], iterations: int) -> list[dict[str, Any]]:
 
     iterations : largest number of epochs of a training
     """
-    train = np.array([errors(m, "one_step", "train").mean() for m in models])
-    test = np.array([errors(m, "one_step", "test").mean() for m in models])
+    train, test = (_means(models, role) for role in ("train", "test"))
     smallest = int(np.argmin([m["n_weights"] for m in models]))
     harder = test[smallest] / train[smallest]
-    one_step = [errors(m, "one_step", "validate").min() for m in models]
-    free = [errors(m, "free_run", "validate").min() for m in models]
+    one_step, free = (_least(models, mode) for mode in ("one_step", "free_run"))
     result = []
     for i, m in enumerate(models):
-        labels, words = [], []
+        found = {}
         least = errors(m, "one_step", "train").min()
         if least > UNDER * train.min():
-            labels.append("underfits")
-            words.append(f"training error {least / train.min():.2g} times the lowest or more")
+            found["underfits"] = (
+                f"training error {least / train.min():.2g} times the lowest or more"
+            )
         beyond = test[i] - harder * train[i]
-        if test[i] > OVER * harder * train[i] and beyond > SPREADS * _std(
-            errors(m, "one_step", "test")
-        ):
-            labels.append("overfits")
-            words.append(
+        spread = SPREADS * _std(errors(m, "one_step", "test"))
+        if test[i] > OVER * harder * train[i] and beyond > spread:
+            found["overfits"] = (
                 f"test error {test[i] / train[i]:.2f} times the training error, "
                 f"{harder:.2f} times for the smallest model"
             )
-        diverged = sum(s["diverged"] for s in m["starts"])
-        if diverged:
-            labels.append("diverges")
-            words.append(f"{diverged} of {len(m['starts'])} starts diverge in free run")
-        elif one_step[i] <= UNDER * min(one_step) and free[i] > DECEIVES * min(free):
-            labels.append("one-step deceives")
-            words.append(
-                f"one-step error {one_step[i] / min(one_step):.2f} times the lowest, "
-                f"free-run error {free[i] / min(free):.2f} times"
+        if diverged := sum(s["diverged"] for s in m["starts"]):
+            found["diverges"] = f"{diverged} of {len(m['starts'])} starts diverge in free run"
+        elif one_step[i] <= UNDER * one_step.min() and free[i] > DECEIVES * free.min():
+            found["one-step deceives"] = (
+                f"one-step error {one_step[i] / one_step.min():.2f} times the lowest, "
+                f"free-run error {free[i] / free.min():.2f} times"
             )
         if any(s["unfinished"] for s in m["starts"]):
-            labels.append("unfinished")
-            words.append(f"the error still fell after {iterations} iterations")
-        result.append({"labels": labels, "words": "; ".join(words)})
+            found["unfinished"] = f"the error still fell after {iterations} iterations"
+        result.append({"labels": list(found), "words": "; ".join(found.values())})
     return result
 
 
+def _means(models: Sequence[Model], role: str) -> FloatArray:
+    return np.array([errors(m, "one_step", role).mean() for m in models])
+
+
+def _least(models: Sequence[Model], mode: str) -> FloatArray:
+    return np.array([errors(m, mode, "validate").min() for m in models])
+
+
+def _std(values: FloatArray) -> float:
+    return float(values.std(ddof=1)) if len(values) > 1 and np.isfinite(values).all() else 0.0
+
+
 def findings(result: Mapping[str, Any]) -> list[str]:
-    """Return the findings of the study as sentences, from the result of ``narx_study``."""
+    """Return the findings of the study as sentences, from the result of ``compared``."""
     once = [m for m in result["models"] if m["same_as"] is None]
     return [
         *_fitting(once),
@@ -121,36 +128,33 @@ def warnings(given: Prepared, data: Prepared, models: Sequence[Model]) -> list[s
     data : the samples that the study used
     """
     n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
-    large = [m for m in models if n < SAMPLES_PER_WEIGHT * m["n_weights"]]
+    large = sum(n < SAMPLES_PER_WEIGHT * m["n_weights"] for m in models)
+    diverged = sum(s["diverged"] for m in models if m["same_as"] is None for s in m["starts"])
     result = []
     if large:
         result.append(
-            f"{len(large)} of {len(models)} models have more than one weight per "
+            f"{large} of {len(models)} models have more than one weight per "
             f"{SAMPLES_PER_WEIGHT} of the {n} training samples: expect them to overfit"
         )
     if data.enabled.mean() > given.enabled.mean() + 0.01:
         result.append("hardly a sample is enabled: figures are over all samples instead")
-    diverged = sum(s["diverged"] for m in models if m["same_as"] is None for s in m["starts"])
     if diverged:
         result.append(f"{diverged} trainings diverge in free run; the table says which")
     return result
 
 
 def _fitting(models: Sequence[Model]) -> list[str]:
-    n = len(models)
-    count = {
-        label: [m["number"] for m in models if label in m["verdict"]["labels"]]
-        for label in ("underfits", "overfits", "diverges")
-    }
-    sentences = [
-        f"{len(numbers)} of {n} different trainings {label.removesuffix('s')} by the rules below "
-        f"(models {_list(numbers)})."
-        if numbers
-        else f"None of {n} different trainings {label.removesuffix('s')}s by the rules below."
-        for label, numbers in count.items()
-    ]
+    sentences = []
+    for label in ("underfit", "overfit", "diverge"):
+        numbers = [str(m["number"]) for m in models if f"{label}s" in m["verdict"]["labels"]]
+        sentences.append(
+            f"{len(numbers)} of {len(models)} different trainings {label} by the rules below "
+            f"(models {', '.join(numbers)})."
+            if numbers
+            else f"None of {len(models)} different trainings {label}s by the rules below."
+        )
     small = min(models, key=lambda m: m["n_weights"])
-    ratio = errors(small, "one_step", "test").mean() / errors(small, "one_step", "train").mean()
+    ratio = float((_means([small], "test") / _means([small], "train"))[0])
     if ratio > HARD:
         sentences.append(
             f"Even the smallest model's test error is {ratio:.2f} times its training error: the "
@@ -163,31 +167,27 @@ def _fitting(models: Sequence[Model]) -> list[str]:
 def _algorithms(models: Sequence[Model]) -> list[str]:
     parts = []
     for algorithm, words in ALGORITHMS.items():
-        own = [m for m in models if m["algorithm"] == algorithm]
-        if own:
-            one = np.median([errors(m, "one_step", "validate").min() for m in own])
-            free = np.median([errors(m, "free_run", "validate").min() for m in own])
+        if own := [m for m in models if m["algorithm"] == algorithm]:
+            one, free = (np.median(_least(own, mode)) for mode in ("one_step", "free_run"))
             parts.append(f"{words} {one:.3g} one-step and {free:.3g} in free run")
     return [f"Median validation RMSE of the best starts by algorithm: {'; '.join(parts)}."]
 
 
 def _effective_weights(models: Sequence[Model]) -> list[str]:
-    parts = [
-        f"{used:.0f} of the {m['n_weights']} weights of model {m['number']}"
-        for m in models
-        if (used := _median_or_none(s["effective_weights"] for s in m["starts"])) is not None
-    ]
+    parts = []
+    for m in models:
+        used = [n for s in m["starts"] if (n := s["effective_weights"]) is not None]
+        if used:
+            weights = f"{np.median(used):.0f} of the {m['n_weights']} weights"
+            parts.append(f"{weights} of model {m['number']}")
     return [f"Bayesian regularisation makes use of {', '.join(parts)}."] if parts else []
 
 
-def _median_or_none(values: Iterable[float | None]) -> float | None:
-    known = [v for v in values if v is not None]
-    return float(np.median(known)) if known else None
-
-
 def _one_step_against_free(models: Sequence[Model]) -> list[str]:
-    one = np.concatenate([errors(m, "one_step", "validate") for m in models])
-    free = np.concatenate([errors(m, "free_run", "validate") for m in models])
+    one, free = (
+        np.concatenate([errors(m, mode, "validate") for m in models])
+        for mode in ("one_step", "free_run")
+    )
     good = np.isfinite(one) & np.isfinite(free)
     if good.sum() < 3 or np.ptp(one[good]) == 0 or np.ptp(free[good]) == 0:
         return []
@@ -202,29 +202,14 @@ def _one_step_against_free(models: Sequence[Model]) -> list[str]:
 
 
 def _tuning(tuned: Sequence[Model]) -> list[str]:
-    if not tuned:
-        return []
-    gains = [
-        _rmse(t["before"], "test") / _rmse(t["after"], "test")
+    pairs = [
+        [t[when]["free_run"]["test"]["enabled"]["mse"] for when in ("before", "after")]
         for t in tuned
-        if _rmse(t["before"], "test") and _rmse(t["after"], "test")
     ]
+    gains = [float(np.sqrt(before / after)) for before, after in pairs if before and after]
     if not gains:
         return []
     return [
         f"Tuning in closed loop divided the free-run test RMSE of the best {len(gains)} models by "
         f"{min(gains):.2f} to {max(gains):.2f} (median {float(np.median(gains)):.2f})."
     ]
-
-
-def _rmse(figures: Model, role: str) -> float:
-    mse = figures["free_run"][role]["enabled"]["mse"]
-    return 0.0 if mse is None else float(np.sqrt(mse))
-
-
-def _std(values: FloatArray) -> float:
-    return float(values.std(ddof=1)) if len(values) > 1 and np.isfinite(values).all() else 0.0
-
-
-def _list(numbers: Sequence[int]) -> str:
-    return ", ".join(map(str, numbers))

@@ -1,1 +1,1 @@
-"""Part 2 of the study, input selection: principal components, input sets, transparency."""
+"""Input selection: principal components, input sets in free run, transparency."""

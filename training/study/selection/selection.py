@@ -1,4 +1,4 @@
-"""Part 2 of the study: inputs of the model, their reasons, and the error of other input sets."""
+"""Inputs of the model, their reasons, and the error of other input sets."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,8 +11,10 @@ from monitor.base.types import FloatArray
 from training.limits.data_check.measures import variance_inflation
 from training.recordings.augmentation import CONTROLLER
 from training.recordings.linear_data import cleaned, output_transform
+from training.recordings.metrics import correlation
 from training.recordings.recording import Recording
 from training.recordings.rows import runs
+from training.study.selection.components import pca
 from training.study.selection.input_sets import (
     NEGLIGIBLE,
     InputSet,
@@ -23,10 +25,8 @@ from training.study.selection.input_sets import (
     scored_rows,
     try_sets,
 )
-from training.study.selection.pca import pca
 from training.study.selection.transparency import transparency
-
-__all__ = ["CANDIDATES", "candidates", "selection"]
+from training.study.task import Parts, Task
 
 REASONS = {
     "vehicle_speed_km_h": "engine speed and gear; its effect on the mixture goes through the "
@@ -45,12 +45,10 @@ REASONS = {
 CANDIDATES = tuple(REASONS)
 MOST_LEFT_OUT = 8  # with at most so many inputs, every input is left out in turn
 LAG_SPAN = 20  # largest lag, in samples, of an input's correlation with the output
-CHOSEN, ALL, WITHOUT, EXACT = (
-    "chosen",
-    "all candidates",
-    "without the controller",
-    "controller exact",
-)
+CHOSEN, WITHOUT, EXACT = "chosen", "without the controller", "controller exact"
+BUDGET_SHARE = 0.4  # of the study's budget
+
+Pairs = list[tuple[FloatArray, FloatArray]]
 
 
 def candidates(
@@ -63,63 +61,60 @@ def candidates(
     Raises UsageError if no candidate is left.
     """
     common = [n for n in recordings[0].names if all(n in r.names for r in recordings)]
-    if not inputs:
-        names = tuple(n for n in common if n != output)
-    elif set(CANDIDATES) <= set(common) and set(inputs) <= set(CANDIDATES):
+    names = tuple(inputs) or tuple(n for n in common if n != output)
+    if inputs and set(CANDIDATES) <= set(common) and set(inputs) <= set(CANDIDATES):
         names = CANDIDATES
-    else:
-        names = tuple(inputs)
     if not names:
         raise UsageError(f"no input but the output {output}")
     return names
 
 
-def selection(
-    recordings: Sequence[Recording],
-    inputs: Sequence[str],
-    output: str,
-    *,
-    seed: int = 0,
-    budget_minutes: float = 4.0,
-) -> dict[str, Any]:
+def selection(task: Task, _: Parts) -> dict[str, Any]:
     """Return principal components, a reason for every candidate, and free runs of input sets.
 
-    budget_minutes : for all trainings together
     Raises RecordingError or UsageError if a signal is missing or constant, or if recordings or
     budget are too short.
     """
-    names = candidates(recordings, inputs, output)
-    chosen = tuple(inputs) or names
+    recordings, output, seed = task.recordings, task.output, task.settings.seed
+    names = candidates(recordings, task.inputs, output)
+    chosen = tuple(task.inputs) or names
+    transform = output_transform(output)
     parts = _stretches(recordings, names, output)
-    result: dict[str, Any] = {
+    components = pca([(t, v[:, :-1]) for t, v in parts], names)
+    sets = _sets(names, chosen, transform)
+    same = aligned(recordings, names)
+    budget = BUDGET_SHARE * task.settings.budget_minutes
+    tried = try_sets(same, sets, output, seed=seed, budget_minutes=budget, jobs=task.jobs)
+    if any(not np.isfinite(t.best.score) for t in tried):
+        raise UsageError(f"the budget of {budget:g} min is too short for {len(sets)} sets")
+    rows = scored_rows(tried)
+    found = [figures(t, rows) for t in tried]
+    reach = None
+    if CONTROLLER in chosen and transform == "phi":
+        with_it = [t for t in tried if t.set.name in (CHOSEN, EXACT, WITHOUT)]
+        reach = transparency(same, with_it, output)
+    return {
         "output": output,
-        "transform": output_transform(output),
+        "transform": transform,
         "candidates": list(names),
         "chosen": list(chosen),
         "simulated": sum(source_of(r.path, r.sha256) == "simulated" for r in recordings),
         "recordings": len(recordings),
-        "pca": pca([(t, v[:, :-1]) for t, v in parts], names),
+        "pca": components,
+        "variables": _variables([v for _, v in parts], names, chosen, components),
+        "sets": found,
+        "comparisons": [
+            _comparison(t, tried[0], rows, seed, theirs, found[0]["rmse_of_starts"])
+            for t, theirs in zip(tried[1:], (f["rmse_of_starts"] for f in found[1:]), strict=True)
+        ],
+        "transparency": reach,
     }
-    result["variables"] = _variables(parts, names, chosen, result["pca"])
-    sets = _sets(names, chosen, output_transform(output))
-    same = aligned(recordings, names)
-    tried = try_sets(same, sets, output, seed=seed, budget_minutes=budget_minutes)
-    if any(not np.isfinite(t.starts[t.best].score) for t in tried):
-        raise UsageError(f"the budget of {budget_minutes:g} min is too short for {len(sets)} sets")
-    rows = scored_rows(tried)
-    result["sets"] = [figures(t, rows) for t in tried]
-    result["comparisons"] = _comparisons(tried, rows, seed)
-    result["transparency"] = None
-    if CONTROLLER in chosen and result["transform"] == "phi":
-        with_it = [t for t in tried if t.set.name in (CHOSEN, EXACT, WITHOUT)]
-        result["transparency"] = transparency(same, with_it, output)
-    return result
 
 
 def _sets(names: tuple[str, ...], chosen: tuple[str, ...], transform: str) -> list[InputSet]:
     sets = [InputSet(CHOSEN, chosen)]
     if set(names) != set(chosen):
-        sets.append(InputSet(ALL, names))
+        sets.append(InputSet("all candidates", names))
     if CONTROLLER in chosen and transform == "phi" and len(chosen) > 1:
         sets.append(InputSet(WITHOUT, tuple(n for n in chosen if n != CONTROLLER)))
         sets.append(InputSet(EXACT, chosen, exact=True))
@@ -128,9 +123,7 @@ def _sets(names: tuple[str, ...], chosen: tuple[str, ...], transform: str) -> li
     return sets
 
 
-def _stretches(
-    recordings: Sequence[Recording], names: Sequence[str], output: str
-) -> list[tuple[FloatArray, FloatArray]]:
+def _stretches(recordings: Sequence[Recording], names: Sequence[str], output: str) -> Pairs:
     """Return stretches of valid samples: time in s through all drives, candidates and output."""
     parts, begin_s = [], 0.0
     for recording in recordings:
@@ -138,32 +131,31 @@ def _stretches(
         good = np.asarray(np.isfinite(values).all(axis=1))
         parts += [(begin_s + recording.t_s[a:b], values[a:b]) for a, b in runs(good)]
         begin_s += len(recording.t_s) * recording.period_ns / 1e9
+    files = ", ".join(str(r.path) for r in recordings)
     if sum(len(t) for t, _ in parts) <= 10 * (len(names) + 1):
-        files = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{files}: hardly a sample has {', '.join(names)} and {output} valid")
     spread = np.concatenate([v for _, v in parts]).std(axis=0)
     for name, value in zip((*names, output), spread, strict=True):
         if value <= 1e-12:
-            files = ", ".join(str(r.path) for r in recordings)
             raise RecordingError(f"{files}: {name} is constant; leave it out")
     return parts
 
 
 def _variables(
-    parts: Sequence[tuple[FloatArray, FloatArray]],
+    parts: Sequence[FloatArray],
     names: Sequence[str],
     chosen: Sequence[str],
     components: dict[str, Any],
 ) -> list[dict[str, Any]]:
     """Return correlation with the output, redundancy, loading and reason of every candidate."""
-    values = np.concatenate([v for _, v in parts])
+    values = np.concatenate(parts)
     among_all = variance_inflation(values[:, :-1])
     own = [i for i, n in enumerate(names) if n in chosen]
-    among_chosen = dict(zip(own, variance_inflation(values[:, own]), strict=True))
+    among_chosen = dict(zip(own, variance_inflation(values[:, own]).tolist(), strict=True))
     loadings = np.array(components["loadings"])[:, : components["kept"]]
     rows = []
     for i, name in enumerate(names):
-        r, lag = _correlation([v[:, i] for _, v in parts], [v[:, -1] for _, v in parts])
+        r, lag = _largest_correlation([(v[:, i], v[:, -1]) for v in parts])
         component = int(np.abs(loadings[i]).argmax())
         rows.append(
             {
@@ -172,7 +164,7 @@ def _variables(
                 "correlation": r,
                 "lag": lag,
                 "inflation": float(among_all[i]),
-                "inflation_chosen": float(among_chosen[i]) if i in among_chosen else None,
+                "inflation_chosen": among_chosen.get(i),
                 "component": component + 1,
                 "loading": float(loadings[i, component]),
                 "reason": REASONS.get(name, ""),
@@ -181,34 +173,37 @@ def _variables(
     return rows
 
 
-def _correlation(u: Sequence[FloatArray], y: Sequence[FloatArray]) -> tuple[float, int]:
+def _largest_correlation(pairs: Pairs) -> tuple[float, int]:
     """Return the largest correlation of the output with the earlier input and the lag."""
     best = (0.0, 0)
     for lag in range(LAG_SPAN + 1):
-        pairs = [(a[: len(a) - lag], b[lag:]) for a, b in zip(u, y, strict=True) if len(a) > lag]
-        a, b = (np.concatenate(each) for each in zip(*pairs, strict=True))
-        scale = float(a.std() * b.std())
-        r = float(((a - a.mean()) * (b - b.mean())).mean()) / scale if scale > 0 else 0.0
+        late = [(a[: len(a) - lag], b[lag:]) for a, b in pairs if len(a) > lag]
+        r = correlation(*(np.concatenate(each) for each in zip(*late, strict=True)))
         if abs(r) > abs(best[0]):
             best = (r, lag)
     return best
 
 
-def _comparisons(tried: Sequence[Tried], rows: np.ndarray, seed: int) -> list[dict[str, Any]]:
-    """Return the comparisons of the other input sets with the chosen set, with a verdict."""
-    ours = figures(tried[0], rows)["rmse_of_starts"]
-    result = []
-    for other in tried[1:]:
-        found = difference(other, tried[0], rows, seed)
-        theirs = figures(other, rows)["rmse_of_starts"]
-        low, high, margin = found["low"], found["high"], NEGLIGIBLE * found["rmse"]
-        if low > -margin and high < margin:
-            verdict = "as good"
-        elif low > 0.0 and min(theirs) > max(ours):
-            verdict = "worse"
-        elif high < 0.0 and max(theirs) < min(ours):
-            verdict = "better"
-        else:
-            verdict = "not told apart"
-        result.append({"name": other.set.name, **found, "verdict": verdict})
-    return result
+def _comparison(
+    other: Tried,
+    ours: Tried,
+    rows: np.ndarray,
+    seed: int,
+    theirs: Sequence[float],
+    own: Sequence[float],
+) -> dict[str, Any]:
+    """Return the comparison of another input set with the chosen one, with a verdict.
+
+    theirs, own : RMSE of their starts
+    """
+    found = difference(other, ours, rows, seed)
+    low, high, margin = found["low"], found["high"], NEGLIGIBLE * found["rmse"]
+    if low > -margin and high < margin:
+        verdict = "as good"
+    elif low > 0.0 and min(theirs) > max(own):
+        verdict = "worse"
+    elif high < 0.0 and max(theirs) < min(own):
+        verdict = "better"
+    else:
+        verdict = "not told apart"
+    return {"name": other.set.name, **found, "verdict": verdict}

@@ -10,8 +10,8 @@ controller's answer to a faulty reading. This answer is added to the network's i
 inputs stay unchanged, as if the true mixture did not change.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,8 +21,7 @@ from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units, to_model_units
-from training.narx.network import simulate
-from training.narx.stages import measured_history
+from training.narx.stages import free_run
 from training.recordings.augmentation import CONTROLLER
 from training.recordings.metrics import correlation
 from training.recordings.preparation import Role, enabled_rows
@@ -97,11 +96,11 @@ def estimate_controller(recordings: Sequence[Recording], output: str) -> Control
     coefficients = linalg.lstsq(rows[:cut, 1:], rows[:cut, 0])[0]
     phi = np.concatenate([v[:, 1] for v in parts])
     law = Controller(
-        float(np.clip(coefficients[0], -0.98, 0.98)),
-        coefficients[1 : TAPS + 2],
-        _dead_time(parts),
-        float(np.percentile(np.abs(phi - np.median(phi)), LIMIT_PERCENTILE)),
-        correlation(rows[cut:, 0], rows[cut:, 1:] @ coefficients),
+        own=float(np.clip(coefficients[0], -0.98, 0.98)),
+        measured=coefficients[1 : TAPS + 2],
+        dead_time=_dead_time(parts),
+        limit=float(np.percentile(np.abs(phi - np.median(phi)), LIMIT_PERCENTILE)),
+        explained=correlation(rows[cut:, 0], rows[cut:, 1:] @ coefficients),
     )
     return law if law.stable else None
 
@@ -113,13 +112,10 @@ def _dead_time(parts: Sequence[FloatArray]) -> int:
     """
     if parts[0].shape[1] < 3:
         return TAPS
-    found = [
-        correlation(
-            np.concatenate([v[: len(v) - lag, 2] for v in parts]),
-            np.concatenate([v[lag:, 1] for v in parts]),
-        )
-        for lag in range(MOST_DEAD_TIME + 1)
-    ]
+    found = []
+    for lag in range(MOST_DEAD_TIME + 1):
+        command = np.concatenate([v[: len(v) - lag, 2] for v in parts])
+        found.append(correlation(command, np.concatenate([v[lag:, 1] for v in parts])))
     return int(np.argmax(found))
 
 
@@ -153,19 +149,21 @@ def transparency(
     law = estimate_controller(recordings, output)
     if law is None:
         return {"controller": None, "reach": []}
-    reach = []
-    for name, severity in FAULTS:
-        for each in tried:
-            found = _reach(each, law, name, severity)
-            reach.append({"fault": name, "severity": severity, "set": each.set.name, **found})
-    found = {"explained": law.explained, "dead_time": law.dead_time}
-    return {"controller": found, "reach": reach}
+    reach = [
+        {"fault": name, "severity": severity, "set": each.set.name}
+        | _reach(each, law, name, severity)
+        for name, severity in FAULTS
+        for each in tried
+    ]
+    return {
+        "controller": {"explained": law.explained, "dead_time": law.dead_time},
+        "reach": reach,
+    }
 
 
-def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> Mapping[str, float]:
-    data, spec = tried.data, tried.spec
-    names = [c.name for c in data.inputs]
-    phi = data.scaling.unscale_y(data.samples.y)
+def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> dict[str, float]:
+    data, scale, model = tried.data, tried.data.scaling, tried.best
+    phi = scale.unscale_y(data.samples.y)
     change, extra = np.zeros(len(phi)), np.zeros(len(phi))
     for s in data.segments:
         rows = slice(s.start, s.stop)
@@ -174,29 +172,23 @@ def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> Mappin
         change[rows] = to_model_units("phi", read) - phi[rows]
         extra[rows] = law.response(change[rows], data.enabled[rows])
     u = exact_inputs(data)
-    moved = u
-    if CONTROLLER in names:
-        i = names.index(CONTROLLER)
-        scale = data.scaling
-        moved = u.copy()
-        at = u[:, i] * scale.u_std[i] + scale.u_mean[i] + extra
-        at = np.clip(at, scale.u_low[i], scale.u_high[i])
-        moved[:, i] = (at - scale.u_mean[i]) / scale.u_std[i]
-    start = np.array([s.start + spec.lags for s in data.segments], dtype=np.int64)
-    stop = np.array([s.stop for s in data.segments], dtype=np.int64)
-    history = measured_history(data, spec.lags, start)
-    weights = tried.starts[tried.best].weights
+    moved = u.copy()
+    for i, channel in enumerate(data.inputs):
+        if channel.name == CONTROLLER:
+            at = u[:, i] * scale.u_std[i] + scale.u_mean[i] + extra
+            at = np.clip(at, scale.u_low[i], scale.u_high[i])
+            moved[:, i] = (at - scale.u_mean[i]) / scale.u_std[i]
     runs_of = [
-        simulate(spec, weights, u=each, start=start, stop=stop, history=history)
+        free_run(replace(data, samples=replace(data.samples, u=each)), model.spec, model.weights)
         for each in (u, moved)
     ]
-    answer = (runs_of[1] - runs_of[0]) * data.scaling.y_std
+    answer = (runs_of[1] - runs_of[0]) * scale.y_std
     rows = (data.role == Role.TEST) & data.enabled & np.isfinite(answer)
     rows &= np.abs(change) <= law.limit  # the error of a slow sensor after a fuel cut is larger
     c, a = change[rows], answer[rows]
-    size = float(np.sqrt(np.mean(c**2)))
-    return {
-        "gain": float(a @ c / (c @ c)),
-        "share": float(np.sqrt(np.mean(a**2))) / size,
-        "seen": float(np.sqrt(np.mean((c - a) ** 2))) / size,
-    }
+    size = _rms(c)
+    return {"gain": float(a @ c / (c @ c)), "share": _rms(a) / size, "seen": _rms(c - a) / size}
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,29 +1,28 @@
 """Figures of the input selection: principal components, and faults that reach the prediction."""
 
-import itertools
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from monitor.base.types import FloatArray
 from training.pages.figure import LIMIT, drawing, legend, panels
 
+Result = Mapping[str, Any]
 
-def scree_figure(result: dict[str, Any]) -> Figure:
+
+def scree_figure(result: Result) -> Figure:
     """Return variances of the components, their cumulated share, and the loadings."""
     figure, (left, right) = panels(2, 2, height=4.0, width_ratios=(2, 3))
     number = np.arange(1, len(result["variances"]) + 1)
     left.bar(number, result["variances"], color="C0", alpha=0.5)
     left.axvline(result["kept"] + 0.5, color=LIMIT, ls="--", lw=0.8)
     left.set_xticks(number)
-    left.set_xlabel("component; kept ones left of the dashed line")
-    left.set_ylabel("variance (bars)")
+    left.set(xlabel="component; kept ones left of the dashed line", ylabel="variance (bars)")
     other = left.twinx()
     other.spines["right"].set_visible(True)
     other.plot(number, 100 * np.array(result["explained"]), "o-", color="C0", ms=3)
-    other.set_ylim(0, 103)
-    other.set_ylabel("explained together, % (line)")
+    other.set(ylim=(0, 103), ylabel="explained together, % (line)")
     n = min(result["kept"] + 1, len(number))
     values = np.array(result["loadings"])[:, :n]
     image = right.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
@@ -37,47 +36,31 @@ def scree_figure(result: dict[str, Any]) -> Figure:
     return figure
 
 
-def biplot_figure(result: dict[str, Any]) -> Figure:
+def biplot_figure(result: Result) -> Figure:
     """Return scores and loadings of the first two components in one plane."""
     figure, axes = drawing(6.0, width=7.0)
-    for_scale = [np.percentile(np.abs(each), 99) or 1.0 for each in result["scores"]]
-    one, two = (np.array(v) / scale for v, scale in zip(result["scores"], for_scale, strict=True))
+    scale = [np.percentile(np.abs(each), 99) or 1.0 for each in result["scores"]]
+    one, two = (np.array(v) / s for v, s in zip(result["scores"], scale, strict=True))
     axes.plot(one, two, ".", color="0.75", ms=3)
     loadings = np.array(result["loadings"])[:, :2]
-    for x, y in loadings:
+    for name, (x, y) in zip(result["names"], loadings, strict=True):
         axes.annotate("", (x, y), (0, 0), arrowprops={"arrowstyle": "->", "color": "C0"})
-    for i, (x, y) in enumerate(_apart(loadings)):
         side = "left" if x > 0 else "right"
-        axes.plot(*zip(loadings[i], (x, y), strict=True), color="C0", lw=0.4)
-        axes.text(x, y, f" {result['names'][i]} ", size=8, ha=side, va="center")
+        axes.text(1.1 * x, 1.1 * y, f" {name} ", size=8, ha=side, va="center")
     reach = 1.45 * max(1e-3, float(np.abs(loadings).max()))
-    axes.set_xlim(-reach, reach)
-    axes.set_ylim(-reach, reach)
-    share = np.array(result["variances"]) / np.sum(result["variances"])
-    axes.set_xlabel(f"loading on component 1, {100 * share[0]:.0f} % of the variance")
-    axes.set_ylabel(f"loading on component 2, {100 * share[1]:.0f} % of the variance")
+    share = 100 * np.array(result["variances"]) / np.sum(result["variances"])
+    label = "loading on component {}, {:.0f} % of the variance"
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    axes.set(xlabel=label.format(1, share[0]), ylabel=label.format(2, share[1]))
     return figure
 
 
-def _apart(loadings: FloatArray) -> FloatArray:
-    """Return where the names (k, 2) stand: beyond the arrows, on each side one below the other."""
-    places = loadings * 1.1
-    step = 0.07 * float(np.abs(loadings).max())
-    for right in (True, False):
-        side = np.flatnonzero((places[:, 0] > 0) == right)
-        side = side[np.argsort(places[side, 1])]
-        for below, above in itertools.pairwise(side):
-            places[above, 1] = max(places[above, 1], places[below, 1] + step)
-    return places
-
-
-def control_figure(result: dict[str, Any]) -> Figure:
+def control_figure(result: Result) -> Figure:
     """Return Q residuals and Hotelling's T² over time with their limits."""
     figure, (upper, lower) = panels(2, 1, height=2.4, sharex=True)
     for axes, key, label in ((upper, "q", "Q residual"), (lower, "t_squared", "Hotelling's T²")):
-        series = result[key]
+        series, limit = result[key], result[f"{key}_limit"]
         axes.semilogy(series["t_s"], series["largest"], lw=0.7, color="C0")
-        limit = result[f"{key}_limit"]
         axes.axhline(limit, color="C3", lw=0.9, ls="--", label=f"99 % limit {limit:.3g}")
         axes.set_ylabel(label)
         legend(axes)
@@ -85,11 +68,10 @@ def control_figure(result: dict[str, Any]) -> Figure:
     return figure
 
 
-def reach_figure(reach: list[dict[str, Any]]) -> Figure:
+def reach_figure(reach: Sequence[Result]) -> Figure:
     """Return the share of each fault that reaches the prediction, by set of inputs."""
     figure, axes = drawing(3.0, width=8.0)
-    faults = list(dict.fromkeys(r["fault"] for r in reach))
-    sets = list(dict.fromkeys(r["set"] for r in reach))
+    faults, sets = (list(dict.fromkeys(r[key] for r in reach)) for key in ("fault", "set"))
     for number, name in enumerate(sets):
         own = [100 * r["share"] for r in reach if r["set"] == name]
         at = [i + (number - 0.5 * (len(sets) - 1)) * 0.25 for i in range(len(faults))]

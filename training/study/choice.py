@@ -1,4 +1,4 @@
-"""Parts 5 and 6 of the study: the gain of closed-loop training, and the choice of the model.
+"""The gain of closed-loop training, the choice of the model, and its file.
 
 Candidates are the tuned models of the NARX study and the free structure, a model whose memory and
 size are chosen by the data. Only the free-run error on the validation blocks decides; test blocks
@@ -12,24 +12,26 @@ from typing import Any
 
 import numpy as np
 
+from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
+from training.limits.decision_limits import MANY_WINDOWS, set_limits
 from training.narx.fit import FitResult, fit
-from training.narx.model_file import measures
+from training.narx.model_file import held_out, write_model
 from training.narx.network import Spec, describe
-from training.narx.stability import contraction
-from training.narx.stages import blocks_of, free_run, train
+from training.narx.stability import CONTRACTION_SAMPLES, contraction
+from training.narx.stages import Stage, blocks_of, free_run, train
 from training.narx.starts import committee
-from training.recordings.preparation import Prepared, Role
-from training.study.narx import parallel
-from training.study.narx.models import from_arrays
-from training.study.task import Settings, Task, judged_on
+from training.recordings.preparation import Role
+from training.study.free_runs import FreeRun, judged_on
+from training.study.narx.models import SEED_STEP, spec_from
+from training.study.results import stored
+from training.study.task import Parts, Settings, Task
 
 LEAST_GAIN = 0.01  # of the RMSE; a smaller gain does not justify more weights
 FEW_BLOCKS, FEW_GAIN = 3, 0.1  # with fewer blocks chance cannot be estimated; FEW_GAIN applies
 SURE = 1.0  # models closer than so many standard errors over the blocks are equal
-BOUNDED_RUNS, BOUNDED_SAMPLES = 200, 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,20 +46,18 @@ class Contender:
     stage: str = ""  # stage of closed-loop training with the kept weights
 
 
-def free_structure(task: Task) -> dict[str, Any]:
+def free_structure(task: Task, _: Parts) -> dict[str, Any]:
     """Return the model of ``fit``, which chooses memory and size by the data, and all tries.
 
     Raises RecordingError or UsageError if the recordings cannot be used.
     """
-    path = task.folder / "free.onnx"
     settings = task.settings
-    starts = None if settings.starts == Settings().starts else settings.starts
     result = fit(
         task.recordings,
         task.inputs,
         task.output,
-        path,
-        starts=starts,
+        task.folder / "free.onnx",
+        starts=None if settings.starts == Settings().starts else settings.starts,
         budget_minutes=settings.budget_minutes,
         seed=settings.seed,
         threads=task.jobs,
@@ -71,95 +71,71 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     one = replace(spec, hidden=tuple(n // members for n in spec.hidden))  # one committee member
     same = [t for t in result.starts if t.spec == one and t.members == 1]
     best = min(same, key=lambda t: t.score)
-    seed = task.settings.seed + 1000 * same.index(best)  # gives the same initial weights
-    limit = 60.0 * max(task.settings.budget_minutes, 0.1) / 5
-    one_step = train(task.data, one, seed, time.monotonic() + limit, horizons=())
+    seed = task.settings.seed + SEED_STEP * same.index(best)  # gives the same initial weights
+    limit_s = 60.0 * max(task.settings.budget_minutes, 0.1) / 5
+    one_step = train(task.data, one, seed, time.monotonic() + limit_s, horizons=())
     tries = sorted(result.tries, key=lambda t: t.rmse)
     tables = {
         "structure": describe(spec),
         "members": members,
         "n_weights": spec.n_weights,
         "seconds": result.seconds,
-        "warnings": list(result.warnings),
+        "warnings": result.warnings,
         "stage": _best_stage(best.stages),
         "starts": [t.score for t in result.starts],
-        "tries": [{**asdict(t.structure), "n_weights": t.n_weights, "rmse": t.rmse} for t in tries],
+        "tries": [asdict(t.structure) | {"n_weights": t.n_weights, "rmse": t.rmse} for t in tries],
     }
     widened = committee(one, members * [one_step.weights])[1]  # the same network, at full width
-    first = widened.tolist() if one_step.stages else None
-    weights = {
+    return plain(tables) | {
         "spec": asdict(spec),
         "weights": result.network.weights.tolist(),
-        "one_step_weights": first,
+        "one_step_weights": widened.tolist() if one_step.stages else None,
     }
-    return plain(tables) | weights
 
 
-def _best_stage(stages: Sequence[Any]) -> str:
+def _best_stage(stages: Sequence[Stage]) -> str:
     return min(stages, key=lambda s: min(s.scores)).name if stages else "none"
 
 
-def contenders(task: Task, narx: Mapping[str, Any], free: Mapping[str, Any]) -> list[Contender]:
+def contenders(task: Task, parts: Parts) -> list[Contender]:
     """Return the tuned models of the NARX study and the free structure, with their weights.
 
     Raises UsageError if no model could be trained.
     """
-    found = []
-    folder = task.folder / "narx"
+    narx, free, found = parts["narx"], parts["free"], []
+
+    def weights_of(key: str) -> tuple[Spec, FloatArray]:
+        network = (stored(task.folder / "narx" / f"{key}.json") or {})["network"]
+        return spec_from(network["spec"]), np.array(network["weights"])
+
     for t in narx.get("tuned", []):
         model = next(m for m in narx["models"] if m["number"] == t["number"])
-        before = from_arrays(
-            parallel.arrays_of(folder, model["starts"][t["start"]]["weights_key"])
-        )[1]
-        spec, weights = from_arrays(parallel.arrays_of(folder, t["weights_key"]))
-        stage = _stage_of(t)
-        found.append(
-            Contender(
-                name=t["name"],
-                spec=spec,
-                weights=weights,
-                before=before,
-                number=t["number"],
-                stage=stage,
-            )
-        )
+        before = weights_of(model["starts"][t["start"]]["weights_key"])[1]
+        spec, weights = weights_of(t["weights_key"])
+        found.append(Contender(t["name"], spec, weights, before, t["number"], _stage_of(t)))
     if "spec" in free:
-        spec = spec_from(free["spec"])
-        found.append(
-            Contender(
-                name="free structure",
-                spec=spec,
-                weights=np.array(free["weights"]),
-                before=_array(free["one_step_weights"]),
-                stage=free["stage"],
-            )
-        )
+        spec, first = spec_from(free["spec"]), free["one_step_weights"]
+        weights, begun = np.array(free["weights"]), None if first is None else np.array(first)
+        found.append(Contender("free structure", spec, weights, begun, stage=free["stage"]))
     if not found:
         reasons = [part["skipped"] for part in (narx, free) if "skipped" in part]
         raise UsageError(f"no model could be trained: {'; '.join(dict.fromkeys(reasons))}")
     return found
 
 
-def _array(values: Sequence[float] | None) -> FloatArray | None:
-    return None if values is None else np.array(values)
+def chosen(task: Task, parts: Parts) -> Contender:
+    """Return the model of the choice."""
+    return contenders(task, parts)[parts["choice"]["chosen"]]
 
 
 def _stage_of(tuned: Mapping[str, Any]) -> str:
     if tuned["after"]["validation_score"] == tuned["before"]["validation_score"]:
         return "none"
-    scores = [
-        (s["best_score"], i) for i, s in enumerate(tuned["stages"]) if s["best_score"] is not None
-    ]
-    return str(tuned["stages"][min(scores)[1]]["name"]) if scores else "none"
+    scored = [s for s in tuned["stages"] if s["best_score"] is not None]
+    return str(min(scored, key=lambda s: s["best_score"])["name"]) if scored else "none"
 
 
-def spec_from(stored: Mapping[str, Any]) -> Spec:
-    """Return the network shape from its stored form, ``asdict`` written as JSON."""
-    boxes = tuple((int(a), int(b)) for a, b in stored["input_boxes"])
-    return Spec(**{**stored, "hidden": tuple(stored["hidden"]), "input_boxes": boxes})
-
-
-def choose(task: Task, models: Sequence[Contender]) -> dict[str, Any]:
+def choice(task: Task, parts: Parts) -> dict[str, Any]:
     """Return the figures of all candidates, the chosen one and the reason.
 
     Two models are equal if their free-run errors on the validation blocks differ by less than a
@@ -167,15 +143,15 @@ def choose(task: Task, models: Sequence[Contender]) -> dict[str, Any]:
     is chosen. For lambda, models that do not forget their history come last.
     Raises RecordingError if every model diverges.
     """
-    data = task.data
+    data, models = task.data, contenders(task, parts)
     memory = max(m.spec.memory for m in models)
     held = judged_on(task)
-    rows, squares, total = [], [], 1.0
+    rows, squares = [], []
     for m in models:
         blocks = blocks_of(data, m.spec, Role.VALIDATE, memory)
         squares.append(blocks.squares(m.weights))
-        total = blocks.total_weight
         gap = contraction(data, m.spec, m.weights, task.settings.seed)
+        weights = {"after": m.weights, "before": m.before}
         rows.append(
             {
                 "name": m.name,
@@ -183,41 +159,28 @@ def choose(task: Task, models: Sequence[Contender]) -> dict[str, Any]:
                 "structure": describe(m.spec),
                 "n_weights": m.spec.n_weights,
                 "stage": m.stage,
-                "validation_rmse": float(np.sqrt(squares[-1].sum() / total)),
+                "validation_rmse": float(np.sqrt(squares[-1].sum() / blocks.total_weight)),
                 "forgets": bool(gap.gap <= gap.limit),
                 "gap": gap.gap,
                 "gap_limit": gap.limit,
-                **_before_after(data, held, m),
             }
+            | {k: FreeRun.of(held, m.spec, w).errors() for k, w in weights.items() if w is not None}
         )
-    chosen, equal, reason = _decide(rows, squares, strict=data.transform == "phi")
-    test = "held-out recordings" if task.test else "test blocks"
-    result = {
-        "candidates": rows,
-        "chosen": chosen,
-        "equal": equal,
-        "reason": reason,
-        "test": test,
-        "unit": data.output.unit,
-    }
-    return plain(result)
+    best, equal, reason = decide(rows, squares, strict=data.transform == "phi")
+    return plain(
+        {
+            "candidates": rows,
+            "chosen": best,
+            "equal": equal,
+            "reason": reason,
+            "test": "held-out recordings" if task.test else "test blocks",
+            "unit": data.output.unit,
+            "output": task.output,
+        }
+    )
 
 
-def _before_after(data: Prepared, held: Prepared, model: Contender) -> dict[str, Any]:
-    """Return free-run errors on held-out samples, after and before closed-loop training."""
-    found = {}
-    for name, weights in (("after", model.weights), ("before", model.before)):
-        if weights is not None:
-            run = held.scaling.unscale_y(free_run(held, model.spec, weights))
-            test = held.role == Role.TEST
-            found[name] = {
-                "all": measures(held, run, test),
-                "enabled": measures(held, run, test & held.enabled),
-            }
-    return found
-
-
-def _decide(
+def decide(
     rows: Sequence[Mapping[str, Any]], squares: Sequence[FloatArray], *, strict: bool
 ) -> tuple[int, list[int], str]:
     """Return the chosen row, the rows equal to the best, and the reason in words.
@@ -239,36 +202,59 @@ def _decide(
         close = rows[i]["validation_rmse"] < (1 + gain) * rows[best]["validation_rmse"]
         if i == best or close or float(loss.sum()) < SURE * error:
             equal.append(i)
-    chosen = min(equal, key=lambda i: (rows[i]["n_weights"], rows[i]["validation_rmse"]))
-    return chosen, equal, _reason(rows, chosen, best, equal, eligible, strict=strict)
-
-
-def _reason(
-    rows: Sequence[Mapping[str, Any]],
-    chosen: int,
-    best: int,
-    equal: Sequence[int],
-    eligible: Sequence[int],
-    *,
-    strict: bool,
-) -> str:
-    own, first = rows[chosen], rows[best]
+    smallest = min(equal, key=lambda i: (rows[i]["n_weights"], rows[i]["validation_rmse"]))
+    own, first = rows[smallest], rows[best]
     text = (
         f"Chosen: {own['name']} ({own['structure']}, {own['n_weights']} weights), free-run RMSE "
         f"{own['validation_rmse']:.4f} on the validation blocks (scaled)."
     )
-    if chosen == best:
-        text += " It is the best of all."
-        if len(equal) > 1:
-            text += f" {len(equal) - 1} larger ones are not told apart from it."
-    else:
+    if smallest != best:
         text += (
             f" {first['name']} reaches {first['validation_rmse']:.4f} with {first['n_weights']} "
             "weights; over the blocks the two are not told apart, so the smaller one is chosen."
         )
-    lost = len(rows) - len(eligible)
-    if strict and lost:
+    else:
+        text += " It is the best of all."
+        if len(equal) > 1:
+            text += f" {len(equal) - 1} larger ones are not told apart from it."
+    if strict and len(rows) > len(eligible):
+        lost = len(rows) - len(eligible)
         text += f" {lost} of {len(rows)} do not forget their history and come last."
     elif strict and not own["forgets"]:
         text += " No candidate forgets its history within a window: see the warning."
-    return text
+    return smallest, equal, text
+
+
+def ship(task: Task, parts: Parts) -> dict[str, Any]:
+    """Write ``model.onnx`` with decision limits in its card; return them."""
+    data, model, path = task.data, chosen(task, parts), task.folder / "model.onnx"
+    gap = contraction(data, model.spec, model.weights, task.settings.seed)
+    predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
+    _, card = write_model(path, data, model.spec, model.weights, predicted, gap)
+    warnings = []
+    if not gap.gap <= gap.limit:
+        warnings.append(
+            "the model does not forget a wrong start: two runs that begin with different past "
+            f"values differ by {gap.gap:.3g} after {CONTRACTION_SAMPLES} samples "
+            f"(limit {gap.limit:.3g})"
+        )
+    try:
+        card, windows = set_limits(path, task.recordings, held_out(data), config.load())
+        if windows < MANY_WINDOWS:
+            warnings.append(
+                f"the decision limits rest on {windows} windows, {MANY_WINDOWS} are wanted"
+            )
+    except RecordingError as error:
+        warnings.append(f"the model has no decision limits: {error}")
+    path.replace(task.out / "model.onnx")
+    return plain(
+        {
+            "path": "model.onnx",
+            "warnings": warnings,
+            "limits": {
+                k: {"value": v.value, "unit": v.unit, "origin": v.origin}
+                for k, v in card.limits.items()
+            },
+            "parity": card.checks["parity"],
+        }
+    )

@@ -1,5 +1,6 @@
 """Figures of the preparation: outliers over the drives, spectra with their lines."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -7,12 +8,13 @@ from matplotlib.figure import Figure
 
 from training.pages.figure import LIMIT, drawing, panels
 
+Result = Mapping[str, Any]
+
 COLOURS = {"missing": "0.5", "out_of_range": "C3", "spike": "C1"}
-WORDS = {"missing": "missing", "out_of_range": "out of range", "spike": "spike"}
 LINES = {"noise": "C3", "commanded": "C2", "driven": "C8"}
 
 
-def outlier_figure(result: dict[str, Any]) -> Figure:
+def outlier_figure(result: Result) -> Figure:
     """Draw where samples cannot be used, drives end to end."""
     names = [o["signal"] for o in result["outliers"]]
     figure, axes = drawing(0.8 + 0.3 * len(names))
@@ -20,52 +22,47 @@ def outlier_figure(result: dict[str, Any]) -> Figure:
     for end_s in ends_s[:-1]:
         axes.axvline(end_s, color="0.85", lw=0.8)
     for reason, colour in COLOURS.items():
-        marks = [m for m in result["marks"] if m["reason"] == reason]
-        for number, mark in enumerate(marks):
+        label: str | None = reason.replace("_", " ")
+        for mark in (m for m in result["marks"] if m["reason"] == reason):
             at = names.index(mark["signal"])
             wide = max(mark["stop_s"] - mark["start_s"], 0.002 * float(ends_s[-1]))
-            label = WORDS[reason] if number == 0 else None
             axes.broken_barh([(mark["start_s"], wide)], (at - 0.35, 0.7), color=colour, label=label)
+            label = None
     axes.set_yticks(range(len(names)), names)
-    axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_xlim(0.0, float(ends_s[-1]))
+    axes.set(ylim=(len(names) - 0.5, -0.5), xlim=(0.0, float(ends_s[-1])))
     axes.set_xlabel("time, s; grey lines part the drives")
     figure.legend(loc="outside upper right", ncols=3)
     return figure
 
 
-def spectrum_figure(result: dict[str, Any]) -> Figure:
+def spectrum_figure(result: Result) -> Figure:
     """Draw the output's spectrum with its lines, and its coherence with the inputs."""
-    spectrum = result["spectrum"]
+    spectrum, output = result["spectrum"], result["output"]
     f = np.array(spectrum["frequency_hz"])[1:-1]
     figure, (upper, lower) = panels(2, 1, height=2.8, sharex=True, height_ratios=(3, 2))
-    density = np.array(spectrum["density"][result["output"]])[1:-1]
     unit = "1/Hz" if result["transform"] == "phi" else "unit²/Hz"
+    density = spectrum["density"][output][1:-1]
     upper.semilogy(f, density, lw=1.0, color="C0", label="spectrum of the output")
     upper.semilogy(f, spectrum["background"][1:-1], lw=1.0, color=LIMIT, label="background")
-    seen = set()
-    for line in result["lines"]:
-        if line["signal"] == result["output"]:
-            label = None if line["kind"] in seen else f"line, {line['kind']}"
-            seen.add(line["kind"])
-            colour = LINES[line["kind"]]
-            upper.axvspan(line["low_hz"], line["high_hz"], color=colour, alpha=0.35, label=label)
+    seen = set[str]()
+    for line in (x for x in result["lines"] if x["signal"] == output):
+        kind = line["kind"]
+        label = None if kind in seen else f"line, {kind}"
+        upper.axvspan(line["low_hz"], line["high_hz"], color=LINES[kind], alpha=0.35, label=label)
+        seen.add(kind)
     upper.set_ylabel(f"power spectral density, {unit}")
     upper.legend()
-    peaks = [
-        (max(values[4:-2], default=0.0), name) for name, values in spectrum["coherence"].items()
-    ]
+    peaks = [(max(v[4:-2], default=0.0), name) for name, v in spectrum["coherence"].items()]
     for _, name in sorted(peaks, reverse=True)[:4]:
         lower.plot(f, spectrum["coherence"][name][1:-1], lw=1.0, label=name)
     lower.axhline(spectrum["coherence_limit"], color=LIMIT, lw=0.8, ls="--")
-    lower.set_ylim(0.0, 1.02)
-    lower.set_ylabel("coherence with the output")
+    lower.set(ylim=(0.0, 1.02), ylabel="coherence with the output")
     lower.set_xlabel("frequency, Hz; dashed: unrelated signals stay below in 95 %")
     lower.legend(ncols=2)
     return figure
 
 
-def inputs_figure(result: dict[str, Any]) -> Figure:
+def inputs_figure(result: Result) -> Figure:
     """Draw the inputs' spectra, each divided by its variance, with their lines."""
     spectrum, names = result["spectrum"], result["inputs"]
     f = np.array(spectrum["frequency_hz"])[1:-1]
@@ -74,9 +71,8 @@ def inputs_figure(result: dict[str, Any]) -> Figure:
         density = np.array(spectrum["density"][name])
         variance = max(float(density.sum() * spectrum["frequency_hz"][1]), 1e-300)
         axes.semilogy(f, np.maximum(density[1:-1] / variance, 1e-12), lw=0.8, color="C0")
-        for line in result["lines"]:
-            if line["signal"] == name:
-                axes.axvspan(line["low_hz"], line["high_hz"], color="0.5", alpha=0.35)
+        for line in (x for x in result["lines"] if x["signal"] == name):
+            axes.axvspan(line["low_hz"], line["high_hz"], color="0.5", alpha=0.35)
         axes.set_title(name)
     figure.supxlabel("frequency, Hz")
     figure.supylabel("share of the variance, 1/Hz")

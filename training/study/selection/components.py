@@ -8,6 +8,7 @@ import numpy as np
 from scipy import linalg, stats
 
 from monitor.base.types import FloatArray
+from training.jobs.json_tree import plain
 
 ENOUGH = 0.9  # share of the variance that the kept components explain
 ALPHA = 0.01  # share of normal samples beyond the limits of Q and T²
@@ -76,14 +77,7 @@ def components(values: FloatArray, share: float = ENOUGH) -> Components:
     signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
     loadings = (rows * signs[:, np.newaxis]).T  # the largest loading of a component is positive
     kept = max(1, min(kept, len(variances) - 1))
-    return Components(
-        mean=mean,
-        std=std,
-        variances=variances,
-        loadings=loadings,
-        kept=kept,
-        samples=len(values),
-    )
+    return Components(mean, std, variances, loadings, kept, len(values))
 
 
 def pca(stretches: Sequence[tuple[FloatArray, FloatArray]], names: Sequence[str]) -> dict[str, Any]:
@@ -92,38 +86,27 @@ def pca(stretches: Sequence[tuple[FloatArray, FloatArray]], names: Sequence[str]
     stretches : pairs of time in s (n_i,) and values (n_i, k); time runs through all stretches
     names : names of the k columns
     """
-    t_s = np.concatenate([t for t, _ in stretches])
-    values = np.concatenate([v for _, v in stretches])
+    t_s, values = (np.concatenate(each) for each in zip(*stretches, strict=True))
     found = components(values)
     q, t2 = found.q(values), found.t_squared(values)
-    scores = found.scores(values)
     some = np.linspace(0, len(values) - 1, min(POINTS, len(values))).astype(int)
+    edges = np.linspace(0, len(values), min(BINS, len(values)) + 1).astype(int)[:-1]
+    result = {
+        "variances": found.variances,
+        "explained": np.cumsum(found.variances) / found.variances.sum(),
+        "loadings": found.loadings,
+        "scores": found.scores(values)[some, :2].T,
+        "q": {"t_s": t_s[edges], "largest": np.maximum.reduceat(q, edges)},
+        "t_squared": {"t_s": t_s[edges], "largest": np.maximum.reduceat(t2, edges)},
+    }
     return {
         "names": list(names),
         "samples": len(values),
         "kept": found.kept,
-        "variances": _short(found.variances),
-        "explained": _short(np.cumsum(found.variances) / found.variances.sum()),
-        "loadings": [_short(row) for row in found.loadings],
-        "scores": [_short(scores[some, i]) for i in range(min(2, scores.shape[1]))],
-        "q": _peaks(t_s, q),
+        **plain(result),
         "q_limit": found.q_limit(),
         "q_beyond": float((q > found.q_limit()).mean()),
-        "t_squared": _peaks(t_s, t2),
         "t_squared_limit": found.t_squared_limit(),
         "t_squared_beyond": float((t2 > found.t_squared_limit()).mean()),
         "alpha": ALPHA,
     }
-
-
-def _peaks(t_s: FloatArray, values: FloatArray) -> dict[str, list[float]]:
-    """Return the largest value in up to ``BINS`` equal parts of the time."""
-    edges = np.linspace(0, len(values), min(BINS, len(values)) + 1).astype(int)
-    return {
-        "t_s": _short(t_s[edges[:-1]]),
-        "largest": _short(np.maximum.reduceat(values, edges[:-1])),
-    }
-
-
-def _short(values: FloatArray) -> list[float]:
-    return [float(f"{v:.5g}") for v in values]

@@ -1,0 +1,173 @@
+"""Free runs of a network: on recordings in use, in the output's unit, with excerpts for figures."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
+from monitor.model.step import from_model_units, to_model_units
+from training.narx import stages
+from training.narx.model_file import measures
+from training.narx.network import Spec
+from training.recordings.outliers import outlier_mask
+from training.recordings.preparation import (
+    OTHER_WEIGHT,
+    Prepared,
+    Role,
+    Samples,
+    Segment,
+    enabled_rows,
+)
+from training.recordings.recording import Recording
+from training.recordings.rows import runs
+from training.study.task import LAGS, Task
+
+WINDOW = 50  # samples, Model Based Diagnosis of Oxygen Sensors, section 2
+EXCERPT, SCATTER = 1200, 700  # samples in the figures
+
+
+def scaled_as(data: Prepared, recordings: Sequence[Recording]) -> Prepared:
+    """Return other recordings in the scaling of ``data``; all samples have the role TEST.
+
+    The inputs are those that the monitor sees, without the noise that training adds to the
+    controller.
+    Raises RecordingError if no stretch can be used.
+    """
+    names = (*data.names, data.output.name)
+    parts, enabled, segments, at = [], [], [], 0
+    for index, recording in enumerate(recordings):
+        values = np.column_stack([recording.column(name) for name in names])
+        for i, name in enumerate(names):
+            values[outlier_mask(name, values[:, i]), i] = np.nan
+        on = enabled_rows(recording)
+        for first, stop in runs(np.asarray(np.isfinite(values[:, :-1]).all(axis=1))):
+            if stop - first < 8 * LAGS or not np.isfinite(values[first:stop, -1]).any():
+                continue
+            parts.append(values[first:stop])
+            enabled.append(on[first:stop])
+            segments.append(Segment(index, first, at, at + stop - first))
+            at += stop - first
+    if not segments:
+        files = ", ".join(str(r.path) for r in recordings)
+        raise RecordingError(f"{files}: no stretch of {8 * LAGS} samples with all inputs valid")
+    values, on = np.concatenate(parts), np.concatenate(enabled)
+    y = to_model_units(data.transform, values[:, -1])
+    valid = np.isfinite(y)
+    filled = np.interp(np.arange(len(y)), np.flatnonzero(valid), y[valid])
+    return replace(
+        data,
+        samples=Samples(
+            data.scaling.scale_u(values[:, :-1]),
+            (filled - data.scaling.y_mean) / data.scaling.y_std,  # not clipped to the trained range
+            np.where(on, 1.0, OTHER_WEIGHT) * valid,
+        ),
+        segments=tuple(segments),
+        enabled=on & valid,
+        role=np.full(len(y), Role.TEST, dtype=np.int8),
+        recordings=tuple(recordings),
+    )
+
+
+def as_in_use(data: Prepared) -> Prepared:
+    """Return ``data`` with the inputs that the monitor sees; the roles stay."""
+    return replace(scaled_as(data, data.recordings), role=data.role)
+
+
+def judged_on(task: Task, data: Prepared | None = None) -> Prepared:
+    """Return the held-out drives, or the training recordings without held-out drives.
+
+    data : gives the scaling; default: the training recordings
+    In both cases no sample of role TEST was used to train or choose a model.
+    """
+    scaled = scaled_as(data or task.data, task.test or task.recordings)
+    return scaled if task.test else replace(scaled, role=task.data.role)
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """The free run of a network over samples, of which ``rows`` count."""
+
+    data: Prepared
+    predicted: FloatArray  # (n,) in model units
+    rows: np.ndarray  # (n,) bool
+
+    @classmethod
+    def of(cls, data: Prepared, spec: Spec, weights: FloatArray) -> "FreeRun":
+        """Run the network over ``data``; the rows are those of role TEST."""
+        predicted = data.scaling.unscale_y(stages.free_run(data, spec, weights))
+        return cls(data, predicted, data.role == Role.TEST)
+
+    @property
+    def in_units(self) -> tuple[FloatArray, FloatArray]:
+        """Measured (NaN where not valid) and predicted output (n,), in the output's unit."""
+        valid = self.data.samples.weight > 0
+        measured = np.where(valid, self.data.scaling.unscale_y(self.data.samples.y), np.nan)
+        transform = self.data.transform
+        return from_model_units(transform, measured), from_model_units(transform, self.predicted)
+
+    @property
+    def scored(self) -> np.ndarray:
+        """The rows (n,) with a measurement and a prediction."""
+        return self.rows & np.isfinite(self.in_units).all(axis=0)
+
+    def judged(self, rows: np.ndarray) -> np.ndarray:
+        """Return those of ``rows`` that the monitor judges, all of them if it judges hardly one."""
+        on = rows & self.data.enabled
+        return on if on.sum() > WINDOW else rows
+
+    @property
+    def residual(self) -> FloatArray:
+        """Measured minus predicted output (n,), NaN where the monitor would not judge it."""
+        measured, run = self.in_units
+        return np.where(self.judged(self.rows), measured - run, np.nan)
+
+    def errors(self) -> dict[str, Any]:
+        """Return the measures on all rows and on the enabled ones."""
+        return {
+            name: measures(self.data, self.predicted, rows)
+            for name, rows in (("all", self.rows), ("enabled", self.rows & self.data.enabled))
+        }
+
+    def view(self, title: str, source: str) -> dict[str, Any]:
+        """Return errors, an excerpt and a scatter of the rows, as figure 6 of the paper."""
+        scored = self.scored
+        judged = self.judged(scored)
+        first, stop = liveliest(self.in_units[0], judged, scored)
+        series = dict(zip(("measured", "predicted"), self.in_units, strict=True))
+        return {
+            "title": title,
+            "source": source,
+            "all": measures(self.data, self.predicted, scored),
+            "enabled": measures(self.data, self.predicted, judged),
+            "first_s": first * self.data.period_ns / 1e9,
+            "excerpt": {k: np.where(scored, v, np.nan)[first:stop] for k, v in series.items()},
+            "judged": judged[first:stop].astype(int),
+            "scatter": {k: thinned(v[judged], SCATTER) for k, v in series.items()},
+        }
+
+
+def liveliest(
+    measured: FloatArray, judged: np.ndarray, scored: np.ndarray, most: int = EXCERPT
+) -> tuple[int, int]:
+    """Return first and stop row of a lively excerpt of at most ``most`` samples.
+
+    All excerpts of unbroken stretches are sorted by the variation of their judged samples; the one
+    at the 75th percentile is taken.
+    """
+    places = []
+    for a, b in runs(scored):
+        length = min(most, b - a)
+        for at in range(a, b - length + 1, max(length // 2, 1)):
+            on = judged[at : at + length]
+            spread = float(measured[at : at + length][on].std()) if on.any() else 0.0
+            places.append((length * float(on.mean()) * spread, at, at + length))
+    places.sort()
+    return places[(3 * len(places)) // 4][1:] if places else (0, 0)
+
+
+def thinned(values: FloatArray, most: int) -> FloatArray:
+    """Return at most ``most`` of the values (n,), evenly spread."""
+    return values[:: max(1, -(-len(values) // most))]

@@ -1,0 +1,102 @@
+"""The study as one self-contained page: summary first, then every part.
+
+A section is a template below ``study/``. It gets the part's result, all parts, the figures of its
+module in ``figures``, and ``say``, the cells and sentences that take more than a template.
+"""
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any, Final
+
+from training.limits.data_check import findings
+from training.narx.stability import CONTRACTION_SAMPLES
+from training.pages.page import page, part
+from training.study import words
+from training.study.task import Parts
+
+FALSE_ALARMS: Final = 2.0  # percent of healthy windows, two limits at quantiles of 1 %
+# Sections with their part, the module of their figures, and their title where they may be left out.
+SECTIONS: Final = {
+    "check": ("check", "", ""),
+    "preparation": ("preparation", "preparation", "Preparation"),
+    "selection": ("selection", "selection", "Input selection"),
+    "linear": ("linear", "linear", "Linear baselines"),
+    "narx": ("narx", "narx", "NARX study"),
+    "free": ("free", "", "Memory and size chosen by the data"),
+    "choice": ("choice", "", ""),
+    "closed_loop": ("choice", "", ""),
+    "beside": ("beside", "", ""),
+    "against_sensor": ("sensor", "outcome", ""),
+    "faulty": ("sensor", "outcome", ""),
+    "steady": ("steady", "outcome", "Steady training, transient use"),
+}
+
+
+def report(parts: Parts, warnings: list[str]) -> str:
+    """Return the page from the parts' results, as they stand in study.json."""
+    choice = parts["choice"]
+    return page(
+        "study/report.html",
+        f"Study of {choice['output']}",
+        verdict=choice["reason"],
+        confidence=_confidence(choice),
+        warnings=warnings,
+        parts=parts,
+        say=words,
+        sections=[section(name, parts) for name in SECTIONS],
+    )
+
+
+def section(name: str, parts: Parts) -> str:
+    """Return a section of the page, the reason where its part was left out."""
+    source, drawing, title = SECTIONS[name]
+    result = parts[source]
+    if name == "check":
+        return findings.section(result)
+    if "skipped" in result:
+        return part("study/skipped.html", title=title, why=result["skipped"]) if title else ""
+    draw = import_module(f"training.study.figures.{drawing}") if drawing else None
+    values = {"contraction": CONTRACTION_SAMPLES, "titles": words.TITLES}
+    return part(f"study/{name}.html", result=result, parts=parts, draw=draw, say=words, **values)
+
+
+def _confidence(choice: Mapping[str, Any]) -> str:
+    """Return how the chosen model does on samples that chose nothing, and who is beside it."""
+    found = choice["candidates"][choice["chosen"]]["after"]["all"]
+    equal = len(choice["equal"]) - 1
+    beside = f"{equal} others are not told apart from it" if equal else "no other model is as good"
+    if found.get("fit_percent") is None:
+        return f"{beside} on the validation blocks."
+    return (
+        f"on {choice['test']}, which chose nothing, its free run has a fit of "
+        f"{found['fit_percent']:.1f} %; {beside} on the validation blocks."
+    )
+
+
+def warnings(parts: Parts, titles: Mapping[str, str]) -> list[str]:
+    """Return the warnings at the top of the page; ``titles`` are those of the parts."""
+    free = [w for w in parts["free"].get("warnings", []) if "histories" not in w]
+    found = [f["text"] for f in parts["check"]["findings"] if f["level"] == "warning"]
+    found += parts["narx"].get("warnings", []) + [f"free structure: {w}" for w in free]
+    found += parts["shipped"]["warnings"]
+    skipped = {name: parts[name]["skipped"] for name in titles if "skipped" in parts[name]}
+    found += [f"{titles[name]}: left out, {why}" for name, why in skipped.items()]
+    chosen, sensor = parts["choice"]["candidates"][parts["choice"]["chosen"]], parts["sensor"]
+    fit = chosen["after"]["all"].get("fit_percent")
+    if fit is None or fit <= 0.0:
+        found.append("the chosen model predicts held-out samples no better than their mean would")
+    false = 100 * sensor["healthy"]["beyond"]["both"]
+    if false > FALSE_ALARMS:
+        found.append(
+            f"the paper's rule fires in {false:.1f} % of the windows of {sensor['healthy_on']} "
+            "without a fault: the limits rest on other driving or weather than these"
+        )
+    if "skipped" not in (linear := parts["beside"]):
+        own, best = linear["narx"]["fit_percent"], linear["models"][linear["best_linear"]]
+        if None not in (own, best["fit_percent"]) and own <= best["fit_percent"]:
+            found.append(
+                f"the chosen NARX reaches {own:.1f} % fit on held-out samples, the linear model "
+                f"{words.TITLES[linear['best_linear']]} {best['fit_percent']:.1f} %: the NARX is "
+                "not worth it"
+            )
+    return list(dict.fromkeys(found))

@@ -1,1 +1,0 @@
-"""Part 1 of the study, preparation: outliers, spectra and noise lines."""

@@ -1,0 +1,66 @@
+"""Results of the study on disk: one JSON file each, written as soon as the result is there.
+
+A study that was killed finds what is finished and runs only the rest.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from tqdm import tqdm
+
+from monitor.base.files.outputs import write_text
+from training.jobs import parallel
+
+Shared = TypeVar("Shared")
+Item = TypeVar("Item")
+Result = dict[str, Any]
+PRIVATE = ("network", "weights", "one_step_weights")  # only in the result's file, not in study.json
+
+
+def stored(path: Path) -> Result | None:
+    """Return a stored result, None where there is none or only a part of one."""
+    try:
+        result = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return None
+    return result if isinstance(result, dict) else None
+
+
+def store(path: Path, result: Result) -> None:
+    """Write a result in one step."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, json.dumps(result, allow_nan=False))
+
+
+def fan_out(
+    function: Callable[[Shared, Item], Result],
+    shared: Shared,
+    items: Mapping[str, Item],
+    folder: Path,
+    *,
+    jobs: int = 2,
+    scheduler: str | None = None,
+    label: str = "",
+) -> dict[str, Result]:
+    """Return the results by key, in the order of ``items``; finished ones are read from files.
+
+    function : module-level function of ``shared`` and an item; returns JSON values
+    items : the key names the file in ``folder``; long jobs should come first
+    scheduler : address of a Dask scheduler; None uses ``jobs`` processes on this machine
+    Raises UsageError if the scheduler cannot be used.
+    """
+    found = {k: result for k in items if (result := stored(folder / f"{k}.json")) is not None}
+    missing = [(key, item) for key, item in items.items() if key not in found]
+    done = parallel.run(function, shared, missing, jobs=jobs, scheduler=scheduler)
+    bar = tqdm(done, label, len(items), initial=len(found), unit="job", leave=False, disable=None)
+    for key, result in bar:
+        store(folder / f"{key}.json", result)
+        found[key] = result
+    return {key: found[key] for key in items}
+
+
+def public(result: Mapping[str, Any]) -> Result:
+    """Return a result without what only its file holds."""
+    return {k: v for k, v in result.items() if k not in PRIVATE}

@@ -1,0 +1,163 @@
+"""The chosen model against the sensor: residuals on healthy and faulty drives.
+
+The results correspond to figures 6 and 7 of *Model Based Diagnosis of Oxygen Sensors*. Residuals
+are measured minus predicted, in the output's unit, on samples that the monitor would judge.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import compress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.base.errors import UsageError
+from monitor.base.fault_streams import SensorFault
+from monitor.base.faults import resolve
+from monitor.base.files import manifest
+from monitor.base.types import FloatArray
+from training.jobs.json_tree import plain
+from training.recordings.preparation import Prepared, Role
+from training.recordings.recording import Recording
+from training.recordings.rows import runs
+from training.study.choice import chosen
+from training.study.free_runs import WINDOW, FreeRun, as_in_use, judged_on, scaled_as, thinned
+from training.study.task import Parts, Task, source
+
+BINS = 80  # of the residual's distribution
+SHOWN_WINDOWS = 200
+PUT_ON = (
+    "slow_symmetric",
+    "delay_rich_to_lean",
+    "delay_symmetric",
+    "transient",
+    "gain_low",
+    "biased_lean",
+)
+ANY_OUTPUT = ("slow_symmetric", "delay_symmetric")  # faults that need no zero point of the sensor
+ROLES = {Role.TRAIN: "training", Role.VALIDATE: "validation", Role.TEST: "test"}
+
+
+def against_sensor(task: Task, parts: Parts) -> dict[str, Any]:
+    """Return free runs and residuals on blocks and drives, healthy and faulty."""
+    model, limits = chosen(task, parts), parts["shipped"]["limits"]
+    network = (model.spec, model.weights)
+    own = FreeRun.of(as_in_use(task.data), *network)
+    views = [
+        replace(own, rows=own.data.role == role).view(f"{name} blocks", source(task.recordings))
+        for role, name in ROLES.items()
+    ]
+    views += [
+        FreeRun.of(scaled_as(task.data, [r]), *network).view(Path(r.path).name, source([r]))
+        for r in task.test
+    ]
+    healthy = FreeRun.of(judged_on(task), *network) if task.test else own
+    known = np.abs(healthy.residual[np.isfinite(healthy.residual)])
+    span = float(5.0 * np.quantile(known, 0.99)) if len(known) else 1.0
+    j = {k: limits[k]["value"] for k in ("j_mu", "j_sigma") if k in limits}
+    readable = [np.isfinite(r.column(task.output)).any() for r in task.faulty]
+    faulty = (
+        [
+            (FreeRun.of(scaled_as(task.data, [r]), *network), *_named(r))
+            for r in compress(task.faulty, readable)
+        ]
+        if task.faulty
+        else _put_on_all(healthy)
+    )
+    faults = [
+        {"name": name, "how": how}
+        | residuals(run, span, j)
+        | {"view": run.view(name, source(run.data.recordings))}
+        for run, name, how in faulty
+    ]
+    return plain(
+        {
+            "output": task.output,
+            "unit": task.data.output.unit,
+            "period_s": task.period_s,
+            "healthy_source": source(task.test or task.recordings),
+            "healthy_on": "held-out recordings" if task.test else "test blocks",
+            "views": views,
+            "limits": j,
+            "edges": _edges(span),
+            "healthy": residuals(healthy, span, j),
+            "unreadable": [
+                Path(r.path).name for r in compress(task.faulty, np.logical_not(readable))
+            ],
+            "faults": faults,
+        }
+    )
+
+
+def _edges(span: float) -> FloatArray:
+    return np.linspace(-span, span, BINS + 1)
+
+
+def residuals(run: FreeRun, span: float, j: Mapping[str, float]) -> dict[str, Any]:
+    """Return the distribution of the residual and the paper's rule on its windows.
+
+    span : half range of the histogram, in the output's unit
+    j : limits ``j_mu`` and ``j_sigma`` of the paper's rule
+    """
+    residual = run.residual
+    known = residual[np.isfinite(residual)]
+    parts = [residual[s.start : s.stop] for s in run.data.segments]
+    unbroken = [part[a:b] for part in parts for a, b in runs(np.isfinite(part))]
+    windows = [p[i : i + WINDOW] for p in unbroken for i in range(0, len(p) - WINDOW + 1, WINDOW)]
+    means, stds = (np.array([f(w) for w in windows]) for f in (np.mean, np.std))
+    mean = np.abs(means) >= j.get("j_mu", np.inf)
+    std = stds >= j.get("j_sigma", np.inf)
+    n = max(len(windows), 1)
+    return {
+        "samples": len(known),
+        "share": np.histogram(np.clip(known, -span, span), _edges(span))[0] / max(len(known), 1),
+        "mean": known.mean() if len(known) else None,
+        "std": known.std() if len(known) else None,
+        "windows": len(windows),
+        "beyond": {"mean": mean.sum() / n, "std": std.sum() / n, "both": (mean & std).sum() / n},
+        "window_mean": thinned(means, SHOWN_WINDOWS),
+        "window_std": thinned(stds, SHOWN_WINDOWS),
+    }
+
+
+def _named(recording: Recording) -> tuple[str, str]:
+    """Return the fault of a faulty recording and its origin, from the manifest if it has one."""
+    path = Path(recording.path)
+    entry = manifest.load(path.parent).get(path.name, {})
+    if entry.get("sha256") != recording.sha256 or not entry.get("fault"):
+        return path.name, "as recorded"
+    severity = entry.get("severity")
+    name = f"{entry['fault']} {severity:g}" if severity is not None else str(entry["fault"])
+    where = "in the control loop" if entry.get("in_the_loop") else "put on afterwards"
+    return name, f"{where}, {entry.get('source', 'recorded')}"
+
+
+def _put_on_all(healthy: FreeRun) -> Iterator[tuple[FreeRun, str, str]]:
+    """Yield the healthy run with each fault on its measurement, the fault's name, and how."""
+    data = healthy.data
+    for name in PUT_ON if data.transform == "phi" else ANY_OUTPUT:
+        unit = "" if name.startswith(("gain", "biased")) else " s"
+        faulty = replace(data, samples=replace(data.samples, y=put_on(name, data)))
+        title = f"{name} {resolve(name).severity:g}{unit}"
+        yield replace(healthy, data=faulty), title, "put on afterwards"
+
+
+def put_on(name: str, data: Prepared) -> FloatArray:
+    """Return the scaled output (n,) that a faulty sensor would read.
+
+    Faults are defined on phi. Lag and dead time commute with an offset, so for another output they
+    act on the output shifted into the range of phi.
+    Raises UsageError if the result is not finite.
+    """
+    phi, y = data.transform == "phi", data.scaling.unscale_y(data.samples.y)
+    shift = 0.0 if phi else 1.0 - float(y.min())
+    result = np.empty(len(y))
+    for s in data.segments:
+        own = y[s.start : s.stop] + shift
+        lam = 1.0 / np.maximum(own, 1.0 / 16.0) if phi else 1.0 / own
+        read = SensorFault(resolve(name), data.period_ns / 1e9).apply(lam.tolist())
+        result[s.start : s.stop] = 1.0 / np.array(read) - shift
+    if not np.isfinite(result).all():
+        raise UsageError(f"fault {name} cannot be put on this output")
+    return data.scaling.scale_y(result)

@@ -1,0 +1,99 @@
+"""Cells and sentences of the study's page."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from training.pages.numbers import p_value, short, unbroken
+from training.study.narx.candidates import PAPER
+from training.study.narx.verdicts import ROLES, correlations, errors
+
+Result = Mapping[str, Any]
+
+TITLES: Final = {
+    "arx_sum_of_squares": "ARX, sum of squares",
+    "arx_mdl": "ARX, MDL",
+    "arx_aic": "ARX, AIC",
+    "arx_free_run": "ARX, free run",
+    "subspace": "state space",
+    "output_error": "output error",
+}
+STOPS: Final = {"epochs": "limit", "mu": "no step", "damping": "no step", "budget": "time"}
+
+
+def ranges(regime: Result | None, *, units: bool = True) -> list[str]:
+    """Return the ranges of a regime in words."""
+    found = []
+    for low, high in regime["ranges"] if regime else ():
+        text = f"from {short(low)}" if high is None else f"{short(low)} to {short(high)}"
+        if low is None:
+            text = "all" if high is None else f"below {short(high)}"
+        found.append(f"{text} {regime['unit'] if units and regime else ''}".rstrip())
+    return found
+
+
+def delays(samples: Sequence[int]) -> str:
+    """Return dead times, once where all are alike."""
+    return str(samples[0]) if len(set(samples)) == 1 else " ".join(map(str, samples))
+
+
+def tests(found: Result) -> list[str]:
+    """Return the cells of one model: whiteness, p, lags, independence, correlation, feedback."""
+    white, each = found["whiteness"], found["independence"]
+    sizes = [max(abs(c) for c in t["correlation"][len(t["lags"]) // 2 :]) for t in each]
+    worst = int(np.argmax(sizes))
+    rejected, feedback = ([t["input"] for t in each if t[k]] for k in ("rejected", "feedback"))
+    return [
+        "rejected" if white["rejected"] else "not rejected",
+        p_value(white["p_value"]),
+        f"{white['outside']} of {white['lags']}",
+        f"rejected for {_named(rejected, len(each))}" if rejected else "not rejected",
+        f"{sizes[worst]:.2f}, {each[worst]['input']}",
+        _named(feedback, len(each)) if feedback else "none",
+    ]
+
+
+def _named(names: Sequence[str], total: int) -> str:
+    return ", ".join(names) if len(names) < 3 else f"{len(names)} of {total}"
+
+
+def narx_row(model: Result) -> tuple[str, ...]:
+    """Return the cells of one of the 29 models."""
+    name = unbroken(f"{model['number']}  {model['name']}")
+    name += unbroken(" (paper)") if model["origin"] == PAPER else ""
+    if model["same_as"] is not None:
+        same = unbroken(f"same training as {model['same_as']}")
+        return (name, str(model["n_weights"]), same, *[""] * 8)
+    starts, free = model["starts"], errors(model, "free_run", "test")
+    finite = len(free) > 1 and bool(np.isfinite(free).all())
+    counts = sorted({s["iterations"] for s in starts})
+    cells = [name, str(model["n_weights"])]
+    for mode in ("one_step", "free_run"):
+        medians = [np.median(correlations(model, mode, role)) for role in ROLES]
+        cells.append(unbroken(" / ".join(f"{m:.3f}" for m in medians)))
+        cells.append(f"{np.median(errors(model, mode, 'test') ** 2):.2g}")
+    return (
+        *cells,
+        ", ".join(model["verdict"]["labels"]) or "–",
+        f"{100 * free.std(ddof=1) / free.mean():.0f} %" if finite else "",
+        "–".join(map(str, counts[:: max(1, len(counts) - 1)])),
+        unbroken(", ".join(sorted({STOPS.get(s["stop"], s["stop"]) for s in starts}))),
+        f"{np.mean([s['cpu_s'] for s in starts]):.1f}",
+    )
+
+
+def tuned_row(tuned: Result) -> tuple[str, ...]:
+    """Return the cells of one of the best models, before and after closed loop."""
+    pair = (tuned["before"], tuned["after"])
+    cells = [unbroken(f"{tuned['number']}  {tuned['name']}")]
+    for what, power in (("r", 1.0), ("mse", 0.5)):
+        for role in ("validate", "test"):
+            values = [each["free_run"][role]["enabled"][what] for each in pair]
+            shown = ("none" if v is None else f"{v**power:.4f}" for v in values)
+            cells.append(unbroken(" → ".join(shown)))
+    cells.append(unbroken(" → ".join("yes" if each["forgets"] else "no" for each in pair)))
+    first, final = (each["validation_score"] for each in pair)
+    best = [s["name"] for s in tuned["stages"] if s["best_score"] == final]
+    stage = "none" if final in (None, first) else (best or [tuned["stages"][-1]["name"]])[0]
+    return (*cells, str(stage), f"{tuned['cpu_s']:.0f}")
