@@ -25,6 +25,7 @@ NEEDED = {  # data that the repository does not hold
     "real_logs": DATA / "logs",
     "map_proposals": DATA / "opendbc",
 }
+FORKING = {"fuzz_databases", "fuzz_logs"}  # in a process of their own
 GIVEN = {"bosch_verdicts": ["1:30"], "map_proposals": [str(NEEDED["map_proposals"])]}
 
 
@@ -66,11 +67,12 @@ def test_a_benchmark_at_its_smallest_size_measures_something(name: str, tmp_path
         pytest.skip(f"{NEEDED[name]} is not there")
     out = tmp_path / "out.json"
     words = [name, *GIVEN.get(name, []), "--smallest", "--json", str(out)]
-    command = [sys.executable, "-m", "benchmarks", *words]
-    ran = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False
-    )
-    assert ran.returncode == 0, ran.stderr[-2000:]
+    if name in FORKING:
+        command = [sys.executable, "-m", "benchmarks", *words]
+        ran = subprocess.run(command, cwd=ROOT, capture_output=True, timeout=300, check=False)
+        assert ran.returncode == 0, ran.stderr[-2000:]
+    else:
+        assert main(words) == 0
     found = json.loads(out.read_text())
     assert (found["schema"], found["benchmark"]) == (SCHEMA, name)
     assert found["commit"]
