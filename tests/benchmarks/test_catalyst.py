@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks.studies.behind import run, tables
-from benchmarks.studies.behind.cases import settled
+from benchmarks.studies.behind.drive import settled
 from benchmarks.studies.behind.plan import CatalystMatrix, trials
 from benchmarks.studies.catalyst import main
 from monitor.base import config
@@ -107,8 +107,8 @@ def test_a_fault_counts_when_two_results_in_a_row_agree() -> None:
         return [BehindResult(50 * i, "catalyst", claim) for i, claim in enumerate(claims, 1)]
 
     debounce = config.shipped().debounce
-    once = settled(results("failed", "passed", "failed"), debounce, 0.1)
-    twice = settled(results("failed", "failed", "passed", "passed"), debounce, 0.1)
+    once = settled(results("failed", "passed", "failed"), debounce)
+    twice = settled(results("failed", "failed", "passed", "passed"), debounce)
     assert once == {"faults": {}, "faults_s": {}, "passed_s": {}}
     assert twice["faults_s"] == {"catalyst": 10.0}
     assert twice["passed_s"] == {"catalyst": 20.0}
@@ -119,9 +119,9 @@ def test_the_plan_has_every_kind_and_no_vehicle_twice() -> None:
     assert len({t.vehicle for t in planned}) == 400
     assert [t.kind for t in planned].count("wrong") == 100
     main_ = [t for t in planned if t.kind == "main"]
-    assert {t.case.mode for t in main_} == {"passive", "cut", "active"}
+    assert {t.mode for t in main_} == {"passive", "cut", "active"}
     assert {t.ambient for t in main_} == {"mild", "hot", "cold", "altitude"}
-    assert all(t.case.sensor == t.case.upstream == "" for t in planned if t.kind == "wrong")
+    assert all(t.sensor == t.upstream == "" for t in planned if t.kind == "wrong")
     with pytest.raises(UsageError, match="set limits"):
         trials(CatalystMatrix(1, 16))
 

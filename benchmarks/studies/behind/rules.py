@@ -18,7 +18,8 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.studies.behind.cases import CYCLES, PERIOD_S, Case, drive
+from benchmarks.studies.behind.drive import PERIOD_S, drive
+from benchmarks.studies.behind.plan import CYCLES, LEARNING, CatalystTrial
 from monitor.base import config
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.catalyst.bank import OXYGEN_IN_AIR, CatalystBank, Members
@@ -30,7 +31,6 @@ TITLES: Final = {
     "delay": "delay in fuel cuts, as oxygen",
     "threshold": "path behind a threshold catalyst",
 }
-LEARNING: Final = (3, 4, 5, 11, 12, 13, 14, 15, 16)  # vehicles that set the limits
 LEARNING_G: Final = (0.06, 0.25)
 SMALLEST: Final = 1e-3  # added to an index, so that it has a logarithm
 MID_V, HYSTERESIS_V = 0.45, 0.08
@@ -133,8 +133,9 @@ def limits(seconds: float, vehicles: Sequence[int] = LEARNING) -> dict[str, floa
     found: dict[float, list[Mapping[str, float]]] = {grams: [] for grams in LEARNING_G}
     for vehicle in vehicles:
         for grams, rows in found.items():
-            case, cycle = Case("rules", grams, ethanol=5.0), CYCLES[vehicle % len(CYCLES)]
-            names, values, _ = drive(vehicle, cycle, case, seconds)
+            cycle = CYCLES[vehicle % len(CYCLES)]
+            trial = CatalystTrial(0, "rules", vehicle, cycle, grams=grams, ethanol=5.0)
+            names, values, _ = drive(trial, seconds)
             rows.append(indices(names, values, PERIOD_S))
     middle: dict[str, float | None] = {}
     for rule in TITLES:

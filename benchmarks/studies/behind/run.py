@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from benchmarks.studies.behind import rules
-from benchmarks.studies.behind.cases import PERIOD_S, drive, judged
+from benchmarks.studies.behind.drive import PERIOD_S, drive, judged
 from benchmarks.studies.behind.plan import CatalystMatrix, CatalystTrial, trials
 from benchmarks.studies.runner import Found, Place
-from benchmarks.studies.second import brick
-from benchmarks.studies.sensor.conditions import weather
 from monitor.base.config import Config
-from monitor.base.types import FloatArray
 
 CHUNK: Final = 8
 LIMITS: Final = "rule_limits"  # a chunk without drives
@@ -52,7 +49,7 @@ def _rows(setting: Setting, chunk: Sequence[CatalystTrial]) -> Found:
 
 def row(trial: CatalystTrial, config: Config, seconds: float) -> dict[str, Any]:
     """Return one drive's truth, what the monitor says of it, and the indices of the rules."""
-    names, values, true_g = _samples(trial, seconds)
+    names, values, true_g = drive(trial, seconds)
     indices = rules.indices(names, values, PERIOD_S)
     return (
         trial.as_row()
@@ -60,14 +57,3 @@ def row(trial: CatalystTrial, config: Config, seconds: float) -> dict[str, Any]:
         | judged(names, values, config)
         | {"rules": {k: v if math.isfinite(v) else None for k, v in indices.items()}}
     )
-
-
-def _samples(trial: CatalystTrial, seconds: float) -> tuple[tuple[str, ...], FloatArray, float]:
-    """Return names, samples (n, n_names) and true capacity in g of a drive."""
-    case, vehicle = trial.case, trial.vehicle
-    if trial.kind != "second":
-        return drive(vehicle, trial.cycle, case, seconds, weather(trial.ambient, vehicle))
-    grams = case.grams or 0.0
-    own = brick.brick(vehicle, grams)._replace(leak=case.leak)
-    values = brick.drive(vehicle, vehicle, own, case.sensor_severity or 0.0, case.offset_lambda)
-    return brick.NAMES, values[: round(seconds / PERIOD_S)], grams

@@ -11,9 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.studies import targets
-from benchmarks.studies.behind.cases import MODES
-from benchmarks.studies.behind.plan import FIRST_VEHICLE, CatalystMatrix
-from benchmarks.studies.behind.rules import LEARNING, TITLES
+from benchmarks.studies.behind.plan import FIRST_VEHICLE, LEARNING, MODES, CatalystMatrix
+from benchmarks.studies.behind.rules import TITLES
 from benchmarks.studies.behind.run import LIMITS
 from benchmarks.studies.report import DEVELOPMENT, Report, Section
 from benchmarks.studies.sensor.conditions import AMBIENTS
