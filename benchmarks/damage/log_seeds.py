@@ -6,8 +6,7 @@ Parquet) and a logger's (CSV, MSL, MLG), with the units of a tuner and a profile
 its columns in the folder of the logs.
 """
 
-import struct
-from collections.abc import Mapping
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from benchmarks.repository import REPLAY_LOGS
 from monitor.base.types import FloatArray, Frame
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
-from tests.helpers.logger_files import TUNER_UNITS
+from tests.helpers.logger_files import TUNER_UNITS, Field, write_mlg, write_text_table
 from training.recordings.frame_block import FrameBlock
 from training.recordings.mf4_log import write_mf4
 from training.recordings.recording import Recording, load
@@ -44,26 +43,21 @@ def write_seeds(folder: Path) -> None:
     held = np.nan_to_num(drive.values, nan=1.0)
     for kind in OWN:
         write_table(folder / f"seed{kind}", drive.t_s, drive.names, held)
-    columns = _as_logged(drive)
     (folder / PROFILE).write_text(_profile(drive))
-    (folder / "seed.logger.csv").write_bytes(_text(columns, ",", "utf-8"))
-    (folder / "seed.msl").write_bytes(_text(columns, "\t", "latin-1"))
-    (folder / "seed.mlg").write_bytes(_mlg(columns))
+    fields, columns = _as_logged(drive)
+    text, units = {"Time": drive.t_s} | columns, ["s", *(field.unit for field in fields)]
+    write_text_table(folder / "seed.logger.csv", text, units=units)
+    msl = folder / "seed.msl"
+    write_text_table(msl, text, units=units, separator="\t", encoding="latin-1")
+    write_mlg(folder / "seed.mlg", fields, np.column_stack(list(columns.values())), drive.t_s)
 
 
 def stretch(begin_s: float, length_s: float) -> list[Frame]:
     """Return the frames of a stretch of the drive."""
-    frames = read_frames(DRIVE)
-    first = next(frames)
-    begin_ns = first.t_ns + round(begin_s * 1e9)
+    begin_ns = next(iter(read_frames(DRIVE))).t_ns + round(begin_s * 1e9)
     end_ns = begin_ns + round(length_s * 1e9)
-    found = []
-    for frame in frames:
-        if frame.t_ns >= end_ns:
-            break
-        if frame.t_ns >= begin_ns:
-            found.append(frame)
-    return found
+    frames = takewhile(lambda frame: frame.t_ns < end_ns, read_frames(DRIVE))
+    return [frame for frame in frames if frame.t_ns >= begin_ns]
 
 
 def side_by_side(frames: list[Frame]) -> FrameBlock:
@@ -77,41 +71,17 @@ def side_by_side(frames: list[Frame]) -> FrameBlock:
     )
 
 
-def _as_logged(drive: Recording) -> dict[tuple[str, str], FloatArray]:
-    """Return the drive's columns by name and unit, as the logger has them."""
-    columns = {("Time", "s"): drive.t_s}
+def _as_logged(drive: Recording) -> tuple[list[Field], dict[str, FloatArray]]:
+    """Return the logger's fields and their columns in its units."""
+    fields, columns = [], {}
     for name, values in zip(drive.names, drive.values.T, strict=True):
         column, unit, factor, offset = TUNER_UNITS.get(name, (f"own {name}", "", 1.0, 0.0))
-        columns[column, unit] = (np.nan_to_num(values, nan=1.0) - offset) / factor
-    return columns
+        fields.append(Field(column, unit))
+        columns[column] = (np.nan_to_num(values, nan=1.0) - offset) / factor
+    return fields, columns
 
 
 def _profile(drive: Recording) -> str:
     names = (f'{n} = "{TUNER_UNITS.get(n, (f"own {n}",))[0]}"\n' for n in drive.names)
     found_by = '[[recognise]]\ncolumns = ["own lambda_controller", "own fuel_mass_mg"]\n'
     return f'time = ["Time", "MLG timestamp"]\n{found_by}[signals]\n{"".join(names)}'
-
-
-def _text(columns: Mapping[tuple[str, str], FloatArray], separator: str, encoding: str) -> bytes:
-    rows = [[name for name, _ in columns], [unit for _, unit in columns]]
-    rows += [[f"{x:.7g}" for x in row] for row in zip(*columns.values(), strict=True)]
-    return "".join(separator.join(row) + "\r\n" for row in rows).encode(encoding)
-
-
-def _mlg(columns: Mapping[tuple[str, str], FloatArray]) -> bytes:
-    """Return an MLG log of version 2, all fields floats of 32 bits."""
-    fields = list(columns)[1:]
-    head = b"MLVLG\0" + struct.pack(">HI", 2, 1_700_000_000)
-    text_at = 24 + 89 * len(fields)
-    head += struct.pack(">IIHH", text_at, text_at + 1, 4 * len(fields), len(fields))
-    for name, unit in fields:
-        entry = bytes([7]) + name.encode()[:34].ljust(34, b"\0")
-        entry += unit.encode("latin-1")[:10].ljust(10, b"\0") + b"\0" + struct.pack(">ff", 1.0, 0.0)
-        head += (entry + b"\3").ljust(89, b"\0")
-    blocks = [head, b"\0"]
-    t_s, *values = columns.values()
-    for k, (t, *row) in enumerate(zip(t_s, *values, strict=True)):
-        data = struct.pack(f">{len(row)}f", *row)
-        begin = bytes([0, k % 256]) + struct.pack(">H", round(t * 1e5) % 65536)
-        blocks.append(begin + data + bytes([sum(data) % 256]))
-    return b"".join(blocks)

@@ -25,50 +25,43 @@ from benchmarks.outcome import Options, Row, finish
 from monitor.frames.tables.raw_table import Notes, Wanted
 from monitor.frames.tables.readers import open_table
 from monitor.grid.tables import read_table
+from tests.helpers.logger_files import Field, mlg_header
 
 TARGET_S, TARGET_MB = 60.0, 300.0
 BLOCK = 2000  # records written at once
-KNOWN = (("RPM", 1.0), ("MAP", 1 / 30), ("Lambda", 1e-4), ("CLT", 0.01), ("VBatt", 0.001))
+KNOWN = (
+    *(("RPM", 1.0), ("MAP", 1 / 30), ("Lambda", 1e-4), ("CLT", 0.01), ("VBatt", 0.001)),
+    ("Fuel: Last inj pulse width", 1 / 300),
+)
 BYTES = 2.68  # of a channel on average: 500 MB / 190,000 / 979
 
 
-def fields(n_channels: int) -> list[tuple[str, str, float]]:
-    """Return name, type and scale of the channels; two thirds have four bytes."""
-    named = [("Time", ">f4", 1.0), *((name, ">u2", scale) for name, scale in KNOWN)]
-    named.append(("Fuel: Last inj pulse width", ">u2", 1 / 300))
+def fields(n_channels: int) -> list[Field]:
+    """Return the channels; two thirds have four bytes."""
+    named = [Field("Time"), *(Field(name, "", ">u2", scale) for name, scale in KNOWN)]
     rest = n_channels - len(named)
     wide = round((BYTES - 2.0) / 2.0 * rest)
     kinds = [">f4" if i < wide else ">u2" for i in range(rest)]
-    return named + [(f"Channel {i:03d}", kind, 1.0) for i, kind in enumerate(kinds)]
+    return named + [Field(f"Channel {i:03d}", "", kind) for i, kind in enumerate(kinds)]
 
 
 def write(path: Path, n_records: int, n_channels: int) -> None:
     """Write a version 2 log with marks of time every 10 ms."""
     every = fields(n_channels)
-    record = np.dtype([(f"f{i}", kind) for i, (_, kind, _) in enumerate(every)])
+    record = np.dtype([(f"f{i}", field.dtype) for i, field in enumerate(every)])
     block = np.dtype([("head", "u1", 2), ("t", ">u2"), ("data", record), ("sum", "u1")])
-    codes = {">u2": 2, ">f4": 7}
-    start, size = 24, 89
-    text_at = start + size * len(every)
-    info = b'"rusEFI (benchmark)"\0'
     rng = np.random.default_rng(1)
     with path.open("wb") as file:
-        head = b"MLVLG\0" + struct.pack(">HI", 2, 1_700_000_000)
-        packed = text_at, text_at + len(info), record.itemsize, len(every)
-        file.write(head + struct.pack(">IIHH", *packed))
-        for name, kind, scale in every:
-            entry = bytes([codes[kind]]) + name.encode().ljust(34, b"\0") + b"".ljust(10, b"\0")
-            file.write((entry + b"\0" + struct.pack(">ff", scale, 0.0) + b"\3").ljust(size, b"\0"))
-        file.write(info)
+        file.write(mlg_header(2, every, '"rusEFI (benchmark)"'))
         for first in range(0, n_records, BLOCK):
             n = min(BLOCK, n_records - first)
             rows = np.zeros(n, block)
             k = first + np.arange(n)
             rows["head"][:, 1] = k % 256
             rows["t"] = (k * 1000) % 65536
-            for i, (name, kind, _) in enumerate(every):
-                noise = rng.integers(900, 10_000, n)
-                rows["data"][f"f{i}"] = k * 0.01 if name == "Time" else noise.astype(kind)
+            for i, field in enumerate(every):
+                noise = rng.integers(900, 10_000, n).astype(field.dtype)
+                rows["data"][f"f{i}"] = k * 0.01 if field.name == "Time" else noise
             data = np.frombuffer(rows["data"].tobytes(), np.uint8).reshape(n, -1)
             rows["sum"] = data.sum(axis=1, dtype=np.uint64) % 256
             file.write(rows.tobytes())

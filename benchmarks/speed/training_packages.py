@@ -1,4 +1,4 @@
-"""One-step and free-run training of the same network, by this project and by other packages.
+"""One-step training of the same network, by this project and by other packages.
 
 Every function takes the same data and initial weights, in the layout of
 ``training.narx.network``, and returns weights in that layout.
@@ -16,8 +16,8 @@ from types import ModuleType
 import numpy as np
 from scipy.optimize import least_squares
 
-from training.narx.algorithms.lm import Objective, Options, minimise
-from training.narx.algorithms.objectives import ClosedLoop, OneStep, Pieces, Samples
+from training.narx.algorithms.lm import Options, minimise
+from training.narx.algorithms.objectives import OneStep
 from training.narx.network import Spec, forward, jacobian, layers, regressors
 
 
@@ -78,7 +78,8 @@ def timed(work: Callable[[], tuple[int, np.ndarray]]) -> Run:
     return Run(iterations, time.process_time() - cpu_s, time.perf_counter() - wall_s, weights)
 
 
-def _minimise(objective: Objective, start: np.ndarray, iterations: int) -> Run:
+def ours(case: Case, start: np.ndarray, iterations: int) -> Run:
+    """Levenberg–Marquardt of this project, one step ahead."""
     history: list[tuple[float, float]] = []
     began = time.process_time()
 
@@ -86,31 +87,13 @@ def _minimise(objective: Objective, start: np.ndarray, iterations: int) -> Run:
         history.append((time.process_time() - began, float(np.sqrt(cost))))
 
     def work() -> tuple[int, np.ndarray]:
+        objective = OneStep(case.spec, case.phi, case.target)
         found = minimise(objective, start, Options(epochs=iterations), progress=note)
         return len(history), found.weights
 
     run = timed(work)
     run.history = history
     return run
-
-
-def ours(case: Case, start: np.ndarray, iterations: int) -> Run:
-    """Levenberg–Marquardt of this project, one step ahead."""
-    return _minimise(OneStep(case.spec, case.phi, case.target), start, iterations)
-
-
-def free_run_objective(case: Case) -> ClosedLoop:
-    """Return the error of one free run over all samples from zeros, as pyrenn has it."""
-    lags = case.spec.lags
-    u = np.concatenate([np.zeros((lags, case.spec.n_inputs)), case.u])
-    y = np.concatenate([np.zeros(lags), case.y])
-    one = Pieces(np.array([lags]), np.array([len(y)]), np.array([0]), np.zeros((1, lags)))
-    return ClosedLoop(case.spec, Samples(u, y, np.ones(len(y))), one)
-
-
-def ours_free_run(case: Case, start: np.ndarray, iterations: int) -> Run:
-    """Levenberg–Marquardt of this project on one free run over all samples."""
-    return _minimise(free_run_objective(case), start, iterations)
 
 
 def _to_pyrenn(spec: Spec, weights: np.ndarray) -> np.ndarray:
@@ -126,44 +109,18 @@ def _from_pyrenn(spec: Spec, weights: np.ndarray) -> np.ndarray:
     return back
 
 
-def _pyrenn(
-    case: Case,
-    start: np.ndarray,
-    iterations: int,
-    inputs: np.ndarray,
-    target: np.ndarray,
-    delays: dict[str, list[int]],
-) -> Run:
+def pyrenn_lm(case: Case, start: np.ndarray, iterations: int) -> Run:
+    """Levenberg–Marquardt of pyrenn on the regressors."""
     pyrenn = package("pyrenn")
-    net = pyrenn.CreateNN([inputs.shape[1], *case.spec.hidden, 1], **delays)
-    net["normP"], net["normY"] = np.ones(inputs.shape[1]), np.ones(1)  # it is scaled already
+    net = pyrenn.CreateNN([case.phi.shape[1], *case.spec.hidden, 1])
+    net["normP"], net["normY"] = np.ones(case.phi.shape[1]), np.ones(1)  # it is scaled already
     net["w"] = _to_pyrenn(case.spec, start)
 
     def work() -> tuple[int, np.ndarray]:
-        trained = pyrenn.train_LM(inputs.T, target[None], net, k_max=iterations)
+        trained = pyrenn.train_LM(case.phi.T, case.target[None], net, k_max=iterations)
         return iterations, _from_pyrenn(case.spec, trained["w"])
 
     return timed(work)
-
-
-def pyrenn_one_step(case: Case, start: np.ndarray, iterations: int) -> Run:
-    """Levenberg–Marquardt of pyrenn on the regressors."""
-    return _pyrenn(
-        case, start, iterations=iterations, inputs=case.phi, target=case.target, delays={}
-    )
-
-
-def pyrenn_free_run(case: Case, start: np.ndarray, iterations: int) -> Run:
-    """Levenberg–Marquardt of pyrenn with its output fed back, from zeros."""
-    lags = list(range(1, case.spec.lags + 1))
-    return _pyrenn(
-        case,
-        start,
-        iterations=iterations,
-        inputs=case.u,
-        target=case.y,
-        delays={"dIn": lags, "dOut": lags},
-    )
 
 
 def scipy_lm(case: Case, start: np.ndarray, iterations: int) -> Run:

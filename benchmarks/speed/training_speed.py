@@ -50,13 +50,8 @@ OURS, PYRENN = "this project, LM", "pyrenn, LM"
 ONE_STEP: Mapping[str, tuple[Trainer, int]] = {
     OURS: (packages.ours, 100),
     f"{OURS}, no more than pyrenn": (packages.ours, 20),
-    PYRENN: (packages.pyrenn_one_step, 20),
+    PYRENN: (packages.pyrenn_lm, 20),
     "scipy least_squares lm, this Jacobian": (packages.scipy_lm, 30),
-}
-FREE_RUN: Mapping[str, tuple[Trainer, int]] = {
-    OURS: (packages.ours_free_run, 50),
-    f"{OURS}, no more than pyrenn": (packages.ours_free_run, 10),
-    PYRENN: (packages.pyrenn_free_run, 10),
 }
 
 
@@ -115,19 +110,11 @@ def held_out_errors(of: Case, weights: np.ndarray) -> tuple[float, float]:
     return rmse(target, np.clip(one_step, low, high)), rmse(target, run[lags:])
 
 
-def compare(
-    of: Case,
-    trainers: Mapping[str, tuple[Trainer, int]],
-    starts: list[np.ndarray],
-    most: int,
-    *,
-    closed: bool,
-) -> Iterator[Row]:
+def compare(of: Case, starts: list[np.ndarray], most: int) -> Iterator[Row]:
     """Yield a row of medians over the starts for each package, of at most so many iterations."""
-    n = len(of.y) if closed else len(of.target)
-    objective = packages.free_run_objective(of) if closed else OneStep(of.spec, of.phi, of.target)
+    objective, n = OneStep(of.spec, of.phi, of.target), len(of.target)
     reference: list[Run] = []
-    for name, (trainer, iterations) in trainers.items():
+    for name, (trainer, iterations) in ONE_STEP.items():
         try:
             trained = [trainer(of, start, min(iterations, most)) for start in starts]
         except MissingError as missing:
@@ -139,10 +126,9 @@ def compare(
         held_out = np.median([held_out_errors(of, run.weights) for run in trained], axis=0)
         yield {
             "data": of.title,
-            "error": "free run" if closed else "one step",
             "package": name,
             "iterations": float(np.median([run.iterations for run in trained])),
-            "us": float(np.median([run.cpu_s / run.iterations for run in trained])) / n * 1e6,
+            "us": float(np.median([run.cpu_s / run.iterations for run in trained])) * 1e6 / n,
             "cpu_s": float(np.median([run.cpu_s for run in trained])),
             "training RMSE": float(np.median(errors)),
             "cpu_s of ours to it": float(np.median(reached)),
@@ -223,10 +209,8 @@ def main(argv: Sequence[str]) -> int:
     for full in cases:
         of = full.first(args.samples)
         starts = [initial_weights(of.spec, rng) for _ in range(args.starts)]
-        rows += compare(of, ONE_STEP, starts, most, closed=False)
-        trained = [packages.ours(of, start, 30).weights for start in starts]
-        rows += compare(of, FREE_RUN, trained, most, closed=True)
-    one_step = {row["package"]: row for row in rows if row.get("error") == "one step"}
+        rows += compare(of, starts, most)
+    one_step = {row["package"]: row for row in reversed(rows) if "package" in row}
     if PYRENN not in one_step or args.smallest:
         return finish(args, rows)
     ratio = float(one_step[PYRENN]["us"] or 0.0) / float(one_step[OURS]["us"] or 1.0)
