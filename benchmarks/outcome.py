@@ -18,6 +18,7 @@ from typing import Any
 from benchmarks.repository import commit
 
 SCHEMA = "o2bench/1"
+ABOUT = ("json", "benchmark", "commit")  # no options that change a figure
 Row = Mapping[str, str | float | bool | None]
 
 
@@ -44,7 +45,7 @@ class Options(argparse.ArgumentParser):
         if args.smallest:
             self.set_defaults(**self._smallest)
             args = super().parse_args(argv)
-        args.benchmark = self.prog.rpartition(" ")[2]
+        args.benchmark, args.commit = self.prog.rpartition(" ")[2], commit()
         return args
 
 
@@ -69,10 +70,10 @@ def finish(args: argparse.Namespace, rows: Sequence[Row], missed: Iterable[str] 
         about = {
             "schema": SCHEMA,
             "benchmark": args.benchmark,
-            "commit": commit(),
+            "commit": args.commit,
             "machine": f"{platform.machine()}, {os.cpu_count()} cores",
             "python": platform.python_version(),
-            "options": {k: v for k, v in vars(args).items() if k not in ("json", "benchmark")},
+            "options": {k: v for k, v in vars(args).items() if k not in ABOUT},
             "rows": [{name: _finite(value) for name, value in row.items()} for row in rows],
             "missed": failures,
         }
