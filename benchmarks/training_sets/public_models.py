@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.speed.training_packages import package
 from benchmarks.training_sets.public_data import Plant, Record
 from training.limits.evaluation import predict
-from training.narx.fit import fit
+from training.narx.fit import FitOptions, FitSource, fit
 from training.narx.linear.arx import choose_arx
 from training.narx.network import describe
 from training.recordings.prediction import Model
@@ -55,7 +55,8 @@ def narx(plant: Plant, work: Work) -> FreeRuns:
     own = [recording(f"train{i}", record) for i, record in enumerate(plant.train)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.onnx"
-        fitted = fit(own, names, "y", path, budget_minutes=work.budget_minutes, seed=work.seed)
+        options = FitOptions(budget_minutes=work.budget_minutes, seed=work.seed)
+        fitted = fit(FitSource(own, names, "y"), path, options)
         shape = describe(fitted.network.spec)
         model = Model.load(path)
         return {

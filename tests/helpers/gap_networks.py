@@ -25,7 +25,7 @@ from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit import joint
 from training.greybox.fit.drive import Drive, from_recording
 from training.limits.judging import judge
-from training.narx.fit import FitResult, fit
+from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.recordings.recording import Recording
 
 VEHICLE = 2011
@@ -87,11 +87,7 @@ def _trained_once() -> tuple[FitResult, bytes]:
 
 def trained_on(recordings: Sequence[Recording], folder: Path) -> FitResult:
     """Return a network of recordings."""
-    return fit(
-        recordings,
-        NARX_INPUTS,
-        OUTPUT,
-        folder / "base.onnx",
+    options = FitOptions(
         lags=5,
         hidden=(5,),
         starts=1,
@@ -99,6 +95,7 @@ def trained_on(recordings: Sequence[Recording], folder: Path) -> FitResult:
         budget_minutes=10.0,  # it ends by itself in seconds; on a busy machine in minutes
         seed=2,
     )
+    return fit(FitSource(recordings, NARX_INPUTS, OUTPUT), folder / "base.onnx", options)
 
 
 @shared

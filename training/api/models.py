@@ -20,7 +20,7 @@ from training.limits.decision_limits import MANY_WINDOWS, set_limits
 from training.limits.evaluation import evaluate as evaluated
 from training.narx import training_page
 from training.narx.export import update_card
-from training.narx.fit import FitResult
+from training.narx.fit import FitOptions, FitResult, FitSource
 from training.narx.fit import fit as fit_narx
 from training.recordings.input_choice import choose_inputs
 from training.recordings.recording import Pairs, Recording, check_each_once
@@ -84,8 +84,9 @@ def fit(
     kind : a network, or the physical chain
     inputs : default the paper's where all recordings have them, else chosen from what there is
     output : signal to predict
-    shape : of a network: ``lags``, ``hidden``, ``starts``, ``budget_minutes`` (10), ``threads``,
-        ``transforms``, ``progress`` as in ``training.narx.fit.fit``
+    shape : of a network: ``transforms`` of its inputs and the fields of
+        ``training.narx.fit.FitOptions``: ``lags``, ``hidden``, ``starts``, ``budget_minutes`` (10),
+        ``threads``, ``progress``
     Raises O2Error with one line that names what cannot be used.
     """
     if Path(out).suffix != ".onnx":
@@ -101,7 +102,8 @@ def fit(
         )
     else:
         chosen = tuple(inputs) if inputs else choose_inputs((*drives, *judges), output)
-        outcome = fit_narx(drives, chosen, output, out, seed=seed, validate=judges, **shape)
+        source = FitSource(drives, chosen, output, judges, shape.pop("transforms", ()))
+        outcome = fit_narx(source, out, FitOptions(seed=seed, **shape))
     return completed(outcome, drives, columns)
 
 

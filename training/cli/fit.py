@@ -190,7 +190,7 @@ def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult
     from monitor.base.errors import UsageError
     from monitor.base.signals import OUTPUT
     from training.cli.progress_bar import Bar
-    from training.narx.fit import fit
+    from training.narx.fit import FitOptions, FitSource, fit
     from training.recordings.transforms import fuel_air_ratio
 
     validate = load_all(args, args.validate, args.period)
@@ -199,22 +199,19 @@ def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult
         raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
     nowhere = StringIO() if args.nothing else None
     with Bar(args.budget, nowhere) as bar:
-        return fit(
-            recordings,
-            inputs,
-            args.output or OUTPUT,
-            args.out,
+        options = FitOptions(
             lags=args.lags,
             hidden=tuple(args.hidden) if args.hidden else None,
             input_lag_start=0 if args.lag_zero else 1,
-            transforms=[fuel_air_ratio()] if args.ratio else [],
             starts=args.starts,
             budget_minutes=args.budget,
             seed=args.seed,
-            validate=validate,
             progress=bar.update,
             tried=bar.tried,
         )
+        transforms = [fuel_air_ratio()] if args.ratio else []
+        source = FitSource(recordings, inputs, args.output or OUTPUT, validate, transforms)
+        return fit(source, args.out, options)
 
 
 def _print_limits(card: "ModelCard") -> None:

@@ -50,69 +50,94 @@ class FitResult:
     warnings: tuple[str, ...]
 
 
-def fit(
-    recordings: "Sequence[Recording]",
-    inputs: Sequence[str],
-    output: str,
-    out: Path | str,
-    *,
-    lags: int | None = None,
-    hidden: tuple[int, ...] | None = None,
-    input_lag_start: int = 1,
-    transforms: Sequence[Mapping[str, Any]] = (),
-    starts: int | None = None,
-    budget_minutes: float = 10.0,
-    seed: int = 0,
-    threads: int = 2,
-    validate: Sequence["Recording"] = (),
-    keep_validation: bool = False,
-    progress: Callable[[int, int, int, float], None] | None = None,
-    tried: Callable[[Try], None] | None = None,
-) -> FitResult:
-    """Train on ``recordings`` and write the model file ``out``.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitOptions:
+    """How a network is trained."""
 
-    lags, hidden : shape of the NARX; if neither is given, a search chooses memory and size, inputs
-        of the tick itself enter and a linear path is added; if one is given, the other one is the
-        paper's (5; 8, 8)
-    validate : recordings that choose and stop the training and are not trained on; without them,
-        held-out blocks do
-    keep_validation : never train on the validation blocks, which a short recording otherwise does
-        in the end; for a comparison with other models on these blocks
-    starts : trainings from different random weights, default 3, on short recordings 8; up to
-        three more while none of them forgets how it began and there is time
-    transforms : of inputs, see ``training.recordings.transforms``
-    progress : called with start, horizon, epoch and best validation RMSE after every epoch
-    tried : called after every structure of the search
+    lags: int | None = None  # with ``hidden`` the shape; if neither is given, a search chooses
+    hidden: tuple[int, ...] | None = None  # neurons per layer
+    input_lag_start: int = 1  # 0 lets the inputs of the predicted tick in
+    starts: int | None = None  # trainings from different random weights, default 3; see ``fit``
+    budget_minutes: float = 10.0  # after which no further epoch begins
+    seed: int = 0
+    threads: int = 2
+    keep_validation: bool = False  # never train on the validation blocks
+    progress: Callable[[int, int, int, float], None] | None = None  # takes start, horizon, epoch
+    # and best validation RMSE after every epoch
+    tried: Callable[[Try], None] | None = None  # takes every structure of the search
+
+    def __post_init__(self) -> None:
+        if self.starts is not None and self.starts < 1:
+            raise UsageError(f"starts {self.starts}: must be at least 1")
+
+
+@dataclass(frozen=True, slots=True)
+class FitSource:
+    """Recordings and signals of a fit, to be prepared with several sets of held-out blocks."""
+
+    recordings: "Sequence[Recording]"
+    inputs: Sequence[str]
+    output: str
+    validate: "Sequence[Recording]" = ()  # choose and stop the training, not trained on; without
+    # them held-out blocks do
+    transforms: Sequence[Mapping[str, Any]] = ()  # of inputs, see ``recordings.transforms``
+
+    def prepared(self, lags: int, seed: int) -> Prepared:
+        """Return the data; ``seed`` chooses the held-out blocks."""
+        everything = (*self.recordings, *self.validate)
+        return prepare(
+            everything,
+            self.inputs,
+            self.output,
+            self.transforms,
+            lags=lags,
+            seed=seed,
+            validate=range(len(self.recordings), len(everything)),
+            turn_fuel=True,
+        )
+
+
+def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -> FitResult:
+    """Train on the source's recordings and write the model file ``out``.
+
+    If neither lags nor layers are given, a search chooses memory and size, inputs of the tick
+    itself enter and a linear path is added; if one is given, the other one is the paper's (5; 8,
+    8). A short recording has 8 starts, and trains on its validation blocks in the end unless these
+    are kept for a comparison with other models; up to three more starts are made while none of
+    them forgets how it began and there is time.
     Raises RecordingError or UsageError if the recordings or names cannot be used.
     """
-    if starts is not None and starts < 1:
-        raise UsageError(f"starts {starts}: must be at least 1")
+    options = options or FitOptions()
+    seed, threads = options.seed, options.threads
     began_s = time.monotonic()
-    source = _Source(recordings, validate, inputs, output, transforms, lags or LAGS)
-    data = source.prepared(seed)
+    lags = options.lags or LAGS
+    data = source.prepared(lags, seed)
     short = len(data.role) < SHORT_SAMPLES
-    end_s = began_s + 60.0 * budget_minutes
-    shapes, tries = [_shape(data, lags, hidden, input_lag_start)], tuple[Try, ...]()
+    budget_s = 60.0 * options.budget_minutes
+    end_s = began_s + budget_s
+    shapes, tries = [_shape(data, options)], tuple[Try, ...]()
     arx = None
-    if lags is None and hidden is None:
+    if options.lags is None and options.hidden is None:
         rotations = [
             data,
-            *(source.prepared(seed + i) for i in range(1, ROTATIONS if short else 1)),
+            *(source.prepared(lags, seed + i) for i in range(1, ROTATIONS if short else 1)),
         ]
         if arx := best_arx(data):
             rotations = [with_memory(each, arx) for each in rotations]
         data = rotations[0]
-        search_end_s = began_s + SEARCH_SHARE * 60.0 * budget_minutes
-        search = Search(rotations, search_end_s, threads, tried)
+        search_end_s = began_s + SEARCH_SHARE * budget_s
+        search = Search(rotations, search_end_s, threads, options.tried)
         shapes = [(found.spec(data), found.decay) for found in search.run()]
         tries = tuple(search.tries.values())
     warnings = [*data.warnings, *_size_warnings(data, shapes[0][0])]
-    runs = Starts(data, seed, end_s, threads, progress)
-    count = starts or (STARTS_SHORT if short else STARTS)
+    runs = Starts(data, seed, end_s, threads, options.progress)
+    count = options.starts or (STARTS_SHORT if short else STARTS)
     chosen = _train(runs, shapes, count, arx, join=bool(tries))
     if not np.isfinite(chosen.model.score):
-        raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
-    if arx and short and not (validate or keep_validation) and may_refit(data):
+        raise UsageError(
+            f"the budget of {options.budget_minutes:g} min ended before the first epoch"
+        )
+    if arx and short and not (source.validate or options.keep_validation) and may_refit(data):
         data, chosen = _refit(data, chosen, seed, end_s)
     written = _write(out, data, chosen)
     return FitResult(
@@ -134,38 +159,11 @@ def fit(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Source:
-    """Recordings and signals of the fit, to be prepared with several sets of held-out blocks."""
-
-    recordings: "Sequence[Recording]"
-    validate: "Sequence[Recording]"
-    inputs: Sequence[str]
-    output: str
-    transforms: Sequence[Mapping[str, Any]]
-    lags: int
-
-    def prepared(self, seed: int) -> Prepared:
-        """Return the data; ``seed`` chooses the held-out blocks."""
-        everything = (*self.recordings, *self.validate)
-        return prepare(
-            everything,
-            self.inputs,
-            self.output,
-            self.transforms,
-            lags=self.lags,
-            seed=seed,
-            validate=range(len(self.recordings), len(everything)),
-            turn_fuel=True,
-        )
-
-
-def _shape(
-    data: Prepared, lags: int | None, hidden: tuple[int, ...] | None, input_lag_start: int
-) -> Shape:
+def _shape(data: Prepared, options: FitOptions) -> Shape:
     """Return the shape that was asked for, the paper's where nothing was said."""
     limits = data.scaling.y_scaled_limits
-    return Spec(len(data.inputs), lags or LAGS, hidden or HIDDEN, input_lag_start, *limits), 0.0
+    size = options.lags or LAGS, options.hidden or HIDDEN
+    return Spec(len(data.inputs), *size, options.input_lag_start, *limits), 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
 from training.limits.decision_limits import MANY_WINDOWS, set_limits
-from training.narx.fit import FitResult, fit
+from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.model_file import held_out, write_model
 from training.narx.network import Spec, describe
 from training.narx.stability import CONTRACTION_SAMPLES, contraction
@@ -52,18 +52,15 @@ def free_structure(task: Task, _: Parts) -> dict[str, Any]:
     Raises RecordingError or UsageError if the recordings cannot be used.
     """
     settings = task.settings
-    result = fit(
-        task.recordings,
-        task.inputs,
-        task.output,
-        task.folder / "free.onnx",
+    options = FitOptions(
         starts=None if settings.starts == Settings().starts else settings.starts,
         budget_minutes=settings.budget_minutes,
         seed=settings.seed,
         threads=task.jobs,
         keep_validation=True,  # the blocks compare this model with the 29 others
     )
-    return _free_dict(task, result)
+    source = FitSource(task.recordings, task.inputs, task.output)
+    return _free_dict(task, fit(source, task.folder / "free.onnx", options))
 
 
 def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:

@@ -46,7 +46,7 @@ from training.greybox.effects import ALL
 from training.greybox.fit.drive import from_recording
 from training.greybox.model import fit_greybox
 from training.limits.decision_limits import set_limits
-from training.narx import fit
+from training.narx.fit import FitOptions, FitSource, fit
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
@@ -80,18 +80,15 @@ def fit_base(base: str, recordings: Sequence[Recording], out: Path) -> None:
     if base == GREYBOX:
         held_out = fit_greybox(recordings, out).held_out
     else:
-        held_out = fit.fit(
-            recordings,
-            NARX_INPUTS,
-            OUTPUT,
-            out,
+        options = FitOptions(
             lags=LAGS,
             hidden=HIDDEN,
             input_lag_start=0,
             starts=1,
             budget_minutes=BUDGET_MINUTES,
             threads=1,
-        ).held_out
+        )
+        held_out = fit(FitSource(recordings, NARX_INPUTS, OUTPUT), out, options).held_out
     with suppress(RecordingError):  # too few windows: the model stands without limits
         set_limits(out, recordings, held_out, config.load())
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from training.cli import main
 from training.limits.evaluation import evaluate, predict
-from training.narx.fit import FitResult, fit
+from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.fit_verdict import fit_verdict
 from training.narx.network import Spec, layers
 from training.narx.stability import Contraction, contraction
@@ -53,21 +54,16 @@ def plant(seed: int, n: int = 2500, name: str = "drive") -> Recording:
     )
 
 
+def source_of(*recordings: Recording, transforms: Sequence[Any] = ()) -> FitSource:
+    return FitSource(recordings, NAMES[:2], NAMES[2], transforms=transforms)
+
+
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
     out = tmp_path_factory.mktemp("fit") / "model.onnx"
-    return fit(
-        [plant(1), plant(2)],
-        NAMES[:2],
-        NAMES[2],
-        out,
-        lags=3,
-        hidden=(5,),
-        starts=2,
-        transforms=[fuel_air_ratio()],
-        budget_minutes=1.0,
-        seed=3,
-    )
+    source = source_of(plant(1), plant(2), transforms=[fuel_air_ratio()])
+    options = FitOptions(lags=3, hidden=(5,), starts=2, budget_minutes=1.0, seed=3)
+    return fit(source, out, options)
 
 
 def test_a_small_plant_is_learned_in_free_run(fitted: FitResult) -> None:
@@ -122,7 +118,7 @@ def test_a_loop_so_unstable_that_no_step_helps_forgets_in_the_end(fitted: FitRes
 def test_further_starts_are_trained_while_none_forgets(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    small: Any = {"lags": 2, "hidden": (3,), "starts": 1, "budget_minutes": 1.0}
+    small = FitOptions(lags=2, hidden=(3,), starts=1, budget_minutes=1.0)
 
     # GIVEN histories that count as remembered until the third training
     def remembered(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
@@ -134,12 +130,12 @@ def test_further_starts_are_trained_while_none_forgets(
     monkeypatch.setattr("training.narx.starts.contraction", remembered)
     # WHEN one start is asked for THEN there are three, and the one that forgets is taken
     forgets_at, seen = 2, list[FloatArray]()
-    found = fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", **small)
+    found = fit(source_of(plant(1)), tmp_path / "m.onnx", small)
     assert len(found.starts) == 3
     assert found.best == 2
     # AND if none forgets there are three more, each of which may be the best
     forgets_at, seen = 99, []
-    found = fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", **small)
+    found = fit(source_of(plant(1)), tmp_path / "m.onnx", small)
     assert len(found.starts) == 4
     assert any("differ by up to 1 after 50 samples" in each for each in found.warnings)
 
@@ -147,14 +143,9 @@ def test_further_starts_are_trained_while_none_forgets(
 def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:
     results = [
         fit(
-            [plant(1, 900)],
-            NAMES[:2],
-            NAMES[2],
+            source_of(plant(1, 900)),
             tmp_path / f"{i}.onnx",
-            lags=2,
-            hidden=(2,),
-            starts=1,
-            seed=5,
+            FitOptions(lags=2, hidden=(2,), starts=1, seed=5),
         )
         for i in range(2)
     ]
@@ -232,10 +223,9 @@ def test_a_recording_that_does_not_fit_the_model_is_named(fitted: FitResult) -> 
 
 def test_too_few_samples_for_the_weights_are_refused_and_few_are_warned_of(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"training samples for \d+ weights are too few"):
-        fit([plant(1, 300)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", hidden=(20, 20))
-    result = fit(
-        [plant(1, 400)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", lags=2, hidden=(4,), starts=1
-    )
+        fit(source_of(plant(1, 300)), tmp_path / "m.onnx", FitOptions(hidden=(20, 20)))
+    options = FitOptions(lags=2, hidden=(4,), starts=1)
+    result = fit(source_of(plant(1, 400)), tmp_path / "m.onnx", options)
     assert any("expect overfitting" in w for w in result.warnings)
 
 
@@ -256,21 +246,17 @@ def test_the_budget_ends_the_training_with_the_best_so_far(
     clock = Clock()
     for module in ("fit", "starts", "stages", "algorithms.lm"):
         monkeypatch.setattr(f"training.narx.{module}.time", clock)
-    result = fit(
-        [plant(1)],
-        NAMES[:2],
-        NAMES[2],
-        tmp_path / "m.onnx",
-        hidden=(4,),
-        starts=2,
-        threads=1,
-        budget_minutes=1.0,
-    )
+    options = FitOptions(hidden=(4,), starts=2, threads=1, budget_minutes=1.0)
+    result = fit(source_of(plant(1)), tmp_path / "m.onnx", options)
     assert clock.now_s < 90  # an epoch reads it once
     assert Model.load(result.path).card.lags == 5
     assert any("budget ended" in w for w in result.warnings)
     with pytest.raises(UsageError, match="ended before the first epoch"):
-        fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", hidden=(4,), budget_minutes=1e-9)
+        fit(
+            source_of(plant(1)),
+            tmp_path / "m.onnx",
+            FitOptions(hidden=(4,), budget_minutes=1e-9),
+        )
 
 
 @pytest.mark.parametrize(

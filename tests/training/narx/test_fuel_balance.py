@@ -6,7 +6,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray, Quality
 from monitor.model.step import Model
-from training.narx.fit import fit
+from training.narx.fit import FitOptions, FitSource, fit
 from training.recordings.augmentation import FUEL_TURN, fuel_turns
 from training.recordings.preparation import Role, prepare
 from training.recordings.recording import Recording
@@ -49,17 +49,8 @@ def predicted_phi(path: Path, recording: Recording, factor: float) -> FloatArray
 
 def test_a_network_learned_in_closed_loop_follows_a_lasting_change_of_fuel(tmp_path: Path) -> None:
     path = tmp_path / "m.onnx"
-    fit(
-        [closed_loop(1)],
-        NAMES[:2],
-        NAMES[2],
-        path,
-        lags=4,
-        hidden=(4,),
-        starts=1,
-        budget_minutes=3.0,
-        threads=1,
-    )
+    options = FitOptions(lags=4, hidden=(4,), starts=1, budget_minutes=3.0, threads=1)
+    fit(FitSource([closed_loop(1)], NAMES[:2], NAMES[2]), path, options)
     other = closed_loop(2, noise=0.0)
     richer = predicted_phi(path, other, 1.05)[100:].mean()
     leaner = predicted_phi(path, other, 0.95)[100:].mean()

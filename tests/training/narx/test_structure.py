@@ -14,7 +14,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples
-from training.narx.fit import FitResult, fit
+from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, describe, forward, initial_weights, jacobian, regressors
 from training.narx.stages import blocks_of, pieces
 from training.narx.starts import committee
@@ -111,7 +111,7 @@ def test_derivatives_hold_for_boxes_and_the_linear_path() -> None:
 @pytest.fixture(scope="module")
 def late(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
     out = tmp_path_factory.mktemp("late") / "model.onnx"
-    return fit([analyser(1)], ["u0"], "y", out, starts=1, budget_minutes=5)
+    return fit(FitSource([analyser(1)], ["u0"], "y"), out, FitOptions(starts=1, budget_minutes=5))
 
 
 def test_a_late_analyser_is_given_a_long_memory(late: FitResult) -> None:
@@ -142,9 +142,8 @@ def test_a_short_record_of_a_nearly_linear_plant_gets_a_small_model(tmp_path: Pa
     rng = np.random.default_rng(2)
     u = np.repeat(rng.uniform(-1, 1, 60), 10)
     y = lfilter([0.2], [1.0, -0.8], u) + 0.2 * rng.standard_normal(600)
-    result = fit(
-        [recording(u[:, None], y)], ["u0"], "y", tmp_path / "m.onnx", starts=1, budget_minutes=5
-    )
+    source = FitSource([recording(u[:, None], y)], ["u0"], "y")
+    result = fit(source, tmp_path / "m.onnx", FitOptions(starts=1, budget_minutes=5))
     largest = max(t.n_weights for t in result.tries)
     assert result.network.spec.n_weights < 0.6 * largest
     truth = lfilter([0.2], [1.0, -0.8], u)
