@@ -20,12 +20,12 @@ from benchmarks.outcome import say
 from benchmarks.studies.workflow import drive as dyno
 from benchmarks.studies.workflow import plan
 from monitor.base.types import FloatArray
-from training.gap.healthy.behaviour import Healthy
-from training.gap.name import yardstick
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.drive import Drive, from_recording, path_of
+from training.healthy import yardstick
+from training.healthy.behaviour import Healthy
 from training.jobs import run_folder
 
 DYNO_DRIVES: Final = 4  # of a case

@@ -9,11 +9,11 @@ from tests.helpers.shared import shared
 from training.dyno.ecu import broadcast, own_bus, samples
 from training.dyno.effects import from_severities
 from training.dyno.simulation import Experiment, simulate
-from training.gap.healthy.behaviour import Healthy
-from training.gap.name import yardstick
 from training.greybox.chain import Constants
 from training.greybox.fit import drive
 from training.greybox.fit.drive import Drive
+from training.healthy import yardstick
+from training.healthy.behaviour import Healthy
 
 VEHICLE = 2001
 

@@ -1,25 +1,21 @@
 """Fit a model and evaluate it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
-from monitor.base import config
-from monitor.base.errors import RecordingError, UsageError
+from monitor.base.errors import UsageError
 from monitor.base.signals import OUTPUT
-from monitor.frames.profiles.profile import is_profile, load_profile, path_of, tree_of
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.api.recordings import Given, load_recordings
-from training.gap.reference import set_reference
 from training.greybox import fit_page
 from training.greybox.model import GreyboxResult, fit_greybox
-from training.limits.decision_limits import MANY_WINDOWS, set_limits
+from training.healthy.new_model import complete
 from training.limits.evaluation import evaluate as evaluated
 from training.narx import training_page
-from training.narx.export import update_card
 from training.narx.fit import FitOptions, FitResult, FitSource
 from training.narx.fit import fit as fit_narx
 from training.recordings.input_choice import choose_inputs
@@ -35,6 +31,19 @@ class Fit:
     card: ModelCard
     outcome: FitOutcome
     warnings: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        outcome: FitOutcome,
+        recordings: Sequence[Recording],
+        columns: str | Path | None = None,
+        progress: Callable[[str], None] = lambda _: None,
+    ) -> "Fit":
+        """Complete the card of a new model by its recordings and return the fit."""
+        path, held_out = outcome.path, outcome.held_out
+        card, warnings = complete(path, held_out, recordings, columns, progress)
+        return cls(card=card, outcome=outcome, warnings=(*outcome.warnings, *warnings))
 
     @property
     def path(self) -> Path:
@@ -104,48 +113,7 @@ def fit(
         chosen = tuple(inputs) if inputs else choose_inputs((*drives, *judges), output)
         source = FitSource(drives, chosen, output, judges, shape.pop("transforms", ()))
         outcome = fit_narx(source, out, FitOptions(seed=seed, **shape))
-    return completed(outcome, drives, columns)
-
-
-def completed(
-    outcome: FitOutcome,
-    recordings: Sequence[Recording],
-    columns: str | Path | None = None,
-    progress: Callable[[str], None] = lambda _: None,
-) -> Fit:
-    """Put profile, decision limits and healthy reference into the card of a new model."""
-    _keep_profile(outcome.path, columns)
-    limits = _set_limits(outcome, recordings)
-    card, warning = set_reference(outcome.path, recordings, progress)
-    reference = [warning] if warning else []
-    return Fit(card=card, outcome=outcome, warnings=(*outcome.warnings, *limits, *reference))
-
-
-def _keep_profile(path: Path, columns: str | Path | None) -> None:
-    """Write a given profile into the model card, so that the next log needs no option."""
-    if columns is not None and is_profile(path_of(Path(columns))):
-        profile = tree_of(load_profile(path_of(Path(columns))))
-        update_card(path, replace(Model.load(path).card, profile=profile))
-
-
-def _set_limits(outcome: FitOutcome, recordings: Sequence[Recording]) -> list[str]:
-    """Set the decision limits from the held-out blocks; return warnings."""
-    try:
-        _, n_windows = set_limits(outcome.path, recordings, outcome.held_out, config.load())
-    except RecordingError as error:
-        return [f"no decision limits: {error}"]
-    warnings = []
-    if len(recordings) == 1:
-        warnings.append(
-            "one recording does not show how drives differ, so the model may give a healthy sensor "
-            "a code on another drive; train on several drives"
-        )
-    if n_windows < MANY_WINDOWS:
-        warnings.append(
-            f"the decision limits rest on {n_windows} windows, {MANY_WINDOWS} and more are wanted: "
-            "a healthy drive may be judged faulty; train on more or longer drives"
-        )
-    return warnings
+    return Fit.of(outcome, drives, columns)
 
 
 @dataclass(frozen=True, slots=True)

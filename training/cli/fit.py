@@ -131,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from tqdm import tqdm
 
-    from training.api.models import completed
+    from training.api.models import Fit
     from training.narx.fit import FitResult
     from training.narx.fit_verdict import fit_verdict
     from training.recordings.recording import check_each_once
@@ -148,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
             bar.set_description_str(text)
             bar.update()
 
-        fitted = completed(outcome, recordings, args.columns, progress)
+        fitted = Fit.of(outcome, recordings, args.columns, progress)
     _print_limits(fitted.card)
     for warning in fitted.warnings:
         print(f"o2train: warning: {warning}", file=sys.stderr)

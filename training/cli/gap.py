@@ -201,7 +201,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _period_s(model: Path) -> float:
-    from training.gap.inputs.base import card_of
+    from training.healthy.base import card_of
 
     return card_of(model).period_ns / 1e9
 

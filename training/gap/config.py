@@ -7,13 +7,6 @@ from monitor.base.settings import ShippedSettings, built
 
 
 @dataclass(frozen=True, slots=True)
-class EngineConfig:
-    """Facts of engines that several steps use."""
-
-    warm_degc: float
-
-
-@dataclass(frozen=True, slots=True)
 class InputsConfig:
     """Recordings and models that can be used, and roles of recordings."""
 
@@ -57,25 +50,6 @@ class ResponseConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class HealthyConfig:
-    """Operating points and the spread of healthy drives."""
-
-    visited_min_s: float
-    unvisited_max: float
-    unvisited_reason_min: float
-    column_size_tolerance: float
-    column_size_min: float
-    correction_penalties: tuple[float, ...]
-    coolant_step_phi: float
-    function_spread_phi: float
-    signature_spread_phi: float
-    gain_spread_phi: float
-    span_spread: float
-    sensor_phase_spread_s: float
-    charge_phase_spread_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class NameConfig:
     """Probabilities of the hypotheses about a gap."""
 
@@ -99,12 +73,9 @@ class NameConfig:
 
 @dataclass(frozen=True, slots=True)
 class AddConfig:
-    """Choice between forms, and the controller of a vehicle without the effect."""
+    """Choice between forms."""
 
     as_good: float
-    controller_ratio_min: float
-    controller_ratio_max: float
-    controller_fuel_min_mg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,12 +93,10 @@ class VerifyConfig:
 class GapConfig:
     """All sections of the file."""
 
-    engine: EngineConfig
     inputs: InputsConfig
     error_alone: ErrorAloneConfig
     drivers: DriversConfig
     response: ResponseConfig
-    healthy: HealthyConfig
     name: NameConfig
     add: AddConfig
     verify: VerifyConfig

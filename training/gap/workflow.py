@@ -10,8 +10,7 @@ from typing import Final
 
 from training.gap import run_comparison
 from training.gap.add.addition import Addition, add
-from training.gap.healthy.behaviour import Healthy
-from training.gap.inputs import base, suitability
+from training.gap.inputs import suitability
 from training.gap.inputs.roles import Material, Options
 from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
@@ -21,6 +20,8 @@ from training.gap.result import Inputs, ModelFile, Result
 from training.gap.verify.evidence import Verification
 from training.gap.verify.verification import verify
 from training.greybox.effects.model_effect import uncertain
+from training.healthy import base
+from training.healthy.behaviour import Healthy
 from training.jobs.checkpoints import Checkpoints, Progress
 from training.recordings.recording import training_recording
 

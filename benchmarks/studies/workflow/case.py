@@ -33,18 +33,17 @@ from monitor.base import config
 from monitor.base.errors import RecordingError
 from monitor.base.signals import NARX_INPUTS, OUTPUT
 from monitor.base.types import FloatArray
-from training.gap.healthy.behaviour import Healthy
-from training.gap.inputs import base
-from training.gap.inputs.base import GREYBOX
 from training.gap.inputs.roles import FAULTS, Material, Options
-from training.gap.name import scoring, yardstick
-from training.gap.name.base_state import base_state
 from training.gap.result import Result
 from training.gap.verify.evidence import Detection, Verification
 from training.gap.workflow import investigate
 from training.greybox.effects import ALL
 from training.greybox.fit.drive import from_recording
 from training.greybox.model import fit_greybox
+from training.healthy import base, scoring, yardstick
+from training.healthy.base import GREYBOX
+from training.healthy.base_state import base_state
+from training.healthy.behaviour import Healthy
 from training.limits.decision_limits import set_limits
 from training.narx.fit import FitOptions, FitSource, fit
 from training.recordings.prediction import predicted_phi

@@ -33,8 +33,8 @@ from benchmarks.studies.workflow.answers import (
 )
 from benchmarks.studies.workflow.case import ADD, RETRAIN_MINUTES
 from benchmarks.studies.workflow.plan import HEALTHY_DRIVES, UNKNOWN, Study
-from training.gap.inputs.base import GREYBOX
 from training.greybox.effects import LIBRARY
+from training.healthy.base import GREYBOX
 from training.limits.rates import Figures, rate
 
 FINAL: Final = 5000  # vehicles with lower numbers serve development

@@ -6,7 +6,8 @@ from importlib.resources import files
 
 import pytest
 
-from training.gap.config import CONFIG, EngineConfig
+from training.gap.config import CONFIG, AddConfig
+from training.healthy.config import CONFIG as HEALTHY
 
 
 def test_every_number_of_the_file_is_read_and_no_other() -> None:
@@ -28,5 +29,10 @@ def test_a_number_is_of_the_type_that_its_section_declares() -> None:
 
 
 def test_an_unknown_number_is_refused() -> None:
-    with pytest.raises(TypeError, match="cold_degc"):
-        EngineConfig(warm_degc=80.0, cold_degc=70.0)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="worse"):
+        AddConfig(as_good=1.02, worse=2.0)  # type: ignore[call-arg]
+
+
+def test_the_numbers_of_the_healthy_behaviour_are_those_of_their_file() -> None:
+    tree = tomllib.loads(files("training.healthy").joinpath("default.toml").read_text())
+    assert {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(HEALTHY).items()} == tree

@@ -16,8 +16,8 @@ from training.cli import main as o2train
 from training.cli.greybox import constant_line
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.gap import reference
 from training.greybox.charge.map import INPUTS
+from training.healthy import reference
 from training.limits.evaluation import predict
 from training.limits.judging import enabled_samples
 from training.recordings import metrics

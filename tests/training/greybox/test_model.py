@@ -14,7 +14,6 @@ from monitor.model.step import Model
 from training.dyno import vehicle
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.gap.inputs.base import plain_drives_of
 from training.gap.verify.verification import verify
 from training.greybox.chain import Constants, base_path, settled, simulate
 from training.greybox.charge.map import INPUTS
@@ -29,6 +28,7 @@ from training.greybox.model import (
     greybox_inputs,
     write_model,
 )
+from training.healthy.base import plain_drives_of
 from training.narx.export import Graph
 from training.recordings.recording import Recording, load
 

@@ -11,13 +11,13 @@ import numpy as np
 from benchmarks.studies.workflow.drive import recording
 from benchmarks.studies.workflow.plan import Part
 from monitor.base.types import BoolArray, FloatArray
-from training.gap.name import yardstick
 from training.gap.name.naming import name
 from training.greybox.chain import base_path, simulate
 from training.greybox.fit.constants import fit_constants
 from training.greybox.fit.drive import from_recording
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.model import fit_greybox
+from training.healthy import yardstick
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 

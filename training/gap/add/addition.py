@@ -6,12 +6,12 @@ from typing import Final
 
 from monitor.base.errors import ModelError
 from training.gap.add import choice, constants
-from training.gap.healthy import card
 from training.gap.inputs.roles import Options
 from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
 from training.gap.name.verdict import Naming
 from training.greybox.effects.model_effect import ModelEffect
+from training.healthy import card
 from training.jobs.checkpoints import Progress
 
 NO_BETTER: Final = (

@@ -15,8 +15,6 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.gap.add import greybox, network
 from training.gap.config import CONFIG
-from training.gap.healthy.behaviour import Healthy
-from training.gap.inputs import base
 from training.gap.inputs.roles import ACCEPTED, Material, Options
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
@@ -24,6 +22,8 @@ from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import Ranges
 from training.greybox.graph.effect_parity import ParityError
+from training.healthy import base
+from training.healthy.behaviour import Healthy
 from training.jobs.checkpoints import Progress
 from training.limits.decision_limits import whole, with_limits
 from training.limits.judging import judge_recordings

@@ -15,18 +15,15 @@ from dataclasses import replace
 import numpy as np
 
 from training.gap.add.drive_weights import fit_weighted, left_out_ratio
-from training.gap.healthy import behaviour
-from training.gap.healthy.behaviour import Healthy
-from training.gap.inputs import base
 from training.gap.inputs.subject import Subject
-from training.gap.name import scoring
-from training.gap.name.base_state import base_state
-from training.gap.name.ranking import State
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.case import Case
 from training.greybox.fit.joint import Fit, fit
+from training.healthy import base, behaviour, scoring
+from training.healthy.base_state import State, base_state
+from training.healthy.behaviour import Healthy
 
 
 def constant_choices(

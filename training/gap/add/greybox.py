@@ -10,7 +10,6 @@ import numpy as np
 from monitor.base.errors import ModelError
 from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import Model
-from training.gap.healthy.behaviour import Healthy
 from training.greybox.chain import Constants
 from training.greybox.charge.error import ChargeError
 from training.greybox.effects.model_effect import ModelEffect
@@ -20,6 +19,7 @@ from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, reg
 from training.greybox.graph.effect import graph_effect
 from training.greybox.graph.effect_inputs import SPEED, Ranges, channel_of, limits_of, reads_of
 from training.greybox.graph.effect_parity import TOLERANCE, Entry, parity
+from training.healthy.behaviour import Healthy
 
 BEFORE = "before_effects"  # what the card's measures are of: the new model's are not known here
 BEFORE_EFFECTS = "; of the base before effects were added, with other values"

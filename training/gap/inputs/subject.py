@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from monitor.model.card import ModelCard
-from training.gap.inputs import base, suitability
+from training.gap.inputs import suitability
 from training.gap.inputs.roles import Material
 from training.greybox.chain import Constants
 from training.greybox.fit.drive import Drive
+from training.healthy import base
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,11 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.gap.config import CONFIG
-from training.gap.inputs import base
 from training.greybox.chain import Constants, base_path, valve_phi
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import NEEDED, Drive
+from training.healthy import base
 from training.pages.numbers import percent
 from training.recordings.recording import Recording
 

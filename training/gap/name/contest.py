@@ -1,11 +1,12 @@
 """A formula of signals against the effects or the sensor fault of a verdict."""
 
 from monitor.base.types import FloatArray
-from training.gap.name import scoring
-from training.gap.name.ranking import USUAL_SHARE, WIN, State, against
+from training.gap.name.ranking import USUAL_SHARE, WIN, against
 from training.gap.name.signal_screen import left_by_signal
 from training.gap.name.steps import Advance
 from training.gap.name.verdict import Candidate
+from training.healthy import scoring
+from training.healthy.base_state import State
 
 
 def may_be_beaten(first: State, found: Advance) -> bool:

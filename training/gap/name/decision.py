@@ -7,15 +7,13 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.gap.name import guards, scoring
-from training.gap.name.base_state import FREE
+from training.gap.name import guards
 from training.gap.name.description import plainest
 from training.gap.name.manoeuvres import Experiment, separate
 from training.gap.name.ranking import (
     HALF,
     RANKED_CLOSELY,
     WIN,
-    State,
     adequacy_of,
     against,
     rank,
@@ -24,6 +22,8 @@ from training.gap.name.verdict import Candidate, Verdict
 from training.greybox.effects.ethanol import GAIN_OF_ETHANOL
 from training.greybox.fit.case import Prior, Term
 from training.greybox.fit.joint import Fit, fit
+from training.healthy import scoring
+from training.healthy.base_state import FREE, State
 from training.jobs.checkpoints import Progress
 
 T_LEAST: Final = 3.0

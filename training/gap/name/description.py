@@ -11,15 +11,15 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
-from training.gap.healthy.features import features
-from training.gap.name import scoring
 from training.gap.name.feature_words import words_of
-from training.gap.name.ranking import State
 from training.gap.name.signal_functions import columns, functions_of
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.comparison import FOLDS
 from training.greybox.fit.constants import sandwich
 from training.greybox.fit.drive import Drive, path_of
+from training.healthy import scoring
+from training.healthy.base_state import State
+from training.healthy.features import features
 from training.pages.numbers import percent
 
 TERMS_MOST: Final = 4

@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.gap.name import scoring
 from training.greybox.effects.form.effect import Parameter
+from training.healthy import scoring
 
 SIZE_LEAST: Final = 1e-6  # of a column, in sigma; a smaller one says nothing
 VALUE_LEAST: Final = 1e-4  # of a direction, of columns of unit size

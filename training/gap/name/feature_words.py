@@ -2,7 +2,7 @@
 
 from typing import Final, NamedTuple
 
-from training.gap.healthy.features import COOLANT_KNOTS_DEGC, LOAD_KNOTS_MG, SPEED_KNOTS_RPM
+from training.healthy.features import COOLANT_KNOTS_DEGC, LOAD_KNOTS_MG, SPEED_KNOTS_RPM
 
 
 class Words(NamedTuple):

@@ -12,10 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.gap.healthy.behaviour import Healthy
-from training.gap.healthy.without import corrections
-from training.gap.name import scoring
-from training.gap.name.ranking import State, rank
+from training.gap.name.ranking import rank
 from training.gap.name.second_signal import grown
 from training.gap.name.signal_screen import NO_CAUSES, left_by_signal
 from training.gap.name.verdict import Candidate
@@ -23,6 +20,10 @@ from training.greybox.effects import Effect
 from training.greybox.effects.empirical import effect_of, form_of, in_form, name_of, signal_of
 from training.greybox.fit.held_out import held_out_rmse
 from training.greybox.fit.joint import Fit, fit
+from training.healthy import scoring
+from training.healthy.base_state import State
+from training.healthy.behaviour import Healthy
+from training.healthy.without import corrections
 
 TERMS_MOST: Final = 3
 SIGNALS_MOST: Final = 3  # whose forms are fitted

@@ -13,14 +13,14 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
-from training.gap.name import scoring
 from training.gap.name.evidence import Directions, Seen, freedom
 from training.gap.name.onset import Beginning, beginnings
-from training.gap.name.ranking import State
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import Constants
 from training.greybox.effects import Effect
 from training.greybox.fit.case import errors, predict
+from training.healthy import scoring
+from training.healthy.base_state import State
 
 LIMITS: Final = CONFIG.name
 NONE, UNKNOWN, ONSET, MOVED = "none", "unknown", "onset", "base_moved"

@@ -7,17 +7,17 @@ reference in the model's card, last the card's constants alone.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from training.gap.healthy import card as reference_card
-from training.gap.healthy import coverage
-from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import suitability
 from training.gap.inputs.subject import Subject
-from training.gap.name import vehicle_mix, yardstick
-from training.gap.name.base_state import base_state
+from training.gap.name import vehicle_mix
 from training.gap.name.description import describe
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
 from training.greybox.fit.drive import Drive
+from training.healthy import card as reference_card
+from training.healthy import coverage, yardstick
+from training.healthy.base_state import base_state
+from training.healthy.behaviour import Healthy
 from training.jobs.checkpoints import Checkpoints, Progress
 
 

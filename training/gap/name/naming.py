@@ -15,15 +15,12 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from training.gap.healthy.behaviour import Healthy
-from training.gap.name import scoring, yardstick
-from training.gap.name.base_state import FREE, base_state
 from training.gap.name.contest import beats, may_be_beaten
 from training.gap.name.decision import Outcome
 from training.gap.name.formula import FirstTerm, Formula, first_term, formula_of
 from training.gap.name.hypotheses import hypotheses
 from training.gap.name.posterior import posterior
-from training.gap.name.ranking import HALF, State, adequacy_of, against
+from training.gap.name.ranking import HALF, adequacy_of, against
 from training.gap.name.steps import Advance, advance
 from training.gap.name.verdict import (
     Answer,
@@ -42,6 +39,9 @@ from training.greybox.fit.drive import Drive
 from training.greybox.fit.held_out import held_out_rmse
 from training.greybox.fit.joint import fit
 from training.greybox.fit.sensor_faults import FAULTS
+from training.healthy import scoring, yardstick
+from training.healthy.base_state import FREE, State, base_state
+from training.healthy.behaviour import Healthy
 from training.jobs.checkpoints import Progress
 
 LARGER: Final = 1.6  # times the usual error on healthy drives, from which there is a gap

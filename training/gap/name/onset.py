@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
-from training.gap.name import scoring
 from training.gap.name.evidence import Directions, Seen
 from training.greybox.fit.case import Case
 from training.greybox.fit.joint import Fit
+from training.healthy import scoring
 
 BLOCKS_LEAST: Final = 3  # on either side
 TRIED: Final = 8  # beginnings of one candidate that explain most

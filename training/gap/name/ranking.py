@@ -1,38 +1,21 @@
 """All candidates fitted on the base and the effects so far, scored on held-out blocks."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 from monitor.base.types import FloatArray, IntArray
-from training.gap.name import scoring
 from training.gap.name.verdict import Candidate, Merit
-from training.greybox.fit.case import Case, Term, has_its_signs
+from training.greybox.fit.case import Term, has_its_signs
 from training.greybox.fit.joint import Fit, fit
+from training.healthy import scoring
+from training.healthy.base_state import State
 from training.jobs.checkpoints import Progress
 
 WIN: Final = 0.95  # of resampled blocks
 HALF: Final = 0.5  # of what can be explained, for a name; of the best score, for a rival
 USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
 RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
-OVER_HEALTHY: Final = 80.0  # times what healthy drives give; see docs/how_it_works/gap.md
-UNKNOWN_SURPLUS: Final = 2.0  # that healthy drives may give where none are at hand
-
-
-@dataclass(frozen=True, slots=True)
-class State:
-    """The start of one forward step."""
-
-    case: Case
-    current: Fit
-    roof: scoring.Ceiling
-    deviance: FloatArray  # (n_blocks,)
-    surplus: Mapping[str, float]  # of candidates on healthy drives, see ``yardstick``
-    offset_phi: float  # by which healthy drives lie off each other
-
-    def needed(self, name: str) -> float:
-        """Return the score from which a candidate exceeds its score on healthy drives."""
-        return OVER_HEALTHY * self.surplus.get(name, UNKNOWN_SURPLUS)
 
 
 def rank(

@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from training.gap.name import scoring
-from training.gap.name.ranking import State, rank
+from training.gap.name.ranking import rank
 from training.gap.name.signal_functions import functions_of
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
@@ -16,6 +15,8 @@ from training.greybox.effects.empirical import GROWTH, effect_of, growing, signa
 from training.greybox.effects.form.effect import Parameter
 from training.greybox.fit.case import Case, errors, predict
 from training.greybox.fit.drive import Drive
+from training.healthy import scoring
+from training.healthy.base_state import State
 
 RANGE: Final = (0.02, 0.98)  # quantiles of the second signal that u spans
 STEP: Final = 0.01  # of growth, for derivatives

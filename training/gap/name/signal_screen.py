@@ -4,11 +4,11 @@ from collections.abc import Collection
 from typing import Final
 
 from monitor.base.types import FloatArray
-from training.gap.name import scoring
-from training.gap.name.ranking import State
 from training.gap.name.signal_functions import columns, functions_of
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import FOLDS
+from training.healthy import scoring
+from training.healthy.base_state import State
 
 NO_CAUSES: Final = ("sensor_heater_percent",)  # answers the exhaust's flow and temperature
 

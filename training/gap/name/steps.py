@@ -4,13 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from training.gap.name import scoring
 from training.gap.name.decision import Outcome, step
-from training.gap.name.ranking import State
 from training.gap.name.verdict import Candidate, Round
 from training.greybox.effects import Effect
 from training.greybox.fit.case import Term
 from training.greybox.fit.held_out import held_out_rmse
+from training.healthy import scoring
+from training.healthy.base_state import State
 from training.jobs.checkpoints import Progress
 
 PAIR: Final = 2  # effects, each of which is judged beside the other

@@ -10,6 +10,7 @@ from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
 from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import in_fuel_cut
+from training.healthy.config import CONFIG as HEALTHY
 from training.recordings.rows import hold
 
 LIMITS: Final = CONFIG.drivers
@@ -146,7 +147,7 @@ def _cold_fuel_rate(r: Comparison) -> FloatArray | None:
     fuel, coolant = _signal(r, "fuel_mass_mg"), _signal(r, "coolant_temperature_degc")
     if fuel is None or coolant is None:
         return None
-    warm_degc = CONFIG.engine.warm_degc
+    warm_degc = HEALTHY.warm_degc
     return rate(fuel, r.period_s) * np.clip((warm_degc - coolant) / warm_degc, 0.0, 1.0)
 
 

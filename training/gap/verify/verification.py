@@ -12,8 +12,6 @@ from monitor.base.errors import ConfigError, ModelError, RecordingError
 from monitor.base.faults import Fault
 from monitor.base.types import FloatArray, IntArray
 from monitor.model.step import Model
-from training.gap.healthy.behaviour import columns
-from training.gap.inputs.base import check, plain_drives_of
 from training.gap.inputs.roles import FAULTS
 from training.gap.verify.detection import Monitors, Trial, detect, monitor_of
 from training.gap.verify.error_regimes import compare, rms, scored
@@ -23,6 +21,8 @@ from training.greybox.chain import Constants
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import BLOCK_S, FOLDS, Comparison
 from training.greybox.fit.drive import Drive
+from training.healthy.base import check, plain_drives_of
+from training.healthy.behaviour import columns
 from training.jobs.checkpoints import Progress
 from training.limits.repeated_model import RepeatedModel
 from training.recordings.prediction import predicted_phi

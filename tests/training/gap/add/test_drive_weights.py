@@ -7,10 +7,10 @@ import pytest
 
 from tests.helpers.gap_drives import BASE, case_of, noisy_drive
 from training.gap.add.drive_weights import fit_weighted, left_out_ratio
-from training.gap.name.base_state import SPREAD_CARD
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.case import Case, Prior
 from training.greybox.fit.joint import Fit, fit
+from training.healthy.base_state import SPREAD_CARD
 
 OFFSET = (LIBRARY["injector_offset"],)
 

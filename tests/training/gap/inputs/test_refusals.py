@@ -17,8 +17,8 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
 from tests.helpers.gap_files import refused, run
 from training import cli
-from training.gap import reference
 from training.greybox.chain import Constants, base_path, simulate
+from training.healthy import reference
 from training.narx.export import update_card
 from training.recordings.table_files import write_table
 

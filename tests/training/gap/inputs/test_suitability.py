@@ -13,14 +13,14 @@ from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
-from training.gap.healthy import behaviour, coverage
-from training.gap.healthy.operating_points import Visited
 from training.gap.inputs import suitability
 from training.gap.name.vehicle_mix import Chain, partitions, warn
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect, uncertain
 from training.greybox.fit.drive import Drive, make
+from training.healthy import behaviour, coverage
+from training.healthy.operating_points import Visited
 from training.jobs.checkpoints import Checkpoints
 from training.recordings.recording import Recording
 

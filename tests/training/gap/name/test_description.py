@@ -10,13 +10,13 @@ from scipy.signal import lfilter
 from monitor.base.types import FloatArray
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
 from tests.helpers.gap_simulated import known, two_drives
-from training.gap.healthy.features import features
-from training.gap.name.base_state import base_state
 from training.gap.name.description import ANSWERS, TERMS_MOST, Description, describe
 from training.gap.name.feature_words import _WORDS, words_of
 from training.gap.name.signal_functions import functions_of
 from training.greybox.chain import Constants, Path, base_path, simulate
 from training.greybox.fit.drive import Drive, make
+from training.healthy.base_state import base_state
+from training.healthy.features import features
 from training.pages.numbers import percent
 
 BASE = Constants(

@@ -14,12 +14,12 @@ from tests.training.gap.name.test_description import BASE, Change, made
 from tests.training.greybox.test_effect_forms import (
     test_the_arrays_and_the_graph_of_an_effect_agree as graph_agrees,
 )
-from training.gap.name.base_state import base_state
 from training.gap.name.formula import _place_of, _rate_of, first_term, formula_of
-from training.gap.name.scoring import Score
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import Path
 from training.greybox.effects.empirical import FORMS, effect_of, formula, growing, name_of
+from training.healthy.base_state import base_state
+from training.healthy.scoring import Score
 
 
 def found(change: Change, seeds: Sequence[int] = (1,)) -> tuple[Candidate, ...]:
@@ -101,7 +101,7 @@ def test_where_no_form_gains_on_held_out_blocks_there_is_no_formula(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # GIVEN forms that all lose on blocks that their fit did not see
-    monkeypatch.setattr("training.gap.name.scoring.score", lambda *_: Score(-1.0, 0.0))
+    monkeypatch.setattr("training.healthy.scoring.score", lambda *_: Score(-1.0, 0.0))
     assert found(warm_intake) == ()
 
 

@@ -229,7 +229,7 @@ def test_what_gains_where_functions_with_more_freedom_lose_is_no_name(
     monkeypatch: pytest.MonkeyPatch, explained: float, named: bool
 ) -> None:
     # GIVEN drives on which an effect gains, and what the ceiling gains on the same blocks
-    monkeypatch.setattr("training.gap.name.scoring.explained", lambda *_: explained)
+    monkeypatch.setattr("training.healthy.scoring.explained", lambda *_: explained)
     found = name(two_drives(2_200_140, ("fuel_cut_tail", 8.0)), known())
     best = found.trials.ranking[0]
     assert (best.name, best.merit.score > best.merit.needed) == ("fuel_cut_tail", True)

@@ -10,8 +10,8 @@ from training.gap.name.evidence import Directions, freedom
 from training.gap.name.hypotheses import Hypothesis
 from training.gap.name.onset import beginnings
 from training.gap.name.posterior import posterior
-from training.gap.name.scoring import Ceiling
 from training.greybox.effects.form.effect import Parameter
+from training.healthy.scoring import Ceiling
 
 SAMPLES = 4000
 RNG = np.random.default_rng(11)

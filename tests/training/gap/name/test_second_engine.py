@@ -6,11 +6,11 @@ from functools import cache
 import pytest
 
 from benchmarks.studies.second.engine import SOUND, Sensor, drive
-from training.gap.healthy.behaviour import Healthy
-from training.gap.name import yardstick
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
+from training.healthy import yardstick
+from training.healthy.behaviour import Healthy
 
 VEHICLE = 2
 

@@ -7,12 +7,12 @@ import pytest
 
 from tests.helpers.gap_simulated import known, two_drives
 from training.gap.name import steps
-from training.gap.name.base_state import base_state
 from training.gap.name.decision import Outcome
-from training.gap.name.ranking import State, rank
+from training.gap.name.ranking import rank
 from training.gap.name.steps import Advance, advance
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import LIBRARY
+from training.healthy.base_state import State, base_state
 
 TRIED = tuple(LIBRARY[n] for n in ("wall_film", "maf_offset", "exhaust_leak"))
 

@@ -16,15 +16,14 @@ from training import cli
 from training.gap import workflow
 from training.gap.add import choice, greybox
 from training.gap.add.addition import withheld_effects
-from training.gap.healthy.behaviour import Healthy
-from training.gap.inputs import base
 from training.gap.inputs.roles import Material, Options
-from training.gap.name import yardstick
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.case import NAMED
 from training.greybox.fit.drive import Drive
+from training.healthy import base, yardstick
+from training.healthy.behaviour import Healthy
 from training.jobs.checkpoints import Checkpoints
 from training.recordings.recording import Recording, load
 

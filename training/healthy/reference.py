@@ -14,11 +14,10 @@ from threadpoolctl import threadpool_limits
 from monitor.base.errors import RecordingError
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from training.gap.healthy.card import store
-from training.gap.inputs import base
-from training.gap.name import yardstick
-from training.gap.name.yardstick import GROUPS_LEAST
 from training.greybox.fit.drive import Drive
+from training.healthy import base, yardstick
+from training.healthy.card import store
+from training.healthy.yardstick import GROUPS_LEAST
 from training.jobs.checkpoints import Progress
 from training.recordings.recording import Recording
 

@@ -15,16 +15,15 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from training.gap.healthy import behaviour
-from training.gap.healthy.behaviour import CONSTANT, Healthy
-from training.gap.name.base_state import base_state
-from training.gap.name.ranking import State
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.case import Term
 from training.greybox.fit.drive import Drive, path_of
 from training.greybox.fit.held_out import held_out_rmse
 from training.greybox.fit.joint import fit
 from training.greybox.fit.sensor_faults import FAULTS
+from training.healthy import behaviour
+from training.healthy.base_state import State, base_state
+from training.healthy.behaviour import CONSTANT, Healthy
 from training.jobs.checkpoints import Progress
 
 GROUPS_MOST: Final = 6  # of drives that are left out together

@@ -18,12 +18,8 @@ from monitor.pipeline.replay import shipped_model
 from training.cli import main as o2train
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.gap.healthy.behaviour import Healthy, as_shown, columns
-from training.gap.healthy.card import KEY, from_card, known_of, store, to_card
-from training.gap.inputs import base, suitability
+from training.gap.inputs import suitability
 from training.gap.inputs.roles import Material, Options
-from training.gap.name import yardstick
-from training.gap.reference import set_reference
 from training.gap.result import Result
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
@@ -32,6 +28,10 @@ from training.greybox.fit.case import reading
 from training.greybox.fit.drive import from_recording
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.model import fit_greybox
+from training.healthy import base, yardstick
+from training.healthy.behaviour import Healthy, as_shown, columns
+from training.healthy.card import KEY, from_card, known_of, store, to_card
+from training.healthy.reference import set_reference
 from training.narx.export import update_card
 from training.recordings.recording import Recording
 

@@ -8,9 +8,6 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
-from training.gap.config import CONFIG
-from training.gap.healthy.features import features
-from training.gap.healthy.operating_points import Visited
 from training.greybox.chain import Constants, Path, simulate
 from training.greybox.charge.error import ChargeError, fit_with_charge_error
 from training.greybox.effects import LIBRARY, Effect, Own
@@ -23,8 +20,11 @@ from training.greybox.fit.joint import Fit, fit
 from training.greybox.fit.ridge import Ridge
 from training.greybox.fit.sensor_faults import FAULTS
 from training.greybox.fit.vehicle_effects import own_of, with_more
+from training.healthy.config import CONFIG
+from training.healthy.features import features
+from training.healthy.operating_points import Visited
 
-LIMITS: Final = CONFIG.healthy
+LIMITS: Final = CONFIG
 SKEW_S = 0.01
 OWN = ("delay_flow", "mix_flow")  # that every exhaust has
 SKEW = "skew"  # what a charge that is late changes, per second

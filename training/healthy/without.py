@@ -12,13 +12,13 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.gap.config import CONFIG
-from training.gap.healthy.behaviour import Healthy
 from training.greybox.chain import valve_phi
 from training.greybox.effects import Own, along
 from training.greybox.fit.drive import Drive, path_of
+from training.healthy.behaviour import Healthy
+from training.healthy.config import CONFIG
 
-LIMITS: Final = CONFIG.add
+LIMITS: Final = CONFIG
 RATIO: Final = (LIMITS.controller_ratio_min, LIMITS.controller_ratio_max)
 MOVED: Final = ("fuel_mass_mg", "lambda_controller")
 

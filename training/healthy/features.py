@@ -12,11 +12,11 @@ import numpy as np
 from numba import njit
 
 from monitor.base.types import FloatArray
-from training.gap.config import CONFIG
 from training.greybox.chain import Path
 from training.greybox.effects.form.dynamics import charged, lag, slope
 from training.greybox.effects.form.place import ArrayPlace
 from training.greybox.fit.drive import Drive
+from training.healthy.config import CONFIG
 
 SPEED_KNOTS_RPM: Final = (800.0, 1300.0, 1800.0, 2400.0, 3200.0)
 LOAD_KNOTS_MG: Final = (90.0, 160.0, 260.0, 400.0, 600.0)
@@ -54,7 +54,7 @@ def _at_valve(drive: Drive, path: Path) -> dict[str, FloatArray]:
     cold = (
         np.zeros(len(air))
         if coolant is None
-        else np.maximum(CONFIG.engine.warm_degc - coolant, 0.0) / 60.0
+        else np.maximum(CONFIG.warm_degc - coolant, 0.0) / 60.0
     )
     strokes = np.maximum(rpm, 500.0)
     for time_s in (0.3, 0.8, 2.0):

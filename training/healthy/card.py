@@ -16,14 +16,14 @@ import numpy as np
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from training.gap.config import CONFIG
-from training.gap.healthy.behaviour import Healthy, columns
-from training.gap.healthy.operating_points import Visited
 from training.greybox.chain import STOICHIOMETRIC, Constants
 from training.greybox.charge.error import ChargeError
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.drive import Drive, make
 from training.greybox.fit.ridge import Ridge
+from training.healthy.behaviour import Healthy, columns
+from training.healthy.config import CONFIG
+from training.healthy.operating_points import Visited
 from training.narx.export import update_card
 from training.recordings.recording import Recording
 
@@ -119,7 +119,7 @@ def _strange(stored: Mapping[str, Any]) -> list[str]:
     return [
         n
         for n, size in pairs
-        if not np.isclose(sizes.get(n, np.nan), size, rtol=CONFIG.healthy.column_size_tolerance)
+        if not np.isclose(sizes.get(n, np.nan), size, rtol=CONFIG.column_size_tolerance)
     ]
 
 

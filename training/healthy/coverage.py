@@ -4,12 +4,12 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Final
 
-from training.gap.config import CONFIG
-from training.gap.healthy.behaviour import Healthy
 from training.greybox.fit.drive import MIN_SCORED_S, Drive
+from training.healthy.behaviour import Healthy
+from training.healthy.config import CONFIG
 from training.pages.numbers import percent
 
-LIMITS: Final = CONFIG.healthy
+LIMITS: Final = CONFIG
 
 
 def coverage_warnings(drives: Sequence[Drive], known: Healthy | None) -> list[str]:

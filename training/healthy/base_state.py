@@ -1,22 +1,23 @@
 """The base on the drives before any effect: errors whitened, healthy behaviour taken out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from training.gap.healthy.behaviour import SKEW, Healthy, white
-from training.gap.name import scoring
-from training.gap.name.ranking import State
 from training.greybox.chain import Constants
 from training.greybox.fit.case import WHITE, Case, Prior, errors, predict
 from training.greybox.fit.drive import MIN_SCORED_S, Drive
-from training.greybox.fit.joint import fit
+from training.greybox.fit.joint import Fit, fit
 from training.greybox.fit.variation import Shrink, shrink
+from training.healthy import scoring
+from training.healthy.behaviour import SKEW, Healthy, white
 
+OVER_HEALTHY: Final = 80.0  # times what healthy drives give; see docs/how_it_works/gap.md
+UNKNOWN_SURPLUS: Final = 2.0  # that healthy drives may give where none are at hand
 # Constants from a card: of other drives, without what the base missed on them.
 SPREAD_CARD: Final = Constants(
     gain=0.002,
@@ -35,6 +36,22 @@ STARTS: Final = (
 Columns = Mapping[str, FloatArray]  # of a drive, (n,) each
 PHASE_MOST_S: Final = 0.02  # in the mean of all drives, of the charge's message against the fuel's
 SIGMA_PHI: Final = 0.004  # of the first fit; the noise is worked out of it
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """The start of one forward step."""
+
+    case: Case
+    current: Fit
+    roof: scoring.Ceiling
+    deviance: FloatArray  # (n_blocks,)
+    surplus: Mapping[str, float]  # of candidates on healthy drives, see ``yardstick``
+    offset_phi: float  # by which healthy drives lie off each other
+
+    def needed(self, name: str) -> float:
+        """Return the score from which a candidate exceeds its score on healthy drives."""
+        return OVER_HEALTHY * self.surplus.get(name, UNKNOWN_SURPLUS)
 
 
 def base_state(drives: Sequence[Drive], known: Healthy | None, base: Constants | None) -> State:

@@ -10,11 +10,11 @@ from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers import gap_simulated
 from tests.helpers.gap_simulated import known, simulated
-from training.gap.healthy import behaviour
-from training.gap.healthy.behaviour import Healthy
-from training.gap.healthy.card import KEY, from_card, to_card
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.drive import Drive, path_of
+from training.healthy import behaviour
+from training.healthy.behaviour import Healthy
+from training.healthy.card import KEY, from_card, to_card
 
 
 def _rmse(driven: Drive, taught: Healthy) -> float:

@@ -3,10 +3,10 @@
 import numpy as np
 
 from tests.helpers.gap_drives import case_of, noisy_drive
-from training.gap.name import scoring
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.joint import fit
+from training.healthy import scoring
 
 
 def test_a_real_effect_scores_and_a_useless_one_does_not() -> None:

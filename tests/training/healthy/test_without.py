@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from tests.helpers.gap_simulated import known, simulated
-from training.gap.healthy.without import LIMITS, corrections
 from training.greybox.effects.empirical import effect_of, name_of
+from training.healthy.without import LIMITS, corrections
 
 
 def test_an_effect_on_the_mixture_is_taken_out_of_fuel_and_controller() -> None:

@@ -1,0 +1,62 @@
+"""What a new model's card keeps of the recordings: profile, decision limits, healthy reference."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from monitor.base import config
+from monitor.base.errors import RecordingError
+from monitor.frames.profiles.profile import is_profile, load_profile, path_of, tree_of
+from monitor.model.card import ModelCard
+from monitor.model.step import Model
+from training.healthy.reference import set_reference
+from training.limits.decision_limits import MANY_WINDOWS, set_limits
+from training.narx.export import update_card
+from training.narx.model_file import HeldOut
+from training.recordings.recording import Recording
+
+
+def complete(
+    path: Path,
+    held_out: Sequence[HeldOut],
+    recordings: Sequence[Recording],
+    columns: str | Path | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[ModelCard, tuple[str, ...]]:
+    """Complete the card of the new model in ``path``; return it and warnings.
+
+    held_out : blocks of the recordings that no training saw
+    columns : profile with which the recordings were read, so that the next log needs no option
+    """
+    _keep_profile(path, columns)
+    warnings = _set_limits(path, held_out, recordings)
+    card, doubt = set_reference(path, recordings, progress)
+    return card, (*warnings, *([doubt] if doubt else []))
+
+
+def _keep_profile(path: Path, columns: str | Path | None) -> None:
+    if columns is not None and is_profile(path_of(Path(columns))):
+        profile = tree_of(load_profile(path_of(Path(columns))))
+        update_card(path, replace(Model.load(path).card, profile=profile))
+
+
+def _set_limits(
+    path: Path, held_out: Sequence[HeldOut], recordings: Sequence[Recording]
+) -> list[str]:
+    """Set the decision limits from the held-out blocks; return warnings."""
+    try:
+        _, n_windows = set_limits(path, recordings, held_out, config.load())
+    except RecordingError as error:
+        return [f"no decision limits: {error}"]
+    warnings = []
+    if len(recordings) == 1:
+        warnings.append(
+            "one recording does not show how drives differ, so the model may give a healthy sensor "
+            "a code on another drive; train on several drives"
+        )
+    if n_windows < MANY_WINDOWS:
+        warnings.append(
+            f"the decision limits rest on {n_windows} windows, {MANY_WINDOWS} and more are wanted: "
+            "a healthy drive may be judged faulty; train on more or longer drives"
+        )
+    return warnings
