@@ -32,6 +32,7 @@ from training.recordings.rows import hold
 
 LIMITS: Final = CONFIG.error_alone
 RUNS_MIN: Final = CONFIG.response.runs_min
+HEALTHY_LEAST: Final = 2  # pieces of a single run all differ from any other run
 
 
 def investigate(
@@ -47,13 +48,14 @@ def investigate(
     """Return in what the recordings differ from the healthy ones, and the verdict that allows.
 
     missing : signal that the chain needs → recordings without it
-    Raises RecordingError if there is no healthy recording, an input of the model is missing or too
+    Raises RecordingError if healthy recordings are too few, an input of the model is missing or too
     little can be scored.
     """
-    if not healthy:
+    if len(healthy) < HEALTHY_LEAST:
         raise RecordingError(
-            f"{model}: on these recordings no effect of the library can be tried, and without "
-            "healthy ones (--healthy) a weakness of the model cannot be told from an effect"
+            f"{model}: on these recordings no effect of the library can be tried; to compare them "
+            f"with healthy ones (--healthy, {len(healthy)} here), {HEALTHY_LEAST} of these are "
+            f"wanted, better {RUNS_MIN} or more"
         )
     began_s = time.monotonic()
     progress("comparing runs")
