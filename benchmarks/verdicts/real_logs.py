@@ -190,7 +190,7 @@ def _scored(
         verdict = judge(faulty(recording, name), setup.model, setup.limits, setup.config)
         given = {fault for dtc in verdict.dtcs for fault in (dtc.fault, *dtc.also)}
         found, named = found + bool(given), named + (name in given)
-        best = max((float(w.statistics["evidence"] or 0.0) for w in verdict.windows), default=0.0)
+        best = max((w.statistics.response.evidence for w in verdict.windows), default=0.0)
         say(f"  {name}: {' or '.join(sorted(given)) or '-'}; evidence up to {best:.1f}")
     return row | {
         "codes": codes if healthy["completed"] or codes != "none" else "not judged",

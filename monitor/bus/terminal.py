@@ -240,7 +240,7 @@ class JsonEvents(StatusLine):
                 fault=event.fault,
                 also=list(event.also),
                 excited=event.excited,
-                statistics=event.statistics,
+                statistics=event.statistics.as_dict(),
             )
         elif isinstance(event, DtcChanged):
             dtc = event.dtc
@@ -259,7 +259,7 @@ class JsonEvents(StatusLine):
                 t_end_ns=event.t_ns,
                 verdict=event.outcome,
                 fault=event.fault,
-                statistics=event.statistics,
+                statistics=event.statistics._asdict(),
             )
         elif isinstance(event, CycleStarted):
             self._print("cycle", t_ns=event.t_ns)

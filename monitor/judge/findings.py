@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from monitor.judge.response.estimates import Estimates, WindowEstimates
 from monitor.judge.response.movement import Moved
 from monitor.judge.response.rule import Outcome, Response
 from monitor.judge.window import Window
@@ -21,13 +22,13 @@ class WindowJudged:
     fault: str | None
     also: tuple[str, ...]
     excited: bool  # the prediction moves clearly
-    statistics: dict[str, float | str | None]
+    statistics: WindowEstimates
 
     @property
     def is_outside(self) -> bool:
         """Return whether the model learned no such driving, so that the window is no evidence."""
-        beyond = self.statistics.get("region_beyond")
-        return isinstance(beyond, float) and beyond > 1.0
+        beyond = self.statistics.region_beyond
+        return beyond is not None and beyond > 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,7 @@ class CutJudged:
     std: float  # of the residual, oriented like phi
     outcome: Outcome
     fault: str | None
-    statistics: dict[str, float | str | None]
+    statistics: Estimates
 
 
 @dataclass(frozen=True, slots=True)

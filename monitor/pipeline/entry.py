@@ -40,7 +40,7 @@ def window_entry(event: WindowJudged, t0_ns: int) -> dict[str, Any]:
         "fault": event.fault,
         "also": list(event.also),
         "excited": event.excited,
-        "statistics": event.statistics,
+        "statistics": event.statistics.as_dict(),
     }
 
 

@@ -33,7 +33,7 @@ def recording_row(drive: Drive, read: Read, judged: Judged, card: ModelCard, kno
     period_s = card.period_ns * 1e-9
     windows = judged.windows
     outcomes = [window.outcome for window in windows]
-    last = windows[-1].statistics if windows else {}
+    last = windows[-1].statistics.as_dict() if windows else {}
     declared = drive.declared
     return {
         **_which(drive),
@@ -89,7 +89,7 @@ def window_rows(drive: Drive, read: Read, judged: Judged) -> list[Row]:
             "fault": verdict.fault,
             "also": list(verdict.also),
             "excited": verdict.excited,
-            **verdict.statistics,
+            **verdict.statistics.as_dict(),
         }
         for verdict in judged.windows
     ]

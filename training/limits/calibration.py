@@ -223,7 +223,7 @@ def _row(
 
 def _evidence(window: WindowJudged) -> float:
     """Return the log likelihood of the likeliest fault over the likeliest sound sensor."""
-    return float(window.statistics["evidence"] or 0.0)
+    return window.statistics.response.evidence
 
 
 def _codes(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:

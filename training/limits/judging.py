@@ -105,7 +105,7 @@ def reached_twice(windows: Sequence[WindowJudged], name: str) -> float | None:
         the healthy range in standard deviations
     Return None if no two successive windows have the statistic.
     """
-    values = [w.statistics[name] for w in windows]
+    values = [w.statistics.as_dict()[name] for w in windows]
     x = np.array([-np.inf if v is None else v for v in values], dtype=np.float64)
     best = float(np.minimum(x[1:], x[:-1]).max(initial=-np.inf))
     return best if np.isfinite(best) else None

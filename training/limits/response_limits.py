@@ -8,6 +8,7 @@ import numpy as np
 
 from monitor.base.config import Config
 from monitor.judge.limits import Limits
+from monitor.judge.response.estimates import Estimates
 from monitor.model.card import Limit
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged, WindowJudged
@@ -125,7 +126,7 @@ def _noise_of_edges(cuts: Sequence[CutJudged], excitation: float) -> float:
     error at an edge, and may be most of them.
     excitation : standard deviation from which the prediction moves
     """
-    edges = [cut.std for cut in cuts if float(cut.statistics["excitation"] or 0.0) >= excitation]
+    edges = [cut.std for cut in cuts if cut.statistics.excitation >= excitation]
     return float(np.median(edges or [cut.std for cut in cuts]))
 
 
@@ -198,12 +199,17 @@ def _most_evidence(
     """Return the largest evidence of a fault in each healthy recording with windows, at least 0."""
     found = []
     for judged in judge_recordings(recordings, model, limits, config):
-        statistics = [w.statistics for w in judged.windows] + [w.statistics for w in judged.cuts]
-        if statistics:  # a drive without windows does not show that the evidence is small
-            found.append(max(0.0, *(float(s["evidence"] or 0.0) for s in statistics)))
+        seen: list[WindowJudged | CutJudged] = [*judged.windows, *judged.cuts]
+        evidence = [_estimates(each).evidence for each in seen]
+        if evidence:  # a drive without windows does not show that the evidence is small
+            found.append(max(0.0, *evidence))
     return found or [0.0]
 
 
 def _last_gain(windows: Sequence[WindowJudged | CutJudged]) -> float | None:
-    gain = windows[-1].statistics["gain"] if windows else None
-    return float(gain) if isinstance(gain, float) else None
+    return _estimates(windows[-1]).gain if windows else None
+
+
+def _estimates(judged: WindowJudged | CutJudged) -> Estimates:
+    found = judged.statistics
+    return found if isinstance(found, Estimates) else found.response

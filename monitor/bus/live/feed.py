@@ -159,7 +159,8 @@ class LiveFeed:
             "also": list(event.also),
             "excited": event.excited,
             "statistics": {
-                k: _number(v) if isinstance(v, float) else v for k, v in event.statistics.items()
+                k: _number(v) if isinstance(v, float) else v
+                for k, v in event.statistics.as_dict().items()
             },
         }
 

@@ -22,6 +22,7 @@ from monitor.judge.fuel_cut.response import TEST as FUEL_CUT_TEST
 from monitor.judge.fuel_cut.response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.judge.response.bank import Hypothesis
+from monitor.judge.response.estimates import WindowEstimates
 from monitor.judge.response.movement import Moved
 from monitor.judge.response.rule import EDGES, Response
 from monitor.judge.window import Window
@@ -212,7 +213,7 @@ class Decisions:
         outcome, fault, also = response.outcome, response.fault, response.also
         if bias.outcome == "failed" and outcome != "failed":
             outcome, fault, also = "failed", bias.fault, ()
-        limits, excitation = self._limits, response.statistics["excitation"]
+        limits, found = self._limits, response.statistics
         return WindowJudged(
             window=window,
             mean=facts.mean,
@@ -221,16 +222,16 @@ class Decisions:
             outcome=outcome,
             fault=fault,
             also=also,
-            excited=isinstance(excitation, float) and excitation >= limits.excitation,
-            statistics={
-                **response.statistics,
-                "offset": bias.offset,
-                "offset_std": bias.offset_std,
-                "offset_beyond": bias.beyond,
-                "dead": facts.moved.dead,
-                "holds": facts.moved.holds,
-                **({} if facts.beyond is None else {"region_beyond": facts.beyond}),
-            },
+            excited=found.excitation >= limits.excitation,
+            statistics=WindowEstimates(
+                response=found,
+                offset=bias.offset,
+                offset_std=bias.offset_std,
+                offset_beyond=bias.beyond,
+                dead=facts.moved.dead,
+                holds=facts.moved.holds,
+                region_beyond=facts.beyond,
+            ),
         )
 
     def _results(self, response: Response, bias: Bias) -> list[TestResult]:
@@ -238,13 +239,12 @@ class Decisions:
         config, limits, found = self._config.response, self._limits, response.statistics
         high = {"lag": config.lag_limit_s, "dead_time": config.delay_limit_s}
         results = [
-            TestResult("response", f"{what}_{edge}_s", value, 0.0, high[what])
+            TestResult("response", name, getattr(found, name), 0.0, high[what])
             for what in high
-            for edge in EDGES
-            if isinstance(value := found[f"{what}_{edge}_s"], float)
+            for name in (f"{what}_{edge}_s" for edge in EDGES)
         ]
-        gain, unit = found["gain"], limits.gain_expected
-        if not isinstance(gain, float):
+        gain, unit = found.gain, limits.gain_expected
+        if gain is None:
             results = []  # no window was judged yet
         else:
             low = unit * config.gain_sound_min

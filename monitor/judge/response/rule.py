@@ -26,6 +26,7 @@ from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.residual import means_and_stds, whitened
 from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.claims import UNRELATED, Noise, claims
+from monitor.judge.response.estimates import Estimates
 from monitor.judge.response.movement_gain import MovementGain
 
 Outcome = Literal["passed", "failed", "inconclusive"]
@@ -42,7 +43,7 @@ class Response:
     fault: str | None
     also: tuple[str, ...]
     column: int  # of the bank: what the likeliest sensor reads
-    statistics: dict[str, float | str | None]
+    statistics: Estimates
 
 
 class ResponseRule:
@@ -301,13 +302,9 @@ class ResponseRule:
             elif is_usable and sound_gap >= self._config.evidence_pass:
                 outcome = "passed"
             claim = self._claims[own]
-            statistics: dict[str, float | str | None] = {
-                "excitation": float(excitation[i]),
-                "evidence": gap,
-                "hypothesis": claim.fault or "healthy",
-                **dict(zip(_ESTIMATES, times[i], strict=True)),
-                **self._estimated_gain(gain_sums[i, :, own].tolist()),
-            }
+            gain = self._estimated_gain(gain_sums[i, :, own].tolist())
+            hypothesis = claim.fault or "healthy"
+            statistics = Estimates._make((float(excitation[i]), gap, hypothesis, *times[i], *gain))
             column = claim.column if claim.column < self._n_columns else 0
             found.append(Response(outcome, name, also, column, statistics))
         return found
@@ -330,18 +327,17 @@ class ResponseRule:
         rows: list[list[float]] = found.swapaxes(1, 2).reshape(len(evidence), -1).tolist()
         return rows
 
-    def _estimated_gain(self, sums: Sequence[float]) -> dict[str, float | None]:
+    def _estimated_gain(self, sums: Sequence[float]) -> tuple[float | None, float | None]:
         """Return the gain with its standard deviation; None before any window."""
         if not self.windows:
-            return {"gain": None, "gain_std": None}
+            return None, None
         sxx, sxy = sums
         reference = self._gain_reference
         std = reference * math.sqrt(1.0 / (self._weight * sxx))
-        return {"gain": reference * sxy / sxx, "gain_std": std}
+        return reference * sxy / sxx, std
 
 
 _TIMES = tuple(f"{what}_{edge}" for what in ("lag", "dead_time") for edge in EDGES)
-_ESTIMATES = tuple(f"{name}{kind}_s" for name in _TIMES for kind in ("", "_std"))
 
 
 def _times(hypothesis: Hypothesis) -> list[float]:

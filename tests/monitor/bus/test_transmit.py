@@ -19,6 +19,7 @@ from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import DtcChanged, Event, Tick, WindowJudged
 from monitor.pipeline.monitor import Monitor
+from tests.helpers.estimates import NO_ESTIMATES
 
 DATABASE = cast(Database, load_file(dbc.path("o2_monitor.dbc")))
 STATUS = DATABASE.get_message_by_name("O2MON_Status").frame_id
@@ -65,7 +66,7 @@ def window(
         fault=None,
         also=(),
         excited=True,
-        statistics={},
+        statistics=NO_ESTIMATES,
     )
 
 

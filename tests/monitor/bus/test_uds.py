@@ -20,6 +20,7 @@ from monitor.memory.obd_records import Ratio
 from monitor.pipeline.events import WindowJudged
 from tests.conftest import ROOT
 from tests.helpers.diagnostics_state import NAMES, SHA256, VIN, Vehicle, ask, tick
+from tests.helpers.estimates import NO_ESTIMATES
 from tests.helpers.examples import inputs
 
 
@@ -190,7 +191,7 @@ def test_windows_and_samples_are_counted_and_the_last_verdict_is_told() -> None:
                 fault="gain_low",
                 also=(),
                 excited=True,
-                statistics={},
+                statistics=NO_ESTIMATES,
             )
         )
     assert ask("22 FD 05", vehicle) == "62 fd 05 01"

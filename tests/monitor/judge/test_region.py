@@ -97,7 +97,7 @@ def test_a_window_outside_the_joint_region_is_no_evidence_though_each_input_is_i
     usual = inputs(40, rng)
     weak = judged(40, both_high, limits_with(region), gain=0.5)
     assert outcomes(weak) == {"inconclusive"}
-    assert all(w.statistics["region_beyond"] > 1.0 for w in weak)  # type: ignore[operator]
+    assert all((w.statistics.region_beyond or 0.0) > 1.0 for w in weak)
     assert "failed" in outcomes(judged(40, both_high, limits_with(None), gain=0.5))
     assert "failed" in outcomes(judged(40, usual, limits_with(region), gain=0.5))
 

@@ -217,7 +217,9 @@ def test_a_slow_or_late_sensor_is_found_and_named_by_its_edge(
         assert {v.fault for v in failed} == {name}
     for edge in ("rich_to_lean", "lean_to_rich"):
         what = f"{'lag' if kind == 'slow' else 'dead_time'}_{edge}"
-        estimate, std = (found[-1].statistics[f"{what}{unit}"] for unit in ("_s", "_std_s"))
+        estimate, std = (
+            getattr(found[-1].statistics, f"{what}{unit}") for unit in ("_s", "_std_s")
+        )
         assert isinstance(estimate, float)
         assert isinstance(std, float)
         assert 0.0 <= std < 0.5 * seconds
@@ -286,7 +288,7 @@ def test_a_reading_that_moves_less_is_that_of_a_weak_sensor(reference: float) ->
 
 def test_a_weak_sensors_gain_is_estimated() -> None:
     statistics = verdicts(weak(0.5), 5)[-1].statistics
-    gain, spread = statistics["gain"], statistics["gain_std"]
+    gain, spread = statistics.gain, statistics.gain_std
     assert isinstance(gain, float)
     assert isinstance(spread, float)
     assert gain == pytest.approx(0.5, abs=0.05)
@@ -324,7 +326,7 @@ def test_a_small_step_that_fits_a_weak_sensor_by_chance_says_little() -> None:
 
     def evidence(noise_std: float) -> float:
         rule = ResponseRule(CONFIG, BANK, Noise(noise_std, 0.0), PERIOD_S)
-        return float(judge(measured, predicted, rule)[-1].statistics["evidence"] or 0.0)
+        return judge(measured, predicted, rule)[-1].statistics.evidence
 
     # THEN a model that errs by less is believed, and one that errs by more is not
     assert evidence(0.001) > CONFIG.evidence_fail
@@ -335,11 +337,11 @@ def test_an_ignored_window_leaves_no_evidence() -> None:
     measured, predicted = drive(late("symmetric", 0.6), 1, 40.0)
     rule, other = new_rule(), new_rule()
     judge(measured, predicted, rule)
-    before = judge(measured, predicted, other)[-1].statistics["evidence"]
+    before = judge(measured, predicted, other)[-1].statistics.evidence
     rows = np.ones((WINDOW, len(BANK))) * predicted[:WINDOW, None]
     (ignored,) = rule.judge(measured[np.newaxis, :WINDOW], [rows], np.array([True]))
     assert ignored.outcome == "inconclusive"
-    assert ignored.statistics["evidence"] == before
+    assert ignored.statistics.evidence == before
     assert before != 0.0
 
 
@@ -384,7 +386,7 @@ def test_one_window_says_no_more_than_its_bound() -> None:
 
     def steps(rule: ResponseRule) -> FloatArray:
         found = judge(measured + step, predicted + early, rule)
-        return np.diff(np.array([v.statistics["evidence"] for v in found], dtype=float))
+        return np.diff(np.array([v.statistics.evidence for v in found], dtype=float))
 
     # THEN its window alone would decide, and with a bound it does not
     assert steps(new_rule()).max() > CONFIG.evidence_fail

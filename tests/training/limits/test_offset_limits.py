@@ -12,6 +12,7 @@ from monitor.judge.findings import WindowJudged
 from monitor.judge.window import Window
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
+from tests.helpers.estimates import NO_ESTIMATES
 from training.limits.decision_limits import healthy_offsets, limits_of
 
 CONFIG = config.load()
@@ -92,7 +93,7 @@ def judged(mean: float, swing: float) -> WindowJudged:
         fault=None,
         also=(),
         excited=True,
-        statistics={},
+        statistics=NO_ESTIMATES,
     )
 
 
