@@ -177,6 +177,7 @@ def _bytes(content: bytes) -> str:
 
 def _text(text: str, folder: Path) -> str:
     """Return the digest of ``text`` without paths, versions and times of the clock."""
+    text = text.replace("<wbr>", "")  # in paths on a page
     for path in (str(folder), str(ROOT)):
         text = text.replace(path, "")
     return _bytes(re.sub(r"\b\d+(\.\d+)? s of (time|work)\b", "", text).encode())
