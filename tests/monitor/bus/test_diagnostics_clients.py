@@ -194,11 +194,8 @@ def test_a_uds_tester_reads_snapshot_and_extended_data(bench: Bench) -> None:
     assert record.raw_data == b"\x02"  # it failed in two driving cycles
 
 
-def test_a_tester_of_j1979_2_reads_emission_codes(bench: Bench) -> None:
+def test_a_uds_tester_reads_which_snapshots_there_are_and_no_severity(bench: Bench) -> None:
     client = bench.client
-    confirmed = client.get_wwh_obd_dtc_by_status_mask(0x33, 0x08, 0x20, 0x02).service_data
-    assert [dtc.id for dtc in confirmed.dtcs] == [SLOW]
-    assert [d.id for d in client.get_dtc_with_permanent_status().service_data.dtcs] == [SLOW]
     records = client.get_dtc_snapshot_identification().service_data.dtcs
     assert [(dtc.id, dtc.snapshots) for dtc in records] == [(SLOW, [0x00, 0xF0])]
     assert client.get_dtc_fault_counter().service_data.dtcs == []
