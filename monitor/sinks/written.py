@@ -1,6 +1,6 @@
 """The way from a replay to its sinks: the replay waits, and an error ends it."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 
 from monitor.base.errors import UsageError
 from monitor.pipeline.events import BlockEvent, singly
@@ -28,7 +28,9 @@ class Written:
 
         def listen(event: BlockEvent) -> None:
             for each in singly(event):
-                self._keep(stream.push(each))
+                self._waiting.extend(stream.push(each))
+                if len(self._waiting) >= BATCH:
+                    self._write()
 
         return listen
 
@@ -43,17 +45,11 @@ class Written:
             for sink in self._sinks.values():
                 sink.close()
 
-    def _keep(self, records: Iterable[Record]) -> None:
-        self._waiting.extend(records)
-        if len(self._waiting) >= BATCH:
-            self._write()
-
     def _write(self) -> None:
         records, self._waiting = self._waiting, []
         for name, sink in self._sinks.items() if records else ():
-            for begin in range(0, len(records), BATCH):
-                try:
-                    sink.write(records[begin : begin + BATCH])
-                except Exception as error:
-                    reason = str(error) or type(error).__name__
-                    raise UsageError(f"--sink {name}: {reason}") from error
+            try:
+                sink.write(records)
+            except Exception as error:
+                reason = str(error) or type(error).__name__
+                raise UsageError(f"--sink {name}: {reason}") from error
