@@ -38,7 +38,7 @@ class BoundedSetting:
     def misfit(self, value: Any) -> str:
         """Return in words what is wanted where a value is of another type or size, else nothing.
 
-        >>> Setting(50, min=10).misfit(9)
+        >>> BoundedSetting(50, min=10).misfit(9)
         '9, wanted at least 10 and at most 1e+06'
         """
         kind: type = type(self.value)

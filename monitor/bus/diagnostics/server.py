@@ -37,8 +37,8 @@ class DiagnosticAddress:
 
         Raises UsageError unless it is 7E9 to 7EF or 18DAF1xx, or if it is the engine's.
 
-        >>> hex(Address.parse("7E9").request_id), hex(Address.parse("18DAF1A5").request_id)
-        ('0x7e1', '0x18daa5f1')
+        >>> hex(DiagnosticAddress.parse("18DAF1A5").request_id)
+        '0x18daa5f1'
         """
         if re.fullmatch(r"(?i)(0x)?7E[9A-F]", text):
             response_id = int(text, 16)

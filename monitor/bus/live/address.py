@@ -37,7 +37,7 @@ def parse(text: str) -> PageAddress:
     Raises argparse.ArgumentTypeError.
 
     >>> parse("8765")
-    Address(host='127.0.0.1', port=8765)
+    PageAddress(host='127.0.0.1', port=8765)
     """
     match = _PLACE.fullmatch(text)
     if not match or int(match[3]) > 65535:
