@@ -15,6 +15,7 @@ from training.pages.figure import drawing
 from training.pages.numbers import MISSING, median_s, percent_rate, short, words
 
 Row = Mapping[str, Any]
+AND: Final = " + "  # between names
 SEVERAL: Final = "several names"
 
 
@@ -69,37 +70,48 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def confusion(pairs: Iterable[tuple[str, str]], order: Sequence[str]) -> Figures:
-    """Return the confusion matrix of pairs of what is true and what is answered.
+def answers(pairs: Iterable[tuple[str, str]], order: Sequence[str] = ()) -> list[Figures]:
+    """Return how often each condition that was driven got which answer.
 
+    pairs : what was driven, and the names that were answered, joined by ``AND``
     order : of the names; others follow
-    ``driven`` are the row names, ``named`` the column names, ``counts`` a list for each row
     """
-    counts = Counter(pairs)
-    driven, named = (
-        sorted({pair[i] for pair in counts}, key=lambda name: _place(name, order)) for i in (0, 1)
-    )
-    table = [[counts[true, answer] for answer in named] for true in driven]
-    return {"driven": driven, "named": named, "counts": table}
+    return [
+        {"driven": driven, "answered": answered, "trials": n}
+        for (driven, answered), n in sorted(
+            Counter(pairs).items(), key=lambda each: [_place(name, order) for name in each[0]]
+        )
+    ]
 
 
 def _place(name: str, order: Sequence[str]) -> tuple[int, str]:
     return (order.index(name) if name in order else len(order)), name
 
 
-def confusion_figure(table: Mapping[str, Any]) -> Figure:
-    """Draw the answers (columns) to the driven faults (rows), in percent of the drives."""
-    counts = np.array(table["counts"], dtype=np.float64).reshape(-1, len(table["named"]))
-    share = 100.0 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
-    figure, axes = drawing(1.6 + 0.32 * len(counts))
+def confusion(rows: Sequence[Row], order: Sequence[str] = ()) -> Figure | None:
+    """Draw ``answers``: names in columns, in percent of the trials of a row; joined names as one.
+
+    Return None without a row.
+    """
+    if not rows:
+        return None
+    counts = Counter[tuple[str, str]]()
+    for r in rows:
+        counts[r["driven"], SEVERAL if AND in r["answered"] else r["answered"]] += r["trials"]
+    driven, named = (
+        sorted({pair[i] for pair in counts}, key=lambda name: _place(name, order)) for i in (0, 1)
+    )
+    table = np.array([[counts[a, b] for b in named] for a in driven], dtype=np.float64)
+    share = 100.0 * table / table.sum(axis=1, keepdims=True)
+    figure, axes = drawing(1.6 + 0.32 * len(driven))
     axes.imshow(share, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
-    for i, j in zip(*np.nonzero(counts), strict=True):
+    for i, j in zip(*np.nonzero(table), strict=True):
         text = f"{share[i, j]:.0f}" if share[i, j] >= 1.0 else "<1"
         colour = "white" if share[i, j] > 60.0 else "black"
         axes.text(j, i, text, ha="center", va="center", size=7, color=colour)
-    names = [words(n) for n in table["named"]]
+    names = [words(name) for name in named]
     axes.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
-    axes.set_yticks(range(len(counts)), [words(d) for d in table["driven"]])
+    axes.set_yticks(range(len(driven)), [words(name) for name in driven])
     axes.set(xlabel="answered", ylabel="driven")
     return figure
 

@@ -42,6 +42,8 @@ TINY = [
     "1",
 ]
 
+COUNTS = ("drives", "before", "before_named", "after", "after_named", "alike", "alike_named")
+
 
 def row(kind: str = "effect", **changed: Any) -> dict[str, Any]:
     """Return the row of a case in which purge, 3 times the noise, was named rightly."""
@@ -62,18 +64,8 @@ def row(kind: str = "effect", **changed: Any) -> dict[str, Any]:
         "gap_over_noise": 3.0,
         "seconds": 4.0,
         "added": ["purge"],
-        "faults": {
-            "drives": 20,
-            "before": 15,
-            "before_named": 12,
-            "after": 16,
-            "after_named": 11,
-            "alike": 2,
-            "alike_named": 2,
-        },
+        "faults": dict(zip(COUNTS, (20, 15, 12, 16, 11, 2, 2), strict=True)),
         "alarms": {"drives": 2, "before": 0, "after": 0},
-        "runner_up": "ethanol",
-        "win": 0.99,
         "excess_before": 1e-4,
         "excess_after": 5e-6,
     } | changed
@@ -214,12 +206,14 @@ def test_the_confusion_matrix_counts_every_case_once() -> None:
         row(kind="two", hidden=["purge", "ethanol"], names=["purge", "ethanol"]),
         row(error="ValueError: no"),
     ]
-    found = tables.answers(rows)
-    assert found["driven"] == ["nothing", "purge", "two effects", "onset: gain_low"]
-    counts = np.array(found["counts"])
-    assert counts.sum() == len(rows)
-    purge = counts[found["driven"].index("purge")]
-    assert [purge[found["named"].index(n)] for n in ("purge", "ethanol", "error")] == [1, 1, 1]
+    found = {
+        (r["driven"], r["answered"]): r["trials"]
+        for r in tables.report(WHOLE, rows).sections[0].rows
+    }
+    assert sum(found.values()) == len(rows)
+    assert all(found["purge", name] == 1 for name in ("purge", "ethanol", "error"))
+    assert found["two effects", "purge + ethanol"] == 1
+    assert found["onset: gain_low", "sensor_fault_suspected"] == 1
     assert tables.two(rows) == [{"answer": "both right", "cases": 1}]
     assert answer(row(verdict="ambiguous", names=[], among=["purge"])) == AMONG
     assert answer(row(verdict="ambiguous", names=[], among=["ethanol"])) == "ambiguous"

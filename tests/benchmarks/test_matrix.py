@@ -279,13 +279,10 @@ def test_a_code_of_two_drives_in_a_row_of_a_vehicle_would_be_confirmed() -> None
 def test_tables_of_hand_made_rows(hand_made: list[Row]) -> None:
     cells = {d["severity"]: d for d in tables.detection(hand_made)}
     assert (cells[0.5]["detected"]["events"], cells[0.2]["detected"]["events"]) == (37, 0)
-    names = tables.names(hand_made, "loop")
-    counts = dict(zip(names["driven"], names["counts"], strict=True))
-    of_slow = dict(zip(names["named"], counts["slow_symmetric"], strict=True))
-    assert of_slow == {"none": 2, "slow_symmetric": 35, "transient": 1, "several names": 1}
-    assert sum(counts["healthy"]) == 60
-    (only,) = tables.several(hand_made, "loop")
-    assert only["named"] == "delay_symmetric + slow_symmetric"
+    given = {(r["driven"], r["answered"]): r["trials"] for r in tables.names(hand_made, "loop")}
+    assert given["slow_symmetric", "slow_symmetric"] == 35
+    assert given["slow_symmetric", "delay_symmetric + slow_symmetric"] == 1
+    assert (given["slow_symmetric", "none"], given["healthy", "none"]) == (2, 59)
     monitor, card, *_ = tables.side_by_side(hand_made)
     assert monitor["loop, found"]["rate"] == 37 / 39
     assert card["loop, found"]["rate"] == 1.0

@@ -13,7 +13,7 @@ from scipy import stats
 from benchmarks.studies import runner, targets
 from benchmarks.studies.options import option, parser_of, plan_of
 from benchmarks.studies.report import Report, Section
-from benchmarks.studies.tables import Row, cells, confusion, grouped, median
+from benchmarks.studies.tables import Row, answers, cells, confusion, grouped, median
 from benchmarks.studies.targets import Target
 from monitor.base.errors import UsageError
 from training.limits.rates import per_1000_h, rate
@@ -123,10 +123,22 @@ def test_rates_and_times_come_with_their_bounds() -> None:
 
 
 def test_tables_count_every_row_once() -> None:
-    pairs = [("purge", "purge"), ("purge", "none"), ("nothing", "none"), ("odd", "purge")]
-    found = confusion(pairs, ("nothing", "none", "purge"))
-    assert (found["driven"], found["named"]) == (["nothing", "purge", "odd"], ["none", "purge"])
-    assert found["counts"] == [[1, 0], [1, 1], [0, 1]]
+    pairs = [("purge", "purge"), ("purge", "none"), ("nothing", "none"), ("odd", "purge + none")]
+    order = ("nothing", "none", "purge")
+    found = answers([*pairs, pairs[0]], order)
+    assert [tuple(r.values()) for r in found] == [
+        ("nothing", "none", 1),
+        ("purge", "none", 1),
+        ("purge", "purge", 2),
+        ("odd", "purge + none", 1),
+    ]
+    drawn = confusion(found, order)
+    assert drawn
+    texts = [text.get_text() for text in drawn.axes[0].texts]
+    assert texts == ["100", "33", "67", "100"]
+    columns = [label.get_text() for label in drawn.axes[0].get_xticklabels()]
+    assert columns == ["none", "purge", "several names"]
+    assert confusion([]) is None
     rows = [{"a": 1, "b": 2}, {"a": 1, "b": 3}, {"a": 2, "b": 2}]
     parts = grouped(rows, ("a",), lambda own: {"n": len(own), "share": rate(1, len(own))})
     assert [(p["a"], p["n"]) for p in parts] == [(1, 2), (2, 1)]

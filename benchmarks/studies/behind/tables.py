@@ -4,7 +4,6 @@ A catalyst up to ``LOW_G`` must be found, one from ``SOUND_G`` on must not be ca
 neither. A fault counts once its test's debounce counter has matured.
 """
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ from benchmarks.studies.behind.rules import TITLES
 from benchmarks.studies.behind.run import LIMITS
 from benchmarks.studies.report import DEVELOPMENT, Report, Section
 from benchmarks.studies.sensor.conditions import AMBIENTS
-from benchmarks.studies.tables import Row, median, of_kind
+from benchmarks.studies.tables import AND, Row, answers, median, of_kind
 from benchmarks.studies.targets import Target
 from training.limits.rates import Figures, per_1000_h, rate
 
@@ -193,13 +192,12 @@ def truth(row: Row) -> str:
     grams = row["true_g"]
     size = "catalyst_low" if grams <= LOW_G else "between" if grams < SOUND_G else ""
     balance = BALANCES.get(row["upstream"], "balance_lean" if row["leak"] else "")
-    return " + ".join(each for each in (size, row["sensor"], balance) if each) or "sound"
+    return AND.join(each for each in (size, row["sensor"], balance) if each) or "sound"
 
 
 def names(rows: Sequence[Row]) -> list[Figures]:
     """Return how often each condition got which names."""
-    given = Counter((truth(r), " + ".join(sorted(r["faults"].values())) or "none") for r in rows)
-    return [{"driven": a, "named": b, "drives": n} for (a, b), n in sorted(given.items())]
+    return answers((truth(r), AND.join(sorted(r["faults"].values())) or "none") for r in rows)
 
 
 def rule_figures(rows: Sequence[Row], rule: str, limit: float | None) -> Figures:

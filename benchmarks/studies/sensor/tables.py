@@ -16,10 +16,10 @@ from benchmarks.studies.rules.alarms import FALSE_ALARM_RATE, TITLES
 from benchmarks.studies.sensor.plan import CALIBRATION_VEHICLES, PLACEMENTS, Matrix
 from benchmarks.studies.sensor.severities import ELECTRICAL, at_limit, beyond_limit
 from benchmarks.studies.tables import (
-    SEVERAL,
+    AND,
     Row,
+    answers,
     confusion,
-    confusion_figure,
     grouped,
     mean,
     median,
@@ -34,6 +34,7 @@ from training.pages.figure import LIMIT, panels
 from training.pages.numbers import words
 
 HEALTHY, NONE = "healthy", "none"
+ORDER: Final = (HEALTHY, NONE, *LIMIT_SEVERITY, *ELECTRICAL)
 MONITOR: Final = "monitor"
 PLACES: Final = {"loop": "fault in the loop", "after": "fault put on afterwards"}
 DETECTED: Final = 0.99  # least share of trials detected within one WLTC
@@ -65,7 +66,7 @@ def report(matrix: Matrix, model: str, rows: Sequence[Row]) -> Report:
     ]
     if matrix.first_vehicle < Matrix().first_vehicle:
         about.append(DEVELOPMENT)
-    faulty, good = of_kind(rows, "faulty"), of_kind(rows, "healthy")
+    good = of_kind(rows, "healthy")
     detected = detection(rows)
     sections = [
         Section("Detection against severity", detected, NOTE, severity_figure(detected)),
@@ -74,9 +75,9 @@ def report(matrix: Matrix, model: str, rows: Sequence[Row]) -> Report:
             grouped(_wanted(rows), ("placement", "ambient"), figures),
         ),
         *(
-            Section(f"Names given, {PLACES[p]}", several(rows, p), figure=_drawn(rows, p))
-            for p in PLACEMENTS
-            if faulty or good
+            Section(f"Names given, {place}", given, figure=confusion(given, ORDER))
+            for placement, place in PLACES.items()
+            if (given := names(rows, placement))
         ),
         Section("Healthy drives", healthy(rows)),
         Section("Conditions that do not hold, share of the time", not_held(good)),
@@ -181,33 +182,15 @@ def _short(row: Row) -> Figures:
     return {k: row[k] for k in keys} | {"aged": row["aged"] is not None}
 
 
-def names(rows: Sequence[Row], placement: str) -> Figures:
-    """Return the confusion matrix of one placement: healthy drives, and faults to be found."""
+def names(rows: Sequence[Row], placement: str) -> list[Figures]:
+    """Return the answers of one placement: to healthy drives, and to faults to be found."""
     electrical = [
         r
         for r in of_kind(rows, "faulty")
         if r["placement"] == placement and r["fault"] in ELECTRICAL
     ]
     chosen = [*_wanted(rows, placement), *electrical, *of_kind(rows, "healthy")]
-    order = (HEALTHY, NONE, *LIMIT_SEVERITY, *ELECTRICAL)
-    return confusion(((r["fault"] or HEALTHY, _given(r)) for r in chosen), order)
-
-
-def several(rows: Sequence[Row], placement: str) -> list[Figures]:
-    """Return the combinations of names of drives with several."""
-    own = [r for r in rows if r.get("placement") == placement and _given(r) == SEVERAL]
-    found = split(({**r, "faults": " + ".join(r["faults"])} for r in own), "fault", "faults")
-    return [{"driven": a, "named": b, "drives": len(each)} for (a, b), each in found.items()]
-
-
-def _given(row: Row) -> str:
-    given = row["faults"]
-    return NONE if not given else str(given[0]) if len(given) == 1 else SEVERAL
-
-
-def _drawn(rows: Sequence[Row], placement: str) -> Figure | None:
-    table = names(rows, placement)
-    return confusion_figure(table) if table["counts"] else None
+    return answers(((r["fault"] or HEALTHY, AND.join(r["faults"]) or NONE) for r in chosen), ORDER)
 
 
 def side_by_side(rows: Sequence[Row]) -> list[Figures]:

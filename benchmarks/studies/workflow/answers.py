@@ -1,9 +1,9 @@
 """Marks for an answer of the gap workflow: right, in the ambiguous set, wrong; size of the gap."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Final
 
-from benchmarks.studies.tables import SEVERAL, Row
+from benchmarks.studies.tables import AND, Row
 from training.greybox.effects import LIBRARY
 
 CLASSES: Final = ("below the noise", "1 to 2 times the noise", "at least twice the noise")
@@ -83,19 +83,16 @@ def wrong_names(row: Row) -> list[str]:
 
 
 def answer(row: Row) -> str:
-    """Return the column of the confusion matrix for an answer."""
+    """Return the names or the verdict of an answer."""
     if row["error"] is not None:
         return ERROR
     if row["verdict"] == "ambiguous" and right_or_among(row):
         return AMONG
-    if row["verdict"] != "named":
-        return str(row["verdict"])
-    names: Sequence[str] = row["names"]
-    return names[0] if len(names) == 1 else SEVERAL
+    return AND.join(row["names"]) if row["verdict"] == "named" else str(row["verdict"])
 
 
 def hidden(row: Row) -> str:
-    """Return the row of the confusion matrix for a case."""
+    """Return what a case hides, as one name."""
     names = {
         "null": "nothing",
         "two": "two effects",

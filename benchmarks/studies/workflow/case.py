@@ -176,15 +176,11 @@ def _said(found: Result) -> dict[str, Any]:
         "withdrawn": found.addition.withdrawn,
         "suspected": answer.suspected,
         "indistinguishable": [candidate.name for candidate in answer.indistinguishable],
-        "runner_up": ranking[1].name if len(ranking) > 1 else None,
-        "win": ranking[1].merit.win if len(ranking) > 1 else None,
         "ranking": [
             {"name": c.name}
             | {k: getattr(c.merit, k) for k in ("score", "needed", "t", "adequacy", "win")}
             for c in ranking[:RANKED]
         ],
-        "explained_share": naming.error.explained_share,
-        "noise_floor": naming.error.floor,
     }
 
 

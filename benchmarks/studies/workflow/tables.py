@@ -7,17 +7,15 @@ from typing import Final
 from benchmarks.studies import targets
 from benchmarks.studies.report import DEVELOPMENT, Report, Section
 from benchmarks.studies.tables import (
-    SEVERAL,
     Row,
+    answers,
     confusion,
-    confusion_figure,
     split,
 )
 from benchmarks.studies.targets import Target
 from benchmarks.studies.workflow.answers import (
     AMONG,
     CLASSES,
-    ERROR,
     SUSPECTED,
     answer,
     closed,
@@ -41,7 +39,6 @@ FINAL: Final = 5000  # vehicles with lower numbers serve development
 SECONDS_MOST: Final = {"greybox": 15.0, "narx": 60.0}
 SLOW: Final = 0.95  # quantile of the seconds per case that the target limits
 ORDER: Final = ("nothing", "no_gap", *LIBRARY, *UNKNOWN, "two effects", AMONG, "ambiguous")
-LAST: Final = ("unknown_effect", SUSPECTED, SEVERAL, ERROR)
 
 
 def report(study: Study, rows: Sequence[Row]) -> Report:
@@ -71,13 +68,12 @@ def report(study: Study, rows: Sequence[Row]) -> Report:
     ]
     if study.first_vehicle < FINAL:
         about.append(DEVELOPMENT)
-    big = large(done(rows))
+    given, wide = (
+        answers(((hidden(r), answer(r)) for r in own), ORDER) for own in (rows, large(done(rows)))
+    )
     sections = [
-        Section("Hidden and answered", figure=confusion_figure(answers(rows)) if rows else None),
-        Section(
-            "Hidden and answered, gap at least twice the noise",
-            figure=confusion_figure(answers(big)) if big else None,
-        ),
+        Section("Hidden and answered", given, figure=confusion(given, ORDER)),
+        Section("Hidden and answered, gap at least twice the noise", figure=confusion(wide, ORDER)),
         Section("By effect and size of the gap", by_size(rows)),
         Section("Two effects at once", two(rows)),
         Section("Wrong names", wrong(rows)),
@@ -85,11 +81,6 @@ def report(study: Study, rows: Sequence[Row]) -> Report:
     ]
     title = f"Simulated study of the gap workflow, base {study.base}"
     return Report(title, about, assess(rows, study.base), sections)
-
-
-def answers(rows: Sequence[Row]) -> Figures:
-    """Return the confusion matrix of hidden effects and faults, and the answers."""
-    return confusion(((hidden(r), answer(r)) for r in rows), (*ORDER, *LAST))
 
 
 def by_size(rows: Sequence[Row]) -> list[Figures]:
