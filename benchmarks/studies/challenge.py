@@ -14,13 +14,12 @@ import argparse
 import hashlib
 import json
 import secrets
-from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
 from benchmarks.studies.options import parser_of, plan_of
-from benchmarks.studies.tables import Row, split
+from benchmarks.studies.tables import Row, cell, grouped
 from benchmarks.studies.workflow import answers, drive
 from benchmarks.studies.workflow.plan import Case, Study, cases, healthy_parts
 from monitor.base.command_line import command
@@ -33,6 +32,12 @@ from training.recordings.recording import Recording, write_table
 TRUTH, INDEX, TEMPLATE = "truth.json", "challenge.json", "answers.json"
 VERDICTS: Final = ("named", "no_gap", "ambiguous", "unknown_effect", answers.SUSPECTED)
 SECRET: Final = 10**9  # seeds and vehicles are drawn below it
+RIGHT: Final = {  # verdict on cases that hide no effect of the library
+    "null": "no_gap",
+    "unknown": "unknown_effect",
+    "onset": answers.SUSPECTED,
+    "fault": answers.SUSPECTED,
+}
 NOTE: Final = (
     "Simulated. For every case give verdict (named, no_gap, ambiguous, unknown_effect, "
     "sensor_fault_suspected) and names: the effects named, or the ambiguous set."
@@ -50,7 +55,8 @@ def _run(args: argparse.Namespace) -> int:
     study = plan_of(Study, args)
     truth = args.out.with_name(f"{args.out.name}-{TRUTH}")
     if args.score:
-        print(as_text(score(args.score, truth, args.out)))
+        for each in score(args.score, truth, args.out):
+            print(", ".join(f"{name} {cell(value)}" for name, value in each.items()))
         return 0
     drawn = (secrets.randbelow(SECRET) for _ in range(2))
     digest = export(replace(study, seed=next(drawn), first_vehicle=next(drawn)), args.out, truth)
@@ -73,14 +79,13 @@ def export(study: Study, folder: Path, truth: Path) -> str:
     for number, name in numbers.items():
         made = drive.healthy(healthy_parts(study, number), number, study.duration_s)
         _write(made, folder / name)
-    names = [f"case_{i:04d}" for i in range(1, len(planned) + 1)]
-    for case, name in zip(planned, names, strict=True):
+    named = {f"case_{i:04d}": case for i, case in enumerate(planned, 1)}
+    for name, case in named.items():
         _write(drive.recordings(case, study.duration_s), folder / name)
-    pairs = list(zip(names, planned, strict=True))
     sealed = {
         "secret": secrets.token_hex(32),
         "study": asdict(study),
-        "cases": {name: _truth(case) for name, case in pairs},
+        "cases": {name: _truth(case) for name, case in named.items()},
     }
     text = json.dumps(sealed, indent=1) + "\n"
     write_text(truth, text)
@@ -88,15 +93,15 @@ def export(study: Study, folder: Path, truth: Path) -> str:
     index = {
         "note": NOTE,
         "truth_sha256": digest,
-        "cases": {name: numbers[case.vehicle] for name, case in pairs},
+        "cases": {name: numbers[case.vehicle] for name, case in named.items()},
     }
     write_text(folder / INDEX, json.dumps(index, indent=1) + "\n")
-    form = {name: {"verdict": "", "names": []} for name in names}
+    form = {name: {"verdict": "", "names": []} for name in named}
     write_text(folder / TEMPLATE, json.dumps(form, indent=1) + "\n")
     return digest
 
 
-def score(given: Path, truth: Path, folder: Path) -> dict[str, Figures]:
+def score(given: Path, truth: Path, folder: Path) -> list[Figures]:
     """Return the marks of anyone's answers: how many are right, of each kind of case.
 
     A case without an answer counts as not right. An effect is right if it is named, ``among`` also
@@ -111,40 +116,21 @@ def score(given: Path, truth: Path, folder: Path) -> dict[str, Figures]:
     if strange := sorted(set(answered) - set(hidden)):
         raise UsageError(f"{given}: no such case: {', '.join(strange[:3])}")
     rows = [case | _answer(answered.get(name, {}), given, name) for name, case in hidden.items()]
-    marks: dict[str, Figures] = {}
-    for (kind,), own in split(rows, "kind").items():
-        for what, verdict in _VERDICTS.get(kind, {}).items():
-            marks[f"{kind}: {what}"] = rate(sum(r["verdict"] == verdict for r in own), len(own))
-        for what, is_right in _EFFECT.items() if kind not in _VERDICTS else ():
-            marks[f"{kind}: {what}"] = rate(sum(map(is_right, own)), len(own))
-    named = [row for row in rows if row["names"]]
-    marks["names that are right"] = rate(sum(map(answers.right, named)), len(named))
-    return marks
+    return grouped(rows, ("kind",), _marks)
 
 
-def as_text(marks: Mapping[str, Figures]) -> str:
-    """Return the marks as lines, each with its 95 % bounds.
-
-    >>> print(as_text({"null: no gap": rate(9, 10)}))
-    null: no gap: 9 of 10 (55.5 to 99.7 %)
-    """
-    return "\n".join(
-        f"{what}: {m['events']} of {m['trials']}"
-        + (f" ({100 * m['low']:.1f} to {100 * m['high']:.1f} %)" if m["trials"] else "")
-        for what, m in marks.items()
-    )
+def _marks(own: list[Row]) -> Figures:
+    return {
+        "right": rate(sum(map(_is_right, own)), len(own)),
+        "right or among": rate(
+            sum(_is_right(r) or answers.right_or_among(r) for r in own), len(own)
+        ),
+    }
 
 
-_EFFECT: Final = {
-    "named rightly": answers.right,
-    "right or among the ambiguous": answers.right_or_among,
-}
-_VERDICTS: Final = {
-    "null": {"no gap": "no_gap"},
-    "unknown": {"unknown": "unknown_effect"},
-    "onset": {"suspected": answers.SUSPECTED},
-    "fault": {"suspected": answers.SUSPECTED},
-}
+def _is_right(row: Row) -> bool:
+    verdict = RIGHT.get(row["kind"])
+    return answers.right(row) if verdict is None else bool(row["verdict"] == verdict)
 
 
 def _truth(case: Case) -> dict[str, Any]:

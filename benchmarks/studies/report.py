@@ -1,5 +1,6 @@
 """The report of a study: JSON, one self-contained page, and the lines that the command prints."""
 
+import json
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -97,7 +98,7 @@ class Report:
 
 def write(report: Report, folder: Path, name: str) -> None:
     """Write the page and NAME.json into the folder of a run, and print the lines."""
-    identity = run_folder.identity_of(folder)
+    identity = json.loads((folder / run_folder.RUN).read_text())
     print(report.as_text())
     write_text(folder / "report.html", report.as_page(identity))
     run_folder.write_json(folder / f"{name}.json", report.as_json(identity), indent=1)

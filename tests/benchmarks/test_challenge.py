@@ -50,10 +50,11 @@ def test_answers_get_marks_by_kind(
     path = tmp_path / "answers.json"
     path.write_text(json.dumps(answers))
     assert score(challenge, path) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert any(line.startswith(f"effect: named rightly: {marks} of 1") for line in lines)
-    assert any(line.startswith("null: no gap: 1 of 1") for line in lines)
-    assert any(line.startswith(f"fault: suspected: {marks} of 1") for line in lines)
+    lines = dict(line.split(", ", 1) for line in capsys.readouterr().out.splitlines())
+    share = {1: "right 100.0", 0: "right 0.0"}
+    assert lines["kind null"].startswith(share[1])
+    assert lines["kind effect"].startswith(share[marks])
+    assert lines["kind fault"].startswith(share[marks])
 
 
 def test_a_truth_that_was_changed_afterwards_is_refused(

@@ -76,7 +76,6 @@ def together(parts: dict[str, Windows]) -> Windows:
     return Windows(
         np.vstack([w.measured for w in each]),
         np.vstack([w.predicted for w in each]),
-        np.repeat(np.arange(len(each)), [len(w) for w in each]),
     )
 
 
@@ -115,11 +114,11 @@ def test_a_faulty_sensor_in_the_loop_is_found(
     # the limit faults that the rule learns are other windows than those it judges
     every = together(faulty)
     even = np.arange(len(every)) % 2 == 0
-    learned = Windows(every.measured[even], every.predicted[even], every.drive[even])
+    learned = Windows(every.measured[even], every.predicted[even])
     fitted = rule.fit(healthy, learned, RATE)
     odd = np.arange(len(faulty[fault])) % 2 == 1
     own = faulty[fault]
-    judged = Windows(own.measured[odd], own.predicted[odd], own.drive[odd])
+    judged = Windows(own.measured[odd], own.predicted[odd])
     assert fitted.faulty(judged).mean() >= least
 
 
@@ -127,7 +126,7 @@ def test_a_faulty_sensor_in_the_loop_is_found(
 def test_too_few_windows_for_the_rate_are_refused(
     rule: type[Rule], healthy: Windows, faulty: dict[str, Windows]
 ) -> None:
-    few = Windows(healthy.measured[:18], healthy.predicted[:18], healthy.drive[:18])
+    few = Windows(healthy.measured[:18], healthy.predicted[:18])
     with pytest.raises(RecordingError, match="18 healthy windows, 19 are wanted"):
         rule.fit(few, together(faulty), RATE)
 

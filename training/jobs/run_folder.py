@@ -37,12 +37,6 @@ def claim(folder: Path, identity: Mapping[str, Any]) -> None:
         )
 
 
-def identity_of(folder: Path) -> dict[str, Any]:
-    """Return all that the results in a folder depend on."""
-    found: dict[str, Any] = json.loads((folder / RUN).read_text())
-    return found
-
-
 def write_json(path: Path, tree: Any, indent: int | None = None) -> None:
     """Write a file in one step, so that it is never there in part; raises ValueError for NaN."""
     write_text(path, json.dumps(tree, indent=indent, allow_nan=False) + "\n")

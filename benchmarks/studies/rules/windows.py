@@ -8,7 +8,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import FloatArray, IntArray
+from monitor.base.types import FloatArray
 from monitor.pipeline.events import WindowJudged
 from training.limits.tolerance import just_above
 
@@ -19,7 +19,6 @@ class Windows:
 
     measured: FloatArray  # (n, n_samples) output's unit
     predicted: FloatArray  # (n, n_samples)
-    drive: IntArray  # (n,) number of the window's drive
 
     def __len__(self) -> int:
         return len(self.measured)
@@ -38,11 +37,9 @@ class Windows:
         windows = [w.window for drive in drives for w in drive]
         if not windows:
             raise RecordingError("no window in any drive, at least one is wanted")
-        lengths = [len(drive) for drive in drives]
         return cls(
             np.array([w.measured for w in windows]),
             np.array([w.predicted for w in windows]),
-            np.repeat(np.arange(len(drives)), lengths),
         )
 
 
