@@ -103,8 +103,11 @@ class Profile:
 
 def shipped() -> tuple[str, ...]:
     """Return the names of the profiles that come with the package."""
-    folder = files(__package__)
-    return tuple(sorted(p.name[:-5] for p in folder.iterdir() if p.name.endswith(".toml")))
+    return tuple(sorted(path.name.removesuffix(".toml") for path in _shipped_folder().iterdir()))
+
+
+def _shipped_folder() -> Path:
+    return Path(str(files(__package__))) / "loggers"
 
 
 @cache
@@ -120,7 +123,7 @@ def path_of(given: str | Path) -> Path:
     """
     path = Path(given)
     if str(given) in shipped() and not path.is_file():
-        return Path(str(files(__package__))) / f"{given}.toml"
+        return _shipped_folder() / f"{given}.toml"
     if not path.suffix and not path.exists():
         raise ConfigError(f"no profile {given}: a file or one of {', '.join(shipped())} is wanted")
     return path
