@@ -17,7 +17,8 @@ import can
 from benchmarks.measures import cpu_s, in_turn
 from benchmarks.outcome import Options, Row, finish
 from benchmarks.speed import traffic
-from monitor.frames import blf, mdf
+from monitor.frames import mdf
+from monitor.frames.blf import structure
 from monitor.frames.bounds import open_binary
 from monitor.frames.log_blocks import read_blocks
 from monitor.frames.logs import read_frames
@@ -50,7 +51,7 @@ def unpacked(path: Path) -> int:
     """Unpack and look at nothing."""
     with open_binary(path) as file:
         if path.suffix == ".blf":
-            for _, body, _ in blf.objects(file, len(file.read(144))):
+            for _, body, _ in structure.objects(file, len(file.read(144))):
                 zlib.decompressobj().decompress(body[16:])
         else:
             while file.read(1 << 20):

@@ -43,7 +43,7 @@ exit code: 0 every signal of the model is present, 3 a signal is missing"""
 
 def add(commands: Any) -> None:
     """Add the subcommand ``check``."""
-    from monitor.frames.python_can import import_without_mdf
+    from monitor.frames.text.python_can import import_without_mdf
 
     import_without_mdf()
     check = add_command(commands, "check", HELP, _CHECK, _check)

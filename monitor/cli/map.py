@@ -45,7 +45,7 @@ def add(commands: Any) -> None:
 def _map(args: argparse.Namespace) -> int:
     from monitor.base.errors import UsageError
     from monitor.base.files.outputs import check_new, write_text
-    from monitor.frames.python_can import import_without_mdf
+    from monitor.frames.text.python_can import import_without_mdf
 
     import_without_mdf()
     from monitor.base.signals import NARX_INPUTS, OUTPUT

@@ -43,7 +43,7 @@ def add(commands: Any) -> None:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    from monitor.frames.python_can import import_cantools_alone
+    from monitor.frames.text.python_can import import_cantools_alone
 
     import_cantools_alone()
     from monitor.memory.store import Memory

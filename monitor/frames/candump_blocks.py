@@ -17,7 +17,7 @@ from monitor.base.types import BoolArray, Frame, FrameBlock, IntArray
 from monitor.frames import swar
 from monitor.frames.blocks import EXTENDED, block_of, chosen, put, widened
 from monitor.frames.candump import ERROR_FLAG, LogCounters, read_candump
-from monitor.frames.lines import CHUNK_BYTES, MARGIN, Bytes, line_chunks
+from monitor.frames.text.lines import CHUNK_BYTES, MARGIN, Bytes, line_chunks
 
 Keys = NDArray[np.uint32]
 

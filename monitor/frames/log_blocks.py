@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FrameBlock
-from monitor.frames import blf_blocks, candump_blocks, mdf
+from monitor.frames import candump_blocks, mdf
+from monitor.frames.blf import blocks as blf_blocks
 from monitor.frames.blocks import blocks_of
 from monitor.frames.bounds import open_binary
 from monitor.frames.candump import LogCounters

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeVar
 from monitor.base.errors import RecordingError
 from monitor.base.files.inputs import open_regular
 from monitor.base.types import Frame, FrameBlock
-from monitor.frames import blf_blocks, mdf
+from monitor.frames import mdf
+from monitor.frames.blf import blocks as blf_blocks
 from monitor.frames.blocks import frames_of
 from monitor.frames.bounds import open_binary, open_text
 from monitor.frames.candump import CUT_SHORT, LATEST_S, MAX_BYTES, LogCounters, read_candump
-from monitor.frames.frame_lines import FrameLines
-from monitor.frames.python_can import text_reader
 from monitor.frames.tables.readers import SUFFIXES as TABLES
+from monitor.frames.text.frame_lines import FrameLines
+from monitor.frames.text.python_can import text_reader
 
 if TYPE_CHECKING:
     import can

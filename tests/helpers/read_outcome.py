@@ -8,7 +8,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, FrameBlock
-from monitor.frames.blf import check as check_blf
+from monitor.frames.blf.structure import check as check_blf
 from monitor.frames.blocks import EXTENDED
 from monitor.frames.candump import LogCounters
 from monitor.frames.log_blocks import read_blocks

@@ -152,7 +152,7 @@ def run(args: argparse.Namespace) -> int:
 
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
-    from monitor.frames.python_can import import_without_mdf
+    from monitor.frames.text.python_can import import_without_mdf
 
     import_without_mdf()
     from tqdm import tqdm

@@ -13,7 +13,7 @@ from can.util import dlc2len
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.frames import blf_blocks
+from monitor.frames.blf import blocks as blf_blocks
 from monitor.frames.candump import LogCounters
 from monitor.frames.logs import guarded
 from tests.helpers.examples import inputs

@@ -14,8 +14,8 @@ from monitor.base.types import FrameBlock
 from monitor.frames import candump_blocks
 from monitor.frames.bounds import open_binary
 from monitor.frames.candump import LogCounters, read_candump
-from monitor.frames.lines import MARGIN
 from monitor.frames.logs import guarded
+from monitor.frames.text.lines import MARGIN
 from tests.helpers.examples import inputs
 from tests.helpers.read_outcome import Outcome, frames_of, outcome, streamed, synthetic
 from training.recordings.can_log import write_log

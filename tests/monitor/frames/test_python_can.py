@@ -12,7 +12,7 @@ import sys
 from monitor.cli import main
 assert main(["replay", {str(DRIVE)!r}, "--quiet"]) in (0, 1)
 assert "can" not in sys.modules
-from monitor.frames.python_can import text_reader
+from monitor.frames.text.python_can import text_reader
 assert text_reader(".asc").__module__ == "can.io.asc"
 assert not sys.modules.keys() & {{"asammdf", "pandas", "polars", "sympy", "numba", "training"}}
 from asammdf import MDF

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, FloatArray, FrameBlock, IntArray
-from monitor.frames import blf, swar
+from monitor.frames import swar
+from monitor.frames.blf import structure
 from monitor.frames.blocks import chosen
 from monitor.frames.bounds import BoundError, Inflation
 from monitor.frames.candump import LATEST_S, LogCounters
@@ -87,9 +88,9 @@ def read_blocks(
     Raises ValueError if the file is damaged or holds fewer objects than its header announces, and
     the errors of zlib. The frames before the damage are yielded first.
     """
-    announced = blf.check(file)
+    announced = structure.check(file)
     file.seek(0)
-    start_s = blf.start_s(file)
+    start_s = structure.start_s(file)
     n_objects, rest = 0, b""
     for chunk in _inflated(file, chunk_bytes):
         raw = b"".join((rest, *chunk, bytes(_MARGIN)))
@@ -108,7 +109,7 @@ def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
     parts: list[bytes] = []
     inflation = Inflation()
     try:
-        for kind, body, _ in blf.objects(file, 0):
+        for kind, body, _ in structure.objects(file, 0):
             if kind != _CONTAINER:
                 continue
             (method,) = _CONTAINER_HEADER.unpack_from(body)

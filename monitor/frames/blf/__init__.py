@@ -1,0 +1,1 @@
+"""Vector's BLF files: their structure, and the reader in blocks."""

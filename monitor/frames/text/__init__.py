@@ -1,0 +1,1 @@
+"""Text logs of frames: whole lines in chunks, checks of lines, and python-can's readers."""
