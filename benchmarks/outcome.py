@@ -22,7 +22,7 @@ ABOUT = ("json", "benchmark", "commit")  # no options that change a figure
 Row = Mapping[str, str | float | bool | None]
 
 
-class Options(argparse.ArgumentParser):
+class BenchmarkOptions(argparse.ArgumentParser):
     """The options of a benchmark: its own, ``--json FILE`` and ``--smallest``.
 
     module, doc : name and docstring of its module

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.__main__ import FOLDER, benchmarks, main
-from benchmarks.outcome import SCHEMA, Options, finish
+from benchmarks.outcome import SCHEMA, BenchmarkOptions, finish
 from benchmarks.repository import ROOT
 
 SCRIPTS = sorted(FOLDER.rglob("*.py"))
@@ -80,14 +80,14 @@ def test_a_benchmark_at_its_smallest_size_measures_something(name: str, tmp_path
 
 
 def test_a_benchmark_that_measured_nothing_ends_with_an_error() -> None:
-    args = Options("benchmarks.speed.some", "Some.").parse_args([])
+    args = BenchmarkOptions("benchmarks.speed.some", "Some.").parse_args([])
     for rows in ([], [{"log": "a", "seconds": None}, {"log": "b", "seconds": float("nan")}]):
         with pytest.raises(SystemExit, match="some: nothing was measured"):
             finish(args, rows)
 
 
 def test_what_is_given_stands_before_what_is_smallest() -> None:
-    options = Options("benchmarks.speed.some", "Some.", rounds=1, seconds=2.0)
+    options = BenchmarkOptions("benchmarks.speed.some", "Some.", rounds=1, seconds=2.0)
     options.add_argument("--rounds", type=int, default=5)
     options.add_argument("--seconds", type=float, default=60.0)
     args = options.parse_args(["--smallest", "--rounds", "3"])
@@ -98,7 +98,7 @@ def test_a_missed_target_is_said_and_ends_with_exit_code_1(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out.json"
-    args = Options("benchmarks.speed.some", "Some.").parse_args(["--json", str(out)])
+    args = BenchmarkOptions("benchmarks.speed.some", "Some.").parse_args(["--json", str(out)])
     assert finish(args, [{"log": "a", "us": 3.0}], ["3 us, wanted 2"]) == 1
     assert "missed: 3 us, wanted 2" in capsys.readouterr().out
     assert json.loads(out.read_text())["missed"] == ["3 us, wanted 2"]

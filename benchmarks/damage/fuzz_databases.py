@@ -19,10 +19,9 @@ from tempfile import TemporaryDirectory
 import cantools
 
 import dbc
-from benchmarks.damage.harness import fuzz_options
+from benchmarks.damage.harness import Job, Tally, calls, fuzz_options
 from benchmarks.damage.log_seeds import DRIVE
 from benchmarks.damage.mutations import TEXT, lines_of_order
-from benchmarks.damage.sandbox import Job, Tally, calls
 from benchmarks.outcome import finish, say
 from monitor import cli
 from monitor.frames.logs import read_frames

@@ -40,7 +40,7 @@ LEAST_MEASURED: Final = 10_000  # requests; before, caches fill
 REQUESTS: Final = (0x7E1, 0x7E1, 0x7DF)
 
 
-class Clock:
+class IsoTpClock:
     """Stands in for the module ``time`` inside can-isotp."""
 
     now_s = 1000.0
@@ -106,7 +106,7 @@ def frames(rng: random.Random) -> Iterator[bytes]:
                 yield bytes(changed)
 
 
-class Run:
+class FuzzRun:
     """One vehicle under fire, with its memory watched."""
 
     def __init__(self, name: str, engine_speed_rpm: float) -> None:
@@ -155,7 +155,7 @@ class Run:
 
 def fuzz_requests(count: int, rng: random.Random, engine_speed_rpm: float) -> Row:
     """Ask the services directly."""
-    run = Run(f"requests at {engine_speed_rpm:g} 1/min", engine_speed_rpm)
+    run = FuzzRun(f"requests at {engine_speed_rpm:g} 1/min", engine_speed_rpm)
     for number in range(count):
         if number == count // 2:
             run.half()
@@ -164,9 +164,9 @@ def fuzz_requests(count: int, rng: random.Random, engine_speed_rpm: float) -> Ro
     return run.end(count)
 
 
-def fuzz_frames(count: int, rng: random.Random, engine_speed_rpm: float, clock: Clock) -> Row:
+def fuzz_frames(count: int, rng: random.Random, engine_speed_rpm: float, clock: IsoTpClock) -> Row:
     """Ask through ISO-TP."""
-    run = Run(f"frames at {engine_speed_rpm:g} 1/min", engine_speed_rpm)
+    run = FuzzRun(f"frames at {engine_speed_rpm:g} 1/min", engine_speed_rpm)
     server = Diagnostics(run.vehicle.state, DiagnosticAddress.parse("7E9"))
     source, sample = frames(rng), tick(engine_speed_rpm)
     for number in range(count):
@@ -193,7 +193,7 @@ def main(argv: Sequence[str]) -> int:
     """Run all."""
     args = fuzz_options(__name__, __doc__, 1_000_000, 500).parse_args(argv)
     rows: list[Row] = []
-    with patch.object(isotp.tools, "time", clock := Clock()):
+    with patch.object(isotp.tools, "time", clock := IsoTpClock()):
         for engine_speed_rpm in (800.0, 0.0):
             rows.append(fuzz_requests(args.cases, random.Random(args.seed), engine_speed_rpm))
             rng = random.Random(args.seed + 1)

@@ -38,7 +38,7 @@ STRANGE_TIMES = (0.0, -1.0, 1e-9, 1e12, 2.0**53, float(BEGIN_NS) / 1e9)
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class LoopFindings:
     """What the frames did to the loop."""
 
     frames: int  # made up, beside those of the drive
@@ -136,7 +136,7 @@ def strange_times(
 
 def fuzz(
     n: int, seed: int, *, mad_clock: bool = False, sound: bool = False, log: Path = LOG
-) -> Found:
+) -> LoopFindings:
     """Send ``n`` made-up frames through a loop and return what they did.
 
     mad_clock : the frames are sound, their times are not
@@ -168,7 +168,7 @@ def fuzz(
         loop.run()
         took_s = time.monotonic() - start_s
     recording = loop.result("fuzz")
-    return Found(
+    return LoopFindings(
         frames=n,
         samples=recording["samples"],
         windows=len(recording["windows"]) + recording["windows_dropped"],

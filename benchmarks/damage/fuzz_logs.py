@@ -21,11 +21,10 @@ from tempfile import TemporaryDirectory
 
 import asammdf  # noqa: F401  imported once, for all children
 
-from benchmarks.damage.harness import fuzz_options
-from benchmarks.damage.log_content import Content
+from benchmarks.damage.harness import Job, Tally, call, calls, fuzz_options
+from benchmarks.damage.log_content import DriveContent
 from benchmarks.damage.log_seeds import BINARY_KINDS, KINDS, write_seeds
 from benchmarks.damage.mutations import BINARY, TEXT, flip, in_containers
-from benchmarks.damage.sandbox import Job, Tally, call, calls
 from benchmarks.outcome import Row, finish, say
 from monitor import cli
 from monitor.cli import options, replay
@@ -36,7 +35,7 @@ REPORT = 2000  # logs between two lines of progress
 
 
 @dataclass(slots=True)
-class Found:
+class FormatCounts:
     """What became of the damaged logs of one format."""
 
     tally: Tally = field(default_factory=Tally)
@@ -83,11 +82,11 @@ def replaying(path: Path, *more: str) -> Job:
     return functools.partial(cli.main, ["replay", "--quiet", str(path), *more])
 
 
-def fuzz(n: int, seed: int, keep: Path) -> dict[str, Found]:
+def fuzz(n: int, seed: int, keep: Path) -> dict[str, FormatCounts]:
     """Replay ``n`` damaged logs; return the counts by format. Files of failures go to ``keep``."""
     setup = options.set_up(cli._parser(["replay"]).parse_args(["replay", "x"]))
     replay.set_up = lambda _: setup  # type: ignore[assignment]  # loaded once
-    found: dict[str, Found] = defaultdict(Found)
+    found: dict[str, FormatCounts] = defaultdict(FormatCounts)
     begun_s = time.monotonic()
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -95,7 +94,7 @@ def fuzz(n: int, seed: int, keep: Path) -> dict[str, Found]:
         for kind in KINDS:
             if kind != ".parquet":  # polars has threads, which do not outlive a fork
                 cli.main(["replay", "--quiet", str(folder / f"seed{kind}")])
-        content = Content(folder)
+        content = DriveContent(folder)
         source, numbers = cases(sound, seed), count()
         for first in range(0, n, BATCH):
             batch = [
@@ -125,7 +124,7 @@ def fuzz(n: int, seed: int, keep: Path) -> dict[str, Found]:
     return found
 
 
-def _explained(path: Path, kind: str, content: Content) -> str:
+def _explained(path: Path, kind: str, content: DriveContent) -> str:
     """Return what in a damaged log explains its codes, "" if nothing does."""
     out, why = path.with_suffix(".json"), path.with_suffix(".why")
     call(replaying(path, "--json", str(out)))

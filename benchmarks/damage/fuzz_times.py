@@ -51,7 +51,7 @@ STALL_S = 2.0  # longest time in which the interface delivers nothing; a longer 
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class DriveFindings:
     """What the monitor made of a drive."""
 
     codes: tuple[str, ...]
@@ -105,7 +105,7 @@ def _summary(entry: dict[str, Any]) -> dict[str, Any]:
     return {key: entry[key] for key in keys}
 
 
-def replayed(frames: FrameBlock, setup: replay.Setup, size: int = 1 << 16) -> Found:
+def replayed(frames: FrameBlock, setup: replay.Setup, size: int = 1 << 16) -> DriveFindings:
     """Judge frames as a log is judged, in blocks of a size."""
     store = DtcStore(profile=setup.config.profile)
     store.start_driving_cycle()
@@ -126,7 +126,7 @@ def replayed(frames: FrameBlock, setup: replay.Setup, size: int = 1 << 16) -> Fo
                 collector.push(event)
     entry = collector.result("fuzz", None, {})
     codes = tuple(dtc.code for dtc in store.active)
-    return Found(codes, cycles, _summary(entry), timeline.counters)
+    return DriveFindings(codes, cycles, _summary(entry), timeline.counters)
 
 
 class Arriving(can.BusABC):
@@ -187,7 +187,7 @@ def arrivals(t_ns: np.ndarray, rng: np.random.Generator) -> list[float]:
     return found
 
 
-def lived(frames: FrameBlock, arrivals_s: list[float], setup: replay.Setup) -> Found:
+def lived(frames: FrameBlock, arrivals_s: list[float], setup: replay.Setup) -> DriveFindings:
     """Judge frames through the live loop; a replay of its recording must say the same."""
     bus = Arriving(frames, arrivals_s)
     with bus:
@@ -195,7 +195,7 @@ def lived(frames: FrameBlock, arrivals_s: list[float], setup: replay.Setup) -> F
         loop.run()
     entry = loop.result("fuzz")
     codes = tuple(dtc["code"] for dtc in entry["dtcs"])
-    found = Found(codes, loop.cycles, _summary(entry), loop.clock.counters)
+    found = DriveFindings(codes, loop.cycles, _summary(entry), loop.clock.counters)
     again = replayed(block_of(loop.judged), setup)
     if again.judged != found.judged or again.cycles != found.cycles:
         raise AssertionError(f"the recording's replay differs: {again.times}")
@@ -204,7 +204,7 @@ def lived(frames: FrameBlock, arrivals_s: list[float], setup: replay.Setup) -> F
 
 def drives(
     n: int, seed: int, setup: replay.Setup, frames: FrameBlock
-) -> Iterator[tuple[str, str, Found, float]]:
+) -> Iterator[tuple[str, str, DriveFindings, float]]:
     """Yield form, what was done, findings and seconds, until ``n`` frames are judged."""
     bare = without_counters(setup)
     for number in range(seed, seed + -(-n // len(frames.t_ns))):

@@ -18,7 +18,7 @@ from monitor.grid.tables import Table, read_table
 SILENCE_S = 2.0  # a shorter one has no code
 
 
-class Content:
+class DriveContent:
     """The undamaged drive, to compare with; ``folder`` holds its files."""
 
     def __init__(self, folder: Path) -> None:

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from benchmarks.outcome import Options, Row, finish, say
+from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.verdicts.bosch import LAMBDA_PER_Z, RUNS, STOICHIOMETRIC_Z, run_of
 from monitor.base.types import BoolArray, FloatArray
 from training.gap.response.account import Response
@@ -42,7 +42,7 @@ AFTER_CUT, WASHOUT = 20, 50  # samples that are not scored
 Columns = dict[str, FloatArray]
 
 
-class Effect(NamedTuple):
+class HiddenEffect(NamedTuple):
     """What is hidden, and whether the answer says so."""
 
     name: str
@@ -56,48 +56,50 @@ def finding(kind: str, driver: str = "") -> Callable[[Finding, object], bool]:
     return lambda best, _: (best.kind, best.driver) == (kind, driver)
 
 
-def ripple(driver: str, length: float) -> Effect:
+def ripple(driver: str, length: float) -> HiddenEffect:
     """Return a sine over a signal."""
 
     def make(x: Columns, _phi: FloatArray, _n: int) -> FloatArray:
         return np.asarray(np.sin(2 * np.pi * x[driver] / length))
 
-    return Effect(f"ripple of {length:.1f} over {driver}", make, finding("level", driver))
+    return HiddenEffect(f"ripple of {length:.1f} over {driver}", make, finding("level", driver))
 
 
-def offset(driver: str) -> Effect:
+def offset(driver: str) -> HiddenEffect:
     """Return an offset in proportion to a signal."""
-    return Effect(f"offset with {driver}", lambda x, _phi, _n: x[driver], finding("level", driver))
+    return HiddenEffect(
+        f"offset with {driver}", lambda x, _phi, _n: x[driver], finding("level", driver)
+    )
 
 
-def film(driver: str, lag_s: float) -> Effect:
+def film(driver: str, lag_s: float) -> HiddenEffect:
     """Return what a lag leaves of a signal."""
 
     def make(x: Columns, _phi: FloatArray, _n: int) -> FloatArray:
         return lagged(x[driver], lag_s, PERIOD_S) - x[driver]
 
-    return Effect(f"film of {lag_s:.1f} s, {driver}", make, finding("dynamic", driver))
+    return HiddenEffect(f"film of {lag_s:.1f} s, {driver}", make, finding("dynamic", driver))
 
 
-def tail(lag_s: float) -> Effect:
+def tail(lag_s: float) -> HiddenEffect:
     """Return a lean tail after fuel cuts."""
 
     def make(x: Columns, _phi: FloatArray, _n: int) -> FloatArray:
         return -lagged((x[CUT] > 0).astype(np.float64), lag_s, PERIOD_S)
 
-    return Effect(f"tail of {lag_s:.1f} s", make, finding("level", "after_fuel_cut_s"))
+    return HiddenEffect(f"tail of {lag_s:.1f} s", make, finding("level", "after_fuel_cut_s"))
 
 
-def later(first: int) -> Effect:
+def later(first: int) -> HiddenEffect:
     """Return an offset that begins with a run."""
 
     def make(_x: Columns, phi: FloatArray, n: int) -> FloatArray:
         return np.full(len(phi), float(n >= first))
 
-    return Effect(f"offset from run {first} on", make, finding("begins"))
+    return HiddenEffect(f"offset from run {first} on", make, finding("begins"))
 
 
-def slow(lag_s: float) -> Effect:
+def slow(lag_s: float) -> HiddenEffect:
     """Return a lag of the reading; delay and lag together say it within a factor."""
 
     def make(_x: Columns, phi: FloatArray, _n: int) -> FloatArray:
@@ -106,10 +108,10 @@ def slow(lag_s: float) -> Effect:
     def says(_best: Finding, response: Response | None) -> bool:
         return response is not None and 0.5 <= (response.lag_s + response.delay_s) / lag_s <= 1.7
 
-    return Effect(f"lag {lag_s:.1f} s", make, says, added=False)
+    return HiddenEffect(f"lag {lag_s:.1f} s", make, says, added=False)
 
 
-def scaled(gain: float) -> Effect:
+def scaled(gain: float) -> HiddenEffect:
     """Return a gain of the reading."""
 
     def make(_x: Columns, phi: FloatArray, _n: int) -> FloatArray:
@@ -118,17 +120,17 @@ def scaled(gain: float) -> Effect:
     def says(_best: Finding, response: Response | None) -> bool:
         return response is not None and abs(response.gain - gain) <= 0.15
 
-    return Effect(f"gain {gain:.2f}", make, says, added=False)
+    return HiddenEffect(f"gain {gain:.2f}", make, says, added=False)
 
 
-def late(driver: str, slope_s: float) -> Effect:
+def late(driver: str, slope_s: float) -> HiddenEffect:
     """Return a delay that changes with a signal."""
 
     def make(x: Columns, phi: FloatArray, _n: int) -> FloatArray:
         t = np.arange(len(phi)) * PERIOD_S
         return np.interp(t - np.clip(0.5 + slope_s * x[driver], 0.0, 1.5), t, phi)
 
-    return Effect(f"delay with {driver}", make, finding("timing with", driver), added=False)
+    return HiddenEffect(f"delay with {driver}", make, finding("timing with", driver), added=False)
 
 
 NINE: Final = (
@@ -137,7 +139,7 @@ NINE: Final = (
 )
 
 
-def drawn(rng: np.random.Generator) -> tuple[Effect, ...]:
+def drawn(rng: np.random.Generator) -> tuple[HiddenEffect, ...]:
     """Return nine of the same kinds with other signals and constants."""
     speed_or_load = ("speed_z", "load_z")
     return (
@@ -189,7 +191,7 @@ def learn(recordings: list[Recording], output: str) -> References:
     return References.learn([compared(r, output) for r in recordings], inputs)
 
 
-def hidden(effect: Effect, recordings: list[Recording], size: float) -> list[FloatArray]:
+def hidden(effect: HiddenEffect, recordings: list[Recording], size: float) -> list[FloatArray]:
     """Return phi of every run with the effect in it; ``size`` is the RMS of an added one."""
     phi = [phi_of(r) for r in recordings]
     columns = [{n: r.column(n) for n in r.names} for r in recordings]
@@ -217,7 +219,7 @@ def row_of(name: str, found: Difference, right: bool | None, began_s: float) -> 
 
 def main(argv: Sequence[str]) -> int:
     """Ask for effects and nulls, and count."""
-    options = Options(__name__, __doc__, outputs=["lambda_z"], nulls=1, effects=1)
+    options = BenchmarkOptions(__name__, __doc__, outputs=["lambda_z"], nulls=1, effects=1)
     options.add_argument("folder", nargs="?", type=Path, default=Path("../shared/data"))
     options.add_argument("--size", type=float, default=2.0)
     options.add_argument("--outputs", nargs="+", default=OUTPUTS, help="of the nulls")

@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.gap_cases import stored
 from benchmarks.gap_cases.answers import NEAR, Answer, ratio, share
 from benchmarks.gap_cases.stored import SMALLEST, WHOLE, Made, Size, Stored, plain
-from benchmarks.outcome import Options, Row, finish
+from benchmarks.outcome import BenchmarkOptions, Row, finish
 from benchmarks.studies.second.engine import STEP_S, Car, Outside
 from benchmarks.studies.second.engine import drive as second_drive
 from monitor.base.types import FloatArray
@@ -33,7 +33,7 @@ Form = Callable[[Car, FloatArray], FloatArray]  # of car and time in s
 DRIVES: Final = 6
 
 
-class Effect(NamedTuple):
+class MixtureEffect(NamedTuple):
     """What is put on the second engine: a change of the mixture, or fuel."""
 
     percent: Form | None = None  # of the mixture
@@ -45,26 +45,28 @@ def flow_kg_h(car: Car) -> FloatArray:
     return np.asarray(np.maximum(car.air_mg * car.rpm / 30.0 * 3600e-6, 3.0))
 
 
-CHOOSE: Final[dict[str, Effect]] = {
-    "flap over speed": Effect(lambda c, _: -4.0 / (1.0 + np.exp((c.rpm - 2000.0) / 60.0))),
-    "breather by vacuum": Effect(
+CHOOSE: Final[dict[str, MixtureEffect]] = {
+    "flap over speed": MixtureEffect(lambda c, _: -4.0 / (1.0 + np.exp((c.rpm - 2000.0) / 60.0))),
+    "breather by vacuum": MixtureEffect(
         vapour_mg_s=lambda c, _: 0.35 * np.maximum(98.0 - c.manifold_kpa, 0.0)
     ),
-    "fuel behind flow": Effect(lambda c, _: -0.05 * lagged(flow_kg_h(c), 30.0, STEP_S)),
-    "residual gas": Effect(lambda c, _: 6.0 * c.manifold_kpa / 100.0 * c.rpm / 2000.0),
+    "fuel behind flow": MixtureEffect(lambda c, _: -0.05 * lagged(flow_kg_h(c), 30.0, STEP_S)),
+    "residual gas": MixtureEffect(lambda c, _: 6.0 * c.manifold_kpa / 100.0 * c.rpm / 2000.0),
 }
-REPORT: Final[dict[str, Effect]] = {
-    "exhaust gas by vacuum": Effect(lambda c, _: 4.0 * (100.0 - c.manifold_kpa) / c.manifold_kpa),
-    "island of the cams": Effect(
+REPORT: Final[dict[str, MixtureEffect]] = {
+    "exhaust gas by vacuum": MixtureEffect(
+        lambda c, _: 4.0 * (100.0 - c.manifold_kpa) / c.manifold_kpa
+    ),
+    "island of the cams": MixtureEffect(
         lambda c, _: (
             6.0 * np.exp(-(((c.rpm - 1900.0) / 500.0) ** 2) - ((c.manifold_kpa - 70.0) / 20.0) ** 2)
         )
     ),
-    "short pulses": Effect(lambda c, _: -10.0 * np.exp(-(c.air_mg - 80.0) / 70.0)),
-    "port that cools in cuts": Effect(lambda c, _: -8.0 * lagged(c.cut, 8.0, STEP_S)),
-    "pump that warms up": Effect(lambda _, t_s: -7.0 * np.exp(-t_s / 100.0)),
-    "bypass of the idle": Effect(lambda c, _: 6.0 / (1.0 + np.exp((c.rpm - 1000.0) / 40.0))),
-    "hot intake": Effect(lambda c, _: 0.5 * (c.intake_degc - 25.0)),
+    "short pulses": MixtureEffect(lambda c, _: -10.0 * np.exp(-(c.air_mg - 80.0) / 70.0)),
+    "port that cools in cuts": MixtureEffect(lambda c, _: -8.0 * lagged(c.cut, 8.0, STEP_S)),
+    "pump that warms up": MixtureEffect(lambda _, t_s: -7.0 * np.exp(-t_s / 100.0)),
+    "bypass of the idle": MixtureEffect(lambda c, _: 6.0 / (1.0 + np.exp((c.rpm - 1000.0) / 40.0))),
+    "hot intake": MixtureEffect(lambda c, _: 0.5 * (c.intake_degc - 25.0)),
 }
 # effects and vehicles of the second engine; first vehicle and cases of the dynamometer
 SETS: Final = {
@@ -77,7 +79,7 @@ ONE_CASE: Final = "case_second_33_000"  # of the set choose
 
 def main(argv: Sequence[str]) -> int:
     """Make the cases that are missing, and answer them."""
-    options = Options(__name__, __doc__, set="choose", only=ONE_CASE, folder=None)
+    options = BenchmarkOptions(__name__, __doc__, set="choose", only=ONE_CASE, folder=None)
     options.add_argument("--folder", type=Path, default=Path("build/gap_formulas"))
     options.add_argument("--set", choices=tuple(SETS), default="report")
     options.add_argument("--only", default="", help="part of the keys of the cases")
@@ -137,7 +139,7 @@ def _second(
     vehicle: int,
     number: int,
     what: str,
-    effect: Effect,
+    effect: MixtureEffect,
     size: float,
     length_s: float,
 ) -> Stored:

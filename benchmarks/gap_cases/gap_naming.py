@@ -23,7 +23,7 @@ from typing import Final
 from benchmarks.gap_cases import second_engine_cases, stored
 from benchmarks.gap_cases.answers import LIKE_SENSOR, Answer, figures
 from benchmarks.gap_cases.stored import SMALLEST, WHOLE, Made, Size, Stored, plain
-from benchmarks.outcome import Options, finish
+from benchmarks.outcome import BenchmarkOptions, finish
 from benchmarks.studies.second.engine import FORM, SOUND, Form
 from benchmarks.studies.second.engine import drive as second_drive
 from benchmarks.studies.workflow import plan
@@ -53,7 +53,7 @@ ONE_CASE: Final = "case_second_31_effect_006"  # of the set choose
 
 def main(argv: Sequence[str]) -> int:
     """Make the cases that are missing, answer them and count."""
-    options = Options(__name__, __doc__, set="choose", only=ONE_CASE, folder=None)
+    options = BenchmarkOptions(__name__, __doc__, set="choose", only=ONE_CASE, folder=None)
     options.add_argument("--folder", type=Path, default=Path("build/gap_cases"))
     options.add_argument("--set", choices=tuple(SECOND), default="choose")
     options.add_argument("--only", default="", help="part of the keys of the cases")
@@ -115,7 +115,7 @@ def _of_second_engine(engine: str, vehicles: Sequence[int], size: Size) -> Made:
 
 
 def _case(
-    key: str, vehicle: int, number: int, case: second_engine_cases.Case, length_s: float
+    key: str, vehicle: int, number: int, case: second_engine_cases.EngineCase, length_s: float
 ) -> Stored:
     def driven(hidden: Mapping[str, float], *, faulty: bool) -> list[Drive]:
         drives = []

@@ -41,7 +41,7 @@ ONSETS = {
 ONSET_DRIVE = 2  # of the drives in their order
 
 
-class Case(NamedTuple):
+class EngineCase(NamedTuple):
     """What a vehicle has and from when on."""
 
     kind: str
@@ -51,13 +51,13 @@ class Case(NamedTuple):
     from_drive: int = 0
 
 
-def cases() -> Iterator[Case]:
+def cases() -> Iterator[EngineCase]:
     """Yield what is tried on each vehicle."""
     for number in range(NULLS):
-        yield Case("nothing", f"drives {number + 1}")
+        yield EngineCase("nothing", f"drives {number + 1}")
     for effect, size in SIZES.items():
-        yield Case("effect", effect, size)
+        yield EngineCase("effect", effect, size)
     for what, sensor in FAULTS.items():
-        yield Case("fault from the start", what, sensor=sensor)
+        yield EngineCase("fault from the start", what, sensor=sensor)
     for what, sensor in ONSETS.items():
-        yield Case("fault with an onset", what, sensor=sensor, from_drive=ONSET_DRIVE)
+        yield EngineCase("fault with an onset", what, sensor=sensor, from_drive=ONSET_DRIVE)

@@ -24,7 +24,7 @@ import can
 
 from benchmarks.live.played import SILENCE_S, Played
 from benchmarks.measures import rss_mb
-from benchmarks.outcome import Options, Row, finish
+from benchmarks.outcome import BenchmarkOptions, Row, finish
 from benchmarks.repository import REPLAY_LOGS
 from monitor.base import config
 from monitor.base.types import Frame
@@ -42,7 +42,7 @@ BEGIN_NS = 1_700_000_000_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class SoakPoint:
     """What one stretch of bus time left behind."""
 
     bus_h: float
@@ -72,10 +72,10 @@ class Nowhere(io.StringIO):
         return len(text)
 
 
-def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) -> list[Point]:
+def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) -> list[SoakPoint]:
     """Return a point after every so many hours of bus time."""
     bus = Played(laps(list(read_frames(log)), hours * 3600.0))
-    points: list[Point] = []
+    points: list[SoakPoint] = []
     with ExitStack() as stack, closing(Memory(folder / "o2.db")) as memory, bus:
         loop = bus.loop = Loop(
             bus,
@@ -103,7 +103,7 @@ def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) 
                     gc.collect()
                     traced = tracemalloc.get_traced_memory()[0] / 1e3 if trace else 0.0
                     codes = tuple(dtc.code for dtc in monitor.store.active)
-                    point = Point(now_s / 3600.0, rss_mb(), traced, self._windows, codes)
+                    point = SoakPoint(now_s / 3600.0, rss_mb(), traced, self._windows, codes)
                     points.append(point)
                     print(json.dumps(asdict(point)), file=sys.stderr)
                 return ()
@@ -117,7 +117,7 @@ def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) 
 
 def main(argv: Sequence[str]) -> int:
     """Play drives; return 1 if a code came."""
-    options = Options(__name__, __doc__, hours=0.04, every=0.02)
+    options = BenchmarkOptions(__name__, __doc__, hours=0.04, every=0.02)
     options.add_argument("--log", type=Path, default=LOG, help="a healthy drive")
     options.add_argument("--hours", type=float, default=24.0, help="of bus time")
     options.add_argument("--every", type=float, default=1.0, metavar="HOURS")

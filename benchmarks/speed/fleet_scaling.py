@@ -20,7 +20,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import psutil
 
-from benchmarks.outcome import Options, Row, finish
+from benchmarks.outcome import BenchmarkOptions, Row, finish
 from benchmarks.repository import REPLAY_LOGS
 from monitor.decode.bus_map import load_pairs
 from monitor.pipeline.replay import shipped_model
@@ -99,7 +99,7 @@ def run(folder: Path, out: Path, jobs: int) -> Row:
 
 def main(argv: Sequence[str]) -> int:
     """Judge folders of growing size."""
-    options = Options(__name__, __doc__, counts=[16], jobs=1)
+    options = BenchmarkOptions(__name__, __doc__, counts=[16], jobs=1)
     options.add_argument("--format", choices=("log", "blf", "parquet"), default="log")
     options.add_argument("--jobs", type=int, default=2)
     options.add_argument("--counts", type=int, nargs="+", default=[10, 100, 1000])

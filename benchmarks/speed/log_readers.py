@@ -15,7 +15,7 @@ from pathlib import Path
 import can
 
 from benchmarks.measures import cpu_s, in_turn
-from benchmarks.outcome import Options, Row, finish
+from benchmarks.outcome import BenchmarkOptions, Row, finish
 from benchmarks.speed import traffic
 from monitor.frames import mdf
 from monitor.frames.blf import structure
@@ -91,7 +91,7 @@ def measure(path: Path, suffix: str, rounds: int, n_frames: int, log_s: float) -
 
 def main(argv: Sequence[str]) -> int:
     """Compare the readers; return 1 if candump text is read too slowly."""
-    options = Options(__name__, __doc__, seconds=2.0, rounds=1)
+    options = BenchmarkOptions(__name__, __doc__, seconds=2.0, rounds=1)
     options.add_argument("--seconds", type=float, default=60.0, help="length of the log")
     options.add_argument("--rounds", type=int, default=5)
     args = options.parse_args(argv)

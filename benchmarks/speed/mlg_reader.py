@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measures import benchmark_call, peak_mb
-from benchmarks.outcome import Options, Row, finish
+from benchmarks.outcome import BenchmarkOptions, Row, finish
 from monitor.frames.tables.raw_table import Notes, Wanted
 from monitor.frames.tables.readers import open_table
 from monitor.grid.tables import read_table
@@ -116,7 +116,7 @@ def measured(way: str, path: Path) -> Row:
 
 def main(argv: Sequence[str]) -> int:
     """Read in each way; return 1 if a target is missed."""
-    options = Options(__name__, __doc__, records=2000, channels=100)
+    options = BenchmarkOptions(__name__, __doc__, records=2000, channels=100)
     options.add_argument("--records", type=int, default=190_000)
     options.add_argument("--channels", type=int, default=979)
     options.add_argument("--keep", type=Path, help="file to write, and to leave")

@@ -15,7 +15,7 @@ from statistics import median
 from time import perf_counter
 
 from benchmarks.measures import cpu_s, in_turn
-from benchmarks.outcome import Options, Row, finish
+from benchmarks.outcome import BenchmarkOptions, Row, finish
 from benchmarks.repository import REPLAY_LOGS
 from monitor.base import config
 from monitor.base.types import SampleBlock
@@ -35,7 +35,7 @@ LOG = REPLAY_LOGS / "healthy_wltc_3b_v101_s101.blf"
 BLOCK_NS = 20_000_000  # what the live loop lets gather
 
 
-class Drive:
+class StagedDrive:
     """One drive, cut into what each stage takes."""
 
     def __init__(self, path: Path, seconds: float) -> None:
@@ -104,12 +104,12 @@ class Drive:
 
 def main(argv: Sequence[str]) -> int:
     """Print the cost of each stage."""
-    options = Options(__name__, __doc__, seconds=120.0, rounds=1)
+    options = BenchmarkOptions(__name__, __doc__, seconds=120.0, rounds=1)
     options.add_argument("--log", type=Path, default=LOG, help="a recording of frames")
     options.add_argument("--seconds", type=float, default=600.0, help="of the recording")
     options.add_argument("--rounds", type=int, default=3)
     args = options.parse_args(argv)
-    drive = Drive(args.log, args.seconds)
+    drive = StagedDrive(args.log, args.seconds)
     stages = {
         "frame: decode, checks, assemble": drive.decode,
         "sample: model step": drive.model,

@@ -22,7 +22,7 @@ from training.narx.network import Spec, forward, jacobian, layers, regressors
 
 
 @dataclass(frozen=True)
-class Case:
+class TrainingCase:
     """Training and held-out drive, scaled to zero mean and unit variance of the training drive."""
 
     title: str
@@ -40,13 +40,13 @@ class Case:
     def target(self) -> np.ndarray:
         return self.y[self.spec.lags :]
 
-    def first(self, n: int) -> "Case":
+    def first(self, n: int) -> "TrainingCase":
         """Return the case with the first ``n`` training samples."""
         return replace(self, u=self.u[:n], y=self.y[:n])
 
 
 @dataclass
-class Run:
+class TrainedRun:
     """What a package did from one start."""
 
     iterations: int
@@ -70,15 +70,17 @@ def package(name: str) -> ModuleType:
         ) from error
 
 
-def timed(work: Callable[[], tuple[int, np.ndarray]]) -> Run:
+def timed(work: Callable[[], tuple[int, np.ndarray]]) -> TrainedRun:
     """Return what ``work`` returned, iterations and weights, with its time."""
     cpu_s, wall_s = time.process_time(), time.perf_counter()
     with contextlib.redirect_stdout(io.StringIO()):
         iterations, weights = work()
-    return Run(iterations, time.process_time() - cpu_s, time.perf_counter() - wall_s, weights)
+    return TrainedRun(
+        iterations, time.process_time() - cpu_s, time.perf_counter() - wall_s, weights
+    )
 
 
-def ours(case: Case, start: np.ndarray, iterations: int) -> Run:
+def ours(case: TrainingCase, start: np.ndarray, iterations: int) -> TrainedRun:
     """Levenberg–Marquardt of this project, one step ahead."""
     history: list[tuple[float, float]] = []
     began = time.process_time()
@@ -109,7 +111,7 @@ def _from_pyrenn(spec: Spec, weights: np.ndarray) -> np.ndarray:
     return back
 
 
-def pyrenn_lm(case: Case, start: np.ndarray, iterations: int) -> Run:
+def pyrenn_lm(case: TrainingCase, start: np.ndarray, iterations: int) -> TrainedRun:
     """Levenberg–Marquardt of pyrenn on the regressors."""
     pyrenn = package("pyrenn")
     net = pyrenn.CreateNN([case.phi.shape[1], *case.spec.hidden, 1])
@@ -123,7 +125,7 @@ def pyrenn_lm(case: Case, start: np.ndarray, iterations: int) -> Run:
     return timed(work)
 
 
-def scipy_lm(case: Case, start: np.ndarray, iterations: int) -> Run:
+def scipy_lm(case: TrainingCase, start: np.ndarray, iterations: int) -> TrainedRun:
     """Run MINPACK's Levenberg–Marquardt through scipy, with the Jacobian of this project."""
 
     def residual(weights: np.ndarray) -> np.ndarray:

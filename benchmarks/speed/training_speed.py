@@ -17,13 +17,12 @@ from pathlib import Path
 import numpy as np
 from scipy.linalg import blas
 
-from benchmarks.outcome import Options, Row, finish, say
+from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.speed import training_packages as packages
-from benchmarks.speed.training_packages import Case, MissingError, Run
+from benchmarks.speed.training_packages import MissingError, TrainedRun, TrainingCase
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.narx.algorithms.lm import Options as Epochs
-from training.narx.algorithms.lm import minimise
+from training.narx.algorithms.lm import Options, minimise
 from training.narx.algorithms.objectives import CHUNK, ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, initial_weights, regressors, simulate
 from training.recordings.metrics import rmse
@@ -44,7 +43,7 @@ BOSCH_RUNS = (30, 33)  # trained on, held out; 53 and 54 are kept for the last t
 TARGET_US, TARGET_RATIO = 8.0, 30.0
 REPEATS = 5
 
-Trainer = Callable[[Case, np.ndarray, int], Run]
+Trainer = Callable[[TrainingCase, np.ndarray, int], TrainedRun]
 # iterations of each are bounded by the time that a minute or so of the slow ones takes
 OURS, PYRENN = "this project, LM", "pyrenn, LM"
 ONE_STEP: Mapping[str, tuple[Trainer, int]] = {
@@ -57,7 +56,7 @@ ONE_STEP: Mapping[str, tuple[Trainer, int]] = {
 
 def case(
     title: str, train: Recording, held_out: Recording, inputs: tuple[str, ...], output: str
-) -> Case:
+) -> TrainingCase:
     """Return both drives scaled by the training drive; lambda as its reciprocal."""
 
     def columns(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
@@ -70,7 +69,7 @@ def case(
 
     (u, y), (v, z) = columns(train), columns(held_out)
     u_mean, u_std, y_mean, y_std = u.mean(0), u.std(0), y.mean(), y.std()
-    return Case(
+    return TrainingCase(
         title=title,
         spec=Spec(len(inputs)),
         u=(u - u_mean) / u_std,
@@ -80,7 +79,7 @@ def case(
     )
 
 
-def simulated_case(cycle: str) -> Case:
+def simulated_case(cycle: str) -> TrainingCase:
     """Return a simulated drive of ``cycle``, and a UDDS of the same vehicle held out."""
     with tempfile.TemporaryDirectory() as name:
         train, held_out = (
@@ -90,13 +89,13 @@ def simulated_case(cycle: str) -> Case:
     return case(f"simulated {cycle}", train, held_out, SIMULATED_INPUTS, "lambda_measured")
 
 
-def bosch_case(folder: Path) -> Case:
+def bosch_case(folder: Path) -> TrainingCase:
     """Return two runs of the real engine."""
     train, held_out = (load(folder / f"run_{n:06d}.csv.gz") for n in BOSCH_RUNS)
     return case(f"Bosch run {BOSCH_RUNS[0]} (real)", train, held_out, BOSCH_INPUTS, "lambda_z")
 
 
-def held_out_errors(of: Case, weights: np.ndarray) -> tuple[float, float]:
+def held_out_errors(of: TrainingCase, weights: np.ndarray) -> tuple[float, float]:
     """Return one-step and free-run RMSE on the held-out drive; all are clipped to the range."""
     lags, n = of.spec.lags, len(of.held_out_y)
     low, high = float(of.y.min()), float(of.y.max())
@@ -110,10 +109,10 @@ def held_out_errors(of: Case, weights: np.ndarray) -> tuple[float, float]:
     return rmse(target, np.clip(one_step, low, high)), rmse(target, run[lags:])
 
 
-def compare(of: Case, starts: list[np.ndarray], most: int) -> Iterator[Row]:
+def compare(of: TrainingCase, starts: list[np.ndarray], most: int) -> Iterator[Row]:
     """Yield a row of medians over the starts for each package, of at most so many iterations."""
     objective, n = OneStep(of.spec, of.phi, of.target), len(of.target)
-    reference: list[Run] = []
+    reference: list[TrainedRun] = []
     for name, (trainer, iterations) in ONE_STEP.items():
         try:
             trained = [trainer(of, start, min(iterations, most)) for start in starts]
@@ -159,7 +158,7 @@ def product_us(n_weights: int) -> float:
     return min(least_cpu_s(call, 40) for call in calls) / CHUNK * 1e6
 
 
-def closed_loop(of: Case, horizon: int) -> ClosedLoop:
+def closed_loop(of: TrainingCase, horizon: int) -> ClosedLoop:
     """Return the free-run error over pieces of ``horizon`` samples."""
     start = np.arange(of.spec.lags, len(of.y), horizon)
     history = of.y[start[:, None] - np.arange(1, of.spec.lags + 1)]
@@ -167,7 +166,7 @@ def closed_loop(of: Case, horizon: int) -> ClosedLoop:
     return ClosedLoop(of.spec, Samples(of.u, of.y, np.ones(len(of.y))), pieces)
 
 
-def speed(of: Case, weights: np.ndarray, iterations: int, repeats: int) -> Iterator[Row]:
+def speed(of: TrainingCase, weights: np.ndarray, iterations: int, repeats: int) -> Iterator[Row]:
     """Yield time per sample and iteration against the target, and the share of J'J alone."""
     alone = product_us(of.spec.n_weights)
     objectives: dict[str, tuple[OneStep | ClosedLoop, float]] = {
@@ -176,8 +175,8 @@ def speed(of: Case, weights: np.ndarray, iterations: int, repeats: int) -> Itera
         "closed loop, horizon 1000": (closed_loop(of, 1000), 2.0 * TARGET_US),
     }
     for name, (objective, target) in objectives.items():
-        minimise(objective, weights, Epochs(epochs=1))  # compiles
-        epochs = Epochs(epochs=iterations)
+        minimise(objective, weights, Options(epochs=1))  # compiles
+        epochs = Options(epochs=iterations)
         done = len(minimise(objective, weights, epochs).costs) - 1
         took_s = least_cpu_s(lambda o=objective, e=epochs: minimise(o, weights, e), repeats)  # type: ignore[misc]
         us = took_s / len(of.target) / done * 1e6
@@ -192,7 +191,7 @@ def speed(of: Case, weights: np.ndarray, iterations: int, repeats: int) -> Itera
 
 def main(argv: Sequence[str]) -> int:
     """Measure; return 1 if pyrenn is not 30 times as slow."""
-    options = Options(__name__, __doc__, samples=1000, starts=1, bosch=Path("/nowhere"))
+    options = BenchmarkOptions(__name__, __doc__, samples=1000, starts=1, bosch=Path("/nowhere"))
     options.add_argument("--bosch", type=Path, default=Path("../shared/data/bosch_gengine1"))
     options.add_argument("--samples", type=int, default=6000, help="of the training drive")
     options.add_argument("--starts", type=int, default=2)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.outcome import Options, Row, finish, say
+from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.speed.training_packages import MissingError
 from benchmarks.training_sets.public_data import PLANTS, Plant, find
 from benchmarks.training_sets.public_models import EPOCHS, MODELS, Work, rmse
@@ -66,7 +66,7 @@ def measure(
 def main(argv: Sequence[str]) -> int:
     """Train and test all models on all plants."""
     smallest = {"plants": ["tanks"], "seeds": 1, "budget": 0.02, "epochs": 5}
-    options = Options(__name__, __doc__, **smallest)
+    options = BenchmarkOptions(__name__, __doc__, **smallest)
     names = list(dict.fromkeys((*PLANTS, *SYSTEMS)))
     options.add_argument("folder", nargs="?", type=Path, metavar="FOLDER")
     options.add_argument("--plants", nargs="+", choices=names, default=names, metavar="NAME")

@@ -33,14 +33,14 @@ CED_TRAIN = 400
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class PlantRecord:
     """One measurement."""
 
     u: np.ndarray  # (n, k) inputs
     y: np.ndarray  # (n,) output
 
-    def __getitem__(self, part: slice) -> "Record":
-        return Record(self.u[part], self.y[part])
+    def __getitem__(self, part: slice) -> "PlantRecord":
+        return PlantRecord(self.u[part], self.y[part])
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,15 +52,15 @@ class Plant:
     unit: str  # of the table
     per_unit: float  # table's unit per file's unit
     washout: int  # measured samples that begin a test and are not scored
-    train: tuple[Record, ...]
-    tests: dict[str, Record]
+    train: tuple[PlantRecord, ...]
+    tests: dict[str, PlantRecord]
     goals: dict[str, float]  # of the project: median of the seeds, in the table's unit
 
 
-def _record(u: Any, y: Any) -> Record:
+def _record(u: Any, y: Any) -> PlantRecord:
     columns = np.asarray(u, float)
     columns = columns.T if columns.shape[0] == 1 else columns
-    return Record(columns, np.asarray(y, float).ravel())
+    return PlantRecord(columns, np.asarray(y, float).ravel())
 
 
 def tanks(file: Path) -> Plant:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.speed.training_packages import package
-from benchmarks.training_sets.public_data import Plant, Record
+from benchmarks.training_sets.public_data import Plant, PlantRecord
 from training.limits.evaluation import predict
 from training.narx.fit import FitOptions, FitSource, fit
 from training.narx.linear.arx import choose_arx
@@ -47,7 +47,7 @@ def narx(plant: Plant, work: Work) -> FreeRuns:
     """Return the free runs of ``fit`` with its defaults."""
     names = [f"u{k}" for k in range(plant.train[0].u.shape[1])]
 
-    def recording(name: str, record: Record) -> Any:
+    def recording(name: str, record: PlantRecord) -> Any:
         columns = dict(zip(names, record.u.T, strict=True)) | {"y": record.y}
         t_s = np.arange(len(record.y)) * plant.period_s
         return of_columns({"time_s": t_s} | columns, name)
@@ -65,18 +65,18 @@ def narx(plant: Plant, work: Work) -> FreeRuns:
         }, shape
 
 
-def halves(plant: Plant) -> tuple[list[Record], list[Record]]:
+def halves(plant: Plant) -> tuple[list[PlantRecord], list[PlantRecord]]:
     """Return six sevenths of every training record, and the last seventh of each."""
     cuts = [6 * len(record.y) // 7 for record in plant.train]
     both = list(zip(plant.train, cuts, strict=True))
     return [r[:cut] for r, cut in both], [r[cut:] for r, cut in both]
 
 
-def begun(record: Record, washout: int, lags: int) -> tuple[Record, int]:
+def begun(record: PlantRecord, washout: int, lags: int) -> tuple[PlantRecord, int]:
     """Return the record with its first sample repeated if ``lags`` exceed the washout."""
     extra = max(0, lags - washout)
     u = np.concatenate([np.repeat(record.u[:1], extra, axis=0), record.u])
-    return Record(u, np.concatenate([np.repeat(record.y[:1], extra), record.y])), extra
+    return PlantRecord(u, np.concatenate([np.repeat(record.y[:1], extra), record.y])), extra
 
 
 def arx(plant: Plant, work: Work) -> FreeRuns:
@@ -102,7 +102,7 @@ def frols(plant: Plant, work: Work) -> FreeRuns:
     record = max(plant.train, key=lambda r: len(r.y))
     cut = 6 * len(record.y) // 7
 
-    def trained(part: Record, lags: int, degree: int) -> Any:
+    def trained(part: PlantRecord, lags: int, degree: int) -> Any:
         n_inputs = part.u.shape[1]
         each = list(range(1, lags + 1))
         model = selection(
@@ -115,7 +115,7 @@ def frols(plant: Plant, work: Work) -> FreeRuns:
         model.fit(X=part.u, y=part.y[:, None])
         return model
 
-    def run(model: Any, part: Record) -> np.ndarray:
+    def run(model: Any, part: PlantRecord) -> np.ndarray:
         first = plant.washout - model.max_lag
         free = model.predict(X=part.u[first:], y=part.y[first : plant.washout, None])
         return np.concatenate([part.y[:first], free.ravel()])
@@ -149,7 +149,7 @@ def jax_sysid(plant: Plant, work: Work) -> FreeRuns:
     jax, jnp = package("jax"), package("jax.numpy")
     model_of = package("jax_sysid.models").Model
     jax.config.update("jax_enable_x64", True)
-    every = Record(
+    every = PlantRecord(
         np.concatenate([r.u for r in plant.train]), np.concatenate([r.y for r in plant.train])
     )
     u_mean, u_std, y_mean, y_std = every.u.mean(0), every.u.std(0), every.y.mean(), every.y.std()
@@ -162,7 +162,7 @@ def jax_sysid(plant: Plant, work: Work) -> FreeRuns:
         w = params
         return w[2] @ x + w[9] @ jax.nn.sigmoid(w[8] @ x + w[10]) + w[11]
 
-    def scaled(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    def scaled(record: PlantRecord) -> tuple[np.ndarray, np.ndarray]:
         return (record.u - u_mean) / u_std, ((record.y - y_mean) / y_std)[:, None]
 
     draw, k, h, n = (
@@ -205,7 +205,7 @@ def _quiet() -> Any:
         yield
 
 
-def rmse(test: Record, free: np.ndarray, plant: Plant) -> float:
+def rmse(test: PlantRecord, free: np.ndarray, plant: Plant) -> float:
     """Return the root mean square error in the table's unit behind the washout, or infinity."""
     error = test.y[plant.washout :] - free[plant.washout : len(test.y)]
     finite = len(error) == len(test.y) - plant.washout and bool(np.isfinite(error).all())

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from scipy import signal
 
-from benchmarks.training_sets.public_data import Plant, Record
+from benchmarks.training_sets.public_data import Plant, PlantRecord
 
 WASHOUT, PERIOD_S = 50, 0.1
 SEED: Final = 1
@@ -46,7 +46,7 @@ def tank_levels(pump, level):
 def tanks() -> Plant:
     """Two tanks that overflow at 10; 1,024 samples each."""
 
-    def one(seed: int) -> Record:
+    def one(seed: int) -> PlantRecord:
         rng = np.random.default_rng(seed)
         pump = np.clip(2.9 + multisine(1024, rng, (0.0, 0.0576), 1.5), 0.0, 7.0)
         return _record(pump, tank_levels(pump, 5.0) + 0.02 * rng.standard_normal(1024))
@@ -81,7 +81,7 @@ def oscillator() -> Plant:
 def sandwich() -> Plant:
     """A saturation between two filters of third order (Wiener-Hammerstein)."""
 
-    def one(seed: int, n: int) -> Record:
+    def one(seed: int, n: int) -> PlantRecord:
         rng = np.random.default_rng(seed)
         u = signal.sosfilt(signal.butter(4, 0.4, output="sos"), rng.standard_normal(n))
         u /= u.std()
@@ -110,7 +110,7 @@ def hysteresis_places(force):
 def hysteresis() -> Plant:
     """A mass on a spring with hysteresis (Bouc-Wen)."""
 
-    def one(seed: int, n: int) -> Record:
+    def one(seed: int, n: int) -> PlantRecord:
         rng = np.random.default_rng(seed)
         force = multisine(n, rng, (5 / 750, 150 / 750), 50.0)
         return _record(force, hysteresis_places(force) + 8e-3 * rng.standard_normal(n))
@@ -118,11 +118,11 @@ def hysteresis() -> Plant:
     return _plant("hysteresis", [one(SEED, 40_960)], {"test": one(SEED + 1, 8_192)})
 
 
-def _record(u: np.ndarray, y: np.ndarray) -> Record:
-    return Record(u[:, None], y)
+def _record(u: np.ndarray, y: np.ndarray) -> PlantRecord:
+    return PlantRecord(u[:, None], y)
 
 
-def _plant(name: str, train: Sequence[Record], tests: dict[str, Record]) -> Plant:
+def _plant(name: str, train: Sequence[PlantRecord], tests: dict[str, PlantRecord]) -> Plant:
     return Plant(
         name=f"synthetic {name}",
         period_s=PERIOD_S,

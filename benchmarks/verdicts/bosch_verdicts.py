@@ -25,7 +25,7 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.outcome import Options, Row, finish, say
+from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.verdicts.bosch import INPUTS, MASK, OUTPUT, RUNS, faulty, path_of, run_of
 from monitor.base import config, faults
 from monitor.judge.limits import Limits
@@ -94,7 +94,7 @@ def split_of(name: str) -> Split:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class RunVerdict:
     """What the monitor said of one drive."""
 
     fault: str  # "" for a healthy one
@@ -104,7 +104,7 @@ class Verdict:
     sound: bool
 
 
-def verdict(fault: str, judged: Judged, names: Collection[str]) -> Verdict:
+def verdict(fault: str, judged: Judged, names: Collection[str]) -> RunVerdict:
     """Return the verdict on a drive.
 
     names : of the faults that are put on
@@ -117,7 +117,7 @@ def verdict(fault: str, judged: Judged, names: Collection[str]) -> Verdict:
     ends = [w.window.t_end_ns for w in judged.windows]
     sound = passed is not None
     first = sound and (failed is None or ends[passed or 0] < failed)
-    return Verdict(fault, own[-1].fault if own else "", beside, first, sound)
+    return RunVerdict(fault, own[-1].fault if own else "", beside, first, sound)
 
 
 def _nth_in_a_row(outcomes: Sequence[str], wanted: str, n: int) -> int | None:
@@ -167,7 +167,7 @@ def model_of(
         yield path, columns
 
 
-def rows_of(split: str, verdicts: Sequence[Verdict]) -> Iterator[Row]:
+def rows_of(split: str, verdicts: Sequence[RunVerdict]) -> Iterator[Row]:
     """Yield a row for the healthy runs, for each fault and for all of them."""
     totals: Counter[str] = Counter()
     for fault in dict.fromkeys(v.fault for v in verdicts):
@@ -192,7 +192,7 @@ def rows_of(split: str, verdicts: Sequence[Verdict]) -> Iterator[Row]:
 def main(argv: Sequence[str]) -> int:
     """Fit unless a model is given, then judge the runs left out."""
     smallest = {"faults": ["gain_low"], "budget": "0.05", "runs": 1}
-    options = Options(__name__, __doc__, **smallest)
+    options = BenchmarkOptions(__name__, __doc__, **smallest)
     names = [*(name for name, _ in FAULTS), *OFFSETS]
     options.add_argument("split", help="1a, 1b, 2a, 2b, 2c or ENGINE:RUN,RUN...")
     options.add_argument("--folder", type=Path, default=Path("../shared/data"))
@@ -203,7 +203,7 @@ def main(argv: Sequence[str]) -> int:
     options.add_argument("--runs", type=int, help="judge only the first so many")
     args = options.parse_args(argv)
     split, settings = split_of(args.split), config.load()
-    every, verdicts = split.faults(args.offset), list[Verdict]()
+    every, verdicts = split.faults(args.offset), list[RunVerdict]()
     put_on, told = [each for each in every if each[0] in args.faults], {name for name, _ in every}
     with model_of(args.folder, split, args.model, args.budget) as (path, columns):
         model = Model.load(path)

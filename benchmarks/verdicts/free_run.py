@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.outcome import Options, Row, finish
+from benchmarks.outcome import BenchmarkOptions, Row, finish
 from monitor.base import config
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
@@ -46,7 +46,7 @@ def figures(measured: np.ndarray, predicted: np.ndarray) -> dict[str, float]:
 
 def main(argv: Sequence[str]) -> int:
     """Compare both models on each vehicle."""
-    options = Options(__name__, __doc__, vehicles=1, seconds=300.0)
+    options = BenchmarkOptions(__name__, __doc__, vehicles=1, seconds=300.0)
     options.add_argument("--model", type=Path, default=shipped_model())
     options.add_argument("--vehicles", type=int, default=11)
     options.add_argument("--seconds", type=float, help="of each drive; by default all")

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.outcome import Options, Row, finish, say
+from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from monitor.decode.bus_map import read_database
 from monitor.mapping.text import make_map
 
@@ -47,7 +47,7 @@ def score(path: Path, label: dict[str, Any]) -> Row:
 
 def main(argv: Sequence[str]) -> int:
     """Score all databases; return 1 if a target is missed."""
-    options = Options(__name__, __doc__)
+    options = BenchmarkOptions(__name__, __doc__)
     options.add_argument("folder", type=Path)
     options.add_argument("--labels", type=Path, default=LABELS)
     options.add_argument("--set", type=int, default=4, help="set of labels (default: 4)")

@@ -32,7 +32,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.outcome import Options, Row, finish, say
+from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from monitor.base.config import load as load_config
 from monitor.base.errors import O2Error
 from monitor.base.fault_streams import SensorFault
@@ -58,7 +58,7 @@ NOTHING: Final = dict.fromkeys(("r", "fit %", "windows", "judged", "found", "nam
 
 
 @dataclass(frozen=True, slots=True)
-class Vehicle:
+class LoggedVehicle:
     """The logs of one vehicle."""
 
     name: str
@@ -66,7 +66,7 @@ class Vehicle:
     profile: Path | None
 
 
-def vehicles(folder: Path, profiles: Path | None) -> Iterator[Vehicle]:
+def vehicles(folder: Path, profiles: Path | None) -> Iterator[LoggedVehicle]:
     for place in sorted(folder.iterdir()):
         paths = sorted(place.iterdir()) if place.is_dir() else [place]
         paths = [path for path in paths if path.is_file() and is_table(path)]
@@ -74,7 +74,7 @@ def vehicles(folder: Path, profiles: Path | None) -> Iterator[Vehicle]:
         for group in alike:
             name = place.name if len(alike) == 1 else group[0].name
             own = profiles / f"{name.split('.')[0]}.toml" if profiles else None
-            yield Vehicle(name, tuple(group), own if own and own.is_file() else None)
+            yield LoggedVehicle(name, tuple(group), own if own and own.is_file() else None)
 
 
 def _alike(paths: Sequence[Path]) -> list[list[Path]]:
@@ -128,7 +128,7 @@ def faulty(recording: Recording, name: str) -> Recording:
     return replace(recording, values=values)
 
 
-def row_of(vehicle: Vehicle, work: Path, kind: str, budget: float) -> dict[str, Any]:
+def row_of(vehicle: LoggedVehicle, work: Path, kind: str, budget: float) -> dict[str, Any]:
     """Return the figures of a vehicle."""
     tables = [read_table(path, vehicle.profile) for path in vehicle.paths]
     spans_s = [(int(t.t_ns[-1]) - int(t.t_ns[0])) / 1e9 for t in tables]
@@ -160,7 +160,7 @@ def _stands(tables: Sequence[Table]) -> bool:
 
 
 def _scored(
-    vehicle: Vehicle, fitted: list[Path], left_out: Path, work: Path, kind: str, budget: float
+    vehicle: LoggedVehicle, fitted: list[Path], left_out: Path, work: Path, kind: str, budget: float
 ) -> dict[str, Any]:
     model, figures = work / "model.onnx", work / "figures.json"
     own = ("--profile", vehicle.profile) if vehicle.profile else ()
@@ -203,7 +203,7 @@ def _scored(
 
 def main(argv: Sequence[str]) -> int:
     """Read, fit and judge each vehicle's logs."""
-    options = Options(__name__, __doc__, budget=0.02, only="wrx")
+    options = BenchmarkOptions(__name__, __doc__, budget=0.02, only="wrx")
     options.add_argument("folder", nargs="?", type=Path, default=Path("../shared/data/logs"))
     options.add_argument("--profiles", type=Path, default=Path(__file__).parent / "profiles")
     options.add_argument("--budget", type=float, default=2.0)

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 import training
-from benchmarks.outcome import Options, Row, finish, say
+from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.studies.second.engine import (
     LEANEST,
     LENGTH_S,
@@ -61,7 +61,7 @@ NAMES: Final = (*LIMIT_SEVERITY, *ELECTRICAL)
 IN_A_TABLE: Final = {"signal_missing": "signal_invalid"}  # an empty cell is sent as invalid
 
 
-class Case(NamedTuple):
+class SensorCase(NamedTuple):
     """A drive and what its sensor has."""
 
     number: int  # draws driver, noise, weather and fuel
@@ -69,7 +69,7 @@ class Case(NamedTuple):
     in_loop: bool = True
 
 
-def columns(vehicle: int, case: Case) -> dict[str, FloatArray]:
+def columns(vehicle: int, case: SensorCase) -> dict[str, FloatArray]:
     """Return what the ECU sends in a drive, with ``time_s``, name → (n,)."""
     seed = 1000 * vehicle + case.number
     rng = np.random.default_rng([0x5E, seed])
@@ -91,13 +91,13 @@ def columns(vehicle: int, case: Case) -> dict[str, FloatArray]:
     return {"time_s": PERIOD_S * times} | sent
 
 
-class Bench:
+class MonitoredVehicle:
     """A vehicle and its monitor."""
 
     def __init__(self, vehicle: int, kind: str, folder: Path, budget: float) -> None:
         self.vehicle, path = vehicle, folder / f"{kind}_{vehicle}.onnx"
         if not path.exists():
-            healthy = [columns(vehicle, Case(i)) for i in range(TRAINING_DRIVES)]
+            healthy = [columns(vehicle, SensorCase(i)) for i in range(TRAINING_DRIVES)]
             if kind == "greybox":
                 training.fit(healthy, path, kind="greybox")
             else:
@@ -105,7 +105,9 @@ class Bench:
         self._model = Model.load(path)
         self._limits = Limits.from_card(self._model.card, CONFIG, str(path))
 
-    def judged(self, cases: Sequence[Case], reference: Reference | None = None) -> list[Judged]:
+    def judged(
+        self, cases: Sequence[SensorCase], reference: Reference | None = None
+    ) -> list[Judged]:
         """Return the verdicts on drives."""
         tables = [table_of(columns(self.vehicle, case), str(case.number)) for case in cases]
         names = tables[0].names
@@ -117,7 +119,7 @@ class Bench:
         """Return the verdicts on three healthy drives, then on drives with a fault until a code."""
         known, seen = None, []
         for k in range(TAUGHT + OFFSET_DRIVES):
-            case = Case(first + k, fault, in_loop) if k >= TAUGHT else Case(first + k)
+            case = SensorCase(first + k, fault, in_loop) if k >= TAUGHT else SensorCase(first + k)
             [judged] = self.judged([case], known)
             seen.append(judged)
             if k >= TAUGHT and judged.dtcs:
@@ -126,22 +128,22 @@ class Bench:
         return tuple(seen)
 
 
-def cases(names: Sequence[str], healthy: int, repetitions: int) -> Iterator[Case]:
+def cases(names: Sequence[str], healthy: int, repetitions: int) -> Iterator[SensorCase]:
     """Yield the drives of a vehicle that are judged without a reference."""
     for k in range(healthy):
-        yield Case(100 + k)
+        yield SensorCase(100 + k)
     for fault in names:
         i = NAMES.index(fault)  # the same drives for any choice of faults
         for k in range(1 if fault in ELECTRICAL else repetitions):
             for in_loop in (True, False)[: 1 if fault in severities.NOT_AFTERWARDS else 2]:
-                yield Case(200 + 10 * i + 2 * k + in_loop, fault, in_loop)
+                yield SensorCase(200 + 10 * i + 2 * k + in_loop, fault, in_loop)
 
 
 class Said(NamedTuple):
     """Names of the codes of a drive."""
 
     vehicle: int
-    case: Case
+    case: SensorCase
     names: tuple[str, ...]
     also: tuple[str, ...]
     completed: bool
@@ -153,7 +155,7 @@ class Said(NamedTuple):
         return (IN_A_TABLE.get(fault, fault),) if fault else ()
 
 
-def said(vehicle: int, case: Case, judged: Judged) -> Said:
+def said(vehicle: int, case: SensorCase, judged: Judged) -> Said:
     """Return the names that a drive was given."""
     names = tuple(dict.fromkeys(dtc.fault for dtc in judged.dtcs))
     also = tuple(dict.fromkeys(name for dtc in judged.dtcs for name in dtc.also))
@@ -187,7 +189,7 @@ def rows_of(kind: str, drives: Sequence[Said]) -> Iterator[Row]:
             say(str(each))
 
 
-def offsets(bench: Bench, repetitions: int) -> tuple[list[int], int]:
+def offsets(bench: MonitoredVehicle, repetitions: int) -> tuple[list[int], int]:
     """Return in which drive with the offset each had its name, and codes in the drives before."""
     drive, false = [], 0
     for i, fault in enumerate(OFFSETS):
@@ -207,7 +209,7 @@ def offsets(bench: Bench, repetitions: int) -> tuple[list[int], int]:
 def main(argv: Sequence[str]) -> int:
     """Fit and judge."""
     few = {"vehicles": 1, "healthy": 1, "repetitions": 1}
-    options = Options(__name__, __doc__, kinds=["greybox"], faults=["gain_low"], **few)
+    options = BenchmarkOptions(__name__, __doc__, kinds=["greybox"], faults=["gain_low"], **few)
     options.add_argument("first_vehicle", type=int, nargs="?", default=301)
     options.add_argument("vehicles", type=int, nargs="?", default=2)
     options.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
@@ -224,7 +226,7 @@ def main(argv: Sequence[str]) -> int:
         for kind in args.kinds:
             drives, when, false = list[Said](), list[int](), 0
             for vehicle in range(args.first_vehicle, args.first_vehicle + args.vehicles):
-                bench = Bench(vehicle, kind, folder, args.budget)
+                bench = MonitoredVehicle(vehicle, kind, folder, args.budget)
                 each = list(cases(args.faults, args.healthy, args.repetitions))
                 verdicts = bench.judged(each)
                 drives += [said(vehicle, *pair) for pair in zip(each, verdicts, strict=True)]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.outcome import Options, Row, finish, say
+from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from training.dyno import truth
 from training.dyno.engine import INJECTIONS, METERINGS, Layout
 from training.dyno.recording_files import write
@@ -38,7 +38,7 @@ TARGETS = {  # table → (largest error, relative)
 
 def main(argv: Sequence[str]) -> int:
     """Simulate, fit and compare."""
-    options = Options(__name__, __doc__, vehicles=1, seconds=150.0)
+    options = BenchmarkOptions(__name__, __doc__, vehicles=1, seconds=150.0)
     options.add_argument("--calibrate", action="store_true", help="the vehicles of the calibration")
     options.add_argument("--vehicles", type=int, help="number of vehicles (default: all)")
     options.add_argument("--seconds", type=float, default=1200.0, help="of each drive")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from benchmarks.damage.fuzz_times import (
     BEGIN_NS,
-    Found,
+    DriveFindings,
     S,
     healthy,
     jumping,
@@ -49,7 +49,7 @@ def without(frames: FrameBlock, begin_s: float, end_s: float) -> FrameBlock:
     return chosen(frames, (t_s < begin_s) | (t_s >= end_s))
 
 
-def counts(found: Found) -> tuple[int, int, int]:
+def counts(found: DriveFindings) -> tuple[int, int, int]:
     return found.times.clock_steps, found.times.log_gaps, found.times.outliers
 
 

@@ -8,18 +8,18 @@ import pytest
 from scipy.io import savemat
 
 from benchmarks.training_sets.public import measure
-from benchmarks.training_sets.public_data import Plant, Record, find
+from benchmarks.training_sets.public_data import Plant, PlantRecord, find
 from benchmarks.training_sets.public_models import MODELS
 
 
-def _resonance(seed: int, n: int) -> Record:
+def _resonance(seed: int, n: int) -> PlantRecord:
     """A weakly damped resonance behind a saturation, 1 % of noise."""
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-1.0, 1.0, n // 10), 10)
     y = np.zeros(n)
     for t in range(2, n):
         y[t] = 1.6 * y[t - 1] - 0.8 * y[t - 2] + 0.2 * np.tanh(2.0 * u[t - 1])
-    return Record(u[:, None], y + 0.01 * rng.standard_normal(n))
+    return PlantRecord(u[:, None], y + 0.01 * rng.standard_normal(n))
 
 
 def test_drives_are_split_as_the_public_package_splits_them(tmp_path: Path) -> None:
