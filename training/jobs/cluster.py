@@ -8,6 +8,7 @@ scheduler can run code on the workers.
 
 import hashlib
 import io
+import os
 import pickle
 import warnings
 import zipfile
@@ -15,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
+from socket import gethostname
 from typing import Any, Final, TypeVar
 from uuid import uuid4
 
@@ -144,12 +146,18 @@ def _shipment(name: str, archive: bytes) -> Any:
         def __init__(self) -> None:
             self.name, self.archive = f"{name}-{uuid4().hex}", archive
             self.shared: tuple[Any] | None = None  # of the jobs
+            self.process = (gethostname(), os.getpid())
+            self.root = str(Path(str(training.__file__)).parents[1])
 
         def setup(self, worker: Any) -> None:
             import importlib  # noqa: PLC0415
+            import os  # noqa: PLC0415
             import sys  # noqa: PLC0415
             from pathlib import Path  # noqa: PLC0415
+            from socket import gethostname  # noqa: PLC0415
 
+            if self.process == (gethostname(), os.getpid()):
+                return  # a worker thread of the command itself, whose code is ours
             # beside the folders of this machine's workers, so that numba compiles once for all
             path = Path(worker.local_directory).parent / f"{name}.zip"
             if not path.exists():
