@@ -53,6 +53,16 @@ class AliveCounters:
         return "missed" if n_missed > n_on else "unknown"
 
 
+def usual_period_ns(intervals_ns: IntArray) -> float:
+    """Return the mean of the intervals that no missed frame widens; 0 if times run backwards.
+
+    >>> usual_period_ns(np.array([10, 12, 40])), usual_period_ns(np.array([-10, -20]))
+    (11.0, 0.0)
+    """
+    usual_ns = float(np.median(intervals_ns))
+    return float(intervals_ns[intervals_ns <= 2.0 * usual_ns].mean()) if usual_ns > 0.0 else 0.0
+
+
 class _Counter:
     """The alive counter of one message: ``bits`` of it."""
 
@@ -88,8 +98,7 @@ class _Counter:
         """
         first, last = np.searchsorted(self._places, (begin, at)).tolist()
         intervals_ns = np.diff(t_ns[self._places[max(first, last - _USUAL) : last]])
-        usual_ns = float(np.median(intervals_ns))
-        period_ns = float(intervals_ns[intervals_ns <= 2.0 * usual_ns].mean())
+        period_ns = usual_period_ns(intervals_ns)
         if period_ns <= 0.0:
             return False
         n_missing = round(pause_ns / period_ns) % (1 << self.bits)
