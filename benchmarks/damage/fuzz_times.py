@@ -21,12 +21,12 @@ from benchmarks.damage.harness import fuzz_options
 from benchmarks.outcome import finish, say
 from benchmarks.repository import REPLAY_LOGS
 from monitor.base import config
-from monitor.base.types import Frame, FrameBlock
+from monitor.base.types import FrameBlock
 from monitor.bus.link.recorder import message_of
 from monitor.bus.loop import Loop
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.signal_map import Integrity
-from monitor.frames.blocks import block_of, chosen, frames_of, joined
+from monitor.frames.blocks import chosen, frames_of, joined
 from monitor.frames.log_blocks import read_blocks
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples
@@ -162,12 +162,12 @@ class Listening(Loop):
 
     def __init__(self, bus: can.BusABC, setup: replay.Setup, **options: Any) -> None:
         super().__init__(bus, setup, say=lambda _: None, **options)
-        self.judged: list[Frame] = []
+        self.judged: list[FrameBlock] = []
         self.cycles = 0
 
-    def _judge(self, frame: Frame) -> None:
-        self.judged.append(frame)
-        super()._judge(frame)
+    def _judge(self, block: FrameBlock) -> None:
+        self.judged.append(block)
+        super()._judge(block)
 
     def _tell(self, event: Event) -> None:
         self.cycles += isinstance(event, CycleStarted)
@@ -196,7 +196,7 @@ def lived(frames: FrameBlock, arrivals_s: list[float], setup: replay.Setup) -> D
     entry = loop.result("fuzz")
     codes = tuple(dtc["code"] for dtc in entry["dtcs"])
     found = DriveFindings(codes, loop.cycles, _summary(entry), loop.clock.counters)
-    again = replayed(block_of(loop.judged), setup)
+    again = replayed(joined(loop.judged), setup)
     if again.judged != found.judged or again.cycles != found.cycles:
         raise AssertionError(f"the recording's replay differs: {again.times}")
     return found

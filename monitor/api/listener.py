@@ -64,11 +64,7 @@ class OxygenSensorMonitor(can.Listener):
             frame = self.monitor.usable(msg)
             if frame is None:
                 return
-            now_s = self._now_s()
-            if self._clock.heard(frame.t_ns, now_s):
-                self._take([frame])
-            else:
-                self._take(self._clock.weighed(frame, now_s))
+            self._take(self._clock.weighed(frame, self._now_s()))
 
     def tick(self) -> None:
         """Let time go on while no message comes."""

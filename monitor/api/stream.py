@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 import can
 
@@ -13,12 +13,15 @@ from monitor.api.verdict import Verdict
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
 from monitor.bus.judging import Judging
+from monitor.frames.blocks import block_of
 from monitor.frames.logs import frame_of
 from monitor.frames.loop_frames import is_own
+from monitor.grid.block_assembler import LATEST_NS
 from monitor.memory.store import Memory
 from monitor.model.step import Model
 from monitor.pipeline.events import BlockEvent
-from monitor.pipeline.replay import frame_counters
+
+MOST: Final = 1 << 12  # frames that gather
 
 
 class Monitor:
@@ -50,11 +53,15 @@ class Monitor:
         self._memory = Memory(Path(memory), hold=True) if memory else None
         self.notes: list[str] = []  # about the fault memory
         self.judging = Judging(self.setup, self._memory, trace=series, say=self.notes.append)
+        self._gathered: list[Frame] = []  # of the open tick
         self.skipped = 0  # error frames, remote frames, and frames of the monitor's own identifiers
 
     def push(self, message: can.Message | Frame) -> list[BlockEvent]:
         """Take one message and return its events: ticks, windows, changes of codes."""
         frame = self.usable(message)
+        if frame is not None and abs(frame.t_ns) >= LATEST_NS:
+            self.judging.pipeline.assembler.counters.late += 1
+            return []
         return [] if frame is None else list(self.take(frame))
 
     def usable(self, message: can.Message | Frame) -> Frame | None:
@@ -72,14 +79,27 @@ class Monitor:
         return frame
 
     def take(self, frame: Frame) -> Iterator[BlockEvent]:
-        """Yield the events of a frame or time mark; all of them must be taken."""
-        return self.judging.push(frame)
+        """Return the events of a frame or time mark; all of them must be taken.
+
+        A sample is complete with the first frame behind it, so frames gather until then.
+        """
+        first_ns, end_ns = self.judging.pipeline.assembler.open_ns
+        self._gathered.append(frame)
+        if first_ns <= frame.t_ns <= end_ns and len(self._gathered) < MOST:
+            return iter(())
+        return self._judge()
+
+    def _judge(self) -> Iterator[BlockEvent]:
+        block, self._gathered = block_of(self._gathered), []
+        return self.judging.push(block)
 
     @property
     def verdict(self) -> Verdict:
         """Return the verdict so far."""
+        for _ in self._judge():
+            pass  # within the open tick: there is none
         collector = self.judging.collector
-        counters = frame_counters(self.judging.pipeline) | {"skipped": self.skipped}
+        counters = self.judging.pipeline.counters | {"skipped": self.skipped}
         return Verdict(self.judging.result("bus", counters), collector.trace())
 
     def close(self) -> None:

@@ -11,10 +11,6 @@ IntArray = NDArray[np.int64]
 QualityArray = NDArray[np.uint8]
 BoolArray = NDArray[np.bool_]
 
-# The content of one frame: channel numbers, and one value for each in canonical units. NaN means
-# not available, +inf means out of range.
-Update = tuple[tuple[int, ...], tuple[float, ...]]
-
 
 class Frame(NamedTuple):
     """One CAN frame. It is a tuple for speed: the monitor makes one for every frame on the bus."""

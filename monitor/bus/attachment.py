@@ -1,6 +1,6 @@
 """Attachments of the live loop: transmitter, diagnostics, polling and views.
 
-An attachment never waits, because the loop's only thread calls it between two frames.
+An attachment never waits, because the loop's only thread calls it between two blocks of frames.
 """
 
 from collections.abc import Collection, Iterable

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import Frame
+from monitor.base.types import FrameBlock
 from monitor.memory.reference import Seen
 from monitor.memory.store import Memory
 from monitor.pipeline.collector import Collector
@@ -63,9 +63,9 @@ class Judging:
         """Return whether the latest change is not stored yet."""
         return self.store_again_s < math.inf
 
-    def push(self, frame: Frame) -> Iterator[BlockEvent]:
-        """Take one frame and yield its events; all of them must be taken."""
-        for event in self.pipeline.push(frame):
+    def push(self, block: FrameBlock) -> Iterator[BlockEvent]:
+        """Take a block of frames and yield its events; all of them must be taken."""
+        for event in self.pipeline.push(block):
             if not isinstance(event, Ticks | WindowJudged | CutJudged) or self._has_driven:
                 self.store()
             if isinstance(event, CycleStarted):

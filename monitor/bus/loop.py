@@ -6,33 +6,31 @@ Everything beside the judging is an ``Attachment``.
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
 import can
+import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import Frame, Quality
+from monitor.base.types import Frame, FrameBlock, Quality
 from monitor.bus.attachment import Attachment
 from monitor.bus.ending import ended_by_signals
 from monitor.bus.judging import Judging
 from monitor.bus.link.clock import Clock
 from monitor.bus.link.port import BusHealth, Port
 from monitor.bus.link.recorder import Recorder
-from monitor.bus.link.socketcan import BLOCK_S
 from monitor.bus.link.suspension import Suspension, passed_s, slept_s
-from monitor.frames.loop_frames import bus_state, codes_cleared, is_own, log_gap, time_mark
+from monitor.frames.blocks import EXTENDED, block_of, chosen, frames_of, inserted
+from monitor.frames.loop_frames import bus_state, codes_cleared, log_gap, time_mark
 from monitor.memory.store import Memory
-from monitor.pipeline.events import (
-    Event,
-    Tick,
-    singly,
-)
-from monitor.pipeline.replay import Setup, frame_counters
+from monitor.pipeline.events import Event, Tick, singly
+from monitor.pipeline.replay import Setup
 
+BLOCK_S: Final = 0.1  # longest wait for a frame, so that a stop request is noticed
 _STALE: Final = int(Quality.STALE)
 
 
@@ -83,11 +81,11 @@ class Loop:
         self.clock = Clock(monotonic_s, min(self.pipeline.decoder.timeouts_ns))
         self._suspension = Suspension(slept_s)
         self._due_s = math.inf
-        self._wanted: dict[tuple[int, bool], list[Attachment]] = {}
+        self._wanted: dict[int, list[Attachment]] = {}  # by the keys of their frames
         self._stop = self._is_off = self._has_begun = False
 
     def stop(self, *_: int | FrameType | None) -> None:
-        """End the loop after the current frame; a signal handler may call it."""
+        """End the loop after the current frames; a signal handler may call it."""
         self._stop = True
 
     def run(self, duration_s: float | None = None) -> None:
@@ -105,73 +103,74 @@ class Loop:
                 self._port.set_filters({*decoder.identifiers, *own}, decoder.groups)
             else:
                 self._recorder = Recorder(self._record_path)
-            receive, clock = self._port.receive, self.clock
-            assembler = self.pipeline.assembler
+            self._work()
             now_s = self._now_s()
             while not self._stop and now_s < until_s:
+                self._listen(now_s)
+                now_s = self._now_s()
                 if now_s >= self._due_s:
                     self._work()
-                wait_s = min(BLOCK_S, max(self._due_s - now_s, 0.0))
-                frame = receive(wait_s, assembler.tick_end_ns + clock.shift_ns)
-                now_s = self._now_s()
-                if self._suspension.has_ended(now_s):
-                    self._judge(log_gap(self.clock.slept()))
-                if frame is None or self._is_off:
-                    for made in self._loop_frames():
-                        self._judge(made)
-                if frame is not None:
-                    if is_own(frame):
-                        self.health.refused += 1
-                    elif clock.heard(frame[0], now_s):
-                        self._take(frame)
-                    else:
-                        for timed in clock.weighed(frame, now_s):
-                            self._take(timed)
 
-    def _loop_frames(self) -> Iterator[Frame]:
-        """Yield the loop's frames that are due: bus state and time mark."""
-        if self._port.is_off != self._is_off:
-            self._is_off = self._port.is_off
-            yield bus_state(self.clock.made(), off=self._is_off)
-        mark = self.clock.mark()
+    def _listen(self, now_s: float) -> None:
+        """Wait for frames until something is due, and judge them."""
+        wait_s = min(BLOCK_S, max(self._due_s - now_s, 0.0))
+        tick_end_ns = self.pipeline.assembler.open_ns[1] + self.clock.shift_ns
+        block = self._port.receive(wait_s, tick_end_ns)
+        now_s = self._now_s()
+        if self._suspension.has_ended(now_s):
+            self._make(log_gap(self.clock.slept()))
+        if self._is_off and not self._port.is_off:
+            self._is_off = False
+            self._make(bus_state(self.clock.made(), off=False))
+        if len(block.key):
+            self._take(self.clock.believed(block, now_s))
+        if self._port.is_off and not self._is_off:
+            self._is_off = True
+            self._make(bus_state(self.clock.made(), off=True))
+        mark = self.clock.mark() if self._is_off or not len(block.key) else None
         if mark is not None:
-            yield mark
+            self._make(mark)
 
     def clear_codes(self) -> None:
         """Clear the codes, store the change, then report it to the attachments.
 
         Raises RecordingError if the change could not be stored; the loop tries that again later.
         """
-        self._judge(codes_cleared(self.clock.made()))
+        self._make(codes_cleared(self.clock.made()))
         self._store()
         if self.judging.is_failing:
             raise RecordingError("the codes are cleared, but that is not stored yet")
 
-    def _take(self, frame: Frame) -> None:
-        self._judge(frame)
-        wanted = self._wanted.get((frame.can_id, frame.is_extended))
-        if wanted:
-            for attachment in wanted:
-                for made in self._ask(attachment, attachment.receive, frame):
-                    self._judge(made)
-            self._work()
+    def _take(self, block: FrameBlock) -> None:
+        """Judge frames, and behind each what an attachment makes of it."""
+        rows = np.flatnonzero(np.isin(block.key, self._keys))
+        places: list[int] = []
+        made: list[Frame] = []
+        for row, frame in zip(rows.tolist(), frames_of(chosen(block, rows)), strict=True):
+            for attachment in self._wanted.get(int(block.key[row]), ()):
+                more = self._ask(attachment, attachment.receive, frame)
+                made += more
+                places += [row + 1] * len(more)
+            self._due_s = -math.inf
+        self._judge(inserted(block, places, block_of(made)) if made else block)
 
-    def _judge(self, frame: Frame) -> None:
+    def _make(self, frame: Frame) -> None:
+        """Judge a frame that the loop makes itself."""
+        self._judge(block_of([frame]))
+
+    def _judge(self, block: FrameBlock) -> None:
         if self._recorder is not None:
             if not self._has_begun:  # by a mark a replay knows that the monitor listened live
                 self._has_begun = True
-                self._judge(time_mark(frame.t_ns))
-            self._record(self._recorder, frame)
-        has_events = False
-        for event in self.judging.push(frame):
-            has_events = True
+                self._make(time_mark(int(block.t_ns[0])))
+            self._record(self._recorder, block)
+        for event in self.judging.push(block):
+            self._due_s = -math.inf
             self.health.memory_errors = self.judging.memory_errors
             for each in singly(event):
                 self._tell(each)
                 if isinstance(each, Tick):
                     self._note_stale(each)
-        if has_events:
-            self._work()
 
     def _tell(self, event: Event) -> None:
         for attachment in tuple(self.attachments):
@@ -189,14 +188,15 @@ class Loop:
 
     def _work(self) -> None:
         """Send the frames of the attachments, and find the time of the next call."""
-        now_s = self._now_s()
+        now_s, self._due_s = self._now_s(), math.inf
         if now_s >= self.judging.store_again_s:
             self._store()
         for attachment in tuple(self.attachments):
             for frame in self._ask(attachment, attachment.work, now_s):
                 self._port.send(frame)
-        self._due_s = min((self._due_of(a) for a in tuple(self.attachments)), default=math.inf)
-        self._due_s = min(self._due_s, self.judging.store_again_s)
+        due_s = (self._due_of(attachment) for attachment in tuple(self.attachments))
+        # what an attachment's work has brought about is the others' work at once
+        self._due_s = min(self._due_s, self.judging.store_again_s, *due_s)
 
     def _due_of(self, attachment: Attachment) -> float:
         try:
@@ -231,13 +231,15 @@ class Loop:
     def _rewire(self) -> None:
         self._wanted = {}
         for attachment in self.attachments:
-            for identifier in attachment.identifiers:
-                self._wanted.setdefault(identifier, []).append(attachment)
+            for can_id, is_extended in attachment.identifiers:
+                key = can_id | is_extended * EXTENDED
+                self._wanted.setdefault(key, []).append(attachment)
+        self._keys = np.array(list(self._wanted), dtype=np.uint32)
         self._due_s = -math.inf
 
-    def _record(self, recorder: Recorder, frame: Frame) -> None:
+    def _record(self, recorder: Recorder, block: FrameBlock) -> None:
         try:
-            recorder.write(frame)
+            recorder.write(block)
         except RecordingError as error:
             self._recorder = None  # a log with a gap would not replay to the same events
             self._say(f"{error}; the log ends here, judging goes on")
@@ -267,7 +269,7 @@ class Loop:
         """Return the run as a recording's entry of ``o2mon.replay/1``."""
         found = self.clock.counters.found
         counters = (
-            frame_counters(self.pipeline)
+            self.pipeline.counters
             | found
             | {
                 "skipped": self.health.error_frames + self.health.remote_frames,

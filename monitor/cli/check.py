@@ -25,7 +25,7 @@ from monitor.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from monitor.base.types import Frame
+    from monitor.base.types import FrameBlock
     from monitor.bus.link.port import BusHealth, Port
     from monitor.bus.polling.poller import ObdPoller
     from monitor.pipeline.replay import Setup
@@ -74,7 +74,7 @@ def add(commands: Any) -> None:
 
 def _check(args: argparse.Namespace) -> int:
     from monitor.bus.link.port import BusHealth, Port
-    from monitor.frames.logs import read_frames
+    from monitor.frames.log_blocks import read_blocks
     from monitor.grid.tables import is_table
     from monitor.report.check import check
 
@@ -91,7 +91,7 @@ def _check(args: argparse.Namespace) -> int:
         )
     setup = set_up(args, judges=False)
     if args.log:
-        result = check(read_frames(args.log), setup.bus_map)
+        result = check(read_blocks(args.log), setup.bus_map)
     else:
         with open_bus(args) as bus:
             poller = obd_poller(args, setup.bus_map) if args.obd else None
@@ -180,11 +180,13 @@ def _write_profile(args: argparse.Namespace) -> int:
     return 0
 
 
-def _listen(port: "Port", seconds: float, poller: "ObdPoller | None") -> "Iterator[Frame]":
+def _listen(port: "Port", seconds: float, poller: "ObdPoller | None") -> "Iterator[FrameBlock]":
     """Yield the received frames and the frames that the poller makes from answers.
 
     seconds : time to listen
     """
+    from monitor.frames.blocks import block_of, frames_of
+
     until_s = time.monotonic() + seconds
     while (now_s := time.monotonic()) < until_s:
         due_s = until_s
@@ -192,11 +194,11 @@ def _listen(port: "Port", seconds: float, poller: "ObdPoller | None") -> "Iterat
             for request in poller.work(now_s):
                 port.send(request)
             due_s = min(poller.due_s, until_s)
-        frame = port.receive(max(due_s - now_s, 0.0))
-        if frame is not None:
-            yield frame
-            if poller:
-                yield from poller.receive(frame)
+        block = port.receive(max(due_s - now_s, 0.0))
+        if poller:
+            frames = ((frame, *poller.receive(frame)) for frame in frames_of(block))
+            block = block_of([each for group in frames for each in group])
+        yield block
 
 
 def _say_polled(poller: "ObdPoller", health: "BusHealth") -> None:

@@ -49,7 +49,6 @@ def live_feed(
     if server is None:
         return
     from monitor.bus.live.feed import LiveFeed
-    from monitor.pipeline.replay import frame_counters
 
     say(f"live page: {server.address.url}")
     if not server.is_loopback:
@@ -58,9 +57,7 @@ def live_feed(
         server,
         loop.pipeline.monitor,
         setup,
-        health=lambda: (
-            loop.health.as_dict() | frame_counters(loop.pipeline) | loop.clock.counters.found
-        ),
+        health=lambda: loop.health.as_dict() | loop.pipeline.counters | loop.clock.counters.found,
         channel=channel,
         say=say,
     )

@@ -11,8 +11,9 @@ from typing import Final, Literal
 import numpy as np
 
 from monitor.base.types import FrameBlock, IntArray
-from monitor.decode.block_decoder import BlockDecoder, Plan
+from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.payloads import Payloads
+from monitor.decode.plan import Plan
 
 Verdict = Literal["went on", "missed", "unknown"]
 SURE_BITS: Final = 8  # counters of so many bits together go on by chance in one of 256 pauses

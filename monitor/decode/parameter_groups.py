@@ -56,17 +56,7 @@ class Sender:
         self._address = address
         self._heard: int | None = None
 
-    def reset(self) -> None:
-        """Forget who was heard."""
-        self._heard = None
-
-    def takes(self, source: int) -> bool:
-        """Return whether a frame from this source address is taken."""
-        if self._heard is None or source == self._address:
-            self._heard = source
-        return source == self._heard
-
-    def takes_of(self, sources: IntArray) -> BoolArray:
+    def takes(self, sources: IntArray) -> BoolArray:
         """Return which frames from these source addresses, (n,) in their order, are taken."""
         taken = sources == self._address
         stated = np.flatnonzero(taken)

@@ -7,9 +7,7 @@ from cantools.database.can import Message, Signal
 from numpy.typing import NDArray
 
 from monitor.base.types import IntArray
-from monitor.decode.raw_values import (
-    bit_position,
-)
+from monitor.decode.raw_values import bit_position
 
 Bytes = NDArray[np.uint8]
 Raw = NDArray[Any]  # (n,) uint64, int64 or float64; Python's integers beyond 64 bits

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from cantools.database.can import Message, Signal
 
@@ -35,17 +36,23 @@ def plausible_range(channel: Channel) -> tuple[float, float]:
     return (low - margin, high + margin) if low < high else (-math.inf, math.inf)
 
 
-def scaling(channel: Channel) -> str:
-    """Return the expression of the value in the map's unit, made from ``raw``."""
+def scaling(channel: Channel) -> Callable[[Any], Any]:
+    """Return the function from raw values, floats, to values in the map's unit."""
     signal, mapped = channel.signal, channel.mapped
-    expression = "raw"
-    for factor, offset in ((signal.scale, signal.offset), (mapped.factor, mapped.offset)):
-        expression = f"{expression} * {float(factor)!r}" if factor != 1 else expression
-        expression = f"({expression} + {float(offset)!r})" if offset != 0 else expression
-    return expression if expression != "raw" else "raw * 1.0"
+    steps = ((signal.scale, signal.offset), (mapped.factor, mapped.offset))
+    lines = [
+        (float(factor), float(offset)) for factor, offset in steps if (factor, offset) != (1, 0)
+    ]
+
+    def scaled(raw: Any) -> Any:
+        for factor, offset in lines:
+            raw = raw * factor + offset
+        return raw
+
+    return scaled
 
 
-def plausible_raw(channel: Channel, expression: str) -> tuple[int, int]:
+def plausible_raw(channel: Channel) -> tuple[int, int]:
     """Return the lowest and highest raw value that is plausible; empty if none is.
 
     The range is checked on integers, because that is faster, with the decoder's own arithmetic.
@@ -57,13 +64,13 @@ def plausible_raw(channel: Channel, expression: str) -> tuple[int, int]:
     missing = not_available_raw(channel)
     bottom, top = bottom + (bottom == missing), top - (top == missing)
     low, high = plausible_range(channel)
-    scaled = eval(f"lambda raw: {expression}")
-    if scaled(bottom) > scaled(top):  # a negative factor
-        first = _bisect(lambda raw: scaled(raw) <= high, bottom, top)
-        last = _bisect(lambda raw: scaled(raw) < low, bottom, top) - 1
+    scaled = scaling(channel)
+    if scaled(float(bottom)) > scaled(float(top)):  # a negative factor
+        first = _bisect(lambda raw: scaled(float(raw)) <= high, bottom, top)
+        last = _bisect(lambda raw: scaled(float(raw)) < low, bottom, top) - 1
     else:
-        first = _bisect(lambda raw: scaled(raw) >= low, bottom, top)
-        last = _bisect(lambda raw: scaled(raw) > high, bottom, top) - 1
+        first = _bisect(lambda raw: scaled(float(raw)) >= low, bottom, top)
+        last = _bisect(lambda raw: scaled(float(raw)) > high, bottom, top) - 1
     return first, last
 
 
@@ -85,3 +92,11 @@ def bit_position(message: Message, signal: Signal) -> int:
         return int(signal.start)
     first = 8 * (signal.start // 8) + 7 - signal.start % 8
     return int(8 * message.length - first - signal.length)
+
+
+def last_byte(message: Message, signal: Signal) -> int:
+    """Return the number of the last byte of the payload that holds a bit of the signal."""
+    position = bit_position(message, signal)
+    if signal.byte_order == "little_endian":
+        return (position + signal.length - 1) // 8
+    return int(message.length - 1 - position // 8)

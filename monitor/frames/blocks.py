@@ -67,6 +67,18 @@ def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
     )
 
 
+def inserted(block: FrameBlock, places: Sequence[int], new: FrameBlock) -> FrameBlock:
+    """Return a block with the frames of ``new`` before the places, one each."""
+    width = max(block.data.shape[1], new.data.shape[1])
+    block, new = widened(block, width), widened(new, width)
+    return FrameBlock(
+        np.insert(block.t_ns, places, new.t_ns),
+        np.insert(block.key, places, new.key),
+        np.insert(block.length, places, new.length),
+        np.insert(block.data, places, new.data, axis=0),
+    )
+
+
 def put(block: FrameBlock, rows: list[int], new: FrameBlock) -> FrameBlock:
     """Write the frames of ``new`` into ``rows`` of the block; return it, widened if needed."""
     width = max(block.data.shape[1], new.data.shape[1])

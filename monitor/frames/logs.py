@@ -65,9 +65,12 @@ def checked_kind(path: Path) -> str:
 
 
 def frame_of(message: "can.Message") -> Frame:
-    """Return a python-can message as a frame, its time rounded to microseconds."""
+    """Return a python-can message as a frame, its time rounded to microseconds.
+
+    A time that 64 bits of nanoseconds cannot hold becomes the first or last that they can.
+    """
     return Frame(
-        round(message.timestamp * 1e6) * 1000,
+        round(min(max(message.timestamp, -LATEST_S), LATEST_S) * 1e6) * 1000,
         message.arbitration_id,
         message.is_extended_id,
         bytes(message.data),

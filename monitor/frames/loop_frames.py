@@ -39,8 +39,3 @@ def log_gap(t_ns: int) -> Frame:
 def is_own(frame: Frame) -> bool:
     """Return whether a frame has an identifier of the loop's frames."""
     return frame.can_id >= FIRST_ID and frame.is_extended
-
-
-def says_off(frame: Frame) -> bool:
-    """Return whether a ``bus_state`` frame reports that the monitor is off the bus."""
-    return frame.data == b"\x01"

@@ -1,13 +1,22 @@
-"""The assembler for blocks of frames: the samples of ``assembler.Assembler``, bit for bit.
+"""Values to samples: everything that arrives, brought onto one fixed grid.
+
+Tick k stands at t0 + k * period in integer nanoseconds, t0 being the time of the first frame.
+Sample k >= 1 holds for each signal the mean of the good values received in (t_(k-1), t_k], the
+first frames' own time included in sample 1; averaging keeps fast signals from folding back. If
+only bad values came, the sample says so; if none came, the last tick's value is held until it is
+older than the signal's timeout, then it is stale. Sample k leaves when the first frame after t_k
+arrives; any frame moves time, whether its signals are wanted or not. Behind a pause of the whole
+log of which nothing is known the grid begins anew, and a signal is stale only after its timeout.
 
 Frames come in blocks, in the order of the log; state goes from block to block. Their times are
 looked at in a few passes: where they rise, every frame is in time; where some do not, those older
-than the open tick are found by the newest time before each. A property test holds the two
-assemblers together.
+than the open tick are found by the newest time before each.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
@@ -15,18 +24,32 @@ from monitor.base.errors import SignalMapError
 from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder, Decoded
 from monitor.decode.signal_map import Derived
-from monitor.grid.assembler import MAX_JUMP_NS, MAX_LATE, AssemblerCounters, check_grid
+from monitor.frames.candump import LATEST_S
 from monitor.grid.derived import Output
 
 Series = tuple[IntArray, FloatArray]  # times and values of one channel, both (n,)
+MAX_JUMP_NS: Final = 60_000_000_000  # a longer pause is a break in the recording, not a gap
+LATEST_NS: Final = int(LATEST_S * 1e9)
+MAX_LATE: Final = 100  # so many late frames in a row mean that the clock went backwards
 _NONE = np.empty(0, dtype=np.int64)
 _STALE, _OFF_BUS, _GAP = int(Quality.STALE), int(Quality.OFF_BUS), int(Quality.GAP)
+
+
+@dataclass(slots=True)
+class AssemblerCounters:
+    """Counts of the frames by the fate of their times."""
+
+    late: int = 0  # dropped: older than the open tick, or a time that no clock shows
+    discontinuities: int = 0  # times the grid was anchored anew
 
 
 class BlockAssembler:
     """Collects the values of frames into samples.
 
-    channels, names, period_ns, timeouts_ns, derived : as for ``Assembler``
+    channels : names of what the frames carry, in the order of their numbers
+    names : what a sample holds, each a channel or a derived signal
+    period_ns : grid period, above 0 and at most MAX_JUMP_NS
+    timeouts_ns : how long the value of each channel may be held
     """
 
     def __init__(
@@ -43,10 +66,13 @@ class BlockAssembler:
         self.counters = AssemblerCounters()
         self.is_off_bus = False  # the monitor itself hears nothing, from the last frame pushed on
         self.is_live = False  # the loop's own frames came: the recording was made live
-        self.period_ns, self._timeouts_ns = period_ns, timeouts_ns
+        self.period_ns = period_ns
+        self._timeouts_ns = np.array(timeouts_ns, dtype=np.int64)
         self._output = Output(channels, names, derived)
         self._n_names = len(names)
-        self._received_ns = [0] * len(channels)  # time of each channel's last value
+        self._received_ns = np.zeros(
+            len(channels), dtype=np.int64
+        )  # time of each channel's last value
         self._n = 0  # samples that are complete
         self._grid: _Grid | None = None
         self._newest_ns = 0  # time on the grid
@@ -56,6 +82,15 @@ class BlockAssembler:
     def of(cls, decoder: BlockDecoder, period_ns: int) -> "BlockAssembler":
         """Return an assembler for the values of ``decoder``."""
         return cls(decoder.channels, decoder.names, period_ns, decoder.timeouts_ns, decoder.derived)
+
+    @property
+    def open_ns(self) -> tuple[int, int]:
+        """Return the first and the last time of the open tick, 1 and 0 before the first frame."""
+        if self._grid is None:
+            return 1, 0
+        tick = self._grid.open_tick(self._newest_ns)
+        begin_ns = self._grid.anchor_ns + tick * self.period_ns
+        return begin_ns + (tick > 0), begin_ns + self.period_ns
 
     def push(
         self, t_ns: IntArray, decoded: Iterable[Decoded] = (), gaps: Sequence[int] = ()
@@ -133,22 +168,17 @@ class BlockAssembler:
         """
         own_ns = t_ns[1:] - t_ns[:-1]
         first_ns = int(t_ns[0]) - self._newest_ns
-        least_ns = min(first_ns, int(own_ns.min(initial=0)))
-        if least_ns >= 0 and max(first_ns, int(own_ns.max(initial=0))) <= MAX_JUMP_NS:
+        least_ns, most_ns = int(own_ns.min(initial=0)), int(own_ns.max(initial=0))
+        if min(first_ns, least_ns) >= 0 and max(first_ns, most_ns) <= MAX_JUMP_NS:
             self._newest_ns, self._late_in_a_row = int(t_ns[-1]), 0
             return len(t_ns), _NONE, False
-        steps_ns = np.concatenate([[first_ns], own_ns])
-        if least_ns >= 0:
-            jumps = np.flatnonzero(steps_ns > MAX_JUMP_NS)
-            stop = int(jumps[0]) if jumps.size else len(t_ns)
-            if stop:
-                self._newest_ns, self._late_in_a_row = int(t_ns[stop - 1]), 0
-            return stop, _NONE, True
         newest_ns = np.maximum.accumulate(np.concatenate([[self._newest_ns], t_ns]))
         before_ns = newest_ns[:-1]
         older = np.flatnonzero(t_ns < before_ns)
         late = older[t_ns[older] < grid.first_ns(before_ns[older])]
-        jumps = np.flatnonzero(t_ns - before_ns > MAX_JUMP_NS)
+        ahead_ns = t_ns - before_ns  # 64 bits are too few from one end of time to the other
+        is_far = (ahead_ns > MAX_JUMP_NS) | (ahead_ns < 0)
+        jumps = np.flatnonzero((t_ns > before_ns) & is_far)
         # those late before the block's begin count in the row, too
         places = np.concatenate([np.arange(-self._late_in_a_row, 0), late])
         hundredth = places[MAX_LATE - 1 :][
@@ -188,7 +218,7 @@ class BlockAssembler:
         )
         ticks = np.arange(until - len(values) + 1, until + 1, dtype=np.int64)
         t_ns = grid.anchor_ns + ticks * self.period_ns
-        return self._numbered(t_ns, *self._output.of_arrays(values, quality))
+        return self._numbered(t_ns, *self._output.of(values, quality))
 
     def _numbered(self, t_ns: IntArray, values: FloatArray, quality: QualityArray) -> SampleBlock:
         index = np.arange(self._n + 1, self._n + 1 + len(t_ns), dtype=np.int64)
@@ -208,7 +238,7 @@ class _Grid:
         self._held = np.full(n_channels, np.nan)  # of the last tick closed
         self._is_after_gap = quality == _GAP
         self._held_quality = np.full(n_channels, quality, dtype=np.uint8)
-        self._kept: dict[tuple[int, ...], list[Series]] = {}
+        self._kept: list[tuple[IntArray, IntArray, FloatArray]] = []  # as ``keep`` takes them
 
     def open_tick(self, newest_ns: int) -> int:
         """Return the number of the open tick, counted from 0."""
@@ -219,113 +249,77 @@ class _Grid:
         tick = np.maximum((newest_ns - self.anchor_ns - 1) // self._period_ns, 0)
         return np.asarray(self.anchor_ns + tick * self._period_ns + (tick > 0))
 
-    def keep(self, channels: tuple[int, ...], t_ns: IntArray, values: FloatArray) -> None:
+    def keep(self, channels: Sequence[int], t_ns: IntArray, values: FloatArray) -> None:
         """Take values, (n_channels, m), received at ``t_ns``, (m,), in the order of the log."""
         if len(t_ns):
-            self._kept.setdefault(channels, []).append((t_ns - self.anchor_ns, values))
+            numbers = np.array(channels, dtype=np.int64)[:, np.newaxis]
+            self._kept.append((numbers, t_ns - self.anchor_ns, values))
 
     def close(
-        self, until: int, received_ns: list[int], timeouts_ns: Sequence[int], *, off_bus: bool
+        self, until: int, received_ns: IntArray, timeouts_ns: IntArray, *, off_bus: bool
     ) -> tuple[FloatArray, QualityArray]:
         """Close the ticks before ``until``; return values and quality, both (n, n_channels).
 
         received_ns : when each channel's last value came; moved on
         off_bus : whether the monitor itself hears nothing
         """
-        n = max(until - self._n, 0)
-        values = np.empty((n, len(timeouts_ns)))
-        quality = np.empty(values.shape, dtype=np.uint8)
-        values[:], quality[:] = self._held, self._held_quality
-        end_ns = np.arange(self._n + 1, self._n + n + 1, dtype=np.int64) * self._period_ns
-        silent_channels = set(range(len(timeouts_ns)))
-        for channels, parts in self._kept.items():
-            t_ns = np.concatenate([t for t, _ in parts])
-            data = np.concatenate([each for _, each in parts], axis=1)
-            tick = np.maximum((t_ns + self._period_ns - 1) // self._period_ns, 1) - 1 - self._n
-            n_inside = int(np.searchsorted(tick, n))  # ticks never fall
-            self._kept[channels] = [(t_ns[n_inside:], data[:, n_inside:])]
-            if not n_inside:
-                continue
-            before_ns = received_ns[channels[0]] - self.anchor_ns  # all of them come together
-            came = _Came(tick[:n_inside], t_ns[:n_inside], end_ns, before_ns)
-            for channel, each in zip(channels, data[:, :n_inside], strict=True):
-                column = values[:, channel], quality[:, channel]
-                timeout_ns = timeouts_ns[channel]
-                silent = self._silent(end_ns, timeout_ns, off_bus=off_bus)
-                came.fill(each, timeout_ns, silent, *column)
-                received_ns[channel] = self.anchor_ns + int(t_ns[n_inside - 1])
-            silent_channels.difference_update(channels)
-        for channel in silent_channels:
-            timeout_ns = timeouts_ns[channel]
-            old = end_ns - (received_ns[channel] - self.anchor_ns) > timeout_ns
-            values[old, channel] = np.nan
-            quality[old, channel] = self._silent(end_ns, timeout_ns, off_bus=off_bus)[old]
-        self._n += n
-        if n:
-            self._held, self._held_quality = values[-1].copy(), quality[-1].copy()
+        n, n_channels = until - self._n, len(timeouts_ns)
+        if n <= 0:
+            none = np.empty((0, n_channels))
+            return none, none.astype(np.uint8)
+        end_ns = np.arange(self._n + 1, until + 1, dtype=np.int64)[:, np.newaxis] * self._period_ns
+        shape, size = (n, n_channels), n * n_channels
+        place, t_ns, data = self._taken(int(end_ns[-1, 0]), n_channels)
+        good, grade = np.isfinite(data), np.zeros(size, dtype=np.uint8)
+        n_came = count = np.bincount(place, minlength=size)
+        total = np.bincount(place, weights=data, minlength=size)  # sums in order
+        if not good.all():
+            count = np.bincount(place[good], minlength=size)
+            total = np.bincount(place[good], weights=data[good], minlength=size)
+            grade[place[np.isnan(data)]] = Quality.INVALID
+            grade[place[np.isinf(data)]] = Quality.OUT_OF_RANGE
+            grade[count > 0] = Quality.GOOD
+        mean = np.divide(total, count, out=np.full(size, np.nan), where=count > 0)
+        last_ns = np.zeros(size, dtype=np.int64)
+        last_ns[place] = t_ns  # of several in one tick the last stays
+        # the place of each channel's last values up to every tick, -1 before the first
+        source = np.where(n_came > 0, np.arange(size), -1).reshape(shape)
+        came = source >= 0
+        np.maximum.accumulate(source, axis=0, out=source)
+        begun = source >= 0
+        np.maximum(source, 0, out=source)
+        values = np.where(begun, mean.take(source), self._held)
+        quality = np.where(begun, grade.take(source), self._held_quality)
+        heard_ns = np.where(begun, last_ns.take(source), received_ns - self.anchor_ns)
+        old = ~came & (end_ns - heard_ns > timeouts_ns)
+        if old.any():
+            silent = np.full(shape, _OFF_BUS if off_bus else _STALE, dtype=np.uint8)
+            if self._is_after_gap and not off_bus:
+                silent[end_ns <= timeouts_ns] = _GAP
+            values[old], quality[old] = np.nan, silent[old]
+        received_ns[:] = heard_ns[-1] + self.anchor_ns
+        self._n = until
+        self._held, self._held_quality = values[-1].copy(), quality[-1].copy()
         return values, quality
 
-    def _silent(self, end_ns: IntArray, timeout_ns: int, *, off_bus: bool) -> QualityArray:
-        """Return the quality of a value that is too old at the ends of ticks, (n,)."""
-        quality = np.full(len(end_ns), _OFF_BUS if off_bus else _STALE, dtype=np.uint8)
-        if self._is_after_gap and not off_bus:
-            quality[end_ns <= timeout_ns] = _GAP
-        return quality
+    def _taken(self, end_ns: int, n_channels: int) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return place, time and value of all that came up to a time; keep the rest."""
+        places, times_ns, data = [_NONE], [_NONE], [np.empty(0)]
+        kept, self._kept = self._kept, []
+        for numbers, t_ns, values in kept:
+            n = int(np.searchsorted(t_ns, end_ns, "right"))  # ticks never fall
+            tick = np.maximum((t_ns[:n] + self._period_ns - 1) // self._period_ns, 1) - 1 - self._n
+            places.append((tick * n_channels + numbers).ravel())
+            times_ns.append(np.tile(t_ns[:n], len(numbers)))
+            data.append(values[:, :n].ravel())
+            if n < len(t_ns):
+                self._kept.append((numbers, t_ns[n:], values[:, n:]))
+        return np.concatenate(places), np.concatenate(times_ns), np.concatenate(data)
 
-    def note_times(self, received_ns: list[int]) -> None:
+    def note_times(self, received_ns: IntArray) -> None:
         """Note when the values of the open tick came, which a break forgets."""
-        for channels, parts in self._kept.items():
-            for t_ns, _ in parts:
-                for channel in channels if len(t_ns) else ():
-                    received_ns[channel] = self.anchor_ns + int(t_ns[-1])
-
-
-class _Came:
-    """When the values of one message came within some ticks.
-
-    tick, t_ns : (m,) of the values; end_ns : (n,) of the ticks
-    before_ns : when the last value before these ticks came
-    """
-
-    def __init__(self, tick: IntArray, t_ns: IntArray, end_ns: IntArray, before_ns: int) -> None:
-        n = len(end_ns)
-        self._tick = tick
-        self._count = np.bincount(tick, minlength=n)
-        self._came = self._count > 0
-        self._source = np.maximum.accumulate(np.where(self._came, np.arange(n), -1))
-        self._begun = self._source >= 0
-        last_ns = np.zeros(n, dtype=np.int64)
-        last_ns[tick] = t_ns  # of several in one tick the last stays
-        self._age_ns = end_ns - np.where(self._begun, last_ns[self._source], before_ns)
-
-    def fill(
-        self,
-        data: FloatArray,
-        timeout_ns: int,
-        silent: QualityArray,
-        values: FloatArray,
-        quality: QualityArray,
-    ) -> None:
-        """Fill one channel's ticks, (n,), which hold the value from before them.
-
-        data : (m,) values; silent : (n,) quality of a value that is too old
-        """
-        n, tick, count = len(values), self._tick, self._count
-        good = np.isfinite(data)
-        grade = np.zeros(n, dtype=np.uint8)
-        if good.all():
-            total = np.bincount(tick, weights=data, minlength=n)  # sums in order
-        else:
-            count = np.bincount(tick[good], minlength=n)
-            total = np.bincount(tick[good], weights=data[good], minlength=n)
-            grade[tick[np.isnan(data)]] = Quality.INVALID
-            grade[tick[np.isinf(data)]] = Quality.OUT_OF_RANGE
-            grade[count > 0] = Quality.GOOD
-        mean = np.divide(total, count, out=np.full(n, np.nan), where=count > 0)
-        np.copyto(values, mean[self._source], where=self._begun)
-        np.copyto(quality, grade[self._source], where=self._begun)
-        old = ~self._came & (self._age_ns > timeout_ns)
-        values[old], quality[old] = np.nan, silent[old]
+        for numbers, t_ns, _ in self._kept:
+            received_ns[numbers] = self.anchor_ns + t_ns[-1]
 
 
 def assemble_arrays(
@@ -344,10 +338,10 @@ def assemble_arrays(
     frame_times_ns : (n,) times of all frames, wanted or not, never decreasing
     series : for each channel the times, among those of the frames, and the values; NaN is not
         available, infinite is out of range
-    channels, names, period_ns, timeouts_ns, derived : as for ``Assembler``
+    channels, names, period_ns, timeouts_ns, derived : as for ``BlockAssembler``
     longest_ns : a longer time without any frame is a pause of the recording, of which nothing is
         known; above MAX_JUMP_NS it is a break anyway
-    Raises SignalMapError if times decrease, or as ``Assembler``.
+    Raises SignalMapError if times decrease, or as ``BlockAssembler``.
     """
     if len(series) != len(channels):
         raise SignalMapError(f"{len(channels)} channels have {len(series)} series")
@@ -364,6 +358,15 @@ def assemble_arrays(
         if begin < end
     ]
     return joined(blocks, len(names))
+
+
+def check_grid(period_ns: int) -> None:
+    """Raise SignalMapError if ``period_ns`` cannot be the period of a grid."""
+    if not 0 < period_ns <= MAX_JUMP_NS:
+        raise SignalMapError(
+            f"a sample period of {period_ns / 1e9:g} s, above 0 and at most "
+            f"{MAX_JUMP_NS / 1e9:g} s is wanted"
+        )
 
 
 def joined(blocks: Sequence[SampleBlock], n_names: int) -> SampleBlock:

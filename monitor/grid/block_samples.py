@@ -1,4 +1,8 @@
-"""Blocks of frames to blocks of samples, with the loop's own frames among them."""
+"""Blocks of frames to blocks of samples, with the loop's own frames among them.
+
+A message's frames cost the less the more of them are decoded at once, so frames are held: those of
+a log until they are many, those of a live bus until the open tick is over.
+"""
 
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
@@ -8,14 +12,13 @@ import numpy as np
 
 from monitor.base.types import FrameBlock, IntArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.decode.decoder import EXTENDED
-from monitor.frames.blocks import chosen
+from monitor.frames.blocks import EXTENDED, chosen
 from monitor.frames.blocks import joined as joined_frames
 from monitor.frames.loop_frames import BUS_STATE_ID, CLEARED_ID, LOG_GAP_ID
 from monitor.grid.block_assembler import BlockAssembler, joined
 
 _FRAMES = 1 << 20  # decoded at once
-_SAMPLES = 1 << 18  # that the time of the frames held may span
+_SAMPLES = 1 << 16  # that the time of the frames held may span
 _NONE = np.empty(0, dtype=np.int64)
 _BUS_STATE, _CLEARED, _GAP = (
     can_id | EXTENDED for can_id in (BUS_STATE_ID, CLEARED_ID, LOG_GAP_ID)
@@ -29,6 +32,77 @@ class Clearing(NamedTuple):
     t_ns: int
 
 
+class FrameSamples:
+    """The samples of a bus from its frames; of those nobody needs only the times are held.
+
+    is_live : samples are given as soon as they are complete
+    """
+
+    def __init__(
+        self, decoder: BlockDecoder, assembler: BlockAssembler, *, is_live: bool = False
+    ) -> None:
+        self._decoder, self._assembler, self._is_live = decoder, assembler, is_live
+        self._n_samples = 0
+        self._clear()
+
+    def push(self, block: FrameBlock) -> Iterator[SampleBlock | Clearing]:
+        """Take some frames; yield the samples that are complete, with the clearings between them.
+
+        All of them must be taken.
+        """
+        assembler = self._assembler
+        assembler.is_live |= bool((block.key >= _CLEARED).any())
+        for part in _parts(block, _SAMPLES * assembler.period_ns):
+            last = part.key[-1]
+            if self._n and part.t_ns[-1] - self._t_ns[0][0] > _SAMPLES * assembler.period_ns:
+                yield self.flush()
+            self._hold(part)
+            changes = last in (_BUS_STATE, _CLEARED)
+            if not changes and self._n < _FRAMES and not (self._is_live and self._is_due(part)):
+                continue
+            yield self.flush()
+            if last == _BUS_STATE:
+                assembler.is_off_bus = bool(part.length[-1] == 1 and part.data[-1, 0] == 1)
+            elif last == _CLEARED:
+                yield Clearing(self._n_samples, int(part.t_ns[-1]))
+
+    def flush(self) -> SampleBlock:
+        """Pass the held frames on; return the samples that are complete."""
+        if not self._n:
+            return self._assembler.push(_NONE)
+        rows, gaps = np.concatenate(self._rows), np.concatenate(self._gaps).tolist()
+        self._decoder.unmapped += self._n - len(rows) - len(gaps)
+        needed = joined_frames(self._needed)
+        decoded = [part._replace(rows=rows[part.rows]) for part in self._decoder.push(needed)]
+        t_ns = np.concatenate(self._t_ns)
+        self._clear()
+        samples = self._assembler.push(t_ns, decoded, gaps)
+        self._n_samples += len(samples.t_ns)
+        return samples
+
+    def _clear(self) -> None:
+        self._t_ns: list[IntArray] = []
+        self._rows: list[IntArray] = []
+        self._needed: list[FrameBlock] = []
+        self._gaps: list[IntArray] = []
+        self._n = 0
+
+    def _hold(self, block: FrameBlock) -> None:
+        rows = self._decoder.needed(block)
+        self._t_ns.append(block.t_ns)
+        self._rows.append(rows + self._n)
+        self._needed.append(chosen(block, rows))
+        self._gaps.append(np.flatnonzero(block.key == _GAP) + self._n)
+        self._n += len(block.t_ns)
+
+    def _is_due(self, block: FrameBlock) -> bool:
+        """Return whether a block closes the open tick, or breaks with it."""
+        first_ns, end_ns = self._assembler.open_ns
+        return bool(block.t_ns.max() > end_ns or block.t_ns.min() < first_ns) or bool(
+            len(self._gaps[-1])
+        )
+
+
 def log_samples(
     blocks: Iterable[FrameBlock], decoder: BlockDecoder, assembler: BlockAssembler
 ) -> Iterator[SampleBlock | Clearing]:
@@ -36,27 +110,10 @@ def log_samples(
 
     Raises as the reading of the blocks.
     """
-    held = _Held(decoder, assembler)
-    n = 0
+    samples = FrameSamples(decoder, assembler)
     for block in blocks:
-        assembler.is_live |= bool((block.key >= _CLEARED).any())
-        for part in _parts(block, _SAMPLES * assembler.period_ns):
-            last = part.key[-1]
-            if held.spans(part) > _SAMPLES * assembler.period_ns:
-                samples = held.flush()
-                n += len(samples.t_ns)
-                yield samples
-            held.push(part)
-            if last not in (_BUS_STATE, _CLEARED) and held.n < _FRAMES:
-                continue
-            samples = held.flush()
-            n += len(samples.t_ns)
-            yield samples
-            if last == _BUS_STATE:
-                assembler.is_off_bus = bool(part.length[-1] == 1 and part.data[-1, 0] == 1)
-            elif last == _CLEARED:
-                yield Clearing(n, int(part.t_ns[-1]))
-    yield held.flush()
+        yield from samples.push(block)
+    yield samples.flush()
 
 
 def whole(
@@ -71,49 +128,6 @@ def whole(
         else:
             blocks.append(part)
     return joined(blocks, n_names), tuple(clearings)
-
-
-class _Held:
-    """Frames on their way to decoder and assembler: of those nobody needs only the times.
-
-    A message's frames cost the less the more of them are decoded at once.
-    """
-
-    def __init__(self, decoder: BlockDecoder, assembler: BlockAssembler) -> None:
-        self._decoder, self._assembler = decoder, assembler
-        self._clear()
-
-    def _clear(self) -> None:
-        self._t_ns: list[IntArray] = []
-        self._rows: list[IntArray] = []
-        self._needed: list[FrameBlock] = []
-        self._gaps: list[IntArray] = []
-        self.n = 0
-
-    def spans(self, block: FrameBlock) -> int:
-        """Return the time from the first frame held to the last of a block in ns."""
-        return int(block.t_ns[-1] - self._t_ns[0][0]) if self.n else 0
-
-    def push(self, block: FrameBlock) -> None:
-        """Take some frames."""
-        rows = self._decoder.needed(block)
-        self._t_ns.append(block.t_ns)
-        self._rows.append(rows + self.n)
-        self._needed.append(chosen(block, rows))
-        self._gaps.append(np.flatnonzero(block.key == _GAP) + self.n)
-        self.n += len(block.t_ns)
-
-    def flush(self) -> SampleBlock:
-        """Pass the frames on; return the samples that are complete."""
-        if not self.n:
-            return self._assembler.push(_NONE)
-        rows, gaps = np.concatenate(self._rows), np.concatenate(self._gaps).tolist()
-        self._decoder.unmapped += self.n - len(rows) - len(gaps)
-        needed = joined_frames(self._needed)
-        decoded = [part._replace(rows=rows[part.rows]) for part in self._decoder.push(needed)]
-        t_ns = np.concatenate(self._t_ns)
-        self._clear()
-        return self._assembler.push(t_ns, decoded, gaps)
 
 
 def _parts(block: FrameBlock, longest_ns: int) -> Iterator[FrameBlock]:

@@ -14,8 +14,7 @@ from monitor.base.types import (
     Sample,
     SampleBlock,
 )
-from monitor.grid.assembler import check_grid
-from monitor.grid.block_assembler import assemble_arrays
+from monitor.grid.block_assembler import assemble_arrays, check_grid
 from monitor.grid.tables import (
     DEFAULT_PERIOD_NS,
     UNIFORM,

@@ -10,7 +10,7 @@ from monitor.decode.alive import AliveCounters
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import EXTENDED
 from monitor.frames.loop_frames import FIRST_ID
-from monitor.grid.assembler import LATEST_NS
+from monitor.grid.block_assembler import LATEST_NS
 from monitor.grid.recent_frames import KEPT, RecentFrames
 
 WITNESSES: Final = 32  # frames behind a doubtful one that confirm its time or not
@@ -50,7 +50,7 @@ class Walk:
         self._whole = whole._replace(t_ns=self._t_ns)
         self._alive: AliveCounters | None = None  # read when they are needed
         self._raw_ns = frames.t_ns
-        self._is_own = (frames.key & EXTENDED > 0) & (frames.key & (EXTENDED - 1) >= FIRST_ID)
+        self._is_own = frames.key >= FIRST_ID | EXTENDED
 
     def believed_ns(self, n: int) -> IntArray:
         """Return the believed times of the first frames, (n,)."""

@@ -17,12 +17,10 @@ on where blocks begin.
 
 from collections.abc import Iterable, Iterator, Sequence
 
-import numpy as np
-
 from monitor.base.types import FrameBlock, IntArray
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.frames.blocks import EXTENDED, chosen, joined
-from monitor.frames.loop_frames import LOG_GAP_ID
+from monitor.frames.blocks import block_of, chosen, inserted, joined
+from monitor.frames.loop_frames import log_gap
 from monitor.grid.recent_frames import RecentFrames
 from monitor.grid.time_walk import TimeCounters, Walk, wrapped
 
@@ -90,17 +88,5 @@ class Timeline:
             return ()
         believed = chosen(frames, slice(0, n))._replace(t_ns=walk.believed_ns(n))
         self._recent.push(believed, frames.t_ns[:n])
-        return (_with_gaps(believed, walk.gaps),)
-
-
-def _with_gaps(block: FrameBlock, gaps: Sequence[int]) -> FrameBlock:
-    """Return frames with a ``log_gap`` frame before each of the places."""
-    if not gaps:
-        return block
-    key = np.uint32(LOG_GAP_ID | EXTENDED)
-    return FrameBlock(
-        np.insert(block.t_ns, gaps, block.t_ns[list(gaps)]),
-        np.insert(block.key, gaps, key),
-        np.insert(block.length, gaps, 0),
-        np.insert(block.data, gaps, 0, axis=0),
-    )
+        marks = [log_gap(int(believed.t_ns[place])) for place in walk.gaps]
+        return (inserted(believed, walk.gaps, block_of(marks)),) if marks else (believed,)

@@ -10,14 +10,14 @@ from typing import Any
 
 from monitor.base.types import Frame, FrameBlock
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.frames.blocks import block_of, frames_of
+from monitor.frames.blocks import block_of
 from monitor.grid.timeline import Timeline
 from monitor.inject.scenario import NO_CODE, Expectation, Scenario
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory
 from monitor.pipeline.collector import Collector
 from monitor.pipeline.frames import FramePipeline
-from monitor.pipeline.replay import Setup, frame_counters
+from monitor.pipeline.replay import Setup
 
 _AT_ONCE = 256  # frames whose times are looked at together
 
@@ -49,9 +49,8 @@ class Judge:
 
     def _judge(self, blocks: Iterable[FrameBlock]) -> None:
         for block in blocks:
-            for frame in frames_of(block):
-                for event in self._pipeline.push(frame):
-                    self._collector.push(event)
+            for event in self._pipeline.push(block):
+                self._collector.push(event)
 
     def finish(self, name: str) -> Recording:
         """End the driving cycle; return the recording's entry of ``o2mon.replay/1``."""
@@ -60,7 +59,7 @@ class Judge:
         monitor = self._pipeline.monitor
         self._memory.save(monitor.store.saved)
         self._memory.learn(self._setup.model_sha256, monitor.seen, self._setup.config.bias)
-        counters = frame_counters(self._pipeline) | self._timeline.counters.found
+        counters = self._pipeline.counters | self._timeline.counters.found
         return self._collector.result(name, None, counters)
 
 

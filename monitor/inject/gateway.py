@@ -13,6 +13,7 @@ from monitor.base.files.outputs import replaced
 from monitor.base.types import Frame
 from monitor.bus.link.clock import BEHIND_S, SILENCE_S
 from monitor.bus.link.recorder import Recorder, message_of
+from monitor.frames.blocks import blocks_of
 from monitor.frames.logs import frame_of, log_kind
 from monitor.frames.loop_frames import bus_state, is_own, time_mark
 from monitor.inject.injector import Injector
@@ -31,9 +32,9 @@ def write_log(path: Path, frames: Iterable[Frame]) -> int:
     log_kind(path)  # checks the final name, not that of the temporary file
     n = 0
     with replaced(path) as begun, Recorder(begun) as recorder:
-        for frame in frames:
-            recorder.write(frame)
-            n += 1
+        for block in blocks_of(frames):
+            recorder.write(block)
+            n += len(block.key)
     return n
 
 

@@ -12,8 +12,8 @@ from typing import Final
 from monitor.base.errors import SignalMapError
 from monitor.decode.bus_map import Channel
 from monitor.decode.checksum import payload_checksum
-from monitor.decode.decoder_source import last_byte, multiplexing
-from monitor.decode.raw_values import bit_position, not_available_raw
+from monitor.decode.plan import multiplexing
+from monitor.decode.raw_values import bit_position, last_byte, not_available_raw
 
 Key = tuple[int, bool]  # identifier, whether it has 29 bits
 _FLOATS: Final = {16: struct.Struct("<e"), 32: struct.Struct("<f"), 64: struct.Struct("<d")}

@@ -12,13 +12,14 @@ from cantools.database.can import Database, Message, Signal
 
 from monitor.base.errors import SignalMapError
 from monitor.base.signals import plausible_range
-from monitor.base.types import FloatArray, Frame
+from monitor.base.types import FloatArray, FrameBlock
+from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, Channel
 from monitor.decode.checksum import ALGORITHMS, payload_checksum
-from monitor.decode.decoder import Decoder
-from monitor.decode.parameter_groups import group_of, is_any_source
+from monitor.decode.parameter_groups import is_any_source
 from monitor.decode.raw_values import bit_position
 from monitor.decode.signal_map import Integrity, MappedSignal
+from monitor.frames.blocks import chosen, frames_of
 from monitor.mapping.candidates import Candidate
 from monitor.mapping.meanings import MEANINGS, TOGETHER, VARYING
 from monitor.mapping.vocabulary import words_of
@@ -91,7 +92,7 @@ class Observed:
 
 
 def observe(
-    frames: Iterable[Frame],
+    blocks: Iterable[FrameBlock],
     ranked: Mapping[str, Sequence[Candidate]],
     dbc: Path,
     database: Database,
@@ -120,43 +121,38 @@ def observe(
         candidates.append(candidate)
         channels[key] = channel
     payloads: dict[str, list[bytes]] = {c.message.name: [] for c in candidates}
-    kept = {_key(c): payloads[c.message.name] for c in channels.values()}
-    t_s: list[list[float]] = [[] for _ in candidates]
-    values: list[list[float]] = [[] for _ in candidates]
-    decoder, first_ns = _decoder(channels, dbc), None
-    for _, frame in zip(range(MOST_FRAMES), frames, strict=False):
-        first_ns = frame.t_ns if first_ns is None else first_ns
-        for place in ((frame.can_id, frame.is_extended), _group(frame)):
-            if place in kept:
-                kept[place].append(frame.data)
-        for index, value in zip(*(decoder.push(frame) or ((), ())), strict=True):
-            t_s[index].append((frame.t_ns - first_ns) / 1e9)
-            values[index].append(value)
+    nothing = np.empty(0)
+    t_s, values = [[nothing] for _ in candidates], [[nothing] for _ in candidates]
+    decoder, first_ns, n = _decoder(channels, dbc), None, 0
+    for whole in blocks:
+        block = chosen(whole, slice(0, MOST_FRAMES - n))
+        n += len(block.t_ns)
+        first_ns = block.t_ns[0] if first_ns is None else first_ns
+        for plan in decoder.plans.values():
+            mask, wanted = plan.match
+            own = chosen(block, (block.key & mask) == wanted)
+            payloads[plan.name] += [frame.data for frame in frames_of(own)]
+        for part in decoder.push(block):
+            for index, data in zip(part.channels, part.values, strict=True):
+                t_s[index].append((block.t_ns[part.rows] - first_ns) / 1e9)
+                values[index].append(data)
+        if n >= MOST_FRAMES:
+            break
     series = {
-        (c.name, c.message.name, c.signal.name): Series(np.array(at), _canonical(c, raw))
+        (c.name, c.message.name, c.signal.name): Series(
+            np.concatenate(at), _canonical(c, np.concatenate(raw))
+        )
         for c, at, raw in zip(candidates, t_s, values, strict=True)
     }
     return Observed(series, payloads)
 
 
-def _key(channel: Channel) -> tuple[int, bool | None]:
-    """Return the key of a message's frames: identifier, or parameter group and None."""
-    message = channel.message
-    if channel.any_source:
-        return group_of(message.frame_id), None
-    return message.frame_id, message.is_extended_frame
+def _decoder(channels: dict[str, Channel], dbc: Path) -> BlockDecoder:
+    return BlockDecoder(BusMap(((dbc, dbc),), channels, {}, tuple(channels)), tuple(channels))
 
 
-def _group(frame: Frame) -> tuple[int, bool | None]:
-    return (group_of(frame.can_id), None) if frame.is_extended else (-1, None)
-
-
-def _decoder(channels: dict[str, Channel], dbc: Path) -> Decoder:
-    return Decoder(BusMap(((dbc, dbc),), channels, {}, tuple(channels)), tuple(channels))
-
-
-def _canonical(candidate: Candidate, raw: list[float]) -> FloatArray:
-    values = np.array(raw) * candidate.factor + candidate.offset
+def _canonical(candidate: Candidate, raw: FloatArray) -> FloatArray:
+    values = raw * candidate.factor + candidate.offset
     with np.errstate(divide="ignore"):
         return 1.0 / values if candidate.is_phi else values
 

@@ -9,7 +9,7 @@ from cantools.database.can import Database
 
 from monitor.decode.checksum import ALGORITHMS
 from monitor.decode.signal_map import LONGEST_TIMEOUT_S
-from monitor.frames.logs import read_frames
+from monitor.frames.log_blocks import read_blocks
 from monitor.judge.causes.causes import timeout_of
 from monitor.mapping.candidates import Candidate, cycle_ms, ranked
 from monitor.mapping.proposal import NOTHING, Proposal, Proposals, propose
@@ -37,7 +37,7 @@ def make_map(
     Raises RecordingError if the log cannot be read.
     """
     candidates = ranked(database)
-    observed = observe(read_frames(log), candidates, dbc, database) if log else None
+    observed = observe(read_blocks(log), candidates, dbc, database) if log else None
     if observed:
         candidates = observed.reranked(candidates)
     proposals = propose(candidates, cylinders)

@@ -21,9 +21,8 @@ from monitor.memory.store import Memory
 from monitor.model.step import Model
 from monitor.pipeline import without_model
 from monitor.pipeline.collector import Collector, Trace
-from monitor.pipeline.entry import check_long_enough, frame_counts
+from monitor.pipeline.entry import check_long_enough
 from monitor.pipeline.events import BlockEvent, CycleStarted
-from monitor.pipeline.frames import FramePipeline
 from monitor.pipeline.monitor import Judge, Monitor
 from monitor.pipeline.recordings import OpenRecording, RecordingReader
 from monitor.pipeline.side_by_side import slices
@@ -95,12 +94,6 @@ def sha256_of(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}") from None
-
-
-def frame_counters(pipeline: FramePipeline) -> dict[str, int]:
-    """Return the number of frames that could not be used, by reason."""
-    decoder = pipeline.decoder
-    return frame_counts(decoder.counters, pipeline.assembler.counters, decoder.unmapped)
 
 
 def replay(

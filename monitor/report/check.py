@@ -4,12 +4,14 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from monitor.base.config import Config
 from monitor.base.counts import counted
 from monitor.base.signals import BY_NAME
-from monitor.base.types import Frame, SampleBlock
+from monitor.base.types import FloatArray, FrameBlock, IntArray, SampleBlock
+from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
-from monitor.decode.decoder import Decoder
 from monitor.judge.causes.causes import Asked, Cause, causes, timeout_of
 from monitor.judge.causes.observation import Observation
 from monitor.judge.enable import Enable
@@ -35,22 +37,24 @@ class SignalSeen:
     longest_ns: int = 0  # between two values
     stale: int = 0  # times that the next value came after the timeout
 
-    def take(self, t_ns: int, value: float) -> None:
-        """Take one value; NaN means not available, infinity out of range."""
-        if self.heard_ns is not None:
-            self.longest_ns = max(self.longest_ns, t_ns - self.heard_ns)
-            self.stale += t_ns - self.heard_ns > self.timeout_ns
-        self.heard_ns = t_ns
-        if math.isnan(value):
-            self.invalid += 1
-        elif math.isinf(value):
-            self.out_of_range += 1
-        else:
+    def take(self, t_ns: IntArray, values: FloatArray) -> None:
+        """Take values, (n,) at least one; NaN means not available, infinity out of range."""
+        before_ns = t_ns[0] if self.heard_ns is None else self.heard_ns
+        steps_ns = np.diff(t_ns, prepend=before_ns)
+        self.longest_ns = max(self.longest_ns, int(steps_ns.max()))
+        self.stale += int(np.count_nonzero(steps_ns > self.timeout_ns))
+        self.heard_ns = int(t_ns[-1])
+        good = np.isfinite(values)
+        self.invalid += int(np.count_nonzero(np.isnan(values)))
+        self.out_of_range += int(np.count_nonzero(np.isinf(values)))
+        if good.any():
+            t_ns, values = t_ns[good], values[good]
             if not self.count:
-                self.first_ns = t_ns
-            self.count += 1
-            self.minimum, self.maximum = min(self.minimum, value), max(self.maximum, value)
-            self.last_ns = t_ns
+                self.first_ns = int(t_ns[0])
+            self.count += len(values)
+            self.minimum = min(self.minimum, float(values.min()))
+            self.maximum = max(self.maximum, float(values.max()))
+            self.last_ns = int(t_ns[-1])
 
     @property
     def rate_hz(self) -> float:
@@ -144,24 +148,24 @@ def held_up(recording: OpenRecording, card: ModelCard, config: Config) -> list[C
     return causes(observation.observed(), Asked(card, config, recording.sources))
 
 
-def check(frames: Iterable[Frame], bus_map: BusMap) -> CheckResult:
+def check(blocks: Iterable[FrameBlock], bus_map: BusMap) -> CheckResult:
     """Return counts and range of every mapped signal over the frames.
 
     Optional signals are among them if they came.
     """
-    decoder = Decoder(bus_map, (*bus_map.names, *bus_map.optional))
+    decoder = BlockDecoder(bus_map, (*bus_map.names, *bus_map.optional))
     seen = [
         SignalSeen(name, BY_NAME[name].unit if name in BY_NAME else "", timeout_ns)
         for name, timeout_ns in zip(decoder.channels, decoder.timeouts_ns, strict=True)
     ]
     n = end_ns = 0
-    for frame in frames:
-        n += 1
-        end_ns = max(end_ns, frame.t_ns)
-        update = decoder.push(frame)
-        if update is not None:
-            for index, value in zip(*update, strict=True):
-                seen[index].take(frame.t_ns, value)
+    for block in blocks:
+        n += len(block.t_ns)
+        end_ns = max(end_ns, int(block.t_ns.max(initial=0)))
+        for part in decoder.push(block):
+            for index, values in zip(part.channels, part.values, strict=True):
+                if len(values):
+                    seen[index].take(block.t_ns[part.rows], values)
     rejected: dict[str, int] = {}
     for counters in decoder.counters.values():
         for reason in ("length", "checksum", "stuck", "lost"):

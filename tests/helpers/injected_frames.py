@@ -6,13 +6,13 @@ import dbc
 from monitor.base.types import Frame
 from monitor.decode.bus_map import load_pairs
 from monitor.decode.checksum import payload_checksum
-from monitor.decode.decoder import Decoder
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
 from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.rewrite import writers
 from tests.conftest import ROOT
+from tests.helpers.decoding import values_of
 
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
@@ -35,9 +35,7 @@ def lambda_frames(readings: list[float], period_ms: int = 20) -> list[Frame]:
 
 def decoded(frames: list[Frame], name: str = "lambda_measured") -> list[float]:
     """The values that the project's decoder takes from the frames."""
-    decoder = Decoder(OWN, [name])
-    updates = [decoder.push(frame) for frame in frames]
-    return [update[1][0] for update in updates if update is not None]
+    return values_of(OWN, name, frames)
 
 
 def injected(

@@ -10,6 +10,7 @@ from monitor.base.types import Frame
 from monitor.bus.live.address import PageAddress
 from monitor.bus.live.feed import LiveFeed
 from monitor.bus.live.process import Server
+from monitor.frames.blocks import block_of
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline import replay
@@ -63,14 +64,14 @@ class Player:
         """Judge frames; the feed writes a message for each quarter second of theirs."""
         for frame in frames:
             self.health["frames"] += 1
-            for event in self.pipeline.push(frame):
+            for event in self.pipeline.push(block_of([frame])):
                 for each in singly(event):
                     self.feed.push(each)
             self.feed.work(frame.t_ns / 1e9)
 
     def ticks(self, frame: Frame) -> list[Tick]:
         """Judge a frame without the feed; return its samples."""
-        events = [each for event in self.pipeline.push(frame) for each in singly(event)]
+        events = [each for event in self.pipeline.push(block_of([frame])) for each in singly(event)]
         return [event for event in events if isinstance(event, Tick)]
 
     def play(self, frames: Iterable[Frame], speed: float | None = None) -> None:
@@ -79,7 +80,7 @@ class Player:
         for frame in frames:
             first_ns = frame.t_ns if first_ns is None else first_ns
             self.health["frames"] += 1
-            for event in self.pipeline.push(frame):
+            for event in self.pipeline.push(block_of([frame])):
                 for each in singly(event):
                     self.feed.push(each)
             due_s = start_s + (frame.t_ns - first_ns) / 1e9 / (speed or 1e9)

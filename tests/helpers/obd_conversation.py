@@ -8,8 +8,8 @@ from monitor.bus.link.recorder import message_of
 from monitor.bus.polling.pids import lengths, wanted
 from monitor.bus.polling.poller import ObdPoller
 from monitor.decode.bus_map import BusMap, load_pairs
-from monitor.decode.decoder import Decoder
 from monitor.frames.logs import frame_of
+from tests.helpers.decoding import Decoding
 from tests.helpers.obd_ecu import ObdEcu, SimulatedBus
 
 OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
@@ -28,8 +28,9 @@ class Conversation:
         )
         self.ecu = ecu
         self.bus = SimulatedBus(ecu)
-        self.decoder = Decoder(bus_map, bus_map.names)
-        self.values: dict[str, list[float]] = {name: [] for name in self.decoder.channels}
+        self.decoding = Decoding(bus_map, bus_map.names)
+        channels = self.decoding.decoder.channels
+        self.values: dict[str, list[float]] = {name: [] for name in channels}
         self.frames: list[Frame] = []
 
     def run(self, seconds: float) -> "Conversation":
@@ -55,9 +56,8 @@ class Conversation:
 
     def _take(self, frame: Frame) -> None:
         self.frames.append(frame)
-        update = self.decoder.push(frame)
-        for index, value in zip(*(update or ((), ())), strict=True):
-            self.values[self.decoder.channels[index]].append(value)
+        for name, value in (self.decoding.one(frame) or {}).items():
+            self.values[name].append(value)
 
     @property
     def asked(self) -> list[tuple[int, ...]]:

@@ -1,6 +1,6 @@
 """Values to payloads: CAN encoding of whole recordings at once.
 
-The reverse of ``decode.decoder``, with the alive counter and the checksum of the map.
+The reverse of ``decode.block_decoder``, with the alive counter and the checksum of the map.
 """
 
 from collections.abc import Mapping

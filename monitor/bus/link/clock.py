@@ -9,12 +9,14 @@ values go stale ends with one, so that a replay of the recording believes it.
 
 import time
 from collections.abc import Callable
+from itertools import chain
 from typing import Final
 
-from monitor.base.types import Frame
+from monitor.base.types import Frame, FrameBlock
+from monitor.frames.blocks import block_of, frames_of
 from monitor.frames.loop_frames import time_mark
-from monitor.grid.assembler import LATEST_NS
-from monitor.grid.time_walk import TimeCounters
+from monitor.grid.block_assembler import LATEST_NS
+from monitor.grid.time_walk import TimeCounters, wrapped
 
 SILENCE_S: Final = 0.5  # silence after which time marks are made
 FIRST_FRAME_S: Final = 10.0  # the same before the first frame; bus time is then wall-clock time
@@ -39,8 +41,7 @@ class Clock:
         self._newest_ns = self._last_ns  # of the frames and marks
         self._received_s = monotonic_s()
         self._heard = self._has_made = False
-        self._sure_ns = -LATEST_NS  # the clock is not asked for frame times up to this
-        self._lead_s, self._lead_at_s = 0.0, 0.0  # of frame times over the clock, and its age
+        self._lead_s = 0.0  # of frame times over the clock
         self._doubted_ns, self._doubted_s, self._n_doubted = 0, 0.0, 0
 
     @property
@@ -49,16 +50,20 @@ class Clock:
         passed_s = self._monotonic_s() - self._received_s - BEHIND_S
         return max(self._last_ns + max(round(passed_s * 1e6), 0) * 1000, self._newest_ns)
 
-    def heard(self, t_ns: int, now_s: float) -> bool:
-        """Take the time of a frame that arrived at ``now_s``, if it is believed as it is.
-
-        Otherwise returns False; then ``weighed`` is to be asked.
-        """
-        if 0 <= t_ns - self._newest_ns <= self._pause_ns and t_ns <= self._sure_ns:
-            self._newest_ns = self._last_ns = t_ns
-            self._received_s = now_s
-            return True
-        return False
+    def believed(self, block: FrameBlock, now_s: float) -> FrameBlock:
+        """Return frames that have arrived by ``now_s`` at their believed times, with time marks."""
+        t_ns, last_ns = block.t_ns, int(block.t_ns[-1]) - self.shift_ns
+        first_ns = int(t_ns[0]) - self.shift_ns - self._newest_ns
+        steps_ns = t_ns[1:] - t_ns[:-1]
+        least_ns, most_ns = int(steps_ns.min(initial=0)), int(steps_ns.max(initial=0))
+        is_calm = min(first_ns, least_ns) >= 0 and max(first_ns, most_ns) <= self._pause_ns
+        lead_s = int(t_ns[-1]) * 1e-9 - now_s
+        if not (self._heard and is_calm and lead_s <= self._lead_s + EARLY_S):
+            frames = (self.weighed(frame, now_s) for frame in frames_of(block))
+            return block_of(list(chain.from_iterable(frames)))
+        self._newest_ns = last_ns
+        self._believe(last_ns, now_s, lead_s)
+        return block._replace(t_ns=t_ns - wrapped(self.shift_ns)) if self.shift_ns else block
 
     def weighed(self, frame: Frame, now_s: float) -> list[Frame]:
         """Return the frame at its believed time, behind a time mark if it ends a pause."""
@@ -69,9 +74,7 @@ class Clock:
         if t_ns < self._last_ns - self._pause_ns or lead_s > self._lead_s + EARLY_S:
             t_ns = self._doubt(frame.t_ns, now_s)
         else:
-            self._believe(
-                t_ns, now_s, max(lead_s, self._lead_s - DRIFT * (now_s - self._lead_at_s))
-            )
+            self._believe(t_ns, now_s, lead_s)
         t_ns = max(t_ns, self._newest_ns - self._pause_ns)  # it came long after a mark: it is late
         frame = frame._replace(t_ns=t_ns)
         ends_pause = t_ns > self._newest_ns + self._pause_ns
@@ -87,7 +90,7 @@ class Clock:
         else:
             self._newest_ns = self._last_ns = t_ns
         self._received_s = now_s
-        self._lead_s, self._lead_at_s = t_ns * 1e-9 - now_s, now_s
+        self._lead_s = t_ns * 1e-9 - now_s
 
     def _believe(self, t_ns: int, now_s: float, lead_s: float) -> None:
         """Go on from a believed time.
@@ -96,9 +99,10 @@ class Clock:
         """
         self.counters.outliers += self._n_doubted
         self._n_doubted = 0
+        # by the frames' own time, since many may arrive at once behind a long wait
+        passed_s = max(t_ns - self._last_ns, 0) * 1e-9
         self._last_ns, self._received_s = max(t_ns, self._last_ns), now_s
-        self._lead_s, self._lead_at_s = lead_s, now_s
-        self._sure_ns = -LATEST_NS if self.shift_ns else round((now_s + lead_s + EARLY_S) * 1e9)
+        self._lead_s = max(lead_s, self._lead_s - DRIFT * passed_s)
 
     def _doubt(self, raw_ns: int, now_s: float) -> int:
         """Return the time of arrival of a frame whose time cannot be; note a clock step."""
@@ -108,13 +112,14 @@ class Clock:
             self.counters.outliers += self._n_doubted
             self._n_doubted = 0
         self._n_doubted += 1
-        self._doubted_ns, self._doubted_s, self._sure_ns = raw_ns, now_s, -LATEST_NS
+        self._doubted_ns, self._doubted_s = raw_ns, now_s
         t_ns = self.t_ns
         if self._n_doubted == AGREEING:
             self.counters.clock_steps += 1
             self._n_doubted = 0
             self.shift_ns = raw_ns - t_ns
-            self._believe(t_ns, now_s, raw_ns * 1e-9 - now_s)
+            self._lead_s = raw_ns * 1e-9 - now_s
+            self._believe(t_ns, now_s, self._lead_s)
         return t_ns
 
     def made(self) -> int:
@@ -128,7 +133,6 @@ class Clock:
         self.counters.log_gaps += 1
         t_ns = self.made()
         self._heard, self.shift_ns = False, 0
-        self._sure_ns = -LATEST_NS
         return t_ns
 
     def mark(self) -> Frame | None:

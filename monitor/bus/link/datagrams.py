@@ -23,9 +23,11 @@ class Datagrams:
         cause = error.__cause__ if isinstance(error, can.CanError) else error
         if cause is None or isinstance(cause, OSError | can.CanError):
             return False
-        self.malformed += 1
         self._in_a_row += 1
-        return self._in_a_row < MOST
+        if self._in_a_row > MOST:
+            return False
+        self.malformed += 1
+        return True
 
     def read(self) -> None:
         """Note that the interface works."""

@@ -7,14 +7,17 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 import can
+import numpy as np
 
-from monitor.base.types import Frame
+from monitor.base.types import Frame, FrameBlock
 from monitor.bus.link.connection import Connection
-from monitor.bus.link.datagrams import Datagrams
 from monitor.bus.link.error_frames import error_frame
+from monitor.bus.link.received import NOTHING, MessageReader, Received
 from monitor.bus.link.recorder import message_of
-from monitor.bus.link.socketcan import ErrorMessage, SocketReader
-from monitor.frames.logs import frame_of
+from monitor.bus.link.socketcan import SocketReader
+from monitor.frames.blocks import EXTENDED, chosen
+from monitor.frames.loop_frames import FIRST_ID
+from monitor.grid.block_assembler import LATEST_NS
 
 QUIET_S: Final = 10.0  # least time between two messages about the controller's state
 
@@ -80,17 +83,17 @@ class Port:
         self._filters: list[Any] | None = None
         self._quiet_until_s = -math.inf
         self._drops_before: int | None = 0  # frames dropped on earlier sockets, None if unknown
-        self._datagrams = Datagrams()
         self._use(bus)
 
     def _use(self, bus: can.BusABC) -> None:
         self._bus: can.BusABC | None = bus
-        self._reader = SocketReader.of(bus)
-        self._is_socketcan = bus.channel_info.startswith("socketcan")
+        reader = SocketReader.of(bus)
+        self._reader = reader or MessageReader(bus, self._now_s)
+        self._is_socketcan = bool(reader) or bus.channel_info.startswith("socketcan")
         if self._filters is not None:
             bus.set_filters(self._filters)
-        if self._reader:
-            self._health.receive_buffer_bytes = self._reader.buffer_bytes
+        if reader:
+            self._health.receive_buffer_bytes = reader.buffer_bytes
             self._health.timestamps = "kernel"
         self._count_drops()
 
@@ -116,67 +119,63 @@ class Port:
         if self._bus:
             self._bus.set_filters(self._filters)
 
-    def receive(self, timeout_s: float, tick_end_ns: int = 0) -> Frame | None:
-        """Return the next frame, None if none arrives within ``timeout_s``.
+    def receive(self, wait_s: float, tick_end_ns: int = LATEST_NS) -> FrameBlock:
+        """Return the frames that come within ``wait_s``, as one block, empty if none does.
 
         tick_end_ns : bus time before which no frame is urgent, so frames may gather until then
         Raises BusError if the interface fails and cannot be opened again.
         """
         if self._bus is None:
-            self._try_again(timeout_s)
-            return None
+            self._try_again(wait_s)
+            return NOTHING.block
         try:
-            if self._reader:
-                frame = self._read(self._reader, timeout_s, tick_end_ns)
-            else:
-                frame = self._take(self._bus.recv(timeout_s))
-        except Exception as error:  # python-can's interfaces raise any, on any datagram
-            if not self._datagrams.survives(error):
-                self._lose(error)
-            self._health.malformed = self._datagrams.malformed
-            return None
-        self._datagrams.read()
-        if self._health.state in OFF:
-            self._recover(frame)
-        return frame
+            received = self._reader.receive(wait_s, tick_end_ns)
+        except Exception as error:  # python-can's interfaces raise any
+            self._lose(error)
+            return NOTHING.block
+        return self._take(received)
 
-    def _read(self, reader: SocketReader, timeout_s: float, tick_end_ns: int) -> Frame | None:
-        received = reader.receive(timeout_s, tick_end_ns)
-        if type(received) is Frame:
-            self._health.frames += 1
-            return received
-        self._health.remote_frames = reader.remote_frames
+    def _take(self, received: Received) -> FrameBlock:
+        """Update the health; return the frames that may be judged."""
+        health, block = self._health, received.block
+        health.remote_frames += received.remote
+        health.malformed += received.malformed
         self._count_drops()
-        if type(received) is ErrorMessage:
-            self._heed(received.can_id, received.data)
-        return None
+        at = 0
+        for error in received.errors:
+            self._hear(error.place - at)
+            at = error.place
+            if self._is_socketcan:
+                self._heed(error.can_id, error.data)
+            else:  # other interfaces have other formats
+                health.error_frames += 1
+        if at < len(block.key) or not received.malformed:
+            self._hear(len(block.key) - at)
+        refused = block.key >= FIRST_ID | EXTENDED
+        if refused.any():
+            health.refused += int(np.count_nonzero(refused))
+            block = chosen(block, ~refused)
+        health.frames += len(block.key)
+        return block
+
+    def _hear(self, n: int) -> None:
+        """Note a read without an error, of so many frames."""
+        health = self._health
+        if health.state in OFF:
+            self._connection.received()
+            health.reconnects = self._connection.reconnects
+            if health.state == "gone" or n:
+                health.state = "active"
 
     def _count_drops(self) -> int | None:
         """Return the frames dropped on all sockets so far, None if one of them does not tell."""
-        own = self._reader.drops if self._reader else None
-        before = self._drops_before
+        own, before = self._reader.drops, self._drops_before
         drops = self._health.drops = None if own is None or before is None else before + own
         return drops
-
-    def _take(self, message: can.Message | None) -> Frame | None:
-        if message is None:
-            return None
-        if message.is_error_frame and self._is_socketcan:
-            self._heed(message.arbitration_id, bytes(message.data))
-        elif message.is_error_frame:  # other interfaces have other formats
-            self._health.error_frames += 1
-        elif message.is_remote_frame:
-            self._health.remote_frames += 1
-        else:
-            self._health.frames += 1
-            return frame_of(message)
-        return None
 
     def _heed(self, can_id: int, data: bytes) -> None:
         """Update the health from a SocketCAN error frame."""
         health, meaning = self._health, error_frame(can_id, data)
-        if health.state == "gone":
-            self._recover(None)
         health.error_frames += 1
         health.overruns += meaning.overflow
         health.unacknowledged += meaning.no_acknowledge
@@ -194,7 +193,7 @@ class Port:
     def _lose(self, error: Exception) -> None:
         """Give up a failed bus and schedule its opening."""
         self._drops_before = self._count_drops()
-        self._bus = self._reader = None
+        self._bus = None
         self._connection.lose(error)
         self._health.losses = self._connection.losses
         self._health.state = "gone"
@@ -212,14 +211,6 @@ class Port:
             self._use(bus)
         except (can.CanError, OSError) as error:
             self._lose(error)
-
-    def _recover(self, frame: Frame | None) -> None:
-        """Record a read without an error after the bus was off."""
-        health = self._health
-        self._connection.received()
-        health.reconnects = self._connection.reconnects
-        if health.state == "gone" or frame is not None:
-            health.state = "active"
 
     def send(self, frame: Frame) -> None:
         """Send a frame; count it as a transmit error if that fails."""

@@ -6,7 +6,9 @@ from pathlib import Path
 import can
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import Frame
+from monitor.base.types import Frame, FrameBlock
+from monitor.frames.blocks import frames_of
+from monitor.frames.candump_lines import lines_of
 from monitor.frames.logs import log_kind
 
 
@@ -20,24 +22,33 @@ class Recorder(AbstractContextManager["Recorder"]):
         self._path = path
         log_kind(path)  # refuses a format that cannot be replayed
         try:
-            self._writer = can.Logger(path)
+            self._text = path.open("wb") if path.suffix.lower() == ".log" else None
+            self._writer = can.Logger(path) if self._text is None else None
         except (OSError, ValueError, NotImplementedError, ImportError) as error:
             raise RecordingError(f"{path}: cannot record: {error}") from None
 
-    def write(self, frame: Frame) -> None:
-        """Write one frame, its time in whole microseconds.
+    def write(self, block: FrameBlock) -> None:
+        """Write frames, their times in whole microseconds.
 
         Raises RecordingError if the file cannot be written.
         """
         try:
-            self._writer.on_message_received(message_of(frame))
+            if self._text is not None:
+                self._text.write(lines_of(block))
+                return
+            assert self._writer is not None
+            for frame in frames_of(block):
+                self._writer.on_message_received(message_of(frame))
         except (OSError, ValueError) as error:
             raise RecordingError(f"{self._path}: cannot record: {error}") from None
 
     def close(self) -> None:
         """Write the remaining frames and close; raises RecordingError on failure."""
         try:
-            self._writer.stop()
+            if self._text is not None:
+                self._text.close()
+            if self._writer is not None:
+                self._writer.stop()
         except (OSError, ValueError) as error:
             raise RecordingError(f"{self._path}: cannot record: {error}") from None
 

@@ -22,9 +22,10 @@ from monitor.base import config
 from monitor.base.types import Frame, FrameBlock
 from monitor.bus.link.clock import AGREEING, Clock
 from monitor.bus.loop import Loop
-from monitor.frames.blocks import chosen, joined
+from monitor.frames.blocks import block_of, chosen, frames_of, joined
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import is_own
+from monitor.grid.block_assembler import LATEST_NS
 from monitor.pipeline import replay
 from tests.helpers.batch_logs import MS
 from tests.helpers.played_bus import judged
@@ -161,13 +162,34 @@ class Bench:
     def hear(self, t_s: float, passed_s: float = 0.01) -> Iterator[float]:
         """Yield the believed times, in s, of a frame that arrives after some time."""
         self.now_s += passed_s
-        frame = Frame(round(t_s * S), 1, False, b"")
-        if self.clock.heard(frame.t_ns, self.now_s):
-            yield t_s
-            return
-        for each in self.clock.weighed(frame, self.now_s):
+        t_ns = min(round(t_s * S), LATEST_NS)  # as the bus gives it
+        block = block_of([Frame(t_ns, 1, False, b"")])
+        for each in frames_of(self.clock.believed(block, self.now_s)):
             if not is_own(each):
                 yield each.t_ns / S
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    kind=st.sampled_from(["steps", "stamps", "both"]),
+    size=st.integers(1, 200),
+)
+def test_frames_that_arrive_together_are_believed_as_one_by_one(
+    seed: int, kind: str, size: int
+) -> None:
+    # GIVEN frames whose times jump now and then, some of which arrive at one moment
+    frames = jumping(healthy(4.0), np.random.default_rng(seed), 1e-2, kind)
+    one, many = Bench(), Bench()
+    for begin in range(0, len(frames.t_ns), size):
+        block = chosen(frames, slice(begin, begin + size))
+        now_s = 100.0 + (begin + size) / 200
+        one.now_s = many.now_s = now_s
+        weighed = [each for f in frames_of(block) for each in one.clock.weighed(f, now_s)]
+        believed = list(frames_of(many.clock.believed(block, now_s)))
+        # THEN their times are those that each would have had
+        assert believed == weighed
+    assert many.clock.counters == one.clock.counters
 
 
 def test_frames_that_gathered_while_the_process_stood_still_are_believed() -> None:
@@ -180,6 +202,14 @@ def test_frames_that_gathered_while_the_process_stood_still_are_believed() -> No
     assert believed == times_s
     # and what was lost when the socket's buffer was full is a pause
     assert list(bench.hear(1005.0, 0.0)) == [1005.0]
+    assert bench.clock.counters.found == {}
+
+
+def test_frames_of_before_and_behind_a_long_wait_may_arrive_at_once() -> None:
+    bench = Bench()
+    list(bench.hear(1000.0))
+    assert list(bench.hear(1000.01, 600.0)) == [1000.01]
+    assert list(bench.hear(1600.01, 0.0)) == [1600.01]
     assert bench.clock.counters.found == {}
 
 

@@ -10,6 +10,7 @@ from monitor.base import config
 from monitor.base.errors import UsageError
 from monitor.bus.diagnostics import results
 from monitor.bus.diagnostics.state import Identity
+from monitor.frames.blocks import block_of
 from monitor.frames.logs import read_frames
 from monitor.memory import obd_records
 from monitor.memory.dtc_store import DtcStore
@@ -25,8 +26,7 @@ def late_sensor() -> DtcStore:
     (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
     setup, store = replay.set_up(None, [], config.load()), DtcStore()
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
-    for frame in list(read_frames(log))[: 200 * 150]:
-        deque(pipeline.push(frame), maxlen=0)
+    deque(pipeline.push(block_of(list(read_frames(log))[: 200 * 150])), maxlen=0)
     return store
 
 

@@ -2,6 +2,7 @@
 
 import socket
 import struct
+import threading
 import time
 from collections.abc import Iterable
 from typing import Any
@@ -19,9 +20,28 @@ from monitor.bus.link.datagrams import MOST
 from monitor.bus.link.error_frames import error_frame
 from monitor.bus.link.port import BusHealth, Port
 from monitor.bus.link.recorder import message_of
-from monitor.bus.link.socketcan import RECEIVE_BUFFER_BYTES, SocketReader
+from monitor.bus.link.socketcan import FRAMES, RECEIVE_BUFFER_BYTES, SocketReader
+from monitor.frames.blocks import frames_of
+from monitor.frames.loop_frames import FIRST_ID
+from monitor.grid.block_assembler import LATEST_NS
+from tests.helpers.examples import inputs
 
 US = 1000
+datagrams = st.one_of(
+    st.builds(
+        lambda can_id, length, data: struct.pack("=IB3x8s", can_id, length, data),
+        st.integers(0, 2**32 - 1),
+        st.integers(0, 8),
+        st.binary(min_size=8, max_size=8),
+    ),
+    st.builds(
+        lambda can_id, length, data: struct.pack("=IB3x64s", can_id, length, data),
+        st.integers(0, 2**32 - 1),
+        st.integers(0, 64),
+        st.binary(min_size=64, max_size=64),
+    ),
+    st.binary(max_size=15),
+)
 
 
 class FailingBus(can.BusABC):
@@ -82,6 +102,10 @@ class Bench:
         return found
 
 
+def taken(port: Port, wait_s: float = 0.1, tick_end_ns: int = LATEST_NS) -> list[Frame]:
+    return list(frames_of(port.receive(wait_s, tick_end_ns)))
+
+
 def message(t_s: float = 1.0) -> can.Message:
     return can.Message(timestamp=t_s, arbitration_id=0x123, is_extended_id=False, data=b"\1\2")
 
@@ -100,9 +124,9 @@ def test_a_lost_interface_is_opened_again_and_what_it_then_brings_is_received() 
     second = FailingBus([message(2.0)])
     bench = Bench(first, [BusError("no such device"), OSError(19, "No such device"), second])
     port = bench.port
-    assert port.receive(0.1) == Frame(1_000_000_000, 0x123, False, b"\1\2")
+    assert taken(port) == [Frame(1_000_000_000, 0x123, False, b"\1\2")]
     # WHEN it is received from
-    frames = [frame for _ in range(40) if (frame := port.receive(0.1))]
+    frames = [frame for _ in range(40) for frame in taken(port)]
     # THEN the frame after the loss comes, the waits double, and the loss was counted once
     assert [frame.t_ns for frame in frames] == [2_000_000_000]
     assert bench.tries_s == pytest.approx([0.1, 0.3, 0.7])
@@ -217,7 +241,7 @@ def test_overflow_and_missing_acknowledge_are_counted_and_change_no_state() -> N
 
 @pytest.mark.parametrize("back", [error(0x100), error(0x04, 0, 0x40), message()])
 def test_a_controller_comes_back_by_its_word_or_by_a_frame(back: can.Message) -> None:
-    bench = Bench(FailingBus([error(0x40), None, back]))
+    bench = Bench(FailingBus([error(0x40), None, None, back]))
     bench.port.receive(0.1)
     bench.port.receive(0.1)
     assert bench.port.is_off  # silence proves nothing
@@ -243,20 +267,18 @@ def wire() -> Iterable[tuple[UdpCan, UdpCan]]:
 
 
 def received(port: Port, n: int) -> list[Frame]:
-    frames = []
+    frames: list[Frame] = []
     until_s = time.monotonic() + 5.0
     while len(frames) < n and time.monotonic() < until_s:
-        frame = port.receive(0.1)
-        if frame:
-            frames.append(frame)
+        frames += taken(port)
     return frames
 
 
 def emptied(port: Port) -> int:
     """Receive all that is there; return how many frames it was."""
     n = 0
-    while port.receive(0.0):
-        n += 1
+    while more := len(taken(port, 0.0)):
+        n += more
     return n
 
 
@@ -338,33 +360,88 @@ def test_the_buffer_is_enlarged_and_what_was_got_is_known(wire: Any) -> None:
     assert got <= RECEIVE_BUFFER_BYTES
 
 
-def test_frames_gather_while_no_tick_ends_and_none_is_lost(wire: Any) -> None:
-    # GIVEN a tick that ends in 50 ms and frames that come meanwhile
-    here, there = wire
-    reader = SocketReader.of(there)
-    assert reader is not None
-    for number in range(50):
+def send(here: UdpCan, numbers: Iterable[int]) -> None:
+    for number in numbers:
         here.send_raw(struct.pack("=IB3x8x", number, 8))
-    end_ns = time.time_ns() + 50_000_000
+
+
+def test_frames_gather_until_the_ticks_end_and_are_read_with_one_call(wire: Any) -> None:
+    # GIVEN a tick that ends in 10 ms, and frames that come meanwhile
+    here, there = wire
+    port = Port(there, BusHealth())
+    send(here, range(50))
+    end_ns = time.time_ns() + 10_000_000
+    later = threading.Timer(0.004, send, [here, range(50, 60)])
+    later.start()
     # WHEN they are received
-    found, calls, start_s = [], 0, time.monotonic()
-    while len(found) < 51 and time.monotonic() < start_s + 5.0:
-        calls += 1
-        frame = reader.receive(0.1, end_ns)
-        if isinstance(frame, Frame):
-            found.append(frame.can_id)
-        elif len(found) == 50:
-            here.send_raw(struct.pack("=IB3x8x", 50, 8))
-    # THEN all come, in order, and waiting for the last took few calls
-    assert found == list(range(51))
-    assert calls < 60
+    frames = taken(port, 0.1, end_ns)
+    later.join()
+    # THEN all come at once, in their order, when the tick is over
+    assert [frame.can_id for frame in frames] == list(range(60))
+    assert time.time_ns() >= end_ns
+    # AND behind the tick's end a frame does not wait for others
+    send(here, [60])
+    assert len(taken(port, 0.1, end_ns)) == 1
+
+
+@pytest.mark.parametrize("n", [FRAMES - 1, FRAMES, 2 * FRAMES + 7])
+def test_more_frames_than_one_call_takes_are_read_by_the_next(n: int, wire: Any) -> None:
+    here, there = wire
+    port = Port(there, BusHealth())
+    send(here, (k % 0x600 for k in range(n)))
+    found = [frame.can_id for _ in range(4) for frame in taken(port, 0.0)]
+    assert found == [k % 0x600 for k in range(n)]
+
+
+@inputs(60)
+@given(frames=st.lists(datagrams, max_size=30))
+def test_any_datagrams_are_read_as_struct_can_frame_says(frames: list[bytes]) -> None:
+    health = BusHealth()
+    with UdpCan() as there, UdpCan(peer=there.address) as here:
+        port = Port(there, health)
+        for frame in frames:
+            here.send_raw(frame)
+        found = [frame for _ in range(2) for frame in taken(port, 0.0)]
+    whole = [frame for frame in frames if len(frame) in (16, 72)]
+    ids = [struct.unpack_from("=I", frame)[0] for frame in whole]
+    odd = [number for number in ids if number & 0x60000000]
+    assert [frame[1:] for frame in found] == [
+        (number & 0x1FFFFFFF, number >= 1 << 31, frame[8 : 8 + frame[4]])
+        for number, frame in zip(ids, whole, strict=True)
+        if number not in odd and number < FIRST_ID | 1 << 31
+    ]
+    assert health.malformed == len(frames) - len(whole)
+    assert health.error_frames == sum(bool(number & 0x20000000) for number in odd)
+    assert health.error_frames + health.remote_frames == len(odd)
+
+
+@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="no Unix sockets")
+def test_frames_without_a_stamp_of_the_kernel_have_the_time_0() -> None:
+    # GIVEN datagrams of another family, which nobody stamps
+    here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with here, there:
+        here.send(struct.pack("=IB3x8s", 0x123, 2, b"\1\2"))
+        received = SocketReader(there).receive(0.1, 0)
+    assert list(frames_of(received.block)) == [Frame(0, 0x123, False, b"\1\2")]
+
+
+def test_a_socket_that_fails_raises(wire: Any) -> None:
+    # GIVEN a socket that the kernel tells of an error: nobody is where it sent to
+    reader = SocketReader.of(wire[1])
+    assert reader is not None
+    stranger = UdpCan()
+    wire[1].socket.connect(stranger.address)
+    stranger.shutdown()
+    wire[1].socket.send(b"x")
+    with pytest.raises(OSError, match="refused"):
+        reader.receive(0.1, 0)
 
 
 def test_a_silent_socket_gives_back_the_thread_in_time(wire: Any) -> None:
     port = Port(wire[1], BusHealth())
     for timeout_s in (0.0, 0.01, 0.1):
         start_s = time.monotonic()
-        assert port.receive(timeout_s) is None
+        assert taken(port, timeout_s) == []
         assert time.monotonic() - start_s < timeout_s + 0.15
 
 
@@ -380,15 +457,26 @@ def test_a_malformed_datagram_is_counted_and_the_bus_stays() -> None:
     spoilt = can.Message(arbitration_id=1, data=b"\1", timestamp=float("nan"))
     script = [unreadable(), TypeError("not a mapping"), spoilt, None, frame]
     bench = Bench(FailingBus(script))
-    received = [bench.port.receive(0.1) for _ in script]
-    assert [each is not None for each in received] == [False] * 4 + [True]
+    received = [frame for _ in script for frame in taken(bench.port)]
+    assert [frame.data for frame in received] == [b"\1"]
     assert (bench.health.malformed, bench.health.losses, bench.health.state) == (3, 0, "active")
     assert bench.said == []
 
 
+def test_messages_that_come_together_are_one_block_up_to_a_ticks_end_or_a_loss() -> None:
+    script = [message(1.0), message(1.1), message(1.2), message(1.3), down()]
+    bench = Bench(FailingBus(script), [FailingBus([])])
+    first = taken(bench.port, 0.1, round(1.05 * 1e9))
+    assert [frame.t_ns / 1e9 for frame in first] == [1.0, 1.1]
+    assert len(taken(bench.port)) == 2  # what was received before the loss is there
+    assert bench.health.losses == 0
+    assert taken(bench.port) == []
+    assert (bench.health.losses, bench.port.is_off) == (1, True)
+
+
 def test_an_interface_that_reads_nothing_but_errors_is_lost() -> None:
-    bench = Bench(FailingBus(unreadable() for _ in range(MOST)), [FailingBus([])])
-    for _ in range(MOST):
+    bench = Bench(FailingBus(unreadable() for _ in range(MOST + 1)), [FailingBus([])])
+    for _ in range(MOST + 1):
         bench.port.receive(0.1)
     assert (bench.health.malformed, bench.health.losses) == (MOST, 1)
 

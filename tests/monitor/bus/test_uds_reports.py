@@ -11,6 +11,7 @@ from udsoncan.services import ReadDTCInformation
 from monitor.base import config
 from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.reports import REPORTS
+from monitor.frames.blocks import block_of
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
@@ -157,7 +158,7 @@ def test_a_late_sensor_has_a_counter_between_its_first_and_its_second_failed_win
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
     counters: list[dict[str, int]] = []
     for frame in frames:
-        events = pipeline.push(frame)
+        events = pipeline.push(block_of([frame]))
         counters.extend(pipeline.monitor.prefailed() for e in events if isinstance(e, WindowJudged))
         if store.active:
             break

@@ -1,64 +1,321 @@
-"""Blocks of frames are decoded as frame by frame: every value, every counter, bit for bit."""
+"""Frames are decoded as cantools decodes them; where blocks begin and end changes nothing."""
 
+import math
+from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from cantools.database.can import Message, Signal
+from cantools.database.utils import create_encode_decode_formats, decode_data
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 import dbc
 from monitor.base.errors import SignalMapError
 from monitor.base.types import Frame
-from monitor.decode.block_decoder import BlockDecoder
-from monitor.decode.bus_map import BusMap, load_pairs
+from monitor.decode.block_decoder import BlockDecoder, MessageCounters
+from monitor.decode.bus_map import BusMap, Channel, load_database, load_pairs
 from monitor.decode.checksum import payload_checksum
-from monitor.decode.decoder import Decoder
-from monitor.frames.blocks import block_of
+from monitor.decode.raw_values import plausible_range
+from tests.helpers.decoding import Decoding, Values, values_of
 from tests.helpers.examples import inputs
 
 ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
+AIR = ECU.channels["air_mass_mg"].message
 OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
 
-Values = list[tuple[int, int, bytes]]  # frame, channel, bits of the value
+
+def air(count: int, **values: float) -> Frame:
+    sent = {"AirMass": 300.0, "AirMassFlow": 40.0, "ManifoldPressure": 50.0} | values
+    payload = bytearray(AIR.encode({**sent, "AliveCounter": count, "Checksum": 0}, strict=False))
+    payload[7] = payload_checksum("crc8_sae_j1850_id", AIR.frame_id, payload, 7)
+    return Frame(0, AIR.frame_id, False, bytes(payload))
 
 
-def bits_of(value: float) -> bytes:
-    return np.float64(value + 0.0).tobytes()  # the sign of a zero says nothing
+def decoding(*names: str) -> Decoding:
+    return Decoding(ECU, names or ECU.names)
 
 
-def one_by_one(decoder: Decoder, frames: Sequence[Frame]) -> Values:
-    found: Values = []
-    for place, frame in enumerate(frames):
-        update = decoder.push(frame)
-        if update is not None:
-            found += [(place, i, bits_of(v)) for i, v in zip(*update, strict=True)]
-    return sorted(found)
+def bus_map_of(folder: Path, size: int, signals: str, own: str) -> BusMap:
+    dbc_path, map_path = folder / "own.dbc", folder / "own.toml"
+    dbc_path.write_text(f'VERSION ""\n\nBU_: A\n\nBO_ 100 M: {size} A\n{signals}\n')
+    map_path.write_text(own)
+    return load_pairs([(dbc_path, map_path)])
 
 
-def in_blocks(decoder: BlockDecoder, frames: Sequence[Frame], cuts: Sequence[int]) -> Values:
-    found: Values = []
+def test_a_sound_frame_gives_its_values_in_canonical_units() -> None:
+    subject = decoding("manifold_pressure_kpa", "air_mass_mg")
+    assert subject.one(air(0)) == {"manifold_pressure_kpa": 50.0, "air_mass_mg": 300.0}
+    counters = subject.decoder.counters["ECU_Air"]
+    assert (counters.received, counters.used) == (1, 1)
+
+
+def test_frames_nobody_asked_for_are_skipped_and_counted() -> None:
+    subject = decoding("air_mass_mg")
+    assert subject.one(Frame(0, 0x123, False, bytes(8))) is None
+    assert subject.one(air(0)._replace(is_extended=True)) is None
+    assert subject.decoder.unmapped == 2
+    assert subject.decoder.identifiers == ((AIR.frame_id, False),)
+
+
+@pytest.mark.parametrize("size", [0, 7, 9, 64])
+def test_a_frame_of_another_length_is_dropped(size: int) -> None:
+    subject = decoding()
+    assert subject.one(Frame(0, AIR.frame_id, False, bytes(size))) is None
+    assert subject.decoder.counters["ECU_Air"].length == 1
+
+
+@pytest.mark.parametrize("bit", range(64))
+def test_any_flipped_bit_breaks_the_checksum(bit: int) -> None:
+    subject = decoding()
+    payload = bytearray(air(3).data)
+    payload[bit // 8] ^= 1 << bit % 8
+    assert subject.one(Frame(0, AIR.frame_id, False, bytes(payload))) is None
+    counters = subject.decoder.counters["ECU_Air"]
+    assert (counters.checksum, counters.used) == (1, 0)
+
+
+def test_a_frame_under_a_neighbours_identifier_breaks_the_checksum() -> None:
+    subject = decoding()
+    assert subject.one(air(0)._replace(can_id=0x0C1)) is None
+    assert subject.decoder.counters["ECU_Fuel"].checksum == 1
+
+
+def test_a_stuck_counter_is_dropped_and_a_jump_is_used_and_counted() -> None:
+    subject = decoding()
+    used = [values is not None for values in subject.push([air(n) for n in (14, 14, 15, 0, 3, 3)])]
+    assert used == [True, False, True, True, True, False]
+    counters = subject.decoder.counters["ECU_Air"]
+    assert (counters.stuck, counters.lost, counters.used) == (2, 2, 4)
+
+
+def test_a_restart_forgets_counters_and_counts() -> None:
+    subject = decoding()
+    subject.push([air(5), Frame(0, 0x123, False, b"")])
+    subject.decoder.restart()
+    assert subject.decoder.unmapped == 0
+    assert all(counters.received == 0 for counters in subject.decoder.counters.values())
+    assert subject.one(air(5)) is not None
+
+
+def test_all_bits_set_means_not_available() -> None:
+    subject = decoding("air_mass_mg", "maf_kg_h")
+    values = subject.one(air(0, AirMass=131071 * 0.02))
+    assert values is not None
+    assert math.isnan(values["air_mass_mg"])
+    assert values["maf_kg_h"] == 40.0
+    assert subject.decoder.counters["ECU_Air"].not_available == 1
+
+
+@pytest.mark.parametrize(
+    ("pressure", "expected"), [(4.99, math.inf), (5.0, 5.0), (350.0, 350.0), (350.01, math.inf)]
+)
+def test_an_implausible_value_is_marked(pressure: float, expected: float) -> None:
+    subject = decoding("manifold_pressure_kpa")
+    values = subject.one(air(0, ManifoldPressure=pressure))
+    assert values == {"manifold_pressure_kpa": expected}
+    assert subject.decoder.counters["ECU_Air"].out_of_range == (expected == math.inf)
+
+
+def test_single_bits_have_no_not_available_value(tmp_path: Path) -> None:
+    own = '[integrity]\nnot_available = "all_ones"\n[signals]\n'
+    own += 'one = { message = "M", signal = "One" }\n'
+    bus_map = bus_map_of(tmp_path, 8, ' SG_ One : 3|1@1+ (1,0) [0|1] "" A', own)
+    assert values_of(bus_map, "one", [Frame(0, 100, False, b"\x08" * 8)]) == [1.0]
+
+
+@pytest.mark.parametrize("start", [1, 12, 47])
+def test_a_checksum_across_bytes_is_refused(tmp_path: Path, start: int) -> None:
+    signals = f' SG_ X0 : 0|1@1+ (1,0) [0|1] "" A\n SG_ Crc : {start}|8@1+ (1,0) [0|0] "" A'
+    own = '[integrity]\nchecksum = "Crc"\n[signals]\nx0 = { message = "M", signal = "X0" }\n'
+    with pytest.raises(SignalMapError, match=r"checksum M\.Crc .* unsigned byte of its own"):
+        BlockDecoder(bus_map_of(tmp_path, 8, signals, own), ["x0"])
+
+
+@pytest.mark.parametrize(
+    ("payload", "expected"),
+    [
+        ("04410C1AF8", {"engine_speed_rpm": 1726.0}),
+        ("04410C1AF8AAAAAA", {"engine_speed_rpm": 1726.0}),
+        ("0341030200000000", {"closed_loop": 1.0}),
+        ("0341030400000000", {"closed_loop": 0.0}),
+        ("0341050000000000", None),  # a parameter nobody asked for
+        ("04420C1AF8000000", None),  # another service
+        ("04410C1A", None),  # cut short
+        ("", None),
+    ],
+)
+def test_obd_responses_are_told_apart_by_parameter(payload: str, expected: Values) -> None:
+    subject = Decoding(OBD, ["engine_speed_rpm", "closed_loop"])
+    assert subject.one(Frame(0, 0x7E8, False, bytes.fromhex(payload))) == expected
+
+
+def test_every_mapped_obd_parameter_agrees_with_cantools() -> None:
+    message = load_database(dbc.path("obd2.dbc")).get_message_by_name("OBD_Response")
+    for name in (name for name in OBD.names if name in OBD.channels):
+        channel = OBD.channels[name]
+        ids = channel.signal.multiplexer_ids
+        assert ids is not None
+        payload = bytes([4, 0x41, ids[0], 0x4E, 0x20, 0, 0, 0])
+        decoded = message.decode(payload, decode_choices=False)
+        assert isinstance(decoded, dict)
+        (found,) = values_of(OBD, name, [Frame(0, 0x7E8, False, payload)])
+        wanted = decoded[channel.signal.name]
+        assert isinstance(wanted, int | float)
+        value = wanted * channel.mapped.factor + channel.mapped.offset
+        assert found == math.inf or math.isclose(found, value, rel_tol=1e-12)
+
+
+# Any frames of any layout, as cantools reads them
+
+
+def raw_of(message: Message, signal: Signal, data: bytes) -> int | float:
+    """Return what cantools reads of one signal, unscaled."""
+    raw = decode_data(
+        data,
+        message.length,
+        [signal],
+        create_encode_decode_formats([signal], message.length),
+        decode_choices=False,
+        scaling=False,
+        allow_truncated=False,
+        allow_excess=False,
+    )[signal.name]
+    assert isinstance(raw, int | float)
+    return raw
+
+
+def value_of(channel: Channel, raw: float) -> float:
+    """Return the value in the map's unit; NaN is not available, infinity out of range."""
+    signal, mapped = channel.signal, channel.mapped
+    ones = -(1 << signal.length - 1) if signal.is_signed else (1 << signal.length) - 1
+    has_ones = channel.integrity.not_available and signal.length > 1 and not signal.is_float
+    if has_ones and raw == ones:
+        return math.nan
+    value = (raw * signal.scale + signal.offset) * mapped.factor + mapped.offset
+    low, high = plausible_range(channel)
+    return float(value) if math.isfinite(value) and low <= value <= high else math.inf
+
+
+class Reference:
+    """The rules frame by frame: length, checksum, counter, multiplexer, value."""
+
+    def __init__(self, bus_map: BusMap, names: Sequence[str]) -> None:
+        _, channels, _, _ = bus_map.wanted(names)
+        self._channels = [bus_map.channels[name] for name in channels]
+        self._due: dict[str, int] = {}
+        self.counts = {each.message.name: Counter[str]() for each in self._channels}
+        self.unmapped = 0
+
+    def push(self, frame: Frame) -> Values:
+        mine = [c for c in self._channels if frame[1:3] == _place(c.message)]
+        if not mine:
+            self.unmapped += 1
+            return None
+        message, counts = mine[0].message, self.counts[mine[0].message.name]
+        counts["received"] += 1
+        reason, values = self._read(message, mine, frame.data)
+        if reason:
+            counts[reason] += 1
+        for value in values.values():
+            counts["not_available"] += math.isnan(value)
+            counts["out_of_range"] += math.isinf(value)
+        return values if not reason else None
+
+    @property
+    def counters(self) -> dict[str, MessageCounters]:
+        needed = {c.message.name for c in self._channels if not c.mapped.is_optional}
+        return {
+            name: MessageCounters(**counts)
+            for name, counts in self.counts.items()
+            if counts["received"] or name in needed
+        }
+
+    def _read(
+        self, message: Message, mine: list[Channel], sent: bytes
+    ) -> tuple[str, dict[str, float]]:
+        integrity, size = mine[0].integrity, message.length
+        if len(sent) > size or (len(sent) < size and not message.is_multiplexed()):
+            return "length", {}
+        data = sent.ljust(size, b"\0")
+        if integrity.checksum:
+            place = message.get_signal_by_name(integrity.checksum).start // 8
+            wanted = payload_checksum(integrity.algorithm, message.frame_id, data, place)
+            if data[place] != wanted:
+                return "checksum", {}
+        if integrity.counter and not self._counts_on(message, integrity.counter, data):
+            return "stuck", {}
+        carried = [c for c in mine if self._is_carried(c, data)]
+        if any(len(sent) <= last_byte(message, c.signal) for c in carried):
+            return "length", {}
+        values = {c.mapped.name: value_of(c, raw_of(message, c.signal, data)) for c in carried}
+        return ("" if carried else "other"), values
+
+    def _counts_on(self, message: Message, name: str, data: bytes) -> bool:
+        signal = message.get_signal_by_name(name)
+        mask = (1 << signal.length) - 1
+        count, due = int(raw_of(message, signal, data)) & mask, self._due.get(message.name)
+        if due is not None and count == (due - 1) & mask:
+            return False
+        self.counts[message.name]["lost"] += 0 if due is None else (count - due) & mask
+        self._due[message.name] = (count + 1) & mask
+        return True
+
+    def _is_carried(self, channel: Channel, data: bytes) -> bool:
+        signal = channel.signal
+        while signal.multiplexer_signal is not None:
+            switch = channel.message.get_signal_by_name(signal.multiplexer_signal)
+            if raw_of(channel.message, switch, data) not in (signal.multiplexer_ids or ()):
+                return False
+            signal = switch
+        return True
+
+
+def _place(message: Message) -> tuple[int, bool]:
+    return message.frame_id, message.is_extended_frame
+
+
+def last_byte(message: Message, signal: Signal) -> int:
+    """Return the last byte that the signal's value depends on."""
+    only = [bytes(k * [0] + [255] + (message.length - k - 1) * [0]) for k in range(message.length)]
+    nothing = str(raw_of(message, signal, bytes(message.length)))
+    return max(k for k, data in enumerate(only) if str(raw_of(message, signal, data)) != nothing)
+
+
+def in_blocks(subject: Decoding, frames: list[Frame], cuts: Sequence[int]) -> list[Values]:
     edges = sorted({0, len(frames), *(cut for cut in cuts if cut < len(frames))})
-    for begin, end in pairwise(edges):
-        for part in decoder.push(block_of(list(frames[begin:end]))):
-            assert (np.diff(part.rows) > 0).all()
-            for channel, values in zip(part.channels, part.values, strict=True):
-                for row, value in zip(part.rows.tolist(), values, strict=True):
-                    found.append((begin + row, channel, bits_of(value)))
-    return sorted(found)
+    return [each for a, b in pairwise(edges) for each in subject.push(frames[a:b])]
+
+
+def bits_of(found: list[Values]) -> list[dict[str, bytes] | None]:
+    return [
+        values and {name: np.float64(value).tobytes() for name, value in values.items()}
+        for values in found
+    ]
 
 
 def assert_alike(
     bus_map: BusMap, names: Sequence[str], frames: list[Frame], cuts: list[int]
 ) -> None:
-    one, many = Decoder(bus_map, names), BlockDecoder(bus_map, names)
-    assert in_blocks(many, frames, cuts) == one_by_one(one, frames)
-    assert many.counters == one.counters
-    assert many.unmapped == one.unmapped
-    for attribute in ("names", "channels", "derived", "timeouts_ns"):
-        assert getattr(many, attribute) == getattr(one, attribute)
+    reference, whole, cut = (
+        Reference(bus_map, names),
+        Decoding(bus_map, names),
+        Decoding(bus_map, names),
+    )
+    expected, found = [reference.push(frame) for frame in frames], whole.push(frames)
+    for a, b in zip(expected, found, strict=True):
+        assert (a is None) == (b is None)
+        assert (a or {}) == pytest.approx(b or {}, rel=1e-12, abs=1e-9, nan_ok=True)
+    counters = reference.counters
+    assert whole.decoder.counters == counters
+    assert whole.decoder.unmapped == reference.unmapped
+    # AND where blocks begin and end changes no bit
+    assert bits_of(in_blocks(cut, frames, cuts)) == bits_of(found)
+    assert cut.decoder.counters == counters
+    assert cut.decoder.unmapped == reference.unmapped
 
 
 cuts = st.lists(st.integers(0, 60), max_size=4)
@@ -172,13 +429,6 @@ def layouts(draw: st.DrawFn) -> tuple[int, str, str, list[str]]:
     return size, text, own, [entry.split()[0] for entry in entries]
 
 
-def bus_map_of(folder: Path, size: int, signals: str, own: str) -> BusMap:
-    dbc_path, map_path = folder / "own.dbc", folder / "own.toml"
-    dbc_path.write_text(f'VERSION ""\n\nBU_: A\n\nBO_ 100 M: {size} A\n{signals}\n')
-    map_path.write_text(own)
-    return load_pairs([(dbc_path, map_path)])
-
-
 SHORT_FOR_ONE_GROUP = (  # whose other group marks its value as not available
     2,
     ' SG_ Mux M : 0|2@1+ (1,0) [0|0] "" A\n SG_ X0 : 0|2@1+ (1,0) [0|0] "" A\n'
@@ -228,19 +478,3 @@ def test_signals_of_more_than_64_bits_are_decoded(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     frames = [Frame(i, 100, False, rng.bytes(12)) for i in range(20)]
     assert_alike(bus_map, ["x0", "x1"], frames, [7])
-
-
-def test_a_checksum_across_bytes_is_refused(tmp_path: Path) -> None:
-    signals = ' SG_ X0 : 0|1@1+ (1,0) [0|1] "" A\n SG_ Crc : 12|8@1+ (1,0) [0|0] "" A'
-    own = '[integrity]\nchecksum = "Crc"\n[signals]\nx0 = { message = "M", signal = "X0" }\n'
-    with pytest.raises(SignalMapError, match="unsigned byte of its own"):
-        BlockDecoder(bus_map_of(tmp_path, 8, signals, own), ["x0"])
-
-
-def test_a_restart_forgets_counters_and_counts() -> None:
-    frame = Frame(0, 100, False, b"")
-    subject = BlockDecoder(ECU, ECU.names)
-    subject.push(block_of([frame]))
-    subject.restart()
-    assert subject.unmapped == 0
-    assert all(counters.received == 0 for counters in subject.counters.values())

@@ -11,8 +11,8 @@ from monitor.base.errors import SignalMapError
 from monitor.base.types import Frame
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, load_pairs
-from monitor.decode.decoder import Decoder
 from monitor.frames.blocks import block_of
+from tests.helpers.decoding import Decoding, Values, values_of
 from tests.helpers.examples import inputs
 
 EEC1 = 0x0CF00400  # engine speed, from the engine at address 0
@@ -50,10 +50,8 @@ def speed(t_ns: int, source: int, rpm: float, priority: int = 3) -> Frame:
 
 
 def decoded(bus_map: BusMap, frames: list[Frame]) -> list[float]:
-    """Return the values that a stream of frames gives."""
-    decoder = Decoder(bus_map, bus_map.names)
-    updates = (decoder.push(frame) for frame in frames)
-    return [update[1][0] for update in updates if update is not None]
+    """Return the values that frames give."""
+    return values_of(bus_map, "engine_speed_rpm", frames)
 
 
 def test_a_wrong_source_address_in_the_database_hides_no_message(folder: Path) -> None:
@@ -73,28 +71,31 @@ def test_senders_that_the_database_parts_are_known_by_their_addresses(folder: Pa
     assert decoded(bus(folder, 0, other=1), frames) == [800.0]
 
 
+def test_a_group_may_come_from_anyone_and_other_messages_from_one_sender(folder: Path) -> None:
+    any_source = BlockDecoder(bus(folder, 3), ["engine_speed_rpm"])
+    assert (any_source.identifiers, any_source.groups) == ((), ((0xF00400, 0x3FFFF00),))
+    stated = BlockDecoder(bus(folder, 0, other=1), ["engine_speed_rpm"])
+    assert (stated.identifiers, stated.groups) == (((EEC1, True),), ())
+
+
 @inputs(40)
 @given(
     sources=st.lists(st.sampled_from([0, 3, 7]), min_size=1, max_size=12),
     cuts=st.lists(st.integers(1, 11), max_size=4),
 )
-def test_blocks_take_the_frames_that_a_stream_takes(
+def test_where_blocks_begin_no_other_sender_is_heard(
     folder: Path, sources: list[int], cuts: list[int]
 ) -> None:
     bus_map = bus(folder, 3)
     frames = [speed(k, source, 800.0 + k) for k, source in enumerate(sources)]
-    decoder, found = BlockDecoder(bus_map, bus_map.names), []
+    subject, found = Decoding(bus_map, bus_map.names), list[Values]()
     edges = sorted({0, *(c for c in cuts if c < len(frames)), len(frames)})
     for begin, end in pairwise(edges):
-        block = block_of(frames[begin:end])
-        assert decoder.needed(block).tolist() == list(range(end - begin))
-        for part in decoder.push(block):
-            found += part.values[0].tolist()
-    assert found == decoded(bus_map, frames)
-    stream = Decoder(bus_map, bus_map.names)
-    for frame in frames:
-        stream.receive(frame)
-    assert decoder.unmapped == stream.unmapped
+        needed = subject.decoder.needed(block_of(frames[begin:end]))
+        assert needed.tolist() == list(range(end - begin))
+        found += subject.push(frames[begin:end])
+    assert [values["engine_speed_rpm"] for values in found if values] == decoded(bus_map, frames)
+    assert subject.decoder.unmapped == found.count(None)
 
 
 @pytest.mark.parametrize(

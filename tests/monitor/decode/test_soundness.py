@@ -7,8 +7,8 @@ import pytest
 
 from monitor.base.errors import ConfigError, SignalMapError
 from monitor.base.files.inputs import SMALL_BYTES, read_toml
+from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import load_database, load_pairs
-from monitor.decode.decoder import Decoder
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: E\n'
 SOUND = ' SG_ S : 0|8@1+ (1,0) [0|0] "" E\n'
@@ -89,14 +89,14 @@ def test_a_database_that_no_bus_has_is_refused_in_one_line(
 def test_what_is_strange_elsewhere_in_a_database_does_no_harm(tmp_path: Path) -> None:
     strange = 'BO_ 101 N: 0 E\n SG_ T : -5|17@1+ (1e400,0) [0|0] "" E\n'
     bus_map = load_pairs([pair(tmp_path, database(after=strange))])
-    assert Decoder(bus_map, ["lambda_measured"]).identifiers == ((100, False),)
+    assert BlockDecoder(bus_map, ["lambda_measured"]).identifiers == ((100, False),)
 
 
 def test_limits_without_bounds_are_no_limits(tmp_path: Path) -> None:
     text = database(' SG_ S : 0|8@1+ (1,0) [0|1e999] "" E\n')
     map_text = '[signals]\nown_name = { message = "M", signal = "S" }\n'
     bus_map = load_pairs([pair(tmp_path, text, map_text)])
-    assert Decoder(bus_map, ["own_name"]).identifiers == ((100, False),)
+    assert BlockDecoder(bus_map, ["own_name"]).identifiers == ((100, False),)
 
 
 @pytest.mark.parametrize(

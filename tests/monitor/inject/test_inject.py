@@ -13,9 +13,9 @@ from monitor.base.errors import SignalMapError, UsageError
 from monitor.base.fault_streams import DropOuts, NoiseFault, SensorFault, TimedSensorFault
 from monitor.base.faults import resolve
 from monitor.base.types import Frame
-from monitor.decode.decoder import Decoder
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.inject.injector import Injector
+from tests.helpers.decoding import Decoding
 from tests.helpers.examples import inputs
 from tests.helpers.injected_frames import (
     AIR_ID,
@@ -211,10 +211,9 @@ def test_lost_frames_leave_gaps_in_the_counter_or_none_if_it_is_kept() -> None:
     assert set(gaps) < set(frames)
     assert counted(kept) == [n % 16 for n in range(len(kept))]
     assert all(WRITER.is_sound(frame.data) for frame in kept)
-    decoder = Decoder(OWN, ["lambda_measured"])
-    for frame in gaps:
-        decoder.push(frame)
-    assert decoder.counters["ECU_Lambda"].lost > 300
+    subject = Decoding(OWN, ["lambda_measured"])
+    subject.push(gaps)
+    assert subject.decoder.counters["ECU_Lambda"].lost > 300
 
 
 def test_a_counter_that_is_kept_still_shows_what_was_lost_before() -> None:

@@ -18,6 +18,7 @@ from monitor.base.types import Frame
 from monitor.cli import main
 from monitor.decode.bus_map import load_database, load_pairs
 from monitor.decode.signal_map import load_signal_map
+from monitor.frames.blocks import block_of
 from monitor.mapping import text as map_file
 from monitor.mapping import vocabulary
 from monitor.mapping.candidates import FUEL_FLOW_NAME, ranked
@@ -279,7 +280,7 @@ def test_no_recording_upsets_it(
         for k, payload in enumerate(payloads * 5)
     ]
     found = ranked(database)
-    observed = observe(frames, found, Path("x.dbc"), database)
+    observed = observe([block_of(frames)], found, Path("x.dbc"), database)
     proposals = propose(observed.reranked(found))
     guarded = observed.protections(protections(database.messages))
     text = map_text(proposals, Path("x.dbc"), Path("x.log"), guarded)

@@ -3,9 +3,11 @@
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from monitor.base.types import Frame
+from monitor.frames.blocks import block_of
 from monitor.frames.logs import read_frames
 from monitor.judge.electrical.plausibility import Plausibility
 from monitor.judge.findings import Counted
@@ -14,7 +16,7 @@ from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from monitor.pipeline.events import CycleStarted, DtcChanged, Event
-from monitor.pipeline.frames import FramePipeline, block_of
+from monitor.pipeline.frames import FramePipeline
 from tests.conftest import ROOT
 from tests.helpers.played_bus import Pause, run_on
 from tests.helpers.stretches import (
@@ -50,7 +52,7 @@ def later(frames: list[Frame], by_s: float) -> list[Frame]:
 def judge(frames: list[Frame], setup: replay.Setup, store: DtcStore) -> list[Event]:
     store.start_driving_cycle()
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
-    return [event for frame in frames for event in pipeline.push(frame)]
+    return list(pipeline.push(block_of(frames)))
 
 
 def codes(events: list[Event]) -> list[tuple[str, str | None]]:
@@ -122,14 +124,14 @@ def test_what_was_found_before_clearing_is_forgotten_and_found_again(
     store.start_driving_cycle()
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
     half = len(late_sensor) // 2
-    first = [event for frame in late_sensor[:half] for event in pipeline.push(frame)]
+    first = list(pipeline.push(block_of(late_sensor[:half])))
     assert ("P015A", "pending") in codes(first)
     # WHEN it is cleared while the drive goes on
     changed = store.clear()
     assert "P015A" in {dtc.code for dtc in changed}
     assert not store.fault_flag
     # THEN it is pending again, after as many windows
-    again = [event for frame in late_sensor[half:] for event in pipeline.push(frame)]
+    again = list(pipeline.push(block_of(late_sensor[half:])))
     assert ("P015A", "pending") in codes(again)
     assert store.counts.ignition_cycles == 1
     assert {r.test: r.numerator for r in store.ratios}["response"] == 1  # one driving cycle
@@ -165,9 +167,9 @@ def communication(*stretches: Stretch) -> set[str]:
     """Return what the communication test says of the last stretch."""
     names = ("lambda_measured", "engine_speed_rpm")
     tests = Plausibility(CONFIG.plausibility, names, "lambda_measured", 1.0)
-    block = block_of(list(samples(list(stretches), names=names)))
-    results = tests.push(block.values, block.quality)
-    first = len(block.t_ns) - round(stretches[-1].seconds)
+    found = list(samples(list(stretches), names=names))
+    results = tests.push(np.array([s.values for s in found]), np.array([s.quality for s in found]))
+    first = len(found) - round(stretches[-1].seconds)
     return {
         r.fault if r.failed else "passed"
         for _, end, r in results

@@ -1,6 +1,8 @@
 """Logs in blocks give the samples and events of the same frames on a live bus."""
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -12,17 +14,16 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.errors import RecordingError
-from monitor.base.types import Frame, FrameBlock, Sample, SampleBlock
+from monitor.base.types import Frame, FrameBlock, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import block_of, frames_of
 from monitor.frames.blocks import blocks_of as in_blocks
 from monitor.frames.candump import LogCounters
 from monitor.frames.logs import read_frames
-from monitor.frames.loop_frames import CLEARED_ID, time_mark
+from monitor.frames.loop_frames import time_mark
 from monitor.grid import block_samples
 from monitor.grid.block_assembler import BlockAssembler
-from monitor.grid.block_samples import log_samples, whole
-from monitor.grid.samples import FrameSamples
+from monitor.grid.block_samples import Clearing, FrameSamples, log_samples, whole
 from monitor.grid.timeline import Timeline
 from monitor.judge.limits import Limits
 from monitor.memory.dtc_store import DtcStore
@@ -32,7 +33,7 @@ from monitor.pipeline.entry import bus_sources, check_long_enough, check_receive
 from monitor.pipeline.frames import FramePipeline
 from monitor.pipeline.names import needed_names
 from monitor.pipeline.recordings import RecordingReader
-from monitor.pipeline.replay import Setup, frame_counters, replay, set_up, shipped_model
+from monitor.pipeline.replay import Setup, replay, set_up, shipped_model
 from tests.conftest import ROOT
 from tests.helpers.batch_logs import ECU, S, logs
 from tests.helpers.examples import inputs
@@ -43,44 +44,60 @@ SETTINGS = config.load()
 LIMITS = Limits.from_card(MODEL.card, SETTINGS, "shipped")
 
 
-def blocks_of(frames: list[Frame], size: int) -> list[FrameBlock]:
-    return [block_of(frames[first : first + size]) for first in range(0, len(frames), size)]
+def blocks_of(frames: list[Frame], sizes: Sequence[int]) -> Iterator[FrameBlock]:
+    """Yield frames in blocks of these sizes, in turn."""
+    left, turns = frames, cycle(sizes)
+    while left:
+        size = next(turns)
+        yield block_of(left[:size])
+        left = left[size:]
 
 
-def assert_same_samples(expected: list[Sample], block: SampleBlock) -> None:
-    assert block.index.tolist() == [s.index for s in expected]
-    assert block.t_ns.tolist() == [s.t_ns for s in expected]
-    assert block.values.tobytes() == b"".join(s.values.tobytes() for s in expected)
-    assert block.quality.tobytes() == b"".join(s.quality.tobytes() for s in expected)
+def judged(parts: Iterable[SampleBlock | Clearing], n: int) -> tuple[Any, ...]:
+    block, clearings = whole(parts, n)
+    return (*(column.tobytes() for column in block), clearings)
 
 
 @inputs(150)
 @given(
     frames=logs(),
-    size=st.sampled_from([1, 7, 100, 1000]),
+    sizes=st.lists(st.sampled_from([1, 7, 100, 1000]), min_size=1, max_size=5),
     decoded_at_once=st.sampled_from([1, 50, 1 << 20]),
 )
-def test_spoilt_logs_give_the_samples_and_counters_of_the_same_frames_on_a_bus(
-    frames: list[Frame], size: int, decoded_at_once: int
+def test_spoilt_logs_give_one_result_however_they_are_cut_and_held(
+    frames: list[Frame], sizes: list[int], decoded_at_once: int
 ) -> None:
     names, period_ns = needed_names(MODEL.card, ECU.names), MODEL.card.period_ns
-    live = FrameSamples(ECU, names, period_ns)
-    expected: list[Sample] = []
-    clearings = []
-    for frame in frames:
-        expected += live.push(frame)
-        if frame.can_id == CLEARED_ID:
-            clearings.append((len(expected), frame.t_ns))
+    results = []
+    for is_live, cut, held in (
+        (False, [1 << 20], 1 << 20),
+        (False, sizes, decoded_at_once),
+        (True, sizes, 1 << 20),
+    ):
+        decoder = BlockDecoder(ECU, names)
+        assembler = BlockAssembler.of(decoder, period_ns)
+        samples = FrameSamples(decoder, assembler, is_live=is_live)
+        with patch.object(block_samples, "_FRAMES", held):
+            parts = [part for block in blocks_of(frames, cut) for part in samples.push(block)]
+        parts.append(samples.flush())
+        counters = decoder.counters, decoder.unmapped, assembler.counters
+        results.append((judged(parts, len(names)), counters))
+    assert results[1] == results[0]
+    assert results[2] == results[0]
+
+
+@inputs(50)
+@given(frames=logs(), size=st.sampled_from([1, 7, 100]))
+def test_a_live_sample_leaves_with_the_first_frame_behind_it(
+    frames: list[Frame], size: int
+) -> None:
+    names, period_ns = needed_names(MODEL.card, ECU.names), MODEL.card.period_ns
     decoder = BlockDecoder(ECU, names)
     assembler = BlockAssembler.of(decoder, period_ns)
-    with patch.object(block_samples, "_FRAMES", decoded_at_once):
-        parts = list(log_samples(blocks_of(frames, size), decoder, assembler))
-    block, cleared = whole(parts, len(names))
-    assert_same_samples(expected, block)
-    assert list(cleared) == clearings
-    assert decoder.counters == live.decoder.counters
-    assert decoder.unmapped == live.decoder.unmapped
-    assert assembler.counters == live.assembler.counters
+    samples = FrameSamples(decoder, assembler, is_live=True)
+    for block in blocks_of(frames, [size]):
+        list(samples.push(block))
+        assert len(samples.flush().t_ns) == 0
 
 
 def test_a_log_without_frames_has_no_samples() -> None:
@@ -118,7 +135,7 @@ SHORT = replace(
 
 
 def live(path: Path, setup: Setup) -> dict[str, Any]:
-    """Return the entry of a recording whose frames come one by one."""
+    """Return the entry of a recording whose frames come as on a bus."""
     log, store = LogCounters(), DtcStore()
     store.start_driving_cycle()
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
@@ -126,12 +143,13 @@ def live(path: Path, setup: Setup) -> dict[str, Any]:
     collector = Collector(pipeline.monitor, sources=sources)
     timeline = Timeline(BlockDecoder(setup.bus_map, pipeline.decoder.names))
     for block in timeline.blocks(in_blocks(read_frames(path, log))):
-        for frame in frames_of(block):
-            for event in pipeline.push(frame):
+        for part in blocks_of(list(frames_of(block)), [1, 4, 160]):
+            for event in pipeline.push(part):
                 collector.push(event)
     check_long_enough(path, pipeline.monitor.samples)
+    counters = pipeline.counters
     check_received(path, pipeline.decoder.counters, log.frames)
-    counters = frame_counters(pipeline) | timeline.counters.found | {"skipped": log.skipped}
+    counters = counters | timeline.counters.found | {"skipped": log.skipped}
     return collector.result(str(path), None, counters)
 
 

@@ -7,8 +7,10 @@ import pytest
 
 import dbc
 from monitor.base.types import FloatArray, Frame
-from monitor.decode.bus_map import load_pairs
-from monitor.report.check import CheckResult, SignalSeen, check
+from monitor.decode.bus_map import BusMap, load_pairs
+from monitor.frames.blocks import block_of
+from monitor.report.check import CheckResult, SignalSeen
+from monitor.report.check import check as check_blocks
 from training.recordings.can_log import broadcast
 
 BUS_MAP = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
@@ -29,6 +31,12 @@ def frames(**changes: FloatArray | float | None) -> list[Frame]:
     values["air_mass_mg"] = np.linspace(100.0, 300.0, len(t_ns))
     values |= {n: v for n, v in changes.items() if isinstance(v, np.ndarray)}
     return list(broadcast(BUS_MAP, t_ns, values).frames())
+
+
+def check(frames: list[Frame], bus_map: BusMap) -> CheckResult:
+    """Return the check of some frames in blocks."""
+    half = len(frames) // 2
+    return check_blocks([block_of(frames[:half]), block_of(frames[half:])], bus_map)
 
 
 def seen(result: CheckResult, name: str) -> SignalSeen:
@@ -143,7 +151,7 @@ def test_a_derived_signal_is_there_when_all_it_is_made_of_is() -> None:
     t_ns = np.arange(0, 2_000_000_000, 100_000_000)
     names = list(bus_map.channels)
     frames = broadcast(bus_map, t_ns, {n: np.full(len(t_ns), 50.0) for n in names}).frames()
-    result = check(frames, bus_map)
+    result = check(list(frames), bus_map)
     assert "fuel_mass_mg" in result.derived
     assert result.missing(["fuel_mass_mg"]) == []
     assert check([], bus_map).missing(["fuel_mass_mg"]) == ["fuel_mass_mg"]

@@ -15,8 +15,8 @@ from monitor.base.errors import UsageError
 from monitor.base.signals import OWN
 from monitor.base.types import FloatArray, Quality
 from monitor.frames.logs import read_frames
-from monitor.grid.samples import FrameSamples
 from tests.conftest import ROOT
+from tests.helpers.decoding import samples_of
 from tests.helpers.simulated_drives import SHORT, differs, driven, rms, to_grid
 from training.cli.simulate import FORMATS
 from training.dyno import cycles, drive, ecu, effects, mixture, vehicle
@@ -138,8 +138,7 @@ def test_the_dynamometers_samples_are_those_the_runtime_makes_of_its_frames(
     )
     bus_map = ecu.own_bus()
     path = write(experiment, tmp_path, "log")
-    stream = FrameSamples(bus_map, bus_map.names, 100_000_000)
-    streamed = [sample for frame in read_frames(path) for sample in stream.push(frame)]
+    streamed, _ = samples_of(bus_map, bus_map.names, 100_000_000, list(read_frames(path)))
     sent = ecu.broadcast(
         simulate(experiment),
         bus_map,
@@ -148,9 +147,9 @@ def test_the_dynamometers_samples_are_those_the_runtime_makes_of_its_frames(
         experiment.fault_start_s,
     )
     block = ecu.samples(sent, bus_map, 100_000_000)
-    assert [s.t_ns for s in streamed] == block.t_ns.tolist()
-    np.testing.assert_array_equal(np.array([s.values for s in streamed]), block.values)
-    np.testing.assert_array_equal(np.array([s.quality for s in streamed]), block.quality)
+    np.testing.assert_array_equal(streamed.t_ns, block.t_ns)
+    np.testing.assert_array_equal(streamed.values, block.values)
+    np.testing.assert_array_equal(streamed.quality, block.quality)
     at = bus_map.names.index("lambda_measured")
     assert set(block.quality[:, at].tolist()) == {Quality.INVALID, Quality.GOOD, Quality.STALE}
 

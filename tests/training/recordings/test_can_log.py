@@ -14,10 +14,9 @@ from monitor.base.errors import O2Error, RecordingError, SignalMapError, UsageEr
 from monitor.base.signals import OWN
 from monitor.base.types import Quality
 from monitor.decode.bus_map import load_pairs
-from monitor.decode.decoder import Decoder
 from monitor.frames.logs import read_frames
 from monitor.frames.tables.readers import open_table
-from monitor.grid.samples import FrameSamples
+from tests.helpers.decoding import Decoding, samples_of, values_of
 from tests.helpers.examples import inputs
 from training.cli.recordings import add_parsers
 from training.recordings.can_encoding import encode_message
@@ -71,24 +70,21 @@ def test_both_byte_orders_and_signs_are_encoded(tmp_path: Path, order: int, sign
     (each,) = outgoing(bus_map)
     payloads = each.encode({"x": values}, len(values))
     assert payloads.shape == (5, 5)
-    decoder = Decoder(bus_map, ["x"])
     frames = block_of(each.message, np.arange(5), payloads)
-    got = [decoder.push(frame) for frame in frames.frames()]
     top = 1023.0 if sign == "-" else 2047.0
-    assert [update[1][0] for update in got if update] == [*values[:4], top]
+    assert values_of(bus_map, "x", list(frames.frames())) == [*values[:4], top]
 
 
 def test_a_table_survives_log_and_decoder_within_quantisation() -> None:
     values = a_drive()
     frames = broadcast(ECU, T_NS, values)
-    stream = FrameSamples(ECU, ECU.names, 100_000_000)
-    samples = [s for f in frames.frames() for s in stream.push(f)]
-    assert all(c.used == c.received and c.lost == 0 for c in stream.decoder.counters.values())
-    assert stream.decoder.unmapped == 0
-    assert len(samples) == 49
+    samples, decoder = samples_of(ECU, ECU.names, 100_000_000, list(frames.frames()))
+    assert all(c.used == c.received and c.lost == 0 for c in decoder.counters.values())
+    assert decoder.unmapped == 0
+    assert len(samples.t_ns) == 49
     # messages sent once per row give that row; the tick holds the row before its end
     for name in ("coolant_temperature_degc", "vehicle_speed_km_h", "battery_voltage_v"):
-        got = np.array([s.values[ECU.names.index(name)] for s in samples])
+        got = samples.values[:, ECU.names.index(name)]
         step = float(ECU.channels[name].signal.scale)
         assert np.max(np.abs(got[1:] - values[name][2:50])) <= step / 2 + 1e-9
 
@@ -96,24 +92,23 @@ def test_a_table_survives_log_and_decoder_within_quantisation() -> None:
 def test_every_frame_carries_the_last_row_that_is_not_younger() -> None:
     values = a_drive()
     frames = broadcast(ECU, T_NS, values)
-    decoder = Decoder(ECU, ["lambda_measured"])
+    subject = Decoding(ECU, ["lambda_measured"])
     scale = float(ECU.channels["lambda_measured"].signal.scale)
     seen = 0
-    for frame in frames.frames():
-        update = decoder.push(frame)
-        if update is not None:
+    sent = list(frames.frames())
+    for frame, found in zip(sent, subject.push(sent), strict=True):
+        if found is not None:
             row = frame.t_ns // 100_000_000
             wanted = min(values["lambda_measured"][row], 65534 * scale)
-            assert abs(update[1][0] - wanted) <= scale / 2
+            assert abs(found["lambda_measured"] - wanted) <= scale / 2
             seen += 1
     assert seen == 250
 
 
 def test_what_the_table_lacks_or_leaves_blank_is_sent_as_not_available() -> None:
     values = {"lambda_measured": np.full(50, math.nan)}
-    decoder = Decoder(ECU, ECU.names)
-    updates = [decoder.push(frame) for frame in broadcast(ECU, T_NS, values).frames()]
-    assert all(update and all(map(math.isnan, update[1])) for update in updates)
+    found = Decoding(ECU, ECU.names).push(list(broadcast(ECU, T_NS, values).frames()))
+    assert all(each and all(map(math.isnan, each.values())) for each in found)
 
 
 def test_messages_keep_their_cycle_and_counters_run_on() -> None:
@@ -138,10 +133,9 @@ def test_the_groups_of_a_multiplexed_message_are_sent_in_turn_and_read_back() ->
     # WHEN a table is sent
     frames = list(broadcast(obd, T_NS, table).frames())
     # THEN every frame carries one group, and each value comes back
-    decoder, seen = Decoder(obd, tuple(values)), dict.fromkeys(values, 0)
-    for frame in frames:
-        for index, value in zip(*(decoder.push(frame) or ((), ())), strict=True):
-            name = decoder.channels[index]
+    seen = dict.fromkeys(values, 0)
+    for found in Decoding(obd, tuple(values)).push(frames):
+        for name, value in (found or {}).items():
             assert value == pytest.approx(values[name], abs=0.5)
             seen[name] += 1
     assert min(seen.values()) > 10
@@ -171,9 +165,9 @@ def test_loading_a_log_gives_what_the_runtime_sees(tmp_path: Path) -> None:
     path = tmp_path / "drive.log"
     write_log(path, broadcast(ECU, T_NS, a_drive()))
     recording = load(path, ["lambda_measured", "maf_kg_h"], period_s=0.05)
-    stream = FrameSamples(ECU, ["lambda_measured", "maf_kg_h"], 50_000_000)
-    samples = [s for f in read_frames(path) for s in stream.push(f)]
-    assert recording.values.tobytes() == b"".join(s.values.tobytes() for s in samples)
+    names = ["lambda_measured", "maf_kg_h"]
+    samples, _ = samples_of(ECU, names, 50_000_000, list(read_frames(path)))
+    assert recording.values.tobytes() == samples.values.tobytes()
     assert recording.period_ns == 50_000_000
     assert recording.t_s[:3].tolist() == [0.0, 0.05, 0.1]
     assert len(recording.sha256) == 64
