@@ -21,7 +21,7 @@ from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.model_file import held_out, write_model
 from training.narx.network import Spec, describe
 from training.narx.stability import CONTRACTION_SAMPLES, contraction
-from training.narx.stages import Stage, blocks_of, free_run, train
+from training.narx.stages import blocks_of, free_run, train
 from training.narx.starts import committee
 from training.recordings.preparation import Role
 from training.study.free_runs import FreeRun, judged_on
@@ -71,6 +71,7 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     seed = task.settings.seed + SEED_STEP * same.index(best)  # gives the same initial weights
     limit_s = 60.0 * max(task.settings.budget_minutes, 0.1) / 5
     one_step = train(task.data, one, seed, time.monotonic() + limit_s, horizons=())
+    widened = committee(one, members * [one_step.weights])[1]  # the same network, at full width
     tries = sorted(result.tries, key=lambda t: t.rmse)
     tables = {
         "structure": describe(spec),
@@ -78,20 +79,15 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
         "n_weights": spec.n_weights,
         "seconds": result.seconds,
         "warnings": result.warnings,
-        "stage": _best_stage(best.stages),
+        "stage": min(best.stages, key=lambda s: min(s.scores)).name if best.stages else "none",
         "starts": [t.score for t in result.starts],
         "tries": [asdict(t.structure) | {"n_weights": t.n_weights, "rmse": t.rmse} for t in tries],
     }
-    widened = committee(one, members * [one_step.weights])[1]  # the same network, at full width
     return plain(tables) | {
         "spec": asdict(spec),
         "weights": result.network.weights.tolist(),
         "one_step_weights": widened.tolist() if one_step.stages else None,
     }
-
-
-def _best_stage(stages: Sequence[Stage]) -> str:
-    return min(stages, key=lambda s: min(s.scores)).name if stages else "none"
 
 
 def contenders(task: Task, parts: Parts) -> list[Contender]:
@@ -100,15 +96,11 @@ def contenders(task: Task, parts: Parts) -> list[Contender]:
     Raises UsageError if no model could be trained.
     """
     narx, free, found = parts["narx"], parts["free"], []
-
-    def weights_of(key: str) -> tuple[Spec, FloatArray]:
-        network = (stored(task.folder / "narx" / f"{key}.json") or {})["network"]
-        return spec_from(network["spec"]), np.array(network["weights"])
-
     for t in narx.get("tuned", []):
-        model = next(m for m in narx["models"] if m["number"] == t["number"])
-        before = weights_of(model["starts"][t["start"]]["weights_key"])[1]
-        spec, weights = weights_of(t["weights_key"])
+        keys = (t["weights_key"], t["weights_key"].replace("tune", "train"))
+        files = [stored(task.folder / "narx" / f"{key}.json") or {} for key in keys]
+        weights, before = (np.array(file["network"]["weights"]) for file in files)
+        spec = spec_from(files[0]["network"]["spec"])
         found.append(Contender(t["name"], spec, weights, before, t["number"], _stage_of(t)))
     if "spec" in free:
         spec, first = spec_from(free["spec"]), free["one_step_weights"]

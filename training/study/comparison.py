@@ -5,19 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
-from training.recordings.linear_data import LinearData, Pair, Stretch, linear_stretches
+from training.recordings.linear_data import LinearData, Stretch, linear_stretches
+from training.recordings.metrics import correlation
 from training.recordings.preparation import Role
 from training.recordings.recording import Recording
 from training.recordings.rows import runs
+from training.study.baselines import fit, linear
 from training.study.choice import chosen
 from training.study.free_runs import FreeRun, judged_on
-from training.study.linear.baselines import Regime, fits, linear
 from training.study.task import Parts, Task
-
-SPEEDS = ("engine_speed_rpm", "speed_z")
 
 Cut = tuple[Sequence[Recording], list[Stretch]]  # recordings and their filtered stretches
 
@@ -30,22 +28,22 @@ def baselines(task: Task, parts: Parts) -> dict[str, Any]:
     """
     band_hz = parts["preparation"]["band_hz"]
     prepared, cuts = _stretches(task, band_hz)
-    pairs: dict[Role, list[Pair]] = {}
-    for role in Role:
+
+    def pairs(role: Role) -> list[tuple[FloatArray, FloatArray]]:
         recordings, stretches = cuts[role]
         z = [prepared.apply(p.values, p.t_s, recordings[p.recording].sha256) for p in stretches]
-        pairs[role] = [(each[:, :-1], each[:, -1]) for each in z]
+        return [(each[:, :-1], each[:, -1]) for each in z]
+
     result = linear(
-        pairs[Role.TRAIN],
-        pairs[Role.VALIDATE],
-        pairs[Role.TEST],
+        pairs(Role.TRAIN),
+        pairs(Role.VALIDATE),
+        pairs(Role.TEST),
         task.inputs,
         task.output,
         period_s=task.period_s,
         unit="z-scored",
-        regime=_regime(task, *cuts[Role.TEST]),
     )
-    return result | {"band_hz": list(band_hz) if band_hz else None}
+    return result | {"band_hz": band_hz}
 
 
 def _stretches(task: Task, band_hz: Sequence[float] | None) -> tuple[LinearData, dict[Role, Cut]]:
@@ -68,22 +66,6 @@ def _stretches(task: Task, band_hz: Sequence[float] | None) -> tuple[LinearData,
     return prepared, cuts
 
 
-def _regime(
-    task: Task, recordings: Sequence[Recording], stretches: Sequence[Stretch]
-) -> Regime | None:
-    """Return engine speed over the test stretches, or an input with "speed" in its name.
-
-    Return None without such a signal.
-    """
-    common = [n for n in recordings[0].names if all(n in r.names for r in recordings)]
-    known = [n for n in SPEEDS if n in common] + [n for n in task.inputs if "speed" in n]
-    if not known:
-        return None
-    columns = [r.column(known[0]) for r in recordings]
-    values = [columns[p.recording][p.first : p.first + len(p.t_s)] for p in stretches]
-    return Regime(known[0], BY_NAME[known[0]].unit if known[0] in BY_NAME else "", values)
-
-
 def beside(task: Task, parts: Parts) -> dict[str, Any]:
     """Return the fits of the NARX and of the linear models on the same test samples.
 
@@ -93,7 +75,7 @@ def beside(task: Task, parts: Parts) -> dict[str, Any]:
     found = parts["linear"]
     if "skipped" in found:
         return {"skipped": "no linear baselines"}
-    model, skip, regime = chosen(task, parts), found["skip"], found["regime"]
+    model, skip = chosen(task, parts), found["skip"]
     prepared, cuts = _stretches(task, found["band_hz"])
     recordings, stretches = cuts[Role.TEST]
     held = FreeRun.of(judged_on(task), model.spec, model.weights)
@@ -101,23 +83,18 @@ def beside(task: Task, parts: Parts) -> dict[str, Any]:
     for s in held.data.segments:
         rows[s.recording][s.first : s.first + s.stop - s.start] = held.predicted[s.start : s.stop]
     long = [p for p in stretches if len(p.t_s) >= 2 * skip]
-    y = np.concatenate([p.values[skip:, -1] for p in long])
     own = [_filtered(prepared, rows[p.recording][p.first : p.first + len(p.t_s)]) for p in long]
+    y = np.concatenate([p.values[skip:, -1] for p in long])
     y_hat = np.concatenate([run[skip:] for run in own])
     good = np.isfinite(y_hat)
-    speed, masks = _regime(task, recordings, long), []
-    if regime and speed:
-        where = np.concatenate([values[skip:] for values in speed.values])[good]
-        for low, high in regime["ranges"]:
-            above = where >= (-np.inf if low is None else low)
-            masks.append(above & (where < (np.inf if high is None else high)))
-    shown = ("parameters", "fit_percent", "correlation", "regime_fit_percent")
+    y, y_hat = y[good], y_hat[good]
+    shown = ("parameters", "fit_percent", "correlation")
+    narx = (model.spec.n_weights, fit(y, y_hat), correlation(y, y_hat))
     return plain(
         {
-            "narx": {"parameters": model.spec.n_weights, **fits(y[good], y_hat[good], masks)},
+            "narx": dict(zip(shown, narx, strict=True)),
             "models": {n: {k: m[k] for k in shown} for n, m in found["models"].items()},
-            "regime": regime,
-            "samples": int(good.sum()),
+            "samples": len(y),
             "best_linear": found["best"],
             "filtered": prepared.filter is not None,
         }

@@ -26,7 +26,6 @@ from training.recordings.spectrum import (
 
 COMMAND, CONTROLLER = "lambda_target", "lambda_controller"
 COHERENT = 0.5  # at this coherence a signal explains half of a line's power in another
-MOST_MARKS = 1500  # stretches of unusable samples kept for the figure
 UNCOMMANDED = "the commanded mixture does not carry it"
 NO_OTHER = "no other input carries it"
 
@@ -62,7 +61,6 @@ def preparation(
         "period_s": period_s,
         "recordings": rows,
         "outliers": [_outliers(name, [m[name] for m in reasons], period_s) for name in names],
-        "marks": _marks(reasons, [len(r.t_s) * period_s for r in recordings], period_s),
         "spectrum": spectrum,
         "lines": lines,
         "band_hz": band,
@@ -105,28 +103,6 @@ def _outliers(name: str, masks: Sequence[Masks], period_s: float) -> dict[str, A
         "gaps": len(gaps),
         "longest_gap_s": round(max(gaps, default=0.0), 9),
     }
-
-
-def _marks(
-    drives: Sequence[dict[str, Masks]], lengths_s: Sequence[float], period_s: float
-) -> list[dict[str, Any]]:
-    """Return the longest stretches of unusable samples: signal, reason, start and stop.
-
-    Times are in seconds, with the drives placed end to end.
-    """
-    found = [
-        {
-            "signal": name,
-            "reason": reason,
-            "start_s": round(begin_s + a * period_s, 3),
-            "stop_s": round(begin_s + b * period_s, 3),
-        }
-        for begin_s, drive in zip(np.cumsum([0.0, *lengths_s]).tolist(), drives, strict=False)
-        for name, masks in drive.items()
-        for reason, mask in masks.items()
-        for a, b in runs(mask)
-    ]
-    return sorted(found, key=lambda m: m["start_s"] - m["stop_s"])[:MOST_MARKS]
 
 
 def _spectral(

@@ -6,7 +6,6 @@ are measured minus predicted, in the output's unit, on samples that the monitor 
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +27,8 @@ from training.study.task import Parts, Task, source
 BINS = 80  # of the residual's distribution
 SHOWN_WINDOWS = 200
 PUT_ON = (
-    "slow_symmetric",
-    "delay_rich_to_lean",
-    "delay_symmetric",
-    "transient",
-    "gain_low",
-    "biased_lean",
+    *("slow_symmetric", "delay_rich_to_lean", "delay_symmetric"),
+    *("transient", "gain_low", "biased_lean"),
 )
 ANY_OUTPUT = ("slow_symmetric", "delay_symmetric")  # faults that need no zero point of the sensor
 ROLES = {Role.TRAIN: "training", Role.VALIDATE: "validation", Role.TEST: "test"}
@@ -56,19 +51,15 @@ def against_sensor(task: Task, parts: Parts) -> dict[str, Any]:
     known = np.abs(healthy.residual[np.isfinite(healthy.residual)])
     span = float(5.0 * np.quantile(known, 0.99)) if len(known) else 1.0
     j = {k: limits[k]["value"] for k in ("j_mu", "j_sigma") if k in limits}
-    readable = [np.isfinite(r.column(task.output)).any() for r in task.faulty]
-    faulty = (
-        [
-            (FreeRun.of(scaled_as(task.data, [r]), *network), *_named(r))
-            for r in compress(task.faulty, readable)
-        ]
-        if task.faulty
-        else _put_on_all(healthy)
-    )
+    faulty, unreadable = [] if task.faulty else [*_put_on_all(healthy)], []
+    for r in task.faulty:
+        if np.isfinite(r.column(task.output)).any():
+            faulty.append((FreeRun.of(scaled_as(task.data, [r]), *network), *_named(r)))
+        else:
+            unreadable.append(Path(r.path).name)
     faults = [
-        {"name": name, "how": how}
+        {"name": name, "how": how, "view": run.view(name, source(run.data.recordings))}
         | residuals(run, span, j)
-        | {"view": run.view(name, source(run.data.recordings))}
         for run, name, how in faulty
     ]
     return plain(
@@ -82,9 +73,7 @@ def against_sensor(task: Task, parts: Parts) -> dict[str, Any]:
             "limits": j,
             "edges": _edges(span),
             "healthy": residuals(healthy, span, j),
-            "unreadable": [
-                Path(r.path).name for r in compress(task.faulty, np.logical_not(readable))
-            ],
+            "unreadable": unreadable,
             "faults": faults,
         }
     )

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from training.pages.numbers import p_value, short, unbroken
+from training.pages.numbers import p_value, unbroken
 from training.study.narx.candidates import PAPER
 from training.study.narx.verdicts import ROLES, correlations, errors
 
@@ -20,17 +20,6 @@ TITLES: Final = {
     "output_error": "output error",
 }
 STOPS: Final = {"epochs": "limit", "mu": "no step", "damping": "no step", "budget": "time"}
-
-
-def ranges(regime: Result | None, *, units: bool = True) -> list[str]:
-    """Return the ranges of a regime in words."""
-    found = []
-    for low, high in regime["ranges"] if regime else ():
-        text = f"from {short(low)}" if high is None else f"{short(low)} to {short(high)}"
-        if low is None:
-            text = "all" if high is None else f"below {short(high)}"
-        found.append(f"{text} {regime['unit'] if units and regime else ''}".rstrip())
-    return found
 
 
 def delays(samples: Sequence[int]) -> str:

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from monitor.base.errors import RecordingError, UsageError
+from monitor.base.errors import RecordingError
 from tests.helpers.plants import PERIOD_S, RNG, modes, tank, two_inputs
 from training.narx.linear.arx import Arx, choose_arx, fit_arx
 from training.narx.linear.free_run import free_run_error
 from training.narx.linear.regressors import Stretch
+from training.narx.linear.responses import independence, whiteness
 from training.recordings.metrics import fit_percent
 from training.study import choice
-from training.study.linear.baselines import Regime, linear
-from training.study.linear.responses import independence, whiteness
+from training.study.baselines import linear
 from training.study.page import section
 from training.study.task import Settings
 
@@ -94,7 +94,6 @@ def test_feedback_is_not_taken_for_a_fault_of_the_model() -> None:
 @pytest.fixture(scope="module")
 def tank_result() -> dict:  # type: ignore[type-arg]
     train, validate, test = ([tank(900, s) for s in r] for r in ((0, 1, 2), (3, 4), (5, 6)))
-    regime = Regime("level", "m", [y for _, y in test])
     return linear(
         train,
         validate,
@@ -103,7 +102,6 @@ def tank_result() -> dict:  # type: ignore[type-arg]
         "level",
         period_s=PERIOD_S,
         unit="m",
-        regime=regime,
         max_order=6,
     )
 
@@ -123,9 +121,6 @@ def test_the_study_of_a_tank_is_complete_and_survives_json(tank_result: dict) ->
     fits = {name: m["fit_percent"] for name, m in models.items()}
     assert fits[tank_result["best"]] > 70.0
     assert fits[tank_result["best"]] > max(fits.values()) - 3.0
-    assert len(tank_result["regime"]["ranges"]) == 3
-    scored = 2 * (900 - tank_result["skip"])
-    assert sum(tank_result["regime"]["samples"]) == scored
     # the reference model can be run again from the stored coefficients
     kept = json.loads(stored)["arx"]["free_run_model"]
     again = Arx(np.array(kept["a"]), np.array(kept["b"]), tuple(kept["delays"]), kept["offset"])
@@ -165,8 +160,8 @@ def test_bad_input_is_refused_with_one_clear_line(plants: list[Stretch]) -> None
     broken[7, 1] = np.nan
     names = ["a", "b"]
 
-    def study(train: list[Stretch], **more: Regime) -> None:
-        linear(train, [plants[1]], [plants[2]], names, "y", period_s=PERIOD_S, **more)
+    def study(train: list[Stretch]) -> None:
+        linear(train, [plants[1]], [plants[2]], names, "y", period_s=PERIOD_S)
 
     with pytest.raises(RecordingError, match="training, stretch 1: b has values that are not fin"):
         study([(u, y), (broken, y)])
@@ -178,8 +173,6 @@ def test_bad_input_is_refused_with_one_clear_line(plants: list[Stretch]) -> None
         study([(u, np.full(len(y), 2.0))])
     with pytest.raises(RecordingError, match="training: no stretch"):
         study([])
-    with pytest.raises(UsageError, match=r"speed: \(10,\) values for test stretch 0"):
-        study([(u, y)], regime=Regime("speed", "rpm", [y[:10]]))
 
 
 def test_the_model_of_the_study_leaves_the_blocks_alone_that_compare_it(

@@ -12,7 +12,6 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from tests.helpers.small_study import FEW, SETTINGS, timeless, two_drives
 from training.narx.network import Spec, initial_weights
-from training.narx.network import regressors as of_one_segment
 from training.narx.stages import free_run_score
 from training.recordings.preparation import Prepared, Role
 from training.study.narx.candidates import (
@@ -28,7 +27,6 @@ from training.study.narx.models import (
     NOT_USED,
     Job,
     figures,
-    regressors,
     rows,
     spec_from,
     spec_of,
@@ -101,14 +99,12 @@ def test_a_short_record_is_not_thinned(data: Prepared) -> None:
     assert np.array_equal(thin(data, 10_000).role, data.role)
 
 
-@pytest.mark.parametrize("first_lag", [0, 1])
-def test_regressors_never_reach_into_another_recording(data: Prepared, first_lag: int) -> None:
-    spec = Spec(2, lags=4, hidden=(3,), input_lag_start=first_lag)
-    found = regressors(spec, data.samples, rows(data, spec))
-    u, y = data.samples.u, data.samples.y
-    apart = [of_one_segment(spec, u[s.start : s.stop], y[s.start : s.stop]) for s in data.segments]
-    assert len(data.segments) == 2
-    assert np.array_equal(found, np.concatenate(apart))
+def test_no_scored_sample_has_lags_in_another_recording(data: Prepared) -> None:
+    spec = Spec(2, lags=4, hidden=(3,))
+    begins = np.array([s.start for s in data.segments])
+    at = rows(data, spec)
+    since = at - begins[np.searchsorted(begins, at, "right") - 1]
+    assert len(begins) == 2 and since.min() == 4
 
 
 def test_figures_are_those_of_a_plain_simulation(data: Prepared) -> None:

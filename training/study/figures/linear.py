@@ -20,22 +20,6 @@ def _numbers(values: Sequence[float | None]) -> FloatArray:
     return np.array(values, dtype=np.float64)  # NaN where JSON has null
 
 
-def fit_chart(result: Result, ranges: Sequence[str]) -> Figure:
-    """Return bars of the free-run fits, over all samples and per range."""
-    models, groups = result["models"], ["all samples", *ranges]
-    figure, axes = drawing(3.2)
-    width = 0.8 / len(models)
-    for i, (name, m) in enumerate(models.items()):
-        values = _numbers([m["fit_percent"], *m["regime_fit_percent"]])
-        at = np.arange(len(groups)) + (i - (len(models) - 1) / 2) * width
-        axes.bar(at, np.maximum(np.nan_to_num(values), -20.0), 0.9 * width, label=TITLES[name])
-    axes.axhline(0.0, color="0.3", linewidth=0.8)
-    axes.set_xticks(range(len(groups)), groups)
-    axes.set(ylabel="fit, %", xlabel=result["regime"]["name"] if ranges else "")
-    legend(axes, columns=6)
-    return figure
-
-
 def example(result: Result) -> Figure:
     """Return a part of the test samples with the free runs."""
     shown = result["example"]

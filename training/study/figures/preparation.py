@@ -1,4 +1,4 @@
-"""Figures of the preparation: outliers over the drives, spectra with their lines."""
+"""Figures of the preparation: spectra with their lines."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,33 +6,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from training.pages.figure import LIMIT, drawing, panels
+from training.pages.figure import LIMIT, panels
 
 Result = Mapping[str, Any]
 
-COLOURS = {"missing": "0.5", "out_of_range": "C3", "spike": "C1"}
 LINES = {"noise": "C3", "commanded": "C2", "driven": "C8"}
-
-
-def outlier_figure(result: Result) -> Figure:
-    """Draw where samples cannot be used, drives end to end."""
-    names = [o["signal"] for o in result["outliers"]]
-    figure, axes = drawing(0.8 + 0.3 * len(names))
-    ends_s = np.cumsum([r["duration_s"] for r in result["recordings"]])
-    for end_s in ends_s[:-1]:
-        axes.axvline(end_s, color="0.85", lw=0.8)
-    for reason, colour in COLOURS.items():
-        label: str | None = reason.replace("_", " ")
-        for mark in (m for m in result["marks"] if m["reason"] == reason):
-            at = names.index(mark["signal"])
-            wide = max(mark["stop_s"] - mark["start_s"], 0.002 * float(ends_s[-1]))
-            axes.broken_barh([(mark["start_s"], wide)], (at - 0.35, 0.7), color=colour, label=label)
-            label = None
-    axes.set_yticks(range(len(names)), names)
-    axes.set(ylim=(len(names) - 0.5, -0.5), xlim=(0.0, float(ends_s[-1])))
-    axes.set_xlabel("time, s; grey lines part the drives")
-    figure.legend(loc="outside upper right", ncols=3)
-    return figure
 
 
 def spectrum_figure(result: Result) -> Figure:

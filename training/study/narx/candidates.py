@@ -50,36 +50,24 @@ class Candidate:
         return (self.algorithm, self.lags, self.hidden, rate)
 
 
-CANDIDATES: Final = (
-    Candidate(number=1, algorithm=LM, lags=5, hidden=(8, 8), rate=0.2, origin=PAPER),
-    Candidate(2, LM, 5, (8, 8), 0.1),
-    Candidate(3, LM, 5, (8, 8), 0.01),
-    Candidate(4, LM, 3, (8, 8)),
-    Candidate(5, LM, 8, (8, 8)),
-    Candidate(6, LM, 3, (5,)),
-    Candidate(7, LM, 5, (5,)),
-    Candidate(8, LM, 8, (5,)),
-    Candidate(9, LM, 3, (10,)),
-    Candidate(10, LM, 5, (10,)),
-    Candidate(11, LM, 8, (10,)),
-    Candidate(12, LM, 3, (15,)),
-    Candidate(13, LM, 5, (15,)),
-    Candidate(14, LM, 5, (5, 5)),
-    Candidate(15, LM, 5, (10, 10)),
-    Candidate(16, LM, 5, (15, 15)),
-    Candidate(17, BAYES, 5, (5,)),
-    Candidate(18, BAYES, 5, (10,)),
-    Candidate(19, BAYES, 3, (8, 8)),
-    Candidate(20, BAYES, 5, (8, 8)),
-    Candidate(21, CONJUGATE, 5, (5,)),
-    Candidate(22, CONJUGATE, 5, (10,)),
-    Candidate(23, CONJUGATE, 3, (8, 8)),
-    Candidate(24, CONJUGATE, 5, (8, 8)),
-    Candidate(25, CONJUGATE, 8, (8, 8)),
-    Candidate(26, DESCENT, 5, (8, 8), 0.01),
-    Candidate(27, DESCENT, 5, (8, 8), 0.05),
-    Candidate(28, DESCENT, 5, (8, 8), 0.2),
-    Candidate(29, DESCENT, 5, (15,), 0.2),
+# Algorithm, then lags, layers and rate of each model in the order of the numbers from 1.
+_TABLE: Final = (
+    (LM, "5 8-8 0.2, 5 8-8 0.1, 5 8-8 0.01, 3 8-8, 8 8-8, 3 5, 5 5, 8 5"),
+    (LM, "3 10, 5 10, 8 10, 3 15, 5 15, 5 5-5, 5 10-10, 5 15-15"),
+    (BAYES, "5 5, 5 10, 3 8-8, 5 8-8"),
+    (CONJUGATE, "5 5, 5 10, 3 8-8, 5 8-8, 8 8-8"),
+    (DESCENT, "5 8-8 0.01, 5 8-8 0.05, 5 8-8 0.2, 5 15 0.2"),
+)
+
+
+def _candidate(number: int, algorithm: str, lags: str, layers: str, *rate: str) -> Candidate:
+    hidden, origin = tuple(map(int, layers.split("-"))), PAPER if number == 1 else HERE
+    return Candidate(number, algorithm, int(lags), hidden, float(rate[0]) if rate else None, origin)
+
+
+_ROWS: Final = [(algorithm, row) for algorithm, rows in _TABLE for row in rows.split(", ")]
+CANDIDATES: Final = tuple(
+    _candidate(number, algorithm, *row.split()) for number, (algorithm, row) in enumerate(_ROWS, 1)
 )
 
 

@@ -21,10 +21,11 @@ from training.narx.algorithms import gradient, lm, scaled_conjugate
 from training.narx.algorithms.bayes import DEFAULTS as BAYES_DEFAULTS
 from training.narx.algorithms.bayes import BayesOutcome, minimise_bayesian
 from training.narx.algorithms.objectives import OneStep
-from training.narx.network import Spec, forward, initial_weights
+from training.narx.network import Spec, forward, initial_weights, regressors
 from training.narx.stability import contraction
 from training.recordings.metrics import correlation
 from training.recordings.preparation import Prepared, Role, Samples
+from training.recordings.rows import runs
 from training.study.narx.candidates import BAYES, CONJUGATE, LM, Candidate
 
 BLOCK = 1000  # largest block, in samples, that thinning keeps or drops as a whole
@@ -78,16 +79,11 @@ def thin(data: Prepared, n_samples: int) -> Prepared:
     Whole blocks are kept, evenly spread over all recordings; samples of other blocks get the role
     NOT_USED. If a role has fewer than ``ENOUGH`` enabled samples, all samples count as enabled.
     """
-    role = data.role.copy()
-    length = int(np.clip(n_samples // 20, 20, BLOCK))
-    blocks = []
-    for segment in data.segments:
-        part = data.role[segment.start : segment.stop]
-        edges = [0, *(np.flatnonzero(np.diff(part)) + 1).tolist(), len(part)]
-        for first, stop in pairwise(edges):
-            if part[first] == Role.TRAIN:
-                begins = range(segment.start + first, segment.start + stop, length)
-                blocks += [slice(b, min(b + length, segment.start + stop)) for b in begins]
+    role, length, blocks = data.role.copy(), int(np.clip(n_samples // 20, 20, BLOCK)), []
+    for s in data.segments:
+        for first, stop in runs(data.role[s.start : s.stop] == Role.TRAIN):
+            edges = [*range(s.start + first, s.start + stop, length), s.start + stop]
+            blocks += [slice(a, b) for a, b in pairwise(edges)]
     sizes = np.array([b.stop - b.start for b in blocks])
     share = n_samples / max(int(sizes.sum()), 1)
     if share < 1.0:
@@ -97,9 +93,10 @@ def thin(data: Prepared, n_samples: int) -> Prepared:
             if kept + size <= share * seen:
                 role[block] = Role.TRAIN
                 kept += size
-    judged = data.enabled & (data.samples.weight > 0)
+    valid = data.samples.weight > 0
+    judged = data.enabled & valid
     if min(int((judged & (role == r)).sum()) for r in Role) < ENOUGH:
-        judged = data.samples.weight > 0
+        judged = valid
     return replace(data, role=role, enabled=judged, recordings=())
 
 
@@ -124,13 +121,6 @@ def rows(data: Prepared, spec: Spec, role: Role | None = None) -> IntArray:
     return np.flatnonzero(inside if role is None else inside & (data.role == role))
 
 
-def regressors(spec: Spec, samples: Samples, at: IntArray) -> FloatArray:
-    """Return the series-parallel regressors (n, n_regressors) of the samples ``at`` (n,)."""
-    inputs = [samples.u[at - j] for j in range(spec.input_lag_start, spec.lags + 1)]
-    outputs = [samples.y[at - j, None] for j in range(1, spec.lags + 1)]
-    return np.concatenate([*inputs, *outputs], axis=1)
-
-
 def train_one(data: Prepared, job: Job) -> dict[str, Any]:
     """Return figures and weights of one start, trained series-parallel.
 
@@ -139,14 +129,19 @@ def train_one(data: Prepared, job: Job) -> dict[str, Any]:
     data, spec = _writable(data), spec_of(data, job.candidate)
     began, began_cpu = time.monotonic(), time.process_time()
     outcome = _minimise(data, spec, initial_weights(spec, np.random.default_rng(job.seed)), job)
+    before = outcome.costs[-max(2, len(outcome.costs) // 10)]  # of the last tenth of iterations
     used = outcome.effective_weights if isinstance(outcome, BayesOutcome) else None
-    result = {
+    course: dict[str, Any] = {
         "start": job.start,
         "seed": job.seed,
         "iterations": len(outcome.costs) - 1,
+    }
+    course |= {"seconds": time.monotonic() - began, "cpu_s": time.process_time() - began_cpu}
+    course["iterations"] = len(outcome.costs) - 1
+    result = {
+        **course,
         "stop": outcome.stop,
-        "unfinished": _still_falling(outcome),
-        **_times(began, began_cpu),
+        "unfinished": outcome.stop == "epochs" and outcome.costs[-1] < 0.99 * before,
         "effective_weights": used,
         **figures(data, spec, outcome.weights),
     }
@@ -159,27 +154,20 @@ def tune_one(data: Prepared, job: Job) -> dict[str, Any]:
     began, began_cpu = time.monotonic(), time.process_time()
     before = np.array(job.weights)
     found = stages.train(data, spec, job.seed, horizons=HORIZONS, weights=before)
+    course = [
+        {"name": s.name, "iterations": len(s.costs) - 1, "stop": s.stop}
+        | {"best_score": min(s.scores), "seconds": s.seconds}
+        for s in found.stages
+    ]
     result = {
         "start": job.start,
         "before": figures(data, spec, before) | _forgets(data, spec, before),
         "after": figures(data, spec, found.weights) | _forgets(data, spec, found.weights),
-        "stages": [
-            {
-                "name": s.name,
-                "iterations": len(s.costs) - 1,
-                "stop": s.stop,
-                "best_score": min(s.scores),
-                "seconds": s.seconds,
-            }
-            for s in found.stages
-        ],
-        **_times(began, began_cpu),
+        "stages": course,
+        "seconds": time.monotonic() - began,
+        "cpu_s": time.process_time() - began_cpu,
     }
     return plain(result) | _network(spec, found.weights)
-
-
-def _times(began: float, began_cpu: float) -> dict[str, float]:
-    return {"seconds": time.monotonic() - began, "cpu_s": time.process_time() - began_cpu}
 
 
 def _network(spec: Spec, weights: FloatArray) -> dict[str, Any]:
@@ -194,7 +182,7 @@ def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
     """
     at, y = rows(data, spec), data.samples.y
     one_step = np.full(len(y), np.nan)
-    one_step[at] = forward(spec, weights, regressors(spec, data.samples, at))
+    one_step[at] = forward(spec, weights, _regressors(data, spec)[at - spec.memory])
     free = stages.free_run(data, spec, weights)
     at_end = (free[at] <= spec.y_min) | (free[at] >= spec.y_max)
     # at an end of the range with a measurement farther away than a tenth of it
@@ -212,32 +200,29 @@ def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
 
 def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.Outcome:
     """Return the outcome of the candidate's algorithm, with the reference toolbox's defaults."""
-    at, held = rows(data, spec, Role.TRAIN), rows(data, spec, Role.VALIDATE)
+    at, held = (rows(data, spec, role) for role in (Role.TRAIN, Role.VALIDATE))
     weight = data.samples.weight[at] / data.samples.weight[at].mean()
-    objective = OneStep(spec, regressors(spec, data.samples, at), data.samples.y[at], weight)
-    validate = OneStep(
-        spec, regressors(spec, data.samples, held), data.samples.y[held], data.samples.weight[held]
-    ).cost
+    x, y, every = _regressors(data, spec), data.samples.y, data.samples.weight
+    objective = OneStep(spec, x[at - spec.memory], y[at], weight)
+    validate = OneStep(spec, x[held - spec.memory], y[held], every[held]).cost
     algorithm, epochs = job.candidate.algorithm, job.iterations
     if algorithm == LM:
         return lm.minimise(objective, weights, lm.Options(epochs=epochs), validate)
     if algorithm == BAYES:
-        options = replace(BAYES_DEFAULTS, epochs=epochs)
-        return minimise_bayesian(objective, weights, len(at), options)
+        bayes = replace(BAYES_DEFAULTS, epochs=epochs)
+        return minimise_bayesian(objective, weights, len(at), bayes)
     if algorithm == CONJUGATE:
-        return scaled_conjugate.minimise_scaled_conjugate(
-            objective, weights, scaled_conjugate.Options(epochs=epochs), validate
-        )
-    descent = gradient.Options(epochs)
-    if job.candidate.rate is not None:
-        descent = replace(descent, rate=job.candidate.rate)
+        conjugate = scaled_conjugate.Options(epochs=epochs)
+        minimise = scaled_conjugate.minimise_scaled_conjugate
+        return minimise(objective, weights, conjugate, validate)
+    rate = gradient.Options().rate if job.candidate.rate is None else job.candidate.rate
+    descent = gradient.Options(epochs, rate=rate)
     return gradient.descend(objective, weights, descent, validate)
 
 
-def _still_falling(outcome: lm.Outcome) -> bool:
-    """Return whether the last tenth of all allowed iterations still lowered the cost by 1 %."""
-    before = outcome.costs[-max(2, len(outcome.costs) // 10)]
-    return outcome.stop == "epochs" and outcome.costs[-1] < 0.99 * before
+def _regressors(data: Prepared, spec: Spec) -> FloatArray:
+    """Return the series-parallel regressors of all samples from the ``memory``th on."""
+    return regressors(spec, data.samples.u, data.samples.y)
 
 
 def _by_role(data: Prepared, spec: Spec, predicted: FloatArray) -> dict[str, dict[str, Any]]:

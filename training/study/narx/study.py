@@ -26,7 +26,7 @@ from training.study.narx.models import (
     tune_one,
 )
 from training.study.narx.verdicts import findings, judge, rules, warnings
-from training.study.results import fan_out, public, stored
+from training.study.results import fan_out, public
 from training.study.task import Parts, Settings, Task, source
 
 VERSION = 2  # of the jobs; stored jobs of another version are not reused
@@ -70,42 +70,42 @@ def compared(
     thinned = thin(data, settings.n_samples)
     trainings = _trainings(thinned, settings, candidates)
     done = fan_out(train_one, thinned, trainings, folder, label="models", **where)
-    models = _models(thinned, candidates, trainings, done)
+    models = [_model(thinned, c, candidates, trainings, done) for c in candidates]
     for model, verdict in zip(models, judge(models, settings.iterations), strict=True):
         model["verdict"] = verdict
-    once = [m for m in models if m["same_as"] is None]
-    ranking = [m["number"] for m in sorted(once, key=lambda m: _score(_best_start(m)))]
-    tunings = _tunings(models, ranking[: settings.tune_best], trainings, folder)
+    once = sorted((m for m in models if m["same_as"] is None), key=lambda m: _score(_best_start(m)))
+    tunings = {}
+    for model in once[: settings.tune_best]:
+        key = _best_start(model)["weights_key"]
+        weights = tuple(done[key]["network"]["weights"])
+        tunings[key.replace("train", "tune")] = replace(trainings[key], weights=weights)
     found = fan_out(tune_one, thinned, tunings, folder, label="closed loop", **where)
     tuned = [
-        {"number": job.candidate.number, "name": job.candidate.name}
+        {"number": job.candidate.number, "name": job.candidate.name, "weights_key": key}
         | public(found[key])
-        | {"weights_key": key}
         for key, job in tunings.items()
     ]
-    trainings_of = [*tuned, *(s for m in models for s in m["starts"])]
-    cpu_s = {s["weights_key"]: s["cpu_s"] for s in trainings_of}
-    counts = {role: int((data.role == role).sum()) for role in Role}
+    starts = [*tuned, *(s for m in models for s in m["starts"])]
     result = {
         "source": source(data.recordings),
-        "inputs": [c.name for c in data.inputs],
+        "inputs": list(data.names),
         "output": data.output.name,
         "period_s": data.period_ns / 1e9,
         "samples": {
             "training": int((thinned.role == Role.TRAIN).sum()),
-            "training_available": counts[Role.TRAIN],
-            "validation": counts[Role.VALIDATE],
-            "test": counts[Role.TEST],
+            "training_available": int((data.role == Role.TRAIN).sum()),
+            "validation": int((data.role == Role.VALIDATE).sum()),
+            "test": int((data.role == Role.TEST).sum()),
             "enabled_share": round(float(thinned.enabled.mean()), 4),
         },
         "settings": {name: getattr(settings, name) for name in SHOWN}
         | {"horizons": list(HORIZONS), "input_lag_start": 1},
         "models": models,
-        "ranking": ranking,
+        "ranking": [m["number"] for m in once],
         "tuned": tuned,
         "best": _best(models, tuned),
         "rules": rules(settings.iterations),
-        "cpu_s": round(sum(cpu_s.values()), 1),
+        "cpu_s": round(sum({s["weights_key"]: s["cpu_s"] for s in starts}.values()), 1),
         "warnings": warnings(data, thinned, models),
     }
     seconds = round(time.monotonic() - began, 1)
@@ -117,51 +117,42 @@ def _trainings(
 ) -> dict[str, Job]:
     """Return the jobs by key, the longest first; equal models share their jobs."""
     weights = {c: spec_of(data, c).n_weights for c in candidates}
-    n, smallest = _samples(data), min(weights.values())
-    if n < smallest:
+    n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
+    if n < min(weights.values()):
         raise RecordingError(
-            f"{n} training samples for {smallest} weights of the smallest model are too few"
+            f"{n} training samples for {min(weights.values())} weights of the smallest model are "
+            "too few"
         )
-    digest = _digest(data)
-    same = same_as(candidates)
-    result = {}
-    for c in sorted(
-        candidates, key=lambda c: weights[c] ** (1 + (c.algorithm in (LM, BAYES))), reverse=True
-    ):
-        for start in range(settings.starts if c.number not in same else 0):
+    digest, result = _digest(data), {}
+    efforts = {c: weights[c] ** (1 + (c.algorithm in (LM, BAYES))) for c in candidates}
+    for c in sorted(efforts, key=efforts.__getitem__, reverse=True):
+        for start in range(settings.starts if c.number not in same_as(candidates) else 0):
             job = Job(c, start, settings.seed + SEED_STEP * start, settings.iterations)
             text = f"{digest} {(c.training, job.seed, job.iterations)}"
             result[f"train_{hashlib.sha256(text.encode()).hexdigest()[:16]}"] = job
     return result
 
 
-def _samples(data: Prepared) -> int:
-    return int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
-
-
-def _models(
+def _model(
     data: Prepared,
+    candidate: Candidate,
     candidates: Sequence[Candidate],
     trainings: Mapping[str, Job],
     done: Mapping[str, Model],
-) -> list[Model]:
-    models = []
-    for c in candidates:
-        keys = [k for k, j in trainings.items() if j.candidate.training == c.training]
-        starts = [public(done[k]) | {"weights_key": k} for k in keys]
-        own = {
-            "hidden": list(c.hidden),
-            "name": c.name,
-            "same_as": same_as(candidates).get(c.number),
-            "n_weights": spec_of(data, c).n_weights,
-            "starts": starts,
-            "best_start": min(range(len(starts)), key=lambda i: _score(starts[i])),
-        }
-        models.append(asdict(c) | own)
-    return models
+) -> Model:
+    keys = [k for k, j in trainings.items() if j.candidate.training == candidate.training]
+    starts = [public(done[k]) | {"weights_key": k} for k in keys]
+    return asdict(candidate) | {
+        "hidden": list(candidate.hidden),
+        "name": candidate.name,
+        "same_as": same_as(candidates).get(candidate.number),
+        "n_weights": spec_of(data, candidate).n_weights,
+        "starts": starts,
+        "best_start": min(range(len(starts)), key=lambda i: _score(starts[i])),
+    }
 
 
-def _score(figures: Mapping[str, Any]) -> float:
+def _score(figures: Model) -> float:
     score = figures["validation_score"]
     return np.inf if score is None else float(score)
 
@@ -170,21 +161,7 @@ def _best_start(model: Model) -> Model:
     return dict(model["starts"][model["best_start"]])
 
 
-def _tunings(
-    models: Sequence[Model], numbers: Sequence[int], trainings: Mapping[str, Job], folder: Path
-) -> dict[str, Job]:
-    """Return the jobs that tune the best start of every one of the best models, by key."""
-    by_number = {m["number"]: m for m in models}
-    result = {}
-    for number in numbers:
-        key = _best_start(by_number[number])["weights_key"]
-        begun = stored(folder / f"{key}.json") or {}
-        job = replace(trainings[key], weights=tuple(begun["network"]["weights"]))
-        result[key.replace("train", "tune")] = job
-    return result
-
-
-def _best(models: Sequence[Model], tuned: Sequence[Model]) -> dict[str, Any]:
+def _best(models: Sequence[Model], tuned: Sequence[Model]) -> Model:
     """Return the best model, before or after tuning.
 
     Models that forget their history come first; among them the free-run validation error decides.
@@ -198,17 +175,13 @@ def _best(models: Sequence[Model], tuned: Sequence[Model]) -> dict[str, Any]:
             | {"weights_key": key, "figures": t[when]}
             for when, key in keys.items()
         ]
-    return min(
-        found,
-        key=lambda m: (not m["figures"].get("forgets", True), _score(m["figures"])),
-    )
+    return min(found, key=lambda m: (not m["figures"]["forgets"], _score(m["figures"])))
 
 
 def _digest(data: Prepared) -> str:
     """Return the hash of the data that a job uses."""
-    digest = hashlib.sha256(f"{VERSION}".encode())
+    digest = hashlib.sha256(f"{VERSION} {data.scaling}".encode())
     for array in (data.samples.u, data.samples.y, data.samples.weight, data.role, data.enabled):
         digest.update(np.ascontiguousarray(array).tobytes())
     digest.update(repr([(s.start, s.stop) for s in data.segments]).encode())
-    digest.update(repr(data.scaling).encode())
     return digest.hexdigest()

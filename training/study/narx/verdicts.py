@@ -69,31 +69,28 @@ def judge(models: Sequence[Model], iterations: int) -> list[dict[str, Any]]:
     smallest = int(np.argmin([m["n_weights"] for m in models]))
     harder = test[smallest] / train[smallest]
     one_step, free = (_least(models, mode) for mode in ("one_step", "free_run"))
+    one_step, free, ratio = one_step / one_step.min(), free / free.min(), test / train
     result = []
     for i, m in enumerate(models):
-        found = {}
-        least = errors(m, "one_step", "train").min()
-        if least > UNDER * train.min():
-            found["underfits"] = (
-                f"training error {least / train.min():.2g} times the lowest or more"
-            )
-        beyond = test[i] - harder * train[i]
+        least = errors(m, "one_step", "train").min() / train.min()
         spread = SPREADS * _std(errors(m, "one_step", "test"))
-        if test[i] > OVER * harder * train[i] and beyond > spread:
-            found["overfits"] = (
-                f"test error {test[i] / train[i]:.2f} times the training error, "
-                f"{harder:.2f} times for the smallest model"
-            )
-        if diverged := sum(s["diverged"] for s in m["starts"]):
-            found["diverges"] = f"{diverged} of {len(m['starts'])} starts diverge in free run"
-        elif one_step[i] <= UNDER * one_step.min() and free[i] > DECEIVES * free.min():
-            found["one-step deceives"] = (
-                f"one-step error {one_step[i] / one_step.min():.2f} times the lowest, "
-                f"free-run error {free[i] / free.min():.2f} times"
-            )
-        if any(s["unfinished"] for s in m["starts"]):
-            found["unfinished"] = f"the error still fell after {iterations} iterations"
-        result.append({"labels": list(found), "words": "; ".join(found.values())})
+        diverged = sum(s["diverged"] for s in m["starts"])
+        deceives = not diverged and one_step[i] <= UNDER and free[i] > DECEIVES
+        overfits = ratio[i] > OVER * harder and test[i] - harder * train[i] > spread
+        words = {
+            "underfits": least > UNDER and f"training error {least:.2g} times the lowest or more",
+            "overfits": overfits
+            and f"test error {ratio[i]:.2f} times the training error, {harder:.2f} times for the "
+            "smallest model",
+            "diverges": diverged and f"{diverged} of {len(m['starts'])} starts diverge in free run",
+            "one-step deceives": deceives
+            and f"one-step error {one_step[i]:.2f} times the lowest, free-run error {free[i]:.2f} "
+            "times",
+            "unfinished": any(s["unfinished"] for s in m["starts"])
+            and f"the error still fell after {iterations} iterations",
+        }
+        said = {label: text for label, text in words.items() if text}
+        result.append({"labels": list(said), "words": "; ".join(map(str, said.values()))})
     return result
 
 

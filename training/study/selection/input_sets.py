@@ -52,6 +52,15 @@ class Tried:
         own = start or self.best
         return self.data.scaling.unscale_y(free_run(self.data, own.spec, own.weights))
 
+    @property
+    def measured(self) -> FloatArray:
+        """The output (n,) in model units."""
+        return self.data.scaling.unscale_y(self.data.samples.y)
+
+    def rmse(self, rows: np.ndarray, start: Trained) -> float:
+        """Return the free-run error of a start on ``rows``."""
+        return metrics.rmse(self.measured[rows], self.predicted(start)[rows])
+
 
 def aligned(recordings: Sequence[Recording], names: Sequence[str]) -> list[Recording]:
     """Return the recordings with a sample invalid in all ``names`` if it is invalid in one.
@@ -124,6 +133,16 @@ def _prepared(recordings: Sequence[Recording], each: InputSet, output: str, seed
     return replace(data, samples=samples, role=role)
 
 
+def correlations(pairs: Sequence[tuple[FloatArray, FloatArray]], most: int) -> list[float]:
+    """Return the correlation of the second signals with the earlier first ones, by lag."""
+    result = []
+    for lag in range(most + 1):
+        late = [(a[: len(a) - lag], b[lag:]) for a, b in pairs if len(a) > lag]
+        u, y = (np.concatenate(each) for each in zip(*late, strict=True))
+        result.append(metrics.correlation(u, y))
+    return result
+
+
 def scored_rows(tried: Sequence[Tried]) -> np.ndarray:
     """Return a mask (n,) bool of the enabled test samples that all sets predict.
 
@@ -139,8 +158,7 @@ def scored_rows(tried: Sequence[Tried]) -> np.ndarray:
 
 def figures(tried: Tried, rows: np.ndarray) -> dict[str, Any]:
     """Return the free-run errors of an input set on ``rows``, in model units."""
-    measured = tried.data.scaling.unscale_y(tried.data.samples.y[rows])
-    predicted = tried.predicted()[rows]
+    measured, predicted = tried.measured[rows], tried.predicted()[rows]
     stages = [t.stages for t in tried.starts]
     return {
         "name": tried.set.name,
@@ -151,7 +169,7 @@ def figures(tried: Tried, rows: np.ndarray) -> dict[str, Any]:
         "rmse": metrics.rmse(measured, predicted),
         "fit_percent": metrics.fit_percent(measured, predicted) if np.ptp(measured) > 0 else None,
         "correlation": metrics.correlation(measured, predicted),
-        "rmse_of_starts": [metrics.rmse(measured, tried.predicted(t)[rows]) for t in tried.starts],
+        "rmse_of_starts": [tried.rmse(rows, t) for t in tried.starts],
         "stopped_by_budget": sum(
             not own or own[-1].stop == "budget" or len(own) <= len(HORIZONS) for own in stages
         ),
@@ -165,8 +183,7 @@ def difference(one: Tried, other: Tried, rows: np.ndarray, seed: int) -> dict[st
     The interval is a bootstrap over blocks of residuals; both sets draw the same blocks.
     Source: Künsch, Annals of Statistics 17 (1989); here the blocks do not overlap.
     """
-    target = one.data.scaling.unscale_y(one.data.samples.y)
-    squares = np.column_stack([(t.predicted() - target) ** 2 for t in (one, other)])
+    squares = np.column_stack([(t.predicted() - one.measured) ** 2 for t in (one, other)])
     blocks = [
         squares[a : min(a + BOOTSTRAP_BLOCK, stop)]
         for first, stop in runs(rows)
@@ -177,10 +194,5 @@ def difference(one: Tried, other: Tried, rows: np.ndarray, seed: int) -> dict[st
     rmse = np.sqrt(total[drawn].sum(axis=1) / n[drawn].sum(axis=1)[:, np.newaxis])
     low, high = np.percentile(rmse[:, 0] - rmse[:, 1], [2.5, 97.5])
     a, b = np.sqrt(total.sum(axis=0) / n.sum())
-    return {
-        "difference": float(a - b),
-        "low": float(low),
-        "high": float(high),
-        "rmse": float(b),
-        "blocks": float(len(n)),
-    }
+    values = {"difference": a - b, "low": low, "high": high, "rmse": b, "blocks": len(n)}
+    return {name: float(value) for name, value in values.items()}

@@ -11,7 +11,6 @@ from monitor.base.types import FloatArray
 from training.limits.data_check.measures import variance_inflation
 from training.recordings.augmentation import CONTROLLER
 from training.recordings.linear_data import cleaned, output_transform
-from training.recordings.metrics import correlation
 from training.recordings.recording import Recording
 from training.recordings.rows import runs
 from training.study.selection.components import pca
@@ -20,6 +19,7 @@ from training.study.selection.input_sets import (
     InputSet,
     Tried,
     aligned,
+    correlations,
     difference,
     figures,
     scored_rows,
@@ -88,7 +88,6 @@ def selection(task: Task, _: Parts) -> dict[str, Any]:
     if any(not np.isfinite(t.best.score) for t in tried):
         raise UsageError(f"the budget of {budget:g} min is too short for {len(sets)} sets")
     rows = scored_rows(tried)
-    found = [figures(t, rows) for t in tried]
     reach = None
     if CONTROLLER in chosen and transform == "phi":
         with_it = [t for t in tried if t.set.name in (CHOSEN, EXACT, WITHOUT)]
@@ -102,11 +101,8 @@ def selection(task: Task, _: Parts) -> dict[str, Any]:
         "recordings": len(recordings),
         "pca": components,
         "variables": _variables([v for _, v in parts], names, chosen, components),
-        "sets": found,
-        "comparisons": [
-            _comparison(t, tried[0], rows, seed, theirs, found[0]["rmse_of_starts"])
-            for t, theirs in zip(tried[1:], (f["rmse_of_starts"] for f in found[1:]), strict=True)
-        ],
+        "sets": [figures(t, rows) for t in tried],
+        "comparisons": [_comparison(t, tried[0], rows, seed) for t in tried[1:]],
         "transparency": reach,
     }
 
@@ -155,13 +151,13 @@ def _variables(
     loadings = np.array(components["loadings"])[:, : components["kept"]]
     rows = []
     for i, name in enumerate(names):
-        r, lag = _largest_correlation([(v[:, i], v[:, -1]) for v in parts])
-        component = int(np.abs(loadings[i]).argmax())
+        by_lag = correlations([(v[:, i], v[:, -1]) for v in parts], LAG_SPAN)
+        lag, component = (int(np.abs(each).argmax()) for each in (by_lag, loadings[i]))
         rows.append(
             {
                 "name": name,
                 "chosen": name in chosen,
-                "correlation": r,
+                "correlation": by_lag[lag],
                 "lag": lag,
                 "inflation": float(among_all[i]),
                 "inflation_chosen": among_chosen.get(i),
@@ -173,30 +169,10 @@ def _variables(
     return rows
 
 
-def _largest_correlation(pairs: Pairs) -> tuple[float, int]:
-    """Return the largest correlation of the output with the earlier input and the lag."""
-    best = (0.0, 0)
-    for lag in range(LAG_SPAN + 1):
-        late = [(a[: len(a) - lag], b[lag:]) for a, b in pairs if len(a) > lag]
-        r = correlation(*(np.concatenate(each) for each in zip(*late, strict=True)))
-        if abs(r) > abs(best[0]):
-            best = (r, lag)
-    return best
-
-
-def _comparison(
-    other: Tried,
-    ours: Tried,
-    rows: np.ndarray,
-    seed: int,
-    theirs: Sequence[float],
-    own: Sequence[float],
-) -> dict[str, Any]:
-    """Return the comparison of another input set with the chosen one, with a verdict.
-
-    theirs, own : RMSE of their starts
-    """
+def _comparison(other: Tried, ours: Tried, rows: np.ndarray, seed: int) -> dict[str, Any]:
+    """Return the comparison of another input set with the chosen one, with a verdict."""
     found = difference(other, ours, rows, seed)
+    theirs, own = ([t.rmse(rows, start) for start in t.starts] for t in (other, ours))
     low, high, margin = found["low"], found["high"], NEGLIGIBLE * found["rmse"]
     if low > -margin and high < margin:
         verdict = "as good"

@@ -15,6 +15,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.polynomial import polynomial
 from scipy import linalg, signal
 
 from monitor.base.fault_streams import SensorFault
@@ -27,7 +29,7 @@ from training.recordings.metrics import correlation
 from training.recordings.preparation import Role, enabled_rows
 from training.recordings.recording import Recording
 from training.recordings.rows import runs
-from training.study.selection.input_sets import Tried, exact_inputs
+from training.study.selection.input_sets import Tried, correlations, exact_inputs
 
 COMMAND = "lambda_target"
 TAPS = 5  # past samples of the mixture in the controller's law
@@ -56,8 +58,7 @@ class Controller:
         """Denominator of the closed loop; the reading follows the controller with gain 1."""
         law = np.convolve([1.0, -1.0], [1.0, -self.own])
         answer = np.concatenate([np.zeros(self.dead_time), self.measured])
-        size = max(len(law), len(answer))
-        return np.pad(law, (0, size - len(law))) - np.pad(answer, (0, size - len(answer)))
+        return polynomial.polysub(law, answer)
 
     @property
     def stable(self) -> bool:
@@ -112,22 +113,14 @@ def _dead_time(parts: Sequence[FloatArray]) -> int:
     """
     if parts[0].shape[1] < 3:
         return TAPS
-    found = []
-    for lag in range(MOST_DEAD_TIME + 1):
-        command = np.concatenate([v[: len(v) - lag, 2] for v in parts])
-        found.append(correlation(command, np.concatenate([v[lag:, 1] for v in parts])))
-    return int(np.argmax(found))
+    return int(np.argmax(correlations([(v[:, 2], v[:, 1]) for v in parts], MOST_DEAD_TIME)))
 
 
 def _regression(values: FloatArray) -> FloatArray:
     """Return the rows of the regression: increment, previous increment, mixture taps, constant."""
-    increment = np.diff(values[:, 0])
-    n = len(increment)
-    taps = [values[TAPS + 1 - j : len(values) - j, 1:] for j in range(TAPS + 1)]
-    by_signal = np.stack(taps, axis=1).transpose(0, 2, 1).reshape(n - TAPS, -1)
-    return np.column_stack(
-        [increment[TAPS:], increment[TAPS - 1 : -1], by_signal, np.ones(n - TAPS)]
-    )
+    increment, n = np.diff(values[:, 0]), len(values) - 1 - TAPS
+    taps = sliding_window_view(values[1:, 1:], TAPS + 1, axis=0)[:, :, ::-1].reshape(n, -1)
+    return np.column_stack([increment[TAPS:], increment[TAPS - 1 : -1], taps, np.ones(n)])
 
 
 def transparency(

@@ -8,11 +8,11 @@ from monitor.base.types import FloatArray
 from tests.helpers.plants import PERIOD_S, RNG, coloured, continuous, held_steps, modes, two_inputs
 from training.narx.linear.arx import Arx, arx_delays, fit_arx, order_grid
 from training.narx.linear.free_run import free_run_error
+from training.narx.linear.output_error import OutputError, fit_output_error, refine
 from training.narx.linear.regressors import Stretch, triangle
+from training.narx.linear.responses import BAND, effective_samples, impulse_response
+from training.narx.linear.subspace import best_state_space, subspace
 from training.recordings.metrics import fit_percent
-from training.study.linear.output_error import OutputError, fit_output_error, refine
-from training.study.linear.responses import BAND, effective_samples, impulse_response
-from training.study.linear.subspace import best_state_space, subspace
 
 
 @pytest.fixture(scope="module")

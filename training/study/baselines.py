@@ -1,0 +1,266 @@
+"""Linear study: impulse responses, ARX, state space and output error models, residual tests."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
+from training.jobs.json_tree import plain
+from training.narx.linear import arx
+from training.narx.linear.arx import Arx, common_delays, solve_arx
+from training.narx.linear.free_run import LinearModel, free_runs
+from training.narx.linear.output_error import fit_output_error
+from training.narx.linear.regressors import Stretch, Triangle, checked, largest_order, triangle
+from training.narx.linear.responses import BAND, impulse_response, independence, whiteness
+from training.narx.linear.subspace import StateSpace, best_state_space, subspace
+from training.recordings.metrics import correlation, fit_percent, rmse
+from training.study.free_runs import liveliest
+
+MAX_STATES = 12
+LEAST_ORDER = 2
+IMPULSE_LAGS = 50  # samples
+EXAMPLE = 600  # samples of the excerpt
+SHOWN = ("arx_free_run", "subspace", "output_error")  # models in the excerpt
+FREE_RUN = ("validation_rmse", "validation_fit_percent", "rmse", "fit_percent", "correlation")
+CRITERIA = {"arx_sum_of_squares": "validation_loss", "arx_mdl": "mdl", "arx_aic": "aic"}
+
+Figures = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What the linear models are fitted to and judged on."""
+
+    train: Sequence[Stretch]
+    validate: Sequence[Stretch]
+    test: Sequence[Stretch]
+    order: int  # largest
+    skip: int  # first samples of a stretch that set the state and are not scored
+    data: Triangle  # condensed training stretches
+    delays: tuple[int, ...]  # dead time of each input
+
+    def scored(self, series: Sequence[FloatArray]) -> FloatArray:
+        """Return the scored samples of series, one per stretch, end to end."""
+        return np.concatenate([each[self.skip :] for each in series])
+
+
+def linear(
+    train: Sequence[Stretch],
+    validate: Sequence[Stretch],
+    test: Sequence[Stretch],
+    inputs: Sequence[str],
+    output: str,
+    *,
+    period_s: float,
+    unit: str = "",
+    max_order: int = arx.MAX_ORDER,
+) -> Figures:
+    """Return the linear study of one output.
+
+    train, validate, test : stretches (u (n, k), y (n,)) without gaps; models are fitted on
+        ``train``, orders chosen on ``validate``, fits in percent taken on ``test``
+    unit : unit of the output, for the axes
+    max_order : largest order of the ARX models; few samples and short stretches lower it
+    The first samples of a stretch (``skip`` in the result, twice the order) set the state of every
+    model and are not scored. Stretches shorter than twice ``skip`` are left out.
+    Raises RecordingError for values that are not finite, wrong shapes or too few samples.
+    """
+    roles = {"training": train, "validation": validate, "test": test}
+    order = largest_order(checked(train, inputs, "training"), max_order)
+    longest = min(max((len(y) for _, y in each), default=0) for each in roles.values())
+    order = min(order, max(LEAST_ORDER, longest // 4))
+    skip = 2 * order
+    usable = {role: _usable(each, inputs, role, skip) for role, each in roles.items()}
+    data = triangle(usable["training"], skip, skip)
+    learn, choose, judge = usable.values()
+    case = Case(learn, choose, judge, order, skip, data, arx.arx_delays(data, order))
+    found, orders = _arx_models(case)
+    states, space = _state_space(case)
+    error, starts = _output_error(case, states, found["arx_free_run"])
+    best = states[space["order"] - 1]
+    models: dict[str, LinearModel] = {**found, "subspace": best, "output_error": error}
+    fits = {name: _scores(m, case) for name, m in models.items()}
+    free = found["arx_free_run"]
+    exact = {"a": free.a.tolist(), "b": free.b.tolist()}  # a free run needs all digits
+    exact |= {"delays": list(free.delays), "offset": free.offset}
+    return {
+        **plain(
+            {
+                "schema": "o2train.study.linear/1",
+                "inputs": inputs,
+                "output": output,
+                "unit": unit,
+                "period_s": period_s,
+                "samples": {role: sum(len(y) for _, y in each) for role, each in usable.items()},
+                "stretches": {role: [len(usable[role]), len(roles[role])] for role in roles},
+                "skip": skip,
+                "largest_order": order,
+                "impulse": _impulse(case, inputs),
+                "subspace": space,
+                "output_error": starts,
+                "models": fits,
+                "best": min(
+                    (n for n in fits if fits[n]["stable"]), key=lambda n: fits[n][FREE_RUN[0]]
+                ),
+                "residuals": _residuals(models, case, inputs),
+                "example": _example({n: models[n] for n in SHOWN}, case, period_s),
+            }
+        ),
+        "arx": plain(orders) | {"free_run_model": exact},
+    }
+
+
+def _usable(
+    stretches: Sequence[Stretch], inputs: Sequence[str], role: str, skip: int
+) -> list[Stretch]:
+    """Return the stretches of at least twice ``skip`` samples."""
+    every = checked(stretches, inputs, role)
+    kept = [s for s in every if len(s[1]) >= 2 * skip]
+    if kept and np.ptp(np.concatenate([y for _, y in kept])) == 0.0:
+        raise RecordingError(f"{role}: the output is constant ({kept[0][1][0]:g})")
+    if not kept:
+        longest = max(len(y) for _, y in every)
+        raise RecordingError(
+            f"{role}: the longest stretch has {longest} samples, {2 * skip} are wanted"
+        )
+    return kept
+
+
+def _arx_models(case: Case) -> tuple[dict[str, Arx], Figures]:
+    """Return four ARX models, chosen by four criteria, and the figures of the grid of orders."""
+    data, order = case.data, case.order
+    grid_delays, run_delays = (
+        common_delays(data.n_inputs, min(most, order), case.delays)
+        for most in (arx.GRID_DELAYS, arx.FREE_RUN_DELAYS)
+    )
+    held_out = triangle(case.validate, case.skip, case.skip)
+    grid = arx.order_grid(data, held_out, order, grid_delays)
+    best = {n: min(grid, key=lambda c: getattr(c, key)) for n, key in CRITERIA.items()}
+    models = {n: solve_arx(data, c.na, c.nb, c.delays) for n, c in best.items()}
+    models["arx_free_run"] = arx.best_in_free_run(data, case.validate, order, run_delays)
+    counts = sorted({c.n_parameters for c in grid})
+    envelope = {
+        key: [min(getattr(c, key) for c in grid if c.n_parameters == d) for d in counts]
+        for key in ("loss", *CRITERIA.values())
+    }
+    orders = {n: {"na": len(m.a), "nb": m.b.shape[1], "nk": m.delays} for n, m in models.items()}
+    return models, {"candidates": len(grid), "choices": orders, "parameters": counts, **envelope}
+
+
+def _state_space(case: Case) -> tuple[Sequence[StateSpace], Figures]:
+    """Return the state space models of all orders, and the figures with the best order."""
+    found = subspace(case.data, case.skip, min(MAX_STATES, case.skip - 1))
+    best, errors = best_state_space(found, case.validate, case.skip)
+    return found.models, {
+        "past": case.skip,
+        "singular_values": found.singular_values,
+        "order": best.order,
+        "order_by_gap": found.order_by_gap,
+        "validation_rmse": np.sqrt(errors),
+    }
+
+
+def _output_error(
+    case: Case, states: Sequence[StateSpace], free: Arx
+) -> tuple[LinearModel, Figures]:
+    """Return the best output error model from many starts, and the figures of all starts."""
+    data, none, wide = case.data, (0,) * case.data.n_inputs, min(12, case.order)
+    starts = [("subspace", m.transfer()) for m in states[:8]]
+    shapes = [(n, n, case.delays) for n in (1, 2, 3)] + [(n, wide, none) for n in (1, 2, 4, 6)]
+    starts += [("ARX", solve_arx(data, *shape)) for shape in shapes if shape[0] <= case.order]
+    if 1 <= len(free.a) <= MAX_STATES:
+        starts.append(("ARX, free run", free))
+    starts = [(name, m) for name, m in starts if m.lags + len(m.a) <= case.skip]
+    best, tried = fit_output_error(case.train, case.validate, [m for _, m in starts], case.skip)
+    rows = [
+        {"start": name, **_shape(m)}
+        | {"training_rmse": np.sqrt(cost), "validation_rmse": np.sqrt(error)}
+        for (name, _), (m, cost, error) in zip(starts, tried, strict=True)
+    ]
+    return best, {**_shape(best.transfer), "starts": rows}
+
+
+def _shape(model: Arx) -> Figures:
+    return {"nf": len(model.a), "nb": model.b.shape[1], "nk": model.delays}
+
+
+def _impulse(case: Case, inputs: Sequence[str]) -> Figures:
+    samples = sum(len(y) for _, y in case.train)
+    lags = max(5, min(IMPULSE_LAGS, samples // (20 * len(inputs))))
+    found = impulse_response(case.train, lags)
+    columns = {
+        "input": inputs,
+        "response": found.response,
+        "band": BAND * found.standard_error,
+        "joint_band": found.joint_band,
+        "delay": found.delays(),
+        "arx_delay": case.delays,
+        "effective_samples": found.effective_samples,
+    }
+    return {
+        "rows": [
+            dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
+        ],
+        "largest_arx_delay": case.order,
+        "largest_autocorrelation_left": float(np.abs(found.white[1:]).max()),
+    }
+
+
+def _scores(model: LinearModel, case: Case) -> Figures:
+    """Return the fits of free run and one-step prediction; free-run fits are None if unstable."""
+    y, held_out = (case.scored([y for _, y in each]) for each in (case.test, case.validate))
+    one_step = case.scored([model.predict(u, y) for u, y in case.test])
+    known: Figures = {"parameters": model.n_parameters, "stable": model.stable}
+    known["one_step_fit_percent"] = fit(y, one_step)
+    if not model.stable:
+        return known | dict.fromkeys(FREE_RUN)
+    run, held_out_run = (
+        case.scored(free_runs(model, each, case.skip)) for each in (case.test, case.validate)
+    )
+    validation = (rmse(held_out, held_out_run), fit(held_out, held_out_run))
+    values = (*validation, rmse(y, run), fit(y, run), correlation(y, run))
+    return known | dict(zip(FREE_RUN, values, strict=True))
+
+
+def fit(measured: FloatArray, simulated: FloatArray) -> float | None:
+    """Return the fit in percent, None where there is nothing to fit."""
+    if len(measured) < 2 or np.ptp(measured) == 0.0 or not np.isfinite(simulated).all():
+        return None
+    return fit_percent(measured, simulated)
+
+
+def _residuals(
+    models: Mapping[str, LinearModel], case: Case, inputs: Sequence[str]
+) -> dict[str, Figures]:
+    """Return the residual tests of all models on the test stretches.
+
+    The residuals are one-step residuals, for output error models simulation residuals.
+    """
+    driven = [u[case.skip :] for u, _ in case.test]
+    result = {}
+    for name, model in models.items():
+        left = [(y - model.predict(u, y))[case.skip :] for u, y in case.test]
+        if np.isfinite(np.concatenate(left)).all():  # the Kalman filter may be unstable
+            tests = independence(left, driven, inputs)
+            result[name] = {"whiteness": whiteness(left), "independence": tests}
+    return result
+
+
+def _example(models: Mapping[str, LinearModel], case: Case, period_s: float) -> Figures:
+    """Return a lively excerpt of the test stretches with the free runs of the stable models."""
+    skip, lengths = case.skip, [len(y) for _, y in case.test]
+    length, begins = min(EXAMPLE, min(lengths) - skip), np.cumsum([0, *lengths])
+    scored = np.concatenate([np.arange(n) >= skip for n in lengths])
+    first, _ = liveliest(np.concatenate([y for _, y in case.test]), scored, scored, length)
+    index = int(np.searchsorted(begins, first, "right")) - 1
+    (u, y), at = case.test[index], first - int(begins[index])
+    rows = slice(at, at + length)
+    return {
+        "stretch": index,
+        "time_s": (at + np.arange(length)) * period_s,
+        "measured": y[rows],
+        "runs": {n: m.simulate(u, y[:skip])[rows] for n, m in models.items() if m.stable},
+    }

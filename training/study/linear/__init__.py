@@ -1,1 +1,0 @@
-"""Linear baselines: impulse response, ARX, state space, output error, residual tests."""
