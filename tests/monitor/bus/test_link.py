@@ -2,7 +2,6 @@
 
 import socket
 import struct
-import threading
 import time
 from collections.abc import Iterable
 from typing import Any
@@ -20,7 +19,13 @@ from monitor.bus.link.datagrams import MOST
 from monitor.bus.link.error_frames import error_frame
 from monitor.bus.link.port import BusHealth, Port
 from monitor.bus.link.recorder import message_of
-from monitor.bus.link.socketcan import FRAMES, RECEIVE_BUFFER_BYTES, SocketReader
+from monitor.bus.link.socketcan import (
+    BEHIND_S,
+    FRAMES,
+    GATHER_S,
+    RECEIVE_BUFFER_BYTES,
+    SocketReader,
+)
 from monitor.frames.blocks import frames_of
 from monitor.frames.loop_frames import FIRST_ID
 from monitor.grid.block_assembler import LATEST_NS
@@ -365,23 +370,29 @@ def send(here: UdpCan, numbers: Iterable[int]) -> None:
         here.send_raw(struct.pack("=IB3x8x", number, 8))
 
 
-def test_frames_gather_until_the_ticks_end_and_are_read_with_one_call(wire: Any) -> None:
-    # GIVEN a tick that ends in 10 ms, and frames that come meanwhile
+def test_frames_gather_until_the_ticks_end_and_are_read_with_one_call(
+    wire: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN frames, others that come while these wait, and a tick whose end is near or far
     here, there = wire
-    port = Port(there, BusHealth())
-    send(here, range(50))
-    end_ns = time.time_ns() + 10_000_000
-    later = threading.Timer(0.004, send, [here, range(50, 60)])
-    later.start()
-    # WHEN they are received
-    frames = taken(port, 0.1, end_ns)
-    later.join()
-    # THEN all come at once, in their order, when the tick is over
-    assert [frame.can_id for frame in frames] == list(range(60))
-    assert time.time_ns() >= end_ns
+    port, waits_s = Port(there, BusHealth()), list[float]()
+
+    def sleep(seconds: float) -> None:
+        waits_s.append(seconds)
+        send(here, range(50, 60))
+
+    monkeypatch.setattr("monitor.bus.link.socketcan.time.sleep", sleep)
+    for ahead_s in (0.010, 60.0):
+        send(here, range(50))
+        # WHEN they are received
+        frames = taken(port, 1.0, time.time_ns() + round(ahead_s * 1e9))
+        # THEN all come at once, in their order, when the tick or the longest wait is over
+        assert [frame.can_id for frame in frames] == list(range(60))
+        assert 0.0 < waits_s.pop() <= min(ahead_s + BEHIND_S, GATHER_S)
     # AND behind the tick's end a frame does not wait for others
     send(here, [60])
-    assert len(taken(port, 0.1, end_ns)) == 1
+    assert len(taken(port, 1.0, time.time_ns() - 1_000_000)) == 1
+    assert waits_s == []
 
 
 @pytest.mark.parametrize("n", [FRAMES - 1, FRAMES, 2 * FRAMES + 7])
