@@ -288,3 +288,9 @@ def test_tables_of_hand_made_rows(hand_made: list[Row]) -> None:
     assert card["loop, found"]["rate"] == 1.0
     assert card["false windows"]["rate"] == 0.01
     assert tables.healthy(hand_made)[0]["per 1000 h"]["per_1000_h"] == pytest.approx(1000 / 30)
+
+
+def test_a_part_of_the_rows_makes_a_report_too(hand_made: list[Row]) -> None:
+    for part in ([], hand_made[:1], hand_made[-1:]):
+        page = tables.report(SMALL, "shipped.onnx", part).as_page({"code_sha256": "0" * 64})
+        assert f"{len(part)} simulated drives" in page
