@@ -40,6 +40,16 @@ QUANTISATION = {
     "purge_duty_percent": 0.5,
 }
 FLAGS = ("closed_loop", "fuel_cut", "sensor_ready")
+MIXED = (  # what the mixture's pass gives, in its order
+    "fuel_mass_mg",
+    "rail_pressure_mpa",
+    "lambda_controller",
+    "lambda_measured",
+    "lambda_target",
+    "purge_duty_percent",
+    "closed_loop",
+    "sensor_ready",
+)
 
 
 class Hidden(NamedTuple):
@@ -183,17 +193,9 @@ def broadcast(
     charge = meter(car, piece, effects, noise[0])
     more = Outside(np.ones(len(speed)), np.zeros(len(speed))) if outside is None else outside(car)
     car = car._replace(air_mg=car.air_mg / more.factor)
-    fine = mix(
-        car,
-        charge[0],
-        piece=piece,
-        e=effects,
-        form=form,
-        sensor=sensor,
-        ambient_kpa=ambient_kpa,
-        noise=noise[1:],
-        vapour_mg_s=more.vapour_mg_s,
-    ) | {
+    vapour = more.vapour_mg_s
+    mixed = _mix(car, charge[0], piece, effects, form, sensor, ambient_kpa, noise[1:], vapour)
+    fine = dict(zip(MIXED, mixed, strict=True)) | {
         "air_mass_mg": charge[0],
         "maf_kg_h": charge[1],
         "manifold_pressure_kpa": car.manifold_kpa + rng.normal(0.0, 0.15, len(speed)),
@@ -289,15 +291,7 @@ def drive_car(v: FloatArray, ambient: float, cold: bool) -> Car:
         flow += STEP_S / 0.04 * (through - flow)
         coolant += STEP_S * (0.055 + 0.0011 * flow) * (1.0 if coolant < 88.0 else -0.4)
         out[:, k] = (rpm, p, intake, coolant, 1.0 if cut else 0.0, air, flow)
-    return Car(
-        rpm=out[0],
-        manifold_kpa=out[1],
-        intake_degc=out[2],
-        coolant_degc=out[3],
-        cut=out[4],
-        air_mg=out[5],
-        throttle_kg_h=out[6],
-    )
+    return Car(out[0], out[1], out[2], out[3], out[4], out[5], out[6])
 
 
 @njit(cache=True)
@@ -322,32 +316,6 @@ def meter(car: Car, piece: Piece, e: Hidden, noise: FloatArray) -> tuple[FloatAr
         charge[k] = by_pressure * trim + 0.05 * e.manifold_filling * filling
         read[k] = reading
     return charge, read
-
-
-def mix(
-    car: Car,
-    charge: FloatArray,
-    piece: Piece,
-    e: Hidden,
-    form: Form,
-    sensor: Sensor,
-    ambient_kpa: float,
-    noise: FloatArray,
-    vapour_mg_s: FloatArray,
-) -> dict[str, FloatArray]:
-    """Return what the ECU sends of fuel and lambda, name → (n,)."""
-    made = _mix(car, charge, piece, e, form, sensor, ambient_kpa, noise, vapour_mg_s)
-    names = (
-        "fuel_mass_mg",
-        "rail_pressure_mpa",
-        "lambda_controller",
-        "lambda_measured",
-        "lambda_target",
-        "purge_duty_percent",
-        "closed_loop",
-        "sensor_ready",
-    )
-    return dict(zip(names, made, strict=True))
 
 
 @njit(cache=True)
