@@ -36,7 +36,7 @@ from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline import replay
 from monitor.pipeline.collector import Collector
 from monitor.pipeline.events import CycleStarted, Event
-from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.monitor import Judge, SensorMonitor
 from monitor.pipeline.names import needed_names
 from monitor.pipeline.side_by_side import slices
 
@@ -113,7 +113,7 @@ def replayed(frames: FrameBlock, setup: replay.Setup, size: int = 1 << 16) -> Dr
     decoder = BlockDecoder(setup.bus_map, names)
     assembler = BlockAssembler.of(decoder, setup.model.card.period_ns)
     timeline = Timeline(decoder)
-    monitor = Monitor(Judge(names, setup.model, setup.config), setup.limits, store)
+    monitor = SensorMonitor(Judge(names, setup.model, setup.config), setup.limits, store)
     collector, cycles = Collector(monitor), 0
     n = len(frames.t_ns)
     cut = (chosen(frames, slice(first, first + size)) for first in range(0, n, size))

@@ -28,7 +28,7 @@ from monitor.grid.timeline import Timeline
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline import replay
 from monitor.pipeline.events import Ticks, WindowJudged
-from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.monitor import Judge, SensorMonitor
 from monitor.pipeline.names import needed_names
 
 LOG = REPLAY_LOGS / "healthy_wltc_3b_v101_s101.blf"
@@ -55,12 +55,12 @@ class StagedDrive:
         order = [monitor.names.index(name) for name in self.setup.model.card.input_names]
         self.inputs = [t.block.values[0, order] for t in ticks if math.isfinite(t.predicted[0])]
 
-    def monitor(self) -> Monitor:
+    def monitor(self) -> SensorMonitor:
         """Return a monitor that has seen nothing."""
         setup, store = self.setup, DtcStore(profile=self.setup.config.profile)
         store.start_driving_cycle()
         names = needed_names(setup.model.card, setup.bus_map.names)
-        return Monitor(Judge(names, setup.model, setup.config), setup.limits, store)
+        return SensorMonitor(Judge(names, setup.model, setup.config), setup.limits, store)
 
     def _decoded(self) -> Iterator[SampleBlock]:
         decoder = BlockDecoder(

@@ -24,7 +24,7 @@ from monitor.pipeline.events import (
     Tick,
     WindowJudged,
 )
-from monitor.pipeline.monitor import Monitor
+from monitor.pipeline.monitor import SensorMonitor
 from monitor.report.lines import event_line
 
 SCHEMA: Final = "o2mon.run/1"
@@ -116,7 +116,7 @@ class StatusLine:
     identifiers: tuple[tuple[int, bool], ...] = ()
     due_s = math.inf
 
-    def __init__(self, monitor: Monitor, health: BusHealth) -> None:
+    def __init__(self, monitor: SensorMonitor, health: BusHealth) -> None:
         self._monitor, self._health = monitor, health
         self._output = monitor.names.index(monitor.output)
         self._tick: Tick | None = None
@@ -177,7 +177,9 @@ class StatusLine:
 class EventLines(StatusLine):
     """One line for every window and every changed code, for the journal of a service."""
 
-    def __init__(self, monitor: Monitor, health: BusHealth, collector: Collector, out: Out) -> None:
+    def __init__(
+        self, monitor: SensorMonitor, health: BusHealth, collector: Collector, out: Out
+    ) -> None:
         super().__init__(monitor, health)
         self._collector, self._out = collector, out
 
@@ -218,7 +220,11 @@ class JsonEvents(StatusLine):
     due_s = -math.inf
 
     def __init__(
-        self, monitor: Monitor, health: BusHealth, out: Out, wall_s: Callable[[], float] = time.time
+        self,
+        monitor: SensorMonitor,
+        health: BusHealth,
+        out: Out,
+        wall_s: Callable[[], float] = time.time,
     ) -> None:
         super().__init__(monitor, health)
         self._out, self._wall_s = out, wall_s

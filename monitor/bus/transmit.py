@@ -12,7 +12,7 @@ from monitor.decode.bus_map import load_database
 from monitor.decode.checksum import payload_checksum
 from monitor.memory.dtc import Status
 from monitor.pipeline.events import Event, Tick, WindowJudged
-from monitor.pipeline.monitor import Monitor
+from monitor.pipeline.monitor import SensorMonitor
 
 STATUS_PERIOD_NS: Final = 100_000_000
 CHECKSUM_BYTE: Final = 7
@@ -42,7 +42,7 @@ class Transmitter:
     identifiers: tuple[tuple[int, bool], ...] = ()
     due_s = math.inf  # frames are sent on events only
 
-    def __init__(self, monitor: Monitor) -> None:
+    def __init__(self, monitor: SensorMonitor) -> None:
         database = load_database(dbc.path("o2_monitor.dbc"))
         self._monitor = monitor
         self._status = database.get_message_by_name("O2MON_Status")

@@ -150,7 +150,7 @@ def _logs(
 ) -> "list[Recording]":
     from monitor.base.files.outputs import check, numbered
     from monitor.frames.logs import read_frames
-    from monitor.inject.expected import Judge, fresh_memory
+    from monitor.inject.expected import FrameJudge, fresh_memory
     from monitor.inject.gateway import write_log
     from monitor.inject.injector import Injector
 
@@ -166,7 +166,7 @@ def _logs(
                 seed=scenario.seed + drive - 1,
                 keep_counters=scenario.keep_counters,
             )
-            judge = Judge(setup, memory) if setup and memory else None
+            judge = FrameJudge(setup, memory) if setup and memory else None
             out = args.out and (numbered(args.out, drive) if scenario.n_drives > 1 else args.out)
             check((out,), (args.log, args.scenario, *args.dbc, *args.map))
             frames = injector.stream(read_frames(args.log))
@@ -225,7 +225,7 @@ def _buses(
     args: argparse.Namespace, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
 ) -> "list[Recording]":
     from monitor.bus.ending import ended_by_signals
-    from monitor.inject.expected import Judge, fresh_memory
+    from monitor.inject.expected import FrameJudge, fresh_memory
     from monitor.inject.gateway import Gateway
     from monitor.inject.injector import Injector
 
@@ -249,7 +249,7 @@ def _buses(
     )
     with ExitStack() as stack:
         memory = stack.enter_context(fresh_memory()) if setup else None
-        judge = Judge(setup, memory) if setup and memory else None
+        judge = FrameJudge(setup, memory) if setup and memory else None
         here = _side(stack.enter_context(open_bus(args)), args)
         there = _side(stack.enter_context(open_bus(other)), other)
         gateway = Gateway(here, there, injector, judge.push if judge else lambda _: None)

@@ -25,7 +25,7 @@ Pair = tuple[Path, Path]  # DBC, signal map
 _REASON: Final = 300  # characters of a parser's error: some quote a whole line
 
 
-class Wanted(NamedTuple):
+class WantedSignal(NamedTuple):
     """The channels and derived signals that some names need."""
 
     names: tuple[str, ...]
@@ -35,7 +35,7 @@ class Wanted(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class BusChannel:
     """One signal on the bus: its place in the DBC and its meaning by the map."""
 
     mapped: MappedSignal
@@ -52,7 +52,7 @@ class BusMap:
     """Everything that one or several pairs provide."""
 
     pairs: tuple[Pair, ...]
-    channels: dict[str, Channel]  # by canonical or auxiliary name
+    channels: dict[str, BusChannel]  # by canonical or auxiliary name
     derived: dict[str, Derived]
     names: tuple[str, ...]  # what every vehicle sends, in the order of the maps
     optional: tuple[str, ...] = ()  # what can be asked for, but not every vehicle sends it
@@ -74,12 +74,14 @@ class BusMap:
                 needed.extend(self.derived[name].sources)
         return tuple(dict.fromkeys(needed))
 
-    def wanted(self, names: Sequence[str]) -> Wanted:
+    def wanted(self, names: Sequence[str]) -> WantedSignal:
         """Return the needs of ``names``; raises as ``sources``."""
         channels = self.sources(names)
         derived = tuple(self.derived[name] for name in names if name in self.derived)
         timeouts_s = (self.channels[name].mapped.timeout_s for name in channels)
-        return Wanted(tuple(names), channels, derived, tuple(round(s * 1e9) for s in timeouts_s))
+        return WantedSignal(
+            tuple(names), channels, derived, tuple(round(s * 1e9) for s in timeouts_s)
+        )
 
 
 def load_database(path: Path) -> Database:
@@ -129,7 +131,7 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
     paths: tuple[Pair, ...] = tuple((Path(dbc), Path(map_path)) for dbc, map_path in pairs)
     if not paths:
         raise SignalMapError("no pair of DBC and signal map is given")
-    channels: dict[str, Channel] = {}
+    channels: dict[str, BusChannel] = {}
     derived: dict[str, Derived] = {}
     names: dict[str, None] = {}
     optional: dict[str, None] = {}
@@ -168,7 +170,9 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
     )
 
 
-def _channel(mapped: MappedSignal, signal_map: SignalMap, database: Database, dbc: Path) -> Channel:
+def _channel(
+    mapped: MappedSignal, signal_map: SignalMap, database: Database, dbc: Path
+) -> BusChannel:
     """Return ``mapped`` tied to the database, or raise SignalMapError."""
     where = f"{signal_map.path}: {mapped.name} wants"
     try:
@@ -187,7 +191,7 @@ def _channel(mapped: MappedSignal, signal_map: SignalMap, database: Database, db
             raise SignalMapError(f"{where} {place}{like}")
         if wanted:
             soundness.check_signal(dbc, message, wanted)
-    return Channel(
+    return BusChannel(
         mapped=mapped,
         message=message,
         signal=message.get_signal_by_name(mapped.signal),
@@ -205,9 +209,9 @@ def _alike(wanted: str, present: Sequence[str]) -> str:
     return f"; did you mean {' or '.join(by_small[name] for name in near)}?" if near else ""
 
 
-def _check_overlap(channels: dict[str, Channel]) -> None:
+def _check_overlap(channels: dict[str, BusChannel]) -> None:
     """Raise SignalMapError if two databases use one identifier for different messages."""
-    owners: dict[tuple[int, bool], Channel] = {}
+    owners: dict[tuple[int, bool], BusChannel] = {}
     for channel in channels.values():
         message = channel.message
         owner = owners.setdefault((message.frame_id, message.is_extended_frame), channel)
@@ -220,7 +224,7 @@ def _check_overlap(channels: dict[str, Channel]) -> None:
 
 
 def _check_derived(
-    channels: dict[str, Channel], derived: dict[str, Derived], pairs: tuple[Pair, ...]
+    channels: dict[str, BusChannel], derived: dict[str, Derived], pairs: tuple[Pair, ...]
 ) -> None:
     """Raise SignalMapError if a merged map took away a source of a derived signal."""
     for each in derived.values():

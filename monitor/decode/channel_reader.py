@@ -3,7 +3,7 @@
 import numpy as np
 
 from monitor.base.types import FloatArray
-from monitor.decode.bus_map import Channel
+from monitor.decode.bus_map import BusChannel
 from monitor.decode.payloads import Payloads
 from monitor.decode.raw_values import not_available_raw, plausible_range, plausible_raw, scaling
 
@@ -11,7 +11,7 @@ from monitor.decode.raw_values import not_available_raw, plausible_range, plausi
 class ChannelReader:
     """Reads one channel of a message's payloads."""
 
-    def __init__(self, channel: Channel) -> None:
+    def __init__(self, channel: BusChannel) -> None:
         self._signal, self._scaled = channel.signal, scaling(channel)
         self._missing = not_available_raw(channel)
         if channel.signal.is_float:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from monitor.base.errors import SignalMapError
 from monitor.base.types import BoolArray
-from monitor.decode.bus_map import BusMap, Channel
+from monitor.decode.bus_map import BusChannel, BusMap
 from monitor.decode.channel_reader import ChannelReader
 from monitor.decode.checksum import payload_checksums
 from monitor.decode.parameter_groups import mask_of
@@ -17,7 +17,7 @@ from monitor.decode.payloads import Bytes, Payloads
 from monitor.decode.raw_values import bit_position, last_byte
 from monitor.frames.blocks import EXTENDED
 
-Member = tuple[int, Channel]  # channel number, channel
+Member = tuple[int, BusChannel]  # channel number, channel
 Conditions = tuple[tuple[str, tuple[int, ...]], ...]  # multiplexers with the values wanted
 _ALL_BITS: Final = 0xFFFFFFFF
 
@@ -101,7 +101,7 @@ class Group:
         self.n_bytes = max(last_byte(message, channel.signal) for _, channel in members) + 1
 
 
-def multiplexing(channel: Channel) -> Conditions:
+def multiplexing(channel: BusChannel) -> Conditions:
     """Return the multiplexer values under which the frame carries the channel, outermost first."""
     found: list[tuple[str, tuple[int, ...]]] = []
     signal = channel.signal
@@ -111,7 +111,7 @@ def multiplexing(channel: Channel) -> Conditions:
     return tuple(reversed(found))
 
 
-def _checksum_byte(channel: Channel) -> int:
+def _checksum_byte(channel: BusChannel) -> int:
     """Return the number of the byte that holds the message's checksum."""
     message = channel.message
     signal: Signal = message.get_signal_by_name(channel.integrity.checksum)

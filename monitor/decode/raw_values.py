@@ -7,10 +7,10 @@ from typing import Any
 from cantools.database.can import Message, Signal
 
 from monitor.base import signals
-from monitor.decode.bus_map import Channel
+from monitor.decode.bus_map import BusChannel
 
 
-def not_available_raw(channel: Channel) -> int | None:
+def not_available_raw(channel: BusChannel) -> int | None:
     """Return the raw value that says not available, None if the signal has none."""
     signal = channel.signal
     if not channel.integrity.not_available or signal.length < 2 or signal.is_float:
@@ -20,7 +20,7 @@ def not_available_raw(channel: Channel) -> int | None:
     return int((1 << signal.length) - 1)
 
 
-def plausible_range(channel: Channel) -> tuple[float, float]:
+def plausible_range(channel: BusChannel) -> tuple[float, float]:
     """Return the range of plausible values in the map's unit, widened by rounding errors.
 
     A canonical signal has the range of ``signals``, any other that of the DBC, if it has one.
@@ -36,7 +36,7 @@ def plausible_range(channel: Channel) -> tuple[float, float]:
     return (low - margin, high + margin) if low < high else (-math.inf, math.inf)
 
 
-def scaling(channel: Channel) -> Callable[[Any], Any]:
+def scaling(channel: BusChannel) -> Callable[[Any], Any]:
     """Return the function from raw values, floats, to values in the map's unit."""
     signal, mapped = channel.signal, channel.mapped
     steps = ((signal.scale, signal.offset), (mapped.factor, mapped.offset))
@@ -52,7 +52,7 @@ def scaling(channel: Channel) -> Callable[[Any], Any]:
     return scaled
 
 
-def plausible_raw(channel: Channel) -> tuple[int, int]:
+def plausible_raw(channel: BusChannel) -> tuple[int, int]:
     """Return the lowest and highest raw value that is plausible; empty if none is.
 
     The range is checked on integers, because that is faster, with the decoder's own arithmetic.

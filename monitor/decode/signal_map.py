@@ -110,10 +110,10 @@ def load_signal_map(path: Path) -> SignalMap:
     Raises SignalMapError naming the file and the key if it cannot be read, has an unknown key
     or an impossible value.
     """
-    return _Reader(path).signal_map(read_toml(path, "the signal map", SignalMapError))
+    return _MapReader(path).signal_map(read_toml(path, "the signal map", SignalMapError))
 
 
-class _Reader:
+class _MapReader:
     """Checks and converts the parsed TOML of one file."""
 
     def __init__(self, path: Path) -> None:

@@ -24,7 +24,7 @@ _AT_ONCE = 256  # frames whose times are looked at together
 Recording = Mapping[str, Any]  # an entry of o2mon.replay/1
 
 
-class Judge:
+class FrameJudge:
     """The pipeline on the frames of one driving cycle, as in ``o2mon replay``."""
 
     def __init__(self, setup: Setup, memory: Memory) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from monitor.base.errors import SignalMapError
-from monitor.decode.bus_map import Channel
+from monitor.decode.bus_map import BusChannel
 from monitor.decode.checksum import payload_checksum
 from monitor.decode.plan import multiplexing
 from monitor.decode.raw_values import bit_position, last_byte, not_available_raw
@@ -19,10 +19,10 @@ Key = tuple[int, bool]  # identifier, whether it has 29 bits
 _FLOATS: Final = {16: struct.Struct("<e"), 32: struct.Struct("<f"), 64: struct.Struct("<d")}
 
 
-class Field:
+class PayloadField:
     """The place of one signal's raw value in a payload."""
 
-    def __init__(self, channel: Channel, signal_name: str) -> None:
+    def __init__(self, channel: BusChannel, signal_name: str) -> None:
         message = channel.message
         signal = message.get_signal_by_name(signal_name)
         self._order = "little" if signal.byte_order == "little_endian" else "big"
@@ -48,15 +48,16 @@ class Field:
 class SignalWriter:
     """Reads and writes one mapped signal in payloads of its message, in the map's unit."""
 
-    def __init__(self, channel: Channel) -> None:
+    def __init__(self, channel: BusChannel) -> None:
         signal, mapped = channel.signal, channel.mapped
-        self.channel, self._field = channel, Field(channel, signal.name)
+        self.channel, self._field = channel, PayloadField(channel, signal.name)
         self._scale, self._offset = float(signal.scale), float(signal.offset)
         self._factor, self._shift = mapped.factor, mapped.offset
         self._is_signed, self._is_float = signal.is_signed, signal.is_float
         self._missing = not_available_raw(channel)
         self._conditions = [
-            (Field(channel, name), frozenset(values)) for name, values in multiplexing(channel)
+            (PayloadField(channel, name), frozenset(values))
+            for name, values in multiplexing(channel)
         ]
         bits = self._field.bits
         low, high = (
@@ -130,7 +131,7 @@ class MessageWriter:
     channels : the message's mapped signals
     """
 
-    def __init__(self, channels: Sequence[Channel]) -> None:
+    def __init__(self, channels: Sequence[BusChannel]) -> None:
         first = channels[0]
         message, integrity = first.message, first.integrity
         self.name, self.frame_id = message.name, message.frame_id
@@ -141,8 +142,8 @@ class MessageWriter:
             if message.is_multiplexed()
             else range(message.length, message.length + 1)
         )
-        self._counter = Field(first, integrity.counter) if integrity.counter else None
-        self._checksum = Field(first, integrity.checksum) if integrity.checksum else None
+        self._counter = PayloadField(first, integrity.counter) if integrity.counter else None
+        self._checksum = PayloadField(first, integrity.checksum) if integrity.checksum else None
         self._algorithm = integrity.algorithm
 
     def is_sound(self, data: bytes) -> bool:
@@ -175,9 +176,9 @@ class MessageWriter:
         return payload_checksum(self._algorithm, self.frame_id, whole, self._checksum.last_byte)
 
 
-def writers(channels: Mapping[str, Channel]) -> dict[Key, MessageWriter]:
+def writers(channels: Mapping[str, BusChannel]) -> dict[Key, MessageWriter]:
     """Return a writer for every message of a bus map, by identifier and whether it has 29 bits."""
-    groups: dict[Key, list[Channel]] = {}
+    groups: dict[Key, list[BusChannel]] = {}
     for channel in channels.values():
         message = channel.message
         groups.setdefault((message.frame_id, message.is_extended_frame), []).append(channel)

@@ -14,7 +14,7 @@ from monitor.base.errors import SignalMapError
 from monitor.base.signals import plausible_range
 from monitor.base.types import FloatArray, FrameBlock
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.decode.bus_map import BusMap, Channel
+from monitor.decode.bus_map import BusChannel, BusMap
 from monitor.decode.checksum import ALGORITHMS, payload_checksum
 from monitor.decode.parameter_groups import is_any_source
 from monitor.decode.raw_values import bit_position
@@ -51,7 +51,7 @@ class Protection:
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class SignalSeries:
     """The values of one candidate in canonical units."""
 
     t_s: FloatArray
@@ -59,13 +59,13 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True)
-class Observed:
+class ObservedSignal:
     """The candidates' values and their messages' frames in a recording."""
 
-    series: Mapping[tuple[str, str, str], Series]  # canonical name, message, signal
+    series: Mapping[tuple[str, str, str], SignalSeries]  # canonical name, message, signal
     payloads: Mapping[str, list[bytes]]  # by message name
 
-    def series_of(self, candidate: Candidate) -> Series | None:
+    def series_of(self, candidate: Candidate) -> SignalSeries | None:
         """Return the values of a candidate, None if it cannot be decoded."""
         return self.series.get((candidate.name, candidate.message.name, candidate.signal.name))
 
@@ -96,16 +96,16 @@ def observe(
     ranked: Mapping[str, Sequence[Candidate]],
     dbc: Path,
     database: Database,
-) -> Observed:
+) -> ObservedSignal:
     """Return the values of the likeliest candidates that can be decoded."""
     candidates: list[Candidate] = []
-    channels: dict[str, Channel] = {}
+    channels: dict[str, BusChannel] = {}
     for candidate in (c for each in ranked.values() for c in each[:CONSIDERED]):
         key = f"c{len(candidates)}"
         message, signal = candidate.message, candidate.signal
         mapped = MappedSignal(key, message.name, signal.name)
         any_source = is_any_source(message, database)
-        channel = Channel(
+        channel = BusChannel(
             mapped=mapped,
             message=message,
             signal=signal,
@@ -139,15 +139,15 @@ def observe(
         if n >= MOST_FRAMES:
             break
     series = {
-        (c.name, c.message.name, c.signal.name): Series(
+        (c.name, c.message.name, c.signal.name): SignalSeries(
             np.concatenate(at), _canonical(c, np.concatenate(raw))
         )
         for c, at, raw in zip(candidates, t_s, values, strict=True)
     }
-    return Observed(series, payloads)
+    return ObservedSignal(series, payloads)
 
 
-def _decoder(channels: dict[str, Channel], dbc: Path) -> BlockDecoder:
+def _decoder(channels: dict[str, BusChannel], dbc: Path) -> BlockDecoder:
     return BlockDecoder(BusMap(((dbc, dbc),), channels, {}, tuple(channels)), tuple(channels))
 
 
@@ -157,7 +157,7 @@ def _canonical(candidate: Candidate, raw: FloatArray) -> FloatArray:
         return 1.0 / values if candidate.is_phi else values
 
 
-def _judged(candidate: Candidate, observed: Observed) -> Candidate:
+def _judged(candidate: Candidate, observed: ObservedSignal) -> Candidate:
     """Return the candidate with its confidence after a look at its own values."""
     series = observed.series_of(candidate)
     if series is None or not len(series.values):
@@ -194,7 +194,9 @@ def _usual(name: str, values: FloatArray) -> tuple[float, str]:
     return (0.6, ": unusual") if values.max() < low or values.min() > high else (1.0, "")
 
 
-def _compared(candidate: Candidate, partners: Sequence[Candidate], observed: Observed) -> Candidate:
+def _compared(
+    candidate: Candidate, partners: Sequence[Candidate], observed: ObservedSignal
+) -> Candidate:
     """Return the candidate with its confidence after a look at signals it should move with."""
     series = observed.series_of(candidate)
     for partner in partners:
@@ -210,7 +212,7 @@ def _compared(candidate: Candidate, partners: Sequence[Candidate], observed: Obs
     return candidate
 
 
-def _correlation(a: Series, b: Series) -> float | None:
+def _correlation(a: SignalSeries, b: SignalSeries) -> float | None:
     """Return the correlation of two series on one grid, None if they do not tell."""
     if min(len(a.values), len(b.values)) < FEW:
         return None

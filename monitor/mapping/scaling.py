@@ -8,7 +8,7 @@ from cantools.database.can import Signal
 
 from monitor.base.signals import plausible_range
 from monitor.mapping.meanings import LAMBDA_FAMILY, Meaning
-from monitor.mapping.vocabulary import Unit, unit_of, words_of
+from monitor.mapping.vocabulary import UnitWords, unit_of, words_of
 
 STOICHIOMETRIC: Final = 14.7  # kg of air per kg of gasoline, the number of most AFR gauges
 GAUGE_KPA: Final = (90.0, 110.0)  # the atmosphere
@@ -121,7 +121,7 @@ def _flag(signal: Signal, written: str) -> Scaling | None:
     return Scaling((why,), weight=1.0 if one_bit else 0.7)
 
 
-def _mixture(name: str, signal: Signal, unit: Unit | None, written: str) -> Scaling | None:
+def _mixture(name: str, signal: Signal, unit: UnitWords | None, written: str) -> Scaling | None:
     """Return the scaling of lambda, AFR, phi or a trim."""
     dimension = unit.dimension if unit else ""
     if written and unit is None:
@@ -140,7 +140,7 @@ def _mixture(name: str, signal: Signal, unit: Unit | None, written: str) -> Scal
     return Scaling((f"its unit is {written}",) if written and written != "-" else ())
 
 
-def _trim(signal: Signal, unit: Unit | None, written: str) -> Scaling:
+def _trim(signal: Signal, unit: UnitWords | None, written: str) -> Scaling:
     """Return the scaling of a trim, 1 where nothing is corrected."""
     low, high = span(signal)
     if unit is not None and unit.dimension == "ratio":

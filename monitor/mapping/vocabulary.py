@@ -260,7 +260,7 @@ def unexplained(phrases: Mapping[str, float], words: tuple[str, ...]) -> list[st
 
 
 @dataclass(frozen=True, slots=True)
-class Unit:
+class UnitWords:
     """A unit: value in the dimension's base unit = factor * value + offset."""
 
     dimension: str
@@ -269,60 +269,60 @@ class Unit:
 
 
 # base units: kPa, degC, kg/h, l/h, mg and mm3 per stroke of one cylinder, 1/min, km/h, Nm, V, 1
-UNITS: Final[dict[Unit, str]] = {  # and the ways databases write them
-    Unit("pressure"): "kpa kpaa kpaabs kpa(abs) kpa_abs kpag kilopascal",
-    Unit("pressure", 100.0): "bar bara barabs barg",
-    Unit("pressure", 0.1): "hpa millibar mbar mbarabs hpaabs hpa_abs mbara",
-    Unit("pressure", 0.001): "pa",
-    Unit("pressure", 1000.0): "mpa",
-    Unit("pressure", 6.894757): "psi psia psig",
-    Unit("pressure", 3.386389): "inhg",
-    Unit("pressure", 0.1333224): "mmhg torr",
-    Unit("pressure", 98.0665): "kgf/cm2 kg/cm2 at",
-    Unit("temperature"): (
+UNITS: Final[dict[UnitWords, str]] = {  # and the ways databases write them
+    UnitWords("pressure"): "kpa kpaa kpaabs kpa(abs) kpa_abs kpag kilopascal",
+    UnitWords("pressure", 100.0): "bar bara barabs barg",
+    UnitWords("pressure", 0.1): "hpa millibar mbar mbarabs hpaabs hpa_abs mbara",
+    UnitWords("pressure", 0.001): "pa",
+    UnitWords("pressure", 1000.0): "mpa",
+    UnitWords("pressure", 6.894757): "psi psia psig",
+    UnitWords("pressure", 3.386389): "inhg",
+    UnitWords("pressure", 0.1333224): "mmhg torr",
+    UnitWords("pressure", 98.0665): "kgf/cm2 kg/cm2 at",
+    UnitWords("temperature"): (
         "degc c °c cel celsius gradc grad_c gradcelsius deg_c ºc grdc degrecelsi degreecelsius "
         "degreescelsius"
     ),
-    Unit("temperature", 5 / 9, -160 / 9): "degf f °f fahrenheit deg_f ºf",
-    Unit("temperature", 1.0, -273.15): "k kelvin degk °k",
-    Unit("mass_flow"): "kg/h kgh kg/hr kgph kg/std",
-    Unit("mass_flow", 3.6): "g/s gps g/sec grams/sec grams/s gram/s",
-    Unit("mass_flow", 3600.0): "kg/s",
-    Unit("mass_flow", 60.0): "kg/min",
-    Unit("mass_flow", 0.06): "g/min",
-    Unit("mass_flow", 0.0036): "mg/s",
-    Unit("mass_flow", 0.001): "g/h",
-    Unit("mass_flow", 27.21554): "lb/min lbs/min lb/m ppm_air",
-    Unit("mass_flow", 0.4535924): "lb/h lb/hr lbs/h lbs/hr pph",
-    Unit("volume_flow"): "l/h lph l/hr l/std liter/h",
-    Unit("volume_flow", 0.06): "ml/min cc/min ccm cm3/min",
-    Unit("volume_flow", 3.6): "ml/s cc/s cm3/s",
-    Unit("volume_flow", 0.0036): "ul/s mm3/s µl/s",
-    Unit("volume_flow", 3.785412): "gal/h gph gal/hr",
-    Unit("mass"): "mg mg/stk mg/stroke mg/str mg/hub mg/cyl mg/zyl mg/inj mg/asp mg/cycle",
-    Unit("mass", 1000.0): "g g/stroke g/stk g/cyl g/hub",
-    Unit("volume"): "mm3 mm3/stk mm3/stroke mm3/hub ul µl mm^3/stroke mm³/hub",
-    Unit("rotation"): (
+    UnitWords("temperature", 5 / 9, -160 / 9): "degf f °f fahrenheit deg_f ºf",
+    UnitWords("temperature", 1.0, -273.15): "k kelvin degk °k",
+    UnitWords("mass_flow"): "kg/h kgh kg/hr kgph kg/std",
+    UnitWords("mass_flow", 3.6): "g/s gps g/sec grams/sec grams/s gram/s",
+    UnitWords("mass_flow", 3600.0): "kg/s",
+    UnitWords("mass_flow", 60.0): "kg/min",
+    UnitWords("mass_flow", 0.06): "g/min",
+    UnitWords("mass_flow", 0.0036): "mg/s",
+    UnitWords("mass_flow", 0.001): "g/h",
+    UnitWords("mass_flow", 27.21554): "lb/min lbs/min lb/m ppm_air",
+    UnitWords("mass_flow", 0.4535924): "lb/h lb/hr lbs/h lbs/hr pph",
+    UnitWords("volume_flow"): "l/h lph l/hr l/std liter/h",
+    UnitWords("volume_flow", 0.06): "ml/min cc/min ccm cm3/min",
+    UnitWords("volume_flow", 3.6): "ml/s cc/s cm3/s",
+    UnitWords("volume_flow", 0.0036): "ul/s mm3/s µl/s",
+    UnitWords("volume_flow", 3.785412): "gal/h gph gal/hr",
+    UnitWords("mass"): "mg mg/stk mg/stroke mg/str mg/hub mg/cyl mg/zyl mg/inj mg/asp mg/cycle",
+    UnitWords("mass", 1000.0): "g g/stroke g/stk g/cyl g/hub",
+    UnitWords("volume"): "mm3 mm3/stk mm3/stroke mm3/hub ul µl mm^3/stroke mm³/hub",
+    UnitWords("rotation"): (
         "rpm 1/min u/min /min min-1 min^-1 upm r/min rev/min tr/min umin rev/minute umdr/min "
         "minutinver"
     ),
-    Unit("rotation", 60.0): "1/s rps hz u/s rev/s",
-    Unit("rotation", 9.549297): "rad/s",
-    Unit("speed"): "km/h kmh kph kmph km/std kilometerperhour kilometperhour",
-    Unit("speed", 1.609344): "mph mi/h miles/h",
-    Unit("speed", 3.6): "m/s",
-    Unit("torque"): "nm n.m n*m newtonmeter n-m newtometer",
-    Unit("torque", 1.355818): "lbft lb-ft lb*ft ftlb ft-lb lbfft ft.lb",
-    Unit("voltage"): "v volt volts vdc",
-    Unit("voltage", 0.001): "mv millivolt",
-    Unit("ratio", 0.01): "% percent pct prozent proz",
-    Unit("ratio", 0.001): "‰ permille promille",
-    Unit("number"): (
+    UnitWords("rotation", 60.0): "1/s rps hz u/s rev/s",
+    UnitWords("rotation", 9.549297): "rad/s",
+    UnitWords("speed"): "km/h kmh kph kmph km/std kilometerperhour kilometperhour",
+    UnitWords("speed", 1.609344): "mph mi/h miles/h",
+    UnitWords("speed", 3.6): "m/s",
+    UnitWords("torque"): "nm n.m n*m newtonmeter n-m newtometer",
+    UnitWords("torque", 1.355818): "lbft lb-ft lb*ft ftlb ft-lb lbfft ft.lb",
+    UnitWords("voltage"): "v volt volts vdc",
+    UnitWords("voltage", 0.001): "mv millivolt",
+    UnitWords("ratio", 0.01): "% percent pct prozent proz",
+    UnitWords("ratio", 0.001): "‰ permille promille",
+    UnitWords("number"): (
         "- 1 la ratio none lambda lam λ unitless factor n/a bit bool boolean on/off flag lambdas"
     ),
-    Unit("afr"): "afr :1 a/f kg/kg g/g af afratio",
-    Unit("phi"): "phi φ er eqr",
-    Unit("other"): (
+    UnitWords("afr"): "afr :1 a/f kg/kg g/g af afratio",
+    UnitWords("phi"): "phi φ er eqr",
+    UnitWords("other"): (
         "microliter ms s sec min h us km m mm a ma w kw hp ps ohm kohm deg ° °kw degkw degca "
         "°crk grd grad l ml kg count counts g/km l/100km mpg mw rad j kj n kn km/l day month "
         "year hour minute second ca degbtdc m/s2 m/s^2 deg/s °/s kwh ah %/s nm/s"
@@ -339,7 +339,7 @@ def _read_again(text: str) -> str:
         return text
 
 
-def unit_of(text: str | None) -> Unit | None:
+def unit_of(text: str | None) -> UnitWords | None:
     """Return the unit that a database writes, None if it writes none or an unfamiliar one.
 
     >>> unit_of("U/min").dimension

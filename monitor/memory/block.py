@@ -38,7 +38,7 @@ PIECE: Final = 200  # characters of the content in a line
 LARGEST: Final = 16_000_000  # bytes; a memory of 100 codes has 30,000
 
 
-class Found(NamedTuple):
+class StoredContent(NamedTuple):
     """What the two files hold together."""
 
     content: Content | None  # None if it is lost
@@ -46,7 +46,7 @@ class Found(NamedTuple):
     is_whole: bool = False  # both files hold the content
 
 
-class Part(NamedTuple):
+class BlockFile(NamedTuple):
     """What one of the files holds."""
 
     data: bytes
@@ -58,7 +58,7 @@ class Part(NamedTuple):
         return _joined(self.data)
 
 
-MISSING: Final = Part(b"", "is missing")
+MISSING: Final = BlockFile(b"", "is missing")
 
 
 class Block:
@@ -69,7 +69,7 @@ class Block:
         self.files = (place, _partner_of(place))
         self._turn = deque(self.files)
 
-    def read(self) -> Found:
+    def read(self) -> StoredContent:
         """Return what the files hold.
 
         Raises RecordingError if they cannot be read, have a newer schema or were never a memory.
@@ -82,41 +82,41 @@ class Block:
                 f"{self.files[0]}: fault memory of another version: {error}"
             ) from None
 
-    def _agreed(self, one: Part, other: Part) -> Found:
+    def _agreed(self, one: BlockFile, other: BlockFile) -> StoredContent:
         """Return the content of the files, see the table above, and whose turn it is."""
         first, second = one.content, other.content
         names = [file.name for file in self.files]
         if first and second:
             is_newer = first.memory == second.memory and first.generation < second.generation
             self._turn = deque(self.files if is_newer else reversed(self.files))
-            return Found(second if is_newer else first, is_whole=first == second)
+            return StoredContent(second if is_newer else first, is_whole=first == second)
         self._turn = deque(reversed(self.files) if first else self.files)
         if first:
             says = f"{names[1]} {other.note}, {names[0]} was whole"
-            return Found(first, "" if other == MISSING else says)
+            return StoredContent(first, "" if other == MISSING else says)
         if second:
             hint = " (to begin anew, remove both)" * (one == MISSING)
-            return Found(second, f"{names[0]} {one.note}, {names[1]} was whole{hint}")
+            return StoredContent(second, f"{names[0]} {one.note}, {names[1]} was whole{hint}")
         if other == MISSING:
             return self._alone(one)
         both = _joined(b"\n".join((one.data, other.data)))
         says = f"{names[0]} {one.note}, {names[1]} {other.note}"
-        return Found(both, f"{says}, together they were whole")
+        return StoredContent(both, f"{says}, together they were whole")
 
     @property
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[BlockFile]:
         """Return what each file holds; raises RecordingError if one cannot be opened."""
         return [_part(file) for file in self.files]
 
-    def _alone(self, first: Part) -> Found:
+    def _alone(self, first: BlockFile) -> StoredContent:
         """Return what there is if FILE is not whole and has no partner."""
         if MAGIC in first.data:
-            return Found(None, f"{self.files[0].name} {first.note}")
+            return StoredContent(None, f"{self.files[0].name} {first.note}")
         if predecessor.is_there(self.files[0], first.data):
-            return Found(predecessor.content_of(self.files[0]))
+            return StoredContent(predecessor.content_of(self.files[0]))
         if first.data:
             raise RecordingError(f"{self.files[0]}: not a fault memory")
-        return Found(Content())
+        return StoredContent(Content())
 
     def write(self, content: Content) -> None:
         """Write both files in turn; raises OSError, and then none, or only the first, is new."""
@@ -149,16 +149,16 @@ def _partner_of(path: Path) -> Path:
     return path.with_name(path.name + SUFFIX)
 
 
-def _part(file: Path) -> Part:
+def _part(file: Path) -> BlockFile:
     try:
         with file.open("rb") as opened:
-            return Part(opened.read(LARGEST))
+            return BlockFile(opened.read(LARGEST))
     except FileNotFoundError:
         return MISSING
     except (PermissionError, IsADirectoryError) as error:
         raise RecordingError(f"{file}: cannot open the fault memory: {error.strerror}") from None
     except OSError as error:
-        return Part(b"", f"cannot be read ({error.strerror})")
+        return BlockFile(b"", f"cannot be read ({error.strerror})")
 
 
 def _lines(content: Content) -> Iterator[bytes]:

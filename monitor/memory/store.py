@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 from monitor.base.config import BiasConfig, ProfileConfig
 from monitor.base.errors import RecordingError
 from monitor.memory import predecessor
-from monitor.memory.block import Block, Found
+from monitor.memory.block import Block, StoredContent
 from monitor.memory.codes import CODES, LOST, is_known
 from monitor.memory.content import Content
 from monitor.memory.dtc_store import DtcStore, Saved
@@ -68,7 +68,7 @@ class Memory:
                     raise
         return found.content or Content(), self._condition(found)
 
-    def _repaired(self, found: Found) -> Found:
+    def _repaired(self, found: StoredContent) -> StoredContent:
         """Write what is left to both files; put them aside and begin anew if nothing is."""
         if found.is_whole:
             return found
@@ -84,7 +84,7 @@ class Memory:
         said = error.strerror or error
         return RecordingError(f"{self._path}: cannot store the fault memory: {said}")
 
-    def _condition(self, found: Found) -> Condition:
+    def _condition(self, found: StoredContent) -> Condition:
         if found.content and found.content.set_aside:  # until the loss is a stored code
             aside = self._block.files[0].with_name(found.content.set_aside)
             says = f"{self._path}: the fault memory was damaged, both files of it: codes, counts "

@@ -26,7 +26,7 @@ from monitor.pipeline.events import (
     Ticks,
     WindowJudged,
 )
-from monitor.pipeline.monitor import Monitor
+from monitor.pipeline.monitor import SensorMonitor
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Collector:
 
     def __init__(
         self,
-        monitor: Monitor,
+        monitor: SensorMonitor,
         *,
         sources: Mapping[str, SignalSource] | None = None,
         trace: bool = False,
@@ -156,7 +156,7 @@ class Collector:
         return Trace(*columns[:3], *on)
 
 
-def _left_s(monitor: Monitor) -> float | None:
+def _left_s(monitor: SensorMonitor) -> float | None:
     """Return the driving in s that the slowest decision of the response test still needs."""
     left = [each.seconds_to_decision for each in monitor.decisions.evidence().values()]
     known = [each for each in left if each is not None]

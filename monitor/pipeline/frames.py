@@ -13,7 +13,7 @@ from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
 from monitor.pipeline.entry import frame_counts
 from monitor.pipeline.events import BlockEvent
-from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.monitor import Judge, SensorMonitor
 from monitor.pipeline.names import needed_names
 
 
@@ -25,7 +25,7 @@ class FramePipeline:
     ) -> None:
         card = model.card
         names = needed_names(card, (*bus_map.names, *bus_map.optional))
-        self.monitor = Monitor(Judge(names, model, config), limits, store, is_live=True)
+        self.monitor = SensorMonitor(Judge(names, model, config), limits, store, is_live=True)
         self.decoder = BlockDecoder(bus_map, names)
         self.assembler = BlockAssembler.of(self.decoder, card.period_ns)
         self._samples = FrameSamples(self.decoder, self.assembler, is_live=True)

@@ -60,7 +60,7 @@ class Judge:
         self._segments = Segments(model, self.hypotheses, self.inputs, self.period_s, rows)
 
     def push(
-        self, monitors: Sequence["Monitor"], blocks: Sequence[SampleBlock]
+        self, monitors: Sequence["SensorMonitor"], blocks: Sequence[SampleBlock]
     ) -> list[Iterator[BlockEvent]]:
         """Return the events that the next block of each recording causes.
 
@@ -72,7 +72,7 @@ class Judge:
         return [monitor.end(part) for monitor, part in zip(monitors, parts, strict=True)]
 
 
-class Monitor:
+class SensorMonitor:
     """Judges one sensor.
 
     judge : for the signals of its samples

@@ -23,11 +23,11 @@ from monitor.pipeline import without_model
 from monitor.pipeline.collector import Collector, Trace
 from monitor.pipeline.entry import check_long_enough
 from monitor.pipeline.events import BlockEvent, CycleStarted
-from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.monitor import Judge, SensorMonitor
 from monitor.pipeline.recordings import OpenRecording, RecordingReader
 from monitor.pipeline.side_by_side import slices
 
-Listeners = Callable[[Monitor], Callable[[BlockEvent], None]]
+Listeners = Callable[[SensorMonitor], Callable[[BlockEvent], None]]
 SCHEMA = "o2mon.replay/1"
 SHIPPED_MODEL = "shipped.onnx"
 
@@ -157,7 +157,7 @@ def judged(
     """
     store = store_of(memory, setup.config.profile)
     setup = setup.of_vehicle(memory) if memory else setup
-    monitor = Monitor(Judge(opened.names, setup.model, setup.config), setup.limits, store)
+    monitor = SensorMonitor(Judge(opened.names, setup.model, setup.config), setup.limits, store)
     collector = Collector(monitor, sources=opened.sources, trace=trace)
     listen = listeners(monitor) if listeners else None
     for event in _events(monitor, opened):
@@ -194,7 +194,7 @@ def of_memory(memory: Memory | None) -> dict[str, Any]:
     return {} if memory is None else {"memory": memory.condition.entry}
 
 
-def _events(monitor: Monitor, opened: OpenRecording) -> Iterator[BlockEvent]:
+def _events(monitor: SensorMonitor, opened: OpenRecording) -> Iterator[BlockEvent]:
     for part in opened.parts:
         if opened.is_live():
             monitor.expect_sensor()

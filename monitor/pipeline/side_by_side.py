@@ -24,7 +24,7 @@ from monitor.pipeline.events import (
     Ticks,
     WindowJudged,
 )
-from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.monitor import Judge, SensorMonitor
 
 SAMPLES = 2048  # of each recording that are judged at once
 _NONE = np.empty(0)
@@ -176,7 +176,7 @@ class _Run:
         keep_banks: bool,
     ) -> None:
         self._vehicle, self._keep_banks = vehicle, keep_banks
-        self.monitor = Monitor(judge, vehicle.limits, store)
+        self.monitor = SensorMonitor(judge, vehicle.limits, store)
         self._measured = block.values[:, judge.names.index(self.monitor.output)].copy()
         self._ticks: list[Ticks] = []
         self._windows: list[WindowJudged] = []

@@ -15,7 +15,7 @@ from monitor.pipeline.events import (
     Tick,
     WindowJudged,
 )
-from monitor.pipeline.monitor import Monitor
+from monitor.pipeline.monitor import SensorMonitor
 from monitor.sinks.record import Record, Value
 
 _GOOD: Final = int(Quality.GOOD)
@@ -29,7 +29,7 @@ class Stream:
         over the samples between two of them, other signals are the latest
     """
 
-    def __init__(self, monitor: Monitor, rate_hz: float) -> None:
+    def __init__(self, monitor: SensorMonitor, rate_hz: float) -> None:
         self._monitor = monitor
         self._output = monitor.names.index(monitor.output)
         self._names = tuple(monitor.names)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 from monitor.base.errors import UsageError
 from monitor.pipeline.events import BlockEvent, singly
-from monitor.pipeline.monitor import Monitor
+from monitor.pipeline.monitor import SensorMonitor
 from monitor.sinks.outlet import BATCH
 from monitor.sinks.record import Record, Sink
 from monitor.sinks.stream import Stream
@@ -22,7 +22,7 @@ class Written:
         self._sinks, self._rate_hz = sinks, rate_hz
         self._waiting: list[Record] = []
 
-    def listener(self, monitor: Monitor) -> Listener:
+    def listener(self, monitor: SensorMonitor) -> Listener:
         """Return the function that takes the events of one recording."""
         stream = Stream(monitor, self._rate_hz)
 

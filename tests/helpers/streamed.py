@@ -23,7 +23,7 @@ from monitor.pipeline.events import (
     Ticks,
     WindowJudged,
 )
-from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.monitor import Judge, SensorMonitor
 from monitor.pipeline.side_by_side import Judged
 
 PERIOD_NS = 100_000_000
@@ -39,7 +39,7 @@ class Streamed:
     cuts: list[CutJudged]
     changes: list[DtcChanged]
     cycles: list[CycleStarted]
-    monitor: Monitor
+    monitor: SensorMonitor
     reference: Reference
 
 
@@ -60,7 +60,7 @@ def stream(
     """
     known = reference or Reference()
     own = limits.of_vehicle(known, settings.bias)
-    monitor = Monitor(Judge(names, model, settings), own, store)
+    monitor = SensorMonitor(Judge(names, model, settings), own, store)
     events: list[BlockEvent] = []
     k, rest = 0, iter(sizes)
     while k < len(block.t_ns):

@@ -14,7 +14,7 @@ import dbc
 from monitor.base.faults import Fault
 from monitor.base.signals import plausible_range
 from monitor.base.types import FloatArray, IntArray, SampleBlock
-from monitor.decode.bus_map import BusMap, Channel, load_pairs
+from monitor.decode.bus_map import BusChannel, BusMap, load_pairs
 from monitor.grid.block_assembler import assemble_arrays
 from training.dyno.cycles import STEP_S
 from training.recordings.can_log import FrameBlock, Outgoing, block_of, merge, outgoing
@@ -103,7 +103,7 @@ def samples(messages: list[Broadcast], bus_map: BusMap, period_ns: int) -> Sampl
     )
 
 
-def _as_read(channel: Channel, values: FloatArray) -> FloatArray:
+def _as_read(channel: BusChannel, values: FloatArray) -> FloatArray:
     """Return the values after quantisation, infinite if the decoder rejects them."""
     scale, offset = float(channel.signal.scale), float(channel.signal.offset)
     read = np.rint((values - offset) / scale) * scale + offset

@@ -16,7 +16,7 @@ from cantools.database.can import Message
 from monitor.base.errors import RecordingError, SignalMapError
 from monitor.base.files.outputs import replaced
 from monitor.base.types import FloatArray, IntArray
-from monitor.decode.bus_map import BusMap, Channel
+from monitor.decode.bus_map import BusChannel, BusMap
 from monitor.decode.signal_map import Integrity
 from monitor.frames.logs import log_kind
 from training.recordings.can_encoding import Payloads, encode_message
@@ -38,7 +38,7 @@ class Outgoing:
 
     message: Message
     integrity: Integrity
-    channels: tuple[Channel, ...]
+    channels: tuple[BusChannel, ...]
     switches: tuple[tuple[str, int], ...] = ()  # multiplexers with their raw values
     turn: int = 0  # of the group among those of its message
     n_turns: int = 1
@@ -84,7 +84,7 @@ def outgoing(bus_map: BusMap, names: Container[str] = ()) -> tuple[Outgoing, ...
 
     names : signals that the vehicle has; an optional signal that is not among them is not sent
     """
-    messages: dict[str, list[Channel]] = {}
+    messages: dict[str, list[BusChannel]] = {}
     for channel in bus_map.channels.values():
         if channel.mapped.is_optional and channel.mapped.name not in names:
             continue
@@ -93,10 +93,10 @@ def outgoing(bus_map: BusMap, names: Container[str] = ()) -> tuple[Outgoing, ...
     return tuple(sorted(found, key=lambda each: each.message.frame_id))
 
 
-def _turns(channels: Sequence[Channel]) -> list[Outgoing]:
+def _turns(channels: Sequence[BusChannel]) -> list[Outgoing]:
     """Return the frames of one message: the groups of its signals, one for each switch."""
     message, integrity = channels[0].message, channels[0].integrity
-    groups: dict[tuple[tuple[str, int], ...], list[Channel]] = {}
+    groups: dict[tuple[tuple[str, int], ...], list[BusChannel]] = {}
     for channel in channels:
         groups.setdefault(_switches(channel), []).append(channel)
     always = groups.pop((), []) if len(groups) > 1 else []
@@ -113,7 +113,7 @@ def _turns(channels: Sequence[Channel]) -> list[Outgoing]:
     ]
 
 
-def _switches(channel: Channel) -> tuple[tuple[str, int], ...]:
+def _switches(channel: BusChannel) -> tuple[tuple[str, int], ...]:
     """Return the multiplexers above a signal with the raw values under which it comes."""
     found, signal = [], channel.signal
     while signal.multiplexer_signal is not None:

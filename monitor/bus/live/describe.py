@@ -13,7 +13,7 @@ from monitor.judge.enable import TABLE, EnableCondition, settings_for
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.pipeline.events import Tick
-from monitor.pipeline.monitor import Monitor
+from monitor.pipeline.monitor import SensorMonitor
 
 _UNITS: Final = {"degC": "°C", "1/min": "rpm", "-": "", "mg/stroke": "mg"}
 _ENDINGS: Final = (
@@ -64,7 +64,7 @@ def value_text(name: str, value: float) -> str:
 class ConditionWords:
     """The enable conditions of one monitor: the need of each, and its present value."""
 
-    def __init__(self, monitor: Monitor, config: EnableConfig, card: ModelCard) -> None:
+    def __init__(self, monitor: SensorMonitor, config: EnableConfig, card: ModelCard) -> None:
         self._output = monitor.output
         self._at = {name: i for i, name in enumerate(monitor.names)}
         self._unavailable = monitor.unavailable

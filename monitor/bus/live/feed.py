@@ -21,7 +21,7 @@ from monitor.bus.live.process import Server
 from monitor.judge.findings import WindowJudged
 from monitor.pipeline.entry import evidence_entry
 from monitor.pipeline.events import CycleStarted, Event, Tick
-from monitor.pipeline.monitor import Monitor
+from monitor.pipeline.monitor import SensorMonitor
 from monitor.pipeline.replay import Setup
 from monitor.report import catalyst, evidence
 from monitor.report.vehicle_offset import VehicleOffset
@@ -47,7 +47,7 @@ class LiveFeed:
     def __init__(
         self,
         server: Server,
-        monitor: Monitor,
+        monitor: SensorMonitor,
         setup: Setup,
         *,
         health: Callable[[], Mapping[str, Any]],

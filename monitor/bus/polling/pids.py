@@ -11,7 +11,7 @@ from typing import Final
 from cantools.database.can import Message, Signal
 
 from monitor.base.errors import SignalMapError
-from monitor.decode.bus_map import BusMap, Channel
+from monitor.decode.bus_map import BusChannel, BusMap
 from monitor.decode.raw_values import bit_position
 
 ANSWER_ID: Final = 0x7E8  # the engine's answers, ISO 15765-4
@@ -37,7 +37,7 @@ def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[Parameter, ...]:
     Raises SignalMapError if no signal can be polled.
     """
     channels = {name: bus_map.channels[name] for name in bus_map.sources(names)}
-    groups: dict[tuple[int, ...], list[Channel]] = {}
+    groups: dict[tuple[int, ...], list[BusChannel]] = {}
     for channel in channels.values():
         pids = _pids(channel.message, channel.signal)
         if pids:

@@ -18,7 +18,7 @@ from monitor.memory.codes import CODES
 from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import DtcChanged, Event, Tick, WindowJudged
-from monitor.pipeline.monitor import Monitor
+from monitor.pipeline.monitor import SensorMonitor
 from tests.helpers.estimates import NO_ESTIMATES
 
 DATABASE = cast(Database, load_file(dbc.path("o2_monitor.dbc")))
@@ -37,7 +37,7 @@ class Stand:
     completed: bool = False
 
     def transmitter(self) -> Transmitter:
-        return Transmitter(cast(Monitor, cast(Any, self)))
+        return Transmitter(cast(SensorMonitor, cast(Any, self)))
 
 
 def tick(t_ns: int, predicted: float = 1.0, enabled: bool = True) -> Tick:

@@ -17,7 +17,7 @@ import dbc
 from monitor.base.errors import SignalMapError
 from monitor.base.types import Frame
 from monitor.decode.block_decoder import BlockDecoder, MessageCounters
-from monitor.decode.bus_map import BusMap, Channel, load_database, load_pairs
+from monitor.decode.bus_map import BusChannel, BusMap, load_database, load_pairs
 from monitor.decode.checksum import payload_checksum
 from monitor.decode.raw_values import plausible_range
 from tests.helpers.decoding import Decoding, Values, values_of
@@ -188,7 +188,7 @@ def raw_of(message: Message, signal: Signal, data: bytes) -> int | float:
     return raw
 
 
-def value_of(channel: Channel, raw: float) -> float:
+def value_of(channel: BusChannel, raw: float) -> float:
     """Return the value in the map's unit; NaN is not available, infinity out of range."""
     signal, mapped = channel.signal, channel.mapped
     ones = -(1 << signal.length - 1) if signal.is_signed else (1 << signal.length) - 1
@@ -235,7 +235,7 @@ class Reference:
         }
 
     def _read(
-        self, message: Message, mine: list[Channel], sent: bytes
+        self, message: Message, mine: list[BusChannel], sent: bytes
     ) -> tuple[str, dict[str, float]]:
         integrity, size = mine[0].integrity, message.length
         if len(sent) > size or (len(sent) < size and not message.is_multiplexed()):
@@ -264,7 +264,7 @@ class Reference:
         self._due[message.name] = (count + 1) & mask
         return True
 
-    def _is_carried(self, channel: Channel, data: bytes) -> bool:
+    def _is_carried(self, channel: BusChannel, data: bytes) -> bool:
         signal = channel.signal
         while signal.multiplexer_signal is not None:
             switch = channel.message.get_signal_by_name(signal.multiplexer_signal)

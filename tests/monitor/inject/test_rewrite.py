@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import dbc
 from monitor.base.errors import SignalMapError
 from monitor.base.types import Frame
-from monitor.decode.bus_map import BusMap, Channel, load_pairs
+from monitor.decode.bus_map import BusChannel, BusMap, load_pairs
 from monitor.decode.checksum import payload_checksum
 from monitor.decode.raw_values import bit_position, not_available_raw
 from monitor.decode.signal_map import Integrity, MappedSignal
@@ -147,7 +147,7 @@ def test_awkward_signals_are_written_as_another_encoder_writes_them(
 
 
 @st.composite
-def channels(draw: st.DrawFn) -> Channel:
+def channels(draw: st.DrawFn) -> BusChannel:
     """A signal anywhere in a message of 1 to 64 bytes."""
     n_bytes = draw(st.sampled_from([1, 2, 3, 7, 8, 12, 64]))
     n_bits = draw(st.integers(2, min(32, 8 * n_bytes)))
@@ -163,7 +163,7 @@ def channels(draw: st.DrawFn) -> Channel:
     factor = draw(st.sampled_from([1.0, -2.0, 0.1]))
     mapped = MappedSignal("own", "M", "S", factor=factor, offset=draw(st.floats(-2, 2)))
     availability = Integrity(not_available=draw(st.sampled_from(["", "all_ones"])))
-    return Channel(
+    return BusChannel(
         mapped=mapped,
         message=message,
         signal=signal,
@@ -175,7 +175,7 @@ def channels(draw: st.DrawFn) -> Channel:
 
 @given(channels(), st.data())
 def test_a_signal_anywhere_is_read_and_written_as_cantools_has_it(
-    channel: Channel, data: st.DataObject
+    channel: BusChannel, data: st.DataObject
 ) -> None:
     message, mapped, writer = channel.message, channel.mapped, SignalWriter(channel)
     payload = data.draw(st.binary(min_size=message.length, max_size=message.length))
