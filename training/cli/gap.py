@@ -3,7 +3,6 @@
 import argparse
 import gc
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,7 @@ if TYPE_CHECKING:
     from training.gap.inputs.roles import Material
     from training.gap.result import Result
 
-REPORT, RESULT, STAGES = "report.html", "gap.json", "stages"
+REPORT, RESULT = "report.html", "gap.json"
 _EXAMPLES = """examples:
   o2train gap --model chain.onnx new1.log new2.log new3.log --healthy old*.log --out gap
   o2train gap --model model.onnx new*.parquet --healthy old*.parquet --out gap --steps 3
@@ -29,7 +28,6 @@ Every recording needs fuel_mass_mg, lambda_measured and signals of the charge, o
 docs/reference/signals.md lists names and units of all signals. --columns renames columns.
 
 Give several recordings of ten minutes each, of mixed driving, both as RECORDING and as --healthy.
-Repeat the same command to continue a stopped run.
 """
 
 
@@ -162,8 +160,7 @@ def run(args: argparse.Namespace) -> int:
     from training.gap.pages.verdict_words import cautions
     from training.gap.result import save
     from training.gap.workflow import NEW_MODEL, investigate
-    from training.greybox.fit.case import NAMED
-    from training.jobs.checkpoints import Checkpoints
+    from training.jobs.cache import cached
 
     gc.freeze()  # of the imported modules nothing becomes garbage
     options = options_of(args.steps, args.sensor_known_good, _effects(args.add), args.retrain)
@@ -176,26 +173,20 @@ def run(args: argparse.Namespace) -> int:
         ),
     )
     args.out.mkdir(parents=True, exist_ok=True)
-    vehicle = _identity(material, ("healthy",))
-    learned = Checkpoints.kept("healthy", vehicle, NAMED)
-    rest = _identity(material, ("recordings", "verify")) | {"options": repr(options)}
-    stages = Checkpoints.of(args.out / STAGES, [vehicle, rest], NAMED)
+    learned = cached("healthy", _vehicle(material))
     with tqdm(unit="step", leave=False, disable=args.nothing or None) as bar:
 
         def progress(text: str) -> None:
             bar.set_description_str(text)
             bar.update()
 
-        result = investigate(
-            material, args.out, options, stages=stages, learned=learned, progress=progress
-        )
+        result = investigate(material, args.out, options, learned=learned, progress=progress)
     if result.addition.path is None:  # an earlier run may have left a model
         (args.out / NEW_MODEL).unlink(missing_ok=True)
     for warning in cautions(result):
         print(f"o2train: warning: {warning}", file=sys.stderr)
     save(result, args.out / RESULT)
     gap_page.save(result, args.out / REPORT)
-    stages.clear()
     _print(result, args.out)
     return 0
 
@@ -216,8 +207,8 @@ def _effects(names: list[str]) -> list[str]:
     return names
 
 
-def _identity(material: "Material", roles: Sequence[str]) -> dict[str, Any]:
-    """Return digests of model, code and the recordings in roles; equal ones give equal results."""
+def _vehicle(material: "Material") -> dict[str, Any]:
+    """Return digests of model, code and healthy recordings; equal ones give equal behaviour."""
     from training.greybox.effects.brought import origins
     from training.jobs.run_folder import code_sha256
     from training.recordings.recording import sha256
@@ -226,7 +217,7 @@ def _identity(material: "Material", roles: Sequence[str]) -> dict[str, Any]:
         "model": sha256(material.model),
         "plugins": origins(),
         "code": code_sha256(),
-        **{role: [(r.path.name, r.read_sha256) for r in getattr(material, role)] for role in roles},
+        "healthy": [(r.path.name, r.read_sha256) for r in material.healthy],
     }
 
 

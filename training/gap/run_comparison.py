@@ -25,7 +25,7 @@ from training.gap.result import Inputs, ModelFile, Result
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, Drive, make
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording, training_recording
 from training.recordings.rows import hold

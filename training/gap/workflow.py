@@ -22,7 +22,7 @@ from training.gap.verify.verification import verify
 from training.greybox.effects.model_effect import uncertain
 from training.healthy import base
 from training.healthy.behaviour import Healthy
-from training.jobs.checkpoints import Checkpoints, Progress
+from training.jobs import Progress
 from training.recordings.recording import training_recording
 
 NEW_MODEL: Final = "model.onnx"
@@ -35,8 +35,7 @@ def investigate(
     options: Options,
     *,
     known: Healthy | None = None,
-    stages: Checkpoints | None = None,
-    learned: Checkpoints | None = None,
+    learned: Path | None = None,
     progress: Progress = lambda _: None,
 ) -> Result:
     """Return the result of all steps; a new model, if there is one, is ``out``/model.onnx.
@@ -45,11 +44,10 @@ def investigate(
 
     known : the healthy behaviour, if ``yardstick.learn`` has learned it before; else it is learned
         from the healthy recordings, or read from the model's card
-    stages : folder in which a run that was stopped keeps its results
-    learned : where the healthy behaviour is kept for later runs, else in ``stages``
+    learned : file that keeps the healthy behaviour for later runs
     Raises RecordingError or ModelError if recordings or model cannot be used.
     """
-    began_s, stages = time.monotonic(), stages or Checkpoints()
+    began_s = time.monotonic()
     card = base.card_of(material.model)
     missing = suitability.check_files(material.roles, card, material.model.name)
     if missing or card.transform != "phi":
@@ -63,8 +61,15 @@ def investigate(
             progress=progress,
         )
     subject = Subject.of(material, card)
-    found = Knowledge.of(subject, known, learned or stages, progress)
-    naming = _naming(subject, found, options, stages, progress)
+    found = Knowledge.of(subject, known, learned, progress)
+    naming = name(
+        subject.drives,
+        found.known,
+        found.base if subject.is_greybox else None,
+        steps=options.steps,
+        sensor_known_good=options.sensor_known_good,
+        progress=progress,
+    )
     knowledge = found.after(naming, subject)
     addition = add(
         subject=subject,
@@ -74,7 +79,7 @@ def investigate(
         options=options,
         progress=progress,
     )
-    verification = _verification(subject, addition, knowledge, options, stages, progress)
+    verification = _verification(subject, addition, knowledge, options, progress)
     addition = delivered(addition, verification, out / NEW_MODEL)
     return Result(
         inputs=_inputs(subject, options),
@@ -87,53 +92,26 @@ def investigate(
     )
 
 
-def _naming(
-    subject: Subject,
-    knowledge: Knowledge,
-    options: Options,
-    stages: Checkpoints,
-    progress: Progress,
-) -> Naming:
-    """Return the effect that explains the recordings, held to the healthy vehicle."""
-    return stages.done(
-        "name",
-        Naming,
-        lambda: name(
-            subject.drives,
-            knowledge.known,
-            knowledge.base if subject.is_greybox else None,
-            steps=options.steps,
-            sensor_known_good=options.sensor_known_good,
-            progress=progress,
-        ),
-    )
-
-
 def _verification(
     subject: Subject,
     addition: Addition,
     knowledge: Knowledge,
     options: Options,
-    stages: Checkpoints,
     progress: Progress,
 ) -> Verification | None:
     """Return how the new model does on held-out recordings; None if nothing is held out."""
     material = subject.material
     if not material.held_out:
         return None
-    return stages.done(
-        "verify",
-        Verification,
-        lambda: verify(
-            material.model,
-            addition.path,
-            material.held_out,
-            material.healthy,
-            chain=knowledge.plain,
-            accepted=material.fit if addition.path else (),
-            faults=options.faults,
-            progress=progress,
-        ),
+    return verify(
+        material.model,
+        addition.path,
+        material.held_out,
+        material.healthy,
+        chain=knowledge.plain,
+        accepted=material.fit if addition.path else (),
+        faults=options.faults,
+        progress=progress,
     )
 
 

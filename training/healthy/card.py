@@ -5,7 +5,9 @@ by name and by their size on a drive made of formulas, so that a card written by
 columns is told.
 """
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -13,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from monitor.base.files.outputs import write_text
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
@@ -30,34 +33,59 @@ from training.recordings.recording import Recording
 KEY: Final = "gap"
 SCHEMA: Final = "o2train.gap_reference/2"
 DIGITS: Final = 7
+EXACT: Final = 17
 PROBE_DIGITS: Final = 4
 PROBE_SAMPLES, PROBE_PERIOD_S = 1200, 0.1
 
 
-def to_card(known: Healthy, recordings: Sequence[Recording]) -> dict[str, Any]:
-    """Return ``known`` as JSON can hold it, numbers to seven digits.
+def kept(path: Path | None, learn: Callable[[], Healthy]) -> Healthy:
+    """Return the behaviour in a file, every digit of it; else learn it and keep it there."""
+    if path is None:
+        return learn()
+    with suppress(OSError, AttributeError, KeyError, TypeError, ValueError):  # none, or damaged
+        return _known(json.loads(path.read_text()))
+    known = learn()
+    write_text(path, json.dumps(to_card(known, (), digits=EXACT)))
+    return known
+
+
+def to_card(
+    known: Healthy, recordings: Sequence[Recording], *, digits: int = DIGITS
+) -> dict[str, Any]:
+    """Return ``known`` as JSON can hold it.
 
     recordings : from which it was learned
+    digits : of a number, that count
     """
+
+    def rounded(value: float) -> float:
+        return _rounded(value, digits)
+
+    def listed(values: FloatArray) -> list[float]:
+        return [rounded(value) for value in values]
+
+    def constants(values: Constants) -> dict[str, float]:
+        return {name: rounded(value) for name, value in values._asdict().items()}
+
     sizes = _sizes()
     return {
         "schema": SCHEMA,
         "recordings": [recording.path.name for recording in recordings],
-        "base": _constants_as_card(known.base),
-        "plain": _constants_as_card(known.plain),
-        "own": {effect.name: _list(values) for effect, values in known.own},
+        "base": constants(known.base),
+        "plain": constants(known.plain),
+        "own": {effect.name: listed(values) for effect, values in known.own},
         "columns": list(known.names),
         "size": [_rounded(sizes[name], PROBE_DIGITS) for name in known.names],
-        "weight": _list(known.ridge.weights),
-        "low": _list(known.ridge.low),
-        "high": _list(known.ridge.high),
+        "weight": listed(known.ridge.weights),
+        "low": listed(known.ridge.low),
+        "high": listed(known.ridge.high),
         "penalty": known.ridge.penalty,
-        "spread": _list(known.spread),
+        "spread": listed(known.spread),
         "visited": {
             "cells": [_bits(row) for row in known.visited.cells],
             "coolants": _bits(known.visited.coolants),
         },
-        "surplus": {name: _rounded(value) for name, value in sorted(known.surplus.items())},
+        "surplus": {name: rounded(value) for name, value in sorted(known.surplus.items())},
         "charge": None if known.charge is None else known.charge.to_card(),
         "rmse_usual": known.rmse_usual,
     }
@@ -157,10 +185,6 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
     )
 
 
-def _constants_as_card(constants: Constants) -> dict[str, float]:
-    return {name: _rounded(value) for name, value in constants._asdict().items()}
-
-
 def _constants(stored: Mapping[str, float]) -> Constants:
     return Constants(*(float(stored[name]) for name in Constants._fields))
 
@@ -170,12 +194,8 @@ def _nowhere() -> tuple[BoolArray, BoolArray]:
     return nowhere.cells, nowhere.coolants
 
 
-def _rounded(value: float, digits: int = DIGITS) -> float:
+def _rounded(value: float, digits: int) -> float:
     return float(f"{float(value):.{digits}g}")
-
-
-def _list(values: FloatArray) -> list[float]:
-    return [_rounded(value) for value in values]
 
 
 def _array(values: Sequence[float], n: int) -> FloatArray:

@@ -18,7 +18,7 @@ from training.greybox.fit.drive import Drive
 from training.healthy import base, yardstick
 from training.healthy.card import store
 from training.healthy.yardstick import GROUPS_LEAST
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 from training.recordings.recording import Recording
 
 

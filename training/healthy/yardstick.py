@@ -24,7 +24,7 @@ from training.greybox.fit.sensor_faults import FAULTS
 from training.healthy import behaviour
 from training.healthy.base_state import State, base_state
 from training.healthy.behaviour import CONSTANT, Healthy
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 
 GROUPS_MOST: Final = 6  # of drives that are left out together
 GROUPS_LEAST: Final = 3  # fewer say nothing of how drives differ

@@ -1,5 +1,6 @@
 """Run of a gap study: its vehicles are prepared first, then every case is a chunk."""
 
+import pickle
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -7,8 +8,7 @@ from benchmarks.studies.runner import Found, Place
 from benchmarks.studies.workflow import case
 from benchmarks.studies.workflow.case import Vehicle
 from benchmarks.studies.workflow.plan import Case, Study, cases
-from training.greybox.fit.case import NAMED
-from training.jobs import values
+from monitor.base.files.outputs import write_bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,11 +24,11 @@ class Shed:
 
     def keep(self, number: int, vehicle: Vehicle | str) -> None:
         """Write a vehicle beside its base model."""
-        values.save(self.folder / f"{number}.npz", vehicle, NAMED)
+        write_bytes(self.folder / f"{number}.pickle", pickle.dumps(vehicle))
 
     def take(self, number: int) -> Vehicle | str:
         """Return a vehicle that was written."""
-        found: Vehicle | str = values.load(self.folder / f"{number}.npz", Vehicle | str, NAMED)
+        found: Vehicle | str = pickle.loads((self.folder / f"{number}.pickle").read_bytes())
         return replace(found, model=self.model(number)) if isinstance(found, Vehicle) else found
 
 

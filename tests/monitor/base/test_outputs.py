@@ -139,7 +139,6 @@ ALLOWED = {
     "monitor/memory/block.py",
     "monitor/sinks/json_lines.py",  # appends
     "training/jobs/cluster.py",  # renames, in a worker
-    "training/jobs/values.py",
     "training/jobs/model_bytes.py",
     "training/fleet/bench.py",
     "training/fleet/places.py",

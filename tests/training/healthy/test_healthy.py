@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from tests.helpers import gap_simulated
 from tests.helpers.gap_simulated import known, simulated
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.drive import Drive, path_of
-from training.healthy import behaviour
+from training.healthy import behaviour, card
 from training.healthy.behaviour import Healthy
 from training.healthy.card import KEY, from_card, to_card
 
@@ -82,3 +83,21 @@ def test_the_model_card_holds_the_charge_s_error() -> None:
     older, _ = from_card(card)
     assert older is not None
     assert older.charge is None
+
+
+def test_what_is_kept_for_later_runs_has_every_digit(tmp_path: Path) -> None:
+    # GIVEN a behaviour that a run has learned and kept
+    path, learned = tmp_path / "healthy.json", known()
+    assert card.kept(path, lambda: learned) is learned
+    # WHEN a later run wants it THEN it is read, the same to the last digit
+    again = card.kept(path, lambda: pytest.fail("learned again"))
+    for name in ("base", "plain", "names", "surplus", "rmse_usual"):
+        assert getattr(again, name) == getattr(learned, name), name
+    for name in ("weights", "low", "high"):
+        assert np.array_equal(getattr(again.ridge, name), getattr(learned.ridge, name)), name
+    assert np.array_equal(again.spread, learned.spread)
+    assert [(e, v.tolist()) for e, v in again.own] == [(e, v.tolist()) for e, v in learned.own]
+    assert np.array_equal(again.visited.cells, learned.visited.cells)
+    # AND a damaged file is as none
+    path.write_text(path.read_text()[:-100])
+    assert card.kept(path, lambda: learned) is learned

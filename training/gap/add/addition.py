@@ -12,7 +12,7 @@ from training.gap.name.knowledge import Knowledge
 from training.gap.name.verdict import Naming
 from training.greybox.effects.model_effect import ModelEffect
 from training.healthy import card
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 
 NO_BETTER: Final = (
     "what was named is not added: with it the model predicts no better, it follows the effect "

@@ -24,7 +24,7 @@ from training.greybox.graph.effect_inputs import Ranges
 from training.greybox.graph.effect_parity import ParityError
 from training.healthy import base
 from training.healthy.behaviour import Healthy
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 from training.limits.decision_limits import whole, with_limits
 from training.limits.judging import judge_recordings
 from training.narx.export import update_card

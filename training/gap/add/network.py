@@ -30,7 +30,7 @@ from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive, from_recording
 from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.effect_inputs import Ranges, channel_of
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 from training.narx.export import Network
 from training.narx.model_file import HeldOut, held_out, measures, recordings_of
 from training.narx.stability import Contraction

@@ -14,7 +14,7 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.gap.add.network_graph import DIFFERENCE
 from training.greybox.graph.chain_difference import ChainDifference
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 from training.narx.export import Network
 from training.narx.network import Layers, Spec, layers, linear_path
 from training.narx.stability import Contraction

@@ -24,7 +24,7 @@ from training.greybox.fit.case import Prior, Term
 from training.greybox.fit.joint import Fit, fit
 from training.healthy import scoring
 from training.healthy.base_state import FREE, State
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 
 T_LEAST: Final = 3.0
 T_STRANGE: Final = 2.0  # from which a constant of the wrong sign speaks against the best

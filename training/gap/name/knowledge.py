@@ -6,6 +6,7 @@ reference in the model's card, last the card's constants alone.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from training.gap.inputs import suitability
 from training.gap.inputs.subject import Subject
@@ -18,7 +19,7 @@ from training.healthy import card as reference_card
 from training.healthy import coverage, yardstick
 from training.healthy.base_state import base_state
 from training.healthy.behaviour import Healthy
-from training.jobs.checkpoints import Checkpoints, Progress
+from training.jobs import Progress
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,24 +32,20 @@ class Knowledge:
 
     @classmethod
     def of(
-        cls, subject: Subject, known: Healthy | None, kept: Checkpoints, progress: Progress
+        cls, subject: Subject, known: Healthy | None, kept: Path | None, progress: Progress
     ) -> "Knowledge":
         """Return the knowledge from the best source that there is.
 
-        kept : where the behaviour in the healthy recordings is kept
+        kept : file that keeps the behaviour in the healthy recordings for later runs
         """
         start = subject.start
         if known is not None:
             return cls(start, known)
         if subject.material.healthy:
-            return cls(
-                start,
-                kept.done(
-                    "healthy",
-                    Healthy,
-                    lambda: yardstick.learn(subject.healthy_drives(), start, progress),
-                ),
+            learned = reference_card.kept(
+                kept, lambda: yardstick.learn(subject.healthy_drives(), start, progress)
             )
+            return cls(start, learned)
         known, doubts = reference_card.known_of(subject.card)
         fitted_to = suitability.seen_in_fit_warnings(subject.card, subject.material.recordings)
         return cls(start, known, [*doubts, *fitted_to])

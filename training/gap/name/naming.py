@@ -42,7 +42,7 @@ from training.greybox.fit.sensor_faults import FAULTS
 from training.healthy import scoring, yardstick
 from training.healthy.base_state import FREE, State, base_state
 from training.healthy.behaviour import Healthy
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 
 LARGER: Final = 1.6  # times the usual error on healthy drives, from which there is a gap
 

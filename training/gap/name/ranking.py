@@ -10,7 +10,7 @@ from training.greybox.fit.case import Term, has_its_signs
 from training.greybox.fit.joint import Fit, fit
 from training.healthy import scoring
 from training.healthy.base_state import State
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 
 WIN: Final = 0.95  # of resampled blocks
 HALF: Final = 0.5  # of what can be explained, for a name; of the best score, for a rival

@@ -11,7 +11,7 @@ from training.greybox.fit.case import Term
 from training.greybox.fit.held_out import held_out_rmse
 from training.healthy import scoring
 from training.healthy.base_state import State
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 
 PAIR: Final = 2  # effects, each of which is judged beside the other
 

@@ -23,7 +23,7 @@ from training.greybox.fit.comparison import BLOCK_S, FOLDS, Comparison
 from training.greybox.fit.drive import Drive
 from training.healthy.base import check, plain_drives_of
 from training.healthy.behaviour import columns
-from training.jobs.checkpoints import Progress
+from training.jobs import Progress
 from training.limits.repeated_model import RepeatedModel
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording

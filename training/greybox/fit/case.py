@@ -8,20 +8,13 @@ import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import Constants, Path, simulate
-from training.greybox.effects import LIBRARY, Effect
-from training.greybox.effects.empirical import effect_of, is_empirical
+from training.greybox.effects import Effect
 from training.greybox.fit.comparison import BLOCK_S
 from training.greybox.fit.drive import Drive, path_of
-from training.greybox.fit.sensor_faults import FAULTS, SensorFault
+from training.greybox.fit.sensor_faults import SensorFault
 from training.greybox.fit.variation import Shrink
-from training.jobs.values import Named
 
 Term = Effect | SensorFault
-# Terms hold functions: a file of a run holds their names, see ``training.jobs.values``.
-NAMED: Final[Named] = {
-    Effect: lambda name: effect_of(name) if is_empirical(name) else LIBRARY[name],
-    SensorFault: {fault.name: fault for fault in FAULTS}.__getitem__,
-}
 WHITE: Final = (0.9, 0.0)  # nearly differences: slow errors are left to the correction
 
 

@@ -21,7 +21,6 @@ from training.greybox.effects.model_effect import ModelEffect, uncertain
 from training.greybox.fit.drive import Drive, make
 from training.healthy import behaviour, coverage
 from training.healthy.operating_points import Visited
-from training.jobs.checkpoints import Checkpoints
 from training.recordings.recording import Recording
 
 USUAL = Constants()
@@ -233,36 +232,3 @@ def test_drives_where_no_healthy_one_has_been_are_warned_of() -> None:
     assert left_out.endswith("at coolant temperatures that no healthy recording has visited")
     assert share.startswith("5")
     assert "name nothing" in share
-
-
-def test_a_stage_is_made_once_for_a_run_and_again_for_another(tmp_path: Path) -> None:
-    made = []
-
-    def make_one() -> int:
-        made.append(len(made))
-        return made[-1]
-
-    run = Checkpoints.of(tmp_path / "stages", {"options": "a"})
-    assert [run.done("name", int, make_one), run.done("name", int, make_one)] == [0, 0]
-    assert Checkpoints.of(tmp_path / "stages", {"options": "a"}).done("name", int, make_one) == 0
-    assert Checkpoints.of(tmp_path / "stages", {"options": "b"}).done("name", int, make_one) == 1
-    assert run.done("verify", int, make_one) == 2
-    run.clear()
-    assert not (tmp_path / "stages").exists()
-    assert run.done("name", int, make_one) == 3
-
-
-def test_a_stage_that_was_stopped_leaves_nothing_to_take_up(tmp_path: Path) -> None:
-    def stopped() -> int:
-        raise KeyboardInterrupt
-
-    run = Checkpoints.of(tmp_path / "stages", 1)
-    with pytest.raises(KeyboardInterrupt):
-        run.done("name", int, stopped)
-    assert run.done("name", int, lambda: 5) == 5
-
-
-def test_without_a_folder_every_stage_is_made_anew() -> None:
-    made = iter(range(3))
-    assert [Checkpoints().done("name", int, lambda: next(made)) for _ in range(2)] == [0, 1]
-    Checkpoints().clear()
