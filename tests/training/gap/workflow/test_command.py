@@ -97,7 +97,7 @@ class Stopped:
 
 @pytest.fixture(scope="module")
 def named(chain: Path, healthy: list[Path], film: list[Path]) -> Iterator[Stopped]:
-    """A run that was stopped while adding, then one with other options."""
+    """A run that was stopped while adding, then the same again."""
     stopped = Stopped(chain.parent / "gap")
     arguments = ["--model", chain, *film, "--healthy", *healthy, "--out", stopped.out]
 
@@ -113,7 +113,7 @@ def named(chain: Path, healthy: list[Path], film: list[Path]) -> Iterator[Stoppe
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(choice, "add", stop)
-        stopped.codes.append(run(*arguments, "--steps", "2"))
+        stopped.codes.append(run(*arguments))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(yardstick, "learn", again("learn"))
         stopped.codes.append(run(*arguments))
