@@ -381,17 +381,19 @@ def test_frames_gather_until_the_ticks_end_and_are_read_with_one_call(
         waits_s.append(seconds)
         send(here, range(50, 60))
 
+    now_ns = time.time_ns()
     monkeypatch.setattr("monitor.bus.link.socketcan.time.sleep", sleep)
+    monkeypatch.setattr("monitor.bus.link.socketcan.time.time_ns", lambda: now_ns)
     for ahead_s in (0.010, 60.0):
         send(here, range(50))
         # WHEN they are received
-        frames = taken(port, 1.0, time.time_ns() + round(ahead_s * 1e9))
+        frames = taken(port, 1.0, now_ns + round(ahead_s * 1e9))
         # THEN all come at once, in their order, when the tick or the longest wait is over
         assert [frame.can_id for frame in frames] == list(range(60))
         assert 0.0 < waits_s.pop() <= min(ahead_s + BEHIND_S, GATHER_S)
     # AND behind the tick's end a frame does not wait for others
     send(here, [60])
-    assert len(taken(port, 1.0, time.time_ns() - 1_000_000)) == 1
+    assert len(taken(port, 1.0, now_ns - 1_000_000)) == 1
     assert waits_s == []
 
 
