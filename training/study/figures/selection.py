@@ -43,11 +43,16 @@ def biplot_figure(result: Result) -> Figure:
     one, two = (np.array(v) / s for v, s in zip(result["scores"], scale, strict=True))
     axes.plot(one, two, ".", color="0.75", ms=3)
     loadings = np.array(result["loadings"])[:, :2]
-    for name, (x, y) in zip(result["names"], loadings, strict=True):
-        axes.annotate("", (x, y), (0, 0), arrowprops={"arrowstyle": "->", "color": "C0"})
+    largest, free = float(np.abs(loadings).max()), {"left": -np.inf, "right": -np.inf}
+    for i in np.argsort(loadings[:, 1]):  # names stand beyond the arrows, one above the other
+        x, y = loadings[i]
         side = "left" if x > 0 else "right"
-        axes.text(1.1 * x, 1.1 * y, f" {name} ", size=8, ha=side, va="center")
-    reach = 1.45 * max(1e-3, float(np.abs(loadings).max()))
+        at = max(1.1 * y, free[side])
+        free[side] = at + 0.07 * largest
+        axes.annotate("", (x, y), (0, 0), arrowprops={"arrowstyle": "->", "color": "C0"})
+        axes.plot([x, 1.1 * x], [y, at], color="C0", lw=0.4)
+        axes.text(1.1 * x, at, f" {result['names'][i]} ", size=8, ha=side, va="center")
+    reach = 1.45 * max(1e-3, largest)
     share = 100 * np.array(result["variances"]) / np.sum(result["variances"])
     label = "loading on component {}, {:.0f} % of the variance"
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
