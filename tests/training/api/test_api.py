@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -12,8 +11,8 @@ import training
 from monitor import O2Error, replay
 from monitor.base.signals import OUTPUT
 from training import estimate_tables, evaluate, find_gap, fit, load_recordings
-from training.api import models
 from training.cli import main
+from training.healthy import new_model
 from training.limits.decision_limits import MANY_WINDOWS
 from training.recordings.table_files import write_table
 
@@ -107,8 +106,8 @@ def test_a_fit_to_one_drive_says_what_it_cannot_know(
     drives: int, warns: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # GIVEN windows enough for limits
-    monkeypatch.setattr(models, "set_limits", lambda *_: (None, MANY_WINDOWS))
+    monkeypatch.setattr(new_model, "set_limits", lambda *_: (None, MANY_WINDOWS))
     # WHEN they come from one drive THEN the fit warns, and from several it does not
-    outcome = SimpleNamespace(path=None, held_out=())
-    said = models._set_limits(outcome, load_recordings([drive_of(i) for i in range(drives)]))  # type: ignore[arg-type]
+    recordings = load_recordings([drive_of(i) for i in range(drives)])
+    said = new_model._set_limits(Path("model.onnx"), (), recordings)
     assert [("one recording" in each) for each in said] == [True] * warns
