@@ -3,23 +3,25 @@
 import argparse
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
+from monitor.base.command_line.parameters import ColumnNames
+from monitor.base.command_line.signature import add_command
 from monitor.base.errors import UsageError
 from monitor.base.signals import OUTPUT
 from monitor.cli.options import (
     LOGS,
     NOT_JUDGED,
-    add_bus,
-    add_columns,
-    add_command,
-    add_obd,
-    add_setup,
+    Bus,
+    ObdOptions,
+    Seconds,
+    SetupOptions,
     bus_name,
     obd_poller,
     open_bus,
-    positive,
     say,
     set_up,
 )
@@ -30,8 +32,7 @@ if TYPE_CHECKING:
     from monitor.bus.polling.poller import ObdPoller
     from monitor.pipeline.replay import Setup
 
-HELP = "say which signals are there"
-_CHECK = """examples:
+EXAMPLES = """examples:
   o2mon check drive.log
   o2mon check drive.msl                                  what a logger's file holds
   o2mon check drive.csv --write-profile my.toml          a profile to edit for a new logger
@@ -39,61 +40,57 @@ _CHECK = """examples:
   o2mon check -i socketcan -c can0 --obd                 ask for OBD-II parameters
 
 exit code: 0 every signal of the model is present, 3 a signal is missing"""
+_LOG = {"help": f"{LOGS}; without it, a bus"}
 
 
-def add(commands: Any) -> None:
-    """Add the subcommand ``check``."""
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions(SetupOptions, ColumnNames, ObdOptions):
+    """Options of a check.
+
+    write_profile : write a profile to edit, with the columns of LOG that names, units and values
+        tell
+    force : overwrite an existing file of --write-profile
+    seconds : time to listen to a bus, in s
+    """
+
+    log: Annotated[Path | None, paths.read, "LOG", _LOG] = field(default=None, kw_only=False)
+    bus: Bus
+    write_profile: Annotated[Path | None, paths.written, "FILE"] = None
+    force: bool = False
+    seconds: Seconds = 5.0
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Make the parser that of ``o2mon check``."""
     from monitor.frames.text.python_can import import_without_mdf
 
     import_without_mdf()
-    check = add_command(commands, "check", HELP, _CHECK, _check)
-    check.add_argument(
-        "log", nargs="?", type=paths.read, metavar="LOG", help=f"{LOGS}; without it, a bus"
-    )
-    add_bus(check)
-    add_setup(check, memory=False)
-    add_columns(check)
-    check.add_argument(
-        "--write-profile",
-        type=paths.written,
-        metavar="FILE",
-        help="write a profile to edit, with the columns of LOG that names, units and values tell",
-    )
-    check.add_argument(
-        "--force", action="store_true", help="overwrite an existing file of --write-profile"
-    )
-    check.add_argument(
-        "--seconds",
-        type=positive,
-        metavar="S",
-        default=5.0,
-        help="time to listen to a bus, in s (default: 5)",
-    )
-    add_obd(check)
+    add_command(parser, run, EXAMPLES)
 
 
-def _check(args: argparse.Namespace) -> int:
+def run(args: CheckOptions) -> int:
+    """Say which signals are there."""
     from monitor.bus.link.port import BusHealth, Port
     from monitor.frames.log_blocks import read_blocks
     from monitor.grid.tables import is_table
     from monitor.report.check import check
 
-    if args.log and bus_name(args):
+    if args.log and bus_name(args.bus):
         raise UsageError("give either a LOG or a bus (-i, -c), not both")
     if args.write_profile:
-        return _write_profile(args)
+        return _write_profile(args.log, args.write_profile, force=args.force)
     if args.log and is_table(args.log):
-        return _check_table(args)
-    if not (args.log or bus_name(args) or _configured()):
+        return _check_table(args, args.log)
+    if not (args.log or bus_name(args.bus) or _configured()):
         raise UsageError(
             "nothing to check: give a LOG (CAN log, table or a logger's file such as .msl, .mlg, "
             ".csv) or a bus (-i INTERFACE -c CHANNEL, for example -i socketcan -c can0)"
         )
-    setup = set_up(args, judges=False)
+    setup = set_up(args, args.columns, obd=args.obd, judges=False)
     if args.log:
         result = check(read_blocks(args.log), setup.bus_map)
     else:
-        with open_bus(args) as bus:
+        with open_bus(args.bus) as bus:
             poller = obd_poller(args, setup.bus_map) if args.obd else None
             health = BusHealth()
             result = check(_listen(Port(bus, health), args.seconds, poller), setup.bus_map)
@@ -106,7 +103,7 @@ def _check(args: argparse.Namespace) -> int:
     missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
     _say_verdict(missing, result.stale)
     if args.log and not missing:
-        _say_causes(args, setup)
+        _say_causes(args.log, setup)
     return NOT_JUDGED if missing else 0
 
 
@@ -119,7 +116,7 @@ def _say_verdict(missing: list[str], stale: list[str]) -> None:
         say("the model has all it needs")
 
 
-def _say_causes(args: argparse.Namespace, setup: "Setup") -> None:
+def _say_causes(log: Path, setup: "Setup") -> None:
     """Print the reasons that would keep the recording from a verdict."""
     if not setup.model.card.limits:
         say("the model has no decision limits: o2mon replay cannot judge with it; fit it to more")
@@ -128,7 +125,7 @@ def _say_causes(args: argparse.Namespace, setup: "Setup") -> None:
 
     card = setup.model.card
     reader = RecordingReader(setup.bus_map, card, setup.columns)
-    for cause in held_up(reader.open(args.log), card, setup.config):
+    for cause in held_up(reader.open(log), card, setup.config):
         say(f"would hold up a verdict: {cause.in_words}")
 
 
@@ -142,41 +139,38 @@ def _configured() -> bool:
         return False
 
 
-def _check_table(args: argparse.Namespace) -> int:
+def _check_table(args: CheckOptions, log: Path) -> int:
     from monitor.report.check_table import advice, check_table, is_of_logger, rename
 
-    if args.model is None and is_of_logger(args.log, args.columns):
-        result = check_table(args.log, args.columns)
+    if args.model is None and is_of_logger(log, args.columns):
+        result = check_table(log, args.columns)
         for line in result.lines():
             say(line)
         say(advice(result))
         return NOT_JUDGED if result.missing([OUTPUT]) or result.is_output_pinned else 0
-    setup = set_up(args, judges=False)
-    result = check_table(args.log, args.columns, setup.model.card)
+    setup = set_up(args, args.columns, obd=args.obd, judges=False)
+    result = check_table(log, args.columns, setup.model.card)
     for line in result.lines():
         say(line)
     missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
     _say_verdict(missing, [])
     if not missing:
-        _say_causes(args, setup)
+        _say_causes(log, setup)
     elif own := rename(result.table):
         say(own)
     return NOT_JUDGED if missing else 0
 
 
-def _write_profile(args: argparse.Namespace) -> int:
+def _write_profile(log: Path | None, out: Path, *, force: bool) -> int:
     from monitor.base.files.outputs import check_new, write_text
     from monitor.frames.tables.readers import open_table
     from monitor.mapping.profile_proposal import proposed
 
-    if not args.log:
+    if not log:
         raise UsageError("--write-profile needs a LOG")
-    check_new(args.write_profile, force=args.force)
-    write_text(args.write_profile, "\n".join(proposed(open_table(args.log))) + "\n")
-    say(
-        f"{args.write_profile}: a profile to edit; try it with "
-        f"o2mon check {args.log} --profile {args.write_profile}"
-    )
+    check_new(out, force=force)
+    write_text(out, "\n".join(proposed(open_table(log))) + "\n")
+    say(f"{out}: a profile to edit; try it with o2mon check {log} --profile {out}")
     return 0
 
 

@@ -1,9 +1,9 @@
 """Options of ``o2mon run`` that answer diagnostic testers on ISO-TP."""
 
-import argparse
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.errors import UsageError
 from monitor.cli.options import say
@@ -18,24 +18,25 @@ _NONE = "none"
 _MISSING = "can-isotp is not installed; pip install '.[diagnostics]' in the project's folder"
 
 
-def add_diagnostics(parser: argparse.ArgumentParser) -> None:
-    """Add the diagnostic options; they need --transmit."""
-    parser.add_argument(
-        "--diagnostics-id",
-        metavar="HEX",
-        help="identifier of the answers to testers: 7E9 to 7EF, 18DAF1xx, or none "
-        "(default: 7E9; needs --transmit)",
-    )
-    parser.add_argument("--vin", help="vehicle identification number that testers read")
-    parser.add_argument(
-        "--clear-while-running",
-        action="store_true",
-        help="let testers clear codes while the engine runs or its speed is unknown",
-    )
+@dataclass(frozen=True, kw_only=True)
+class DiagnosticsOptions:
+    """What is sent on the bus.
+
+    transmit : send fault flag and codes on the bus
+    diagnostics_id : identifier of the answers to testers: 7E9 to 7EF, 18DAF1xx, or none (default:
+        7E9; needs --transmit)
+    vin : vehicle identification number that testers read
+    clear_while_running : let testers clear codes while the engine runs or its speed is unknown
+    """
+
+    transmit: bool = False
+    diagnostics_id: Annotated[str | None, "HEX"] = None
+    vin: str | None = None
+    clear_while_running: bool = False
 
 
 def diagnostics(
-    args: argparse.Namespace, setup: "Setup", loop: "Loop", tell: Callable[[str], None] = say
+    args: DiagnosticsOptions, setup: "Setup", loop: "Loop", tell: Callable[[str], None] = say
 ) -> "list[Attachment]":
     """Return the attachment that answers testers, in a list; an empty list if there is none.
 
@@ -60,7 +61,7 @@ def diagnostics(
     return [Diagnostics(_state(args, setup, loop), address)]
 
 
-def _state(args: argparse.Namespace, setup: "Setup", loop: "Loop") -> "State":
+def _state(args: DiagnosticsOptions, setup: "Setup", loop: "Loop") -> "State":
     from monitor import __version__
     from monitor.bus.diagnostics.state import Identity, State
 

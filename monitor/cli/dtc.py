@@ -3,51 +3,57 @@
 import argparse
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
+from monitor.base.command_line.signature import add_command
 from monitor.base.errors import UsageError
 from monitor.base.signals import unit_of
-from monitor.cli.options import add_command, say, warn
+from monitor.cli.options import say, warn
 
 if TYPE_CHECKING:
     from monitor.memory.dtc import Dtc
     from monitor.memory.dtc_store import DtcStore
     from monitor.memory.store import Condition
 
-HELP = "read and clear trouble codes"
-_DTC = """examples:
+_EXAMPLES = """examples:
   o2mon dtc list --memory o2.db
   o2mon dtc freeze-frame --memory o2.db P0133
   o2mon dtc readiness --memory o2.db --json
   o2mon dtc clear --memory o2.db
 
 exit code: 0 done, 2 the fault memory cannot be used"""
-_MEMORY = "fault memory, written by o2mon run or o2mon replay with --memory"
 SCHEMA = "o2mon.dtc/1"
 
 
-def add(commands: Any) -> None:
-    """Add the subcommand ``dtc`` and its actions."""
-    dtc = add_command(commands, "dtc", HELP, _DTC, None)
-    actions = dtc.add_subparsers(required=True, metavar="action", dest="action")
-    for name, text, func in (
+@dataclass(frozen=True, kw_only=True)
+class DtcOptions:
+    """Options of every action.
+
+    memory : fault memory, written by o2mon run or o2mon replay with --memory
+    json : print JSON
+    """
+
+    memory: Annotated[Path, paths.kept, "FILE"]
+    json: bool = False
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Make the parser that of ``o2mon dtc``, with its actions."""
+    parser.description = "Read and clear trouble codes."
+    parser.epilog, parser.formatter_class = _EXAMPLES, argparse.RawDescriptionHelpFormatter
+    actions = parser.add_subparsers(required=True, metavar="action", dest="action")
+    for name, text, action in (
         ("list", "list the trouble codes", _list),
         ("freeze-frame", "show the signals at the time when a code was set", _freeze_frame),
         ("readiness", "show the tests, their results and their in-use performance", _readiness),
         ("clear", "clear everything but permanent codes and in-use performance", _clear),
     ):
-        action = add_command(actions, name, text, "", func)
-        action.add_argument(
-            "--memory", type=paths.kept, metavar="FILE", required=True, help=_MEMORY
-        )
-        action.add_argument("--json", action="store_true", help="print JSON")
-        if name == "freeze-frame":
-            action.add_argument("code", nargs="*", metavar="CODE", help="code (default: all)")
+        add_command(actions.add_parser(name, help=text), action)
 
 
 def _check(path: Path) -> None:
@@ -73,7 +79,7 @@ def _load(path: Path) -> "tuple[DtcStore, Condition]":
 
 
 def _print(
-    args: argparse.Namespace,
+    args: DtcOptions,
     found: "Condition",
     fields: Mapping[str, Any],
     lines: Iterator[str],
@@ -89,7 +95,8 @@ def _print(
     return 0
 
 
-def _list(args: argparse.Namespace) -> int:
+def _list(args: DtcOptions) -> int:
+    """List the trouble codes."""
     store, found = _load(args.memory)
     fields = {
         "mil": store.mil,
@@ -138,18 +145,22 @@ def _counted(n: int, what: str) -> str:
     return f"{n} {what}{'' if n == 1 else 's'}"
 
 
-def _freeze_frame(args: argparse.Namespace) -> int:
+def _freeze_frame(code: Annotated[Sequence[str], "CODE"] = (), *, args: DtcOptions) -> int:
+    """Show the signals at the time when a code was set.
+
+    code : code (default: all)
+    """
     from monitor.report.elements import plain
 
     store, found = _load(args.memory)
     frames = store.freeze_frames
-    missing = [code for code in args.code if code not in frames]
+    missing = [each for each in code if each not in frames]
     if missing:
         there = ", ".join(frames) or "none"
         raise UsageError(
             f"{args.memory}: no freeze frame of {', '.join(missing)}; there are: {there}"
         )
-    chosen = [frame for code, frame in frames.items() if not args.code or code in args.code]
+    chosen = [frame for name, frame in frames.items() if not code or name in code]
     later = [store.latest_frames[f.code] for f in chosen if f.code in store.latest_frames]
     fields = {
         name: [{"code": f.code, "t_ns": f.t_ns, "values": dict(f.values)} for f in group]
@@ -176,7 +187,8 @@ def _when(t_ns: int) -> str:
     return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(t_ns / 1e9))
 
 
-def _readiness(args: argparse.Namespace) -> int:
+def _readiness(args: DtcOptions) -> int:
+    """Show the tests, their results and their in-use performance."""
     from monitor.report.elements import plain
 
     store, found = _load(args.memory)
@@ -212,7 +224,8 @@ def _readiness(args: argparse.Namespace) -> int:
     return _print(args, found, fields, lines())
 
 
-def _clear(args: argparse.Namespace) -> int:
+def _clear(args: DtcOptions) -> int:
+    """Clear everything but permanent codes and in-use performance."""
     from monitor.memory.dtc_store import DtcStore
     from monitor.memory.store import Memory
 

@@ -1,20 +1,22 @@
 """``o2mon inject``: put faults into frames between two buses, or into a log or table."""
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
+from monitor.base.command_line.parameters import ColumnNames, Input
+from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import UsageError
 from monitor.cli.options import (
+    Seconds,
+    SetupOptions,
     add_bus,
-    add_columns,
-    add_command,
-    add_setup,
     bus_name,
     open_bus,
-    positive,
     say,
     set_up,
 )
@@ -29,8 +31,7 @@ if TYPE_CHECKING:
     from monitor.inject.side import Side
     from monitor.pipeline.replay import Setup
 
-HELP = "put faults into an engine's frames, or into a log"
-_INJECT = """examples:
+EXAMPLES = """examples:
   o2mon inject drive.log --out late.log --fault delay_rich_to_lean=0.8@60
   o2mon inject drive.log --scenario late.toml --assert
   o2mon inject drive.msl --out late.csv --fault gain_low=0.5@60    a table or a logger's file
@@ -48,66 +49,56 @@ _HEARS_ITSELF = "udp_multicast"
 _NOTHING = "nothing to do with LOG: give --out, or --scenario and --assert"
 
 
-def add(commands: Any) -> None:
-    """Add the subcommand ``inject``."""
+def _add_buses(parser: argparse.ArgumentParser) -> None:
     from can.cli import add_bus_arguments
 
-    inject = add_command(commands, "inject", HELP, _INJECT, _inject)
-    inject.add_argument(
-        "log",
-        nargs="?",
-        type=paths.read,
-        metavar="LOG",
-        help="CAN log, table or log of a tuning tool instead of buses",
-    )
-    inject.add_argument(
-        "--out", type=paths.written, metavar="LOG", help="log to write, of a table .csv"
-    )
-    inject.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        metavar="NAME[=SEVERITY][@START[-END]]",
-        help="fault to inject, times in s after the first frame; may repeat",
-    )
-    inject.add_argument(
-        "--scenario", type=paths.read, metavar="TOML", help="faults and expectations"
-    )
-    inject.add_argument(
-        "--assert",
-        dest="check",
-        action="store_true",
-        help="judge the changed frames and compare the result with the scenario's expectations",
-    )
-    inject.add_argument("--seed", type=int, help="seed of random faults (default: the scenario's)")
-    inject.add_argument(
-        "--keep-counters",
-        action="store_true",
-        help="renumber alive counters, so that lost or doubled frames leave no gap in them",
-    )
-    inject.add_argument(
-        "--duration", type=positive, metavar="S", help="stop after this time in s (buses only)"
-    )
-    add_bus(inject)
-    add_bus_arguments(inject, prefix="to", group_title="bus arguments of the other side")
-    add_setup(inject, memory=False)
-    add_columns(inject)
+    add_bus(parser)
+    add_bus_arguments(parser, prefix="to", group_title="bus arguments of the other side")
 
 
-def _inject(args: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class InjectOptions(SetupOptions, ColumnNames):
+    """Options of an injection.
+
+    log : CAN log, table or log of a tuning tool instead of buses
+    out : log to write, of a table .csv
+    fault : fault to inject, times in s after the first frame; may repeat
+    scenario : faults and expectations
+    check : judge the changed frames and compare the result with the scenario's expectations
+    seed : seed of random faults (default: the scenario's)
+    keep_counters : renumber alive counters, so that lost or doubled frames leave no gap in them
+    duration : stop after this time in s (buses only)
+    """
+
+    log: Annotated[Input | None, "LOG"] = field(default=None, kw_only=False)
+    out: Annotated[Path | None, paths.written, "LOG"] = None
+    fault: Annotated[Sequence[str], REPEATED, "NAME[=SEVERITY][@START[-END]]"] = ()
+    scenario: Annotated[Input | None, "TOML"] = None
+    check: Annotated[bool, "--assert"] = False
+    seed: int | None = None
+    keep_counters: bool = False
+    duration: Seconds | None = None
+    bus: Annotated[argparse.Namespace, _add_buses]
+
+
+def run(args: InjectOptions) -> int:
+    """Put faults into an engine's frames, or into a log."""
     from monitor.grid.tables import is_table
 
     scenario = _scenario(args)
-    if args.log and (bus_name(args) or "to_channel" in args or args.duration):
+    if args.log and (bus_name(args.bus) or "to_channel" in args.bus or args.duration):
         raise UsageError("give either a LOG or two buses (-i, -c, --to-channel), not both")
     if args.check and not scenario.expectations:
         raise UsageError("--assert needs a --scenario with an [[expect]]")
-    setup = set_up(args) if args.check else None
+    setup = set_up(args, args.columns) if args.check else None
     if args.log and is_table(args.log):
-        recordings = _table(args, scenario, setup)
+        recordings = _table(args, args.log, scenario, setup)
     else:
         bus_map = setup.bus_map if setup else _bus_map(args)
-        recordings = (_logs if args.log else _buses)(args, scenario, bus_map, setup)
+        if args.log:
+            recordings = _logs(args, args.log, scenario, bus_map, setup)
+        else:
+            recordings = _buses(args, scenario, bus_map, setup)
     if not args.check:
         return 0
     from monitor.inject.expected import compare, table
@@ -118,7 +109,7 @@ def _inject(args: argparse.Namespace) -> int:
     return 0 if all(row.met for row in rows) else 1
 
 
-def _scenario(args: argparse.Namespace) -> "Scenario":
+def _scenario(args: InjectOptions) -> "Scenario":
     from dataclasses import replace
 
     from monitor.inject.scenario import Scenario, load, parse_fault
@@ -133,20 +124,20 @@ def _scenario(args: argparse.Namespace) -> "Scenario":
     )
 
 
-def _bus_map(args: argparse.Namespace) -> "BusMap":
+def _bus_map(args: InjectOptions) -> "BusMap":
     import dbc
     from monitor.decode.bus_map import load_pairs
 
-    if len(args.dbc) != len(args.map):
-        raise UsageError(
-            f"--dbc and --map come in pairs: {len(args.dbc)} --dbc, {len(args.map)} --map"
-        )
     default = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
-    return load_pairs(list(zip(args.dbc, args.map, strict=True)) or default)
+    return load_pairs(args.pairs or default)
 
 
 def _logs(
-    args: argparse.Namespace, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
+    args: InjectOptions,
+    log: Path,
+    scenario: "Scenario",
+    bus_map: "BusMap",
+    setup: "Setup | None",
 ) -> "list[Recording]":
     from monitor.base.files.outputs import check, numbered
     from monitor.frames.logs import read_frames
@@ -168,21 +159,21 @@ def _logs(
             )
             judge = FrameJudge(setup, memory) if setup and memory else None
             out = args.out and (numbered(args.out, drive) if scenario.n_drives > 1 else args.out)
-            check((out,), (args.log, args.scenario, *args.dbc, *args.map))
-            frames = injector.stream(read_frames(args.log))
+            check((out,), (log, args.scenario, *args.dbc, *args.map))
+            frames = injector.stream(read_frames(log))
             frames = _seen(frames, judge.push) if judge else frames
             n = write_log(out, frames) if out else sum(1 for _ in frames)
             for line in injector.counts.lines():
-                say(f"{out or args.log}: {line}")
+                say(f"{out or log}: {line}")
             if n == 0:
-                raise UsageError(f"{args.log}: no frame is left to judge or write")
+                raise UsageError(f"{log}: no frame is left to judge or write")
             if judge:
-                recordings.append(judge.finish(str(out or args.log)))
+                recordings.append(judge.finish(str(out or log)))
     return recordings
 
 
 def _table(
-    args: argparse.Namespace, scenario: "Scenario", setup: "Setup | None"
+    args: InjectOptions, log: Path, scenario: "Scenario", setup: "Setup | None"
 ) -> "list[Recording]":
     from monitor.base.files.outputs import check, numbered
     from monitor.grid.tables import read_table
@@ -196,19 +187,19 @@ def _table(
         raise UsageError(_NOTHING)
     model = setup.model if setup else Model.load(args.model) if args.model else None
     if model:
-        table = table_of_model(args.log, args.columns, model.card)
+        table = table_of_model(log, args.columns, model.card)
     else:
-        table = read_table(args.log, args.columns)
+        table = read_table(log, args.columns)
     recordings: list[Recording] = []
     with fresh_memory() as memory:
         for drive in range(1, scenario.n_drives + 1):
             seed = scenario.seed + drive - 1
             changed, n = with_faults(table, scenario.faults_of(drive), seed)
             out = args.out and (numbered(args.out, drive) if scenario.n_drives > 1 else args.out)
-            check((out,), (args.log, args.scenario))
+            check((out,), (log, args.scenario))
             if out:
                 write_own(out, changed)
-            say(f"{out or args.log}: lambda changed in {n} of {len(changed.t_ns)} rows")
+            say(f"{out or log}: lambda changed in {n} of {len(changed.t_ns)} rows")
             if setup:
                 reader = RecordingReader(setup.bus_map, setup.model.card)
                 recordings.append(judged(reader.table(changed), None, setup, memory)[0])
@@ -222,7 +213,7 @@ def _seen(frames: "Iterable[Frame]", take: Any) -> "Iterator[Frame]":
 
 
 def _buses(
-    args: argparse.Namespace, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
+    args: InjectOptions, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
 ) -> "list[Recording]":
     from monitor.bus.ending import ended_by_signals
     from monitor.inject.expected import FrameJudge, fresh_memory
@@ -231,14 +222,14 @@ def _buses(
 
     if args.out:
         raise UsageError("--out is for a LOG; o2mon run --record writes what is on a bus")
-    if "to_channel" not in args:
+    if "to_channel" not in args.bus:
         raise UsageError("give the other side with --to-channel (and --to-interface), or a LOG")
     if scenario.n_drives > 1:
         raise UsageError(f"{args.scenario}: drives = {scenario.n_drives} is for a LOG, not a bus")
-    other = _other_side(args)
-    if bus_name(args) == bus_name(other):
-        raise UsageError(f"both sides are {bus_name(args)}, two buses are wanted")
-    for side in (args, other):
+    other = _other_side(args.bus)
+    if bus_name(args.bus) == bus_name(other):
+        raise UsageError(f"both sides are {bus_name(args.bus)}, two buses are wanted")
+    for side in (args.bus, other):
         if getattr(side, "interface", None) == _HEARS_ITSELF:
             raise UsageError(
                 f"{bus_name(side)}: {_HEARS_ITSELF} hears what it sends itself, "
@@ -250,11 +241,13 @@ def _buses(
     with ExitStack() as stack:
         memory = stack.enter_context(fresh_memory()) if setup else None
         judge = FrameJudge(setup, memory) if setup and memory else None
-        here = _side(stack.enter_context(open_bus(args)), args)
+        here = _side(stack.enter_context(open_bus(args.bus)), args.bus)
         there = _side(stack.enter_context(open_bus(other)), other)
         gateway = Gateway(here, there, injector, judge.push if judge else lambda _: None)
         with ended_by_signals(gateway.stop):
-            say(f"{bus_name(args)} to {bus_name(other)}: {', '.join(map(str, scenario.faults))}")
+            say(
+                f"{bus_name(args.bus)} to {bus_name(other)}: {', '.join(map(str, scenario.faults))}"
+            )
             try:
                 gateway.run(args.duration)
             finally:  # report the result even if the bus fails

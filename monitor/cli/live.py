@@ -1,11 +1,11 @@
 """The option ``--live`` of ``o2mon run``: a web page that shows the monitor at work."""
 
-import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
 
-from monitor.bus.live.address import parse
+from monitor.bus.live.address import PageAddress, parse
 
 if TYPE_CHECKING:
     from monitor.bus.live.feed import LiveFeed
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
     from monitor.pipeline.replay import Setup
 
 
-def add_live(parser: argparse.ArgumentParser) -> None:
-    """Add the option ``--live``."""
-    parser.add_argument(
-        "--live",
-        type=parse,
-        metavar="HOST:PORT",
-        help="serve a live page at this address; PORT alone means 127.0.0.1:PORT",
-    )
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions:
+    """The live page.
+
+    live : serve a live page at this address; PORT alone means 127.0.0.1:PORT
+    """
+
+    live: Annotated[PageAddress | None, parse, "HOST:PORT"] = None
 
 
 @contextmanager
-def live_server(args: argparse.Namespace) -> "Iterator[Server | None]":
+def live_server(args: LiveOptions) -> "Iterator[Server | None]":
     """Start the page's server if ``--live`` is given, and stop it at the end.
 
     Raises UsageError if the server cannot start.

@@ -6,10 +6,13 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.errors import BusError, UsageError
+from monitor.base.command_line.parameters import BusFiles, Input, Output, SettingsFile
+from monitor.base.errors import BusError
 
 if TYPE_CHECKING:
     import can
@@ -40,6 +43,61 @@ def hexadecimal(text: str) -> int:
     return int(text, 16)
 
 
+def add_bus(parser: argparse.ArgumentParser) -> None:
+    """Add python-can's bus options."""
+    from can.cli import add_bus_arguments
+
+    add_bus_arguments(parser)
+
+
+Bus = Annotated[argparse.Namespace, add_bus]
+Seconds = Annotated[float, positive, "S"]
+Hertz = Annotated[float, positive, "HZ"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetupOptions(BusFiles, SettingsFile):
+    """Model, database, signal map and settings.
+
+    model : ONNX model with its card (default: shipped)
+    """
+
+    model: Input | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgeOptions(SetupOptions):
+    """What a judgement needs and writes.
+
+    memory : fault memory to continue, or to create; its copy is FILE.b; clear with o2mon dtc
+    json : write the result as JSON
+    html : write the result as a web page
+    """
+
+    memory: Annotated[Path | None, paths.kept, "FILE"] = None
+    json: Output = None
+    html: Output = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObdOptions:
+    """Polling of OBD-II.
+
+    obd : poll OBD-II parameters from the engine; the default of --dbc and --map is then the shipped
+        obd2.dbc with obd2.toml
+    obd_rate : most requests per second
+    obd_optional : ask for the map's optional signals, too: the sensor behind the catalyst and the
+        catalyst's temperature
+    obd_request : identifier of the requests, hexadecimal (default: 7E0, 7DF and their 29-bit
+        counterparts in turn, until one is answered)
+    """
+
+    obd: bool = False
+    obd_rate: Hertz = 12.0
+    obd_optional: bool = False
+    obd_request: Annotated[int | None, hexadecimal, "ID"] = None
+
+
 def say(line: str) -> None:
     """Print a line; if the reader is gone, go on silently, because the exit code still counts."""
     try:
@@ -56,115 +114,8 @@ def warn(line: str) -> None:
         print(f"o2mon: warning: {line}", file=sys.stderr, flush=True)
 
 
-def add_columns(parser: argparse.ArgumentParser) -> None:
-    """Add the options that give the columns of a table their signals."""
-    parser.add_argument(
-        "--profile",
-        "--columns",
-        type=paths.read,
-        dest="columns",
-        metavar="NAME|FILE",
-        help="TOML file that says which column is which signal, or a shipped profile's name "
-        "(default: the profile of a logger's file is recognised)",
-    )
-
-
-def add_command(
-    commands: Any, name: str, text: str, examples: str, func: Any
-) -> argparse.ArgumentParser:
-    """Add a subcommand; its help ends with the examples."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        name,
-        help=text,
-        description=text.capitalize() + ".",
-        epilog=examples,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.set_defaults(func=func)
-    return parser
-
-
-def add_setup(parser: argparse.ArgumentParser, *, memory: bool = True) -> None:
-    """Add the options of model, database, signal map, settings and fault memory."""
-    parser.add_argument(
-        "--model", type=paths.read, help="ONNX model with its card (default: shipped)"
-    )
-    parser.add_argument(
-        "--dbc",
-        type=paths.read,
-        action="append",
-        default=[],
-        help="CAN database (.dbc); repeat it with --map for several databases (default: the "
-        "project's own ECU)",
-    )
-    parser.add_argument(
-        "--map",
-        type=paths.read,
-        action="append",
-        default=[],
-        help="signal map (.toml) of the --dbc before it; repeat it with --dbc",
-    )
-    parser.add_argument(
-        "--config", type=paths.read, help="TOML file that changes the shipped settings"
-    )
-    if memory:
-        parser.add_argument(
-            "--memory",
-            type=paths.kept,
-            metavar="FILE",
-            help="fault memory to continue, or to create; its copy is FILE.b; clear with o2mon dtc",
-        )
-
-
-def add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the result files."""
-    parser.add_argument(
-        "--json", type=paths.written, metavar="OUT", help="write the result as JSON"
-    )
-    parser.add_argument(
-        "--html", type=paths.written, metavar="OUT", help="write the result as a web page"
-    )
-
-
-def add_bus(parser: argparse.ArgumentParser) -> None:
-    """Add python-can's bus options."""
-    from can.cli import add_bus_arguments
-
-    add_bus_arguments(parser)
-
-
-def add_obd(parser: argparse.ArgumentParser) -> None:
-    """Add the options of OBD-II polling."""
-    parser.add_argument(
-        "--obd",
-        action="store_true",
-        help="poll OBD-II parameters from the engine; the default of --dbc and --map is then "
-        "the shipped obd2.dbc with obd2.toml",
-    )
-    parser.add_argument(
-        "--obd-rate",
-        type=positive,
-        metavar="HZ",
-        default=12.0,
-        help="most requests per second (default: 12)",
-    )
-    parser.add_argument(
-        "--obd-optional",
-        action="store_true",
-        help="ask for the map's optional signals, too: the sensor behind the catalyst and the "
-        "catalyst's temperature",
-    )
-    parser.add_argument(
-        "--obd-request",
-        type=hexadecimal,
-        metavar="ID",
-        help="identifier of the requests, hexadecimal (default: 7E0, 7DF and their 29-bit "
-        "counterparts in turn, until one is answered)",
-    )
-
-
 def obd_poller(
-    args: argparse.Namespace, bus_map: "BusMap", tell: Callable[[str], None] = say
+    args: ObdOptions, bus_map: "BusMap", tell: Callable[[str], None] = say
 ) -> "ObdPoller":
     """Return a poller for every OBD-II parameter of the map.
 
@@ -186,11 +137,11 @@ def obd_poller(
     )
 
 
-def _asked_names(args: argparse.Namespace, bus_map: "BusMap") -> tuple[str, ...]:
+def _asked_names(args: ObdOptions, bus_map: "BusMap") -> tuple[str, ...]:
     return (*bus_map.names, *bus_map.optional) if args.obd_optional else bus_map.names
 
 
-def tell_if_too_slow(args: argparse.Namespace, setup: "Setup", tell: Callable[[str], None]) -> None:
+def tell_if_too_slow(args: ObdOptions, setup: "Setup", tell: Callable[[str], None]) -> None:
     """Tell the user if polling brings signals less often than the model samples them."""
     from monitor.bus.polling.pids import interval_s, wanted
 
@@ -205,28 +156,26 @@ def tell_if_too_slow(args: argparse.Namespace, setup: "Setup", tell: Callable[[s
         )
 
 
-def set_up(args: argparse.Namespace, *, judges: bool = True) -> "Setup":
+def set_up(
+    args: SetupOptions, columns: Path | None = None, *, obd: bool = False, judges: bool = True
+) -> "Setup":
     """Load the files of the options; raises O2Error if one is unusable.
 
+    obd : whether the default of database and map is that of OBD-II
     judges : whether the model must have decision limits
     """
     import dbc
     from monitor.base import config
     from monitor.pipeline import replay
 
-    if len(args.dbc) != len(args.map):
-        raise UsageError(
-            f"--dbc and --map come in pairs: {len(args.dbc)} --dbc, {len(args.map)} --map"
-        )
-    pairs = list(zip(args.dbc, args.map, strict=True))
-    if getattr(args, "obd", False) and not pairs:
+    pairs = args.pairs
+    if obd and not pairs:
         pairs = [(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))]
-    columns = getattr(args, "columns", None)
     return replay.set_up(args.model, pairs, config.load(args.config), columns, judges=judges)
 
 
 def write_outputs(
-    args: argparse.Namespace, setup: "Setup", recordings: list[dict[str, Any]], traces: list[Any]
+    args: JudgeOptions, setup: "Setup", recordings: list[dict[str, Any]], traces: list[Any]
 ) -> None:
     """Write the JSON and HTML that the options name; raises UsageError if that fails."""
     from monitor.base.files.json_text import write_json

@@ -1,25 +1,17 @@
 """``o2mon replay``: judge recorded drives."""
 
-import argparse
+from collections.abc import Sequence
 from contextlib import closing, nullcontext
-from typing import Any
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
 
 from monitor.base.command_line import option_paths as paths
-from monitor.cli.options import (
-    LOGS,
-    add_columns,
-    add_command,
-    add_outputs,
-    add_setup,
-    say,
-    set_up,
-    warn,
-    write_outputs,
-)
-from monitor.cli.sinks import add_sinks, written_sinks
+from monitor.base.command_line.parameters import ColumnNames, Quiet
+from monitor.cli.options import LOGS, JudgeOptions, say, set_up, warn, write_outputs
+from monitor.cli.sinks import SinkOptions, written_sinks
 
-HELP = "judge recorded drives"
-_REPLAY = """examples:
+EXAMPLES = """examples:
   o2mon replay drive.blf                     log of the project's own ECU, shipped model
   o2mon replay *.log --html report.html      several drives, shown on a web page
   o2mon replay drive.log --dbc engine.dbc --map engine.toml --model mine.onnx
@@ -30,27 +22,29 @@ exit code: 0 judged and no fault, 1 a fault code is pending or confirmed, 2 unus
 3 not judged"""
 
 
-def add(commands: Any) -> None:
-    """Add the subcommand ``replay``."""
-    replay = add_command(commands, "replay", HELP, _REPLAY, _replay)
-    replay.add_argument("log", nargs="+", type=paths.read, metavar="LOG", help=LOGS)
-    add_setup(replay)
-    add_columns(replay)
-    replay.add_argument("--windows", action="store_true", help="print every window")
-    replay.add_argument("-q", "--quiet", action="store_true", help="print nothing per recording")
-    add_outputs(replay)
-    add_sinks(replay)
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions(JudgeOptions, ColumnNames, SinkOptions):
+    """Options of a replay.
+
+    windows : print every window
+    quiet : print nothing per recording
+    """
+
+    log: Annotated[Sequence[Path], paths.read, "LOG", {"help": LOGS}] = field(kw_only=False)
+    windows: bool = False
+    quiet: Quiet = False
 
 
-def _replay(args: argparse.Namespace) -> int:
+def run(args: ReplayOptions) -> int:
+    """Judge recorded drives."""
     from monitor.frames.text.python_can import import_cantools_alone
 
     import_cantools_alone()
     from monitor.memory.store import Memory
-    from monitor.pipeline import replay
+    from monitor.pipeline.replay import exit_code, replay_all
     from monitor.report.lines import print_recording
 
-    setup = set_up(args)
+    setup = set_up(args, args.columns)
     memory = Memory(args.memory, hold=True) if args.memory else None
     if memory and memory.condition.says:
         warn(memory.condition.says)
@@ -60,7 +54,7 @@ def _replay(args: argparse.Namespace) -> int:
         closing(memory) if memory else nullcontext(),
         closing(sinks) if sinks else nullcontext(),
     ):
-        for recording, trace in replay.replay_all(
+        for recording, trace in replay_all(
             args.log,
             setup,
             memory,
@@ -72,4 +66,4 @@ def _replay(args: argparse.Namespace) -> int:
             for line in () if args.quiet else print_recording(recording, windows=args.windows):
                 say(line)
     write_outputs(args, setup, recordings, traces)
-    return replay.exit_code(recordings)
+    return exit_code(recordings)

@@ -1,33 +1,33 @@
 """``o2mon run``: judge a live bus."""
 
-import argparse
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, nullcontext
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
+from monitor.base.command_line.parameters import Number, Quiet
 from monitor.base.files.outputs import unused
-from monitor.cli.diagnostics import add_diagnostics, diagnostics
-from monitor.cli.live import add_live, live_feed, live_server
+from monitor.cli.diagnostics import DiagnosticsOptions, diagnostics
+from monitor.cli.live import LiveOptions, live_feed, live_server
 from monitor.cli.options import (
     NOT_JUDGED,
-    add_bus,
-    add_command,
-    add_obd,
-    add_outputs,
-    add_setup,
+    Bus,
+    JudgeOptions,
+    ObdOptions,
+    Seconds,
     bus_name,
     obd_poller,
     open_bus,
-    positive,
     say,
     set_up,
     tell_if_too_slow,
     write_outputs,
 )
-from monitor.cli.sinks import add_sinks, outlets, sink_feed
+from monitor.cli.sinks import SinkOptions, outlets, sink_feed
 
 if TYPE_CHECKING:
     from monitor.bus.attachment import Attachment
@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from monitor.bus.terminal import Out
     from monitor.sinks.outlet import Outlet
 
-HELP = "judge a live bus"
-_RUN = """examples:
+EXAMPLES = """examples:
   o2mon run -i socketcan -c can0                         only listen
   o2mon run -i socketcan -c vcan0 --record drive.log --duration 600
   o2mon run -i socketcan -c can0 --memory o2.db --transmit
@@ -49,51 +48,44 @@ _RUN = """examples:
 exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
 
 
-def add(commands: Any) -> None:
-    """Add the subcommand ``run``."""
-    run = add_command(commands, "run", HELP, _RUN, _run)
-    add_bus(run)
-    add_setup(run)
-    run.add_argument("--duration", type=positive, metavar="S", help="stop after this time in s")
-    run.add_argument(
-        "--record",
-        type=paths.written,
-        metavar="LOG",
-        help="write all frames to this log (.log .asc .blf .trc .csv); if it exists, a "
-        "number is added to the name",
-    )
-    run.add_argument("--transmit", action="store_true", help="send fault flag and codes on the bus")
-    add_diagnostics(run)
-    add_obd(run)
-    add_live(run)
-    add_sinks(run)
-    run.add_argument("-q", "--quiet", action="store_true", help="print only the final verdict")
-    run.add_argument("--json-lines", action="store_true", help="print one JSON object per line")
-    run.add_argument(
-        "--realtime",
-        type=int,
-        metavar="PRIORITY",
-        help="run under SCHED_FIFO at this priority, 1 to 99",
-    )
-    run.add_argument("--cpu", type=int, metavar="N", help="run on this processor only")
-    add_outputs(run)
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(JudgeOptions, DiagnosticsOptions, ObdOptions, LiveOptions, SinkOptions):
+    """Options of a run.
+
+    duration : stop after this time in s
+    record : write all frames to this log (.log .asc .blf .trc .csv); if it exists, a number is
+        added to the name
+    quiet : print only the final verdict
+    json_lines : print one JSON object per line
+    realtime : run under SCHED_FIFO at this priority, 1 to 99
+    cpu : run on this processor only
+    """
+
+    bus: Bus
+    duration: Seconds | None = None
+    record: Annotated[Path | None, paths.written, "LOG"] = None
+    quiet: Quiet = False
+    json_lines: bool = False
+    realtime: Annotated[int | None, "PRIORITY"] = None
+    cpu: Number | None = None
 
 
-def _run(args: argparse.Namespace) -> int:
+def run(args: RunOptions) -> int:
+    """Judge a live bus."""
     # both start before this process takes its CPU and priority
     with live_server(args) as server, outlets(args) as opened:
         return _judge(args, server, opened)
 
 
-def _judge(args: argparse.Namespace, server: "Server | None", opened: "list[Outlet]") -> int:
-    from monitor.bus.loop import Loop, run
+def _judge(args: RunOptions, server: "Server | None", opened: "list[Outlet]") -> int:
+    from monitor.bus import loop as loops
     from monitor.bus.realtime import settle
     from monitor.bus.terminal import Out
     from monitor.bus.transmit import Transmitter
     from monitor.memory.store import Memory
 
     _take_place(args)
-    setup = set_up(args)
+    setup = set_up(args, obd=args.obd)
     record = unused(args.record) if args.record else None
     if record != args.record:
         print(f"o2mon: {args.record} is kept, this run is recorded in {record}", file=sys.stderr)
@@ -101,14 +93,15 @@ def _judge(args: argparse.Namespace, server: "Server | None", opened: "list[Outl
     memory = Memory(args.memory, hold=True) if args.memory else None
     if memory and memory.condition.says:
         _speaker(args, out)(memory.condition.says)
-    with closing(memory) if memory else nullcontext(), open_bus(args) as bus:
-        loop = Loop(
+    with closing(memory) if memory else nullcontext(), open_bus(args.bus) as bus:
+        name = bus_name(args.bus)
+        loop = loops.Loop(
             bus,
             setup,
             memory=memory,
             record=record,
             trace=bool(args.html),
-            reopen=lambda: open_bus(args),
+            reopen=lambda: open_bus(args.bus),
             say=_speaker(args, out),
         )
         loop.attachments.extend(_views(args, loop, out))
@@ -118,14 +111,16 @@ def _judge(args: argparse.Namespace, server: "Server | None", opened: "list[Outl
         if args.transmit:
             loop.attachments.append(Transmitter(loop.pipeline.monitor))
         loop.attachments.extend(diagnostics(args, setup, loop, _speaker(args, out)))
-        loop.attachments.extend(live_feed(server, setup, loop, bus_name(args), _speaker(args, out)))
+        loop.attachments.extend(
+            live_feed(server, setup, loop, bus_name(args.bus), _speaker(args, out))
+        )
         feed = sink_feed(args, opened, loop, _speaker(args, out))
         loop.attachments.extend(feed)
         settle()
         try:
-            run(loop, args.duration)
+            loops.run(loop, args.duration)
         finally:  # write the result even if the bus fails
-            recording = loop.result(str(getattr(args, "channel", None) or bus_name(args)))
+            recording = loop.result(str(getattr(args.bus, "channel", None) or name))
             if feed:
                 recording |= {"sinks": feed[0].entries()}
             for line in _ending(args, recording):
@@ -134,7 +129,7 @@ def _judge(args: argparse.Namespace, server: "Server | None", opened: "list[Outl
     return NOT_JUDGED if recording["not_judged"] else 0
 
 
-def _take_place(args: argparse.Namespace) -> None:
+def _take_place(args: RunOptions) -> None:
     from monitor.bus.realtime import use_cpu, use_priority
 
     if args.cpu is not None:
@@ -143,7 +138,7 @@ def _take_place(args: argparse.Namespace) -> None:
         use_priority(args.realtime)
 
 
-def _speaker(args: argparse.Namespace, out: "Out") -> Callable[[str], None]:
+def _speaker(args: RunOptions, out: "Out") -> Callable[[str], None]:
     """Return the function that prints the loop's messages."""
     from monitor.bus.terminal import json_line
 
@@ -152,7 +147,7 @@ def _speaker(args: argparse.Namespace, out: "Out") -> Callable[[str], None]:
     return out.say
 
 
-def _views(args: argparse.Namespace, loop: "Loop", out: "Out") -> "Iterator[Attachment]":
+def _views(args: RunOptions, loop: "Loop", out: "Out") -> "Iterator[Attachment]":
     """Yield the attachments that show the loop's state: screen, JSON or log lines, watchdog."""
     from monitor.bus.terminal import EventLines, JsonEvents, Screen, StatusLine
     from monitor.bus.watchdog import Watchdog
@@ -170,7 +165,7 @@ def _views(args: argparse.Namespace, loop: "Loop", out: "Out") -> "Iterator[Atta
         yield watchdog
 
 
-def _ending(args: argparse.Namespace, recording: dict[str, Any]) -> Iterable[str]:
+def _ending(args: RunOptions, recording: dict[str, Any]) -> Iterable[str]:
     """Return the closing lines about the whole run."""
     from monitor.bus.terminal import json_line
     from monitor.report.lines import print_recording, verdict_text

@@ -1,44 +1,19 @@
 """Options of ``o2mon run`` and ``o2mon replay`` that send results to other systems."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
 
-from monitor.cli.options import positive
+from monitor.base.command_line.signature import REPEATED
+from monitor.cli.options import Hertz
 
 if TYPE_CHECKING:
     from monitor.bus.loop import Loop
     from monitor.bus.sink_feed import SinkFeed
     from monitor.sinks.outlet import Outlet
     from monitor.sinks.written import Written
-
-
-def add_sinks(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sinks."""
-    parser.add_argument(
-        "--sink",
-        action="append",
-        default=[],
-        metavar="ADDRESS",
-        help="send events and signals there: mqtt://HOST/TOPIC, jsonl:FILE (lines of JSON, - for "
-        "the output), or the kind of a plug-in; may repeat",
-    )
-    parser.add_argument(
-        "--sink-rate",
-        type=positive,
-        default=1.0,
-        metavar="HZ",
-        help="most signal records per second (default: 1)",
-    )
-    parser.add_argument(
-        "--sink-tag",
-        type=_tag,
-        action="append",
-        default=[],
-        metavar="NAME=TEXT",
-        help="tag of everything that is sent, as vehicle=17; may repeat",
-    )
 
 
 def _tag(text: str) -> tuple[str, str]:
@@ -48,8 +23,23 @@ def _tag(text: str) -> tuple[str, str]:
     return name, value
 
 
+@dataclass(frozen=True, kw_only=True)
+class SinkOptions:
+    """Where results go.
+
+    sink : send events and signals there: mqtt://HOST/TOPIC, jsonl:FILE (lines of JSON, - for the
+        output), or the kind of a plug-in; may repeat
+    sink_rate : most signal records per second
+    sink_tag : tag of everything that is sent, as vehicle=17; may repeat
+    """
+
+    sink: Annotated[Sequence[str], REPEATED, "ADDRESS"] = ()
+    sink_rate: Hertz = 1.0
+    sink_tag: Annotated[Sequence[tuple[str, str]], REPEATED, _tag, "NAME=TEXT"] = ()
+
+
 @contextmanager
-def outlets(args: argparse.Namespace) -> "Iterator[list[Outlet]]":
+def outlets(args: SinkOptions) -> "Iterator[list[Outlet]]":
     """Open the sinks of a run, each with its thread, and close them at the end.
 
     Raises UsageError if one cannot be had.
@@ -70,7 +60,7 @@ def outlets(args: argparse.Namespace) -> "Iterator[list[Outlet]]":
 
 
 def sink_feed(
-    args: argparse.Namespace, opened: "list[Outlet]", loop: "Loop", say: Callable[[str], None]
+    args: SinkOptions, opened: "list[Outlet]", loop: "Loop", say: Callable[[str], None]
 ) -> "list[SinkFeed]":
     """Return the attachment that feeds the sinks, in a list; an empty list if there are none."""
     if not opened:
@@ -82,7 +72,7 @@ def sink_feed(
     return [SinkFeed(stream, opened, loop.health, say)]
 
 
-def written_sinks(args: argparse.Namespace) -> "Written | None":
+def written_sinks(args: SinkOptions) -> "Written | None":
     """Return the sinks of a replay, None without any; a replay waits for them.
 
     Raises UsageError if one cannot be had.

@@ -8,12 +8,16 @@ a sensor fault, so it never gets out. The last line on stderr is the error.
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
+from functools import partial
+from importlib import import_module
+from types import ModuleType
 from typing import Any, Final, TextIO
 
 from monitor.base.command_line import option_paths, verbosity
+from monitor.base.command_line.signature import add_command
 from monitor.base.errors import O2Error
 
 USAGE_ERROR: Final = 2
@@ -35,6 +39,39 @@ class Subcommand(argparse.ArgumentParser):
             advice = f"; did you mean {alike[0]}?" if alike else ""
             self.error(f"unrecognized arguments: {' '.join(unknown)}{advice}")
         return found, unknown
+
+
+def parser(
+    name: str, text: str, package: str, helps: Mapping[str, str], arguments: Sequence[str] | None
+) -> argparse.ArgumentParser:
+    """Return the parser of a program; only the command of the arguments has its options.
+
+    text : description of the program
+    package : has a module for each command, with its ``run`` and ``EXAMPLES``, or with ``add``,
+        which takes the command's parser
+    helps : commands with one line of help each
+    arguments : with None every command has its options
+    """
+    from monitor import __version__  # noqa: PLC0415 - the version stands above this room
+
+    program = argparse.ArgumentParser(prog=name, description=text)
+    program.add_argument("--version", action="version", version=f"{name} {__version__}")
+    commands = program.add_subparsers(
+        required=True, metavar="command", dest="command", parser_class=Subcommand
+    )
+    chosen = next((word for word in arguments or () if not word.startswith("-")), None)
+    for command, line in helps.items():
+        added = commands.add_parser(command, help=line)
+        if arguments is None or command == chosen:
+            module = import_module(f"{package}.{command}")
+            getattr(module, "add", partial(add_module, module))(added)
+    return program
+
+
+def add_module(module: ModuleType, parser: argparse.ArgumentParser) -> None:
+    """Make a parser that of a module's ``run``, with what the check of its files must know."""
+    facts = {name: getattr(module, name, None) for name in ("also_written", "changed_in_place")}
+    add_command(parser, module.run, module.EXAMPLES, **facts)
 
 
 def run(

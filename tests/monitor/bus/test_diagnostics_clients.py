@@ -26,8 +26,9 @@ from udsoncan.connections import PythonIsoTpConnection
 from udsoncan.exceptions import NegativeResponseException
 
 from monitor.base import config
+from monitor.base.command_line import signature
 from monitor.bus.loop import Loop
-from monitor.cli.diagnostics import add_diagnostics, diagnostics
+from monitor.cli.diagnostics import DiagnosticsOptions, diagnostics
 from monitor.memory import obd_records
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
@@ -141,8 +142,7 @@ def bench(
     write_memory(path)
     setup = replay.set_up(None, [], config.load())
     parser = argparse.ArgumentParser()
-    parser.add_argument("--transmit", action="store_true")
-    add_diagnostics(parser)
+    signature.add_options(parser, DiagnosticsOptions)
     args = parser.parse_args(["--transmit", "--vin", VIN, "--diagnostics-id", request.param])
     if request.param == "7E9":
         address = isotp.Address(isotp.AddressingMode.Normal_11bits, rxid=0x7E9, txid=0x7E1)

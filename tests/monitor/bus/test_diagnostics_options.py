@@ -8,6 +8,7 @@ import can
 import pytest
 
 from monitor.base import config
+from monitor.base.command_line import signature
 from monitor.base.errors import RecordingError, UsageError
 from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.server import Diagnostics
@@ -24,8 +25,7 @@ SETUP = replay.set_up(None, [], config.load())
 def attached(*words: str) -> list[Diagnostics]:
     """Return what answers testers with these options."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--transmit", action="store_true")
-    diagnostics.add_diagnostics(parser)
+    signature.add_options(parser, diagnostics.DiagnosticsOptions)
     with can.Bus("options", interface="virtual") as bus:
         loop = Loop(bus, SETUP, say=lambda _: None)
         found = diagnostics.diagnostics(parser.parse_args(words), SETUP, loop)
@@ -89,8 +89,7 @@ def test_only_a_clearing_that_is_stored_is_confirmed(
 ) -> None:
     # GIVEN a code, and a disk that is full or not
     parser = argparse.ArgumentParser()
-    parser.add_argument("--transmit", action="store_true")
-    diagnostics.add_diagnostics(parser)
+    signature.add_options(parser, diagnostics.DiagnosticsOptions)
     args = parser.parse_args(["--transmit", "--clear-while-running"])
     with can.Bus("options", interface="virtual") as bus, closing(Memory(tmp_path / "o2")) as memory:
         loop = Loop(bus, SETUP, memory=memory, say=lambda _: None)

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dbc
+from monitor.base.command_line import signature
 from monitor.base.errors import SignalMapError, UsageError
 from monitor.base.types import Frame
 from monitor.bus.polling import answer
@@ -62,7 +63,7 @@ def test_bitmaps_come_first_and_only_what_is_supported_and_mapped_is_asked_for()
 
 def test_the_sensor_behind_the_catalyst_is_asked_for_on_demand() -> None:
     parser = argparse.ArgumentParser()
-    options.add_obd(parser)
+    signature.add_options(parser, options.ObdOptions)
     bus_map = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
 
     def lengths(*words: str) -> set[int]:

@@ -1,0 +1,60 @@
+"""Parameters that commands of ``o2mon`` and ``o2train`` share, written once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from monitor.base.command_line import option_paths as paths
+from monitor.base.command_line.signature import REPEATED
+from monitor.base.errors import UsageError
+
+Input = Annotated[Path, paths.read]
+Output = Annotated[Path | None, paths.written, "OUT"]
+Recordings = Annotated[Sequence[Path], paths.read, "RECORDING"]
+Quiet = Annotated[bool, "-q", "--quiet"]
+Nothing = Annotated[bool, "-q", "--quiet", {"help": "print nothing but errors"}]
+Number = Annotated[int, "N"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusFiles:
+    """Which frames of a log are which signals.
+
+    dbc : CAN database (.dbc); repeat it with --map for several databases (default: the project's
+        own ECU)
+    map : signal map (.toml) of the --dbc before it; repeat it with --dbc
+    """
+
+    dbc: Annotated[Sequence[Path], paths.read, REPEATED, "FILE"] = ()
+    map: Annotated[Sequence[Path], paths.read, REPEATED, "FILE"] = ()
+
+    @property
+    def pairs(self) -> list[tuple[Path, Path]]:
+        """Return the pairs of database and map; raises UsageError if one has no partner."""
+        if len(self.dbc) != len(self.map):
+            raise UsageError(
+                f"--dbc and --map come in pairs: {len(self.dbc)} --dbc, {len(self.map)} --map"
+            )
+        return list(zip(self.dbc, self.map, strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnNames:
+    """Which column of a table is which signal.
+
+    columns : TOML file that says which column of a table or measurement file is which signal, or a
+        shipped profile's name (default: the profile of a logger's file is recognised)
+    """
+
+    columns: Annotated[Path | None, paths.read, "--profile", "--columns", "NAME|FILE"] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SettingsFile:
+    """What changes the shipped settings.
+
+    config : TOML file that changes the shipped settings
+    """
+
+    config: Input | None = None
