@@ -59,7 +59,7 @@ def sizes(root: Path) -> dict[str, int]:
     pages = [*root.glob("*.md"), *root.glob("docs/**/*.md")]
     measured["words of docs"] = sum(len(page.read_text().split()) for page in pages)
     for package in PACKAGES:
-        files = [f for f in (root / package).rglob("*.toml") if f.parent.name != "profiles"]
+        files = [f for f in (root / package).rglob("*.toml") if "profiles" not in f.parts]
         settings = [key for f in files for key in _settings(tomllib.loads(f.read_text()))]
         measured[f"settings of {package}"] = len(settings)
     measured["limits of a card"] = len(json.loads(read(SHIPPED).card)["limits"])

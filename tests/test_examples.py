@@ -11,7 +11,7 @@ import pytest
 
 from monitor import load_model
 from tests.conftest import ROOT
-from training.fleet import fleet_page
+from training.fleet.page import fleet_page
 
 EXAMPLES = ROOT / "examples"
 QUICK = {

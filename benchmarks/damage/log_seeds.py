@@ -16,10 +16,10 @@ from monitor.base.types import FloatArray, Frame
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
 from tests.helpers.logger_files import TUNER_UNITS, Field, write_mlg, write_text_table
-from training.recordings.frame_block import FrameBlock
-from training.recordings.mf4_log import write_mf4
+from training.recordings.files.frame_block import EncodedFrames
+from training.recordings.files.mf4_log import write_mf4
+from training.recordings.files.table_files import write_table
 from training.recordings.recording import Recording, load
-from training.recordings.table_files import write_table
 
 DRIVE = REPLAY_LOGS / "healthy_wltc_3b_v101_s101.blf"
 BEGIN_S, LENGTH_S = 200.0, 30.0
@@ -60,9 +60,9 @@ def stretch(begin_s: float, length_s: float) -> list[Frame]:
     return [frame for frame in frames if frame.t_ns >= begin_ns]
 
 
-def side_by_side(frames: list[Frame]) -> FrameBlock:
+def side_by_side(frames: list[Frame]) -> EncodedFrames:
     """Return frames of 8 bytes as one block."""
-    return FrameBlock(
+    return EncodedFrames(
         np.array([f.t_ns for f in frames]),
         np.array([f.can_id for f in frames]),
         np.array([f.is_extended for f in frames]),

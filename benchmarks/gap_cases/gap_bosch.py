@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.verdicts.bosch import LAMBDA_PER_Z, RUNS, STOICHIOMETRIC_Z, run_of
 from monitor.base.types import BoolArray, FloatArray
-from training.gap.response.account import Response
+from training.gap.response.account import ResponseAccount
 from training.gap.response.difference import Difference, Finding, References, difference_of
 from training.gap.response.regressors import lagged
 from training.greybox.fit.comparison import Comparison
@@ -47,7 +47,7 @@ class HiddenEffect(NamedTuple):
 
     name: str
     make: Callable[[Columns, FloatArray, int], FloatArray]  # of signals, phi, the run's number
-    says: Callable[[Finding, Response | None], bool]  # of the best finding and its constants
+    says: Callable[[Finding, ResponseAccount | None], bool]  # of the best finding and its constants
     added: bool = True  # to phi, in the given size; otherwise ``make`` returns the whole reading
 
 
@@ -105,7 +105,7 @@ def slow(lag_s: float) -> HiddenEffect:
     def make(_x: Columns, phi: FloatArray, _n: int) -> FloatArray:
         return lagged(phi, lag_s, PERIOD_S)
 
-    def says(_best: Finding, response: Response | None) -> bool:
+    def says(_best: Finding, response: ResponseAccount | None) -> bool:
         return response is not None and 0.5 <= (response.lag_s + response.delay_s) / lag_s <= 1.7
 
     return HiddenEffect(f"lag {lag_s:.1f} s", make, says, added=False)
@@ -117,7 +117,7 @@ def scaled(gain: float) -> HiddenEffect:
     def make(_x: Columns, phi: FloatArray, _n: int) -> FloatArray:
         return 1.0 + gain * (phi - 1.0)
 
-    def says(_best: Finding, response: Response | None) -> bool:
+    def says(_best: Finding, response: ResponseAccount | None) -> bool:
         return response is not None and abs(response.gain - gain) <= 0.15
 
     return HiddenEffect(f"gain {gain:.2f}", make, says, added=False)

@@ -27,7 +27,7 @@ from monitor.base.types import FloatArray
 from training.gap.name.verdict import Naming
 from training.gap.response.regressors import lagged
 from training.greybox.effects.empirical import formula
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 
 Form = Callable[[Car, FloatArray], FloatArray]  # of car and time in s
 DRIVES: Final = 6
@@ -148,7 +148,7 @@ def _second(
         percent, vapour = (size * form(car, t_s) if form else np.zeros(len(t_s)) for form in effect)
         return Outside(1.0 + percent / 100.0, vapour)
 
-    def driven(hidden: Callable[[Car], Outside] | None) -> list[Drive]:
+    def driven(hidden: Callable[[Car], Outside] | None) -> list[ChainDrive]:
         seeds = [1000 * vehicle + 100 + 10 * number + i for i in range(DRIVES)]
         return plain(
             second_drive(vehicle, seed, length_s=length_s, outside=hidden) for seed in seeds

@@ -27,7 +27,7 @@ from benchmarks.outcome import BenchmarkOptions, finish
 from benchmarks.studies.second.engine import FORM, SOUND, Form
 from benchmarks.studies.second.engine import drive as second_drive
 from benchmarks.studies.workflow import plan
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 
 DRIVES: Final = 6  # of a case of the second engine
 HALF: Final = 0.5  # of the second engine's sizes, in its second vehicle of each set
@@ -117,7 +117,7 @@ def _of_second_engine(engine: str, vehicles: Sequence[int], size: Size) -> Made:
 def _case(
     key: str, vehicle: int, number: int, case: second_engine_cases.EngineCase, length_s: float
 ) -> Stored:
-    def driven(hidden: Mapping[str, float], *, faulty: bool) -> list[Drive]:
+    def driven(hidden: Mapping[str, float], *, faulty: bool) -> list[ChainDrive]:
         drives = []
         for i in range(DRIVES):
             sensor = case.sensor if faulty and i >= case.from_drive else SOUND

@@ -23,7 +23,7 @@ from monitor.base.types import FloatArray
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants, simulate
-from training.greybox.fit.drive import Drive, from_recording, path_of
+from training.greybox.fit.drive import ChainDrive, from_recording, path_of
 from training.healthy import yardstick
 from training.healthy.behaviour import Healthy
 from training.jobs import run_folder
@@ -52,8 +52,8 @@ class Stored:
     kind: str
     hidden: tuple[str, ...]
     size: float
-    drives: list[Drive]
-    sound: list[Drive]  # the same drives with nothing hidden
+    drives: list[ChainDrive]
+    sound: list[ChainDrive]  # the same drives with nothing hidden
 
 
 @contextmanager
@@ -120,7 +120,7 @@ def _answer(case: Stored, known: Healthy, steps: int) -> tuple[Answer, Naming]:
     return answer, naming
 
 
-def _errors(drives: Sequence[Drive], known: Healthy) -> list[FloatArray]:
+def _errors(drives: Sequence[ChainDrive], known: Healthy) -> list[FloatArray]:
     """Return the healthy chain's error over each drive, (n,) in phi, NaN where not scored."""
     found = []
     for drive in map(known.known_of, drives):
@@ -176,6 +176,6 @@ def _dyno_case(key: str, case: plan.Case, length_s: float) -> Stored:
     return Stored(key, f"dyno_{case.vehicle}", case.kind, hidden, size, drives, sound)
 
 
-def plain(drives: Iterable[Drive]) -> list[Drive]:
+def plain(drives: Iterable[ChainDrive]) -> list[ChainDrive]:
     """Return the drives as they can be written to a file."""
     return [replace(drive, signals=dict(drive.signals)) for drive in drives]

@@ -39,7 +39,7 @@ from monitor.report.model_facts import model_info
 from monitor.report.page import write_report
 from training.dyno import ecu
 from training.dyno.simulation import simulate
-from training.recordings.can_log import write_log
+from training.recordings.files.can_log import write_log
 
 TARGETS = {"candump": 500.0, "BLF": 500.0}  # times real time
 DRIVE_S, PERIOD_NS = 600.0, 100_000_000

@@ -24,7 +24,7 @@ from benchmarks.outcome import BenchmarkOptions, Row, finish
 from benchmarks.repository import REPLAY_LOGS
 from monitor.decode.bus_map import load_pairs
 from monitor.pipeline.replay import shipped_model
-from training.recordings.can_log import broadcast, write_log
+from training.recordings.files.can_log import broadcast, write_log
 from training.recordings.recording import default_pairs, load, write_table
 
 SOURCES = ("healthy_micro_trips_v102_s102.blf", "healthy_wltc_3b_v101_s101.blf")

@@ -22,7 +22,7 @@ from monitor.frames.blf import structure
 from monitor.frames.bounds import open_binary
 from monitor.frames.log_blocks import read_blocks
 from monitor.frames.logs import read_frames
-from training.recordings.can_log import write_log
+from training.recordings.files.can_log import write_log
 
 FORMATS = (".log", ".log.gz", ".blf", ".mf4")
 AT_ONCE = "at once"

@@ -26,7 +26,7 @@ from benchmarks.speed import traffic
 from benchmarks.speed.plain_loop import PlainLoop
 from monitor.base import config
 from monitor.pipeline.replay import set_up
-from training.recordings.can_log import write_log
+from training.recordings.files.can_log import write_log
 
 TARGET = 50.0  # times as fast as the plain loop
 OWN_S, PLAIN_S = 1800.0, 60.0

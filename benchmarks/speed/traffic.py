@@ -7,7 +7,7 @@ import numpy as np
 
 from training.dyno import ecu
 from training.dyno.simulation import Experiment, simulate
-from training.recordings.can_log import FrameBlock, merge
+from training.recordings.files.can_log import FrameBlock, merge
 
 FRAMES_PER_S: Final = 4_000  # a full bus of 500 kbit/s
 FOREIGN_IDS: Final = 60

@@ -16,7 +16,7 @@ from types import ModuleType
 import numpy as np
 from scipy.optimize import least_squares
 
-from training.narx.algorithms.lm import Options, minimise
+from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import OneStep
 from training.narx.network import Spec, forward, jacobian, layers, regressors
 
@@ -90,7 +90,7 @@ def ours(case: TrainingCase, start: np.ndarray, iterations: int) -> TrainedRun:
 
     def work() -> tuple[int, np.ndarray]:
         objective = OneStep(case.spec, case.phi, case.target)
-        found = minimise(objective, start, Options(epochs=iterations), progress=note)
+        found = minimise(objective, start, LmOptions(epochs=iterations), progress=note)
         return len(history), found.weights
 
     run = timed(work)

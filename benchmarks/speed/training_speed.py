@@ -22,12 +22,12 @@ from benchmarks.speed import training_packages as packages
 from benchmarks.speed.training_packages import MissingError, TrainedRun, TrainingCase
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.narx.algorithms.lm import Options, minimise
+from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import CHUNK, ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, initial_weights, regressors, simulate
 from training.recordings.metrics import rmse
 from training.recordings.recording import Recording, load
-from training.recordings.rows import runs
+from training.recordings.samples.rows import runs
 
 SIMULATED_INPUTS = (
     "air_mass_mg",
@@ -175,8 +175,8 @@ def speed(of: TrainingCase, weights: np.ndarray, iterations: int, repeats: int) 
         "closed loop, horizon 1000": (closed_loop(of, 1000), 2.0 * TARGET_US),
     }
     for name, (objective, target) in objectives.items():
-        minimise(objective, weights, Options(epochs=1))  # compiles
-        epochs = Options(epochs=iterations)
+        minimise(objective, weights, LmOptions(epochs=1))  # compiles
+        epochs = LmOptions(epochs=iterations)
         done = len(minimise(objective, weights, epochs).costs) - 1
         took_s = least_cpu_s(lambda o=objective, e=epochs: minimise(o, weights, e), repeats)  # type: ignore[misc]
         us = took_s / len(of.target) / done * 1e6

@@ -43,8 +43,8 @@ from monitor.model.step import Model
 from monitor.pipeline import replay
 from training.cli import main as o2train
 from training.limits.judging import judge
-from training.recordings.preparation import pinned_rows
 from training.recordings.recording import Recording, load
+from training.recordings.samples.preparation import pinned_rows
 
 FAULTS: Final = (
     *("slow_symmetric", "slow_rich_to_lean", "slow_lean_to_rich"),

@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from training.dyno import truth
-from training.dyno.engine import INJECTIONS, METERINGS, Layout
+from training.dyno.engine import INJECTIONS, METERINGS, EngineLayout
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.ecu_tables import config, fit, signals, tables
@@ -46,14 +46,14 @@ def main(argv: Sequence[str]) -> int:
     vehicles = (CALIBRATION if args.calibrate else REPORT)[: args.vehicles]
     cells: list[dict[str, Any]] = []
     for place, vehicle in enumerate(vehicles):
-        layout = Layout(INJECTIONS[place % 2], METERINGS[place // 2 % 2])
+        layout = EngineLayout(INJECTIONS[place % 2], METERINGS[place // 2 % 2])
         cells += of_vehicle(vehicle, layout, args.seconds)
         say(f"{vehicle} {layout.name}: {len(cells)} cells so far")
     names = dict.fromkeys(cell["table"] for cell in cells)
     return finish(args, [row_of(n, [c for c in cells if c["table"] == n]) for n in names])
 
 
-def of_vehicle(vehicle: int, layout: Layout, seconds: float) -> list[dict[str, Any]]:
+def of_vehicle(vehicle: int, layout: EngineLayout, seconds: float) -> list[dict[str, Any]]:
     """Return every cell of one vehicle with estimate, bounds, truth and seconds."""
     recordings, own = [], None
     with tempfile.TemporaryDirectory() as folder:
@@ -76,7 +76,9 @@ def of_vehicle(vehicle: int, layout: Layout, seconds: float) -> list[dict[str, A
     return [c for t in made for c in _cells(t, true[t.key], vehicle, layout)]
 
 
-def _cells(table: EcuTable, true: EcuTable, vehicle: int, layout: Layout) -> list[dict[str, Any]]:
+def _cells(
+    table: EcuTable, true: EcuTable, vehicle: int, layout: EngineLayout
+) -> list[dict[str, Any]]:
     return [
         {
             "vehicle": vehicle,

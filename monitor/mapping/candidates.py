@@ -35,7 +35,7 @@ Place = tuple[Message, Signal, tuple[str, ...]]  # a signal, and the words of it
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class MapCandidate:
     """One signal that may be the canonical one: value = factor * signal + offset."""
 
     name: str  # canonical
@@ -61,21 +61,23 @@ class Candidate:
         """Return the order of candidates: those without a doubt first, then the likeliest."""
         return bool(self.blocked), bool(self.doubts), -self.confidence
 
-    def judged(self, why: str, weight: float = 1.0, plus: float = 0.0, **more: Any) -> "Candidate":
+    def judged(
+        self, why: str, weight: float = 1.0, plus: float = 0.0, **more: Any
+    ) -> "MapCandidate":
         """Return the candidate with one more reason, its confidence times ``weight``."""
         confidence = min(1.0, self.confidence * weight + plus)
         doubts = (*self.doubts, why) if weight < 1.0 else self.doubts
         return replace(self, confidence=confidence, why=(*self.why, why), doubts=doubts, **more)
 
 
-def ranked(database: Database) -> dict[str, list[Candidate]]:
+def ranked(database: Database) -> dict[str, list[MapCandidate]]:
     """Return the candidates of every canonical signal and of the fuel flow, the likeliest first."""
     meanings = MEANINGS | {FUEL_FLOW_NAME: FUEL_FLOW}
     signals = [(*place, words_of(own_name(*place))) for place in _signals(database)]
     return {name: _candidates(signals, name, meanings[name]) for name in meanings}
 
 
-def _candidates(signals: Sequence[Place], name: str, meaning: Meaning) -> list[Candidate]:
+def _candidates(signals: Sequence[Place], name: str, meaning: Meaning) -> list[MapCandidate]:
     every = (_candidate(name, meaning, *place) for place in signals)
     likely = [candidate for candidate in every if candidate is not None]
     return sorted(likely, key=lambda c: (*c.rank, *_preference(c)))
@@ -90,7 +92,7 @@ def cycle_ms(message: Message) -> float:
     return float(min(max(stated, 0), SLOW_MS))
 
 
-def _preference(candidate: Candidate) -> tuple[float, float, str]:
+def _preference(candidate: MapCandidate) -> tuple[float, float, str]:
     """Return the order of equals: the faster message, the finer steps, then the name."""
     return (
         cycle_ms(candidate.message),
@@ -111,7 +113,7 @@ def _signals(database: Database) -> Iterator[tuple[Message, Signal]]:
 
 def _candidate(
     name: str, meaning: Meaning, message: Message, signal: Signal, words: tuple[str, ...]
-) -> Candidate | None:
+) -> MapCandidate | None:
     """Return the signal as a candidate, None if it is another quantity.
 
     words : of the signal's own name
@@ -120,7 +122,7 @@ def _candidate(
     scaling = scaling_of(name, signal, meaning) if sure > 0.0 else None
     if scaling is None:
         return None
-    candidate = Candidate(
+    candidate = MapCandidate(
         name,
         message,
         signal,
@@ -165,7 +167,7 @@ def is_other(meaning: Meaning, words: tuple[str, ...]) -> bool:
     return any(stem in words if len(stem) < 5 else stem in name for stem in meaning.others)
 
 
-def _numbered(candidate: Candidate) -> Candidate:
+def _numbered(candidate: MapCandidate) -> MapCandidate:
     """Return the candidate, less sure if its name says that it is a second one."""
     numbers = [
         w
@@ -177,7 +179,7 @@ def _numbered(candidate: Candidate) -> Candidate:
     return candidate.judged(f"its name ends in {numbers[0]}: perhaps a second one", 0.75)
 
 
-def _of_one_sensor(candidate: Candidate) -> Candidate:
+def _of_one_sensor(candidate: MapCandidate) -> MapCandidate:
     """Return the candidate, blocked if it belongs to another sensor than the upstream one."""
     own = own_name(candidate.message, candidate.signal)
     texts = (own, candidate.message.name, candidate.signal.comment or "")

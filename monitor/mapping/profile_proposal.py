@@ -13,7 +13,7 @@ import numpy as np
 from monitor.base.signals import SIGNALS, plausible_range
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.conversion import scaled, stated_texts, target_of
-from monitor.frames.profiles.profile import Engine, Source, shipped, shipped_profile
+from monitor.frames.profiles.profile import ProfileEngine, Source, shipped, shipped_profile
 from monitor.frames.profiles.recognition import key, keys_of
 from monitor.frames.profiles.units import unit_of
 from monitor.frames.tables.dialect import name_and_unit
@@ -74,7 +74,7 @@ def proposed(raw: RawTable) -> Iterator[str]:
 
 def _engine(found: Collection[str]) -> Iterator[str]:
     """Yield what derived signals need to know of the engine, with the defaults, in comments."""
-    own = Engine()
+    own = ProfileEngine()
     if "injector_pulse_width_ms" in found:
         yield "# [engine]            # for the fuel mass; a model's gain takes up an error"
         yield f"# injector_mg_per_ms = {own.injector_mg_per_ms:g}"

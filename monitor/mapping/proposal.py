@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from monitor.base.signals import OWN
-from monitor.mapping.candidates import FUEL_FLOW_NAME, Candidate
+from monitor.mapping.candidates import FUEL_FLOW_NAME, MapCandidate
 from monitor.mapping.meanings import OF_ONE_SENSOR
 
 SURE: Final = 0.6  # a candidate of this confidence is proposed
@@ -21,8 +21,8 @@ class Proposal:
     """The proposal for one canonical signal."""
 
     name: str
-    best: Candidate | None  # None where a person must choose
-    others: tuple[Candidate, ...] = ()  # the likeliest first
+    best: MapCandidate | None  # None where a person must choose
+    others: tuple[MapCandidate, ...] = ()  # the likeliest first
     note: str = ""  # the reason why nothing is proposed
 
 
@@ -46,7 +46,7 @@ class Proposals:
     derived: tuple[DerivedEntry, ...]
 
     @property
-    def found(self) -> tuple[Candidate, ...]:
+    def found(self) -> tuple[MapCandidate, ...]:
         """Return the signals that are mapped to a canonical one directly."""
         return tuple(p.best for p in self.signals if p.best is not None)
 
@@ -57,7 +57,7 @@ class Proposals:
         return tuple(s.name for s in OWN if s.name in got)
 
 
-def propose(ranked: Mapping[str, Sequence[Candidate]], cylinders: int = 4) -> Proposals:
+def propose(ranked: Mapping[str, Sequence[MapCandidate]], cylinders: int = 4) -> Proposals:
     """Return the proposals.
 
     ranked : candidates by canonical name, the likeliest first
@@ -85,9 +85,9 @@ def propose(ranked: Mapping[str, Sequence[Candidate]], cylinders: int = 4) -> Pr
     return Proposals(tuple(signals), tuple(auxiliary), tuple(derived))
 
 
-def _assigned(ranked: Mapping[str, Sequence[Candidate]]) -> dict[str, Candidate]:
+def _assigned(ranked: Mapping[str, Sequence[MapCandidate]]) -> dict[str, MapCandidate]:
     """Return the best candidate by canonical name, the surest first, no place twice."""
-    taken: dict[str, Candidate] = {}
+    taken: dict[str, MapCandidate] = {}
     places: set[tuple[str, str]] = set()
     bests = [each[0] for each in ranked.values() if not _doubt(each)]
     for best in sorted(bests, key=lambda c: (-c.confidence, c.name)):
@@ -98,7 +98,7 @@ def _assigned(ranked: Mapping[str, Sequence[Candidate]]) -> dict[str, Candidate]
     return taken
 
 
-def _doubt(candidates: Sequence[Candidate]) -> str:
+def _doubt(candidates: Sequence[MapCandidate]) -> str:
     """Return why none of the candidates is proposed, "" if the first is."""
     if not candidates:
         return NOTHING
@@ -112,7 +112,7 @@ def _doubt(candidates: Sequence[Candidate]) -> str:
     return _ambiguity(*allowed)
 
 
-def _ambiguity(best: Candidate, *others: Candidate) -> str:
+def _ambiguity(best: MapCandidate, *others: MapCandidate) -> str:
     """Return why the best may not be taken beside the others, "" if it may."""
     if best.name in OF_ONE_SENSOR:
         rivals = [c for c in others if c.confidence >= RIVAL]
@@ -123,8 +123,8 @@ def _ambiguity(best: Candidate, *others: Candidate) -> str:
 
 def _proposal(
     name: str,
-    candidates: Sequence[Candidate],
-    taken: Mapping[str, Candidate],
+    candidates: Sequence[MapCandidate],
+    taken: Mapping[str, MapCandidate],
     derived: set[str],
 ) -> Proposal:
     best = taken.get(name)

@@ -20,7 +20,7 @@ from monitor.decode.parameter_groups import is_any_source
 from monitor.decode.raw_values import bit_position
 from monitor.decode.signal_map import Integrity, MappedSignal
 from monitor.frames.blocks import chosen, frames_of
-from monitor.mapping.candidates import Candidate
+from monitor.mapping.candidates import MapCandidate
 from monitor.mapping.meanings import MEANINGS, TOGETHER, VARYING
 from monitor.mapping.vocabulary import words_of
 
@@ -65,7 +65,7 @@ class ObservedSignal:
     series: Mapping[tuple[str, str, str], SignalSeries]  # canonical name, message, signal
     payloads: Mapping[str, list[bytes]]  # by message name
 
-    def series_of(self, candidate: Candidate) -> SignalSeries | None:
+    def series_of(self, candidate: MapCandidate) -> SignalSeries | None:
         """Return the values of a candidate, None if it cannot be decoded."""
         return self.series.get((candidate.name, candidate.message.name, candidate.signal.name))
 
@@ -73,7 +73,9 @@ class ObservedSignal:
         """Return the payloads of a message in their order."""
         return self.payloads.get(message.name, [])
 
-    def reranked(self, ranked: Mapping[str, Sequence[Candidate]]) -> dict[str, list[Candidate]]:
+    def reranked(
+        self, ranked: Mapping[str, Sequence[MapCandidate]]
+    ) -> dict[str, list[MapCandidate]]:
         """Return the candidates as the recording bears them out, the likeliest first."""
         judged = {n: [_judged(c, self) for c in each[:CONSIDERED]] for n, each in ranked.items()}
         best = {name: min(each, key=lambda c: c.rank) for name, each in judged.items() if each}
@@ -93,12 +95,12 @@ class ObservedSignal:
 
 def observe(
     blocks: Iterable[FrameBlock],
-    ranked: Mapping[str, Sequence[Candidate]],
+    ranked: Mapping[str, Sequence[MapCandidate]],
     dbc: Path,
     database: Database,
 ) -> ObservedSignal:
     """Return the values of the likeliest candidates that can be decoded."""
-    candidates: list[Candidate] = []
+    candidates: list[MapCandidate] = []
     channels: dict[str, BusChannel] = {}
     for candidate in (c for each in ranked.values() for c in each[:CONSIDERED]):
         key = f"c{len(candidates)}"
@@ -151,13 +153,13 @@ def _decoder(channels: dict[str, BusChannel], dbc: Path) -> BlockDecoder:
     return BlockDecoder(BusMap(((dbc, dbc),), channels, {}, tuple(channels)), tuple(channels))
 
 
-def _canonical(candidate: Candidate, raw: FloatArray) -> FloatArray:
+def _canonical(candidate: MapCandidate, raw: FloatArray) -> FloatArray:
     values = raw * candidate.factor + candidate.offset
     with np.errstate(divide="ignore"):
         return 1.0 / values if candidate.is_phi else values
 
 
-def _judged(candidate: Candidate, observed: ObservedSignal) -> Candidate:
+def _judged(candidate: MapCandidate, observed: ObservedSignal) -> MapCandidate:
     """Return the candidate with its confidence after a look at its own values."""
     series = observed.series_of(candidate)
     if series is None or not len(series.values):
@@ -195,8 +197,8 @@ def _usual(name: str, values: FloatArray) -> tuple[float, str]:
 
 
 def _compared(
-    candidate: Candidate, partners: Sequence[Candidate], observed: ObservedSignal
-) -> Candidate:
+    candidate: MapCandidate, partners: Sequence[MapCandidate], observed: ObservedSignal
+) -> MapCandidate:
     """Return the candidate with its confidence after a look at signals it should move with."""
     series = observed.series_of(candidate)
     for partner in partners:

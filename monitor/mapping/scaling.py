@@ -21,7 +21,7 @@ PRESSURES_KPA: Final = (("bar", 100.0, 8.0), ("kPa", 1.0, 700.0), ("hPa", 0.1, m
 
 
 @dataclass(frozen=True, slots=True)
-class Scaling:
+class UnitScaling:
     """value = factor * signal + offset, in the canonical unit."""
 
     why: tuple[str, ...] = ()
@@ -38,13 +38,13 @@ class Scaling:
             return (0.5, 2.0) if max(ends) >= 1.1 else (0.0, 0.0)
         return min(ends), max(ends)
 
-    def less(self, weight: float, why: str) -> "Scaling":
+    def less(self, weight: float, why: str) -> "UnitScaling":
         """Return the scaling with a doubt."""
         doubts = (*self.doubts, why)
         return replace(self, weight=weight * self.weight, why=(*self.why, why), doubts=doubts)
 
 
-def scaling_of(name: str, signal: Signal, meaning: Meaning) -> Scaling | None:
+def scaling_of(name: str, signal: Signal, meaning: Meaning) -> UnitScaling | None:
     """Return the way to the canonical unit, None if the signal is another quantity."""
     written = (signal.unit or "").strip()
     unit = unit_of(written)
@@ -55,12 +55,12 @@ def scaling_of(name: str, signal: Signal, meaning: Meaning) -> Scaling | None:
     elif unit is not None and unit.dimension in meaning.dimensions:
         per_base = meaning.dimensions[unit.dimension]
         why = (f"its unit is {written}",)
-        scaling = Scaling(why, unit.factor * per_base, unit.offset * per_base)
+        scaling = UnitScaling(why, unit.factor * per_base, unit.offset * per_base)
     elif unit is not None and unit.dimension != "number":
         return None
     elif written and unit is None:
         why = (f"its unit {written!r} is not known, taken as it is: check",)
-        scaling = Scaling(why, weight=0.4 * meaning.without_unit)
+        scaling = UnitScaling(why, weight=0.4 * meaning.without_unit)
     else:
         scaling = _without_unit(signal, meaning)
     return scaling and _plausible(scaling, name, signal, meaning)
@@ -84,7 +84,7 @@ def span(signal: Signal, *, declared: bool = True) -> tuple[float, float]:
     return min(ends), max(ends)
 
 
-def _without_unit(signal: Signal, meaning: Meaning) -> Scaling | None:
+def _without_unit(signal: Signal, meaning: Meaning) -> UnitScaling | None:
     """Return the scaling of the unit that the signal's range suggests."""
     if meaning.without_unit == 0.0:
         return None
@@ -95,13 +95,13 @@ def _without_unit(signal: Signal, meaning: Meaning) -> Scaling | None:
         steps = PRESSURES_KPA if per_kpa == 1.0 else PRESSURES
         unit, factor, _ = next(step for step in steps if largest <= step[2])
         why = f"no unit is given; up to {largest:g} it is taken for {unit}: check"
-        return Scaling((why,), factor * per_kpa, weight=meaning.without_unit)
+        return UnitScaling((why,), factor * per_kpa, weight=meaning.without_unit)
     factor = 100.0 if "ratio" in meaning.dimensions and high <= 1.5 else 1.0
     why = "no unit is given, taken for the canonical one: check"
-    return Scaling((why,), factor, weight=meaning.without_unit)
+    return UnitScaling((why,), factor, weight=meaning.without_unit)
 
 
-def _flag(signal: Signal, written: str) -> Scaling | None:
+def _flag(signal: Signal, written: str) -> UnitScaling | None:
     """Return the scaling of a flag, which turns it round where 1 stands for the contrary."""
     if signal.length > 8 or signal.is_float or span(signal, declared=False)[1] < 1.0:
         return None
@@ -116,12 +116,12 @@ def _flag(signal: Signal, written: str) -> Scaling | None:
         why += f", where 1 is {choices[1]!r}"
         contrary |= {choices[1]} & {"no", "off", "inactive", "open", "aus", "nein"}
     if contrary:
-        return Scaling((why + ", turned round",), -1.0, 1.0, 0.8)
+        return UnitScaling((why + ", turned round",), -1.0, 1.0, 0.8)
     one_bit = signal.length <= 2 or span(signal)[1] <= 1.0
-    return Scaling((why,), weight=1.0 if one_bit else 0.7)
+    return UnitScaling((why,), weight=1.0 if one_bit else 0.7)
 
 
-def _mixture(name: str, signal: Signal, unit: UnitWords | None, written: str) -> Scaling | None:
+def _mixture(name: str, signal: Signal, unit: UnitWords | None, written: str) -> UnitScaling | None:
     """Return the scaling of lambda, AFR, phi or a trim."""
     dimension = unit.dimension if unit else ""
     if written and unit is None:
@@ -132,29 +132,31 @@ def _mixture(name: str, signal: Signal, unit: UnitWords | None, written: str) ->
         return None
     words = set(words_of(signal.name))
     if dimension == "phi" or words & {"phi", "equivalence", "eqr"}:
-        return Scaling(("an equivalence ratio: lambda is 1 / it",), is_phi=True)
+        return UnitScaling(("an equivalence ratio: lambda is 1 / it",), is_phi=True)
     is_named_afr = "afr" in words or {"air", "fuel"} <= words
     if dimension == "afr" or (is_named_afr and span(signal)[1] > 5.0):
         why = f"an air-fuel ratio, divided by {STOICHIOMETRIC:g}"
-        return Scaling((f"{why}: check what {signal.name} counts with",), 1 / STOICHIOMETRIC)
-    return Scaling((f"its unit is {written}",) if written and written != "-" else ())
+        return UnitScaling((f"{why}: check what {signal.name} counts with",), 1 / STOICHIOMETRIC)
+    return UnitScaling((f"its unit is {written}",) if written and written != "-" else ())
 
 
-def _trim(signal: Signal, unit: UnitWords | None, written: str) -> Scaling:
+def _trim(signal: Signal, unit: UnitWords | None, written: str) -> UnitScaling:
     """Return the scaling of a trim, 1 where nothing is corrected."""
     low, high = span(signal)
     if unit is not None and unit.dimension == "ratio":
         if low >= 0.0 and high > 110.0:
             sure = 1.0 if high <= 400.0 else 0.5  # beyond, the range is only that of the bits
             why = f"in {written} and never negative, so 100 is no correction: check"
-            return Scaling((why,), unit.factor, weight=sure)
-        return Scaling((f"in {written}, 0 is no correction",), unit.factor, 1.0)
+            return UnitScaling((why,), unit.factor, weight=sure)
+        return UnitScaling((f"in {written}, 0 is no correction",), unit.factor, 1.0)
     if low < 0.0 < high < 0.9:
-        return Scaling(("0 is no correction",), offset=1.0)
-    return Scaling(("1 is no correction",))
+        return UnitScaling(("0 is no correction",), offset=1.0)
+    return UnitScaling(("1 is no correction",))
 
 
-def _plausible(scaling: Scaling, name: str, signal: Signal, meaning: Meaning) -> Scaling | None:
+def _plausible(
+    scaling: UnitScaling, name: str, signal: Signal, meaning: Meaning
+) -> UnitScaling | None:
     """Return the scaling, doubted if its values are odd, None if they are another quantity's."""
     low, high = meaning.typical
     carried, stated = (scaling.values(signal, declared=declared) for declared in (False, True))

@@ -11,7 +11,7 @@ from monitor.decode.checksum import ALGORITHMS
 from monitor.decode.signal_map import LONGEST_TIMEOUT_S
 from monitor.frames.log_blocks import read_blocks
 from monitor.judge.causes.causes import timeout_of
-from monitor.mapping.candidates import Candidate, cycle_ms, ranked
+from monitor.mapping.candidates import MapCandidate, cycle_ms, ranked
 from monitor.mapping.proposal import NOTHING, Proposal, Proposals, propose
 from monitor.mapping.recording import Protection, observe, protections
 
@@ -134,13 +134,13 @@ def _entries(proposals: Sequence[Proposal]) -> Iterator[str]:
         yield ""
 
 
-def _why(candidate: Candidate) -> str:
+def _why(candidate: MapCandidate) -> str:
     reasons = [candidate.blocked] if candidate.blocked else []
     why = "; ".join([candidate.place, *reasons, *candidate.why])
     return f"{candidate.confidence:.2f}: {why}"
 
 
-def _entry(name: str, candidate: Candidate) -> str:
+def _entry(name: str, candidate: MapCandidate) -> str:
     """Return the line of one signal."""
     message = candidate.message
     parts = [f"message = {quoted(message.name)}", f"signal = {quoted(candidate.signal.name)}"]
@@ -152,7 +152,7 @@ def _entry(name: str, candidate: Candidate) -> str:
     return f"{name} = {{ {', '.join(parts)} }}"
 
 
-def _timeout_s(candidate: Candidate) -> float:
+def _timeout_s(candidate: MapCandidate) -> float:
     """Return how old a value may be: by the recording, else five cycles of the message.
 
     At least 0.3 s; 3 s for answers to requests, 0.5 s where the database states no cycle.

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.studies.challenge import main
+from benchmarks.studies.workflow.challenge import main
 from training.recordings.recording import load
 
 

@@ -23,7 +23,7 @@ from benchmarks.studies.workflow.answers import (
     wrong_names,
 )
 from benchmarks.studies.workflow.plan import CASES, SEVERITIES, Study, cases, healthy_parts
-from training.gap.inputs.roles import Options
+from training.gap.inputs.roles import GapOptions
 from training.greybox.effects import LIBRARY
 from training.recordings.recording import Recording
 
@@ -315,7 +315,7 @@ def test_a_sensor_declared_good_is_declared_to_the_workflow_and_has_no_faults(
     small = replace(WHOLE, cases=(("effect", 1),), drives=2, minutes=2.0)
     told: list[bool] = []
 
-    def takes_note(_: object, __: object, options: Options, **___: object) -> None:
+    def takes_note(_: object, __: object, options: GapOptions, **___: object) -> None:
         told.append(options.sensor_known_good)
         raise RuntimeError("enough")
 

@@ -7,7 +7,7 @@ import numpy as np
 from monitor.base.types import Frame
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.recordings.can_log import FrameBlock
+from training.recordings.files.can_log import FrameBlock
 
 LAMBDA_ID, FUEL_ID = 0xC2, 0xC1
 

@@ -6,7 +6,7 @@ from monitor.base.types import FloatArray
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.case import Case
-from training.greybox.fit.drive import Drive, make
+from training.greybox.fit.drive import ChainDrive, make
 
 PERIOD_S = 0.1
 BASE = Constants(
@@ -38,7 +38,9 @@ def plain_signals(n: int = 6000, seed: int = 1) -> dict[str, FloatArray]:
     }
 
 
-def noisy_drive(seed: int = 1, noise: float = 0.003, effect: str = "", value: float = 0.0) -> Drive:
+def noisy_drive(
+    seed: int = 1, noise: float = 0.003, effect: str = "", value: float = 0.0
+) -> ChainDrive:
     """Return such a drive of the chain with the constants BASE, an effect and white noise."""
     signals = plain_signals(seed=seed)
     path = base_path(BASE, signals)
@@ -49,6 +51,6 @@ def noisy_drive(seed: int = 1, noise: float = 0.003, effect: str = "", value: fl
     return make(f"drive {seed}", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
 
 
-def case_of(*drives: Drive) -> Case:
+def case_of(*drives: ChainDrive) -> Case:
     """Return drives to be fitted, with the noise that ``noisy_drive`` has."""
     return Case(drives, tuple(np.zeros(len(d)) for d in drives), sigma=0.003)

@@ -11,7 +11,7 @@ from tests.helpers.gap_drives import PERIOD_S, plain_signals
 from tests.helpers.gap_simulated import simulated
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.greybox.fit.drive import Drive, make
+from training.greybox.fit.drive import ChainDrive, make
 from training.greybox.model import fit_greybox
 from training.recordings.recording import Recording, load
 
@@ -32,12 +32,12 @@ def fitted(out: Path) -> Path:
 
 
 @cache
-def driven() -> Drive:
+def driven() -> ChainDrive:
     return simulated("micro_trips", 2_030_001)
 
 
 @cache
-def plain() -> Drive:
+def plain() -> ChainDrive:
     """A drive of plain formulas that is cold at first, with purge, boost and fuel cuts."""
     signals = plain_signals()
     return make("plain", PERIOD_S, signals, np.ones(len(signals["fuel_mass_mg"])))

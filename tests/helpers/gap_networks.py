@@ -23,7 +23,7 @@ from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit import joint
-from training.greybox.fit.drive import Drive, from_recording
+from training.greybox.fit.drive import ChainDrive, from_recording
 from training.limits.judging import judge
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.recordings.recording import Recording
@@ -133,12 +133,12 @@ def ranges(*recordings: Recording) -> dict[str, tuple[float, float]]:
     }
 
 
-def inputs_of(model: Model, driven: Drive) -> FloatArray:
+def inputs_of(model: Model, driven: ChainDrive) -> FloatArray:
     """Return the model's inputs (n, n_inputs)."""
     return np.column_stack([driven.signals[name] for name in model.card.input_names])
 
 
-def rmse(phi: FloatArray, driven: Drive) -> float:
+def rmse(phi: FloatArray, driven: ChainDrive) -> float:
     """Return the RMSE in phi on the scored samples."""
     return float(np.sqrt(np.mean((phi - driven.phi_measured)[driven.scored] ** 2)))
 

@@ -11,7 +11,7 @@ from training.dyno.effects import from_severities
 from training.dyno.simulation import Experiment, simulate
 from training.greybox.chain import Constants
 from training.greybox.fit import drive
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.healthy import yardstick
 from training.healthy.behaviour import Healthy
 
@@ -25,7 +25,7 @@ def simulated(
     fault: tuple[str, float] | None = None,
     fault_start_s: float = 0.0,
     also: tuple[str, float] | None = None,
-) -> Drive:
+) -> ChainDrive:
     """Return ten minutes of a drive as the monitor's grid sees them."""
     fails = resolve(*fault) if fault else None
     experiment = Experiment(
@@ -53,7 +53,7 @@ def known() -> Healthy:
 
 
 @cache
-def healthy() -> tuple[Drive, ...]:
+def healthy() -> tuple[ChainDrive, ...]:
     """Return the vehicle's drives without effect and fault."""
     cycles = ("wltc_3b", "micro_trips", "udds", "us06")
     return tuple(simulated(cycle, 2_020_011 + i) for i, cycle in enumerate(cycles))
@@ -65,7 +65,7 @@ def two_drives(
     fault: tuple[str, float] | None = None,
     fault_start_s: float = 0.0,
     also: tuple[str, float] | None = None,
-) -> list[Drive]:
+) -> list[ChainDrive]:
     """Return two drives with the same effect or fault in each."""
     return [
         simulated(

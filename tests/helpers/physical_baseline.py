@@ -12,8 +12,8 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from monitor.base.types import FloatArray
-from training.recordings.preparation import enabled_rows
 from training.recordings.recording import Recording
+from training.recordings.samples.preparation import enabled_rows
 
 STOICHIOMETRIC = 14.7
 

@@ -13,7 +13,7 @@ from monitor.frames.blocks import EXTENDED
 from monitor.frames.candump import LogCounters
 from monitor.frames.log_blocks import read_blocks
 from monitor.frames.logs import guarded, read_frames, through_python_can
-from training.recordings.can_log import FrameBlock as SentFrames
+from training.recordings.files.can_log import FrameBlock as SentFrames
 
 Outcome = tuple[list[Frame], LogCounters, str | None]
 

@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 
 from tests.helpers.tanks import TANK_PERIOD_S, leaking_tank
-from training.recordings.preparation import Prepared, prepare
 from training.recordings.recording import Recording
-from training.study.narx.candidates import BAYES, CONJUGATE, DESCENT, LM, PAPER, Candidate
+from training.recordings.samples.preparation import Prepared, prepare
+from training.study.narx.candidates import BAYES, CONJUGATE, DESCENT, LM, PAPER, ModelCandidate
 from training.study.task import Settings
 
 FEW = (
-    Candidate(number=1, algorithm=LM, lags=3, hidden=(4,), rate=0.2, origin=PAPER),
-    Candidate(2, LM, 3, (4,), 0.01),
-    Candidate(3, BAYES, 2, (3,)),
-    Candidate(4, CONJUGATE, 3, (3, 3)),
-    Candidate(5, DESCENT, 3, (4,), 0.05),
+    ModelCandidate(number=1, algorithm=LM, lags=3, hidden=(4,), rate=0.2, origin=PAPER),
+    ModelCandidate(2, LM, 3, (4,), 0.01),
+    ModelCandidate(3, BAYES, 2, (3,)),
+    ModelCandidate(4, CONJUGATE, 3, (3, 3)),
+    ModelCandidate(5, DESCENT, 3, (4,), 0.05),
 )
 SETTINGS = Settings(starts=2, iterations=25, n_samples=900, tune_best=1)
 

@@ -1,13 +1,13 @@
 """Drives of a few stretches, as samples."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from monitor.base import config
-from monitor.base.types import Quality, Sample
+from monitor.base.types import Quality, Sample, SampleBlock
 from monitor.memory.cycles import SIGNALS
 
 CONFIG = config.load()
@@ -60,3 +60,9 @@ def samples(
 
 
 OFF_BUS = Stretch(5.0, quality=Quality.OFF_BUS)
+
+
+def block_of(drive: Sequence[Sample]) -> SampleBlock:
+    """Return samples side by side."""
+    index, t_ns, values, quality = (np.array(column) for column in zip(*drive, strict=True))
+    return SampleBlock(index, t_ns, values, quality.astype(np.uint8))

@@ -15,11 +15,11 @@ from training.greybox import fit_page
 from training.greybox.model import GreyboxResult, fit_greybox
 from training.healthy.new_model import complete
 from training.limits.evaluation import evaluate as evaluated
-from training.narx import training_page
 from training.narx.fit import FitOptions, FitResult, FitSource
 from training.narx.fit import fit as fit_narx
-from training.recordings.input_choice import choose_inputs
+from training.narx.page import training_page
 from training.recordings.recording import Pairs, Recording, check_each_once
+from training.recordings.samples.input_choice import choose_inputs
 
 FitOutcome = FitResult | GreyboxResult
 

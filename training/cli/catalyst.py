@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from training.cli.recordings import pairs_of
 
 if TYPE_CHECKING:
-    from training.greybox.catalyst.fit import Fitted
+    from training.greybox.catalyst.fit import FittedCatalyst
     from training.recordings.recording import Recording
 
 OUTPUT: Final = "downstream_voltage_v"
@@ -39,7 +39,7 @@ def _load(path: Path, args: argparse.Namespace) -> "Recording":
     from monitor.decode.bus_map import load_pairs
     from monitor.grid.tables import is_table
     from training.greybox.catalyst.fit import NEEDED
-    from training.recordings.measurement import is_measurement
+    from training.recordings.files.measurement import is_measurement
     from training.recordings.recording import default_pairs, load
 
     names, pairs = None, pairs_of(args) or default_pairs()
@@ -50,7 +50,7 @@ def _load(path: Path, args: argparse.Namespace) -> "Recording":
     return load(path, names, period_s=args.period, pairs=pairs, columns=args.columns)
 
 
-def _print(out: Path, fitted: "Fitted") -> None:
+def _print(out: Path, fitted: "FittedCatalyst") -> None:
     """Print the constants with their standard errors."""
     tree = fitted.tree()
     n, error = tree["samples"], tree["rmse_v"]

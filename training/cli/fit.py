@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
 
     from training.api.models import Fit
     from training.narx.fit import FitResult
-    from training.narx.fit_verdict import fit_verdict
+    from training.narx.page.fit_verdict import fit_verdict
     from training.recordings.recording import check_each_once
 
     if args.kind == "greybox" and args.output == catalyst.OUTPUT:
@@ -191,7 +191,7 @@ def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult
     from monitor.base.signals import OUTPUT
     from training.cli.progress_bar import Bar
     from training.narx.fit import FitOptions, FitSource, fit
-    from training.recordings.transforms import fuel_air_ratio
+    from training.recordings.samples.transforms import fuel_air_ratio
 
     validate = load_all(args, args.validate, args.period)
     inputs = inputs_of(args, (*recordings, *validate))

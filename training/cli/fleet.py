@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
             bar.update(chunk["drives"])
 
         result = fleet.run(drives, bench, args.out, done, jobs=jobs, scheduler=args.scheduler)
-    from training.fleet import fleet_page  # its pictures take a second to import
+    from training.fleet.page import fleet_page  # its pictures take a second to import
 
     html, json_path = fleet_page.write(
         args.out, bench, result, args.false_alarms, lambda drives: drive_reports.write(args, drives)

@@ -7,8 +7,8 @@ from threading import Lock
 from typing import TextIO
 
 from training.cli.progress import Progress
-from training.narx.stages import EPOCHS
-from training.narx.structure import Try
+from training.narx.search.stages import EPOCHS
+from training.narx.search.structure import Try
 
 
 class Bar(Progress):

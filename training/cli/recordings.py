@@ -197,7 +197,7 @@ def inputs_of(
     Raises RecordingError if there are none.
     """
     from monitor.base.signals import NARX_INPUTS, OUTPUT
-    from training.recordings.input_choice import choose_inputs, in_words
+    from training.recordings.samples.input_choice import choose_inputs, in_words
 
     if args.inputs:
         return tuple(args.inputs)
@@ -247,7 +247,7 @@ def run_log(args: argparse.Namespace) -> int:
     from monitor.decode.bus_map import load_pairs
     from monitor.frames.candump import LATEST_S
     from monitor.grid.tables import read_table
-    from training.recordings.can_log import broadcast, write_log
+    from training.recordings.files.can_log import broadcast, write_log
     from training.recordings.recording import check_rows, default_pairs
 
     if args.start is not None and not 0.0 <= args.start < LATEST_S:

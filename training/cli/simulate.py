@@ -11,7 +11,7 @@ from monitor.base.files.outputs import write_text
 if TYPE_CHECKING:
     from monitor.base.downstream_faults import DownstreamFault
     from monitor.base.faults import Fault
-    from training.dyno.engine import Layout
+    from training.dyno.engine import EngineLayout
     from training.dyno.simulation import Experiment
 
 _EXAMPLES = """examples:
@@ -226,9 +226,9 @@ def _faults(texts: Sequence[str]) -> "tuple[Fault | None, DownstreamFault | None
     return faults.combine(own), downstream_faults.resolve(*behind[0]) if behind else None
 
 
-def _layout(args: argparse.Namespace) -> "Layout | None":
+def _layout(args: argparse.Namespace) -> "EngineLayout | None":
     """Return the layout of the options; raises UsageError where only a part of it is given."""
-    from training.dyno.engine import Layout
+    from training.dyno.engine import EngineLayout
 
     if args.injection is None and (args.metering or args.truth):
         raise UsageError("--metering and --truth need --injection")
@@ -236,7 +236,7 @@ def _layout(args: argparse.Namespace) -> "Layout | None":
         raise UsageError("--axes needs --truth")
     if args.injection is None:
         return None
-    return Layout(args.injection, args.metering or "speed_density")
+    return EngineLayout(args.injection, args.metering or "speed_density")
 
 
 def _write_truth(experiment: "Experiment", args: argparse.Namespace) -> None:

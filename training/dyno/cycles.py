@@ -24,7 +24,7 @@ UPSHIFT_RPM, DOWNSHIFT_RPM = 2350.0, 1250.0
 MINIMUM_GEAR_HOLD_S = 2.0
 
 
-class Trace(NamedTuple):
+class SpeedTrace(NamedTuple):
     """Speed, gear, brake load and mixture steps of a cycle on a 10 ms grid."""
 
     speed_m_s: FloatArray  # (n,)
@@ -33,7 +33,7 @@ class Trace(NamedTuple):
     phi_step: FloatArray  # (n,) step of phi that the test bench adds to the commanded mixture
 
 
-def load(name: str, rng: np.random.Generator, duration_s: float | None = None) -> Trace:
+def load(name: str, rng: np.random.Generator, duration_s: float | None = None) -> SpeedTrace:
     """Return the trace of a cycle.
 
     rng : draws the driver's shift habit, the micro-trips and the order of the steady points
@@ -53,7 +53,7 @@ def load(name: str, rng: np.random.Generator, duration_s: float | None = None) -
     else:
         raise UsageError(f"cycle {name!r} is unknown; there are {', '.join(NAMES)}")
     n = len(trace.speed_m_s) if duration_s is None else round(duration_s / STEP_S)
-    return Trace(*(field[:n] for field in trace))
+    return SpeedTrace(*(field[:n] for field in trace))
 
 
 def _resample(time_s: FloatArray, speed_m_s: FloatArray) -> FloatArray:
@@ -84,7 +84,7 @@ def _append(time_s: list[float], speed: list[float], target: float, slope_m_s2: 
     speed.append(target)
 
 
-def _with_gears(speed_m_s: FloatArray, rng: np.random.Generator) -> Trace:
+def _with_gears(speed_m_s: FloatArray, rng: np.random.Generator) -> SpeedTrace:
     """Choose gears by engine speed with hysteresis.
 
     The driver's habit scales both shift speeds; its standard deviation is 8 %.
@@ -104,10 +104,10 @@ def _with_gears(speed_m_s: FloatArray, rng: np.random.Generator) -> Trace:
     full = np.repeat(gears, every)[: len(speed_m_s)]
     full[speed_m_s < 0.3] = 0
     none = np.zeros(len(speed_m_s))
-    return Trace(speed_m_s, full, none, none)
+    return SpeedTrace(speed_m_s, full, none, none)
 
 
-def _steady_points(rng: np.random.Generator) -> Trace:
+def _steady_points(rng: np.random.Generator) -> SpeedTrace:
     """Hold every point of a grid over engine speed and torque for 25 s, in random order.
 
     At every point the commanded mixture steps to rich, to lean and back, as on a test bench.
@@ -137,7 +137,7 @@ def _steady_points(rng: np.random.Generator) -> Trace:
     gears = np.where(trace < 0.3, 0, np.where(trace < 4.0, 1, np.where(trace < 7.0, 2, gear)))
     at = np.searchsorted([when for when, _ in steps], grid, side="right") - 1
     phi_step = np.where(at < 0, 0.0, np.array([size for _, size in steps])[at])
-    return Trace(trace, gears.astype(np.int64), np.where(trace < 7.0, 0.0, brake), phi_step)
+    return SpeedTrace(trace, gears.astype(np.int64), np.where(trace < 7.0, 0.0, brake), phi_step)
 
 
 def road_load_n(speed_m_s: float) -> float:

@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.dyno.cycles import STEP_S, TOTAL_RATIO, WHEEL_RADIUS_M, Trace
+from training.dyno.cycles import STEP_S, TOTAL_RATIO, WHEEL_RADIUS_M, SpeedTrace
 from training.dyno.effects import Effects
 from training.dyno.vehicle import VE_LOADS_KPA, VE_SPEEDS_RPM, Conditions, Piece
 
@@ -29,7 +29,7 @@ MASS_KG = 1450.0
 THROTTLE_MAX = 5.0e-4  # effective area in m2
 
 
-class Drive(NamedTuple):
+class SimulatedDrive(NamedTuple):
     """Air side of the plant on the 10 ms grid; every field has shape (n,)."""
 
     speed_m_s: FloatArray
@@ -339,7 +339,7 @@ def simulate(
     c: Conditions,
     e: Effects,
     noise: FloatArray,
-) -> Drive:
+) -> SimulatedDrive:
     """Return the air side of the plant over the trace.
 
     speed_ref : (n,) m/s; gears : (n,) 0 is neutral; brake_n : (n,) load of the dynamometer in N
@@ -424,7 +424,7 @@ def simulate(
         out[9, k], out[10, k], out[11, k] = a.charge_mg * (rpm / 30.0) * 3.6e-3, coolant, cut
         out[12, k], out[13, k] = rail, 13.9 - load_v + 0.00012 * (rpm - 1500.0)
         out[14, k] = u.duty
-    return Drive(
+    return SimulatedDrive(
         speed_m_s=out[0],
         engine_rpm=out[1],
         torque_nm=out[2],
@@ -443,7 +443,9 @@ def simulate(
     )
 
 
-def run(trace: Trace, p: Piece, c: Conditions, e: Effects, rng: np.random.Generator) -> Drive:
+def run(
+    trace: SpeedTrace, p: Piece, c: Conditions, e: Effects, rng: np.random.Generator
+) -> SimulatedDrive:
     """Return the air side of a drive; ``rng`` draws the noise of driver and sensors."""
     noise = rng.standard_normal((len(trace.speed_m_s), 5))
     return simulate(trace.speed_m_s, trace.gear, trace.brake_force_n, p, c, e, noise)

@@ -15,9 +15,9 @@ from scipy.ndimage import map_coordinates
 
 from monitor.base.types import FloatArray
 from training.dyno.cycles import STEP_S
-from training.dyno.drive import Drive, charges_mg, nominal_ves
+from training.dyno.drive import SimulatedDrive, charges_mg, nominal_ves
 from training.dyno.effects import Effects
-from training.dyno.mixture import Course
+from training.dyno.mixture import MixtureCourse
 from training.dyno.vehicle import VE_LOADS_KPA, VE_SPEEDS_RPM, Piece
 from training.recordings.ecu_table import RAIL_REFERENCE_MPA
 
@@ -33,7 +33,7 @@ STROKE_S: Final = 90.0  # over engine speed: from intake to exhaust valve
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class EngineLayout:
     """How the engine meters air and fuel."""
 
     injection: Injection
@@ -43,7 +43,7 @@ class Layout:
     def name(self) -> str:
         """Return the name of the layout in file names.
 
-        >>> Layout("port", "speed_density").name
+        >>> EngineLayout("port", "speed_density").name
         'port_speed_density'
         """
         return f"{self.injection}_{self.metering}"
@@ -52,7 +52,7 @@ class Layout:
 class Engine(NamedTuple):
     """Parameters of one engine."""
 
-    layout: Layout
+    layout: EngineLayout
     film_share: float  # at 2,000 rpm, 50 kPa, warm
     film_share_map: FloatArray  # (5, 5) relative, speed × load
     film_tau_s: float
@@ -70,7 +70,7 @@ class Engine(NamedTuple):
     sensor_tau_s: float  # at an exhaust flow of 40 kg/h
 
 
-def engine(vehicle: int, layout: Layout) -> Engine:
+def engine(vehicle: int, layout: EngineLayout) -> Engine:
     """Return the engine of the vehicle with this number; equal numbers, equal engines."""
     rng = np.random.default_rng([0x0_2, 11, vehicle])
     port = layout.injection == "port"
@@ -170,7 +170,9 @@ def installed(e: Engine, piece: Piece, effects: Effects) -> tuple[Piece, Effects
     return own, longer
 
 
-def metered(e: Engine, d: Drive, maf_gain: float, rng: np.random.Generator) -> Drive:
+def metered(
+    e: Engine, d: SimulatedDrive, maf_gain: float, rng: np.random.Generator
+) -> SimulatedDrive:
     """Return the drive with this engine's electrical load and its ECU's estimate of the air.
 
     The air meter of this engine reads the flow into the manifold: the cylinders' flow and the
@@ -199,11 +201,11 @@ def _lagged(values: FloatArray, tau_s: FloatArray) -> FloatArray:
     return out
 
 
-def course(e: Engine, d: Drive) -> Course:
+def course(e: Engine, d: SimulatedDrive) -> MixtureCourse:
     """Return the properties of this engine along a drive."""
     error_ms = ecu_dead_time_ms(e, d.battery_v) - dead_time_ms(e, d.battery_v)
     flow = np.maximum(d.exhaust_kg_h, 3.0)
-    return Course(
+    return MixtureCourse(
         film_share=film_share(e, d.engine_rpm, d.manifold_kpa, d.coolant_degc),
         film_tau_s=film_tau_s(e, d.engine_rpm, d.manifold_kpa, d.coolant_degc),
         fuel_error_mg=error_ms * ecu_flow_mg_ms(e, d.rail_mpa),
@@ -212,7 +214,7 @@ def course(e: Engine, d: Drive) -> Course:
     )
 
 
-def pulse_width_ms(e: Engine, d: Drive, fuel_mg: FloatArray) -> FloatArray:
+def pulse_width_ms(e: Engine, d: SimulatedDrive, fuel_mg: FloatArray) -> FloatArray:
     """Return the pulse width that the ECU commands in ms, 0 in fuel cut."""
     opened = fuel_mg / ecu_flow_mg_ms(e, d.rail_mpa) + ecu_dead_time_ms(e, d.battery_v)
     return np.where(fuel_mg > 0.0, opened, 0.0)

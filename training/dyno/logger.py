@@ -7,7 +7,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.dyno.cycles import STEP_S
-from training.dyno.engine import Layout
+from training.dyno.engine import EngineLayout
 
 RESOLUTION: Final[Mapping[str, float]] = {
     "engine_speed_rpm": 1.0,
@@ -39,7 +39,7 @@ ONLY_SOME: Final = {
 }
 
 
-def columns(layout: Layout) -> tuple[str, ...]:
+def columns(layout: EngineLayout) -> tuple[str, ...]:
     """Return the names that the logger of such a car writes."""
     common = tuple(name for name in RESOLUTION if name not in ONLY_SOME)
     rail = ("rail_pressure_mpa",) if layout.injection == "direct" else ()

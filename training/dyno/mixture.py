@@ -14,7 +14,7 @@ from monitor.base.faults import Fault
 from monitor.base.types import FloatArray
 from training.dyno import catalyst, downstream
 from training.dyno.cycles import STEP_S
-from training.dyno.drive import Drive
+from training.dyno.drive import SimulatedDrive
 from training.dyno.effects import Effects
 from training.dyno.vehicle import STOICHIOMETRIC_AIR_FUEL, Conditions, Piece
 
@@ -109,7 +109,7 @@ def _injected_mg(
     return max(injected, 0.0)
 
 
-class Course(NamedTuple):
+class MixtureCourse(NamedTuple):
     """Properties of the vehicle that follow its operating point; every field has shape (n,)."""
 
     film_share: FloatArray  # fraction of the injected fuel that wets the wall
@@ -288,12 +288,12 @@ def _control(s: _Control, expected: float, reading: float, active: bool) -> _Con
 
 @numba.njit(cache=True)
 def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
-    d: Drive,
+    d: SimulatedDrive,
     p: Piece,
     c: Conditions,
     e: Effects,
     f: SensorParameters,
-    course: Course,
+    course: MixtureCourse,
     noise: FloatArray,
     phi_step: FloatArray,
     forced_trim: FloatArray,
@@ -437,7 +437,7 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
 
 
 def run(
-    drive: Drive,
+    drive: SimulatedDrive,
     p: Piece,
     c: Conditions,
     e: Effects,
@@ -446,7 +446,7 @@ def run(
     rng: np.random.Generator,
     phi_step: FloatArray,
     forced_trim: FloatArray | None = None,
-    course: Course | None = None,
+    course: MixtureCourse | None = None,
     rear: downstream.Downstream = downstream.NONE,
     rear_rng: np.random.Generator | None = None,
     *,
@@ -488,11 +488,11 @@ def run(
     return simulate(drive, p, c, e, sensor, course, noise, phi_step, trim, rear, rear_noise, warm)
 
 
-def usual_course(d: Drive, p: Piece, e: Effects) -> Course:
+def usual_course(d: SimulatedDrive, p: Piece, e: Effects) -> MixtureCourse:
     """Return the properties of the type's direct injection along a drive."""
     cold = np.maximum(88.0 - d.coolant_degc, 0.0) / 60.0
     none = np.zeros(len(d.engine_rpm))
-    return Course(
+    return MixtureCourse(
         film_share=np.minimum((e.wall_film + 0.02 * e.ethanol) * (1.0 + 1.5 * cold), 0.6),
         film_tau_s=(0.35 + 0.5 * cold) * (1.0 + 0.4 * 40.0 / (d.manifold_kpa + 20.0)),
         fuel_error_mg=none,

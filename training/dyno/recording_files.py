@@ -8,7 +8,7 @@ import numpy as np
 from monitor.base.files import manifest
 from training.dyno import downstream, ecu, logger
 from training.dyno.simulation import Experiment, simulate
-from training.recordings.can_log import write_log
+from training.recordings.files.can_log import write_log
 from training.recordings.recording import sha256, write_table
 
 TABLES = ("parquet", "csv", "csv.gz")

@@ -9,9 +9,9 @@ from monitor.base.faults import Fault
 from monitor.base.signals import OWN
 from monitor.base.types import FloatArray
 from training.dyno import cycles, downstream, drive, engine, mixture, vehicle
-from training.dyno.drive import Drive
+from training.dyno.drive import SimulatedDrive
 from training.dyno.effects import Effects
-from training.dyno.engine import Engine, Layout
+from training.dyno.engine import Engine, EngineLayout
 from training.dyno.mixture import SENSOR_WARM_UP_S, Mixture
 from training.dyno.vehicle import Conditions, Piece
 
@@ -32,7 +32,7 @@ class Experiment:
     duration_s: float | None = None  # None is the whole cycle
     conditions: Conditions | None = None  # None: the seed draws them
     forced_trim: FloatArray | None = None  # (n,) replaces the output of the lambda controller
-    layout: Layout | None = None  # of injection and metering; None is the type's ideal one
+    layout: EngineLayout | None = None  # of injection and metering; None is the type's ideal one
     downstream: bool = False  # catalyst and downstream sensor are there
     downstream_fault: DownstreamFault | None = None  # needs ``downstream``
     wide_downstream: bool = False  # the downstream sensor is one of wide range
@@ -130,7 +130,7 @@ def _behind(fuel: Mixture, *, wide: bool) -> dict[str, FloatArray]:
     }
 
 
-def _heater_percent(experiment: Experiment, air: Drive) -> FloatArray:
+def _heater_percent(experiment: Experiment, air: SimulatedDrive) -> FloatArray:
     """Return the duty of the upstream sensor's heater: full while it is cold, less in hot exhaust.
 
     A heater that has failed never reaches its aim, so the ECU gives it all it can.
@@ -142,7 +142,7 @@ def _heater_percent(experiment: Experiment, air: Drive) -> FloatArray:
     return np.where((t_s <= SENSOR_WARM_UP_S) | dead, 100.0, regulated)
 
 
-def _logged(own: Engine, air: Drive, fuel: Mixture) -> dict[str, FloatArray]:
+def _logged(own: Engine, air: SimulatedDrive, fuel: Mixture) -> dict[str, FloatArray]:
     """Return the signals that only an ECU with a layout logs."""
     ve = engine.ecu_ve(own, air.engine_rpm, air.manifold_kpa)
     return {
@@ -153,7 +153,7 @@ def _logged(own: Engine, air: Drive, fuel: Mixture) -> dict[str, FloatArray]:
 
 
 def _canonical(
-    air: Drive,
+    air: SimulatedDrive,
     fuel: Mixture,
     heater_percent: FloatArray,
     c: Conditions,

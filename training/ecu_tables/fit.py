@@ -17,8 +17,8 @@ from scipy.signal import lfilter
 from monitor.base.types import BoolArray, FloatArray
 from training.ecu_tables.fields import KNOTS, grid_over
 from training.ecu_tables.parameters import SCALARS, Parameters
-from training.ecu_tables.prediction import Case, reading, sensitivities
-from training.ecu_tables.signals import Subject
+from training.ecu_tables.prediction import PredictionCase, reading, sensitivities
+from training.ecu_tables.signals import TableSubject
 
 AR_S: Final = 0.5  # length of the whitening filter
 AR_MOST: Final = 12
@@ -45,14 +45,14 @@ def _nobody(_share: float, _sigma: float) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
+class FittedTables:
     """Parameters of the tables with their covariance."""
 
     parameters: Parameters
     x: FloatArray
     covariance: FloatArray  # (size, size)
     sigma: float  # of the whitened residual in phi
-    cases: tuple[Case, ...]
+    cases: tuple[PredictionCase, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +69,14 @@ class _Noise:
         )
 
 
-def fit(subject: Subject, report: Report = _nobody) -> Fitted:
+def fit(subject: TableSubject, report: Report = _nobody) -> FittedTables:
     """Return the fit of all tables of one vehicle.
 
     report : is told the share done, 0 to 1, and the scale of the whitened residual in phi
     """
     first = _rough(subject, report)
     p = _parameters(subject, KNOTS)
-    cases = tuple(Case.of(d, p) for d in subject.drives)
+    cases = tuple(PredictionCase.of(d, p) for d in subject.drives)
     x = p.mean()
     x[: len(SCALARS)] = first.x[: len(SCALARS)]
     x, noise = _descent(p, x, cases, STEPS, _Progress(report, ROUGH_SHARE, 1.0))
@@ -84,7 +84,7 @@ def fit(subject: Subject, report: Report = _nobody) -> Fitted:
     normal, _, blocks = _equations(p, x, cases, noise)
     inverse = np.linalg.inv(normal + prior)
     report(1.0, noise.sigma)
-    return Fitted(p, x, inverse @ (blocks + prior) @ inverse, noise.sigma, cases)
+    return FittedTables(p, x, inverse @ (blocks + prior) @ inverse, noise.sigma, cases)
 
 
 class _Progress(NamedTuple):
@@ -106,7 +106,7 @@ class _Rough(NamedTuple):
     cost: float
 
 
-def _rough(subject: Subject, report: Report) -> _Rough:
+def _rough(subject: TableSubject, report: Report) -> _Rough:
     """Return the likeliest start after a few steps on a coarse grid and the longest drive.
 
     A wet and a dry wall and short and long dead times explain a drive nearly alike from afar,
@@ -114,7 +114,7 @@ def _rough(subject: Subject, report: Report) -> _Rough:
     """
     p = _parameters(subject, ROUGH_KNOTS)
     longest = max(subject.drives, key=lambda d: int(d.usable.sum()))
-    cases = (Case.of(longest, p),)
+    cases = (PredictionCase.of(longest, p),)
     dead = DEAD_LOG_MS if subject.has_pulse else DEAD_LOG_MS[:1]
     starts = [(film, log_ms) for film in FILM_LOG_ODDS for log_ms in dead]
     share = ROUGH_SHARE / len(starts)
@@ -131,13 +131,13 @@ def _rough(subject: Subject, report: Report) -> _Rough:
     return min(found, key=lambda rough: rough.cost)
 
 
-def _parameters(subject: Subject, knots: int) -> Parameters:
+def _parameters(subject: TableSubject, knots: int) -> Parameters:
     rpm = [d.rpm[d.usable] for d in subject.drives]
     return Parameters(subject, grid_over(rpm, [d.load[d.usable] for d in subject.drives], knots))
 
 
 def _descent(
-    p: Parameters, x: FloatArray, cases: tuple[Case, ...], steps: int, progress: _Progress
+    p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...], steps: int, progress: _Progress
 ) -> tuple[FloatArray, _Noise]:
     """Return the parameters after at most so many Gauss-Newton steps, and the noise at them."""
     prior = p.precision()
@@ -154,7 +154,7 @@ def _descent(
     return x, noise
 
 
-def _with_delay(p: Parameters, start: FloatArray, cases: tuple[Case, ...]) -> FloatArray:
+def _with_delay(p: Parameters, start: FloatArray, cases: tuple[PredictionCase, ...]) -> FloatArray:
     """Return the start with the gain by the median and the best of a few delays."""
     best, least = start, np.inf
     flow = np.median(np.concatenate([c.point.flow_kg_h[c.drive.usable] for c in cases]))
@@ -170,18 +170,20 @@ def _with_delay(p: Parameters, start: FloatArray, cases: tuple[Case, ...]) -> Fl
     return best
 
 
-def _deviance(p: Parameters, x: FloatArray, cases: tuple[Case, ...], noise: _Noise) -> float:
+def _deviance(
+    p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...], noise: _Noise
+) -> float:
     """Return minus the logarithm of the likelihood, comparable between scales of the noise."""
     number = sum(int(noise.kept(c.drive.usable).sum()) for c in cases)
     return _cost(p, x, cases, noise) + number * float(np.log(noise.sigma))
 
 
-def _scale(case: Case) -> FloatArray:
+def _scale(case: PredictionCase) -> FloatArray:
     d = case.drive
     return 1.0 + (d.move / MOVE_SCALE) ** 2 + (d.air_move / AIR_MOVE_SCALE) ** 2
 
 
-def _noise(p: Parameters, x: FloatArray, cases: tuple[Case, ...]) -> _Noise:
+def _noise(p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...]) -> _Noise:
     """Return the whitening filter of the residuals by weighted least squares."""
     order = min(max(round(AR_S / cases[0].drive.period_s), 2), AR_MOST)
     normal, slope = np.zeros((order, order)), np.zeros(order)
@@ -199,12 +201,12 @@ def _noise(p: Parameters, x: FloatArray, cases: tuple[Case, ...]) -> _Noise:
     return _Noise(plain.filter, float(1.4826 * np.median(np.abs(white))))
 
 
-def _white(p: Parameters, x: FloatArray, case: Case, noise: _Noise) -> FloatArray:
+def _white(p: Parameters, x: FloatArray, case: PredictionCase, noise: _Noise) -> FloatArray:
     e = case.drive.phi - reading(p, x, case)
     return np.asarray(lfilter(noise.filter, [1.0], e) / _scale(case) / noise.sigma)
 
 
-def _cost(p: Parameters, x: FloatArray, cases: tuple[Case, ...], noise: _Noise) -> float:
+def _cost(p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...], noise: _Noise) -> float:
     """Return the robust cost: half the squares, growing slowly beyond three sigma."""
     total = 0.0
     for case in cases:
@@ -214,7 +216,7 @@ def _cost(p: Parameters, x: FloatArray, cases: tuple[Case, ...], noise: _Noise) 
 
 
 def _equations(
-    p: Parameters, x: FloatArray, cases: tuple[Case, ...], noise: _Noise
+    p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...], noise: _Noise
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the normal matrix, the slope, and the sum of squares of the blocks' slopes."""
     normal, slope = np.zeros((p.size, p.size)), np.zeros(p.size)
@@ -241,7 +243,7 @@ def _descend(
     p: Parameters,
     x: FloatArray,
     step: FloatArray,
-    cases: tuple[Case, ...],
+    cases: tuple[PredictionCase, ...],
     noise: _Noise,
     prior: FloatArray,
 ) -> FloatArray:

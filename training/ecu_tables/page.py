@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from monitor.base.counts import counted
 from monitor.base.files.outputs import write_text
 from training.ecu_tables.drive_plan import plan
-from training.ecu_tables.fit import Fitted
+from training.ecu_tables.fit import FittedTables
 from training.pages.figure import drawing
 from training.pages.page import page
 from training.recordings.ecu_table import EcuTable
@@ -33,7 +33,7 @@ AXES: Final = {
 
 
 def write_report(
-    path: Path, fitted: Fitted, tables: Sequence[EcuTable], names: Sequence[str]
+    path: Path, fitted: FittedTables, tables: Sequence[EcuTable], names: Sequence[str]
 ) -> None:
     """Write the page; figures are embedded, nothing is loaded from elsewhere."""
     subject = fitted.parameters.subject

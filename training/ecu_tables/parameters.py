@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.ecu_tables.fields import Grid
-from training.ecu_tables.signals import KG_H_PER_MG_RPM, Air, Drive, Subject
+from training.ecu_tables.signals import KG_H_PER_MG_RPM, Air, TableDrive, TableSubject
 from training.recordings.ecu_table import KPA
 
 FLOW_REFERENCE_KG_H: Final = 40.0
@@ -76,7 +76,7 @@ GAIN_SD_WITHOUT_VE: Final = 0.15
 class Parameters:
     """Names, places and priors of one fit's parameter vector."""
 
-    subject: Subject
+    subject: TableSubject
     grid: Grid
 
     @cached_property
@@ -125,7 +125,7 @@ class Point(NamedTuple):
     cold: FloatArray
 
 
-def point_of(drive: Drive, charge_mg: FloatArray) -> Point:
+def point_of(drive: TableDrive, charge_mg: FloatArray) -> Point:
     """Return the operating points of a drive's samples with this charge (n,) in the cylinders."""
     flow = charge_mg * drive.rpm * KG_H_PER_MG_RPM * drive.cylinders
     return Point(drive.rpm, drive.load, np.maximum(flow, FLOW_LEAST_KG_H), drive.cold)

@@ -13,38 +13,40 @@ from training.ecu_tables import parameters as laws
 from training.ecu_tables.fields import Weights
 from training.ecu_tables.kernels import Columns, Valve, Way
 from training.ecu_tables.parameters import Parameters, Point
-from training.ecu_tables.signals import Air, Drive
+from training.ecu_tables.signals import Air, TableDrive
 
 STEP: Final = 1e-5  # of a law's difference quotient
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class PredictionCase:
     """A drive with the quantities that a fit does not change."""
 
-    drive: Drive
+    drive: TableDrive
     point: Point
     weights: Weights
 
     @staticmethod
-    def of(drive: Drive, p: Parameters) -> "Case":
+    def of(drive: TableDrive, p: Parameters) -> "PredictionCase":
         """Return the case of a drive."""
         point = laws.point_of(drive, air_mg(p, p.mean(), drive))
-        return Case(drive, point, p.grid.weights(drive.rpm, drive.load))
+        return PredictionCase(drive, point, p.grid.weights(drive.rpm, drive.load))
 
 
-def reading(p: Parameters, x: FloatArray, case: Case) -> FloatArray:
+def reading(p: Parameters, x: FloatArray, case: PredictionCase) -> FloatArray:
     """Return the predicted phi of the sensor (n,)."""
     return _run(p, x, case, derivatives=False)[0]
 
 
-def sensitivities(p: Parameters, x: FloatArray, case: Case) -> tuple[FloatArray, FloatArray]:
+def sensitivities(
+    p: Parameters, x: FloatArray, case: PredictionCase
+) -> tuple[FloatArray, FloatArray]:
     """Return the predicted phi (n,) and its derivatives over the parameters (n, size)."""
     return _run(p, x, case, derivatives=True)
 
 
 def _run(
-    p: Parameters, x: FloatArray, case: Case, *, derivatives: bool
+    p: Parameters, x: FloatArray, case: PredictionCase, *, derivatives: bool
 ) -> tuple[FloatArray, FloatArray]:
     columns = _columns(p, derivatives=derivatives)
     knots, shares = case.weights.at, case.weights.share
@@ -82,7 +84,11 @@ class _Slopes:
 
 
 def _valve(
-    p: Parameters, x: FloatArray, case: Case, fields: Mapping[str, FloatArray], slopes: _Slopes
+    p: Parameters,
+    x: FloatArray,
+    case: PredictionCase,
+    fields: Mapping[str, FloatArray],
+    slopes: _Slopes,
 ) -> Valve:
     d, at = case.drive, case.point
 
@@ -107,7 +113,11 @@ def _valve(
 
 
 def _way(
-    p: Parameters, x: FloatArray, case: Case, fields: Mapping[str, FloatArray], slopes: _Slopes
+    p: Parameters,
+    x: FloatArray,
+    case: PredictionCase,
+    fields: Mapping[str, FloatArray],
+    slopes: _Slopes,
 ) -> Way:
     at, period_s = case.point, case.drive.period_s
 
@@ -147,7 +157,7 @@ def _pipe_s(flow: FloatArray, volume: FloatArray, period_s: float) -> FloatArray
     return np.asarray(t_s - np.interp(entered, passed, t_s) + before)
 
 
-def injected_mg(p: Parameters, x: FloatArray, d: Drive) -> FloatArray:
+def injected_mg(p: Parameters, x: FloatArray, d: TableDrive) -> FloatArray:
     """Return the injected fuel per stroke (n,) in mg."""
     flow = np.exp(p.value(x, "flow"))
     if d.pulse_ms is None:
@@ -157,7 +167,7 @@ def injected_mg(p: Parameters, x: FloatArray, d: Drive) -> FloatArray:
     return np.asarray(flow * d.command * d.pressure * np.where(d.pulse_ms > 0.0, opened, 0.0))
 
 
-def air_mg(p: Parameters, x: FloatArray, d: Drive) -> FloatArray:
+def air_mg(p: Parameters, x: FloatArray, d: TableDrive) -> FloatArray:
     """Return the air per stroke in the cylinder (n,) in mg.
 
     Behind the air meter stands the filling of the manifold; the meter's own lag is taken back.

@@ -45,7 +45,7 @@ class Air(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Drive:
+class TableDrive:
     """One recording on its grid; every array has shape (n,)."""
 
     name: str
@@ -70,10 +70,10 @@ class Drive:
 
 
 @dataclass(frozen=True, slots=True)
-class Subject:
+class TableSubject:
     """The drives of one vehicle and the kinds of their signals."""
 
-    drives: tuple[Drive, ...]
+    drives: tuple[TableDrive, ...]
     air: Air
     load: str  # name of the load axis
     has_pulse: bool
@@ -98,7 +98,7 @@ def subject_of(
     load: str | None = None,
     displacement_l: float | None = None,
     cylinders: int = CYLINDERS,
-) -> Subject:
+) -> TableSubject:
     """Return the drives of one vehicle.
 
     load : name of the load axis; None takes the one that the recordings fill
@@ -122,7 +122,7 @@ def subject_of(
         )
     size = _Size(displacement_l or LITRES, cylinders)
     drives = tuple(_drive(r, air, load, has_pulse, size) for r in recordings)
-    return Subject(
+    return TableSubject(
         drives=drives,
         air=air,
         load=load,
@@ -158,7 +158,7 @@ class _Size(NamedTuple):
     cylinders: int
 
 
-def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> Drive:
+def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> TableDrive:
     period_s = r.period_ns / 1e9
     hold = max(round(HOLD_MOST_S / period_s), 1)
     held = {name: _held(r.values[:, i], hold) for i, name in enumerate(r.names)}
@@ -183,7 +183,7 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> D
     half = round(AIR_ACROSS_S / 2.0 / period_s)
     raw = np.maximum(filled[1], 10.0)
     smooth = raw if air is Air.METER else np.maximum(_smooth(raw, _odd(AIR_S / period_s)), 10.0)
-    return Drive(
+    return TableDrive(
         name=r.path.name,
         period_s=period_s,
         cylinders=size.cylinders,

@@ -15,7 +15,7 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.ecu_tables import parameters as laws
 from training.ecu_tables.config import TablesConfig
 from training.ecu_tables.fields import Weights
-from training.ecu_tables.fit import Fitted
+from training.ecu_tables.fit import FittedTables
 from training.ecu_tables.parameters import Parameters, Point
 from training.ecu_tables.signals import WARM_DEGC
 from training.recordings.ecu_table import (
@@ -32,10 +32,10 @@ STEP: Final = 1e-4
 FILM_LEAST: Final = 0.04  # fraction below which no time constant can be told
 
 
-class Samples:
+class CellSamples:
     """The usable samples of all drives, as cells count them; each array (n,)."""
 
-    def __init__(self, fitted: Fitted) -> None:
+    def __init__(self, fitted: FittedTables) -> None:
         self.rpm = _joined(fitted, lambda c: c.drive.rpm)
         self.load = _joined(fitted, lambda c: c.drive.load)
         self.flow = _joined(fitted, lambda c: c.point.flow_kg_h)
@@ -45,13 +45,13 @@ class Samples:
         self.per_load = self.flow / self.rpm / np.maximum(self.load, 1.0)
 
 
-def _joined(fitted: Fitted, of: Callable[..., FloatArray]) -> FloatArray:
+def _joined(fitted: FittedTables, of: Callable[..., FloatArray]) -> FloatArray:
     return np.concatenate([of(c)[c.drive.usable] for c in fitted.cases])
 
 
-def tables(fitted: Fitted, axes: TableAxes, config: TablesConfig) -> list[EcuTable]:
+def tables(fitted: FittedTables, axes: TableAxes, config: TablesConfig) -> list[EcuTable]:
     """Return all tables that the vehicle's signals allow."""
-    samples = Samples(fitted)
+    samples = CellSamples(fitted)
     return [
         *over_operation(fitted, axes, samples, config),
         *of_injectors(fitted, axes, samples, config),
@@ -60,7 +60,7 @@ def tables(fitted: Fitted, axes: TableAxes, config: TablesConfig) -> list[EcuTab
 
 
 def over_operation(
-    fitted: Fitted, axes: TableAxes, samples: Samples, config: TablesConfig
+    fitted: FittedTables, axes: TableAxes, samples: CellSamples, config: TablesConfig
 ) -> list[EcuTable]:
     """Return delay, lag and wall film over speed and load."""
     p = fitted.parameters
@@ -111,7 +111,7 @@ def over_operation(
 
 
 def of_injectors(
-    fitted: Fitted, axes: TableAxes, samples: Samples, config: TablesConfig
+    fitted: FittedTables, axes: TableAxes, samples: CellSamples, config: TablesConfig
 ) -> list[EcuTable]:
     """Return dead time and flow scale of the injectors, none without a pulse width."""
     p = fitted.parameters
@@ -149,7 +149,7 @@ def of_injectors(
 
 
 def _sensor_lag(
-    fitted: Fitted, axes: TableAxes, samples: Samples, config: TablesConfig
+    fitted: FittedTables, axes: TableAxes, samples: CellSamples, config: TablesConfig
 ) -> EcuTable:
     p, axis = fitted.parameters, axes.exhaust_flow
     flow = np.asarray(axis.values)
@@ -170,7 +170,7 @@ def _sensor_lag(
     )
 
 
-def _nodes(axes: TableAxes, samples: Samples, at: tuple[IntArray, ...], cold: float) -> Point:
+def _nodes(axes: TableAxes, samples: CellSamples, at: tuple[IntArray, ...], cold: float) -> Point:
     """Return the operating points of the cells, flat; the charge of a cell is its samples' own."""
     rpm, load = (m.ravel() for m in np.meshgrid(axes.speed.values, axes.load.values, indexing="ij"))
     cell = np.ravel_multi_index(at, (len(axes.speed.values), len(axes.load.values)))
@@ -208,10 +208,10 @@ def _table(
     name: str,
     unit: str,
     axes: tuple[Axis, ...],
-    fitted: Fitted,
+    fitted: FittedTables,
     cells: Quantity,
     at: tuple[IntArray, ...],
-    samples: Samples,
+    samples: CellSamples,
     config: TablesConfig,
     counted: BoolArray | None = None,
     band: CoolantBand | None = None,
@@ -252,7 +252,7 @@ def _table(
     )
 
 
-def _log_sd(fitted: Fitted, cells: Quantity) -> FloatArray:
+def _log_sd(fitted: FittedTables, cells: Quantity) -> FloatArray:
     """Return the standard deviation of each cell's logarithm (n_cells,)."""
     base = np.log(cells(fitted.x))
     slopes = np.empty((len(base), len(fitted.x)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import polars as pl
 
 from training.fleet import columns
-from training.fleet.drives import Drive
+from training.fleet.drives import FleetDrive
 from training.fleet.rows import Row, failed_row
 
 
@@ -26,7 +26,7 @@ class Done:
     size_bytes: int  # of the recordings
 
 
-def failed(drives: Sequence[Drive], reason: str) -> Done:
+def failed(drives: Sequence[FleetDrive], reason: str) -> Done:
     """Return the result for drives that all failed for the same reason."""
     return of_rows([failed_row(drive, f"{drive.path}: {reason}") for drive in drives], [], {})
 

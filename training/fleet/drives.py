@@ -20,7 +20,7 @@ DRIVES: Final = 512  # most drives of a chunk; a vehicle with more drives is one
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class FleetDrive:
     """One recording of a fleet."""
 
     recording: int  # number of the recording in the order of the command, from 0
@@ -36,14 +36,14 @@ class Chunk:
     """Vehicles that are judged together: first their first drives, then their second drives."""
 
     name: str
-    vehicles: tuple[tuple[Drive, ...], ...]
+    vehicles: tuple[tuple[FleetDrive, ...], ...]
 
     @property
     def drives(self) -> int:
         """Return the number of drives."""
         return sum(map(len, self.vehicles))
 
-    def rounds(self) -> Iterator[list[Drive]]:
+    def rounds(self) -> Iterator[list[FleetDrive]]:
         """Yield the first drives of all vehicles, then their second drives, and so on."""
         for i in range(max(map(len, self.vehicles))):
             yield [drives[i] for drives in self.vehicles if i < len(drives)]
@@ -51,7 +51,7 @@ class Chunk:
 
 def drives_of(
     given: Sequence[str], pattern: str | None = None, besides: Sequence[Path] = ()
-) -> list[Drive]:
+) -> list[FleetDrive]:
     """Return the drives behind files, folders, patterns and manifests.
 
     given : paths or URLs; a ``.csv`` file with a column ``path`` is a manifest
@@ -85,7 +85,7 @@ def drives_of(
         vehicle = named or (name if names[name] == 1 else path)
         drive = count.setdefault(vehicle, 0)
         drives.append(
-            Drive(
+            FleetDrive(
                 recording=number,
                 path=path,
                 vehicle=vehicle,
@@ -98,13 +98,13 @@ def drives_of(
     return drives
 
 
-def chunks_of(drives: Iterable[Drive]) -> list[Chunk]:
+def chunks_of(drives: Iterable[FleetDrive]) -> list[Chunk]:
     """Return the chunks; the vehicles keep the order of their first drives."""
-    vehicles: dict[str, list[Drive]] = {}
+    vehicles: dict[str, list[FleetDrive]] = {}
     for drive in drives:
         vehicles.setdefault(drive.vehicle, []).append(drive)
     most = min(max(len(vehicles) // 8, LEAST_SIDE), SIDE_BY_SIDE)
-    groups: list[list[tuple[Drive, ...]]] = [[]]
+    groups: list[list[tuple[FleetDrive, ...]]] = [[]]
     for of_vehicle in vehicles.values():
         held = sum(map(len, groups[-1]))
         if groups[-1] and (len(groups[-1]) == most or held + len(of_vehicle) > DRIVES):
@@ -113,7 +113,7 @@ def chunks_of(drives: Iterable[Drive]) -> list[Chunk]:
     return [Chunk(f"chunk_{i:06d}", tuple(group)) for i, group in enumerate(groups)]
 
 
-def digest(drives: Sequence[Drive]) -> str:
+def digest(drives: Sequence[FleetDrive]) -> str:
     """Return the sha256 of the paths, vehicles and declared digests of all drives."""
     lines = (json.dumps([d.path, d.vehicle, d.declared]) for d in drives)
     return places.sha256_of("\n".join(lines))

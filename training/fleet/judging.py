@@ -15,7 +15,7 @@ from monitor.memory.reference import Reference
 from training.fleet import places
 from training.fleet.bench import Bench, Tools, tools_of
 from training.fleet.chunk_rows import Done, of_rows
-from training.fleet.drives import Chunk, Drive
+from training.fleet.drives import Chunk, FleetDrive
 from training.fleet.reading import Read
 from training.fleet.rows import Row, failed_row, recording_row, window_rows
 
@@ -51,7 +51,7 @@ def judge_chunk(bench: Bench, chunk: Chunk) -> Done:
     names = [drives[0].vehicle for drives in chunk.vehicles]
     work = _Work(bench, tools, {name: _Vehicle() for name in names})
     for drives in chunk.rounds():
-        held: list[tuple[Drive, Read]] = []
+        held: list[tuple[FleetDrive, Read]] = []
         for drive in drives:
             read = _read(work, drive)
             if read is not None:
@@ -63,7 +63,7 @@ def judge_chunk(bench: Bench, chunk: Chunk) -> Done:
     return _done(work, names)
 
 
-def _read(work: _Work, drive: Drive) -> Read | None:
+def _read(work: _Work, drive: FleetDrive) -> Read | None:
     """Return the samples of a recording.
 
     If the recording cannot be read, add its row with the error to ``work`` and return None.
@@ -82,17 +82,17 @@ def _read(work: _Work, drive: Drive) -> Read | None:
     return None
 
 
-def _read_file(path: Path, drive: Drive, tools: Tools) -> Read:
+def _read_file(path: Path, drive: FleetDrive, tools: Tools) -> Read:
     try:
         return tools.reader.read(path)
     except O2Error as error:
         raise type(error)(str(error).replace(str(path), drive.path)) from error
 
 
-def _judge(work: _Work, held: Sequence[tuple[Drive, Read]]) -> None:
+def _judge(work: _Work, held: Sequence[tuple[FleetDrive, Read]]) -> None:
     """Judge recordings of different vehicles; recordings with equal signals run side by side."""
     began_s = time.process_time()
-    alike: dict[tuple[bool, tuple[str, ...]], list[tuple[Drive, Read]]] = {}
+    alike: dict[tuple[bool, tuple[str, ...]], list[tuple[FleetDrive, Read]]] = {}
     for drive, read in held:
         alike.setdefault((drive.is_alone, read.names), []).append((drive, read))
     for group in alike.values():
@@ -104,7 +104,7 @@ def _judge(work: _Work, held: Sequence[tuple[Drive, Read]]) -> None:
     work.seconds["judge"] += time.process_time() - began_s
 
 
-def _judge_alone(work: _Work, one: tuple[Drive, Read]) -> None:
+def _judge_alone(work: _Work, one: tuple[FleetDrive, Read]) -> None:
     drive = one[0]
     try:
         _judge_alike(work, [one])
@@ -115,7 +115,7 @@ def _judge_alone(work: _Work, one: tuple[Drive, Read]) -> None:
         work.recordings.append(failed_row(drive, reason))
 
 
-def _judge_alike(work: _Work, group: Sequence[tuple[Drive, Read]]) -> None:
+def _judge_alike(work: _Work, group: Sequence[tuple[FleetDrive, Read]]) -> None:
     """Judge recordings with equal signals; add the rows of all recordings or, on error, none."""
     config, tools = work.bench.config, work.tools
     is_alone, names = group[0][0].is_alone, group[0][1].names

@@ -15,7 +15,7 @@ from monitor.model.card import ModelCard
 from monitor.pipeline.names import needed_names
 from monitor.pipeline.recordings import RecordingReader
 from training.recordings import recording
-from training.recordings.measurement import is_measurement
+from training.recordings.files.measurement import is_measurement
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from monitor.judge.findings import WindowJudged
 from monitor.model.card import ModelCard
 from monitor.pipeline.side_by_side import Judged
 from training.fleet.columns import BEHIND_KEYS, COUNTERS, ESTIMATES
-from training.fleet.drives import Drive
+from training.fleet.drives import FleetDrive
 from training.fleet.reading import Read
 from training.limits.judging import reached_twice
 from training.recordings.start import start_of
@@ -20,12 +20,14 @@ from training.recordings.start import start_of
 Row = dict[str, Any]
 
 
-def failed_row(drive: Drive, reason: str) -> Row:
+def failed_row(drive: FleetDrive, reason: str) -> Row:
     """Return the row of a recording that could not be judged, with the reason as its error."""
     return _which(drive) | {"error": reason}
 
 
-def recording_row(drive: Drive, read: Read, judged: Judged, card: ModelCard, known: int) -> Row:
+def recording_row(
+    drive: FleetDrive, read: Read, judged: Judged, card: ModelCard, known: int
+) -> Row:
     """Return the row of a judged recording.
 
     known : number of earlier drives in the reference of the vehicle
@@ -73,7 +75,7 @@ def recording_row(drive: Drive, read: Read, judged: Judged, card: ModelCard, kno
     }
 
 
-def window_rows(drive: Drive, read: Read, judged: Judged) -> list[Row]:
+def window_rows(drive: FleetDrive, read: Read, judged: Judged) -> list[Row]:
     """Return one row per window of a judged recording."""
     t0_ns, which = int(read.block.t_ns[0]), _which(drive) | {"start": start_of(read.begin_ns)}
     return [
@@ -95,7 +97,7 @@ def window_rows(drive: Drive, read: Read, judged: Judged) -> list[Row]:
     ]
 
 
-def _which(drive: Drive) -> Row:
+def _which(drive: FleetDrive) -> Row:
     return {
         "recording": drive.recording,
         "path": drive.path,

@@ -19,7 +19,7 @@ from monitor.base.files.outputs import replaced, write_bytes
 from training.fleet import drives as fleet_drives
 from training.fleet.bench import Bench
 from training.fleet.chunk_rows import Done, failed, joined
-from training.fleet.drives import Chunk, Drive
+from training.fleet.drives import Chunk, FleetDrive
 from training.fleet.judging import judge_chunk
 from training.jobs import parallel, run_folder, worker
 
@@ -44,7 +44,7 @@ def windows_path(out: Path) -> Path:
 
 
 def run(
-    drives: Sequence[Drive],
+    drives: Sequence[FleetDrive],
     bench: Bench,
     out: Path,
     done: Progress,

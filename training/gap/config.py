@@ -38,7 +38,7 @@ class DriversConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class ResponseConfig:
+class DifferenceConfig:
     """When a reading without a chain differs from that of healthy runs."""
 
     false_share: float
@@ -96,7 +96,7 @@ class GapConfig:
     inputs: InputsConfig
     error_alone: ErrorAloneConfig
     drivers: DriversConfig
-    response: ResponseConfig
+    response: DifferenceConfig
     name: NameConfig
     add: AddConfig
     verify: VerifyConfig

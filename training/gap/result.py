@@ -29,7 +29,7 @@ NOTHING_FITTED: Final = "recordings to which nothing was fitted"
 
 
 @dataclass(frozen=True, slots=True)
-class ModelFile:
+class NewModelFile:
     """A model file with its hash and kind."""
 
     path: Path
@@ -37,7 +37,7 @@ class ModelFile:
     kind: str  # "narx", "greybox"
 
     @classmethod
-    def of(cls, path: Path, card: ModelCard) -> "ModelFile":
+    def of(cls, path: Path, card: ModelCard) -> "NewModelFile":
         """Return the model in ``path``, which has this card."""
         return cls(path, sha256(path), card.kind)
 
@@ -46,7 +46,7 @@ class ModelFile:
 class Inputs:
     """The model under study and the recordings that were read."""
 
-    model: ModelFile
+    model: NewModelFile
     recordings: tuple[TrainingRecording, ...]  # in which the effect was looked for
     healthy: tuple[TrainingRecording, ...]
     held_out: tuple[TrainingRecording, ...]  # for verifying; no parameter of the new model saw them
@@ -61,7 +61,7 @@ class Inputs:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class GapStep:
     """One round of adding: the effect, the error after it and the ranking it came from."""
 
     added: str  # the effect, "" for the model as it came
@@ -113,13 +113,13 @@ class Result:
         return error.before, after, error.floor, measured_on
 
     @property
-    def steps(self) -> tuple[Step, ...]:
+    def steps(self) -> tuple[GapStep, ...]:
         """Return the model as it came, then each round of the naming; none if none was tried."""
         if not self.tried:
             return ()
         rounds = self.naming.trials.rounds
-        first = Step("", self.naming.error.before)
-        return (first, *(Step(r.effect.name, r.rmse, r.ranking) for r in rounds))
+        first = GapStep("", self.naming.error.before)
+        return (first, *(GapStep(r.effect.name, r.rmse, r.ranking) for r in rounds))
 
     @property
     def all_warnings(self) -> tuple[str, ...]:

@@ -21,14 +21,14 @@ from training.gap.config import CONFIG
 from training.gap.inputs import suitability
 from training.gap.name.verdict import Answer, BlockError, Naming, Trials, Verdict
 from training.gap.response.difference import Difference, References, difference_of
-from training.gap.result import Inputs, ModelFile, Result
+from training.gap.result import Inputs, NewModelFile, Result
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Comparison
-from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, Drive, make
+from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, ChainDrive, make
 from training.jobs import Progress
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording, training_recording
-from training.recordings.rows import hold
+from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.error_alone
 RUNS_MIN: Final = CONFIG.response.runs_min
@@ -72,7 +72,7 @@ def investigate(
     best = difference.best
     return Result(
         inputs=Inputs(
-            model=ModelFile.of(model, card),
+            model=NewModelFile.of(model, card),
             recordings=tuple(map(training_recording, recordings)),
             healthy=tuple(map(training_recording, healthy)),
             held_out=(),
@@ -170,7 +170,7 @@ def _verdict(
     return "unknown_effect", None
 
 
-def _drive(recording: Recording, card: ModelCard) -> Drive:
+def _drive(recording: Recording, card: ModelCard) -> ChainDrive:
     output = card.output.name
     columns = {name: recording.column(name) for name in recording.names if name != output}
     present = {name: x for name, x in columns.items() if np.isfinite(x).any()}
@@ -195,12 +195,12 @@ def _drive(recording: Recording, card: ModelCard) -> Drive:
 
 def _plain_drive(
     recording: Recording, signals: Mapping[str, FloatArray], reading: FloatArray
-) -> Drive:
+) -> ChainDrive:
     """Return a drive of an output other than lambda: every sample with a reading is scored."""
     period_s = recording.period_ns / 1e9
     scored = np.isfinite(reading)
     scored[: round(AFTER_GAP_S / period_s)] = False
-    return Drive(
+    return ChainDrive(
         name=recording.path.name,
         period_s=period_s,
         signals={name: hold(x) for name, x in signals.items()},

@@ -11,12 +11,12 @@ from typing import Final
 from training.gap import run_comparison
 from training.gap.add.addition import Addition, add
 from training.gap.inputs import suitability
-from training.gap.inputs.roles import Material, Options
+from training.gap.inputs.roles import GapOptions, Material
 from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
-from training.gap.result import Inputs, ModelFile, Result
+from training.gap.result import Inputs, NewModelFile, Result
 from training.gap.verify.evidence import Verification
 from training.gap.verify.verification import verify
 from training.greybox.effects.model_effect import uncertain
@@ -32,7 +32,7 @@ UNVERIFIED: Final = "unverified.onnx"  # until the monitor has run with it
 def investigate(
     material: Material,
     out: Path,
-    options: Options,
+    options: GapOptions,
     *,
     known: Healthy | None = None,
     learned: Path | None = None,
@@ -96,7 +96,7 @@ def _verification(
     subject: Subject,
     addition: Addition,
     knowledge: Knowledge,
-    options: Options,
+    options: GapOptions,
     progress: Progress,
 ) -> Verification | None:
     """Return how the new model does on held-out recordings; None if nothing is held out."""
@@ -121,7 +121,7 @@ def delivered(addition: Addition, verification: Verification | None, path: Path)
     return addition.without_file(harm) if harm else addition.kept(path)
 
 
-def _inputs(subject: Subject, options: Options) -> Inputs:
+def _inputs(subject: Subject, options: GapOptions) -> Inputs:
     """Return the model and the recordings as the report names them."""
     material = subject.material
     recordings, healthy, held_out = (
@@ -129,7 +129,7 @@ def _inputs(subject: Subject, options: Options) -> Inputs:
         for each in (material.recordings, material.healthy, material.held_out)
     )
     return Inputs(
-        model=ModelFile.of(material.model, subject.card),
+        model=NewModelFile.of(material.model, subject.card),
         recordings=recordings,
         healthy=healthy,
         held_out=held_out,

@@ -40,7 +40,7 @@ class Constants(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
+class ChainRange:
     """Unit and bounds of one constant."""
 
     unit: str
@@ -48,13 +48,13 @@ class Range:
     high: float
 
 
-RANGES: Mapping[str, Range] = {
-    "gain": Range("-", 0.4, 2.5),
-    "dead_time_s": Range("s", 0.0, 1.0),
-    "dead_time_revolutions": Range("rev", 0.0, 6.0),
-    "mixing_s": Range("s", 0.005, 1.5),
-    "sensor_s": Range("s", 0.005, 1.5),
-    "span": Range("-", 0.3, 2.0),
+RANGES: Mapping[str, ChainRange] = {
+    "gain": ChainRange("-", 0.4, 2.5),
+    "dead_time_s": ChainRange("s", 0.0, 1.0),
+    "dead_time_revolutions": ChainRange("rev", 0.0, 6.0),
+    "mixing_s": ChainRange("s", 0.005, 1.5),
+    "sensor_s": ChainRange("s", 0.005, 1.5),
+    "span": ChainRange("-", 0.3, 2.0),
 }
 
 

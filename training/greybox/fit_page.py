@@ -5,9 +5,9 @@ from typing import Final
 
 from monitor.base.files.outputs import write_text
 from training.greybox.model import GreyboxResult
-from training.narx import free_run_figures
-from training.narx.fit_confidence import fit_confidence
-from training.narx.fit_verdict import fit_verdict
+from training.narx.page import free_run_figures
+from training.narx.page.fit_confidence import fit_confidence
+from training.narx.page.fit_verdict import fit_verdict
 from training.pages.page import page
 
 MEANING: Final = {

@@ -42,9 +42,9 @@ from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
 from training.greybox.graph.checks import TOLERANCE, contraction, parity, physical_inputs
 from training.narx.model_file import HeldOut, card_of, held_out
-from training.narx.stability import CONTRACTION_SAMPLES
-from training.recordings.preparation import Prepared, Role, prepare
-from training.recordings.scaling import MARGIN
+from training.narx.search.stability import CONTRACTION_SAMPLES
+from training.recordings.samples.preparation import Prepared, Role, prepare
+from training.recordings.samples.scaling import MARGIN
 
 if TYPE_CHECKING:
     from training.recordings.recording import Recording

@@ -12,12 +12,12 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.greybox.chain import Constants, simulate
-from training.greybox.fit.drive import OUTPUT, Drive, from_recording
+from training.greybox.fit.drive import OUTPUT, ChainDrive, from_recording
 from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.chain_graph import Greybox
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
-from training.recordings.rows import hold
+from training.recordings.samples.rows import hold
 
 GREYBOX: Final = "greybox"
 
@@ -57,7 +57,7 @@ def own_charge(card: ModelCard) -> bool:
 
 def drives_of(
     model: Path, recordings: Sequence[Recording], healthy: Sequence[Recording] = ()
-) -> list[Drive]:
+) -> list[ChainDrive]:
     """Return the recordings as drives for the naming, with the charge that the model sees.
 
     Effects are named on the chain, whatever the model is: a network's errors on new drives
@@ -83,7 +83,7 @@ def drives_of(
     return [replace(d, moved_phi=added.values(d.signals)) for d in made]
 
 
-def read_by(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
+def read_by(model: Path, recordings: Sequence[Recording]) -> list[ChainDrive]:
     """Return the recordings as drives beside the model's free run, to fit constants that suit it.
 
     Raises RecordingError as ``drives_of``.
@@ -94,7 +94,7 @@ def read_by(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
 
 def plain_drives_of(
     card: ModelCard, recordings: Sequence[Recording], healthy: Sequence[Recording] = ()
-) -> list[Drive]:
+) -> list[ChainDrive]:
     """Return the recordings as drives, without the effects that the model has.
 
     healthy : as in ``drives_of``
@@ -118,7 +118,7 @@ def _fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> bool:
     return {each.sha256 for each in card.recordings} <= {each.sha256 for each in recordings}
 
 
-def _plain(drive: Drive, chain: Greybox) -> FloatArray:
+def _plain(drive: ChainDrive, chain: Greybox) -> FloatArray:
     return simulate(chain.path(drive.signals), drive.period_s)
 
 

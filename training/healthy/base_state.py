@@ -10,8 +10,8 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.greybox.chain import Constants
 from training.greybox.fit.case import WHITE, Case, Prior, errors, predict
-from training.greybox.fit.drive import MIN_SCORED_S, Drive
-from training.greybox.fit.joint import Fit, fit
+from training.greybox.fit.drive import MIN_SCORED_S, ChainDrive
+from training.greybox.fit.joint import JointFit, fit
 from training.greybox.fit.variation import Shrink, shrink
 from training.healthy import scoring
 from training.healthy.behaviour import SKEW, Healthy, white
@@ -39,11 +39,11 @@ SIGMA_PHI: Final = 0.004  # of the first fit; the noise is worked out of it
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class BaseState:
     """The start of one forward step."""
 
     case: Case
-    current: Fit
+    current: JointFit
     roof: scoring.Ceiling
     deviance: FloatArray  # (n_blocks,)
     surplus: Mapping[str, float]  # of candidates on healthy drives, see ``yardstick``
@@ -54,7 +54,9 @@ class State:
         return OVER_HEALTHY * self.surplus.get(name, UNKNOWN_SURPLUS)
 
 
-def base_state(drives: Sequence[Drive], known: Healthy | None, base: Constants | None) -> State:
+def base_state(
+    drives: Sequence[ChainDrive], known: Healthy | None, base: Constants | None
+) -> BaseState:
     """Return the base fitted to the drives in whitened errors, and the ceiling.
 
     Raises RecordingError if too little lies where healthy drives have been.
@@ -81,7 +83,7 @@ def base_state(drives: Sequence[Drive], known: Healthy | None, base: Constants |
     if known:
         case = replace(case, shrinks=_shrinks(case, known, made))
     current = fit(case, (), [current, *starts])
-    return State(
+    return BaseState(
         case=case,
         current=current,
         roof=scoring.ceiling(case, plain),
@@ -91,7 +93,7 @@ def base_state(drives: Sequence[Drive], known: Healthy | None, base: Constants |
     )
 
 
-def _where_known(drives: Sequence[Drive], known: Healthy) -> list[Drive]:
+def _where_known(drives: Sequence[ChainDrive], known: Healthy) -> list[ChainDrive]:
     """Return the drives with enough samples where healthy drives have been, cut to these."""
     made = [known.known_of(drive) for drive in drives]
     left = [drive for drive in made if drive.kept.sum() * drive.period_s >= MIN_SCORED_S]
@@ -104,7 +106,7 @@ def _where_known(drives: Sequence[Drive], known: Healthy) -> list[Drive]:
 
 
 def _corrections(
-    drives: Sequence[Drive], known: Healthy | None, made: Sequence[Columns]
+    drives: Sequence[ChainDrive], known: Healthy | None, made: Sequence[Columns]
 ) -> tuple[FloatArray, ...]:
     """Return the base's expected errors on each drive (n,), 0 without a healthy reference."""
     if known is None:

@@ -15,8 +15,8 @@ from training.greybox.effects.form.dynamics import ramp_lag
 from training.greybox.fit import ridge
 from training.greybox.fit.case import WHITE, Case, Run, Term, reading
 from training.greybox.fit.comparison import BLOCK_S, FOLDS
-from training.greybox.fit.drive import Drive, path_of
-from training.greybox.fit.joint import Fit, fit
+from training.greybox.fit.drive import ChainDrive, path_of
+from training.greybox.fit.joint import JointFit, fit
 from training.greybox.fit.ridge import Ridge
 from training.greybox.fit.sensor_faults import FAULTS
 from training.greybox.fit.vehicle_effects import own_of, with_more
@@ -58,7 +58,7 @@ class Healthy:
     charge: ChargeError | None = None  # of drives with the air per stroke as broadcast
     rmse_usual: float | None = None  # phi, of healthy drives judged by others; of a chain only
 
-    def columns(self, drive: Drive) -> dict[str, FloatArray]:
+    def columns(self, drive: ChainDrive) -> dict[str, FloatArray]:
         """Return all columns of ``drive``, name → (n,)."""
         return columns(self.with_own(drive), self.base)
 
@@ -77,20 +77,24 @@ class Healthy:
         known = dict(zip(self.names, self.spread.tolist(), strict=True))
         return np.array([known.get(name, 0.0) for name in names])
 
-    def with_own(self, drive: Drive) -> Drive:
+    def with_own(self, drive: ChainDrive) -> ChainDrive:
         """Return the drive with the healthy vehicle's effects as part of the base."""
         return replace(charged(drive, self.charge), own=self.own)
 
-    def known_of(self, drive: Drive) -> Drive:
+    def known_of(self, drive: ChainDrive) -> ChainDrive:
         """Return the drive with those samples scored where healthy drives have been."""
         own = self.with_own(drive)
         return replace(own, scored=own.scored & self.visited.on(own))
 
-    def learned(self, drive: Drive, made: Mapping[str, FloatArray] | None = None) -> FloatArray:
+    def learned(
+        self, drive: ChainDrive, made: Mapping[str, FloatArray] | None = None
+    ) -> FloatArray:
         """Return the chain's expected error, (n,) in phi; see ``correction``."""
         return self.ridge.predict(self.table(made or self.columns(drive)))
 
-    def correction(self, drive: Drive, made: Mapping[str, FloatArray] | None = None) -> FloatArray:
+    def correction(
+        self, drive: ChainDrive, made: Mapping[str, FloatArray] | None = None
+    ) -> FloatArray:
         """Return the chain's expected error on ``drive`` if the vehicle is healthy, (n,) in phi.
 
         made : the drive's columns, if they are at hand
@@ -103,7 +107,7 @@ class Healthy:
         return np.asarray(learned + drive.phi_of_model - own)
 
 
-def learn(drives: Sequence[Drive], start: Constants, like: Healthy | None = None) -> Healthy:
+def learn(drives: Sequence[ChainDrive], start: Constants, like: Healthy | None = None) -> Healthy:
     """Return the healthy behaviour in ``drives``.
 
     like : of the same vehicle, whose own effects and error of the charge are taken over
@@ -186,7 +190,7 @@ def _no_worse(
     return found
 
 
-def as_shown(drives: Sequence[Drive], start: Constants) -> Sequence[Drive]:
+def as_shown(drives: Sequence[ChainDrive], start: Constants) -> Sequence[ChainDrive]:
     """Return healthy drives, without the effects in the model if the drives do not show them.
 
     Whoever extends a model and looks at it again may give the healthy drives from before the effect
@@ -198,7 +202,7 @@ def as_shown(drives: Sequence[Drive], start: Constants) -> Sequence[Drive]:
     return min(drives, without, key=lambda each: _fit(each, (), [start, Constants()]).cost)
 
 
-def charged(drive: Drive, error: ChargeError | None) -> Drive:
+def charged(drive: ChainDrive, error: ChargeError | None) -> ChainDrive:
     """Return the drive with the right air per stroke, if it is still as broadcast."""
     if error is None or drive.charged:
         return drive
@@ -207,7 +211,7 @@ def charged(drive: Drive, error: ChargeError | None) -> Drive:
     return replace(drive, signals=signals, charged=True, meter_s=error.time_s)
 
 
-def _charge_error(drives: Sequence[Drive]) -> ChargeError | None:
+def _charge_error(drives: Sequence[ChainDrive]) -> ChargeError | None:
     """Return by how much the broadcast charge is wrong, None where it is not, or right already."""
     if any(drive.charged or drive.phi_of_model is not None for drive in drives):
         return None
@@ -222,7 +226,7 @@ def _charge_error(drives: Sequence[Drive]) -> ChargeError | None:
 
 
 def _chain(
-    drives: Sequence[Drive], start: Constants, like: Healthy | None
+    drives: Sequence[ChainDrive], start: Constants, like: Healthy | None
 ) -> tuple[Constants, Constants, Own]:
     """Return constants of the chain alone, constants beside the vehicle's effects, the effects."""
     if like is not None:
@@ -239,16 +243,18 @@ def _chain(
     return plain.base, found.base, tuple(zip(effects, found.parameters, strict=True))
 
 
-def _fit(drives: Sequence[Drive], terms: Sequence[Term], starts: Sequence[Fit | Constants]) -> Fit:
+def _fit(
+    drives: Sequence[ChainDrive], terms: Sequence[Term], starts: Sequence[JointFit | Constants]
+) -> JointFit:
     return fit(_case(drives), terms, starts)
 
 
-def _case(drives: Sequence[Drive]) -> Case:
+def _case(drives: Sequence[ChainDrive]) -> Case:
     moved = tuple(np.zeros(len(drive)) + drive.moved_phi for drive in drives)
     return Case(tuple(drives), moved, WHITE)
 
 
-def _left(drive: Drive, base: Constants) -> FloatArray:
+def _left(drive: ChainDrive, base: Constants) -> FloatArray:
     """Return the model's error, (n,) in phi."""
     phi = drive.phi_of_model
     if phi is None:
@@ -279,7 +285,7 @@ def noise(kept: Sequence[BoolArray], rest: FloatArray) -> tuple[tuple[float, flo
     return (float(a), float(b)), float(np.quantile(np.abs(left), 0.683))
 
 
-def columns(drive: Drive, base: Constants) -> dict[str, FloatArray]:
+def columns(drive: ChainDrive, base: Constants) -> dict[str, FloatArray]:
     """Return the columns of a drive: plain functions and every effect's signature."""
     run = Run.of(drive, base)
     path, phi = run.path, run.phi
@@ -301,6 +307,6 @@ def _skewed(path: Path, period_s: float) -> Path:
     return replace(path, air_mg=ramp_lag(path.air_mg, late, period_s))
 
 
-def _fold(drive: Drive, number: int) -> IntArray:
+def _fold(drive: ChainDrive, number: int) -> IntArray:
     block = np.arange(len(drive)) // round(BLOCK_S / drive.period_s) + number
     return np.asarray(block % FOLDS, dtype=np.int64)[drive.kept]

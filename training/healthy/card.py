@@ -22,7 +22,7 @@ from monitor.model.step import Model
 from training.greybox.chain import STOICHIOMETRIC, Constants
 from training.greybox.charge.error import ChargeError
 from training.greybox.effects import LIBRARY
-from training.greybox.fit.drive import Drive, make
+from training.greybox.fit.drive import ChainDrive, make
 from training.greybox.fit.ridge import Ridge
 from training.healthy.behaviour import Healthy, columns
 from training.healthy.config import CONFIG
@@ -220,7 +220,7 @@ def _sizes() -> Mapping[str, float]:
     return {name: float(np.sqrt(np.mean(values**2))) for name, values in made.items()}
 
 
-def _probe() -> Drive:
+def _probe() -> ChainDrive:
     """Return a drive made of formulas that has every signal and moves every column."""
     t_s = np.arange(PROBE_SAMPLES) * PROBE_PERIOD_S
     rpm = 2000.0 + 1200.0 * np.sin(t_s / 7.0)

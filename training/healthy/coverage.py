@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Final
 
-from training.greybox.fit.drive import MIN_SCORED_S, Drive
+from training.greybox.fit.drive import MIN_SCORED_S, ChainDrive
 from training.healthy.behaviour import Healthy
 from training.healthy.config import CONFIG
 from training.pages.numbers import percent
@@ -12,7 +12,7 @@ from training.pages.numbers import percent
 LIMITS: Final = CONFIG
 
 
-def coverage_warnings(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
+def coverage_warnings(drives: Sequence[ChainDrive], known: Healthy | None) -> list[str]:
     """Return warnings of samples that name nothing: no healthy recording has been there."""
     if known is None:
         return []
@@ -31,7 +31,7 @@ def coverage_warnings(drives: Sequence[Drive], known: Healthy | None) -> list[st
     return warnings
 
 
-def _away(drives: Sequence[Drive], known: Healthy) -> str:
+def _away(drives: Sequence[ChainDrive], known: Healthy) -> str:
     """Return the quantity, in words, in which the drives left the healthy recordings' range."""
     outside = Counter[str]()
     for drive in drives:

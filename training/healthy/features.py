@@ -15,7 +15,7 @@ from monitor.base.types import FloatArray
 from training.greybox.chain import Path
 from training.greybox.effects.form.dynamics import charged, lag, slope
 from training.greybox.effects.form.place import ArrayPlace
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.healthy.config import CONFIG
 
 SPEED_KNOTS_RPM: Final = (800.0, 1300.0, 1800.0, 2400.0, 3200.0)
@@ -23,7 +23,7 @@ LOAD_KNOTS_MG: Final = (90.0, 160.0, 260.0, 400.0, 600.0)
 COOLANT_KNOTS_DEGC: Final = (0.0, 30.0, 55.0, 75.0, 90.0)
 
 
-def features(drive: Drive, path: Path, phi: FloatArray) -> dict[str, FloatArray]:
+def features(drive: ChainDrive, path: Path, phi: FloatArray) -> dict[str, FloatArray]:
     """Return the drive's functions, name → (n,).
 
     path, phi : the base's path and what it reads (n,)
@@ -35,7 +35,7 @@ def features(drive: Drive, path: Path, phi: FloatArray) -> dict[str, FloatArray]
     return columns | _at_sensor(drive, path, phi)
 
 
-def _at_valve(drive: Drive, path: Path) -> dict[str, FloatArray]:
+def _at_valve(drive: ChainDrive, path: Path) -> dict[str, FloatArray]:
     s, period_s = drive.signals, drive.period_s
     air, fuel, rpm = path.air_mg, path.fuel_mg, s["engine_speed_rpm"]
     at = ArrayPlace(path, s, period_s)
@@ -67,7 +67,7 @@ def _at_valve(drive: Drive, path: Path) -> dict[str, FloatArray]:
     return made
 
 
-def _context(drive: Drive, at: ArrayPlace, running: FloatArray) -> dict[str, FloatArray]:
+def _context(drive: ChainDrive, at: ArrayPlace, running: FloatArray) -> dict[str, FloatArray]:
     s, air, flow = drive.signals, at.path.air_mg, at.flow_kg_h()
     made: dict[str, FloatArray] = {}
     if "rail_pressure_mpa" in s:
@@ -87,7 +87,7 @@ def _context(drive: Drive, at: ArrayPlace, running: FloatArray) -> dict[str, Flo
     return made
 
 
-def _at_sensor(drive: Drive, path: Path, phi: FloatArray) -> dict[str, FloatArray]:
+def _at_sensor(drive: ChainDrive, path: Path, phi: FloatArray) -> dict[str, FloatArray]:
     at = ArrayPlace(path, drive.signals, drive.period_s)
     flow = at.flow_kg_h()
     above, rate = np.clip(phi - 1.0, -0.3, 0.3), np.clip(slope(phi, drive.period_s), -1.0, 1.0)

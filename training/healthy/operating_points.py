@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.healthy.config import CONFIG
 
 SPEEDS_RPM: Final = np.array([1050.0, 1550.0, 2100.0, 2800.0, 3600.0, 4500.0])
@@ -28,7 +28,7 @@ class Visited:
     coolants: BoolArray  # (n_coolants + 1,)
 
     @classmethod
-    def of(cls, drives: Sequence[Drive]) -> "Visited":
+    def of(cls, drives: Sequence[ChainDrive]) -> "Visited":
         """Return the operating points that scored samples of the drives visited.
 
         If one of them does not say its coolant temperature, every temperature counts as visited.
@@ -45,11 +45,11 @@ class Visited:
                 np.add.at(warm, coolant[drive.scored], drive.period_s)
         return cls(seconds >= LIMITS.visited_min_s, warm >= LIMITS.visited_min_s)
 
-    def on(self, drive: Drive) -> BoolArray:
+    def on(self, drive: ChainDrive) -> BoolArray:
         """Return where a drive is within, (n,)."""
         return np.logical_and.reduce([*self.parts(drive).values()])
 
-    def parts(self, drive: Drive) -> dict[str, BoolArray]:
+    def parts(self, drive: ChainDrive) -> dict[str, BoolArray]:
         """Return where a drive is within, (n,) each, in speed and load and in temperature."""
         coolant = _coolant(drive.signals)
         parts = {"speeds and loads": self.cells[_places(drive.signals)]}

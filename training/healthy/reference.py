@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from monitor.base.errors import RecordingError
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.healthy import base, yardstick
 from training.healthy.card import store
 from training.healthy.yardstick import GROUPS_LEAST
@@ -34,7 +34,7 @@ def set_reference(
     if card.transform != "phi":
         return card, None
     start = base.constants_of(card)
-    drives, used, why = list[Drive](), list[Recording](), ""
+    drives, used, why = list[ChainDrive](), list[Recording](), ""
     for recording in recordings:
         try:
             drives += base.drives_of(path, [recording])

@@ -11,7 +11,7 @@ from training.greybox.fit import ridge
 from training.greybox.fit.case import Case, plain_errors, predict
 from training.greybox.fit.comparison import FOLDS
 from training.greybox.fit.held_out import held_out
-from training.greybox.fit.joint import Fit
+from training.greybox.fit.joint import JointFit
 from training.healthy.behaviour import columns, noise, white
 
 LARGEST: Final = 5.0  # of a whitened error in sigma, beyond which it counts no more
@@ -30,12 +30,12 @@ class Score:
     t: float  # of the signed square roots of the blocks' gains
 
 
-def deviance(found: Fit, blocks: IntArray) -> FloatArray:
+def deviance(found: JointFit, blocks: IntArray) -> FloatArray:
     """Return the held-out deviance of every block, (n_blocks,)."""
     return by_block(held_out(found, blocks), blocks)
 
 
-def moved(before: Fit, after: Fit, blocks: IntArray) -> FloatArray:
+def moved(before: JointFit, after: JointFit, blocks: IntArray) -> FloatArray:
     """Return how far two predictions differ in every block, (n_blocks,)."""
     change = (after.residual - before.residual) ** 2
     return np.asarray(np.bincount(blocks, change), dtype=np.float64)
@@ -82,7 +82,7 @@ class Ceiling:
     columns: FloatArray  # (m, k)
 
 
-def plain_columns(case: Case, found: Fit) -> list[FloatArray]:
+def plain_columns(case: Case, found: JointFit) -> list[FloatArray]:
     """Return the functions, (n, k) per drive."""
     return [np.column_stack([*columns(d, found.base).values()]) for d in case.drives]
 
@@ -95,7 +95,7 @@ def ceiling(case: Case, plain: Sequence[FloatArray]) -> Ceiling:
     return Ceiling(np.concatenate(whitened) / case.sigma)
 
 
-def explained(found: Fit, roof: Ceiling, blocks: IntArray) -> float:
+def explained(found: JointFit, roof: Ceiling, blocks: IntArray) -> float:
     """Return by how much the deviance of held-out blocks falls with the ceiling."""
     rest = left_by(roof, found.jacobian, found.residual, blocks)
     return float((by_block(found.residual, blocks) - by_block(rest, blocks)).sum())
@@ -112,24 +112,24 @@ def left_by(roof: Ceiling, known: FloatArray, errors: FloatArray, blocks: IntArr
     return errors - own.held_out
 
 
-def whitened(case: Case, found: Fit, plain: Sequence[FloatArray]) -> Case:
+def whitened(case: Case, found: JointFit, plain: Sequence[FloatArray]) -> Case:
     """Return the case with AR(2) and sigma of the noise, from the ceiling's residual in phi."""
     ar, sigma = noise(case.kept, _plain_rest(case, found, plain))
     return replace(case, ar=ar, sigma=sigma)
 
 
-def as_they_are(case: Case, found: Fit) -> Case:
+def as_they_are(case: Case, found: JointFit) -> Case:
     """Return the case with errors that are not whitened: slow ones count as fast ones."""
     return replace(case, ar=(0.0, 0.0), sigma=floor_phi(case, found), shrinks=())
 
 
-def floor_phi(case: Case, found: Fit) -> float:
+def floor_phi(case: Case, found: JointFit) -> float:
     """Return the RMSE in phi that the ceiling leaves on held-out blocks."""
     rest = _plain_rest(case, found, plain_columns(case, found))
     return float(np.sqrt(np.mean(rest**2)))
 
 
-def _plain_rest(case: Case, found: Fit, plain: Sequence[FloatArray]) -> FloatArray:
+def _plain_rest(case: Case, found: JointFit, plain: Sequence[FloatArray]) -> FloatArray:
     flat = replace(case, ar=(0.0, 0.0), sigma=1.0, shrinks=())
     e = plain_errors(case, predict(case, found.base, found.terms, found.parameters))
     table = ceiling(flat, plain).columns

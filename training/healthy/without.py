@@ -14,7 +14,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.greybox.chain import valve_phi
 from training.greybox.effects import Own, along
-from training.greybox.fit.drive import Drive, path_of
+from training.greybox.fit.drive import ChainDrive, path_of
 from training.healthy.behaviour import Healthy
 from training.healthy.config import CONFIG
 
@@ -23,7 +23,9 @@ RATIO: Final = (LIMITS.controller_ratio_min, LIMITS.controller_ratio_max)
 MOVED: Final = ("fuel_mass_mg", "lambda_controller")
 
 
-def corrections(known: Healthy, drives: Sequence[Drive], effects: Own) -> tuple[FloatArray, ...]:
+def corrections(
+    known: Healthy, drives: Sequence[ChainDrive], effects: Own
+) -> tuple[FloatArray, ...]:
     """Return the chain's expected error, (n,) in phi, on each drive without the effects."""
     return tuple(
         known.correction(drive)
@@ -33,7 +35,7 @@ def corrections(known: Healthy, drives: Sequence[Drive], effects: Own) -> tuple[
     )
 
 
-def _without(known: Healthy, drive: Drive, effects: Own) -> Drive:
+def _without(known: Healthy, drive: ChainDrive, effects: Own) -> ChainDrive:
     """Return the drive with the same mixture of a vehicle without the effects."""
     path = path_of(drive, known.base)
     moved = along(path, effects, drive.signals, drive.period_s)

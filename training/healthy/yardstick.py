@@ -17,12 +17,12 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.case import Term
-from training.greybox.fit.drive import Drive, path_of
+from training.greybox.fit.drive import ChainDrive, path_of
 from training.greybox.fit.held_out import held_out_rmse
 from training.greybox.fit.joint import fit
 from training.greybox.fit.sensor_faults import FAULTS
 from training.healthy import behaviour
-from training.healthy.base_state import State, base_state
+from training.healthy.base_state import BaseState, base_state
 from training.healthy.behaviour import CONSTANT, Healthy
 from training.jobs import Progress
 
@@ -32,7 +32,7 @@ PRIOR_GROUPS: Final = 2.0  # groups that count as having given what noise gives
 
 
 def learn(
-    drives: Sequence[Drive], start: Constants, progress: Progress = lambda _: None
+    drives: Sequence[ChainDrive], start: Constants, progress: Progress = lambda _: None
 ) -> Healthy:
     """Return the healthy behaviour in ``drives``, with the differences between them."""
     drives = behaviour.as_shown(drives, start)
@@ -63,7 +63,7 @@ def learn(
     return replace(known, surplus=surplus, rmse_usual=usual)
 
 
-def _offsets(drives: Sequence[Drive], known: Healthy) -> list[float]:
+def _offsets(drives: Sequence[ChainDrive], known: Healthy) -> list[float]:
     """Return the mean error of every drive by the healthy behaviour of the other drives, in phi."""
     offsets = []
     for drive in map(known.known_of, drives):
@@ -92,7 +92,7 @@ def _typical(ratios: Sequence[float]) -> float:
     return float(np.exp(logarithms.sum() / (len(ratios) + PRIOR_GROUPS)))
 
 
-def _left_out(state: State) -> dict[str, float]:
+def _left_out(state: BaseState) -> dict[str, float]:
     """Return the likelihood ratio of every candidate per constant."""
     drives = state.case.drives
     terms: tuple[Term, ...] = (*drives[0].effects, *FAULTS)

@@ -22,7 +22,7 @@ from monitor.pipeline.events import WindowJudged
 from training.limits.decision_limits import limits_of, with_fuel_cuts
 from training.limits.judging import Judged, judge_recordings, most_common_cause, why_not
 from training.limits.paper_limits import PaperLimits, Residuals, choose, held_out
-from training.limits.response_limits import response_limits
+from training.limits.response.response_limits import response_limits
 from training.limits.tolerance import CONFIDENCE, rate_bounds
 from training.recordings.recording import Recording, check_each_once, sha256
 

@@ -17,11 +17,11 @@ from monitor.judge.residual import oriented
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
-from training.limits.fuel_cuts import reference_of
 from training.limits.judging import Judged, judge_recordings, most_common_cause
-from training.limits.region import region_of
 from training.limits.repeated_model import RepeatedModel
-from training.limits.response_limits import response_limits
+from training.limits.response.fuel_cuts import reference_of
+from training.limits.response.region import region_of
+from training.limits.response.response_limits import response_limits
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
 from training.recordings.recording import Recording

@@ -18,7 +18,7 @@ from monitor.model.step import Model, from_model_units, to_model_units
 from training.limits.judging import enabled_samples
 from training.recordings import metrics
 from training.recordings.recording import Recording
-from training.recordings.rows import runs
+from training.recordings.samples.rows import runs
 
 SCHEMA = "o2train.evaluate/1"
 

@@ -22,7 +22,7 @@ from monitor.model import model_file
 from monitor.model.card import USUAL_PREDICTION, ModelCard, StateLayout, prediction_name
 from monitor.model.step import LAMBDA_MAX, PHI_MAX, Model
 from training.narx.network import Spec, layers, linear_path
-from training.recordings.scaling import Scaling
+from training.recordings.samples.scaling import Scaling
 
 OPSET = 17
 IR_VERSION = 8

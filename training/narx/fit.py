@@ -13,15 +13,15 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.narx.export import Network
 from training.narx.linear.arx import Arx
-from training.narx.linear_start import best_arx, linear_starts, with_memory
 from training.narx.model_file import HeldOut, held_out, write_model
 from training.narx.network import Spec
-from training.narx.refit import all_but_test, may_refit, refitted
-from training.narx.stability import Contraction, contraction
-from training.narx.stages import Trained, free_run
-from training.narx.starts import Shape, Starts, committees
-from training.narx.structure import Search, Try
-from training.recordings.preparation import Prepared, Role, prepare
+from training.narx.search.linear_start import best_arx, linear_starts, with_memory
+from training.narx.search.refit import all_but_test, may_refit, refitted
+from training.narx.search.stability import Contraction, contraction
+from training.narx.search.stages import Trained, free_run
+from training.narx.search.starts import Shape, Starts, committees
+from training.narx.search.structure import Search, Try
+from training.recordings.samples.preparation import Prepared, Role, prepare
 
 if TYPE_CHECKING:
     from training.recordings.recording import Recording

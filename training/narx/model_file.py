@@ -14,10 +14,10 @@ from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import from_model_units
 from training.narx.export import Network, save
 from training.narx.network import Spec
-from training.narx.stability import Contraction
+from training.narx.search.stability import Contraction
 from training.recordings import metrics
-from training.recordings.preparation import Prepared, Role
 from training.recordings.recording import training_recording
+from training.recordings.samples.preparation import Prepared, Role
 
 PARITY_SAMPLES = 3000
 PACKAGES = ("numpy", "onnx", "onnxruntime", "scipy")  # whose versions stand in the card

@@ -12,13 +12,13 @@ from monitor.base.types import FloatArray
 from monitor.model.step import LAMBDA_MAX, PHI_MAX, Model
 from training.narx.export import Network
 from training.narx.network import simulate
-from training.recordings.transforms import apply
+from training.recordings.samples.transforms import apply
 
 TOLERANCE = 2e-3  # of the output's standard deviation, float32 against float64 over a free run
 SHORT_RUN = 100  # samples that must agree; rounding adds up in outputs that integrate
 
 
-class Step(nn.Module):
+class NetworkStep(nn.Module):
     """The graph ``step`` as a torch module: (u, state) to (output, next state)."""
 
     def __init__(self, network: Network, dtype: torch.dtype = torch.float32) -> None:
@@ -88,7 +88,7 @@ def parity(path: Path | str, network: Network, u: FloatArray, y: FloatArray) -> 
     model = Model.load(path)
     newest = model.card.state.output_start
     graph = np.empty(n)
-    module = Step(network)
+    module = NetworkStep(network)
     other = np.empty(n)
     state = torch.zeros((1, model.card.state.size))
     inputs = torch.tensor(u, dtype=torch.float32)

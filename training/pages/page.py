@@ -11,7 +11,7 @@ from urllib.parse import quote
 from monitor import __version__
 from monitor.base.counts import counted
 from training.pages import numbers
-from training.pages.table import Table
+from training.pages.table import PageTable
 
 if TYPE_CHECKING:
     from jinja2 import Environment, Template
@@ -122,7 +122,7 @@ def _environment() -> "Environment":
         environment.filters[name] = getattr(numbers, name)
     environment.filters |= {"yes": lambda x: "yes" if x else "no", "sha": _sha, "counted": counted}
     environment.filters["file_name"] = lambda path: Path(path).name
-    environment.globals |= {"table": partial(Table, part), "figure": figure, "TO": numbers.TO}
+    environment.globals |= {"table": partial(PageTable, part), "figure": figure, "TO": numbers.TO}
     return environment
 
 

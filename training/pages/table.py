@@ -12,7 +12,7 @@ AMONG_NUMBERS: Final = ("", MISSING, "-", "never", "none")
 Cells = Sequence[Any]
 
 
-class Table:
+class PageTable:
     """Rows of cells under a head; in a template it stands for its HTML."""
 
     def __init__(

@@ -11,7 +11,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from training.recordings.recording import Recording
-from training.recordings.rows import hold
+from training.recordings.samples.rows import hold
 
 ROWS: Final = 32  # recordings that run side by side
 REMEMBERED: Final = 100  # free runs, the newest: the steps of a workflow ask for the same again

@@ -28,8 +28,8 @@ from monitor.grid.table_samples import in_range, table_block
 from monitor.grid.tables import DEFAULT_PERIOD_NS, Table, is_table, read_table, table_period_ns
 from monitor.grid.timeline import Timeline
 from monitor.model.card import TrainingRecording
-from training.recordings.measurement import is_measurement, read_measurement, union_of_times
-from training.recordings.table_files import write_table
+from training.recordings.files.measurement import is_measurement, read_measurement, union_of_times
+from training.recordings.files.table_files import write_table
 
 __all__ = ["Recording", "default_pairs", "load", "log_block", "sha256", "write_table"]
 

@@ -29,7 +29,7 @@ class Spectrum:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class SpectralLine:
     """A narrow peak over the smooth background."""
 
     low_hz: float
@@ -78,7 +78,9 @@ def background(density: FloatArray) -> FloatArray:
     return np.asarray(np.exp(ndimage.median_filter(np.log(floor), size, mode="mirror")))
 
 
-def find_lines(frequency_hz: FloatArray, density: FloatArray, averages: float) -> list[Line]:
+def find_lines(
+    frequency_hz: FloatArray, density: FloatArray, averages: float
+) -> list[SpectralLine]:
     """Return the narrow lines in one spectrum (f,), the strongest first.
 
     A bin belongs to a line if its ratio to the background is beyond what a chi-square with two
@@ -90,7 +92,7 @@ def find_lines(frequency_hz: FloatArray, density: FloatArray, averages: float) -
     first, last = LOWEST_BINS, len(ratio) - 3  # the last bins are folded and half as high
     limit, widened = _limit(ratio[first : last + 1], averages)
     step = float(frequency_hz[1])
-    lines: list[Line] = []
+    lines: list[SpectralLine] = []
     for peak in first + np.argsort(-ratio[first : last + 1]):
         low, high = _half(ratio, int(peak))
         if ratio[peak] <= limit:
@@ -104,7 +106,7 @@ def find_lines(frequency_hz: FloatArray, density: FloatArray, averages: float) -
             2.0 * averages * np.exp(ratio[peak] / widened), 2.0 * averages
         )
         lines.append(
-            Line(
+            SpectralLine(
                 low_hz=float(frequency_hz[low - 1]),
                 high_hz=float(frequency_hz[high + 1]),
                 peak_hz=float(frequency_hz[peak]),

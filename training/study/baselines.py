@@ -31,7 +31,7 @@ Figures = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class BaselineCase:
     """What the linear models are fitted to and judged on."""
 
     train: Sequence[Stretch]
@@ -76,7 +76,7 @@ def linear(
     usable = {role: _usable(each, inputs, role, skip) for role, each in roles.items()}
     data = triangle(usable["training"], skip, skip)
     learn, choose, judge = usable.values()
-    case = Case(learn, choose, judge, order, skip, data, arx.arx_delays(data, order))
+    case = BaselineCase(learn, choose, judge, order, skip, data, arx.arx_delays(data, order))
     found, orders = _arx_models(case)
     states, space = _state_space(case)
     error, starts = _output_error(case, states, found["arx_free_run"])
@@ -129,7 +129,7 @@ def _usable(
     return kept
 
 
-def _arx_models(case: Case) -> tuple[dict[str, Arx], Figures]:
+def _arx_models(case: BaselineCase) -> tuple[dict[str, Arx], Figures]:
     """Return four ARX models, chosen by four criteria, and the figures of the grid of orders."""
     data, order = case.data, case.order
     grid_delays, run_delays = (
@@ -150,7 +150,7 @@ def _arx_models(case: Case) -> tuple[dict[str, Arx], Figures]:
     return models, {"candidates": len(grid), "choices": orders, "parameters": counts, **envelope}
 
 
-def _state_space(case: Case) -> tuple[Sequence[StateSpace], Figures]:
+def _state_space(case: BaselineCase) -> tuple[Sequence[StateSpace], Figures]:
     """Return the state space models of all orders, and the figures with the best order."""
     found = subspace(case.data, case.skip, min(MAX_STATES, case.skip - 1))
     best, errors = best_state_space(found, case.validate, case.skip)
@@ -164,7 +164,7 @@ def _state_space(case: Case) -> tuple[Sequence[StateSpace], Figures]:
 
 
 def _output_error(
-    case: Case, states: Sequence[StateSpace], free: Arx
+    case: BaselineCase, states: Sequence[StateSpace], free: Arx
 ) -> tuple[LinearModel, Figures]:
     """Return the best output error model from many starts, and the figures of all starts."""
     data, none, wide = case.data, (0,) * case.data.n_inputs, min(12, case.order)
@@ -187,7 +187,7 @@ def _shape(model: Arx) -> Figures:
     return {"nf": len(model.a), "nb": model.b.shape[1], "nk": model.delays}
 
 
-def _impulse(case: Case, inputs: Sequence[str]) -> Figures:
+def _impulse(case: BaselineCase, inputs: Sequence[str]) -> Figures:
     samples = sum(len(y) for _, y in case.train)
     lags = max(5, min(IMPULSE_LAGS, samples // (20 * len(inputs))))
     found = impulse_response(case.train, lags)
@@ -209,7 +209,7 @@ def _impulse(case: Case, inputs: Sequence[str]) -> Figures:
     }
 
 
-def _scores(model: LinearModel, case: Case) -> Figures:
+def _scores(model: LinearModel, case: BaselineCase) -> Figures:
     """Return the fits of free run and one-step prediction; free-run fits are None if unstable."""
     y, held_out = (case.scored([y for _, y in each]) for each in (case.test, case.validate))
     one_step = case.scored([model.predict(u, y) for u, y in case.test])
@@ -233,7 +233,7 @@ def fit(measured: FloatArray, simulated: FloatArray) -> float | None:
 
 
 def _residuals(
-    models: Mapping[str, LinearModel], case: Case, inputs: Sequence[str]
+    models: Mapping[str, LinearModel], case: BaselineCase, inputs: Sequence[str]
 ) -> dict[str, Figures]:
     """Return the residual tests of all models on the test stretches.
 
@@ -249,7 +249,7 @@ def _residuals(
     return result
 
 
-def _example(models: Mapping[str, LinearModel], case: Case, period_s: float) -> Figures:
+def _example(models: Mapping[str, LinearModel], case: BaselineCase, period_s: float) -> Figures:
     """Return a lively excerpt of the test stretches with the free runs of the stable models."""
     skip, lengths = case.skip, [len(y) for _, y in case.test]
     length, begins = min(EXAMPLE, min(lengths) - skip), np.cumsum([0, *lengths])

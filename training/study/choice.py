@@ -20,10 +20,10 @@ from training.limits.decision_limits import MANY_WINDOWS, set_limits
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.model_file import held_out, write_model
 from training.narx.network import Spec, describe
-from training.narx.stability import CONTRACTION_SAMPLES, contraction
-from training.narx.stages import blocks_of, free_run, train
-from training.narx.starts import committee
-from training.recordings.preparation import Role
+from training.narx.search.stability import CONTRACTION_SAMPLES, contraction
+from training.narx.search.stages import blocks_of, free_run, train
+from training.narx.search.starts import committee
+from training.recordings.samples.preparation import Role
 from training.study.free_runs import FreeRun, judged_on
 from training.study.narx.models import SEED_STEP, spec_from
 from training.study.results import stored

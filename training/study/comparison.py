@@ -7,17 +7,17 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
-from training.recordings.linear_data import LinearData, Stretch, linear_stretches
 from training.recordings.metrics import correlation
-from training.recordings.preparation import Role
 from training.recordings.recording import Recording
-from training.recordings.rows import runs
+from training.recordings.samples.linear_data import LinearData, LinearStretch, linear_stretches
+from training.recordings.samples.preparation import Role
+from training.recordings.samples.rows import runs
 from training.study.baselines import fit, linear
 from training.study.choice import chosen
 from training.study.free_runs import FreeRun, judged_on
 from training.study.task import Parts, Task
 
-Cut = tuple[Sequence[Recording], list[Stretch]]  # recordings and their filtered stretches
+Cut = tuple[Sequence[Recording], list[LinearStretch]]  # recordings and their filtered stretches
 
 
 def baselines(task: Task, parts: Parts) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def _stretches(task: Task, band_hz: Sequence[float] | None) -> tuple[LinearData,
     cuts: dict[Role, Cut] = {}
     for role in Role:
         found = [
-            Stretch(p.recording, p.first + a, p.t_s[a:b], p.values[a:b])
+            LinearStretch(p.recording, p.first + a, p.t_s[a:b], p.values[a:b])
             for p in whole
             for a, b in runs(roles[p.recording][p.first : p.first + len(p.t_s)] == role)
         ]

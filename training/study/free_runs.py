@@ -9,11 +9,12 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units, to_model_units
-from training.narx import stages
 from training.narx.model_file import measures
 from training.narx.network import Spec
-from training.recordings.outliers import outlier_mask
-from training.recordings.preparation import (
+from training.narx.search import stages
+from training.recordings.recording import Recording
+from training.recordings.samples.outliers import outlier_mask
+from training.recordings.samples.preparation import (
     OTHER_WEIGHT,
     Prepared,
     Role,
@@ -21,8 +22,7 @@ from training.recordings.preparation import (
     Segment,
     enabled_rows,
 )
-from training.recordings.recording import Recording
-from training.recordings.rows import runs
+from training.recordings.samples.rows import runs
 from training.study.task import LAGS, Task
 
 WINDOW = 50  # samples, Model Based Diagnosis of Oxygen Sensors, section 2

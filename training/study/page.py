@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any, Final
 
 from training.limits.data_check import findings
-from training.narx.stability import CONTRACTION_SAMPLES
+from training.narx.search.stability import CONTRACTION_SAMPLES
 from training.pages.page import page, part
 from training.study import words
 from training.study.task import Parts

@@ -10,13 +10,13 @@ import numpy as np
 from monitor.base.files.manifest import source_of
 from monitor.base.signals import BY_NAME, plausible_range
 from monitor.base.types import FloatArray, Quality
-from training.recordings.linear_data import cleaned, linear_stretches, output_transform
-from training.recordings.outliers import outlier_mask
-from training.recordings.preparation import enabled_rows
 from training.recordings.recording import Recording
-from training.recordings.rows import runs
+from training.recordings.samples.linear_data import cleaned, linear_stretches, output_transform
+from training.recordings.samples.outliers import outlier_mask
+from training.recordings.samples.preparation import enabled_rows
+from training.recordings.samples.rows import runs
 from training.recordings.spectrum import (
-    Line,
+    SpectralLine,
     Spectrum,
     background,
     coherence_limit,
@@ -146,7 +146,7 @@ def _spectral(
     return spectrum, lines
 
 
-def _line(line: Line, found: Spectrum, names: Sequence[str], column: int) -> dict[str, Any]:
+def _line(line: SpectralLine, found: Spectrum, names: Sequence[str], column: int) -> dict[str, Any]:
     """Return a line as plain values, with its coherence to other signals and its kind."""
     at = int(np.argmin(np.abs(found.frequency_hz - line.peak_hz)))
     coherence = {n: round(float(c), 3) for n, c in zip(names, found.coherence[at], strict=True)}

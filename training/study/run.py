@@ -17,7 +17,7 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.outputs import write_text
 from training.limits.data_check.check import check
 from training.limits.data_check.findings import verdict
-from training.recordings.preparation import ENABLE_COLUMNS
+from training.recordings.samples.preparation import ENABLE_COLUMNS
 from training.study import choice, page
 from training.study.comparison import baselines, beside
 from training.study.narx.study import narx_study
@@ -35,7 +35,7 @@ USELESS = (RecordingError, UsageError)
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class StudyStep:
     """One part of the study: name in study.json, title and dependencies."""
 
     name: str
@@ -60,17 +60,19 @@ def _preparation(task: Task, _: Parts) -> dict[str, Any]:
 
 
 STEPS = (
-    Step("check", "is the data enough?", _check),
-    Step("preparation", "outliers, spectra, trends", _preparation),
-    Step("selection", "input selection", selection, skips=USELESS),
-    Step("linear", "linear baselines", baselines, "preparation", whole=True, skips=BAD_DATA),
-    Step("narx", "NARX study", narx_study, skips=BAD_DATA),
-    Step("free", "memory and size chosen by the data", choice.free_structure, skips=USELESS),
-    Step("choice", "choice", choice.choice, "narx free", whole=True),
-    Step("shipped", "model file and limits", choice.ship, "choice", whole=True),
-    Step("beside", "beside linear models", beside, "linear choice", whole=True),
-    Step("sensor", "model against sensor, healthy and faulty", against_sensor, "shipped", True),
-    Step("steady", "steady training, transient use", steady, whole=True, skips=BAD_DATA),
+    StudyStep("check", "is the data enough?", _check),
+    StudyStep("preparation", "outliers, spectra, trends", _preparation),
+    StudyStep("selection", "input selection", selection, skips=USELESS),
+    StudyStep("linear", "linear baselines", baselines, "preparation", whole=True, skips=BAD_DATA),
+    StudyStep("narx", "NARX study", narx_study, skips=BAD_DATA),
+    StudyStep("free", "memory and size chosen by the data", choice.free_structure, skips=USELESS),
+    StudyStep("choice", "choice", choice.choice, "narx free", whole=True),
+    StudyStep("shipped", "model file and limits", choice.ship, "choice", whole=True),
+    StudyStep("beside", "beside linear models", beside, "linear choice", whole=True),
+    StudyStep(
+        "sensor", "model against sensor, healthy and faulty", against_sensor, "shipped", True
+    ),
+    StudyStep("steady", "steady training, transient use", steady, whole=True, skips=BAD_DATA),
 )
 
 
@@ -104,7 +106,7 @@ def study(task: Task, say: Callable[[str], None]) -> dict[str, Any]:
     return result
 
 
-def _done(task: Task, step: Step, parts: Parts) -> tuple[dict[str, Any], bool]:
+def _done(task: Task, step: StudyStep, parts: Parts) -> tuple[dict[str, Any], bool]:
     """Return the step's result, and whether it was read from its file."""
     path = task.folder / f"{step.name}.json"
     seed = f"{VERSION} {__version__} {step.name} {task.digest(whole=step.whole)}"

@@ -17,9 +17,9 @@ from monitor.base.faults import resolve
 from monitor.base.files import manifest
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
-from training.recordings.preparation import Prepared, Role
 from training.recordings.recording import Recording
-from training.recordings.rows import runs
+from training.recordings.samples.preparation import Prepared, Role
+from training.recordings.samples.rows import runs
 from training.study.choice import chosen
 from training.study.free_runs import WINDOW, FreeRun, as_in_use, judged_on, scaled_as, thinned
 from training.study.task import Parts, Task, source

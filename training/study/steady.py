@@ -15,8 +15,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from monitor.base.errors import RecordingError
 from training.jobs.json_tree import plain
 from training.narx.network import Spec
-from training.recordings.preparation import Prepared, Role, prepare
 from training.recordings.recording import Recording
+from training.recordings.samples.preparation import Prepared, Role, prepare
 from training.study.free_runs import FreeRun, judged_on, liveliest
 from training.study.narx.models import SEED_STEP, Start, thin, trained
 from training.study.task import LAGS, Parts, Task, source

@@ -12,9 +12,9 @@ import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import source_of
-from training.recordings.preparation import Prepared, prepare
 from training.recordings.recording import Recording
-from training.study.narx.candidates import CANDIDATES, Candidate
+from training.recordings.samples.preparation import Prepared, prepare
+from training.study.narx.candidates import CANDIDATES, ModelCandidate
 
 Parts = dict[str, Any]  # results of the steps by their names
 LAGS = 5  # samples, from the paper; stretches below 8 times the lags are left out, as in ``fit``
@@ -56,7 +56,7 @@ class Task:
         )
 
     @property
-    def models(self) -> tuple[Candidate, ...]:
+    def models(self) -> tuple[ModelCandidate, ...]:
         """The models of the NARX study to train."""
         wanted = self.settings.models
         return tuple(c for c in CANDIDATES if c.number in wanted or not wanted)

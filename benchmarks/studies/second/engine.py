@@ -16,7 +16,7 @@ from monitor.base.faults import DRIFT_S, HOLD_EVERY_S, Fault
 from monitor.base.signals import OUTPUT
 from monitor.base.types import FloatArray
 from training.greybox.fit import drive as drives
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 
 STEP_S = 0.01
 PERIOD_S = 0.1
@@ -156,7 +156,7 @@ def drive(
     length_s: float = LENGTH_S,
     form: Form = FORM,
     outside: Callable[["Car"], "Outside"] | None = None,
-) -> Drive:
+) -> ChainDrive:
     """Return a drive of one vehicle at 10 Hz.
 
     outside : what an effect that no field of ``Hidden`` has does to the mixture

@@ -33,7 +33,7 @@ from monitor.base import config
 from monitor.base.errors import RecordingError
 from monitor.base.signals import NARX_INPUTS, OUTPUT
 from monitor.base.types import FloatArray
-from training.gap.inputs.roles import FAULTS, Material, Options
+from training.gap.inputs.roles import FAULTS, GapOptions, Material
 from training.gap.result import Result
 from training.gap.verify.evidence import Detection, Verification
 from training.gap.workflow import investigate
@@ -141,7 +141,7 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> dict[str, Any]:
             fit_base(study.base, [recordings[i] for i in seen], model)
             fit_base(study.base, [nothing[i] for i in seen], reference)
         material = Material(model, recordings, vehicle.healthy)
-        options = Options(
+        options = GapOptions(
             2 if case.kind == "two" else 1,
             study.sensor_known_good,
             ADD,

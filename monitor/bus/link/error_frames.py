@@ -21,7 +21,7 @@ class ErrorClass(IntFlag):
     RESTARTED = 0x100
 
 
-class Controller(IntFlag):
+class CanController(IntFlag):
     """Bits of byte 1: the controller's state."""
 
     RX_OVERFLOW = 0x01
@@ -48,21 +48,21 @@ def error_frame(can_id: int, data: bytes) -> ErrorFrame:
     can_id : identifier without flags
     data : bytes of the frame; missing bytes count as 0
     """
-    about = Controller(data[1]) if len(data) > 1 and can_id & ErrorClass.CONTROLLER else None
+    about = CanController(data[1]) if len(data) > 1 and can_id & ErrorClass.CONTROLLER else None
     return ErrorFrame(
         _state(ErrorClass(can_id & 0x1FF), about),
-        about is not None and bool(about & Controller.RX_OVERFLOW),
+        about is not None and bool(about & CanController.RX_OVERFLOW),
         bool(can_id & ErrorClass.NO_ACKNOWLEDGE),
     )
 
 
-def _state(kind: ErrorClass, about: Controller | None) -> State | None:
+def _state(kind: ErrorClass, about: CanController | None) -> State | None:
     if kind & ErrorClass.BUS_OFF:
         return "bus off"
-    if about is not None and about & (Controller.RX_PASSIVE | Controller.TX_PASSIVE):
+    if about is not None and about & (CanController.RX_PASSIVE | CanController.TX_PASSIVE):
         return "passive"
-    if about is not None and about & (Controller.RX_WARNING | Controller.TX_WARNING):
+    if about is not None and about & (CanController.RX_WARNING | CanController.TX_WARNING):
         return "warning"
-    if kind & ErrorClass.RESTARTED or (about is not None and about & Controller.ACTIVE):
+    if kind & ErrorClass.RESTARTED or (about is not None and about & CanController.ACTIVE):
         return "active"
     return None

@@ -110,35 +110,35 @@ class Page:
             method, path, headers = parsed(head.decode("latin-1"))
             answer = self.answer(method, path, headers)
         except (asyncio.LimitOverrunError, ValueError):
-            answer = Answer(HTTPStatus.BAD_REQUEST, b"This is no request.\n")
+            answer = PageAnswer(HTTPStatus.BAD_REQUEST, b"This is no request.\n")
         await self._send(writer, answer.head + (b"" if method == "HEAD" else answer.body))
         if answer.is_stream and method == "GET":
             await self._stream(reader, writer)
 
-    def answer(self, method: str, path: str, headers: Mapping[str, str]) -> "Answer":
+    def answer(self, method: str, path: str, headers: Mapping[str, str]) -> "PageAnswer":
         """Return the answer to a request; names of headers are in small letters."""
         if refusal := self._refusal(method, path, headers):
             return refusal
         if path in self._bodies:
             kind = _TYPES[PurePath(FILES[path]).suffix]
-            return Answer(HTTPStatus.OK, self._bodies[path], kind)
+            return PageAnswer(HTTPStatus.OK, self._bodies[path], kind)
         if path != EVENTS:
-            return Answer(HTTPStatus.NOT_FOUND, b"Not found.\n")
+            return PageAnswer(HTTPStatus.NOT_FOUND, b"Not found.\n")
         if method == "GET" and self._hub.streams >= STREAMS:
             text, later = b"%d browsers watch already.\n" % STREAMS, {"Retry-After": "10"}
-            return Answer(HTTPStatus.SERVICE_UNAVAILABLE, text, more=later)
-        return Answer(HTTPStatus.OK, b"retry: 1000\n\n", _STREAM)
+            return PageAnswer(HTTPStatus.SERVICE_UNAVAILABLE, text, more=later)
+        return PageAnswer(HTTPStatus.OK, b"retry: 1000\n\n", _STREAM)
 
-    def _refusal(self, method: str, path: str, headers: Mapping[str, str]) -> "Answer | None":
+    def _refusal(self, method: str, path: str, headers: Mapping[str, str]) -> "PageAnswer | None":
         if not self._may_ask(headers.get("host", "")):
             text = b"This page is not served under that name.\n"
-            return Answer(HTTPStatus.MISDIRECTED_REQUEST, text)
+            return PageAnswer(HTTPStatus.MISDIRECTED_REQUEST, text)
         if method not in METHODS:
             allow = {"Allow": ", ".join(METHODS)}
-            return Answer(HTTPStatus.METHOD_NOT_ALLOWED, b"Read only.\n", more=allow)
+            return PageAnswer(HTTPStatus.METHOD_NOT_ALLOWED, b"Read only.\n", more=allow)
         # another site's page cannot read this one, but it could occupy all its streams
         if path == EVENTS and headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
-            return Answer(HTTPStatus.FORBIDDEN, b"Not from another site.\n")
+            return PageAnswer(HTTPStatus.FORBIDDEN, b"Not from another site.\n")
         return None
 
     async def _stream(self, reader: StreamReader, writer: StreamWriter) -> None:
@@ -166,7 +166,7 @@ class Page:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class PageAnswer:
     """One answer; that of a stream has no end."""
 
     status: HTTPStatus

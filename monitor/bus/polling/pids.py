@@ -22,7 +22,7 @@ BITMAP_BYTES: Final = 4  # next 32 PIDs are supported, SAE J1979
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class ObdParameter:
     """One request item, which carries one or several mapped signals."""
 
     pids: tuple[int, ...]  # alternatives; the first supported one is used
@@ -30,7 +30,7 @@ class Parameter:
     timeout_s: float  # shortest timeout of its signals
 
 
-def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[Parameter, ...]:
+def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[ObdParameter, ...]:
     """Return the parameters that carry ``names``, in the map's order.
 
     names : canonical names of the map; signals of other messages are left out
@@ -49,7 +49,7 @@ def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[Parameter, ...]:
             f"message 0x{ANSWER_ID:X} are wanted, as in obd2.dbc and obd2.toml"
         )
     return tuple(
-        Parameter(
+        ObdParameter(
             pids,
             tuple(c.mapped.name for c in group),
             min(c.mapped.timeout_s for c in group),
@@ -58,7 +58,7 @@ def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[Parameter, ...]:
     )
 
 
-def lengths(bus_map: BusMap, parameters: Iterable[Parameter]) -> Mapping[int, int]:
+def lengths(bus_map: BusMap, parameters: Iterable[ObdParameter]) -> Mapping[int, int]:
     """Return the number of data bytes of each PID, bitmaps included."""
     n_bytes = dict.fromkeys(BITMAPS, BITMAP_BYTES)
     asked = {pid for parameter in parameters for pid in parameter.pids}
@@ -70,7 +70,7 @@ def lengths(bus_map: BusMap, parameters: Iterable[Parameter]) -> Mapping[int, in
     return n_bytes
 
 
-def interval_s(parameters: Sequence[Parameter], rate_hz: float, at_once: int = 6) -> float:
+def interval_s(parameters: Sequence[ObdParameter], rate_hz: float, at_once: int = 6) -> float:
     """Return the approximate interval in s at which polling brings the fastest signals.
 
     rate_hz : requests per second, each with ``at_once`` PIDs

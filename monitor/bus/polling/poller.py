@@ -25,7 +25,7 @@ from monitor.bus.polling.answer import (
     request_of,
     values_of,
 )
-from monitor.bus.polling.pids import ANSWER_ID, Parameter
+from monitor.bus.polling.pids import ANSWER_ID, ObdParameter
 from monitor.bus.polling.schedule import Schedule
 from monitor.pipeline.events import Event
 
@@ -63,7 +63,7 @@ class ObdPoller:
 
     def __init__(
         self,
-        parameters: Sequence[Parameter],
+        parameters: Sequence[ObdParameter],
         lengths: Mapping[int, int],
         *,
         addresses: Sequence[EcuAddress] = ADDRESSES,

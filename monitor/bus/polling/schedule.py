@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from monitor.bus.polling.answer import supported
-from monitor.bus.polling.pids import BITMAPS, Parameter
+from monitor.bus.polling.pids import BITMAPS, ObdParameter
 
 MOST_PIDS: Final = 6  # per request, SAE J1979
 TRY_AGAIN: Final = 60  # answers to single PIDs after which several are requested again
@@ -23,7 +23,7 @@ class Schedule:
     """
 
     def __init__(
-        self, parameters: Sequence[Parameter], say: Callable[[str], None] = lambda _: None
+        self, parameters: Sequence[ObdParameter], say: Callable[[str], None] = lambda _: None
     ) -> None:
         self._parameters, self._say = tuple(parameters), say
         self._highest = max(pid for parameter in parameters for pid in parameter.pids)

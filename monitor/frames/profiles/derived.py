@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from monitor.base.types import FloatArray
-from monitor.frames.profiles.profile import Engine
+from monitor.frames.profiles.profile import ProfileEngine
 
 VOLTAGE_RATED_V: Final = 14.0
 SPEED_LEAST_RPM: Final = 50.0  # below it the engine stands, and a mass per stroke means nothing
@@ -29,19 +29,19 @@ class Derivation(NamedTuple):
 
     name: str
     sources: tuple[str, ...]
-    formula: Callable[[Signals, Engine], FloatArray]
+    formula: Callable[[Signals, ProfileEngine], FloatArray]
     in_words: str
 
 
-def _controller(s: Signals, _: Engine) -> FloatArray:
+def _controller(s: Signals, _: ProfileEngine) -> FloatArray:
     return 1.0 + s["lambda_correction_percent"] / 100.0
 
 
-def _correction(s: Signals, _: Engine) -> FloatArray:
+def _correction(s: Signals, _: ProfileEngine) -> FloatArray:
     return 100.0 * (s["lambda_controller"] - 1.0)
 
 
-def _no_fuel(s: Signals, engine: Engine) -> FloatArray:
+def _no_fuel(s: Signals, engine: ProfileEngine) -> FloatArray:
     """Return 1 while the injectors stay shut at speed; without a pulse width in an overrun.
 
     A pulse width above 0 says that fuel comes, whatever the pressure.
@@ -58,15 +58,15 @@ def _no_fuel(s: Signals, engine: Engine) -> FloatArray:
     return np.where(known, cut.astype(np.float64), np.nan)
 
 
-def _air_of_meter(s: Signals, engine: Engine) -> FloatArray:
+def _air_of_meter(s: Signals, engine: ProfileEngine) -> FloatArray:
     return s["maf_kg_h"] * 1e6 / 60.0 / (_speed(s) * engine.cylinders / 2.0)
 
 
-def _air_of_load(s: Signals, engine: Engine) -> FloatArray:
+def _air_of_load(s: Signals, engine: ProfileEngine) -> FloatArray:
     return s["load_g_per_rev"] * 1000.0 * 2.0 / engine.cylinders
 
 
-def _fuel_of_pulse(s: Signals, engine: Engine) -> FloatArray:
+def _fuel_of_pulse(s: Signals, engine: ProfileEngine) -> FloatArray:
     dead_ms = np.full(len(s["injector_pulse_width_ms"]), engine.injector_dead_time_ms)
     if "battery_voltage_v" in s:
         below_v = VOLTAGE_RATED_V - s["battery_voltage_v"]
@@ -107,7 +107,7 @@ class Made(NamedTuple):
     in_words: str
 
 
-def derive(signals: Signals, engine: Engine) -> list[Made]:
+def derive(signals: Signals, engine: ProfileEngine) -> list[Made]:
     """Return the signals that can be derived and are not there; (n,) each, NaN where unknown."""
     there, made = dict(signals), list[Made]()
     for each in DERIVATIONS:

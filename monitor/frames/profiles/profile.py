@@ -68,7 +68,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Engine:
+class ProfileEngine:
     """Data of the engine, for signals that no column has; the model's gain absorbs their error."""
 
     cylinders: int = 4
@@ -97,7 +97,7 @@ class Profile:
     time: tuple[Source, ...] = ()
     recognise: tuple[Recognition, ...] = ()
     signals: Mapping[str, tuple[Source, ...]] = field(default_factory=dict)
-    engine: Engine = field(default_factory=Engine)
+    engine: ProfileEngine = field(default_factory=ProfileEngine)
     file: Path | None = field(default=None, compare=False)
 
 
@@ -165,7 +165,7 @@ def tree_of(profile: Profile) -> dict[str, Any]:
             name: [_source_tree(source) for source in sources]
             for name, sources in profile.signals.items()
         },
-        "engine": {each.name: getattr(profile.engine, each.name) for each in fields(Engine)},
+        "engine": {each.name: getattr(profile.engine, each.name) for each in fields(ProfileEngine)},
     }
 
 
@@ -273,8 +273,8 @@ class _ProfileReader:
     def _numbers(self, key: str, given: Any) -> tuple[float, ...]:
         return tuple(self._number(key, each) for each in _listed(given))
 
-    def _engine(self, given: Mapping[str, Any], base: Engine) -> Engine:
-        self._keys("[engine]", given, {each.name for each in fields(Engine)})
+    def _engine(self, given: Mapping[str, Any], base: ProfileEngine) -> ProfileEngine:
+        self._keys("[engine]", given, {each.name for each in fields(ProfileEngine)})
         values = {name: self._number(f"[engine] {name}", value) for name, value in given.items()}
         for name in ("cylinders", "injector_mg_per_ms"):
             if not values.get(name, 1.0) > 0.0:

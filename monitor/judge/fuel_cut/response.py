@@ -27,7 +27,7 @@ RISE_PER_LAG: Final = math.log(4.0)  # of a first-order lag, from 20 to 80 % of 
 
 
 @dataclass(frozen=True, slots=True)
-class Healthy:
+class HealthyCuts:
     """What healthy drives show of one quantity, measured less predicted; of the level, its phi."""
 
     mean: float
@@ -39,7 +39,7 @@ class Healthy:
 class FuelCutReference:
     """What the fuel cuts of healthy drives show."""
 
-    healthy: Mapping[str, Healthy] = field(default_factory=dict)  # by quantity
+    healthy: Mapping[str, HealthyCuts] = field(default_factory=dict)  # by quantity
     is_clipped: bool = False  # the level is the end of the reading's range
     pressure: AirPressure | None = None  # how the level depends on it; None if it was not known
 
@@ -57,7 +57,7 @@ class FuelCutReference:
             return None
         try:
             healthy = {
-                name: Healthy(*(float(each[key]) for key in ("mean", "std", "drive_std")))
+                name: HealthyCuts(*(float(each[key]) for key in ("mean", "std", "drive_std")))
                 for name, each in data["healthy"].items()
             }
             is_clipped = bool(data["is_clipped"])
@@ -76,7 +76,7 @@ class FuelCutReference:
         return cls(healthy, is_clipped, pressure)
 
 
-class Finding(NamedTuple):
+class CutFinding(NamedTuple):
     """One quantity of a drive's latest fuel cuts; the level is in the output's unit."""
 
     cuts: int
@@ -126,7 +126,7 @@ class FuelCutResponse:
             return False
         return level.measured - end.mean <= self._resolution
 
-    def findings(self) -> dict[str, Finding]:
+    def findings(self) -> dict[str, CutFinding]:
         """Return the findings by quantity."""
         shown = [name for name in QUANTITIES if name in self._latest]
         return {name: self._finding(name) for name in shown if name != LEVEL or self._shows_level}
@@ -149,7 +149,7 @@ class FuelCutResponse:
         gain = (1.0 - fmean(each.measured for each in latest)) / span
         return gain, math.hypot(_std(healthy, len(latest)) / span, spread)
 
-    def _span(self, healthy: Healthy) -> tuple[float, float]:
+    def _span(self, healthy: HealthyCuts) -> tuple[float, float]:
         """Return the span of a healthy reading at the drive's pressure, its relative spread."""
         span, kpa = 1.0 - healthy.mean, fmean(self._pressures_kpa)
         pressure, spread = self._reference.pressure, self._config.pressure_spread
@@ -190,14 +190,14 @@ class FuelCutResponse:
             if each.low is not None and each.high is not None:
                 yield TestResult(TEST, name, each.measured, each.low, each.high)
 
-    def _finding(self, name: str) -> Finding:
+    def _finding(self, name: str) -> CutFinding:
         latest = self._latest[name]
         measured, predicted = (fmean(values) for values in zip(*latest, strict=True))
         healthy = self._reference.healthy.get(name)
         if name == LEVEL:
             return self._level(measured, predicted)
         if healthy is None:
-            return Finding(len(latest), measured, predicted, None, None, "inconclusive")
+            return CutFinding(len(latest), measured, predicted, None, None, "inconclusive")
         limit = self._limit(name)
         beyond, std = measured - predicted - healthy.mean, _std(healthy, len(latest))
         verdict: Outcome = "inconclusive"
@@ -206,7 +206,7 @@ class FuelCutResponse:
         elif beyond < limit - self._z_pass * std:
             verdict = "passed"
         high = predicted + healthy.mean + limit
-        return Finding(len(latest), measured, predicted, 0.0, high, verdict, std)
+        return CutFinding(len(latest), measured, predicted, 0.0, high, verdict, std)
 
     def _limit(self, name: str) -> float:
         """Return how much later or slower than in healthy drives an edge may be, in s."""
@@ -214,11 +214,11 @@ class FuelCutResponse:
             return self._response.delay_limit_s
         return RISE_PER_LAG * self._response.lag_limit_s
 
-    def _level(self, measured: float, predicted: float) -> Finding:
+    def _level(self, measured: float, predicted: float) -> CutFinding:
         n, own = len(self._latest[LEVEL]), self.gain
         shown = self._shown(measured), self._shown(predicted)
         if own is None:
-            return Finding(n, *shown, None, None, "inconclusive")
+            return CutFinding(n, *shown, None, None, "inconclusive")
         (gain, std), config = own, self._response
         verdict: Outcome = "inconclusive"
         if gain <= config.gain_weak_max and 1.0 - gain > self._z_fail * std:
@@ -230,7 +230,7 @@ class FuelCutResponse:
             self._shown(1.0 - each * span) for each in (config.gain_weak_max, config.gain_max)
         )
         shown_std = std * span * (shown[0] ** 2 if self._is_phi else 1.0)
-        return Finding(n, *shown, low, high, verdict, shown_std)
+        return CutFinding(n, *shown, low, high, verdict, shown_std)
 
     def _shown(self, level: float) -> float:
         """Return a level in the output's unit."""
@@ -241,6 +241,6 @@ _KINDS: Final = (("slow", "rise"), ("delay", "delay"))
 _LEAST_PHI: Final = 1.0 / 16.0  # of a lambda that is told
 
 
-def _std(healthy: Healthy, n: int) -> float:
+def _std(healthy: HealthyCuts, n: int) -> float:
     """Return the standard deviation of the mean of n cuts of a healthy drive."""
     return math.hypot(healthy.drive_std, healthy.std / math.sqrt(n))

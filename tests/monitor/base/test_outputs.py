@@ -145,8 +145,8 @@ ALLOWED = {
     "training/fleet/chunk_rows.py",
     "training/narx/export.py",
     "training/pages/figure.py",
-    "training/recordings/table_files.py",
-    "training/recordings/mf4_log.py",
+    "training/recordings/files/table_files.py",
+    "training/recordings/files/mf4_log.py",
 }
 
 

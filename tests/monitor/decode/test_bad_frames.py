@@ -15,7 +15,7 @@ from monitor.frames.logs import read_frames
 from tests.helpers.bad_logs import FUEL_ID, LAMBDA_ID, block, write_minute
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.recordings.can_log import write_log
+from training.recordings.files.can_log import write_log
 
 
 @pytest.fixture(scope="module")

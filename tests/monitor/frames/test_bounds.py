@@ -21,7 +21,7 @@ from monitor.frames.candump import LogCounters
 from monitor.frames.log_blocks import read_blocks
 from tests.helpers.bad_logs import block
 from tests.helpers.read_outcome import outcome, streamed
-from training.recordings.mf4_log import write_mf4
+from training.recordings.files.mf4_log import write_mf4
 
 FRAME = {
     ".log": "(1.000000) vcan0 123#0102\n",

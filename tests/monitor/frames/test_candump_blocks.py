@@ -18,7 +18,7 @@ from monitor.frames.logs import guarded
 from monitor.frames.text.lines import MARGIN
 from tests.helpers.examples import inputs
 from tests.helpers.read_outcome import Outcome, frames_of, outcome, streamed, synthetic
-from training.recordings.can_log import write_log
+from training.recordings.files.can_log import write_log
 
 
 def in_chunks(path: Path, chunk_bytes: int) -> Outcome:

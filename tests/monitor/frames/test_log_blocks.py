@@ -20,7 +20,7 @@ from monitor.frames.logs import frame_of
 from tests.conftest import ROOT
 from tests.helpers.examples import inputs
 from tests.helpers.read_outcome import START_NS, python_can_reads, read_at_once, streamed, synthetic
-from training.recordings.can_log import broadcast, write_log
+from training.recordings.files.can_log import broadcast, write_log
 
 
 def by_python_can(path: Path) -> list[Frame]:

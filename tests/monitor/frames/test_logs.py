@@ -17,7 +17,7 @@ from monitor.frames.logs import read_frames
 from monitor.grid.table_samples import table_samples
 from monitor.grid.tables import is_table, read_table
 from tests.conftest import ROOT
-from training.recordings.can_log import FrameBlock, broadcast, write_log
+from training.recordings.files.can_log import FrameBlock, broadcast, write_log
 
 SUFFIXES = [".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".csv", ".csv.gz", ".trc", ".mf4"]
 START_NS = 1_700_000_000_123_456_000

@@ -9,19 +9,19 @@ from monitor.base.config import shipped
 from monitor.base.faults import lag_step
 from monitor.base.types import FloatArray
 from monitor.judge.fuel_cut.cuts import LEVEL, Cut, CutReading, FuelCuts, Stretch, cuts_of
-from monitor.judge.fuel_cut.response import FuelCutReference, FuelCutResponse, Healthy
-from training.limits.fuel_cuts import reference_of
+from monitor.judge.fuel_cut.response import FuelCutReference, FuelCutResponse, HealthyCuts
+from training.limits.response.fuel_cuts import reference_of
 
 CONFIG, PERIOD_S = shipped(), 0.1
 LEAST = 0.05  # phi
 AIR = 0.62  # phi that this sensor reads in air
 REFERENCE = FuelCutReference(
     {
-        "delay_rich_to_lean_s": Healthy(0.0, 0.02, 0.03),
-        "rise_rich_to_lean_s": Healthy(0.0, 0.02, 0.03),
-        "delay_lean_to_rich_s": Healthy(0.0, 0.02, 0.03),
-        "rise_lean_to_rich_s": Healthy(0.0, 0.02, 0.03),
-        LEVEL: Healthy(AIR, 0.005, 0.005),
+        "delay_rich_to_lean_s": HealthyCuts(0.0, 0.02, 0.03),
+        "rise_rich_to_lean_s": HealthyCuts(0.0, 0.02, 0.03),
+        "delay_lean_to_rich_s": HealthyCuts(0.0, 0.02, 0.03),
+        "rise_lean_to_rich_s": HealthyCuts(0.0, 0.02, 0.03),
+        LEVEL: HealthyCuts(AIR, 0.005, 0.005),
     }
 )
 
@@ -134,7 +134,7 @@ def test_without_healthy_drives_all_is_measured_and_nothing_judged() -> None:
 
 def test_a_clipped_reading_shows_no_level_and_one_below_it_the_most_that_the_gain_can_be() -> None:
     clipped = replace(
-        REFERENCE, healthy={**REFERENCE.healthy, LEVEL: Healthy(AIR, 0.0, 0.0)}, is_clipped=True
+        REFERENCE, healthy={**REFERENCE.healthy, LEVEL: HealthyCuts(AIR, 0.0, 0.0)}, is_clipped=True
     )
     at_end = judged(Cut(0, {LEVEL: CutReading(AIR, 0.0)}), reference=clipped)
     assert at_end.gain is None

@@ -20,7 +20,7 @@ from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.bank import readings
-from training.limits.region import region_of
+from training.limits.response.region import region_of
 
 CONFIG = config.load()
 BANK = build(CONFIG.response)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from monitor.base import config
 from monitor.base.types import Quality
 from monitor.memory.cycles import SIGNALS, Cycles
-from monitor.pipeline.frames import block_of
 from tests.helpers.stretches import (
     CONFIG,
     DRIVE,
@@ -22,6 +21,7 @@ from tests.helpers.stretches import (
     STAND,
     START,
     Stretch,
+    block_of,
     lasting,
     samples,
 )

@@ -17,8 +17,8 @@ from monitor.model.step import Model, from_model_units, to_model_units
 from training.narx.export import Network, build, file_content, save, update_card
 from training.narx.network import Spec, initial_weights, simulate
 from training.narx.parity import parity
-from training.recordings.scaling import Scaling
-from training.recordings.transforms import apply, fuel_air_ratio
+from training.recordings.samples.scaling import Scaling
+from training.recordings.samples.transforms import apply, fuel_air_ratio
 
 INPUTS = ("air_mass_mg", "fuel_mass_mg", "lambda_controller")
 LOW, HIGH = np.array([50.0, 0.0, 0.8]), np.array([600.0, 60.0, 1.2])

@@ -24,7 +24,7 @@ from tests.helpers.examples import inputs
 from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
 from training.narx.export import Network, save
 from training.narx.network import Spec, initial_weights
-from training.recordings.scaling import Scaling
+from training.recordings.samples.scaling import Scaling
 
 INPUTS = ("air_mass_mg", "lambda_controller")
 NAMES = (*INPUTS, "lambda_measured", *enable.SIGNALS)

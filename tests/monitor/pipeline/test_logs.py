@@ -37,7 +37,7 @@ from monitor.pipeline.replay import Setup, replay, set_up, shipped_model
 from tests.conftest import ROOT
 from tests.helpers.batch_logs import ECU, S, logs
 from tests.helpers.examples import inputs
-from training.recordings.table_files import write_table
+from training.recordings.files.table_files import write_table
 
 MODEL = Model.load(shipped_model())
 SETTINGS = config.load()

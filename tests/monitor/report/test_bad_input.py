@@ -16,7 +16,7 @@ from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from tests.helpers.bad_logs import block, write_minute
-from training.recordings.can_log import write_log
+from training.recordings.files.can_log import write_log
 
 
 @pytest.fixture(scope="module")

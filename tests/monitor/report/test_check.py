@@ -11,7 +11,7 @@ from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.frames.blocks import block_of
 from monitor.report.check import CheckResult, SignalSeen
 from monitor.report.check import check as check_blocks
-from training.recordings.can_log import broadcast
+from training.recordings.files.can_log import broadcast
 
 BUS_MAP = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 SECONDS = 2.0

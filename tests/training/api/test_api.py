@@ -14,7 +14,7 @@ from training import estimate_tables, evaluate, find_gap, fit, load_recordings
 from training.cli import main
 from training.healthy import new_model
 from training.limits.decision_limits import MANY_WINDOWS
-from training.recordings.table_files import write_table
+from training.recordings.files.table_files import write_table
 
 INPUTS = ("fuel", "air")
 QUICK = {"lags": 3, "hidden": (4,), "starts": 1, "budget_minutes": 3.0, "threads": 1}

@@ -227,7 +227,7 @@ def cruise(seed: int, line: bool) -> tuple[FloatArray, FloatArray, float]:
     n = round((STEADY_S + SETTLE_S) / STEP_S)
     speed = np.minimum(np.arange(n) * STEP_S, 70.0 / 3.6)
     gear = np.select([speed < 0.3, speed < 4.0, speed < 7.0], [0, 1, 2], 5)
-    trace = cycles.Trace(speed, gear.astype(np.int64), np.zeros(n), np.zeros(n))
+    trace = cycles.SpeedTrace(speed, gear.astype(np.int64), np.zeros(n), np.zeros(n))
     c = vehicle.conditions(seed)._replace(coolant_start_degc=85.0)
     c = c if line else c._replace(line_phi=0.0)
     air = drive.run(trace, vehicle.piece(1), c, Effects(), np.random.default_rng(seed))

@@ -14,7 +14,7 @@ import pytest
 from monitor.base.errors import UsageError
 from training.cli import main
 from training.cli.share_bar import Share
-from training.dyno.engine import Layout, dead_time_ms, engine
+from training.dyno.engine import EngineLayout, dead_time_ms, engine
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.ecu_tables.config import defaults
@@ -23,7 +23,7 @@ from training.ecu_tables.files import csv, tuner_studio
 from training.ecu_tables.fit import fit
 from training.ecu_tables.msq import read_axes
 from training.ecu_tables.parameters import Parameters, point_of
-from training.ecu_tables.prediction import Case, air_mg, reading, sensitivities
+from training.ecu_tables.prediction import PredictionCase, air_mg, reading, sensitivities
 from training.ecu_tables.signals import Air, subject_of
 from training.ecu_tables.tables import _table, tables
 from training.recordings.ecu_table import EcuTable, axes_of
@@ -96,7 +96,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
         vehicle=3,
         seed=4,
         duration_s=150.0,
-        layout=Layout("port", "speed_density"),
+        layout=EngineLayout("port", "speed_density"),
     )
     return write(experiment, tmp_path_factory.mktemp("drive"), "csv", 0.05)
 
@@ -107,7 +107,7 @@ def test_the_sensitivities_are_the_derivatives_of_the_reading(drive: Path) -> No
     p = Parameters(subject, grid_over([d.rpm], [d.load]))
     x = p.mean() + 0.05 * np.random.default_rng(1).standard_normal(p.size)
     x[p.at["flow"]] = 1.5
-    case = Case.of(d, p)
+    case = PredictionCase.of(d, p)
     base, slopes = sensitivities(p, x, case)
     np.testing.assert_allclose(base, reading(p, x, case))
     for k in (*range(19), *(p.at[name].start + 7 for name in ("delay", "lag", "share", "tau"))):
@@ -123,7 +123,7 @@ def test_the_charge_behind_an_air_meter_is_free_of_its_lag_and_of_the_manifolds_
     tmp_path: Path,
 ) -> None:
     # GIVEN a charge that swings once a second, seen by a meter with a lag of 30 ms
-    layout = Layout("port", "maf")
+    layout = EngineLayout("port", "maf")
     experiment = Experiment(cycle="micro_trips", duration_s=20.0, layout=layout)
     subject = subject_of([load(write(experiment, tmp_path, "csv", 0.05))])
     d = subject.drives[0]
@@ -200,7 +200,7 @@ def test_a_file_gets_lines_with_share_time_left_and_the_best_error_so_far() -> N
 
 def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) -> None:
     experiment = Experiment(
-        cycle="micro_trips", duration_s=30.0, layout=Layout("port", "speed_density")
+        cycle="micro_trips", duration_s=30.0, layout=EngineLayout("port", "speed_density")
     )
     recording = load(write(experiment, tmp_path, "csv", 0.05))
     four = subject_of([recording], displacement_l=2.0).drives[0]
@@ -212,7 +212,7 @@ def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) ->
 
 def test_a_charge_of_a_moment_ago_is_fitted(tmp_path: Path) -> None:
     # GIVEN a pressure that rises by 20 % per second, read 10 ms after the charge it stands for
-    layout = Layout("port", "speed_density")
+    layout = EngineLayout("port", "speed_density")
     experiment = Experiment(cycle="micro_trips", duration_s=30.0, layout=layout)
     subject = subject_of([load(write(experiment, tmp_path, "csv", 0.05))])
     d = subject.drives[0]
@@ -228,7 +228,7 @@ def test_a_charge_of_a_moment_ago_is_fitted(tmp_path: Path) -> None:
 
 def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
     # GIVEN a car whose drive is explained nearly as well by a wet wall and a long dead time
-    layout = Layout("direct", "speed_density")
+    layout = EngineLayout("direct", "speed_density")
     experiment = Experiment(
         cycle="micro_trips", vehicle=216, seed=21600, duration_s=200.0, layout=layout
     )

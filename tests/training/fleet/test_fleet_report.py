@@ -14,10 +14,10 @@ from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.pipeline.replay import shipped_model
 from tests.helpers import fleet_drives
-from training.fleet import fleet_page, outliers, proposal
 from training.fleet import run as fleet
 from training.fleet.bench import Bench
 from training.fleet.drives import drives_of
+from training.fleet.page import fleet_page, outliers, proposal
 from training.limits.tolerance import windows_needed
 
 

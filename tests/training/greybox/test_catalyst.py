@@ -11,20 +11,20 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.cli import main
 from training.greybox.catalyst.chain import Catalyst, volts
-from training.greybox.catalyst.fit import Drive, fit
+from training.greybox.catalyst.fit import CatalystDrive, fit
 
 PERIOD_S = 0.1
 START = (Catalyst(capacity_g=0.1),)
 
 
-def a_drive(vehicle: int, capacity_g: float, n: int = 4000) -> Drive:
+def a_drive(vehicle: int, capacity_g: float, n: int = 4000) -> CatalystDrive:
     own = second_catalyst.brick(vehicle, capacity_g)
     values = second_catalyst.drive(vehicle, vehicle, own)[:n]
     column = dict(zip(second_catalyst.NAMES, values.T, strict=True))
     air_g_s = column["maf_kg_h"] / 3.6
     counts = (column["catalyst_temperature_degc"] > 420.0) & (air_g_s < 30.0)
     x = 1.0 - 1.0 / column["lambda_measured"]
-    return Drive("second", PERIOD_S, x, air_g_s, column["downstream_voltage_v"], counts)
+    return CatalystDrive("second", PERIOD_S, x, air_g_s, column["downstream_voltage_v"], counts)
 
 
 def test_a_fit_orders_catalysts_of_other_equations_with_their_errors() -> None:
@@ -40,7 +40,9 @@ def test_a_fit_finds_the_constants_that_made_the_voltage_within_its_errors() -> 
     drive, rng = a_drive(1, 0.2), np.random.default_rng(1)
     made = volts(drive.x, drive.air_g_s, PERIOD_S, true)
     noisy = made + 0.01 * rng.standard_normal(len(made))
-    fitted = fit([Drive("own", PERIOD_S, drive.x, drive.air_g_s, noisy, drive.counts)], START)
+    fitted = fit(
+        [CatalystDrive("own", PERIOD_S, drive.x, drive.air_g_s, noisy, drive.counts)], START
+    )
     for name in ("capacity_g", "offset_phi", "to_lean_s"):
         error = getattr(fitted.constants, name) - getattr(true, name)
         assert abs(error) < 4.0 * getattr(fitted.errors, name) + 1e-4, name

@@ -12,7 +12,7 @@ from training.greybox.fit import drive as drives
 from training.recordings.recording import load, write_table
 
 
-def _make(signals: dict[str, FloatArray], lambda_measured: FloatArray) -> drives.Drive:
+def _make(signals: dict[str, FloatArray], lambda_measured: FloatArray) -> drives.ChainDrive:
     return drives.make("d", PERIOD_S, signals, lambda_measured)
 
 

@@ -13,7 +13,7 @@ from tests.helpers.gap_graphs import FIT, driven, fitted, plain, ranges_of
 from training.gap.add import greybox as add_greybox
 from training.gap.add.greybox import add
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.greybox.graph import chain_graph, effect_parity
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect import graph_effect
@@ -101,7 +101,7 @@ def test_drives_of_other_lengths_are_compared_side_by_side(
     short = replace(plain(), signals={n: x[:900] for n, x in plain().signals.items()})
     given = {"ranges": ranges_of(), "recordings": FIT}
 
-    def samples(*drives: Drive) -> int:
+    def samples(*drives: ChainDrive) -> int:
         checks = add(base, [effect], out, **given, drives=drives).checks["parity"]
         return int(checks["samples"])
 

@@ -12,13 +12,13 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers import gap_simulated
 from tests.helpers.gap_simulated import known, simulated
 from training.greybox.chain import Constants, simulate
-from training.greybox.fit.drive import Drive, path_of
+from training.greybox.fit.drive import ChainDrive, path_of
 from training.healthy import behaviour, card
 from training.healthy.behaviour import Healthy
 from training.healthy.card import KEY, from_card, to_card
 
 
-def _rmse(driven: Drive, taught: Healthy) -> float:
+def _rmse(driven: ChainDrive, taught: Healthy) -> float:
     own = taught.with_own(driven)
     e = simulate(path_of(own, taught.base), own.period_s) - own.phi_measured
     return float(np.sqrt(np.mean(e[own.scored] ** 2)))
@@ -38,7 +38,7 @@ def test_the_chain_misses_less_of_an_unseen_drive_with_the_right_charge() -> Non
 
 def test_healthy_drives_say_nothing_of_coolant_temperatures_between_those_they_had() -> None:
     # GIVEN warm drives only, whose reading rises a little with small changes of the temperature
-    def warm(drive: Drive) -> Drive:
+    def warm(drive: ChainDrive) -> ChainDrive:
         change_k = np.sin(np.arange(len(drive)) * drive.period_s / 40.0)
         coolant = {"coolant_temperature_degc": 87.0 + change_k}
         read = drive.phi_measured + 0.002 * change_k

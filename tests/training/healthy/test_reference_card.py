@@ -19,7 +19,7 @@ from training.cli import main as o2train
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.gap.inputs import suitability
-from training.gap.inputs.roles import Material, Options
+from training.gap.inputs.roles import GapOptions, Material
 from training.gap.result import Result
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
@@ -87,7 +87,7 @@ def alone(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 def asked(model: Path, seen: tuple[Recording, ...], out: Path, **healthy: Any) -> Result:
     """Return what the workflow says, quickly."""
-    options = Options(faults=())
+    options = GapOptions(faults=())
     material = Material(model, seen, healthy.get("healthy", ()))
     return investigate(material, out, options, known=healthy.get("known"))
 

@@ -12,7 +12,7 @@ from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged
 from monitor.pipeline.replay import set_up, shipped_model
-from training.limits import response_limits as rules
+from training.limits.response import response_limits as rules
 from training.recordings.recording import load
 
 LOG = "replay_logs/healthy_micro_trips_v102_s102.blf"

@@ -12,7 +12,7 @@ from monitor.memory.codes import TESTS
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from training.limits.judging import judge
-from training.limits.stillness import DAY_S, next_longest, still_limits
+from training.limits.response.stillness import DAY_S, next_longest, still_limits
 from training.recordings.recording import Recording, load
 
 LOG = Path("replay_logs/healthy_micro_trips_v102_s102.blf")

@@ -12,10 +12,10 @@ from scipy.stats import multivariate_normal
 from monitor.base.types import FloatArray
 from training.narx.algorithms.bayes import minimise_bayesian
 from training.narx.algorithms.gradient import Differentiable, descend
-from training.narx.algorithms.gradient import Options as Descent
-from training.narx.algorithms.lm import Options, minimise
+from training.narx.algorithms.gradient import LmOptions as Descent
+from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import OneStep
-from training.narx.algorithms.scaled_conjugate import Options as Conjugate
+from training.narx.algorithms.scaled_conjugate import LmOptions as Conjugate
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.network import Spec, forward, initial_weights
 
@@ -213,8 +213,8 @@ def test_bayesian_regularisation_does_not_overfit_where_levenberg_marquardt_does
     x, y = ripple(120, rng)
     fresh_x, fresh_y = ripple(2000, rng)
     weights, objective = initial_weights(spec, rng), OneStep(spec, x, y)
-    free = minimise(objective, weights, Options(epochs=100))
-    regular = minimise_bayesian(objective, weights, len(y), Options(epochs=100, mu=0.005))
+    free = minimise(objective, weights, LmOptions(epochs=100))
+    regular = minimise_bayesian(objective, weights, len(y), LmOptions(epochs=100, mu=0.005))
     # THEN it fits the samples less closely and the function better, with fewer effective weights
     error = [np.mean((forward(spec, o.weights, fresh_x) - fresh_y) ** 2) for o in (free, regular)]
     assert regular.costs[-1] > free.costs[-1]
@@ -227,7 +227,7 @@ def test_first_order_methods_learn_what_levenberg_marquardt_learns_more_slowly()
     x, y = ripple(1000, rng)
     weights = initial_weights(spec, rng)
     objective: Differentiable = OneStep(spec, x, y)
-    lm = minimise(OneStep(spec, x, y), weights, Options(epochs=100)).costs[-1]
+    lm = minimise(OneStep(spec, x, y), weights, LmOptions(epochs=100)).costs[-1]
     scg = minimise_scaled_conjugate(objective, weights, Conjugate(epochs=100)).costs[-1]
     gdx = descend(objective, weights, Descent(epochs=100)).costs[-1]
     assert lm < scg < gdx < np.var(y)

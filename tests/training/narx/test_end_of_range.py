@@ -8,9 +8,9 @@ from scipy.signal import lfilter
 
 from training.narx.algorithms.objectives import ClosedLoop
 from training.narx.network import Spec
-from training.narx.stages import pieces
-from training.recordings.preparation import Prepared, prepare
+from training.narx.search.stages import pieces
 from training.recordings.recording import Recording
+from training.recordings.samples.preparation import Prepared, prepare
 
 END = 0.4
 

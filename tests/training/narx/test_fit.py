@@ -16,14 +16,14 @@ from monitor.model.step import Model
 from training.cli import main
 from training.limits.evaluation import evaluate, predict
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
-from training.narx.fit_verdict import fit_verdict
 from training.narx.network import Spec, layers
-from training.narx.stability import Contraction, contraction
-from training.narx.stages import train
-from training.narx.training_page import write_report
-from training.recordings.preparation import Prepared
+from training.narx.page.fit_verdict import fit_verdict
+from training.narx.page.training_page import write_report
+from training.narx.search.stability import Contraction, contraction
+from training.narx.search.stages import train
 from training.recordings.recording import Recording
-from training.recordings.transforms import fuel_air_ratio
+from training.recordings.samples.preparation import Prepared
+from training.recordings.samples.transforms import fuel_air_ratio
 
 NAMES = ("air_mass_mg", "fuel_mass_mg", "lambda_measured", "fuel_cut")
 
@@ -127,7 +127,7 @@ def test_further_starts_are_trained_while_none_forgets(
             seen.append(weights)
         return Contraction(1.0 if number < forgets_at else 0.0, 0.01, 1)
 
-    monkeypatch.setattr("training.narx.starts.contraction", remembered)
+    monkeypatch.setattr("training.narx.search.starts.contraction", remembered)
     # WHEN one start is asked for THEN there are three, and the one that forgets is taken
     forgets_at, seen = 2, list[FloatArray]()
     found = fit(source_of(plant(1)), tmp_path / "m.onnx", small)

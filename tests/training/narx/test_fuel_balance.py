@@ -7,9 +7,9 @@ import numpy as np
 from monitor.base.types import FloatArray, Quality
 from monitor.model.step import Model
 from training.narx.fit import FitOptions, FitSource, fit
-from training.recordings.augmentation import FUEL_TURN, fuel_turns
-from training.recordings.preparation import Role, prepare
 from training.recordings.recording import Recording
+from training.recordings.samples.augmentation import FUEL_TURN, fuel_turns
+from training.recordings.samples.preparation import Role, prepare
 
 PERIOD_NS = 100_000_000
 NAMES = ("air_mass_mg", "fuel_mass_mg", "lambda_measured")

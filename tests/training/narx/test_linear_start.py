@@ -9,18 +9,18 @@ from scipy.signal import lfilter
 
 from training.narx.linear.arx import Arx, choose_arx
 from training.narx.linear.free_run import free_runs
-from training.narx.linear_start import as_network, linear_starts, stretches, with_memory
 from training.narx.network import Spec, simulate
-from training.narx.stages import (
+from training.narx.search.linear_start import as_network, linear_starts, stretches, with_memory
+from training.narx.search.stages import (
     Trained,
     free_run_score,
     measured_history,
     pieces,
     random_pieces,
 )
-from training.narx.starts import choose, committee
-from training.recordings.preparation import Prepared, Role, prepare
+from training.narx.search.starts import choose, committee
 from training.recordings.recording import Recording
+from training.recordings.samples.preparation import Prepared, Role, prepare
 
 
 def drive(pole: float, n: int = 4000, seed: int = 1) -> Recording:

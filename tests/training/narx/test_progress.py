@@ -4,7 +4,7 @@ import io
 
 from training.cli.progress import LINE_S
 from training.cli.progress_bar import Bar
-from training.narx.stages import EPOCHS
+from training.narx.search.stages import EPOCHS
 
 HORIZON = min(EPOCHS)
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from tests.training.narx.test_linear_start import prepared
 from training.narx.network import Spec
-from training.narx.refit import all_but_test, may_refit, refitted, whole_error
-from training.narx.stages import Trained, free_run_score, train
-from training.recordings.preparation import Prepared, Role
+from training.narx.search.refit import all_but_test, may_refit, refitted, whole_error
+from training.narx.search.stages import Trained, free_run_score, train
+from training.recordings.samples.preparation import Prepared, Role
 
 SPEC = Spec(2, 2, (3,), 0, -3.0, 3.0, ((0, 1), (1, 3), (3, 6), (6, 9)), linear_path=True)
 

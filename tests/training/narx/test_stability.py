@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.training.narx.test_linear_start import prepared
 from training.narx.network import Spec, last_outputs
-from training.narx.stability import contraction
+from training.narx.search.stability import contraction
 
 SPEC = Spec(2, 1, (1,), 0, -3.0, 3.0)
 

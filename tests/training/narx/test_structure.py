@@ -16,11 +16,11 @@ from monitor.model.step import Model
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, describe, forward, initial_weights, jacobian, regressors
-from training.narx.stages import blocks_of, pieces
-from training.narx.starts import committee
-from training.narx.structure import Structure, boxes
-from training.recordings.preparation import Role, prepare
+from training.narx.search.stages import blocks_of, pieces
+from training.narx.search.starts import committee
+from training.narx.search.structure import Structure, boxes
 from training.recordings.recording import Recording, load
+from training.recordings.samples.preparation import Role, prepare
 
 PERIOD_NS = 100_000_000
 BOXED = Spec(

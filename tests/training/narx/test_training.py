@@ -8,13 +8,13 @@ import torch
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
-from training.narx.algorithms.lm import Options, minimise
+from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, initial_weights, jacobian, regressors, simulate
 from training.recordings import metrics
-from training.recordings.outliers import outlier_mask
-from training.recordings.preparation import Role, prepare
 from training.recordings.recording import Recording
+from training.recordings.samples.outliers import outlier_mask
+from training.recordings.samples.preparation import Role, prepare
 
 RNG = np.random.default_rng
 
@@ -222,7 +222,7 @@ def test_lm_recovers_a_system_that_the_network_contains() -> None:
     )[2:]
     objective = OneStep(spec, regressors(spec, u, y), y[2:])
     # WHEN it is trained from other weights THEN the error all but vanishes and never rises
-    outcome = minimise(objective, initial_weights(spec, rng), Options(epochs=300))
+    outcome = minimise(objective, initial_weights(spec, rng), LmOptions(epochs=300))
     assert outcome.costs[-1] < 1e-9 * np.var(y)
     assert np.all(np.diff(outcome.costs) < 0)
 
@@ -241,7 +241,7 @@ def test_closed_loop_tuning_beats_one_step_training_in_free_run() -> None:
     u, v = steps(3000, 2, rng), steps(2000, 2, rng)
     y, z = foreign_system(u, rng), foreign_system(v, rng)
     one = OneStep(spec, regressors(spec, u, y), y[3:])
-    w1 = minimise(one, initial_weights(spec, rng), Options(epochs=60)).weights
+    w1 = minimise(one, initial_weights(spec, rng), LmOptions(epochs=60)).weights
     # WHEN the one-step weights are tuned over growing horizons
     w2 = w1
     for horizon in (5, 20, 200):
@@ -249,7 +249,7 @@ def test_closed_loop_tuning_beats_one_step_training_in_free_run() -> None:
         history = y[start[:, None] - np.arange(1, 4)]
         pieces = Pieces(start, np.minimum(start + horizon, 3000), 0 * start, history)
         loop = ClosedLoop(spec, Samples(u, y, np.ones(3000)), pieces)
-        w2 = minimise(loop, w2, Options(epochs=15)).weights
+        w2 = minimise(loop, w2, LmOptions(epochs=15)).weights
 
     # THEN the free run of the held-out drive is clearly better
     def free_run_rmse(weights: FloatArray) -> float:

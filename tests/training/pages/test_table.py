@@ -1,16 +1,16 @@
 """The one table of all pages."""
 
 from training.pages.page import part
-from training.pages.table import Table
+from training.pages.table import PageTable
 
 
-def shown(table: Table) -> str:
+def shown(table: PageTable) -> str:
     return table.__html__()
 
 
 def test_numbers_stand_right_and_words_left() -> None:
     # GIVEN a column of numbers with a unit, a missing one and "never", and one of words
-    table = Table(part, "signal", "time", "verdict")
+    table = PageTable(part, "signal", "time", "verdict")
     table.row("flow", "3.5 s", "better")
     table.row("7 bar", "–", "")
     table.row("speed", "never", "2 of 3, worse")
@@ -22,13 +22,13 @@ def test_numbers_stand_right_and_words_left() -> None:
 
 
 def test_cells_are_escaped_and_a_chosen_row_is_set_off() -> None:
-    table = Table(part, "a <b>", rows=[("x & y",), ("<i>",)], chosen=1)
+    table = PageTable(part, "a <b>", rows=[("x & y",), ("<i>",)], chosen=1)
     assert "<th>a &lt;b&gt;</th>" in shown(table)
     assert "<tr><td>x &amp; y</td></tr>" in shown(table)
     assert '<tr class="chosen"><td>&lt;i&gt;</td></tr>' in shown(table)
 
 
 def test_long_texts_have_room_and_every_table_scrolls() -> None:
-    table = Table(part, rows=[("short", "a text that is longer than a cell of a phone")])
+    table = PageTable(part, rows=[("short", "a text that is longer than a cell of a phone")])
     assert table.columns == ["", "long"]
     assert shown(table).startswith('<div class="scroll">')

@@ -19,8 +19,8 @@ from monitor.frames.tables.readers import open_table
 from tests.helpers.decoding import Decoding, samples_of, values_of
 from tests.helpers.examples import inputs
 from training.cli.recordings import add_parsers
-from training.recordings.can_encoding import encode_message
-from training.recordings.can_log import block_of, broadcast, outgoing, write_log
+from training.recordings.files.can_encoding import encode_message
+from training.recordings.files.can_log import block_of, broadcast, outgoing, write_log
 from training.recordings.recording import load, write_table
 
 ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])

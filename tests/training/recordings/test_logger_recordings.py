@@ -11,9 +11,9 @@ from monitor.base.types import Quality
 from monitor.cli import main as o2mon
 from tests.helpers.logger_files import drive, write_text_table
 from training.cli import main as o2train
-from training.recordings.input_choice import choose_inputs
-from training.recordings.preparation import prepare
 from training.recordings.recording import Recording, load
+from training.recordings.samples.input_choice import choose_inputs
+from training.recordings.samples.preparation import prepare
 
 COBB = ("Time (sec)", "RPM (RPM)", "AF Sens 1 Ratio (AFR)", "Boost (PSI)", "MAF (g/s)")
 

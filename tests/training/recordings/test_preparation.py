@@ -14,8 +14,8 @@ from monitor.base.signals import NARX_INPUTS
 from monitor.base.types import FloatArray, Quality
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.recordings.linear_data import Filter, LinearData, Trend, linear_records
 from training.recordings.recording import Recording, load
+from training.recordings.samples.linear_data import Filter, LinearData, Trend, linear_records
 from training.recordings.spectrum import coherence_limit, find_lines, welch
 from training.study.page import section
 from training.study.preparation import preparation, unusable

@@ -20,8 +20,8 @@ from tests.helpers.tanks import TANK_PERIOD_S as PERIOD_S
 from tests.helpers.tanks import leaking_tank
 from training.cli import main
 from training.narx.network import Spec, initial_weights
-from training.recordings.preparation import prepare
 from training.recordings.recording import load
+from training.recordings.samples.preparation import prepare
 from training.study.choice import decide
 from training.study.free_runs import WINDOW, FreeRun, scaled_as
 from training.study.page import section

@@ -14,7 +14,7 @@ import pytest
 from monitor.base.errors import UsageError
 from tests.helpers.dask_cluster import cluster
 from tests.helpers.small_study import FEW, SETTINGS, timeless, two_drives
-from training.recordings.preparation import Prepared
+from training.recordings.samples.preparation import Prepared
 from training.study.narx.study import compared
 from training.study.results import stored
 

@@ -12,15 +12,15 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from tests.helpers.small_study import FEW, SETTINGS, timeless, two_drives
 from training.narx.network import Spec, initial_weights
-from training.narx.stages import free_run_score
-from training.recordings.preparation import Prepared, Role
+from training.narx.search.stages import free_run_score
+from training.recordings.samples.preparation import Prepared, Role
 from training.study.narx.candidates import (
     ALGORITHMS,
     CANDIDATES,
     DESCENT,
     LM,
     PAPER,
-    Candidate,
+    ModelCandidate,
     same_as,
 )
 from training.study.narx.models import (
@@ -151,7 +151,7 @@ def test_a_model_that_runs_away_is_said_to_diverge(data: Prepared) -> None:
 
 @pytest.mark.parametrize("candidate", [FEW[0], *FEW[2:]], ids=lambda c: c.algorithm)
 def test_every_algorithm_learns_and_its_start_is_reproducible(
-    data: Prepared, candidate: Candidate
+    data: Prepared, candidate: ModelCandidate
 ) -> None:
     job = Job(candidate, 0, 7, 40)
     one, two = train_one(data, job), train_one(data, job)
@@ -209,7 +209,7 @@ def test_too_few_samples_and_impossible_settings_are_refused(
     data: Prepared, tmp_path: Path
 ) -> None:
     with pytest.raises(RecordingError, match=r"training samples for \d+ weights"):
-        compared(data, tmp_path, SETTINGS, [Candidate(1, LM, 8, (60, 60))])
+        compared(data, tmp_path, SETTINGS, [ModelCandidate(1, LM, 8, (60, 60))])
     with pytest.raises(UsageError, match="at least one of each"):
         compared(data, tmp_path, replace(SETTINGS, starts=0))
 

@@ -14,8 +14,8 @@ from monitor.base.faults import resolve
 from monitor.base.types import FloatArray, Quality
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.recordings.preparation import Role, enabled_rows
 from training.recordings.recording import Recording, load
+from training.recordings.samples.preparation import Role, enabled_rows
 from training.study.page import section
 from training.study.selection.components import components, pca
 from training.study.selection.input_sets import InputSet, aligned, exact_inputs, try_sets

@@ -6,7 +6,7 @@ from typing import Final
 
 from monitor.base.errors import ModelError
 from training.gap.add import choice, constants
-from training.gap.inputs.roles import Options
+from training.gap.inputs.roles import GapOptions
 from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
 from training.gap.name.verdict import Naming
@@ -50,7 +50,7 @@ def add(
     naming: Naming,
     knowledge: Knowledge,
     out: Path,
-    options: Options,
+    options: GapOptions,
     progress: Progress,
 ) -> Addition:
     """Write the model with the named effects to ``out`` and return the addition."""
@@ -82,7 +82,7 @@ def add(
     return Addition(new, form, effects)
 
 
-def withheld_effects(naming: Naming, options: Options) -> str | None:
+def withheld_effects(naming: Naming, options: GapOptions) -> str | None:
     """Return a warning if a named effect may be a fault and nobody said that it is none."""
     names = [
         c.name

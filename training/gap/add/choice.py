@@ -15,10 +15,10 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.gap.add import greybox, network
 from training.gap.config import CONFIG
-from training.gap.inputs.roles import ACCEPTED, Material, Options
+from training.gap.inputs.roles import ACCEPTED, GapOptions, Material
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import Ranges
 from training.greybox.graph.effect_parity import ParityError
@@ -48,7 +48,7 @@ def add(
     choices: Sequence[Sequence[ModelEffect]],
     known: Healthy | None,
     start: Constants,
-    options: Options,
+    options: GapOptions,
     progress: Progress = lambda _: None,
 ) -> tuple[Path | None, str, tuple[ModelEffect, ...]]:
     """Write the new model that predicts best to ``out``; return it, its form and its effects.
@@ -102,7 +102,7 @@ class _Forms:
     fit: list[Recording]  # constants and networks are fitted to them
     unseen: list[Recording]  # no fit saw them, if there are such, not even the old model's
     known: bool  # the old model was trained on some of ``fit``
-    drives: Sequence[Drive]  # of ``fit``
+    drives: Sequence[ChainDrive]  # of ``fit``
     ranges: Ranges  # low and high of the signals that all of ``fit`` have
 
     @classmethod
@@ -132,7 +132,9 @@ class _Forms:
     ) -> _Tried:
         """Write the chain with the effects in it; there is one set of constants."""
         (added,) = map(tuple, choices)
-        vehicle = greybox.Vehicle.of(known, Greybox.of(self.card), self.drives) if known else None
+        vehicle = (
+            greybox.ChainVehicle.of(known, Greybox.of(self.card), self.drives) if known else None
+        )
         greybox.add(
             self.model,
             added,
@@ -206,7 +208,7 @@ class _Forms:
         return _Tried(form, added, path, _rmse(path, self.judges), blocks)
 
 
-def _ranges(recordings: Sequence[Recording], drives: Sequence[Drive]) -> Ranges:
+def _ranges(recordings: Sequence[Recording], drives: Sequence[ChainDrive]) -> Ranges:
     """Return low and high of the signals that all of the recordings have."""
     return {
         name: (

@@ -20,9 +20,9 @@ from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.case import Case
-from training.greybox.fit.joint import Fit, fit
+from training.greybox.fit.joint import JointFit, fit
 from training.healthy import base, behaviour, scoring
-from training.healthy.base_state import State, base_state
+from training.healthy.base_state import BaseState, base_state
 from training.healthy.behaviour import Healthy
 
 
@@ -53,23 +53,23 @@ def constant_choices(
     return [_added(naming, fitted) for fitted, ratio in found if ratio < 1.0]
 
 
-def _alone(state: State) -> Case:
+def _alone(state: BaseState) -> Case:
     """Return the case of the chain without corrections, errors as they are."""
     nothing = tuple(np.zeros(len(drive)) for drive in state.case.drives)
     return replace(scoring.as_they_are(state.case, state.current), corrections=nothing)
 
 
-def _alike(state: State, case: Case, judge: Case, last: Fit) -> tuple[Fit, float]:
+def _alike(state: BaseState, case: Case, judge: Case, last: JointFit) -> tuple[JointFit, float]:
     """Return the fit to drives that count alike, and ``left_out_ratio`` of it."""
     case, found = fit_weighted(case, fit(case, last.terms, [last]))
     return found, left_out_ratio(case, judge, state.current, found)
 
 
-def _ratio(found: tuple[Fit, float]) -> float:
+def _ratio(found: tuple[JointFit, float]) -> float:
     return found[1]
 
 
-def _added(naming: Naming, found: Fit) -> tuple[ModelEffect, ...]:
+def _added(naming: Naming, found: JointFit) -> tuple[ModelEffect, ...]:
     """Return the named effects with the constants of a fit."""
     named = (c.name for c in naming.answer.effects)
     values = zip(named, found.parameters, found.standard_errors, strict=True)

@@ -12,12 +12,12 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.greybox.fit.case import Case, plain_errors, predict
-from training.greybox.fit.joint import Fit, fit
+from training.greybox.fit.joint import JointFit, fit
 
 ROUNDS: Final = 4
 
 
-def fit_weighted(case: Case, found: Fit) -> tuple[Case, Fit]:
+def fit_weighted(case: Case, found: JointFit) -> tuple[Case, JointFit]:
     """Return the fit in which every drive counts by its own variance, and the case with these.
 
     found : a fit of the same terms, with which to begin
@@ -31,7 +31,7 @@ def fit_weighted(case: Case, found: Fit) -> tuple[Case, Fit]:
     return case, found
 
 
-def left_out_ratio(case: Case, judge: Case, before: Fit, found: Fit) -> float:
+def left_out_ratio(case: Case, judge: Case, before: JointFit, found: JointFit) -> float:
     """Return the RMSE of drives by a fit to the others over that ``before``, geometric mean.
 
     judge : the same drives, with the corrections that count
@@ -56,7 +56,7 @@ def _without(case: Case, i: int) -> Case:
     )
 
 
-def _rms(case: Case, found: Fit) -> FloatArray:
+def _rms(case: Case, found: JointFit) -> FloatArray:
     """Return the RMSE of every drive in phi, (n_drives,)."""
     e = plain_errors(case, predict(case, found.base, found.terms, found.parameters))
     return np.array([np.sqrt(np.mean(own**2)) for own in _by_drive(case, e)])

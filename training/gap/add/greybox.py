@@ -14,7 +14,7 @@ from training.greybox.chain import Constants
 from training.greybox.charge.error import ChargeError
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import Fitted, described, reference
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
 from training.greybox.graph.effect import graph_effect
 from training.greybox.graph.effect_inputs import SPEED, Ranges, channel_of, limits_of, reads_of
@@ -26,7 +26,7 @@ BEFORE_EFFECTS = "; of the base before effects were added, with other values"
 
 
 @dataclass(frozen=True, slots=True)
-class Vehicle:
+class ChainVehicle:
     """The healthy vehicle's chain, learned anew."""
 
     constants: Constants
@@ -34,7 +34,7 @@ class Vehicle:
     charge_error: ChargeError | None = None
 
     @classmethod
-    def of(cls, known: Healthy, model: Greybox, drives: Sequence[Drive]) -> "Vehicle":
+    def of(cls, known: Healthy, model: Greybox, drives: Sequence[ChainDrive]) -> "ChainVehicle":
         """Return the vehicle, with the model's charge if ``drives`` have it."""
         own = tuple(ModelEffect.with_values(e.name, values.tolist()) for e, values in known.own)
         charged = any(drive.charged for drive in drives)
@@ -48,8 +48,8 @@ def add(
     *,
     ranges: Ranges,
     recordings: Sequence[TrainingRecording],
-    vehicle: Vehicle | None = None,
-    drives: Sequence[Drive] = (),
+    vehicle: ChainVehicle | None = None,
+    drives: Sequence[ChainDrive] = (),
 ) -> ModelCard:
     """Write ``model`` with effects behind those it has already to ``out``; return its card.
 

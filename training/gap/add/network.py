@@ -27,16 +27,16 @@ from training.gap.add.network_graph import (
 from training.gap.add.network_training import train_again, with_difference
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.drive import Drive, from_recording
+from training.greybox.fit.drive import ChainDrive, from_recording
 from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.effect_inputs import Ranges, channel_of
 from training.jobs import Progress
 from training.narx.export import Network
 from training.narx.model_file import HeldOut, held_out, measures, recordings_of
-from training.narx.stability import Contraction
-from training.narx.stages import Trained, free_run
-from training.recordings.preparation import Prepared, Role, prepare
+from training.narx.search.stability import Contraction
+from training.narx.search.stages import Trained, free_run
 from training.recordings.recording import Recording
+from training.recordings.samples.preparation import Prepared, Role, prepare
 
 
 def add(
@@ -47,7 +47,7 @@ def add(
     *,
     ranges: Ranges,
     recordings: Sequence[TrainingRecording],
-    drives: Sequence[Drive] = (),
+    drives: Sequence[ChainDrive] = (),
 ) -> ModelCard:
     """Write ``model`` with effects beside its output to ``out``; return its card.
 
@@ -136,7 +136,7 @@ def retrain(
 
 
 def save(
-    out: Path | str, model: NetworkWithEffects, card: ModelCard, drives: Sequence[Drive]
+    out: Path | str, model: NetworkWithEffects, card: ModelCard, drives: Sequence[ChainDrive]
 ) -> ModelCard:
     """Write the file once its parity is proved; return the card with the proof.
 

@@ -30,7 +30,7 @@ from training.narx.export import (
     write,
 )
 from training.narx.network import Spec
-from training.recordings.scaling import Scaling
+from training.recordings.samples.scaling import Scaling
 
 DIFFERENCE: Final = "chain_difference"  # the network's last input after a retraining
 TO_OUTPUT: Final = "added to the output"

@@ -15,12 +15,12 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.gap.add.network_graph import TO_OUTPUT, NetworkWithEffects
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.greybox.graph.effect_parity import ParityError, made_inputs
 from training.narx.network import simulate
-from training.narx.parity import TOLERANCE, Parity, Step
+from training.narx.parity import TOLERANCE, NetworkStep, Parity
 from training.recordings.prediction import stacked
-from training.recordings.transforms import apply
+from training.recordings.samples.transforms import apply
 
 SAMPLES = 3000  # of each drive
 TOGETHER = 300  # samples that run side by side and alone
@@ -34,7 +34,9 @@ class _Run(NamedTuple):
     output: FloatArray  # (n - memory,) of the whole, after the first samples
 
 
-def parity(path: Path | str, model: NetworkWithEffects, drives: Sequence[Drive] = ()) -> Parity:
+def parity(
+    path: Path | str, model: NetworkWithEffects, drives: Sequence[ChainDrive] = ()
+) -> Parity:
     """Compare free runs of a file with those of numpy and torch over ``drives``, or made inputs.
 
     The network starts from the measured output, the chains settled at the first sample. Returned
@@ -73,7 +75,7 @@ def _compared(model: NetworkWithEffects, run: _Run, onnx: FloatArray, own: Float
     )
 
 
-def _of_drive(model: NetworkWithEffects, drive: Drive) -> tuple[FloatArray, FloatArray]:
+def _of_drive(model: NetworkWithEffects, drive: ChainDrive) -> tuple[FloatArray, FloatArray]:
     """Return inputs as the graph gets them and the measured output in model units."""
     u = np.column_stack([drive.signals[name] for name in model.inputs])[:SAMPLES]
     y = drive.phi_measured[:SAMPLES]
@@ -124,7 +126,7 @@ def _onnx(path: Path | str, model: NetworkWithEffects, u: FloatArray, y: FloatAr
 
 def _torch(model: NetworkWithEffects, inputs: FloatArray, y: FloatArray) -> FloatArray:
     """Return the network's output before effects, (runs, n)."""
-    layout, module = model.network.state_layout, Step(model.network)
+    layout, module = model.network.state_layout, NetworkStep(model.network)
     state, found = torch.zeros((len(y), layout.size)), np.empty(y.shape)
     u, measured = torch.tensor(inputs, dtype=torch.float32), torch.tensor(y, dtype=torch.float32)
     with torch.no_grad():

@@ -17,14 +17,14 @@ from training.greybox.graph.chain_difference import ChainDifference
 from training.jobs import Progress
 from training.narx.export import Network
 from training.narx.network import Layers, Spec, layers, linear_path
-from training.narx.stability import Contraction
-from training.narx.stages import Trained, train
-from training.narx.starts import choose, committees
-from training.narx.structure import FIRST_DECAY
-from training.recordings.preparation import Prepared
+from training.narx.search.stability import Contraction
+from training.narx.search.stages import Trained, train
+from training.narx.search.starts import choose, committees
+from training.narx.search.structure import FIRST_DECAY
 from training.recordings.recording import Recording
-from training.recordings.rows import hold
-from training.recordings.scaling import Scaling
+from training.recordings.samples.preparation import Prepared
+from training.recordings.samples.rows import hold
+from training.recordings.samples.scaling import Scaling
 
 RANDOM_STARTS = 2
 

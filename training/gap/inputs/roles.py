@@ -20,7 +20,7 @@ ACCEPTED: Final = "the recordings of the fit"
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class GapOptions:
     """The user's choices."""
 
     steps: int = 1
@@ -69,10 +69,10 @@ class Material:
 
 def options_of(
     steps: int, sensor_known_good: bool, add: Sequence[str], retrain_minutes: float
-) -> Options:
+) -> GapOptions:
     """Return the options; raises UsageError if they make no sense."""
     if not 1 <= steps <= LIMITS.effects_max:
         raise UsageError(f"--steps is 1 to {LIMITS.effects_max}")
     if not 0.0 <= retrain_minutes < float("inf"):
         raise UsageError("--retrain takes minutes, 0 or more")
-    return Options(steps, sensor_known_good, tuple(add), retrain_minutes)
+    return GapOptions(steps, sensor_known_good, tuple(add), retrain_minutes)

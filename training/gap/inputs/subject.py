@@ -7,7 +7,7 @@ from monitor.model.card import ModelCard
 from training.gap.inputs import suitability
 from training.gap.inputs.roles import Material
 from training.greybox.chain import Constants
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.healthy import base
 
 
@@ -17,7 +17,7 @@ class Subject:
 
     material: Material
     card: ModelCard
-    drives: list[Drive]  # of the recordings with the gap, with the charge that the model sees
+    drives: list[ChainDrive]  # of the recordings with the gap, with the charge that the model sees
 
     @classmethod
     def of(cls, material: Material, card: ModelCard) -> "Subject":
@@ -43,16 +43,16 @@ class Subject:
         return base.constants_of(self.card)
 
     @property
-    def fit_drives(self) -> list[Drive]:
+    def fit_drives(self) -> list[ChainDrive]:
         """Return the drives that the new model's constants come from."""
         return [self.drives[i] for i in self.material.fit_numbers]
 
-    def healthy_drives(self) -> list[Drive]:
+    def healthy_drives(self) -> list[ChainDrive]:
         """Return the healthy recordings as drives; raises RecordingError if they are too short."""
         drives = base.drives_of(self.model, self.material.healthy, self.material.healthy)
         suitability.check_long(drives, "healthy")
         return drives
 
-    def plain_healthy_drives(self) -> list[Drive]:
+    def plain_healthy_drives(self) -> list[ChainDrive]:
         """Return the healthy recordings as drives, without the effects that the model has."""
         return base.plain_drives_of(self.card, self.material.healthy, self.material.healthy)

@@ -12,7 +12,7 @@ from training.gap.config import CONFIG
 from training.greybox.chain import Constants, base_path, valve_phi
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Comparison
-from training.greybox.fit.drive import NEEDED, Drive
+from training.greybox.fit.drive import NEEDED, ChainDrive
 from training.healthy import base
 from training.pages.numbers import percent
 from training.recordings.recording import Recording
@@ -102,7 +102,7 @@ def check_healthy(recordings: Sequence[Recording], own_charge: bool = False) -> 
         )
 
 
-def check_long(drives: Sequence[Drive | Comparison], role: str) -> None:
+def check_long(drives: Sequence[ChainDrive | Comparison], role: str) -> None:
     """Raise RecordingError if all drives together are too short to hold blocks out."""
     seconds = sum(float(d.scored.sum()) * d.period_s for d in drives)
     if seconds < LIMITS.scored_min_s:
@@ -112,7 +112,7 @@ def check_long(drives: Sequence[Drive | Comparison], role: str) -> None:
         )
 
 
-def check_moving(drives: Sequence[Drive]) -> None:
+def check_moving(drives: Sequence[ChainDrive]) -> None:
     """Raise RecordingError if the drives stand at one operating point: nothing can be told apart.
 
     With closed-loop control phi at the valve moves everywhere; effects differ by the way in
@@ -195,5 +195,5 @@ def _moves(values: Sequence[FloatArray]) -> tuple[float, float]:
     return float(middle), float((high - low) / max(abs(middle), 1e-9))
 
 
-def _names(drives: Sequence[Drive | Comparison]) -> str:
+def _names(drives: Sequence[ChainDrive | Comparison]) -> str:
     return ", ".join(d.name for d in drives)

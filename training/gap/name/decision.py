@@ -8,8 +8,8 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.name import guards
-from training.gap.name.description import plainest
-from training.gap.name.manoeuvres import Experiment, separate
+from training.gap.name.formulas.description import plainest
+from training.gap.name.manoeuvres import ProposedDrive, separate
 from training.gap.name.ranking import (
     HALF,
     RANKED_CLOSELY,
@@ -19,11 +19,11 @@ from training.gap.name.ranking import (
     rank,
 )
 from training.gap.name.verdict import Candidate, Verdict
-from training.greybox.effects.ethanol import GAIN_OF_ETHANOL
+from training.greybox.effects.fuel.ethanol import GAIN_OF_ETHANOL
 from training.greybox.fit.case import Prior, Term
-from training.greybox.fit.joint import Fit, fit
+from training.greybox.fit.joint import JointFit, fit
 from training.healthy import scoring
-from training.healthy.base_state import FREE, State
+from training.healthy.base_state import FREE, BaseState
 from training.jobs import Progress
 
 T_LEAST: Final = 3.0
@@ -38,7 +38,7 @@ GAIN_SUSPECTED: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class StepOutcome:
     """The conclusion of a step and its ranking."""
 
     verdict: Verdict
@@ -46,18 +46,18 @@ class Outcome:
     best: tuple[Candidate, ...] = ()  # named, the ambiguous set, or effects alike to the fault
     suspected: str | None = None
     fault: Candidate | None = None  # suspected, as it was fitted; None of an onset or a moved base
-    experiment: Experiment | None = None
+    experiment: ProposedDrive | None = None
 
 
 def step(
-    state: State,
+    state: BaseState,
     candidates: Sequence[Term],
     added: Sequence[Candidate],
     sensor_known_good: bool,
     progress: Progress,
     *,
     more: bool = False,
-) -> Outcome:
+) -> StepOutcome:
     """Return the outcome of one forward step.
 
     more : whether another may follow; then the best of several that explain as much goes on,
@@ -77,7 +77,7 @@ def step(
         _of_the_gain(state, ranking, sensor_known_good)
         or _at_fault(state, strong, ranking, sensor_known_good)
         or _of_effects(strong, ranking, more)
-        or Outcome("no_gap" if added else _nothing(state, strange), ranking)
+        or StepOutcome("no_gap" if added else _nothing(state, strange), ranking)
     )
 
 
@@ -86,14 +86,14 @@ def _holds(candidate: Candidate, t_least: float = T_LEAST) -> bool:
     return candidate.merit.is_large and candidate.merit.t >= t_least
 
 
-def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
+def _rules_out(state: BaseState, strange: Candidate, best: Candidate) -> bool:
     """Return whether the best does not beat a candidate of the wrong sign."""
     blocks = state.case.blocks
     own, other = (scoring.deviance(c.fit, blocks) for c in (best, strange))
     return scoring.win(own, other) < WIN
 
 
-def _is_confirmed(state: State, best: Candidate) -> bool:
+def _is_confirmed(state: BaseState, best: Candidate) -> bool:
     """Return whether functions with far more freedom than an effect explain held-out blocks.
 
     An effect that gains where they lose follows a difference from drive to drive.
@@ -105,18 +105,20 @@ def _is_confirmed(state: State, best: Candidate) -> bool:
 
 def _of_effects(
     strong: Sequence[Candidate], ranking: tuple[Candidate, ...], more: bool
-) -> Outcome | None:
+) -> StepOutcome | None:
     """Return the name, or several that explain as much."""
     if not strong or strong[0].kind == "sensor fault":
         return None
     among = tuple(c for c in strong if c.kind == "effect")[:AMBIGUOUS_MOST]
     if len(among) == 1:
-        return Outcome("named", ranking, best=among)
+        return StepOutcome("named", ranking, best=among)
     verdict: Verdict = "named" if more else "ambiguous"
-    return Outcome(verdict, ranking, best=among, experiment=separate(among[0].fit, among[1].fit))
+    return StepOutcome(
+        verdict, ranking, best=among, experiment=separate(among[0].fit, among[1].fit)
+    )
 
 
-def _nothing(state: State, strange: Sequence[Candidate]) -> Verdict:
+def _nothing(state: BaseState, strange: Sequence[Candidate]) -> Verdict:
     """Tell a gap that no candidate explains from no gap.
 
     strange : what is more than chance with constants that the effect cannot have
@@ -125,7 +127,7 @@ def _nothing(state: State, strange: Sequence[Candidate]) -> Verdict:
     return "unknown_effect" if unlike else "no_gap"
 
 
-def _is_felt(state: State, fault: Candidate) -> bool:
+def _is_felt(state: BaseState, fault: Candidate) -> bool:
     """Return whether a sensor fault is beyond chance and explains half of the ceiling."""
     if not fault.merit.is_large:
         return False
@@ -135,7 +137,7 @@ def _is_felt(state: State, fault: Candidate) -> bool:
     return share >= HALF
 
 
-def _stands_out(state: State, fault: Candidate) -> bool:
+def _stands_out(state: BaseState, fault: Candidate) -> bool:
     """Return whether no plain function of the signals clearly explains more than a sensor fault.
 
     The sensor's own fault may have another form, of which the library's explains a part.
@@ -147,11 +149,11 @@ def _stands_out(state: State, fault: Candidate) -> bool:
 
 
 def _at_fault(
-    state: State,
+    state: BaseState,
     strong: Sequence[Candidate],
     ranking: tuple[Candidate, ...],
     sensor_known_good: bool,
-) -> Outcome | None:
+) -> StepOutcome | None:
     """Suspect the sensor if a fault explains about as much, something began, or the base moved.
 
     Where a factor on the mixture explains most, a biased sensor does as well, see ``_of_the_gain``.
@@ -184,7 +186,7 @@ def _at_fault(
         words = f"{shift} left its healthy reference"
     if words is None:
         return None
-    return Outcome(
+    return StepOutcome(
         "sensor_fault_suspected",
         ranking,
         best=as_good[:AMBIGUOUS_MOST],
@@ -203,7 +205,7 @@ def _as_good(
     )
 
 
-def _shift(state: State) -> str | None:
+def _shift(state: BaseState) -> str | None:
     """Return in words how the base alone, refitted, left its reference; None if it did not."""
     prior = state.case.prior
     if prior is None or state.current.terms:
@@ -213,8 +215,8 @@ def _shift(state: State) -> str | None:
 
 
 def _of_the_gain(
-    state: State, ranking: tuple[Candidate, ...], sensor_known_good: bool
-) -> Outcome | None:
+    state: BaseState, ranking: tuple[Candidate, ...], sensor_known_good: bool
+) -> StepOutcome | None:
     """Suspect the sensor where a factor on the mixture or an offset explains the gap.
 
     A biased sensor in the control loop looks like another fuel: the controller makes the reading
@@ -224,19 +226,19 @@ def _of_the_gain(
         return None
     effect = next((c for c in ranking if c.name == GAIN_CLASS[0]), None)
     if sensor_known_good and effect:
-        return Outcome("named", ranking, best=(effect,))
+        return StepOutcome("named", ranking, best=(effect,))
     return _of_a_factor(ranking, effect)
 
 
-def _of_a_factor(ranking: tuple[Candidate, ...], effect: Candidate | None) -> Outcome:
+def _of_a_factor(ranking: tuple[Candidate, ...], effect: Candidate | None) -> StepOutcome:
     """Suspect a factor on the mixture; ``effect`` is the library's, if it was tried."""
     best = (effect,) if effect else ()
-    return Outcome(
+    return StepOutcome(
         "sensor_fault_suspected", ranking, best=best, suspected=GAIN_SUSPECTED, fault=effect
     )
 
 
-def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:
+def _is_of_the_gain(state: BaseState, ranking: Sequence[Candidate]) -> bool:
     """Return whether a factor or offset explains most of the drives as they are.
 
     Healthy drives differ in fuel and weather, so an offset is integrated out of every drive. One
@@ -251,7 +253,7 @@ def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:
         deviance=scoring.deviance(nothing, case.blocks),
     )
 
-    def alone(candidate: Candidate) -> tuple[FloatArray, Fit]:
+    def alone(candidate: Candidate) -> tuple[FloatArray, JointFit]:
         found = fit(case, candidate.fit.terms, [candidate.fit])
         return scoring.deviance(found, case.blocks), found
 

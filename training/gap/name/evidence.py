@@ -43,19 +43,19 @@ class Directions:
         basis = columns @ vectors[:, used] / np.sqrt(values[used])
         return cls(basis, values[used] / columns.shape[1])
 
-    def seen(self, errors: FloatArray) -> "Seen":
+    def seen(self, errors: FloatArray) -> "SeenErrors":
         """Return errors (m,) in sigma by their part in each direction, outliers bounded."""
         bounded = np.clip(errors, -scoring.LARGEST, scoring.LARGEST)
-        return Seen(self.basis.T @ bounded, float(bounded @ bounded))
+        return SeenErrors(self.basis.T @ bounded, float(bounded @ bounded))
 
-    def log_evidence(self, seen: "Seen", energy: FloatArray) -> FloatArray:
+    def log_evidence(self, seen: "SeenErrors", energy: FloatArray) -> FloatArray:
         """Return the log evidence of errors whose random sum has the energies (k,) given, (k,)."""
         variance = 1.0 + np.multiply.outer(energy, self.share)
         squares = seen.parts**2
         inside = (squares / variance - squares + np.log(variance)).sum(axis=-1)
         return np.asarray(-0.5 * (inside + seen.squares))
 
-    def of_any(self, seen: "Seen", least: float) -> float:
+    def of_any(self, seen: "SeenErrors", least: float) -> float:
         """Return the log evidence of errors of which nothing is known but that they have a cause.
 
         least : energy that healthy drives show
@@ -68,7 +68,7 @@ class Directions:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class SeenErrors:
     """Errors in directions."""
 
     parts: FloatArray  # (..., q)

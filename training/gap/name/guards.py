@@ -8,7 +8,7 @@ import numpy as np
 from monitor.base.types import FloatArray, IntArray
 from training.greybox.chain import Constants
 from training.greybox.fit.case import Case
-from training.greybox.fit.joint import Fit
+from training.greybox.fit.joint import JointFit
 
 ONSET_T: Final = 6.0
 ONSET_T_SORTED: Final = 9.0  # if drives were put in the order that suits an onset best
@@ -35,7 +35,7 @@ def shifted(reference: Constants, refitted: Constants) -> str | None:
     return "the gain" if abs(moved["gain"]) > GAIN_SHIFT else None
 
 
-def onset_s(case: Case, before: Fit, after: Fit) -> tuple[str, float] | None:
+def onset_s(case: Case, before: JointFit, after: JointFit) -> tuple[str, float] | None:
     """Return the drive and time at which the gain of ``after`` began, None if always there.
 
     Every block says how strong the explanation is in it. An onset stays: in all drives, one
@@ -71,7 +71,7 @@ class _Strengths:
         return float((self.strength * self.weight).sum() / max(float(self.weight.sum()), 1e-12))
 
 
-def _strengths(case: Case, before: Fit, after: Fit) -> list[_Strengths]:
+def _strengths(case: Case, before: JointFit, after: JointFit) -> list[_Strengths]:
     wanted, signature = -before.residual, after.residual - before.residual
     least = ONSET_WEIGHT * float((signature**2).sum())
     found, first = [], 0

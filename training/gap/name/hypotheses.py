@@ -13,14 +13,14 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
-from training.gap.name.evidence import Directions, Seen, freedom
+from training.gap.name.evidence import Directions, SeenErrors, freedom
 from training.gap.name.onset import Beginning, beginnings
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import Constants
 from training.greybox.effects import Effect
 from training.greybox.fit.case import errors, predict
 from training.healthy import scoring
-from training.healthy.base_state import State
+from training.healthy.base_state import BaseState
 
 LIMITS: Final = CONFIG.name
 NONE, UNKNOWN, ONSET, MOVED = "none", "unknown", "onset", "base_moved"
@@ -33,7 +33,7 @@ Kind = Literal["effect", "sensor", "unknown"]
 
 
 @dataclass(frozen=True, slots=True)
-class Hypothesis:
+class GapHypothesis:
     """One hypothesis and what the recordings say for it."""
 
     name: str
@@ -46,19 +46,19 @@ class Hypothesis:
 
 
 def hypotheses(
-    state: State,
+    state: BaseState,
     ranking: Sequence[Candidate],
     formula: Candidate | None = None,
     *,
     sensor_known_good: bool,
-) -> tuple[Hypothesis, ...]:
+) -> tuple[GapHypothesis, ...]:
     """Return every hypothesis for the errors of one step.
 
     ranking : all candidates, fitted, the best first
     formula : the first term of a formula of signals, the form of an unknown effect
     """
     judge = _Judge.of(state)
-    found, impossible, onsets = list[Hypothesis](), [-np.inf], list[Hypothesis]()
+    found, impossible, onsets = list[GapHypothesis](), [-np.inf], list[GapHypothesis]()
     for place, candidate in enumerate(ranking):
         nats = judge.of_candidate(candidate)
         if not candidate.merit.physical:
@@ -77,19 +77,19 @@ def hypotheses(
 class _Judge:
     """The errors of a step, their directions, and what they are without any gap."""
 
-    state: State
+    state: BaseState
     directions: Directions
-    before: Seen
+    before: SeenErrors
     none: float  # log evidence
 
     @classmethod
-    def of(cls, state: State) -> "_Judge":
+    def of(cls, state: BaseState) -> "_Judge":
         directions = Directions.of(state.roof)
         before = directions.seen(state.current.residual)
         none = directions.log_evidence(before, np.array([LIMITS.healthy_energy]))
         return cls(state, directions, before, float(none[0]))
 
-    def nats(self, seen: Seen, form: float, gained: float) -> float:
+    def nats(self, seen: SeenErrors, form: float, gained: float) -> float:
         """Return the evidence of what a hypothesis leaves, above no gap.
 
         form : share of the hypothesis by which the vehicle's own may have another form
@@ -103,13 +103,15 @@ class _Judge:
         gained = float(self.before.squares) - float(after.squares)
         return self.nats(after, _form(candidate), gained) - _cost(candidate)
 
-    def hypothesis(self, candidate: Candidate, nats: float, sensor_known_good: bool) -> Hypothesis:
+    def hypothesis(
+        self, candidate: Candidate, nats: float, sensor_known_good: bool
+    ) -> GapHypothesis:
         of_sensor = candidate.kind == "sensor fault"
         if isinstance(candidate.term, Effect) and candidate.term.gain_class:
             # A biased sensor in the control loop looks like another fuel: the controller makes the
             # reading right.
             of_sensor = not sensor_known_good
-        return Hypothesis(
+        return GapHypothesis(
             name=candidate.name,
             kind="sensor" if of_sensor else "effect",
             is_fault=candidate.kind == "sensor fault",
@@ -118,16 +120,16 @@ class _Judge:
             deviance=scoring.deviance(candidate.fit, self.state.case.blocks),
         )
 
-    def onsets(self, candidate: Candidate) -> list[Hypothesis]:
+    def onsets(self, candidate: Candidate) -> list[GapHypothesis]:
         case, current = self.state.case, self.state.current
         scale, form = self._scale(candidate.name), _form(candidate)
         found = []
         for each in beginnings(case, current, candidate.fit, self.directions, self.before):
             nats = self.nats(each.seen, form, each.gained) - _cost(candidate)
-            found.append(Hypothesis(ONSET, "sensor", False, nats, scale, began=each))
+            found.append(GapHypothesis(ONSET, "sensor", False, nats, scale, began=each))
         return found
 
-    def moved(self) -> list[Hypothesis]:
+    def moved(self) -> list[GapHypothesis]:
         """Return the hypothesis of another base, straight about the healthy one; none without."""
         case, current = self.state.case, self.state.current
         if case.fixed is None:
@@ -147,9 +149,9 @@ class _Judge:
         gained = float(self.before.squares) - float(after.squares)
         nats = self.nats(after, LIMITS.fault_form, gained) - cost
         scale = max(self._scale(name) for name in ("slow_symmetric", "delay_symmetric", "biased"))
-        return [Hypothesis(MOVED, "sensor", False, nats, scale)]
+        return [GapHypothesis(MOVED, "sensor", False, nats, scale)]
 
-    def unknown(self, impossible: float, formula: Candidate | None) -> Hypothesis:
+    def unknown(self, impossible: float, formula: Candidate | None) -> GapHypothesis:
         """Return the hypothesis of another cause.
 
         impossible : evidence of the best candidate with constants that it cannot have
@@ -160,7 +162,7 @@ class _Judge:
         if formula is not None:
             nats = max(nats, self.of_candidate(formula))
             deviance = scoring.deviance(formula.fit, self.state.case.blocks)
-        return Hypothesis(UNKNOWN, "unknown", False, nats, LIMITS.unknown_scale, deviance)
+        return GapHypothesis(UNKNOWN, "unknown", False, nats, LIMITS.unknown_scale, deviance)
 
     def _scale(self, name: str) -> float:
         return max(self.state.surplus.get(name, 1.0), 1.0)

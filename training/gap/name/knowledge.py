@@ -11,10 +11,10 @@ from pathlib import Path
 from training.gap.inputs import suitability
 from training.gap.inputs.subject import Subject
 from training.gap.name import vehicle_mix
-from training.gap.name.description import describe
+from training.gap.name.formulas.description import describe
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.healthy import card as reference_card
 from training.healthy import coverage, yardstick
 from training.healthy.base_state import base_state
@@ -66,7 +66,7 @@ class Knowledge:
             return replace(self, start=naming.base.constants)
         return self
 
-    def coverage_warnings(self, drives: Sequence[Drive]) -> list[str]:
+    def coverage_warnings(self, drives: Sequence[ChainDrive]) -> list[str]:
         """Return warnings of drives where no healthy recording has been."""
         return coverage.coverage_warnings(drives, self.known)
 
@@ -78,11 +78,11 @@ class Knowledge:
             self._with_own(subject.plain_healthy_drives()),
         )
 
-    def unknown_effect(self, drives: Sequence[Drive], naming: Naming) -> str | None:
+    def unknown_effect(self, drives: Sequence[ChainDrive], naming: Naming) -> str | None:
         """Return the description of an effect that the library lacks, if that is the verdict."""
         if naming.verdict != "unknown_effect":
             return None
         return describe(base_state(drives, self.known, self.base)).sentence
 
-    def _with_own(self, drives: Sequence[Drive]) -> list[Drive]:
+    def _with_own(self, drives: Sequence[ChainDrive]) -> list[ChainDrive]:
         return [self.known.with_own(drive) if self.known else drive for drive in drives]

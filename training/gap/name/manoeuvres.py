@@ -9,8 +9,8 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.greybox.chain import MG_RPM_PER_KG_H, STOICHIOMETRIC
 from training.greybox.fit.case import reading
-from training.greybox.fit.drive import Drive, make
-from training.greybox.fit.joint import Fit
+from training.greybox.fit.drive import ChainDrive, make
+from training.greybox.fit.joint import JointFit
 
 PERIOD_S: Final = 0.1
 MODULATION_S: Final = 1.8  # the lambda controller's forced oscillation
@@ -20,7 +20,7 @@ FULL_CHARGE_MG: Final = 480.0  # at ambient pressure
 
 
 @dataclass(frozen=True, slots=True)
-class Experiment:
+class ProposedDrive:
     """The manoeuvre in which two models differ most."""
 
     name: str
@@ -31,20 +31,20 @@ class Experiment:
         return f"{self.name} (the candidates differ by {self.rms_phi:.4f} RMS in phi)"
 
 
-def separate(one: Fit, other: Fit) -> Experiment:
+def separate(one: JointFit, other: JointFit) -> ProposedDrive:
     """Return the manoeuvre in which two fitted models differ most beyond their bases."""
     differs = {name: _rms(drive, one, other) for name, drive in library().items()}
     best = max(differs, key=lambda name: differs[name])
-    return Experiment(best, differs[best], differs)
+    return ProposedDrive(best, differs[best], differs)
 
 
-def _rms(drive: Drive, one: Fit, other: Fit) -> float:
+def _rms(drive: ChainDrive, one: JointFit, other: JointFit) -> float:
     a = reading(drive, one.base, one.terms, one.parameters)
     b = reading(drive, other.base, other.terms, other.parameters)
     return float(np.sqrt(np.mean((a - b)[drive.scored] ** 2)))
 
 
-def library() -> Mapping[str, Drive]:
+def library() -> Mapping[str, ChainDrive]:
     """Return every manoeuvre as a drive of a warm or cold engine."""
     return {
         "steady sweep of load at 1,500 rpm": _drive(*_sweep_load(1500.0)),
@@ -100,7 +100,7 @@ def _smooth(x: FloatArray, steps: int) -> FloatArray:
     )
 
 
-def _drive(rpm: FloatArray, charge_mg: FloatArray, coolant: FloatArray | None = None) -> Drive:
+def _drive(rpm: FloatArray, charge_mg: FloatArray, coolant: FloatArray | None = None) -> ChainDrive:
     """Return the drive of engine speed and charge (n,); a charge below 0 is fuel cut."""
     t = _time()
     cut = charge_mg < 0.0

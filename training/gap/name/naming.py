@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from training.gap.name.contest import beats, may_be_beaten
-from training.gap.name.decision import Outcome
-from training.gap.name.formula import FirstTerm, Formula, first_term, formula_of
+from training.gap.name.decision import StepOutcome
+from training.gap.name.formulas.contest import beats, may_be_beaten
+from training.gap.name.formulas.formula import FirstTerm, Formula, first_term, formula_of
 from training.gap.name.hypotheses import hypotheses
 from training.gap.name.posterior import posterior
 from training.gap.name.ranking import HALF, adequacy_of, against
@@ -35,12 +35,12 @@ from training.gap.name.verdict import (
 from training.greybox.chain import Constants
 from training.greybox.effects import ALL, Effect
 from training.greybox.fit.case import Case, Prior, Term
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.held_out import held_out_rmse
 from training.greybox.fit.joint import fit
 from training.greybox.fit.sensor_faults import FAULTS
 from training.healthy import scoring, yardstick
-from training.healthy.base_state import FREE, State, base_state
+from training.healthy.base_state import FREE, BaseState, base_state
 from training.healthy.behaviour import Healthy
 from training.jobs import Progress
 
@@ -48,8 +48,8 @@ LARGER: Final = 1.6  # times the usual error on healthy drives, from which there
 
 
 def name(
-    drives: Sequence[Drive],
-    healthy: Sequence[Drive] | Healthy | None = None,
+    drives: Sequence[ChainDrive],
+    healthy: Sequence[ChainDrive] | Healthy | None = None,
     reference: Constants | None = None,
     *,
     steps: int = 1,
@@ -89,7 +89,7 @@ def name(
         progress("formula")
         formula = first_term(first, known)
     if naming.verdict != "unknown_effect" and formula and beats(first, formula.rival, found):
-        unknown = Outcome("unknown_effect", found.first)
+        unknown = StepOutcome("unknown_effect", found.first)
         found = Advance(first, unknown, rounds=(), warnings=(), first=found.first)
         naming = answer(found)
     if naming.verdict == "unknown_effect":
@@ -102,7 +102,7 @@ def name(
 
 
 def _with_formula(
-    naming: Naming, first: State, begun: FirstTerm | None, ranking: Sequence[Candidate]
+    naming: Naming, first: BaseState, begun: FirstTerm | None, ranking: Sequence[Candidate]
 ) -> Naming:
     """Return the naming of an unknown effect with its formula, or with the sensor suspected."""
     if suspect := _suspect(first, begun.rival if begun else None, ranking):
@@ -118,26 +118,28 @@ def _with_formula(
 
 
 def _suspect(
-    first: State, formula: Candidate | None, ranking: Sequence[Candidate]
+    first: BaseState, formula: Candidate | None, ranking: Sequence[Candidate]
 ) -> Candidate | None:
     """Return the sensor fault that leads the ranking, or that a formula does not clearly beat."""
     rivals = against(first, formula, ranking)[1] if formula else ranking[:1]
     return next((c for c in rivals if c.kind == "sensor fault" and c.merit.is_large), None)
 
 
-def _check_one_period(drives: Sequence[Drive], healthy: Sequence[Drive] | Healthy | None) -> None:
+def _check_one_period(
+    drives: Sequence[ChainDrive], healthy: Sequence[ChainDrive] | Healthy | None
+) -> None:
     every = (*drives, *(() if isinstance(healthy, Healthy) else healthy or ()))
     if not drives or len({round(d.period_s, 6) for d in every}) != 1:
         raise RecordingError("the gap workflow wants drives of one sample period, at least one")
 
 
-def _missing(effect: Effect, drives: Sequence[Drive]) -> tuple[str, ...]:
+def _missing(effect: Effect, drives: Sequence[ChainDrive]) -> tuple[str, ...]:
     """Return the signals of an effect that some drive lacks."""
     return tuple(n for n in effect.needs if any(n not in d.signals for d in drives))
 
 
 def _known(
-    healthy: Sequence[Drive] | Healthy | None, reference: Constants | None, progress: Progress
+    healthy: Sequence[ChainDrive] | Healthy | None, reference: Constants | None, progress: Progress
 ) -> Healthy | None:
     if isinstance(healthy, Healthy):
         return healthy
@@ -156,7 +158,7 @@ def _doubts(case: Case, known: Healthy | None) -> list[str]:
 
 
 def _kept(
-    first: State, last: State, outcome: Outcome, rounds: Sequence[Round]
+    first: BaseState, last: BaseState, outcome: StepOutcome, rounds: Sequence[Round]
 ) -> tuple[Candidate, ...]:
     """Return the added effects, or none if they leave much that could be explained.
 
@@ -169,7 +171,7 @@ def _kept(
     return tuple(r.effect for r in rounds) if share >= HALF else ()
 
 
-def _is_larger(rmse: float, drives: Sequence[Drive], known: Healthy | None) -> bool:
+def _is_larger(rmse: float, drives: Sequence[ChainDrive], known: Healthy | None) -> bool:
     """Return whether the chain's error is larger than on healthy drives, whatever the reason.
 
     Slow errors hardly show in whitened ones, so there may be a gap that no candidate scores on.
@@ -180,7 +182,7 @@ def _is_larger(rmse: float, drives: Sequence[Drive], known: Healthy | None) -> b
 
 
 def _answer(
-    first: State,
+    first: BaseState,
     found: Advance,
     *,
     skipped: Mapping[str, tuple[str, ...]],
@@ -214,7 +216,7 @@ def _answer(
     )
 
 
-def _error(first: State, last: State, with_effects: bool) -> BlockError:
+def _error(first: BaseState, last: BaseState, with_effects: bool) -> BlockError:
     explained = scoring.explained(first.current, first.roof, first.case.blocks)
     return BlockError(
         before=held_out_rmse(first.case, first.current),
@@ -224,7 +226,7 @@ def _error(first: State, last: State, with_effects: bool) -> BlockError:
     )
 
 
-def _base(first: State, last: State, reference: Constants | None) -> Base:
+def _base(first: BaseState, last: BaseState, reference: Constants | None) -> Base:
     """Return the constants under the effects, and how far the base alone left its reference."""
     if reference is None:
         return Base(last.current.base, None, None)

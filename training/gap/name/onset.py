@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
-from training.gap.name.evidence import Directions, Seen
+from training.gap.name.evidence import Directions, SeenErrors
 from training.greybox.fit.case import Case
-from training.greybox.fit.joint import Fit
+from training.greybox.fit.joint import JointFit
 from training.healthy import scoring
 
 BLOCKS_LEAST: Final = 3  # on either side
@@ -25,13 +25,13 @@ class Beginning:
     """A candidate that is there from one block on, with the strength that fits best."""
 
     place: tuple[str, float]  # drive, and seconds in it
-    seen: Seen  # errors that are left
+    seen: SeenErrors  # errors that are left
     gained: float  # sum of squares that it explains, in sigma
     among: int  # beginnings that were looked at
 
 
 def beginnings(
-    case: Case, before: Fit, after: Fit, directions: Directions, seen: Seen
+    case: Case, before: JointFit, after: JointFit, directions: Directions, seen: SeenErrors
 ) -> Iterator[Beginning]:
     """Yield the beginnings of the last term of ``after`` that explain most.
 
@@ -56,7 +56,7 @@ def beginnings(
             if not good[k]:
                 continue
             squares = float(seen.squares) - float(size[k] * gained[k])
-            left = Seen(seen.parts + size[k] * cut[k], squares)
+            left = SeenErrors(seen.parts + size[k] * cut[k], squares)
             own = float(size[k] ** 2 * moved[k])
             yield Beginning(places[order[k]], left, own, len(order))
 

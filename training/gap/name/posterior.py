@@ -15,13 +15,13 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
-from training.gap.name.hypotheses import MOVED, NONE, UNKNOWN, Hypothesis
+from training.gap.name.hypotheses import MOVED, NONE, UNKNOWN, GapHypothesis
 
 LIMITS: Final = CONFIG.name
 FARTHEST: Final = 50.0  # log odds beyond which nothing changes
 
 
-def posterior(found: Sequence[Hypothesis]) -> dict[str, float]:
+def posterior(found: Sequence[GapHypothesis]) -> dict[str, float]:
     """Return the probability of every hypothesis and of no gap, the likeliest first; sum 1."""
     logs = np.array([_log_weight(each, _best(found)) for each in found])
     shares = np.exp(logs - np.logaddexp.reduce(logs))
@@ -33,13 +33,13 @@ def posterior(found: Sequence[Hypothesis]) -> dict[str, float]:
     return dict(sorted(every.items(), key=lambda item: -item[1]))
 
 
-def _best(found: Sequence[Hypothesis]) -> Hypothesis | None:
+def _best(found: Sequence[GapHypothesis]) -> GapHypothesis | None:
     """Return the candidate that explains most of held-out blocks."""
     tried = [(float(e.deviance.sum()), i) for i, e in enumerate(found) if e.deviance is not None]
     return found[min(tried)[1]] if tried else None
 
 
-def _log_weight(each: Hypothesis, best: Hypothesis | None) -> float:
+def _log_weight(each: GapHypothesis, best: GapHypothesis | None) -> float:
     prior = _prior(each)
     if best is None or best.deviance is None:
         return each.nats / LIMITS.rival_temperature + prior
@@ -55,7 +55,7 @@ def _t(deviance: FloatArray, best: FloatArray) -> float:
     return float(lost.sum() / spread)
 
 
-def _prior(each: Hypothesis) -> float:
+def _prior(each: GapHypothesis) -> float:
     if each.name == UNKNOWN:
         return LIMITS.log_prior_unknown
     if each.began is not None:

@@ -7,9 +7,9 @@ from typing import Final
 from monitor.base.types import FloatArray, IntArray
 from training.gap.name.verdict import Candidate, Merit
 from training.greybox.fit.case import Term, has_its_signs
-from training.greybox.fit.joint import Fit, fit
+from training.greybox.fit.joint import JointFit, fit
 from training.healthy import scoring
-from training.healthy.base_state import State
+from training.healthy.base_state import BaseState
 from training.jobs import Progress
 
 WIN: Final = 0.95  # of resampled blocks
@@ -19,7 +19,7 @@ RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
 
 
 def rank(
-    state: State,
+    state: BaseState,
     candidates: Sequence[Term],
     progress: Progress = lambda _: None,
     closely: int = RANKED_CLOSELY,
@@ -51,7 +51,7 @@ def rank(
     return tuple(ranking)
 
 
-def adequacy_of(state: State, gain: float, fitted: Fit) -> float:
+def adequacy_of(state: BaseState, gain: float, fitted: JointFit) -> float:
     """Return a gain over the sum of itself and the ceiling's gain on the rest."""
     usual = USUAL_SHARE * float(state.deviance.sum())
     rest = max(scoring.explained(fitted, state.roof, state.case.blocks) - usual, 0.0)
@@ -59,7 +59,7 @@ def adequacy_of(state: State, gain: float, fitted: Fit) -> float:
 
 
 def against(
-    state: State, best: Candidate, ranking: Sequence[Candidate]
+    state: BaseState, best: Candidate, ranking: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], list[Candidate]]:
     """Return the ranking with wins of ``best``, and the rivals it does not beat."""
     blocks = state.case.blocks

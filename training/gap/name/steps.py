@@ -4,13 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from training.gap.name.decision import Outcome, step
+from training.gap.name.decision import StepOutcome, step
 from training.gap.name.verdict import Candidate, Round
 from training.greybox.effects import Effect
 from training.greybox.fit.case import Term
 from training.greybox.fit.held_out import held_out_rmse
 from training.healthy import scoring
-from training.healthy.base_state import State
+from training.healthy.base_state import BaseState
 from training.jobs import Progress
 
 PAIR: Final = 2  # effects, each of which is judged beside the other
@@ -20,8 +20,8 @@ PAIR: Final = 2  # effects, each of which is judged beside the other
 class Advance:
     """All steps: one round per effect that a step named, and the outcome of the last step."""
 
-    last: State  # with the effects of all rounds
-    outcome: Outcome
+    last: BaseState  # with the effects of all rounds
+    outcome: StepOutcome
     rounds: tuple[Round, ...]
     warnings: tuple[str, ...]
     first: tuple[Candidate, ...]  # the ranking of the first step
@@ -32,11 +32,11 @@ class Advance:
 class _Path:
     """The rounds so far; ``states`` holds the start and the state after each."""
 
-    states: list[State]
+    states: list[BaseState]
     rounds: list[Round] = field(default_factory=list)
 
     @property
-    def state(self) -> State:
+    def state(self) -> BaseState:
         return self.states[-1]
 
     @property
@@ -60,17 +60,17 @@ class _Path:
 
 
 def advance(
-    state: State,
+    state: BaseState,
     candidates: Sequence[Term],
     steps: int,
     sensor_known_good: bool,
     progress: Progress,
 ) -> Advance:
     """Return the steps until one names nothing, or until there are as many as were asked for."""
-    path, outcome = _Path([state]), Outcome("no_gap", ())
+    path, outcome = _Path([state]), StepOutcome("no_gap", ())
     named = outcome
 
-    def next_step(on: _Path, *, more: bool = False) -> Outcome:
+    def next_step(on: _Path, *, more: bool = False) -> StepOutcome:
         left = on.left(candidates)
         return step(on.state, left, on.effects, sensor_known_good, progress, more=more)
 
@@ -100,8 +100,8 @@ def advance(
 
 
 def _first_again(
-    path: _Path, outcome: Outcome, next_step: Callable[[_Path], Outcome]
-) -> tuple[_Path, Outcome]:
+    path: _Path, outcome: StepOutcome, next_step: Callable[[_Path], StepOutcome]
+) -> tuple[_Path, StepOutcome]:
     """Return a pair with its first effect looked for again, on top of the second.
 
     Alone, the first had to explain part of the second, too, which another effect may do better.
@@ -119,14 +119,14 @@ def _first_again(
     return (other, again) if again.verdict == "ambiguous" else (path, outcome)
 
 
-def _with(state: State, added: Candidate) -> State:
+def _with(state: BaseState, added: Candidate) -> BaseState:
     """Return the start of the next step, with a candidate as part of the base."""
     deviance = scoring.deviance(added.fit, state.case.blocks)
     return replace(state, current=added.fit, deviance=deviance)
 
 
 def _on_top(
-    state: State, suspicion: Outcome, candidates: Sequence[Term], progress: Progress
+    state: BaseState, suspicion: StepOutcome, candidates: Sequence[Term], progress: Progress
 ) -> tuple[Candidate, ...]:
     """Return the effect that a step names where the suspected fault is taken for certain."""
     fault = suspicion.fault

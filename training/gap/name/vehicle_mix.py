@@ -18,7 +18,7 @@ from monitor.base.types import FloatArray, IntArray
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
 from training.greybox.fit.case import WHITE, Case, Term, errors, predict
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.pages.numbers import NBSP, fixed, percent
 
 DRIVES_LEAST: Final = 3
@@ -62,9 +62,9 @@ def chain_of(naming: Naming, reference: Constants) -> Chain:
 
 
 def warn(
-    drives: Sequence[Drive],
+    drives: Sequence[ChainDrive],
     chain: Chain,
-    healthy: Sequence[Drive] = (),
+    healthy: Sequence[ChainDrive] = (),
 ) -> list[str]:
     """Return warnings of quantities in which drives fall into two groups.
 
@@ -82,7 +82,7 @@ def warn(
     return found
 
 
-def partitions(drives: Sequence[Drive], chain: Chain) -> list[Partition]:
+def partitions(drives: Sequence[ChainDrive], chain: Chain) -> list[Partition]:
     """Return for every quantity the two groups of drives that differ most, by t."""
     if len(drives) < 2:
         return []
@@ -108,7 +108,7 @@ def _part(quantity: str, values: FloatArray, weights: FloatArray) -> Partition:
     return best
 
 
-def _step(drive: Drive, chain: Chain) -> tuple[FloatArray, FloatArray]:
+def _step(drive: ChainDrive, chain: Chain) -> tuple[FloatArray, FloatArray]:
     """Return a drive's constants less the chain's (3,), and their covariance."""
     case = Case((drive,), (np.zeros(len(drive)),), WHITE)
 
@@ -134,7 +134,7 @@ def _by_block(rows: FloatArray, block: IntArray) -> FloatArray:
     return sums
 
 
-def _sentence(p: Partition, drives: Sequence[Drive], usual: float | None) -> str:
+def _sentence(p: Partition, drives: Sequence[ChainDrive], usual: float | None) -> str:
     few = (
         p.low
         if 2 * len(p.low) <= len(drives)

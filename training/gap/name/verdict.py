@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from training.gap.name.manoeuvres import Experiment
+from training.gap.name.manoeuvres import ProposedDrive
 from training.greybox.chain import Constants
 from training.greybox.effects import Effect
 from training.greybox.effects.empirical import is_empirical
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.case import Term
-from training.greybox.fit.joint import Fit
+from training.greybox.fit.joint import JointFit
 
 Verdict = Literal["named", "no_gap", "ambiguous", "unknown_effect", "sensor_fault_suspected"]
 Kind = Literal["effect", "empirical", "sensor fault"]
@@ -37,7 +37,7 @@ class Merit:
 class Candidate:
     """One effect or sensor fault, fitted on the base and the effects so far."""
 
-    fit: Fit  # the candidate is its last term
+    fit: JointFit  # the candidate is its last term
     merit: Merit
 
     @property
@@ -109,7 +109,7 @@ class Answer:
     suspected: str | None = None  # the sensor fault, or the onset; one that bars a formula, too
     indistinguishable: tuple[Candidate, ...] = ()  # effects that the suspected fault looks like
     beside: tuple[Candidate, ...] = ()  # one of these after a name, all beside a suspected fault
-    experiment: Experiment | None = None  # drive that tells an ambiguous set apart
+    experiment: ProposedDrive | None = None  # drive that tells an ambiguous set apart
 
 
 @dataclass(frozen=True, slots=True)

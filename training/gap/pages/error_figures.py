@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from training.gap.name.verdict import Candidate
-from training.gap.verify.evidence import Error, Trace
+from training.gap.verify.evidence import Error, ErrorTrace
 from training.gap.verify.operating_map import OperatingMap
 from training.pages.figure import drawing, legend, panels
 from training.pages.numbers import percent
@@ -46,7 +46,7 @@ def error_figure(errors: Sequence[Error]) -> Figure:
     return figure
 
 
-def trace_figure(trace: Trace) -> Figure:
+def trace_figure(trace: ErrorTrace) -> Figure:
     """Draw measured phi and both models, and both residuals."""
     figure, (top, bottom) = panels(2, 1, height=2.0, sharex=True, height_ratios=(2, 1))
     top.plot(trace.t_s, trace.measured, color="0.2", linewidth=1.0, label="measured")

@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from training.gap.response.account import Curve
+from training.gap.response.account import ResponseCurve
 from training.gap.response.drivers import UNITS, WORDS
 from training.pages.figure import drawing
 from training.pages.numbers import with_unit, words
@@ -13,7 +13,7 @@ def label(name: str) -> str:
     return with_unit(WORDS.get(name, words(name)), UNITS.get(name))
 
 
-def added_figure(curve: Curve, driver: str, unit: str) -> Figure:
+def added_figure(curve: ResponseCurve, driver: str, unit: str) -> Figure:
     """Draw what a driver adds to the reading."""
     figure, axes = drawing(2.6)
     axes.plot(curve.x, curve.y, color="C0", linewidth=1.2)

@@ -19,7 +19,7 @@ GRID: Final = 9  # points of a curve in words
 
 
 @dataclass(frozen=True, slots=True)
-class Response:
+class ResponseAccount:
     """The reading of the new runs against that of a healthy vehicle, three constants."""
 
     gain: float
@@ -36,7 +36,7 @@ class Response:
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class ResponseCurve:
     """What a driver adds to the reading."""
 
     x: FloatArray  # (p,) in the driver's unit
@@ -54,11 +54,11 @@ class Curve:
         return 1.0 - float(rest.var() / max(float(self.y.var()), 1e-300))
 
 
-def response_of(new: Sequence[Comparison]) -> Response:
+def response_of(new: Sequence[Comparison]) -> ResponseAccount:
     """Return gain, delay and lag that bring the healthy reading nearest to the new one."""
     rows = [r.scored for r in new]
     measured = np.concatenate([r.phi_measured[s] for r, s in zip(new, rows, strict=True)])
-    best = (np.inf, Response(1.0, 0.0, 0.0))
+    best = (np.inf, ResponseAccount(1.0, 0.0, 0.0))
     for delay_s, lag_s in product(DELAYS_S, LAGS_S):
         made = np.concatenate(
             [
@@ -70,18 +70,18 @@ def response_of(new: Sequence[Comparison]) -> Response:
         gain = float(x @ y) / max(float(x @ x), 1e-300)
         left = float(((y - gain * x) ** 2).sum())
         if left < best[0]:
-            best = (left, Response(gain, delay_s, lag_s))
+            best = (left, ResponseAccount(gain, delay_s, lag_s))
     return best[1]
 
 
-def curve_of(family: Family, held: Held, runs: Sequence[Comparison]) -> Curve:
+def curve_of(family: Family, held: Held, runs: Sequence[Comparison]) -> ResponseCurve:
     """Return what a level adds over the driver's range in the new runs, the family's first."""
     assert family.driver is not None and family.basis is not None
     values = family.driver.values[: len(runs)]
     seen = np.concatenate([v[r.scored] for v, r in zip(values, runs, strict=True)])
     x = np.quantile(seen, np.linspace(0.02, 0.98, 5 * GRID))
     y = family.basis(x) @ held.coefficients
-    return Curve(x, y - y.mean())
+    return ResponseCurve(x, y - y.mean())
 
 
 def past_s(held: Held, period_s: float) -> float:

@@ -11,10 +11,16 @@ from typing import Final
 import numpy as np
 
 from training.gap.config import CONFIG
-from training.gap.response.account import Curve, Response, curve_of, past_s, response_of
+from training.gap.response.account import (
+    ResponseAccount,
+    ResponseCurve,
+    curve_of,
+    past_s,
+    response_of,
+)
 from training.gap.response.drivers import UNITS, WORDS, find_drivers
 from training.gap.response.families import Family, families_of
-from training.gap.response.reference import Reference
+from training.gap.response.reference import ResponseReference
 from training.gap.response.trial import Questions, Trial, p_value
 from training.greybox.fit.comparison import Comparison
 
@@ -59,8 +65,8 @@ class Difference:
 
     findings: tuple[Finding, ...]
     best: Finding | None  # None if nothing is beyond chance
-    response: Response | None  # where the best is a shift, a gain or a swing
-    curve: Curve | None  # where the best is a level
+    response: ResponseAccount | None  # where the best is a shift, a gain or a swing
+    curve: ResponseCurve | None  # where the best is a level
 
     @property
     def like_sensor(self) -> bool:
@@ -73,14 +79,14 @@ class References:
     """What healthy runs say, by the model's inputs and by all recorded signals."""
 
     inputs: tuple[str, ...]
-    each: tuple[Reference, ...]
+    each: tuple[ResponseReference, ...]
 
     @classmethod
     def learn(cls, healthy: Sequence[Comparison], inputs: Sequence[str]) -> "References":
         """Return both; the same one once if no other signal was recorded."""
         shared = [n for n in healthy[0].signals if all(n in r.signals for r in healthy)]
         sets = dict.fromkeys((tuple(inputs), tuple(shared)))
-        return cls(tuple(inputs), tuple(Reference.learn(healthy, names) for names in sets))
+        return cls(tuple(inputs), tuple(ResponseReference.learn(healthy, names) for names in sets))
 
     @property
     def error(self) -> float:
@@ -122,7 +128,7 @@ def difference_of(
     if first.family is not None and found.kind in SHIFTS:
         response = response_of(first.runs)
     if found.kind == "swing":
-        response = Response(float(np.exp(first.trial.swing)), 0.0, 0.0)
+        response = ResponseAccount(float(np.exp(first.trial.swing)), 0.0, 0.0)
     if first.family is not None and found.kind == "level":
         curve = curve_of(first.family, first.trial.held[first.number], first.runs)
     sentence = _sentence(first, response, curve, unit)
@@ -157,7 +163,11 @@ def _described_by(ranked: Sequence[_Place]) -> _Place | None:
 
 
 def _asked(
-    new: Sequence[Comparison], reference: Reference, references: References, unit: str, seed: int
+    new: Sequence[Comparison],
+    reference: ResponseReference,
+    references: References,
+    unit: str,
+    seed: int,
 ) -> list[_Place]:
     fresh = reference.beside(new)
     runs = [*fresh, *reference.healthy]
@@ -186,7 +196,9 @@ def _asked(
     ]
 
 
-def _sentence(place: _Place, response: Response | None, curve: Curve | None, unit: str) -> str:
+def _sentence(
+    place: _Place, response: ResponseAccount | None, curve: ResponseCurve | None, unit: str
+) -> str:
     found, of = place.finding, unit or "phi"
     words = WORDS.get(found.driver, found.driver.replace("_", " "))
     if found.kind in _OF_RUNS:

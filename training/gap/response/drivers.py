@@ -11,7 +11,7 @@ from training.gap.config import CONFIG
 from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import in_fuel_cut
 from training.healthy.config import CONFIG as HEALTHY
-from training.recordings.rows import hold
+from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.drivers
 

@@ -25,7 +25,7 @@ LEAST: Final = 1e-9  # of the runs' mean power, at which a run's slope is unknow
 
 
 @dataclass(frozen=True, slots=True)
-class Blocks:
+class EquationBlocks:
     """Scored samples of all runs in blocks of time, and what makes their errors white."""
 
     rows: tuple[IntArray, ...]  # of each run; the samples that whitening needs are scored, too
@@ -35,7 +35,9 @@ class Blocks:
     memory: FloatArray  # (p,) of the healthy errors: how much of the last p errors stays
 
     @classmethod
-    def of(cls, new: Sequence[Comparison], healthy: Sequence[Comparison], size: Spread) -> "Blocks":
+    def of(
+        cls, new: Sequence[Comparison], healthy: Sequence[Comparison], size: Spread
+    ) -> "EquationBlocks":
         """Return blocks as long as the other statistics use."""
         spread = tuple(size(r) for r in (*new, *healthy))
         rows, number, run = [], [], []
@@ -86,7 +88,9 @@ class Equations:
     run: IntArray  # (n_blocks,)
 
     @classmethod
-    def of(cls, family: Family, errors: Sequence[FloatArray], blocks: Blocks) -> "Equations":
+    def of(
+        cls, family: Family, errors: Sequence[FloatArray], blocks: EquationBlocks
+    ) -> "Equations":
         """Return the sums for the runs' whitened errors (m,)."""
         grams, rights = [], []
         for i, (columns, error) in enumerate(zip(family.columns, errors, strict=True)):

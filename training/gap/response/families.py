@@ -20,7 +20,7 @@ from training.gap.response.basis import Basis
 from training.gap.response.drivers import Driver, rate
 from training.gap.response.regressors import lagged
 from training.greybox.fit.comparison import Comparison
-from training.recordings.rows import hold
+from training.recordings.samples.rows import hold
 
 LAGS_S: Final = (0.3, 1.0, 3.0)  # of the reading
 PASTS_S: Final = (0.5, 1.5, 5.0, 20.0)  # of a driver

@@ -22,7 +22,7 @@ LARGEST: Final = 5.0  # spreads; a larger error counts as this, so that a few sa
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class ResponseReference:
     """The healthy vehicle's reading as a function of other signals, and the spread about it."""
 
     regressors: Regressors
@@ -31,7 +31,7 @@ class Reference:
     healthy: tuple[Comparison, ...]  # each beside the reading that the others predict
 
     @classmethod
-    def learn(cls, healthy: Sequence[Comparison], inputs: Sequence[str]) -> "Reference":
+    def learn(cls, healthy: Sequence[Comparison], inputs: Sequence[str]) -> "ResponseReference":
         """Return what healthy runs, two or more, say."""
         made = Regressors.of(healthy, inputs)
         tables = [made(r) for r in healthy]

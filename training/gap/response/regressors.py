@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from monitor.base.types import FloatArray
 from training.greybox.fit.comparison import Comparison
-from training.recordings.rows import hold
+from training.recordings.samples.rows import hold
 
 LAGS_S: Final = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0, 15.0, 60.0)
 DEAD_TIMES_S: Final = (0.2, 0.4, 0.8)

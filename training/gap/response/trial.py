@@ -13,7 +13,7 @@ import numpy as np
 from scipy import stats
 
 from monitor.base.types import FloatArray, IntArray
-from training.gap.response.equations import Blocks, Equations, Held, hold, two_sided
+from training.gap.response.equations import EquationBlocks, Equations, Held, hold, two_sided
 from training.gap.response.families import Family
 from training.gap.response.reference import Spread
 from training.gap.response.regressors import lagged
@@ -68,7 +68,7 @@ class Questions:
     ) -> "Questions":
         """Return the questions for runs beside the healthy vehicle's reading."""
         runs = [*new, *healthy]
-        blocks = Blocks.of(new, healthy, spread)
+        blocks = EquationBlocks.of(new, healthy, spread)
         white = [blocks.white(r.residual, i) for i, r in enumerate(runs)]
         means, sizes, swings = [], [], []
         for r, own, rows, number in zip(

@@ -18,7 +18,7 @@ from training.gap.config import CONFIG
 from training.gap.response.drivers import DERIVED
 from training.gap.verify.evidence import Error
 from training.greybox.fit.comparison import BLOCK_S, Comparison
-from training.recordings.rows import hold
+from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.verify
 DRAWS: Final = 500

@@ -63,7 +63,7 @@ class Detection:
 
 
 @dataclass(frozen=True, slots=True)
-class Trace:
+class ErrorTrace:
     """A stretch of a held-out drive with both models."""
 
     recording: str
@@ -85,7 +85,7 @@ class Verification:
     alarms: Detection | None = None  # without a fault, on the held-out drives
     healthy_alarms: Detection | None = None  # without a fault, on healthy recordings
     notes: tuple[str, ...] = ()
-    trace: Trace | None = None  # where the new model helps most; None without one
+    trace: ErrorTrace | None = None  # where the new model helps most; None without one
     map: OperatingMap | None = None
 
     @property

@@ -8,7 +8,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.greybox.fit.comparison import Comparison
-from training.recordings.rows import hold
+from training.recordings.samples.rows import hold
 
 SIGNALS: Final = ("engine_speed_rpm", "air_mass_mg")
 CELLS: Final = 10  # a side

@@ -15,12 +15,12 @@ from monitor.model.step import Model
 from training.gap.inputs.roles import FAULTS
 from training.gap.verify.detection import Monitors, Trial, detect, monitor_of
 from training.gap.verify.error_regimes import compare, rms, scored
-from training.gap.verify.evidence import Detection, Error, Trace, Verification
+from training.gap.verify.evidence import Detection, Error, ErrorTrace, Verification
 from training.gap.verify.operating_map import operating_map
 from training.greybox.chain import Constants
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import BLOCK_S, FOLDS, Comparison
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.healthy.base import check, plain_drives_of
 from training.healthy.behaviour import columns
 from training.jobs import Progress
@@ -109,7 +109,7 @@ def _monitors(old: Path, new: Path | None, accepted: Sequence[Recording]) -> Mon
 
 
 def _errors(
-    drives: Sequence[Drive],
+    drives: Sequence[ChainDrive],
     before: Sequence[Comparison],
     after: Sequence[Comparison] | None,
     chain: Constants,
@@ -129,7 +129,7 @@ def _plain(before: Sequence[Comparison], after: Sequence[Comparison] | None) -> 
 
 
 def _compared(
-    old: Path, new: Path | None, recordings: Sequence[Recording], drives: Sequence[Drive]
+    old: Path, new: Path | None, recordings: Sequence[Recording], drives: Sequence[ChainDrive]
 ) -> tuple[list[Comparison], list[Comparison] | None]:
     """Return the drives with each model's prediction, scored on the same samples."""
     before = predicted_phi(old, recordings)
@@ -145,7 +145,7 @@ def _compared(
     return old_run, None if new is None else new_run
 
 
-def _trace(before: Sequence[Comparison], after: Sequence[Comparison]) -> Trace:
+def _trace(before: Sequence[Comparison], after: Sequence[Comparison]) -> ErrorTrace:
     """Return the stretch in which the new model takes away most of the squared error."""
     best = (-1.0, 0, slice(0))
     for i, (old, new) in enumerate(zip(before, after, strict=True)):
@@ -156,7 +156,7 @@ def _trace(before: Sequence[Comparison], after: Sequence[Comparison]) -> Trace:
         best = max(best, (float(sums[at]), i, slice(at, at + length)), key=lambda each: each[0])
     _, i, rows = best
     old = before[i]
-    return Trace(
+    return ErrorTrace(
         recording=old.name,
         t_s=np.arange(rows.start, rows.stop, dtype=np.float64) * old.period_s,
         measured=old.phi_measured[rows],
@@ -167,7 +167,7 @@ def _trace(before: Sequence[Comparison], after: Sequence[Comparison]) -> Trace:
 
 
 def left_over(
-    drives: Sequence[Drive],
+    drives: Sequence[ChainDrive],
     compared: Sequence[Comparison],
     residuals: Sequence[FloatArray],
     chain: Constants,

@@ -38,7 +38,7 @@ class Catalyst(NamedTuple):
     span_v: float = 0.72
 
 
-class Range(NamedTuple):
+class CatalystRange(NamedTuple):
     """Unit, bounds and form of a constant."""
 
     unit: str
@@ -47,17 +47,17 @@ class Range(NamedTuple):
     is_log: bool  # fitted as its logarithm
 
 
-RANGES: Final[dict[str, Range]] = {  # of each constant, in the order of ``Catalyst``
-    "capacity_g": Range("g", 0.005, 3.0, is_log=True),
-    "fill": Range("", 0.5, 30.0, is_log=True),
-    "release": Range("", 0.5, 30.0, is_log=True),
-    "offset_phi": Range("1 - 1/lambda", -0.06, 0.06, is_log=False),
-    "hydrogen_phi": Range("1 - 1/lambda", -0.003, 0.005, is_log=False),
-    "delay_s": Range("s", 0.0, 2.5, is_log=False),
-    "to_rich_s": Range("s", 0.01, 4.0, is_log=True),
-    "to_lean_s": Range("s", 0.01, 4.0, is_log=True),
-    "low_v": Range("V", -0.1, 0.45, is_log=False),
-    "span_v": Range("V", 0.05, 1.2, is_log=False),
+RANGES: Final[dict[str, CatalystRange]] = {  # of each constant, in the order of ``Catalyst``
+    "capacity_g": CatalystRange("g", 0.005, 3.0, is_log=True),
+    "fill": CatalystRange("", 0.5, 30.0, is_log=True),
+    "release": CatalystRange("", 0.5, 30.0, is_log=True),
+    "offset_phi": CatalystRange("1 - 1/lambda", -0.06, 0.06, is_log=False),
+    "hydrogen_phi": CatalystRange("1 - 1/lambda", -0.003, 0.005, is_log=False),
+    "delay_s": CatalystRange("s", 0.0, 2.5, is_log=False),
+    "to_rich_s": CatalystRange("s", 0.01, 4.0, is_log=True),
+    "to_lean_s": CatalystRange("s", 0.01, 4.0, is_log=True),
+    "low_v": CatalystRange("V", -0.1, 0.45, is_log=False),
+    "span_v": CatalystRange("V", 0.05, 1.2, is_log=False),
 }
 
 

@@ -40,7 +40,7 @@ HELD_SHARE: Final = 0.02  # of the range; a constant nearer to its bound ended a
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class CatalystDrive:
     """The fit's signals of one recording, (n,) each."""
 
     name: str
@@ -52,7 +52,7 @@ class Drive:
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
+class FittedCatalyst:
     """Constants, their standard errors, and how well the voltage is reproduced."""
 
     constants: Catalyst
@@ -83,7 +83,7 @@ class Fitted:
         }
 
 
-def drive_of(recording: "Recording", config: CatalystConfig | None = None) -> Drive:
+def drive_of(recording: "Recording", config: CatalystConfig | None = None) -> CatalystDrive:
     """Return the fit's signals; raises RecordingError if a signal is missing."""
     config = config or shipped().catalyst
     missing = [name for name in NEEDED if name not in recording.known]
@@ -103,7 +103,7 @@ def drive_of(recording: "Recording", config: CatalystConfig | None = None) -> Dr
     since = np.arange(len(good)) - np.maximum.accumulate(np.where(good, -1, np.arange(len(good))))
     counts &= (since > n_settle) & (np.arange(len(good)) > n_settle)
     x = 1.0 - 1.0 / np.maximum(held[:, 1], 0.1)
-    return Drive(recording.path.name, period_s, x, air_g_s, held[:, 0], counts)
+    return CatalystDrive(recording.path.name, period_s, x, air_g_s, held[:, 0], counts)
 
 
 def _warm(recording: "Recording", config: CatalystConfig) -> BoolArray:
@@ -114,7 +114,7 @@ def _warm(recording: "Recording", config: CatalystConfig) -> BoolArray:
     return np.where(np.isfinite(degc), degc >= config.warm_degc, run)
 
 
-def fit(drives: Sequence[Drive], starts: Sequence[Catalyst] = STARTS) -> Fitted:
+def fit(drives: Sequence[CatalystDrive], starts: Sequence[Catalyst] = STARTS) -> FittedCatalyst:
     """Return the constants that reproduce the voltage best in free run.
 
     Raises RecordingError if too few samples count.
@@ -148,7 +148,7 @@ def fit(drives: Sequence[Drive], starts: Sequence[Catalyst] = STARTS) -> Fitted:
     best = min(found, key=lambda each: each.cost)
     constants = _constants(best.x)
     share = np.minimum(best.x - low, high - best.x) / (high - low)
-    return Fitted(
+    return FittedCatalyst(
         constants=constants,
         errors=_errors(drives, best.x, np.asarray(best.jac), residual(best.x)),
         rmse_v=float(np.sqrt((residual(best.x) ** 2).mean())),
@@ -159,12 +159,12 @@ def fit(drives: Sequence[Drive], starts: Sequence[Catalyst] = STARTS) -> Fitted:
     )
 
 
-def _error_v(drive: Drive, constants: Catalyst) -> FloatArray:
+def _error_v(drive: CatalystDrive, constants: Catalyst) -> FloatArray:
     return volts(drive.x, drive.air_g_s, drive.period_s, constants) - drive.measured_v
 
 
 def _errors(
-    drives: Sequence[Drive], theta: FloatArray, jacobian: FloatArray, error: FloatArray
+    drives: Sequence[CatalystDrive], theta: FloatArray, jacobian: FloatArray, error: FloatArray
 ) -> Catalyst:
     """Return one standard error of each constant, in its unit."""
     # the rows come scaled by (1 + z²)^-0.75, so that their product is the Hessian of the soft L1
@@ -202,6 +202,6 @@ def _constants(theta: FloatArray) -> Catalyst:
     return Catalyst(*(math.exp(v) if r.is_log else v for v, r in pairs))
 
 
-def write(path: Path, fitted: Fitted, further: Mapping[str, Any]) -> None:
+def write(path: Path, fitted: FittedCatalyst, further: Mapping[str, Any]) -> None:
     """Write constants, errors and fit as JSON."""
     write_text(path, json.dumps(fitted.tree() | dict(further), indent=1) + "\n")

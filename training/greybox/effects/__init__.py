@@ -13,26 +13,30 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from training.greybox.effects import (
-    back_pressure,
+from training.greybox.effects.air import (
     charge_temperature,
-    delay_flow,
-    ethanol,
-    exhaust_leak,
-    fuel_cut_tail,
-    injector_offset,
     maf_offset,
     maf_pulsation,
     manifold_filling,
-    mix_flow,
-    purge,
-    rail_exponent,
     scavenging,
-    sensor_asymmetry,
-    wall_film,
 )
 from training.greybox.effects.brought import with_brought
+from training.greybox.effects.exhaust import (
+    back_pressure,
+    delay_flow,
+    exhaust_leak,
+    mix_flow,
+    sensor_asymmetry,
+)
 from training.greybox.effects.form.effect import Effect, Own, Parameter, along
+from training.greybox.effects.fuel import (
+    ethanol,
+    fuel_cut_tail,
+    injector_offset,
+    purge,
+    rail_exponent,
+    wall_film,
+)
 
 ALL: tuple[Effect, ...]
 LIBRARY: Mapping[str, Effect]

@@ -10,11 +10,11 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import Constants, Path, simulate
 from training.greybox.effects import Effect
 from training.greybox.fit.comparison import BLOCK_S
-from training.greybox.fit.drive import Drive, path_of
-from training.greybox.fit.sensor_faults import SensorFault
+from training.greybox.fit.drive import ChainDrive, path_of
+from training.greybox.fit.sensor_faults import FaultHypothesis
 from training.greybox.fit.variation import Shrink
 
-Term = Effect | SensorFault
+Term = Effect | FaultHypothesis
 WHITE: Final = (0.9, 0.0)  # nearly differences: slow errors are left to the correction
 
 
@@ -34,7 +34,7 @@ class Run:
     phi: FloatArray  # (n,) that the sensor reads
 
     @classmethod
-    def of(cls, drive: Drive, base: Constants) -> "Run":
+    def of(cls, drive: ChainDrive, base: Constants) -> "Run":
         """Return the run of a base on a drive."""
         path = path_of(drive, base)
         return cls(path, simulate(path, drive.period_s))
@@ -44,7 +44,7 @@ class Run:
 class Case:
     """Drives to explain and everything that a fit needs beside its starting values."""
 
-    drives: tuple[Drive, ...]
+    drives: tuple[ChainDrive, ...]
     corrections: tuple[FloatArray, ...]  # per drive (n,) in phi: error of the base when healthy
     ar: tuple[float, float] = (0.0, 0.0)  # autoregression of the noise, newest first
     sigma: float = 1.0  # of the whitened noise, in phi
@@ -93,7 +93,7 @@ def predict(
 
 
 def reading(
-    drive: Drive,
+    drive: ChainDrive,
     base: Constants,
     terms: Sequence[Term],
     parameters: Sequence[FloatArray],
@@ -112,7 +112,7 @@ def reading(
     read = run.phi if run and path is run.path else simulate(path, drive.period_s)
     phi = read + correction
     for term, values in zip(terms, parameters, strict=True):
-        if isinstance(term, SensorFault):
+        if isinstance(term, FaultHypothesis):
             phi = term.read(phi, values, drive.period_s)
     return phi
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 
 BLOCK_S = 30.0  # a block holds many cycles of the lambda controller and a manoeuvre or two
 FOLDS = 5  # of blocks that are held out together
@@ -29,7 +29,7 @@ class Comparison:
     residual: FloatArray = field(init=False)  # (n,) measured minus predicted, 0 where not scored
 
     @classmethod
-    def of(cls, drive: Drive, phi_predicted: FloatArray) -> "Comparison":
+    def of(cls, drive: ChainDrive, phi_predicted: FloatArray) -> "Comparison":
         """Return a drive beside a model's prediction (n,) in phi."""
         return cls(
             name=drive.name,

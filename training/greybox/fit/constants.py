@@ -18,8 +18,8 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants
 from training.greybox.effects import Own
 from training.greybox.fit.case import WHITE, Case, predict
-from training.greybox.fit.drive import Drive
-from training.greybox.fit.joint import HIGH, LOW, Fit, Search, fit
+from training.greybox.fit.drive import ChainDrive
+from training.greybox.fit.joint import HIGH, LOW, JointFit, JointSearch, fit
 from training.greybox.fit.told import Told
 
 BLOCK_S = 45.0  # samples further apart than this count as independent in a standard error
@@ -35,7 +35,7 @@ NOISE_ORDER = 2  # of the residual's autoregression, as in ``joint.Case``
 ROUNDS = 4  # of constants and autoregression in turn
 # Shorter steps end in the worse of two minima. With a tolerance of 1e-5 a fit that starts at the
 # bound of ``mixing_s`` stays there.
-FROM_AFAR = Search(Constants(), 1e-8, 200)
+FROM_AFAR = JointSearch(Constants(), 1e-8, 200)
 STANDARD_ERRORS = (
     f"from the Jacobian of the residual whitened by an AR({NOISE_ORDER}), whose remaining "
     f"correlation within blocks of {BLOCK_S:g} s is allowed for (sandwich over blocks)"
@@ -80,7 +80,7 @@ def fit_constants(
     told : of every round of every start
     Raises RecordingError if too few samples count.
     """
-    drive = Drive(
+    drive = ChainDrive(
         name="", period_s=period_s, signals=signals, phi_measured=phi, scored=scored, own=own
     )
     at = np.flatnonzero(drive.kept)
@@ -112,7 +112,9 @@ def fit_constants(
     )
 
 
-def _whitened(drive: Drive, at: IntArray, start: Constants, told: Told) -> tuple[Case, Fit]:
+def _whitened(
+    drive: ChainDrive, at: IntArray, start: Constants, told: Told
+) -> tuple[Case, JointFit]:
     """Return the fit from one start, in turn with the autoregression of its residual.
 
     at : the samples that count together with those before them

@@ -15,7 +15,7 @@ from training.greybox.effects import ALL, Effect, Own, along
 from training.greybox.effects.form.air_meter import following
 from training.pages.numbers import percent
 from training.recordings.recording import Recording
-from training.recordings.rows import hold
+from training.recordings.samples.rows import hold
 
 OUTPUT: Final = "lambda_measured"
 NEEDED: Final = ("air_mass_mg", "fuel_mass_mg")
@@ -28,7 +28,7 @@ MIN_SCORED_S: Final = 60.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Drive:
+class ChainDrive:
     """One recording as the chain needs it."""
 
     name: str
@@ -60,12 +60,14 @@ class Drive:
         return kept
 
 
-def path_of(drive: Drive, base: Constants) -> Path:
+def path_of(drive: ChainDrive, base: Constants) -> Path:
     """Return the path of the base on a drive, with the healthy vehicle's own effects."""
     return along(base_path(base, drive.signals), drive.own, drive.signals, drive.period_s)
 
 
-def from_recording(recording: Recording, made: Mapping[str, FloatArray] | None = None) -> Drive:
+def from_recording(
+    recording: Recording, made: Mapping[str, FloatArray] | None = None
+) -> ChainDrive:
     """Return the drive of a recording.
 
     made : signals (n,) that the model computes; they replace the recorded ones
@@ -94,7 +96,7 @@ def make(
     signals: Mapping[str, FloatArray],
     lambda_measured: FloatArray,
     needed: Sequence[str] | None = None,
-) -> Drive:
+) -> ChainDrive:
     """Return a drive from signals (n,) and measured lambda (n,), NaN where they are bad.
 
     needed : signals without which the model predicts nothing, default those of the chain
@@ -129,7 +131,7 @@ def make(
             f"(fuel_mass_mg from {CUT_FUEL_MG:g} mg)"
         )
     phi = np.where(good, phi, hold(np.where(good, phi, np.nan)))
-    return Drive(
+    return ChainDrive(
         name=name,
         period_s=period_s,
         signals=MappingProxyType(held),

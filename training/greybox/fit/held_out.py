@@ -5,10 +5,10 @@ import numpy as np
 from monitor.base.types import FloatArray, IntArray
 from training.greybox.fit.case import Case, plain_errors, predict
 from training.greybox.fit.comparison import FOLDS
-from training.greybox.fit.joint import Fit, Layout
+from training.greybox.fit.joint import JointFit, ParameterLayout
 
 
-def held_out(found: Fit, blocks: IntArray) -> FloatArray:
+def held_out(found: JointFit, blocks: IntArray) -> FloatArray:
     """Return each sample's error (m,) in sigma by the fit without the fold of its block.
 
     The fit without a fold is one Gauss-Newton step away from the whole fit, which is enough for a
@@ -21,10 +21,10 @@ def held_out(found: Fit, blocks: IntArray) -> FloatArray:
     return result
 
 
-def held_out_rmse(case: Case, found: Fit) -> float:
+def held_out_rmse(case: Case, found: JointFit) -> float:
     """Return the RMSE in phi over all blocks, each predicted by the fit without its fold."""
     fold = case.blocks % FOLDS
-    layout = Layout(case, found.terms)
+    layout = ParameterLayout(case, found.terms)
     low, high = layout.limits
     centre = layout.join(found.base, [own.tolist() for own in found.parameters])
     squares = 0.0
@@ -35,7 +35,7 @@ def held_out_rmse(case: Case, found: Fit) -> float:
     return float(np.sqrt(squares / len(fold)))
 
 
-def _steps_without(found: Fit, fold: IntArray) -> list[FloatArray]:
+def _steps_without(found: JointFit, fold: IntArray) -> list[FloatArray]:
     """Return the step of the constants (p,) for each fold that is left out."""
     steps = []
     for f in range(FOLDS):

@@ -19,7 +19,7 @@ INSIDE: Final = 1e-6  # of the range: distance from a bound at which a fit start
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class JointSearch:
     """How far a fit looks for the base constants, and when it ends."""
 
     scale: Constants  # typical step
@@ -27,7 +27,7 @@ class Search:
     steps_most: int
 
 
-NEARBY: Final = Search(
+NEARBY: Final = JointSearch(
     Constants(
         gain=0.01,
         dead_time_s=0.02,
@@ -42,7 +42,7 @@ NEARBY: Final = Search(
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class JointFit:
     """One fitted model."""
 
     terms: tuple[Term, ...]
@@ -65,24 +65,24 @@ class Fit:
 def fit(
     case: Case,
     terms: Sequence[Term],
-    starts: Sequence[Fit | Constants],
-    search: Search = NEARBY,
-) -> Fit:
+    starts: Sequence[JointFit | Constants],
+    search: JointSearch = NEARBY,
+) -> JointFit:
     """Return the best fit over all starts.
 
     starts : base constants, or a fit of some of the terms, the first ones. The parameters of the
     other terms start at all combinations of their starts.
     """
-    layout = Layout(case, tuple(terms))
+    layout = ParameterLayout(case, tuple(terms))
     moving = len(layout.limits[0])
     points = (x for start in starts for x in _starting_points(terms, start))
     different = dict.fromkeys(tuple(x[len(x) - moving :].tolist()) for x in points)
     return min((_descend(layout, np.array(x), search) for x in different), key=lambda f: f.cost)
 
 
-def _starting_points(terms: Sequence[Term], start: Fit | Constants) -> list[FloatArray]:
+def _starting_points(terms: Sequence[Term], start: JointFit | Constants) -> list[FloatArray]:
     begun = [np.array(start)] if isinstance(start, Constants) else [np.array(start.base)]
-    if isinstance(start, Fit):
+    if isinstance(start, JointFit):
         begun += list(start.parameters)
     rest = terms[len(begun) - 1 :]
     grids = [product(*(p.start for p in term.parameters)) for term in rest]
@@ -93,7 +93,7 @@ def _starting_points(terms: Sequence[Term], start: Fit | Constants) -> list[Floa
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class ParameterLayout:
     """The moving constants of a fit in one array."""
 
     case: Case
@@ -135,7 +135,7 @@ class Layout:
 class _Errors:
     """The errors of a layout; a slope is asked for where an error was asked for last."""
 
-    layout: Layout
+    layout: ParameterLayout
     steps: FloatArray  # (p,) of the constants, for derivatives
     x: FloatArray | None = None
     parts: list[FloatArray] = field(default_factory=list)
@@ -161,7 +161,7 @@ class _Errors:
         return self.parts
 
 
-def _descend(layout: Layout, x: FloatArray, search: Search) -> Fit:
+def _descend(layout: ParameterLayout, x: FloatArray, search: JointSearch) -> JointFit:
     case, terms = layout.case, layout.terms
     low, high = layout.limits
     scale = layout.join(
@@ -170,7 +170,7 @@ def _descend(layout: Layout, x: FloatArray, search: Search) -> Fit:
     tried = _Errors(layout, STEP * scale)
     if len(x) == 0:
         e = tried.at(x)
-        return Fit(
+        return JointFit(
             terms=terms,
             base=layout.split(x)[0],
             parameters=(),
@@ -194,7 +194,7 @@ def _descend(layout: Layout, x: FloatArray, search: Search) -> Fit:
     base, own = layout.split(found.x)
     jacobian = np.asarray(found.jac, dtype=np.float64)
     m = len(found.fun) - len(_prior_rows(case, base)) - len(_term_rows(terms, own))
-    return Fit(
+    return JointFit(
         terms=terms,
         base=base,
         parameters=tuple(own),

@@ -19,7 +19,7 @@ LAMBDA_MAX, LAMBDA_MIN = 16.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class SensorFault:
+class FaultHypothesis:
     """A gradual fault of the sensor."""
 
     name: str
@@ -93,19 +93,19 @@ def _transient(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
 
 _TIME = Parameter("time", "s", 0.0, 4.0, (0.1, 0.6))
 FAULTS = (
-    SensorFault("slow_lean_to_rich", "slow from lean to rich", (_TIME,), _slow_lean_to_rich),
-    SensorFault("slow_rich_to_lean", "slow from rich to lean", (_TIME,), _slow_rich_to_lean),
-    SensorFault("slow_symmetric", "slow", (_TIME,), _slow_symmetric),
-    SensorFault("delay_lean_to_rich", "late from lean to rich", (_TIME,), _delay_lean_to_rich),
-    SensorFault("delay_rich_to_lean", "late from rich to lean", (_TIME,), _delay_rich_to_lean),
-    SensorFault("delay_symmetric", "late", (_TIME,), _delay_symmetric),
-    SensorFault(
+    FaultHypothesis("slow_lean_to_rich", "slow from lean to rich", (_TIME,), _slow_lean_to_rich),
+    FaultHypothesis("slow_rich_to_lean", "slow from rich to lean", (_TIME,), _slow_rich_to_lean),
+    FaultHypothesis("slow_symmetric", "slow", (_TIME,), _slow_symmetric),
+    FaultHypothesis("delay_lean_to_rich", "late from lean to rich", (_TIME,), _delay_lean_to_rich),
+    FaultHypothesis("delay_rich_to_lean", "late from rich to lean", (_TIME,), _delay_rich_to_lean),
+    FaultHypothesis("delay_symmetric", "late", (_TIME,), _delay_symmetric),
+    FaultHypothesis(
         "gain_low", "of another sensitivity", (Parameter("gain", "-", 0.1, 2.0, (0.9,)),), _gain
     ),
-    SensorFault(
+    FaultHypothesis(
         "biased", "offset", (Parameter("offset", "lambda", -0.3, 0.3, (0.01, -0.01)),), _offset
     ),
-    SensorFault(
+    FaultHypothesis(
         "transient",
         "slow and of another sensitivity",
         (_TIME, Parameter("gain", "-", 0.1, 2.0, (0.9,))),

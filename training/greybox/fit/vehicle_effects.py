@@ -14,8 +14,8 @@ from monitor.base.types import BoolArray, FloatArray
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY, Effect, Own
 from training.greybox.fit.case import WHITE, Case, has_its_signs
-from training.greybox.fit.drive import Drive
-from training.greybox.fit.joint import Fit, fit
+from training.greybox.fit.drive import ChainDrive
+from training.greybox.fit.joint import JointFit, fit
 
 OF_SOME: Final = ("wall_film", "manifold_filling")
 FALL: Final = 0.3  # relative fall of the squared error with which the first effect is accepted
@@ -29,13 +29,13 @@ def own_of(
 
     signals, phi, scored : see ``constants.fit_constants``
     """
-    drive = Drive(name="", period_s=period_s, signals=signals, phi_measured=phi, scored=scored)
+    drive = ChainDrive(name="", period_s=period_s, signals=signals, phi_measured=phi, scored=scored)
     case = Case((drive,), (np.zeros(len(phi)),), WHITE)
     effects, found = with_more(case, fit(case, (), [Constants()]))
     return tuple(zip(effects, found.parameters, strict=True))
 
 
-def with_more(case: Case, found: Fit) -> tuple[list[Effect], Fit]:
+def with_more(case: Case, found: JointFit) -> tuple[list[Effect], JointFit]:
     """Return the effects that the drives show, the strongest first, and the fit with them.
 
     found : the fit of the plain chain

@@ -9,8 +9,8 @@ from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from training.greybox.chain import simulate
 from training.greybox.graph.chain_graph import Greybox
-from training.narx.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
-from training.recordings.preparation import Prepared
+from training.narx.search.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
+from training.recordings.samples.preparation import Prepared
 
 TOLERANCE = 1e-5  # phi, ONNX against numpy over a free run
 PARITY_SAMPLES = 3000

@@ -10,7 +10,7 @@ from monitor.base.signals import BY_NAME
 from monitor.model.card import Channel
 from training.greybox.chain import AIR_LEAST_MG, SPEED_LEAST_RPM, inputs_of
 from training.greybox.effects.model_effect import ModelEffect
-from training.recordings.scaling import MARGIN
+from training.recordings.samples.scaling import MARGIN
 
 Ranges = Mapping[str, tuple[float, float]]  # low and high of each signal in the drives of a fit
 SPEED = "engine_speed_rpm"

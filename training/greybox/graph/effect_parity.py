@@ -13,13 +13,13 @@ from monitor.base.types import FloatArray
 from monitor.model.step import Inputs, Model
 from training.greybox.chain import STOICHIOMETRIC, charge_mg, simulate
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.checks import TOLERANCE
 from training.greybox.graph.effect import FUEL
 from training.recordings.prediction import stacked
 
-__all__ = ["TOLERANCE", "Entry", "Parity", "ParityError", "made_inputs", "parity", "reading"]
+__all__ = ["TOLERANCE", "EffectParity", "Entry", "ParityError", "made_inputs", "parity", "reading"]
 
 SELDOM, TOLERANCE_SELDOM = 1e-3, 1e-3  # share of samples, and by how much they may differ
 MADE = 3  # drives
@@ -46,7 +46,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Parity:
+class EffectParity:
     """Number of compared samples and differences in phi."""
 
     samples: int
@@ -65,8 +65,8 @@ def reading(greybox: Greybox, entries: Sequence[Entry], u: FloatArray) -> FloatA
 
 
 def parity(
-    file: Path | str, greybox: Greybox, entries: Sequence[Entry], drives: Sequence[Drive] = ()
-) -> Parity:
+    file: Path | str, greybox: Greybox, entries: Sequence[Entry], drives: Sequence[ChainDrive] = ()
+) -> EffectParity:
     """Compare free runs of a file and of its numpy form over made inputs and ``drives``.
 
     For an effect with two branches (a sensor slower on one edge), roundings decide the branch where
@@ -95,7 +95,7 @@ def parity(
         )
     if not np.array_equal(_phi(model.with_batch(MADE), np.stack(seen[:MADE])), alone):
         raise ParityError(f"{file}: runs side by side differ from the same runs alone")
-    return Parity(sum(len(u[after]) for u in seen), off, largest)
+    return EffectParity(sum(len(u[after]) for u in seen), off, largest)
 
 
 def made_inputs(greybox: Greybox, n: int, seed: int = 8) -> FloatArray:

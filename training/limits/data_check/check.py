@@ -11,7 +11,7 @@ from typing import Any
 
 from monitor.base.files.manifest import source_of
 from training.limits.data_check.inputs import copies, covered, excited
-from training.limits.data_check.samples import Finding, closed_loop, enough, usable
+from training.limits.data_check.samples import DataFinding, closed_loop, enough, usable
 from training.recordings.recording import Recording
 
 SCHEMA = "o2train.check/1"
@@ -32,7 +32,7 @@ def check(
     hidden : neurons per hidden layer of the planned model
     unreadable : one error message per file that could not be read
     """
-    findings = [Finding("error", "file", text) for text in unreadable]
+    findings = [DataFinding("error", "file", text) for text in unreadable]
     figures: dict[str, Any] = {"coverage": None, "excitation": [], "condition_number": None}
     findings += _setup(recordings, inputs, output)
     if not any(f.level == "error" for f in findings):
@@ -71,22 +71,24 @@ def _recording(r: Recording) -> dict[str, Any]:
     }
 
 
-def _setup(recordings: Sequence[Recording], inputs: Sequence[str], output: str) -> list[Finding]:
+def _setup(
+    recordings: Sequence[Recording], inputs: Sequence[str], output: str
+) -> list[DataFinding]:
     """Return the findings on names, periods and files; an error here ends the check."""
     findings = []
     if not recordings:
-        return [Finding("error", "file", "no recording can be read, at least one is wanted")]
+        return [DataFinding("error", "file", "no recording can be read, at least one is wanted")]
     if output in inputs:
-        findings.append(Finding("error", "names", f"{output} is both an input and the output"))
+        findings.append(DataFinding("error", "names", f"{output} is both an input and the output"))
     twice = dict.fromkeys(n for n in inputs if list(inputs).count(n) > 1)
-    findings += [Finding("error", "names", f"input {n} is named more than once") for n in twice]
+    findings += [DataFinding("error", "names", f"input {n} is named more than once") for n in twice]
     for r in recordings:
         lost = [n for n in (*inputs, output) if n not in r.names]
         if lost:
             text = f"{r.path}: no {', '.join(lost)}; there are {', '.join(r.names)}"
-            findings.append(Finding("error", "missing channels", text))
+            findings.append(DataFinding("error", "missing channels", text))
     if not findings:
-        findings.append(Finding("ok", "missing channels", "every recording has all signals"))
+        findings.append(DataFinding("ok", "missing channels", "every recording has all signals"))
     first = recordings[0]
     for r in recordings[1:]:
         if r.period_ns != first.period_ns:
@@ -94,12 +96,12 @@ def _setup(recordings: Sequence[Recording], inputs: Sequence[str], output: str) 
                 f"{r.path}: sample period {r.period_ns / 1e9:g} s, {first.path} has "
                 f"{first.period_ns / 1e9:g} s; one grid is wanted (--period)"
             )
-            findings.append(Finding("error", "sample period", text))
+            findings.append(DataFinding("error", "sample period", text))
     by_sha256: dict[str, Recording] = {}
     for r in recordings:
         if r.sha256 in by_sha256:
             first = by_sha256[r.sha256]
             text = f"{r.path} and {first.path} are the same file: held-out blocks leak"
-            findings.append(Finding("warning", "repeated file", text))
+            findings.append(DataFinding("warning", "repeated file", text))
         by_sha256.setdefault(r.sha256, r)
     return findings

@@ -9,9 +9,9 @@ from monitor.base.signals import NARX_INPUTS
 from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
 from training.limits.data_check import measures
-from training.limits.data_check.samples import Finding, Usable
-from training.recordings.linear_data import output_transform
+from training.limits.data_check.samples import DataFinding, Usable
 from training.recordings.recording import Recording
+from training.recordings.samples.linear_data import output_transform
 
 MOVES = 20  # least changes of an input; with fewer, few places show its effect
 COVERED = 0.5  # least share of visited speed × load cells; a regulatory cycle visits 0.7 and more
@@ -21,7 +21,7 @@ SPEED = ("engine_speed_rpm", "speed_z", "rpm", "engine_speed", "speed")
 LOAD = ("manifold_pressure_kpa", "air_mass_mg", "load_z", "map_kpa", "load", "engine_torque_nm")
 
 
-def covered(recordings: Sequence[Recording], figures: dict[str, Any]) -> list[Finding]:
+def covered(recordings: Sequence[Recording], figures: dict[str, Any]) -> list[DataFinding]:
     """Return the finding on the coverage of speed and load; store its histogram in ``figures``."""
     names = [
         next((n for n in choice if all(n in r.names for r in recordings)), None)
@@ -29,13 +29,13 @@ def covered(recordings: Sequence[Recording], figures: dict[str, Any]) -> list[Fi
     ]
     if names[0] is None or names[1] is None:
         text = "no columns of engine speed and load in all recordings: coverage is not judged"
-        return [Finding("ok", "coverage", text)]
+        return [DataFinding("ok", "coverage", text)]
     pairs = [np.column_stack([r.column(str(n)) for n in names]) for r in recordings]
     both = np.concatenate(pairs)
     both = both[np.isfinite(both).all(axis=1)]
     if not len(both):
         text = f"{names[0]} and {names[1]} are never valid together"
-        return [Finding("warning", "coverage", text)]
+        return [DataFinding("warning", "coverage", text)]
     cover = measures.coverage(both[:, 0], both[:, 1], recordings[0].period_ns / 1e9)
     figures["coverage"] = {
         "speed": names[0],
@@ -56,8 +56,8 @@ def covered(recordings: Sequence[Recording], figures: dict[str, Any]) -> list[Fi
         text += (
             f"; {100 * COVERED:g} % of the cells and no cell above {100 * FULLEST:g} % are wanted"
         )
-        return [Finding("warning", "coverage", text)]
-    return [Finding("ok", "coverage", text)]
+        return [DataFinding("warning", "coverage", text)]
+    return [DataFinding("ok", "coverage", text)]
 
 
 def excited(
@@ -66,7 +66,7 @@ def excited(
     inputs: Sequence[str],
     lags: int,
     figures: dict[str, Any],
-) -> list[Finding]:
+) -> list[DataFinding]:
     """Return the findings on excitation and collinearity; store the measures in ``figures``."""
     findings = []
     period_s = recordings[0].period_ns / 1e9
@@ -87,26 +87,26 @@ def excited(
             values = np.concatenate([r.column(name) for r in recordings])
             if np.ptp(values[np.isfinite(values)]) > 0.0:  # else ``usable`` has reported it
                 text = f"{name} is constant where all inputs are valid: leave it out"
-                findings.append(Finding("error", "constant", text))
+                findings.append(DataFinding("error", "constant", text))
         elif motion.order < lags:
             text = (
                 f"{name} is persistently exciting of order {motion.order} only, {lags} is wanted "
                 f"for {lags} lags: its lags cannot be told apart"
             )
-            findings.append(Finding("warning", "excitation", text))
+            findings.append(DataFinding("warning", "excitation", text))
         elif motion.moves < MOVES:
             text = (
                 f"{name} changes {motion.moves} times, {MOVES} times are wanted: its effect is "
                 "seen in a few places only"
             )
-            findings.append(Finding("warning", "excitation", text))
+            findings.append(DataFinding("warning", "excitation", text))
     if not findings:
         text = f"every input moves and excites {lags} lags"
-        findings.append(Finding("ok", "excitation", text))
+        findings.append(DataFinding("ok", "excitation", text))
     return findings + _collinear(np.concatenate(data.u), inputs, figures)
 
 
-def _collinear(u: FloatArray, inputs: Sequence[str], figures: dict[str, Any]) -> list[Finding]:
+def _collinear(u: FloatArray, inputs: Sequence[str], figures: dict[str, Any]) -> list[DataFinding]:
     if (u.std(axis=0) <= 1e-12 * np.maximum(1.0, np.abs(u).max(axis=0))).any():
         return []  # an input is constant, which is an error of its own
     condition, groups = measures.collinear(u, inputs)
@@ -114,15 +114,15 @@ def _collinear(u: FloatArray, inputs: Sequence[str], figures: dict[str, Any]) ->
     text = f"condition number of the inputs {condition:.3g}"
     limit = measures.CONDITION_INDEX
     if condition <= limit:
-        return [Finding("ok", "collinearity", f"{text}, below {limit:g}")]
+        return [DataFinding("ok", "collinearity", f"{text}, below {limit:g}")]
     members = "; ".join(" and ".join(g) for g in groups) or "spread over all"
     text += f", below {limit:g} is wanted: {members} carry nearly the same, one may go"
     if set(inputs) == set(NARX_INPUTS):
         text += " (the paper's seven are so by their physics, and the NARX bears it)"
-    return [Finding("warning", "collinearity", text)]
+    return [DataFinding("warning", "collinearity", text)]
 
 
-def copies(data: Usable, inputs: Sequence[str], output: str) -> list[Finding]:
+def copies(data: Usable, inputs: Sequence[str], output: str) -> list[DataFinding]:
     """Return the findings on inputs that are a shifted or scaled copy of the output."""
     findings = []
     transform = output_transform(output)
@@ -141,11 +141,11 @@ def copies(data: Usable, inputs: Sequence[str], output: str) -> list[Finding]:
         text = f"{name} follows {output}{shift} with a correlation of {level:.5f}"
         if abs(change) > measures.COPY:
             text += ": a copy of the output is no input, leave it out"
-            findings.append(Finding("error", "leak", text))
+            findings.append(DataFinding("error", "leak", text))
         else:
             text += f", changes with {change:.3f}: make sure that it is not made from the output"
-            findings.append(Finding("warning", "leak", text))
+            findings.append(DataFinding("warning", "leak", text))
     if not findings:
         text = f"no input is a scaled or shifted copy of {output} (within {COPY_LAGS} samples)"
-        findings.append(Finding("ok", "leak", text))
+        findings.append(DataFinding("ok", "leak", text))
     return findings

@@ -9,13 +9,15 @@ from monitor.base.counts import counted
 from monitor.base.types import FloatArray
 from training.limits.decision_limits import MANY_WINDOWS
 from training.narx.network import Spec
-from training.recordings.linear_data import output_transform
-from training.recordings.outliers import outlier_mask
-from training.recordings.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP, enabled_rows
 from training.recordings.recording import Recording
-from training.recordings.rows import runs
+from training.recordings.samples.linear_data import output_transform
+from training.recordings.samples.outliers import outlier_mask
+from training.recordings.samples.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP, enabled_rows
+from training.recordings.samples.rows import runs
 
-SHORTEST_STRETCH = 8  # times the lags: training.recordings.preparation drops shorter stretches
+SHORTEST_STRETCH = (
+    8  # times the lags: training.recordings.samples.preparation drops shorter stretches
+)
 SAMPLES_PER_WEIGHT = 10  # with fewer samples the network overfits
 SMALLEST = (2,)  # neurons per hidden layer of the smallest useful network
 WINDOW = 50  # samples of a window, Model Based Diagnosis of Oxygen Sensors, section 2
@@ -25,7 +27,7 @@ CLOSED_LOOP = 0.5  # least share of enabled samples; warm drives have 0.7 and mo
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class DataFinding:
     """One finding of the data check."""
 
     level: str  # ok, warning or error
@@ -50,7 +52,7 @@ class Usable:
 
 def usable(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str, lags: int
-) -> tuple[Usable, list[Finding]]:
+) -> tuple[Usable, list[DataFinding]]:
     """Return the samples that a training can use, and findings on gaps, outliers and constants."""
     names = (*inputs, output)
     columns = [np.column_stack([r.column(n) for n in names]) for r in recordings]
@@ -78,25 +80,25 @@ def usable(
                 data.y.append(values[a:b, -1])
         if len(data.u) == before:
             text = f"{r.path}: not used, no stretch of {shortest} samples with all inputs valid"
-            findings.append(Finding("warning", "gaps", text))
+            findings.append(DataFinding("warning", "gaps", text))
     if not data.u:
         text = f"no recording has a stretch of {shortest} samples with all inputs valid"
-        findings.append(Finding("error", "gaps", text))
+        findings.append(DataFinding("error", "gaps", text))
     elif not any(f.topic == "gaps" for f in findings):
         longest = max(len(u) for u in data.u)
         text = f"{len(data.u)} unbroken stretches, the longest of {longest} samples"
-        findings.append(Finding("ok", "gaps", text))
+        findings.append(DataFinding("ok", "gaps", text))
     return Usable(data.u, data.y, enabled, total), findings
 
 
-def _one_signal(name: str, values: FloatArray, outliers: int) -> list[Finding]:
+def _one_signal(name: str, values: FloatArray, outliers: int) -> list[DataFinding]:
     findings = []
     valid = values[np.isfinite(values)]
     if not len(valid):
-        return [Finding("error", "missing channels", f"{name} is never valid")]
+        return [DataFinding("error", "missing channels", f"{name} is never valid")]
     if np.ptp(valid) <= 1e-9 * max(1.0, float(np.abs(valid).max())):
         text = f"{name} is constant ({valid[0]:g}): it teaches nothing, leave it out"
-        findings.append(Finding("error", "constant", text))
+        findings.append(DataFinding("error", "constant", text))
     lost = 1.0 - (len(valid) + outliers) / len(values)
     if lost > LOST:
         longest = max(b - a for a, b in runs(np.isnan(values)))
@@ -104,13 +106,13 @@ def _one_signal(name: str, values: FloatArray, outliers: int) -> list[Finding]:
             f"{name} is not valid in {100 * lost:.1f} % of the samples, longest gap {longest} "
             f"samples; below {100 * LOST:g} % is wanted"
         )
-        findings.append(Finding("warning", "gaps", text))
+        findings.append(DataFinding("warning", "gaps", text))
     if outliers > OUTLIERS * len(values):
         text = (
             f"{name} has {counted(outliers, 'outlier')}, {100 * outliers / len(values):.2f} %; "
             f"below {100 * OUTLIERS:g} % is usual: look at sensor, unit and decoding"
         )
-        findings.append(Finding("warning", "outliers", text))
+        findings.append(DataFinding("warning", "outliers", text))
     return findings
 
 
@@ -121,7 +123,7 @@ def enough(
     lags: int,
     hidden: Sequence[int],
     output: str,
-) -> list[Finding]:
+) -> list[DataFinding]:
     """Return the findings on samples per weight, and on duration per block and per window."""
     period_s = recordings[0].period_ns / 1e9
     n, seconds = data.samples, data.samples * period_s
@@ -132,43 +134,43 @@ def enough(
     text = f"{n_train} training samples for the {weights} weights of layers {shape}"
     if n_train < least:
         text += f"; even {SMALLEST[0]} neurons have {least} weights: record more or take fewer lags"
-        findings = [Finding("error", "samples", text)]
+        findings = [DataFinding("error", "samples", text)]
     elif n_train < SAMPLES_PER_WEIGHT * weights:
         text += (
             f", {SAMPLES_PER_WEIGHT * weights} are wanted: expect overfitting, take fewer neurons "
             "or lags"
         )
-        findings = [Finding("warning", "samples", text)]
+        findings = [DataFinding("warning", "samples", text)]
     else:
-        findings = [Finding("ok", "samples", text)]
+        findings = [DataFinding("ok", "samples", text)]
     wanted_s = GROUP * MANY_WINDOWS * WINDOW * period_s
     text = f"{seconds:.4g} s usable"
     if output_transform(output) != "phi":
-        findings.append(Finding("ok", "duration", text))
+        findings.append(DataFinding("ok", "duration", text))
     elif seconds < GROUP * BLOCK_S:
         text += f", at least {GROUP * BLOCK_S:g} s are wanted to hold out whole blocks"
-        findings.append(Finding("warning", "duration", text))
+        findings.append(DataFinding("warning", "duration", text))
     elif data.enabled * period_s < wanted_s:
         text += (
             f", {data.enabled * period_s:.0f} s in the enabled region; {wanted_s:.0f} s are wanted "
             f"for limits that rest on {MANY_WINDOWS} held-out windows"
         )
-        findings.append(Finding("warning", "duration", text))
+        findings.append(DataFinding("warning", "duration", text))
     else:
-        findings.append(Finding("ok", "duration", text))
+        findings.append(DataFinding("ok", "duration", text))
     return findings
 
 
-def closed_loop(recordings: Sequence[Recording], data: Usable) -> list[Finding]:
+def closed_loop(recordings: Sequence[Recording], data: Usable) -> list[DataFinding]:
     """Return the finding on the time in closed loop, outside fuel cut, with a ready sensor."""
     recorded = [n for n in ENABLE_COLUMNS if any(n in r.names for r in recordings)]
     if not recorded:
         text = "the recordings do not say when the loop was closed: every sample counts alike"
-        return [Finding("ok", "closed loop", text)]
+        return [DataFinding("ok", "closed loop", text)]
     share = data.enabled / max(data.samples, 1)
     seconds = data.enabled * recordings[0].period_ns / 1e9
     text = f"{seconds:.0f} s, {100 * share:.0f} % of the usable samples (by {', '.join(recorded)})"
     if share < CLOSED_LOOP:
         text += f"; {100 * CLOSED_LOOP:g} % are wanted, the rest weighs little in the training"
-        return [Finding("warning", "closed loop", text)]
-    return [Finding("ok", "closed loop", text)]
+        return [DataFinding("warning", "closed loop", text)]
+    return [DataFinding("ok", "closed loop", text)]

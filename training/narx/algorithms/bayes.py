@@ -17,13 +17,13 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.lapack import dtrtri
 
 from monitor.base.types import FloatArray
-from training.narx.algorithms.lm import Objective, Options, Outcome, Watch
+from training.narx.algorithms.lm import LmOptions, LmOutcome, Objective, Watch
 
-DEFAULTS = Options(mu=0.005)
+DEFAULTS = LmOptions(mu=0.005)
 
 
 @dataclass(slots=True)
-class BayesOutcome(Outcome):
+class BayesOutcome(LmOutcome):
     """An outcome with its final hyperparameters."""
 
     alpha: float = 0.0  # inverse prior variance of the weights, over two
@@ -51,7 +51,7 @@ def minimise_bayesian(
     objective: Objective,
     weights: FloatArray,
     n_samples: int,
-    options: Options = DEFAULTS,
+    options: LmOptions = DEFAULTS,
     deadline_s: float = np.inf,
     progress: Callable[[int, float], None] | None = None,
 ) -> BayesOutcome:
@@ -115,7 +115,7 @@ def _step(
     hessian: FloatArray,
     slope: FloatArray,
     n_samples: int,
-    options: Options,
+    options: LmOptions,
 ) -> bool:
     """Move ``state`` to weights of lower regularised cost; return False if no step lowers it."""
     diagonal = np.arange(len(slope))

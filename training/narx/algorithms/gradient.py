@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.narx.algorithms.lm import Outcome, Watch
+from training.narx.algorithms.lm import LmOutcome, Watch
 
 
 class Differentiable(Protocol):
@@ -27,7 +27,7 @@ class Differentiable(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class GradientOptions:
     """Settings of the descent."""
 
     epochs: int = 1000
@@ -43,17 +43,17 @@ class Options:
 def descend(
     objective: Differentiable,
     weights: FloatArray,
-    options: Options | None = None,
+    options: GradientOptions | None = None,
     validate: Callable[[FloatArray], float] | None = None,
     deadline_s: float = np.inf,
     progress: Callable[[int, float], None] | None = None,
-) -> Outcome:
+) -> LmOutcome:
     """Return the best weights that gradient descent with momentum reaches from ``weights``.
 
     validate, deadline_s, progress : as in ``lm.minimise``
     Raises ValueError if the objective is not finite at the start.
     """
-    options = options or Options()
+    options = options or GradientOptions()
     current, rate = weights.copy(), options.rate
     cost, gradient = objective.gradient(current)
     watch = Watch(

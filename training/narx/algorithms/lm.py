@@ -27,7 +27,7 @@ class Objective(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class LmOptions:
     """Settings of the minimiser."""
 
     epochs: int = 1000
@@ -40,7 +40,7 @@ class Options:
 
 
 @dataclass(slots=True)
-class Outcome:
+class LmOutcome:
     """The result of a run of a minimiser."""
 
     weights: FloatArray  # best by validation, or the last ones without validation
@@ -72,7 +72,7 @@ class Watch:
         if not np.isfinite(cost):
             raise ValueError(f"the error is {cost} at the initial weights")
         score = validate(weights) if validate else cost
-        self.outcome = Outcome(weights.copy(), score, "epochs", [cost], [score])
+        self.outcome = LmOutcome(weights.copy(), score, "epochs", [cost], [score])
         self._max_fail, self._min_gradient, self._failures = max_fail, min_gradient, 0
         self._validate, self._deadline_s, self._progress = validate, deadline_s, progress
 
@@ -115,11 +115,11 @@ class Watch:
 def minimise(
     objective: Objective,
     weights: FloatArray,
-    options: Options | None = None,
+    options: LmOptions | None = None,
     validate: Callable[[FloatArray], float] | None = None,
     deadline_s: float = np.inf,
     progress: Callable[[int, float], None] | None = None,
-) -> Outcome:
+) -> LmOutcome:
     """Return the best weights that the method reaches from ``weights``; the cost never rises.
 
     validate : score of weights, lower is better; the weights with the best score are returned
@@ -127,7 +127,7 @@ def minimise(
     progress : called with the epoch and the cost after every epoch
     Raises ValueError if the objective is not finite at the start.
     """
-    options = options or Options()
+    options = options or LmOptions()
     current, mu = weights.copy(), options.mu
     cost = objective.cost(current)
     watch = Watch(
@@ -170,7 +170,7 @@ def _step(
     hessian: FloatArray,
     gradient: FloatArray,
     mu: float,
-    options: Options,
+    options: LmOptions,
 ) -> tuple[FloatArray, float, float] | None:
     """Return weights, cost and mu after one step that lowers the cost, or None if none does."""
     diagonal = np.arange(len(weights))

@@ -17,7 +17,7 @@ from scipy.linalg import get_blas_funcs
 from monitor.base.types import FloatArray, IntArray
 from training.narx import kernels
 from training.narx.network import Spec, forward, input_regressors, jacobian, layers, linear_path
-from training.recordings.preparation import Samples
+from training.recordings.samples.preparation import Samples
 
 CHUNK = 1500  # rows of the Jacobian that stay in the cache together
 GRADIENT_CHUNK = 4000  # samples whose activations stay in the cache together

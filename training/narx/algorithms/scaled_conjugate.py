@@ -12,14 +12,14 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.narx.algorithms.gradient import Differentiable
-from training.narx.algorithms.lm import Outcome, Watch
+from training.narx.algorithms.lm import LmOutcome, Watch
 
 DAMPING_MAX = 1e30  # no direction descends any more
 WORST = -1e3  # ratio of a step that raised the cost beyond all measure
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class ScaledConjugateOptions:
     """Settings of the minimiser."""
 
     epochs: int = 1000
@@ -32,17 +32,17 @@ class Options:
 def minimise_scaled_conjugate(
     objective: Differentiable,
     weights: FloatArray,
-    options: Options | None = None,
+    options: ScaledConjugateOptions | None = None,
     validate: Callable[[FloatArray], float] | None = None,
     deadline_s: float = np.inf,
     progress: Callable[[int, float], None] | None = None,
-) -> Outcome:
+) -> LmOutcome:
     """Return the best weights that the method reaches from ``weights``; the cost never rises.
 
     validate, deadline_s, progress : as in ``lm.minimise``
     Raises ValueError if the objective is not finite at the start.
     """
-    options = options or Options()
+    options = options or ScaledConjugateOptions()
     search = _Search(objective, weights, options)
     watch = Watch(
         weights=search.weights,
@@ -69,7 +69,9 @@ def minimise_scaled_conjugate(
 class _Search:
     """The state of the search: weights, direction and damping of the curvature."""
 
-    def __init__(self, objective: Differentiable, weights: FloatArray, options: Options) -> None:
+    def __init__(
+        self, objective: Differentiable, weights: FloatArray, options: ScaledConjugateOptions
+    ) -> None:
         self.objective, self.sigma = objective, options.sigma
         self.weights = weights.copy()
         self.cost, self.gradient = objective.gradient(self.weights)  # step 1

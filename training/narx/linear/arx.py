@@ -105,7 +105,7 @@ def _columns(data: Triangle, na: int, nb: int, delays: Sequence[int]) -> list[in
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class ArxCandidate:
     """One combination of orders and dead times with its criteria."""
 
     na: int
@@ -120,7 +120,7 @@ class Candidate:
 
 def order_grid(
     train: Triangle, validate: Triangle, max_order: int, delays: Sequence[tuple[int, ...]]
-) -> list[Candidate]:
+) -> list[ArxCandidate]:
     """Return the candidates of all orders up to ``max_order`` for all choices of dead times.
 
     delays : choices of dead times, (k,) samples each
@@ -148,7 +148,7 @@ def order_grid(
             held_out_loss = float(error @ error) * scale[1] ** 2 / validate.rows
             aic, mdl = np.log(loss) + 2 * d / n, loss * (1 + d * np.log(n) / n)
             found.append(
-                Candidate(
+                ArxCandidate(
                     na=na,
                     nb=nb,
                     delays=choice,

@@ -23,7 +23,7 @@ PAPER, HERE = "paper", "chosen here"
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class ModelCandidate:
     """One model of the study."""
 
     number: int
@@ -37,7 +37,7 @@ class Candidate:
     def name(self) -> str:
         """Return the model's name in tables.
 
-        >>> Candidate(1, LM, 5, (8, 8), 0.2).name
+        >>> ModelCandidate(1, LM, 5, (8, 8), 0.2).name
         'LM, 5 lags, 8-8, rate 0.2'
         """
         rate = "" if self.rate is None else f", rate {self.rate:g}"
@@ -60,9 +60,11 @@ _TABLE: Final = (
 )
 
 
-def _candidate(number: int, algorithm: str, lags: str, layers: str, *rate: str) -> Candidate:
+def _candidate(number: int, algorithm: str, lags: str, layers: str, *rate: str) -> ModelCandidate:
     hidden, origin = tuple(map(int, layers.split("-"))), PAPER if number == 1 else HERE
-    return Candidate(number, algorithm, int(lags), hidden, float(rate[0]) if rate else None, origin)
+    return ModelCandidate(
+        number, algorithm, int(lags), hidden, float(rate[0]) if rate else None, origin
+    )
 
 
 _ROWS: Final = [(algorithm, row) for algorithm, rows in _TABLE for row in rows.split(", ")]
@@ -71,7 +73,7 @@ CANDIDATES: Final = tuple(
 )
 
 
-def same_as(candidates: Sequence[Candidate]) -> dict[int, int]:
+def same_as(candidates: Sequence[ModelCandidate]) -> dict[int, int]:
     """Return, for every repeated model number, the number of the first model with its training.
 
     >>> same_as(CANDIDATES)

@@ -16,17 +16,17 @@ import numpy as np
 from monitor.base.types import FloatArray, IntArray
 from training.jobs import parallel
 from training.jobs.json_tree import plain
-from training.narx import stages
 from training.narx.algorithms import gradient, lm, scaled_conjugate
 from training.narx.algorithms.bayes import DEFAULTS as BAYES_DEFAULTS
 from training.narx.algorithms.bayes import BayesOutcome, minimise_bayesian
 from training.narx.algorithms.objectives import OneStep
 from training.narx.network import Spec, forward, initial_weights, regressors
-from training.narx.stability import contraction
+from training.narx.search import stages
+from training.narx.search.stability import contraction
 from training.recordings.metrics import correlation
-from training.recordings.preparation import Prepared, Role, Samples
-from training.recordings.rows import runs
-from training.study.narx.candidates import BAYES, CONJUGATE, LM, Candidate
+from training.recordings.samples.preparation import Prepared, Role, Samples
+from training.recordings.samples.rows import runs
+from training.study.narx.candidates import BAYES, CONJUGATE, LM, ModelCandidate
 
 BLOCK = 1000  # largest block, in samples, that thinning keeps or drops as a whole
 ENOUGH = 50  # least enabled samples per role for figures on enabled samples
@@ -66,7 +66,7 @@ def _trained(data: Sequence[Prepared], start: Start) -> stages.Trained:
 class Job:
     """One training: series-parallel from random weights, or in closed loop from ``weights``."""
 
-    candidate: Candidate
+    candidate: ModelCandidate
     start: int
     seed: int
     iterations: int
@@ -100,7 +100,7 @@ def thin(data: Prepared, n_samples: int) -> Prepared:
     return replace(data, role=role, enabled=judged, recordings=())
 
 
-def spec_of(data: Prepared, candidate: Candidate) -> Spec:
+def spec_of(data: Prepared, candidate: ModelCandidate) -> Spec:
     """Return the shape of a candidate for ``data``; feedback is clipped to the output's range."""
     n_inputs, limits = data.samples.u.shape[1], data.scaling.y_scaled_limits
     return Spec(n_inputs, candidate.lags, candidate.hidden, 1, *limits)
@@ -198,7 +198,7 @@ def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
     }
 
 
-def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.Outcome:
+def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.LmOutcome:
     """Return the outcome of the candidate's algorithm, with the reference toolbox's defaults."""
     at, held = (rows(data, spec, role) for role in (Role.TRAIN, Role.VALIDATE))
     weight = data.samples.weight[at] / data.samples.weight[at].mean()
@@ -207,16 +207,16 @@ def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.O
     validate = OneStep(spec, x[held - spec.memory], y[held], every[held]).cost
     algorithm, epochs = job.candidate.algorithm, job.iterations
     if algorithm == LM:
-        return lm.minimise(objective, weights, lm.Options(epochs=epochs), validate)
+        return lm.minimise(objective, weights, lm.LmOptions(epochs=epochs), validate)
     if algorithm == BAYES:
         bayes = replace(BAYES_DEFAULTS, epochs=epochs)
         return minimise_bayesian(objective, weights, len(at), bayes)
     if algorithm == CONJUGATE:
-        conjugate = scaled_conjugate.Options(epochs=epochs)
+        conjugate = scaled_conjugate.ScaledConjugateOptions(epochs=epochs)
         minimise = scaled_conjugate.minimise_scaled_conjugate
         return minimise(objective, weights, conjugate, validate)
-    rate = gradient.Options().rate if job.candidate.rate is None else job.candidate.rate
-    descent = gradient.Options(epochs, rate=rate)
+    rate = gradient.GradientOptions().rate if job.candidate.rate is None else job.candidate.rate
+    descent = gradient.GradientOptions(epochs, rate=rate)
     return gradient.descend(objective, weights, descent, validate)
 
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
-from training.recordings.preparation import Prepared, Role
-from training.study.narx.candidates import BAYES, CANDIDATES, LM, Candidate, same_as
+from training.recordings.samples.preparation import Prepared, Role
+from training.study.narx.candidates import BAYES, CANDIDATES, LM, ModelCandidate, same_as
 from training.study.narx.models import (
     HORIZONS,
     SEED_STEP,
@@ -52,7 +52,7 @@ def compared(
     data: Prepared,
     folder: Path,
     settings: Settings,
-    candidates: Sequence[Candidate] = CANDIDATES,
+    candidates: Sequence[ModelCandidate] = CANDIDATES,
     **where: Any,
 ) -> dict[str, Any]:
     """Return the figures of all candidates and starts, and of the best ones after tuning.
@@ -113,7 +113,7 @@ def compared(
 
 
 def _trainings(
-    data: Prepared, settings: Settings, candidates: Sequence[Candidate]
+    data: Prepared, settings: Settings, candidates: Sequence[ModelCandidate]
 ) -> dict[str, Job]:
     """Return the jobs by key, the longest first; equal models share their jobs."""
     weights = {c: spec_of(data, c).n_weights for c in candidates}
@@ -135,8 +135,8 @@ def _trainings(
 
 def _model(
     data: Prepared,
-    candidate: Candidate,
-    candidates: Sequence[Candidate],
+    candidate: ModelCandidate,
+    candidates: Sequence[ModelCandidate],
     trainings: Mapping[str, Job],
     done: Mapping[str, Model],
 ) -> Model:

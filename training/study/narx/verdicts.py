@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from monitor.base.types import FloatArray
-from training.recordings.preparation import Prepared, Role
+from training.recordings.samples.preparation import Prepared, Role
 from training.study.narx.candidates import ALGORITHMS
 
 UNDER = 1.25  # times the lowest error, training or one-step validation

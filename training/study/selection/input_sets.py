@@ -8,13 +8,13 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.narx.network import Spec
-from training.narx.stages import Trained, free_run
+from training.narx.search.stages import Trained, free_run
 from training.recordings import metrics
-from training.recordings.augmentation import CONTROLLER
-from training.recordings.outliers import outlier_mask
-from training.recordings.preparation import Prepared, Role, Samples, prepare
 from training.recordings.recording import Recording
-from training.recordings.rows import runs
+from training.recordings.samples.augmentation import CONTROLLER
+from training.recordings.samples.outliers import outlier_mask
+from training.recordings.samples.preparation import Prepared, Role, Samples, prepare
+from training.recordings.samples.rows import runs
 from training.study.narx.models import SEED_STEP, Start, trained
 
 LAGS, HIDDEN, HORIZONS, STARTS = 5, (8,), (5, 20, 100), 2  # lags and horizons in samples

@@ -9,10 +9,10 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import source_of
 from monitor.base.types import FloatArray
 from training.limits.data_check.measures import variance_inflation
-from training.recordings.augmentation import CONTROLLER
-from training.recordings.linear_data import cleaned, output_transform
 from training.recordings.recording import Recording
-from training.recordings.rows import runs
+from training.recordings.samples.augmentation import CONTROLLER
+from training.recordings.samples.linear_data import cleaned, output_transform
+from training.recordings.samples.rows import runs
 from training.study.selection.components import pca
 from training.study.selection.input_sets import (
     NEGLIGIBLE,

@@ -23,12 +23,12 @@ from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units, to_model_units
-from training.narx.stages import free_run
-from training.recordings.augmentation import CONTROLLER
+from training.narx.search.stages import free_run
 from training.recordings.metrics import correlation
-from training.recordings.preparation import Role, enabled_rows
 from training.recordings.recording import Recording
-from training.recordings.rows import runs
+from training.recordings.samples.augmentation import CONTROLLER
+from training.recordings.samples.preparation import Role, enabled_rows
+from training.recordings.samples.rows import runs
 from training.study.selection.input_sets import Tried, correlations, exact_inputs
 
 COMMAND = "lambda_target"

@@ -21,9 +21,9 @@ from tests.helpers.gap_networks import (
 )
 from training.gap.add import choice, network, network_parity
 from training.gap.add.network_graph import NetworkWithEffects
-from training.gap.inputs.roles import Material, Options
+from training.gap.inputs.roles import GapOptions, Material
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.drive import Drive, from_recording
+from training.greybox.fit.drive import ChainDrive, from_recording
 from training.greybox.graph.effect_parity import ParityError
 from training.narx.export import update_card
 from training.narx.fit import FitResult
@@ -42,7 +42,7 @@ def test_constants_that_fail_their_proof_are_left_out(
     material = Material(base.path, gap_drives(), verify=gap_drives()[:1])
     right = network_parity.parity
 
-    def parity(path: Path, model: NetworkWithEffects, drives: Sequence[Drive]) -> Parity:
+    def parity(path: Path, model: NetworkWithEffects, drives: Sequence[ChainDrive]) -> Parity:
         if model.difference.entries[0].added == film:
             raise ParityError("they differ")
         return right(path, model, drives)
@@ -51,7 +51,7 @@ def test_constants_that_fail_their_proof_are_left_out(
     # WHEN the film is added THEN the others are taken, and no other file is left
     target = tmp_path / "model.onnx"
     new, form, added = choice.add(
-        material, target, choices=[[film], [other]], known=None, start=chain, options=Options()
+        material, target, choices=[[film], [other]], known=None, start=chain, options=GapOptions()
     )
     assert new is not None
     assert added == (other,)
@@ -66,7 +66,7 @@ def test_constants_that_fail_their_proof_are_left_out(
             choices=[[film]],
             known=None,
             start=chain,
-            options=Options(),
+            options=GapOptions(),
         )
     assert list(tmp_path.iterdir()) == [new]
 
@@ -86,7 +86,7 @@ def test_of_several_constants_those_that_predict_best_are_taken(
             choices=choices,
             known=None,
             start=chain,
-            options=Options(),
+            options=GapOptions(),
         )
         assert added == (film,)
     assert [each.name for each in tmp_path.iterdir()] == ["m.onnx"]
@@ -116,7 +116,7 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
             choices=[[values]],
             known=None,
             start=chain,
-            options=Options(),
+            options=GapOptions(),
         )
         assert beside is not None
         beside.replace(given_as[4])
@@ -125,7 +125,7 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
 
     monkeypatch.setattr(network, "retrain", retrain)
     # WHEN either may be taken
-    options = Options(retrain_minutes=1.0)
+    options = GapOptions(retrain_minutes=1.0)
     new, form, _ = choice.add(
         material, target, choices=[[far]], known=None, start=chain, options=options
     )
@@ -169,7 +169,7 @@ def test_a_network_that_follows_the_film_is_trained_anew_with_healthy_drives(
         choices=[[film]],
         known=None,
         start=chain,
-        options=Options(retrain_minutes=1.0),
+        options=GapOptions(retrain_minutes=1.0),
     )
     # THEN it predicts far better what no fit saw
     assert new == out
@@ -204,7 +204,12 @@ def test_the_old_model_is_judged_on_recordings_that_it_does_not_know(
     monkeypatch.setattr(choice, "_rmse", error)
     # WHEN old and new model are held against each other THEN it is on those that it does not know
     choice.add(
-        material, tmp_path / "m.onnx", choices=[[film]], known=None, start=chain, options=Options()
+        material,
+        tmp_path / "m.onnx",
+        choices=[[film]],
+        known=None,
+        start=chain,
+        options=GapOptions(),
     )
     assert judged == len(judged) * [(unseen,) if knows else fitted_to]
     assert len(judged) >= 2

@@ -9,7 +9,7 @@ from tests.helpers.gap_drives import BASE, case_of, noisy_drive
 from training.gap.add.drive_weights import fit_weighted, left_out_ratio
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.case import Case, Prior
-from training.greybox.fit.joint import Fit, fit
+from training.greybox.fit.joint import JointFit, fit
 from training.healthy.base_state import SPREAD_CARD
 
 OFFSET = (LIBRARY["injector_offset"],)
@@ -20,7 +20,7 @@ def _case(*offsets_mg: float) -> Case:
     return replace(case_of(*drives), prior=Prior(BASE, SPREAD_CARD))
 
 
-def _plain(case: Case) -> tuple[Fit, Fit]:
+def _plain(case: Case) -> tuple[JointFit, JointFit]:
     before = fit(case, (), [BASE])
     return before, fit(case, OFFSET, [before])
 

@@ -21,14 +21,14 @@ from tests.helpers.gap_graphs import FIT, driven, fitted, plain, ranges_of, reco
 from tests.helpers.gap_simulated import known, simulated, two_drives
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.gap.add.greybox import Vehicle, add
+from training.gap.add.greybox import ChainVehicle, add
 from training.gap.name.naming import name as named
 from training.greybox.chain import Constants
 from training.greybox.charge.map import INPUTS as CHARGE_INPUTS
 from training.greybox.effects import ALL, LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.case import reading
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.greybox.graph.chain_graph import Greybox, build, chain_nodes
 from training.greybox.graph.effect import graph_effect
 from training.greybox.graph.effect_parity import TOLERANCE, made_inputs
@@ -49,7 +49,7 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return fitted(tmp_path_factory.mktemp("base") / "base.onnx")
 
 
-def run(file: Path, drive: Drive) -> FloatArray:
+def run(file: Path, drive: ChainDrive) -> FloatArray:
     """Return the free run (n,) in phi, started as the monitor starts."""
     model = Model.load(file)
     u = np.column_stack([drive.signals[name] for name in model.card.input_names])
@@ -61,7 +61,7 @@ def run(file: Path, drive: Drive) -> FloatArray:
     return phi
 
 
-def seen(card: ModelCard, drive: Drive) -> Drive:
+def seen(card: ModelCard, drive: ChainDrive) -> ChainDrive:
     """Return the drive with the signals as the graph makes and limits them."""
     greybox = Greybox.of(card)
     u = np.column_stack([drive.signals[name] for name in greybox.inputs])
@@ -86,7 +86,9 @@ def test_an_optional_signal_that_the_fit_had_not_is_not_read(
 def test_the_card_says_what_was_added(base: Path, tmp_path: Path) -> None:
     out = tmp_path / "m.onnx"
     old = Model.load(base).card
-    card = add(base, [FILM, PURGE], out, ranges=ranges_of(), recordings=FIT, vehicle=Vehicle(MOVED))
+    card = add(
+        base, [FILM, PURGE], out, ranges=ranges_of(), recordings=FIT, vehicle=ChainVehicle(MOVED)
+    )
     assert Model.load(out).card == card
     further = (
         "coolant_temperature_degc",
@@ -152,7 +154,7 @@ def test_the_healthy_vehicle_s_volumes_are_part_of_the_base(base: Path, tmp_path
         ModelEffect.with_values("mix_flow", [0.6]),
     )
     out, wide = tmp_path / "m.onnx", {"ranges": ranges_of(), "recordings": FIT}
-    card = add(base, [FILM], out, **wide, vehicle=Vehicle(MOVED, own))
+    card = add(base, [FILM], out, **wide, vehicle=ChainVehicle(MOVED, own))
     # THEN the file reads as the arrays with all of them, and the effect alone is an added one
     every, drive = (*own, FILM), seen(card, driven())
     expected = reading(drive, MOVED, [e.effect for e in every], [e.values for e in every])
@@ -251,7 +253,7 @@ def test_a_named_effect_in_the_file_makes_the_gap_smaller_on_a_drive_no_fit_saw(
     # GIVEN drives of a vehicle with a wall film in the plant's form, and its name
     drives = two_drives(2_200_140, ("wall_film", 4.0))
     found = named(drives, known())
-    vehicle = Vehicle.of(known(), Greybox.of(Model.load(base).card), drives)
+    vehicle = ChainVehicle.of(known(), Greybox.of(Model.load(base).card), drives)
     assert [e.name for e in found.answer.effects] == ["wall_film"]
     # WHEN it is added with the constants it was found with, and without it
     fresh = simulated("wltc_3b", 2_200_153, ("wall_film", 4.0))

@@ -37,11 +37,11 @@ from training.narx.export import Network, save
 from training.narx.fit import FitResult
 from training.narx.network import Spec
 from training.narx.network import simulate as run_network
-from training.narx.starts import committee
+from training.narx.search.starts import committee
 from training.recordings import prediction
 from training.recordings.prediction import predicted_phi
-from training.recordings.preparation import Prepared, prepare
 from training.recordings.recording import Recording
+from training.recordings.samples.preparation import Prepared, prepare
 
 NOTHING = ModelEffect.with_values("injector_offset", [0.0])
 

@@ -20,7 +20,7 @@ from training import cli
 from training.greybox.chain import Constants, base_path, simulate
 from training.healthy import reference
 from training.narx.export import update_card
-from training.recordings.table_files import write_table
+from training.recordings.files.table_files import write_table
 
 INPUTS = ("fuel_cut", "engine_speed_rpm", "manifold_pressure_kpa")
 

@@ -18,7 +18,7 @@ from training.gap.name.vehicle_mix import Chain, partitions, warn
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect, uncertain
-from training.greybox.fit.drive import Drive, make
+from training.greybox.fit.drive import ChainDrive, make
 from training.healthy import behaviour, coverage
 from training.healthy.operating_points import Visited
 from training.recordings.recording import Recording
@@ -26,7 +26,7 @@ from training.recordings.recording import Recording
 USUAL = Constants()
 
 
-def drive(seed: int, constants: Constants = USUAL, **changed: FloatArray) -> Drive:
+def drive(seed: int, constants: Constants = USUAL, **changed: FloatArray) -> ChainDrive:
     """Return ten minutes of a chain with those constants and a little noise."""
     signals = plain_signals(6000, seed) | changed
     noise = 0.002 * np.random.default_rng([seed, 8]).standard_normal(6000)

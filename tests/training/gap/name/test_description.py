@@ -10,11 +10,11 @@ from scipy.signal import lfilter
 from monitor.base.types import FloatArray
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
 from tests.helpers.gap_simulated import known, two_drives
-from training.gap.name.description import ANSWERS, TERMS_MOST, Description, describe
-from training.gap.name.feature_words import _WORDS, words_of
-from training.gap.name.signal_functions import functions_of
+from training.gap.name.formulas.description import ANSWERS, TERMS_MOST, Description, describe
+from training.gap.name.formulas.feature_words import _WORDS, words_of
+from training.gap.name.formulas.signal_functions import functions_of
 from training.greybox.chain import Constants, Path, base_path, simulate
-from training.greybox.fit.drive import Drive, make
+from training.greybox.fit.drive import ChainDrive, make
 from training.healthy.base_state import base_state
 from training.healthy.features import features
 from training.pages.numbers import percent
@@ -25,7 +25,7 @@ BASE = Constants(
 Change = Callable[[Path, dict[str, FloatArray]], Path]
 
 
-def made(change: Change, seed: int, noise: float = 0.003) -> Drive:
+def made(change: Change, seed: int, noise: float = 0.003) -> ChainDrive:
     """A drive of plain formulas on which the chain reads something more, in coloured noise."""
     rng = np.random.default_rng(seed)
     signals = plain_signals(seed=seed)

@@ -14,7 +14,7 @@ from tests.training.gap.name.test_description import BASE, Change, made
 from tests.training.greybox.test_effect_forms import (
     test_the_arrays_and_the_graph_of_an_effect_agree as graph_agrees,
 )
-from training.gap.name.formula import _place_of, _rate_of, first_term, formula_of
+from training.gap.name.formulas.formula import _place_of, _rate_of, first_term, formula_of
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import Path
 from training.greybox.effects.empirical import FORMS, effect_of, formula, growing, name_of

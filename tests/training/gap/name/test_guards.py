@@ -9,10 +9,12 @@ from monitor.base.types import FloatArray
 from tests.helpers.gap_drives import BASE, case_of, noisy_drive
 from training.gap.name import guards
 from training.greybox.fit.case import Case
-from training.greybox.fit.joint import Fit, fit
+from training.greybox.fit.joint import JointFit, fit
 
 
-def explained(strength: FloatArray, size: FloatArray | None = None) -> tuple[Case, Fit, Fit]:
+def explained(
+    strength: FloatArray, size: FloatArray | None = None
+) -> tuple[Case, JointFit, JointFit]:
     """Return a case whose gap is a signature times a strength by sample, and both fits.
 
     size : of the signature, default 1

@@ -8,14 +8,14 @@ import pytest
 
 from monitor.base.errors import RecordingError
 from tests.helpers.gap_simulated import known, two_drives
-from training.gap.name.decision import Outcome
+from training.gap.name.decision import StepOutcome
 from training.gap.name.naming import name
 from training.gap.name.vehicle_mix import chain_of
 from training.gap.name.verdict import Naming
 from training.gap.response.regressors import delayed
 from training.greybox.chain import Constants
 from training.greybox.fit import drive as drives
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 
 
 @cache
@@ -190,7 +190,7 @@ def test_another_fuel_is_no_answer_even_where_the_refitted_base_moved_elsewhere(
 
 def test_a_charge_that_is_broadcast_too_early_on_every_drive_is_no_phase_of_its_message() -> None:
     # GIVEN drives whose charge is broadcast 45 ms before the cylinder has it, whatever the speed
-    def early(drive: Drive) -> Drive:
+    def early(drive: ChainDrive) -> ChainDrive:
         air = drive.signals["air_mass_mg"]
         t_s = np.arange(len(drive)) * drive.period_s
         sooner = {"air_mass_mg": np.interp(t_s + 0.045, t_s, air)}
@@ -212,7 +212,7 @@ def test_a_sensor_that_turns_late_within_the_drives_is_suspected() -> None:
 
 def test_an_error_far_above_that_of_healthy_drives_is_a_gap_though_nothing_fits_it() -> None:
     # GIVEN drives whose mixture wanders slowly, by what no signal tells
-    def wandering(drive: Drive, periods_s: tuple[float, float]) -> Drive:
+    def wandering(drive: ChainDrive, periods_s: tuple[float, float]) -> ChainDrive:
         t_s = np.arange(len(drive)) * drive.period_s
         slow = sum(0.02 * np.sin(2.0 * np.pi * t_s / period_s) for period_s in periods_s)
         return replace(drive, phi_measured=drive.phi_measured + slow)
@@ -246,8 +246,8 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
     small = next(c for c in others if c.kind == "effect")
     steps = iter(
         [
-            Outcome("named", (small, film), best=(small,)),
-            Outcome("ambiguous", (film, *others), best=(film, *others[:1])),
+            StepOutcome("named", (small, film), best=(small,)),
+            StepOutcome("ambiguous", (film, *others), best=(film, *others[:1])),
         ]
     )
     monkeypatch.setattr("training.gap.name.steps.step", lambda *_, **__: next(steps))
@@ -268,7 +268,9 @@ def test_the_best_of_several_is_no_name_if_nothing_is_found_beside_it(
     driven = two_drives(2_200_140, ("wall_film", 4.0))
     film, *others = named("wall_film", 4.0).trials.ranking
     two = (film, next(c for c in others if c.kind == "effect"))
-    steps = iter([Outcome("named", (film, *others), best=two), Outcome("no_gap", tuple(others))])
+    steps = iter(
+        [StepOutcome("named", (film, *others), best=two), StepOutcome("no_gap", tuple(others))]
+    )
     monkeypatch.setattr("training.gap.name.steps.step", lambda *_, **__: next(steps))
     # WHEN two steps are asked for, THEN either may be there
     found = name(driven, known(), steps=2)

@@ -7,7 +7,7 @@ import pytest
 
 from tests.training.gap.name.test_guards import explained
 from training.gap.name.evidence import Directions, freedom
-from training.gap.name.hypotheses import Hypothesis
+from training.gap.name.hypotheses import GapHypothesis
 from training.gap.name.onset import beginnings
 from training.gap.name.posterior import posterior
 from training.greybox.effects.form.effect import Parameter
@@ -21,11 +21,11 @@ DIRECTIONS = Directions.of(Ceiling(COLUMNS))
 BLOCKS = np.full(40, 100.0)
 
 
-def of(name: str, nats: float, lost: float | None = None, **other: float) -> Hypothesis:
+def of(name: str, nats: float, lost: float | None = None, **other: float) -> GapHypothesis:
     """A hypothesis; ``lost`` is by how much each block prefers the best candidate."""
     kind = "unknown" if name == "unknown" else "effect"
     deviance = None if lost is None else BLOCKS + lost
-    return replace(Hypothesis(name, kind, False, nats, 1.0, deviance), **other)
+    return replace(GapHypothesis(name, kind, False, nats, 1.0, deviance), **other)
 
 
 def log_evidence(errors: np.ndarray, energy: float) -> float:

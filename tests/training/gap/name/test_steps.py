@@ -7,24 +7,24 @@ import pytest
 
 from tests.helpers.gap_simulated import known, two_drives
 from training.gap.name import steps
-from training.gap.name.decision import Outcome
+from training.gap.name.decision import StepOutcome
 from training.gap.name.ranking import rank
 from training.gap.name.steps import Advance, advance
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import LIBRARY
-from training.healthy.base_state import State, base_state
+from training.healthy.base_state import BaseState, base_state
 
 TRIED = tuple(LIBRARY[n] for n in ("wall_film", "maf_offset", "exhaust_leak"))
 
 
 @cache
-def ranked() -> tuple[State, tuple[Candidate, ...]]:
+def ranked() -> tuple[BaseState, tuple[Candidate, ...]]:
     state = base_state(two_drives(2_200_140, ("wall_film", 4.0)), known(), known().base)
     ranking = rank(state, TRIED, lambda _: None)
     return state, tuple(next(c for c in ranking if c.name == term.name) for term in TRIED)
 
 
-Answers = Callable[..., Outcome]
+Answers = Callable[..., StepOutcome]
 
 
 def advanced(monkeypatch: pytest.MonkeyPatch, answers: Answers) -> Advance:
@@ -44,9 +44,9 @@ def test_an_effect_that_alone_stood_for_another_gives_way_once_the_second_is_kno
     _, every = ranked()
     film, offset, leak = every
 
-    def answers(*under: str) -> Outcome:
+    def answers(*under: str) -> StepOutcome:
         best = {(): offset, ("maf_offset",): film, ("wall_film",): leak}[under]
-        return Outcome("named", every, best=(best,))
+        return StepOutcome("named", every, best=(best,))
 
     # WHEN the film is found beside the offset, THEN the leak is found beside the film
     found = advanced(monkeypatch, answers)
@@ -60,10 +60,10 @@ def test_a_first_effect_that_has_rivals_beside_the_second_is_held_back(
     _, every = ranked()
     film, offset, leak = every
 
-    def answers(*under: str) -> Outcome:
+    def answers(*under: str) -> StepOutcome:
         if under == ("wall_film",):
-            return Outcome("ambiguous", every, best=(leak, offset))
-        return Outcome("named", every, best=(film if under else offset,))
+            return StepOutcome("ambiguous", every, best=(leak, offset))
+        return StepOutcome("named", every, best=(film if under else offset,))
 
     found = advanced(monkeypatch, answers)
     assert [r.effect.name for r in found.rounds] == ["wall_film"]
@@ -78,10 +78,10 @@ def test_a_first_effect_that_nothing_replaces_stays(
     _, every = ranked()
     film, offset, _ = every
 
-    def answers(*under: str) -> Outcome:
+    def answers(*under: str) -> StepOutcome:
         if under == ("wall_film",) and verdict == "no_gap":
-            return Outcome("no_gap", every)
-        return Outcome("named", every, best=(film if under == ("maf_offset",) else offset,))
+            return StepOutcome("no_gap", every)
+        return StepOutcome("named", every, best=(film if under == ("maf_offset",) else offset,))
 
     found = advanced(monkeypatch, answers)
     assert [r.effect.name for r in found.rounds] == ["maf_offset", "wall_film"]

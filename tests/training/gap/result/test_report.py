@@ -13,7 +13,7 @@ import pytest
 from monitor.model.card import TrainingRecording
 from training.gap import result
 from training.gap.add.addition import Addition
-from training.gap.name.manoeuvres import Experiment
+from training.gap.name.manoeuvres import ProposedDrive
 from training.gap.name.verdict import (
     Answer,
     Base,
@@ -27,20 +27,20 @@ from training.gap.name.verdict import (
 )
 from training.gap.pages import gap_page
 from training.gap.pages.verdict_words import actions, verdict_sentence
-from training.gap.result import Inputs, ModelFile, Result, as_json
-from training.gap.verify.evidence import Count, Detection, Error, Trace, Verification
+from training.gap.result import Inputs, NewModelFile, Result, as_json
+from training.gap.verify.evidence import Count, Detection, Error, ErrorTrace, Verification
 from training.gap.verify.operating_map import OperatingMap
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.joint import Fit
+from training.greybox.fit.joint import JointFit
 from training.greybox.fit.sensor_faults import FAULTS
 from training.pages.numbers import percent
 
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 SECTIONS = ("now", "much", "what", "where", "steps", "from")
 NOTHING = np.empty(0)
-NO_FIT = Fit(
+NO_FIT = JointFit(
     terms=(),
     base=Constants(),
     parameters=(),
@@ -62,7 +62,7 @@ CONTRACT = {
     "experiment",
     "model",
 }
-MODEL = ModelFile(Path("models/base.onnx"), "b" * 64, "greybox")
+MODEL = NewModelFile(Path("models/base.onnx"), "b" * 64, "greybox")
 
 
 def candidate(name: str, score: float, win: float | None) -> Candidate:
@@ -102,7 +102,7 @@ PURGE_ADDED = Addition(
 
 
 def naming(verdict: Verdict, ranking: tuple[Candidate, ...] = RANKING, **changes: Any) -> Naming:
-    experiment = Experiment("motorway at <2,600> rpm", 0.012, {"motorway at <2,600> rpm": 0.012})
+    experiment = ProposedDrive("motorway at <2,600> rpm", 0.012, {"motorway at <2,600> rpm": 0.012})
     chosen: dict[Verdict, tuple[Candidate, ...]] = {
         "named": RANKING[:1],
         "ambiguous": (RANKING[0], *RANKING[3:6]),
@@ -164,7 +164,7 @@ def verified(after: float | None = 0.0112, worse: bool = False, lost: bool = Fal
     t_s = np.arange(50) * 0.1
     wave = 1.0 + 0.02 * np.sin(t_s)
     edges, grid = np.linspace(0.0, 1.0, 4), np.full((3, 3), 0.02)
-    trace = Trace(
+    trace = ErrorTrace(
         recording="held.csv",
         t_s=t_s,
         measured=wave,

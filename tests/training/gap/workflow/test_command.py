@@ -16,11 +16,11 @@ from training import cli
 from training.gap import workflow
 from training.gap.add import choice, greybox
 from training.gap.add.addition import withheld_effects
-from training.gap.inputs.roles import Material, Options
+from training.gap.inputs.roles import GapOptions, Material
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.drive import Drive
+from training.greybox.fit.drive import ChainDrive
 from training.healthy import base, yardstick
 from training.healthy.behaviour import Healthy
 from training.recordings.recording import Recording, load
@@ -45,7 +45,7 @@ def _learned_once() -> Iterator[None]:
     """Learn the same healthy drives once, whoever asks: it takes longer than all the rest."""
     learn, found = yardstick.learn, dict[Any, Healthy]()
 
-    def once(driven: Sequence[Drive], start: Constants, *told: Any) -> Healthy:
+    def once(driven: Sequence[ChainDrive], start: Constants, *told: Any) -> Healthy:
         key = (start, *(drive.phi_measured.tobytes() for drive in driven))
         if key not in found:
             found[key] = learn(driven, start, *told)
@@ -226,7 +226,7 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     monkeypatch.setattr(workflow, "name", once)
 
     def found(**options: Any) -> Any:
-        chosen = Options(faults=(), **options)
+        chosen = GapOptions(faults=(), **options)
         return investigate(material, tmp_path / "out", chosen)
 
     withheld = found()
@@ -239,7 +239,7 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     assert [each.name for each in told.addition.effects] == ["exhaust_leak"]
     assert told.rmse[1] is not None
     assert told.rmse[1] < 0.8 * told.rmse[0]
-    assert withheld_effects(told.naming, Options(sensor_known_good=True)) is None
+    assert withheld_effects(told.naming, GapOptions(sensor_known_good=True)) is None
     # and a model that takes no effect, such as a network retrained with one, leaves a result too
     monkeypatch.setattr(choice, "add", _takes_none)
     without = found(add=("exhaust_leak",))
@@ -283,7 +283,7 @@ def test_a_model_that_predicts_no_better_with_the_effect_is_not_written(
         choices=[[lag]],
         known=None,
         start=base.constants_of(base.check(chain)),
-        options=Options(),
+        options=GapOptions(),
     )
     # THEN the error grows, and no file is left
     assert (new, form, added) == (None, "", ())

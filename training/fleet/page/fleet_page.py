@@ -1,0 +1,196 @@
+"""The report of a fleet: a page and the same figures as JSON."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from monitor.base.counts import counted
+from monitor.base.files.outputs import write_text
+from training.fleet.bench import Bench, tools_of
+from training.fleet.page import distribution_figures, outliers, summary
+from training.fleet.page.outliers import Standing
+from training.fleet.run import windows_path
+from training.jobs import run_folder
+from training.limits.rates import Figures
+from training.pages.numbers import MISSING, NBSP, TO, plain, short
+from training.pages.page import breakable, page
+
+Reports = Callable[[Sequence[str]], Mapping[str, str]]
+ROWS: Final = 40  # of a table, at most
+
+
+def _none(drives: Sequence[str]) -> Mapping[str, str]:
+    """Return that no drive has a page."""
+    return {}
+
+
+def write(
+    out: Path, bench: Bench, run: Mapping[str, Any], wished: float, reports: Reports = _none
+) -> tuple[Path, Path]:
+    """Write the page and the JSON beside the table ``out``; return their paths.
+
+    run : what ``run.run`` returned
+    wished : false-alarm rate for the limits to propose, per window or drive
+    reports : takes the paths of the drives with a code, returns the pages that it wrote of them
+    """
+    recordings, windows = pl.read_parquet(out), windows_path(out)
+    limits = tools_of(bench).limits
+    now = {"j_mu": limits.j_mu, "j_sigma": limits.j_sigma, "offset": limits.offset_high}
+    standing = outliers.standings(recordings)
+    found = summary.summary(recordings, windows, run=run, limits=now, wished=wished, found=standing)
+    html, tree = out.with_suffix(".html"), out.with_suffix(".json")
+    run_folder.write_json(tree, found, indent=1)
+    pages = reports([each["path"] for each in found["drives_with_code"][:ROWS]])
+    write_text(html, as_page(found, recordings, windows, standing, pages))
+    return html, tree
+
+
+def as_page(
+    found: Figures,
+    recordings: pl.DataFrame,
+    windows: Path,
+    standing: Sequence[Standing],
+    reports: Mapping[str, str],
+) -> str:
+    """Return the page of a fleet's summary and its tables.
+
+    reports : path of a drive → its page, relative to this one
+    """
+    judged = recordings.filter(pl.col("error").is_null())
+    named = outliers.named(standing)
+    numbers = {vehicle: i for i, vehicle in enumerate(named, 1)}
+    draw = distribution_figures
+    return page(
+        "fleet.html",
+        "Fleet",
+        verdict=_verdict(found),
+        confidence=_confidence(found),
+        extent=_extent(found),
+        found=found,
+        distributions=draw.distribution_figure(judged, windows, found["limits"])
+        if len(judged)
+        else None,
+        drives=[
+            _drive(each, reports.get(each["path"])) for each in found["drives_with_code"][:ROWS]
+        ],
+        more_drives=len(found["drives_with_code"]) - ROWS,
+        standing=standing,
+        standings=draw.standing_figure(standing, numbers) if standing else None,
+        named=_named(named),
+        beyond=len(named) - ROWS,
+        rows=ROWS,
+        least=(outliers.LEAST_VEHICLES, outliers.LEAST_WINDOWS),
+        limits=[_limit(each) for each in found["limits"]],
+        rarest=_rarest(found["not_completed"]["held"]),
+        footer=[
+            f"Model {found['model']} {found['model_sha256'][:12]}, configuration "
+            f"{found['config_sha256'][:12]}, code {found['code_sha256'][:12]}, list of recordings "
+            f"{found['manifest_sha256'][:12]}"
+        ],
+    )
+
+
+def _verdict(found: Figures) -> str:
+    """Return how many vehicles have a code, and which code most of them have."""
+    vehicles = len({each["vehicle"] for each in found["drives_with_code"]})
+    text = f"{vehicles:,} of {counted(found['vehicles'], 'vehicle')} have a code"
+    if not vehicles:
+        reason = ": no judged recording ends with one"
+    else:
+        most = found["codes"][0]
+        reason = (
+            f", in {found['with_code']['events']:,} of {found['judged']:,} judged recordings; most "
+            f"often {most['code']} ({most['fault'].replace('_', ' ')}), in "
+            f"{counted(most['drives'], 'recording')}"
+        )
+    failed = counted(found["errors"], "recording")
+    return f"{text}{reason}." + (f" {failed} could not be judged." if found["errors"] else "")
+
+
+def _confidence(found: Figures) -> str:
+    """Return in how many recordings a test came to its end; silence of the others is no health."""
+    done = found["completed"]
+    if done["rate"] is None:
+        return "none: no recording was judged."
+    low, high = (100.0 * done[k] for k in ("low", "high"))
+    return (
+        f"the response test came to a decision in {100.0 * done['rate']:.0f} % of the judged "
+        f"recordings (95 % bounds {low:.0f} to {high:.0f}); no code in the others is no health."
+    )
+
+
+def _extent(found: Figures) -> str:
+    text = (
+        f"{found['drives']:,} recordings of {found['vehicles']:,} vehicles: {found['judged']:,} "
+        f"judged, {found['errors']:,} could not be; {found['hours']:,.1f} h of driving, of which "
+        f"{found['enabled_hours']:,.1f} h may be judged, {found['windows']:,} windows. "
+        f"{found['with_code']['events']:,} recordings end with a code."
+    )
+    if not found["simulated"]:
+        return text
+    share = "All" if found["simulated"] == found["judged"] else f"{found['simulated']:,}"
+    return f"{text} {share} of the judged recordings are simulated."
+
+
+def _named(named: dict[str, list[tuple[Standing, int]]]) -> list[tuple[str, ...]]:
+    """Return each vehicle that stands out, by which statistics, their medians and distances."""
+    return [
+        (
+            f"{number}{NBSP}{vehicle}",
+            ", ".join(each.statistic.title for each, _ in by),
+            ", ".join(f"{each.values[i]:.4g}" for each, i in by),
+            ", ".join(f"{each.distance[i]:+.1f}" for each, i in by),
+        )
+        for number, (vehicle, by) in enumerate(list(named.items())[:ROWS], 1)
+    ]
+
+
+def _drive(each: Figures, page: str | None) -> tuple[str, ...]:
+    """Return vehicle, codes, drive with a link to its page, its start, time of the first code."""
+    set_at = each["first_code_s"]
+    start = each["start"]
+    return (
+        breakable(each["vehicle"]),
+        ", ".join(
+            f"{code}{NBSP}{fault.replace('_', ' ')} ({state})"
+            for code, fault, state in zip(
+                each["codes"], each["faults"], each["states"], strict=True
+            )
+        ),
+        breakable(Path(each["path"]).name, page),
+        start[:16].replace("T", NBSP) if start else MISSING,
+        "earlier drive" if set_at is None else f"{set_at:.0f}{NBSP}s",
+    )
+
+
+def _limit(each: Figures) -> tuple[str, ...]:
+    """Return a limit: its name, values, value now and its rate, the wished quantile, proposal."""
+    low, high = (
+        "?" if b is None else short(b) for b in (each["quantile_low"], each["quantile_high"])
+    )
+    quantile = each["quantile"]
+    return (
+        f"{each['name']}: {each['title']}",
+        f"{each['values']:,} {each['of']}s",
+        short(each["now"]),
+        _percent(each["now_rate"]),
+        MISSING if quantile is None else f"{short(quantile)}{NBSP}({low}{TO}{high})",
+        f"{each['needed']:,} wanted" if each["proposed"] is None else short(each["proposed"]),
+    )
+
+
+def _percent(rate: Figures) -> str:
+    """Return a rate that may be small in percent, with its bounds."""
+    if rate["rate"] is None:
+        return MISSING
+    found, low, high = (plain(100.0 * rate[k], 2) for k in ("rate", "low", "high"))
+    return f"{found}{NBSP}({low}{TO}{high})"
+
+
+def _rarest(held: Mapping[str, float | None]) -> str:
+    """Return the four enable conditions that hold least often, with their shares."""
+    shares = {name: share for name, share in held.items() if share is not None}
+    worst = sorted(shares, key=lambda name: shares[name])[:4]
+    return ", ".join(f"{name} {100.0 * shares[name]:.0f} %" for name in worst)

@@ -1,0 +1,1 @@
+"""Formulas of recorded signals, for effects that no library has."""

@@ -1,0 +1,230 @@
+"""An effect that no library has, as a formula of recorded signals: searched for, scored, added.
+
+Each form of the signals that may explain most is fitted and scored on held-out blocks as the
+library's effects are; the best is kept, and a further one on top of it as long as it gains clearly.
+Errors count as they are, slow ones too: an effect that follows a temperature is slow.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from monitor.base.types import FloatArray
+from training.gap.name.formulas.second_signal import grown
+from training.gap.name.formulas.signal_screen import NO_CAUSES, left_by_signal
+from training.gap.name.ranking import rank
+from training.gap.name.verdict import Candidate
+from training.greybox.effects import Effect
+from training.greybox.effects.empirical import effect_of, form_of, in_form, name_of, signal_of
+from training.greybox.fit.held_out import held_out_rmse
+from training.greybox.fit.joint import JointFit, fit
+from training.healthy import scoring
+from training.healthy.base_state import BaseState
+from training.healthy.behaviour import Healthy
+from training.healthy.without import corrections
+
+TERMS_MOST: Final = 3
+SIGNALS_MOST: Final = 3  # whose forms are fitted
+GAIN_LEAST: Final = 400.0  # of the first term in whitened errors, as for a clear plain function
+T_LEAST: Final = 3.0  # of the first term, as for a name
+FURTHER_T_LEAST: Final = 2.0
+SHARE_LEAST: Final = 0.1  # of the deviance, that a term takes away
+NEARLY: Final = 1.05  # times the least deviance, up to which a form of fewer constants goes first
+RANGE: Final = (0.02, 0.98)  # quantiles that a curve spans
+FORMS: Final = ("factor", "mass", "vapour", "slow", "curve")  # of every signal
+PLACED: Final = ("bump", "step", "bend", "exponential")  # begun where the best curves show it
+CURVES_MOST: Final = 2
+RATES: Final = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)  # of an exponential per u, for a fit to begin at
+SHOWN: Final = ("place", "rate")  # constants that a curve shows
+BESIDE: Final = 0.1  # of u, from a knot: a fit cannot begin at 0
+
+
+class Formula(NamedTuple):
+    """The terms, none if nothing is clear."""
+
+    terms: tuple[Candidate, ...] = ()  # of the fit to errors as they are, merits in whitened ones
+    rmse: float = 0.0  # of the terms on held-out blocks, in phi
+
+
+@dataclass(frozen=True, slots=True)
+class FirstTerm:
+    """The first term of a formula: the form that a rival of effects and faults has."""
+
+    term: Candidate  # of the fit to errors as they are
+    rival: Candidate  # in whitened errors, as effects and the sensor's faults are
+    plain: BaseState  # errors as they are, with the term
+    known: Healthy | None
+    of: BaseState  # without effects
+
+
+def first_term(state: BaseState, known: Healthy | None = None) -> FirstTerm | None:
+    """Return the first term of a formula, None if none is even over the blocks.
+
+    state : without effects
+    known : of the vehicle; its errors are then those that it shows without the term
+    """
+    plain = _plain(state)
+    if rough := rank(plain, _forms(plain, (), ("curve",)), lambda _: None):
+        plain = _reread(plain, known, rough[0].fit)
+    found = _next(plain, known, (), T_LEAST)
+    if found is None:
+        return None
+    term, plain = found
+    return FirstTerm(term, rank(state, [term.term], lambda _: None)[0], plain, known, state)
+
+
+def formula_of(first: FirstTerm) -> Formula:
+    """Return the formula that begins with a term."""
+    plain, found = first.plain, [first.term]
+    while len(found) < TERMS_MOST:
+        used = {signal_of(c.name) for c in found}
+        more = _next(plain, first.known, used, FURTHER_T_LEAST)
+        if more is None or _rmse(*more) > _rmse(found[-1], plain):
+            break
+        term, plain = more
+        found.append(term)
+    terms = _needed(plain, found)
+    judged = _judged(first.of, terms)
+    if judged[0].merit.score < GAIN_LEAST:
+        return Formula()
+    pairs = zip(terms, judged, strict=True)
+    merited = tuple(replace(c, merit=j.merit) for c, j in pairs)
+    return Formula(merited, _rmse(terms[-1], plain))
+
+
+def _rmse(term: Candidate, plain: BaseState) -> float:
+    """Return the RMSE in phi on held-out blocks with all terms up to one."""
+    return held_out_rmse(plain.case, term.fit)
+
+
+def _next(
+    plain: BaseState, known: Healthy | None, used: Collection[str], t_least: float
+) -> tuple[Candidate, BaseState] | None:
+    """Return the best further term, and the state with it."""
+    best = _best(plain, used)
+    if best is None or best.merit.t < t_least:
+        return None
+    best = _growing(plain, best)
+    plain = _reread(plain, known, best.fit)
+    best = replace(best, fit=fit(plain.case, best.fit.terms, [best.fit]))
+    return best, _with(plain, best.fit)
+
+
+def _reread(plain: BaseState, known: Healthy | None, found: JointFit) -> BaseState:
+    """Return the state with the healthy vehicle's errors as it shows them without the terms."""
+    if known is None:
+        return plain
+    pairs = zip(found.terms, found.parameters, strict=True)
+    effects = tuple((term, own) for term, own in pairs if isinstance(term, Effect))
+    case = replace(plain.case, corrections=corrections(known, plain.case.drives, effects))
+    current = fit(case, plain.current.terms, [plain.current])
+    return _with(replace(plain, case=case), current)
+
+
+def _needed(plain: BaseState, found: Sequence[Candidate]) -> list[Candidate]:
+    """Return the terms without those that later ones have made superfluous."""
+    kept = list(found)
+    for each in found[:-1]:
+        rest = [c for c in kept if c is not each]
+        last = fit(plain.case, tuple(c.term for c in rest), [plain.current.base])
+        if scoring.deviance(last, plain.case.blocks).sum() <= NEARLY * plain.deviance.sum():
+            kept = [*rest[:-1], replace(rest[-1], fit=last)]
+    return kept
+
+
+def _judged(state: BaseState, terms: Sequence[Candidate]) -> list[Candidate]:
+    """Return the terms one after the other in whitened errors."""
+    judged = list[Candidate]()
+    for each in terms:
+        (again,) = rank(state, [each.term])
+        judged.append(again)
+        state = _with(state, again.fit)
+    return judged
+
+
+def _with(state: BaseState, found: JointFit) -> BaseState:
+    deviance = scoring.deviance(found, state.case.blocks)
+    return replace(state, current=found, deviance=deviance)
+
+
+def _best(plain: BaseState, used: Collection[str]) -> Candidate | None:
+    """Return the best form of a signal that is not used yet, None if none gains enough."""
+    terms = _forms(plain, used)
+    if not terms:
+        return None
+    ranking = rank(plain, terms, closely=0)
+    ranking = (*ranking, *rank(plain, _placed(ranking), closely=0))
+    before = float(plain.deviance.sum())
+    least = min(before - c.merit.score for c in ranking)
+    most = min(NEARLY * least, (1.0 - SHARE_LEAST) * before)
+    good = [c for c in ranking if before - c.merit.score <= most]
+    return min(good, key=lambda c: (len(c.term.parameters), -c.merit.score), default=None)
+
+
+def _growing(plain: BaseState, best: Candidate) -> Candidate:
+    """Return the best term, growing with a second signal if that takes away enough of the rest."""
+    other, blocks = grown(plain, best, NO_CAUSES), plain.case.blocks
+    if other is None:
+        return best
+    before, after = (scoring.deviance(c.fit, blocks) for c in (best, other))
+    gained = scoring.score(before, after, scoring.moved(best.fit, other.fit, blocks))
+    enough = gained.gain >= SHARE_LEAST * before.sum() and gained.t >= FURTHER_T_LEAST
+    return other if enough else best
+
+
+def _plain(state: BaseState) -> BaseState:
+    case = scoring.as_they_are(state.case, state.current)
+    current = fit(case, state.current.terms, [state.current])
+    roof = scoring.ceiling(case, scoring.plain_columns(case, current))
+    deviance = scoring.deviance(current, case.blocks)
+    return replace(state, case=case, current=current, roof=roof, deviance=deviance)
+
+
+def _forms(state: BaseState, used: Collection[str], forms: Sequence[str] = FORMS) -> list[Effect]:
+    """Return the forms of the signals that may explain most."""
+    drives, effects = state.case.drives, list[Effect]()
+    for signal in [*left_by_signal(state, used)][:SIGNALS_MOST]:
+        x = np.concatenate([drive.signals[signal][drive.kept] for drive in drives])
+        low, high = np.quantile(x, RANGE).tolist()
+        if high > low:
+            middle, half = (low + high) / 2.0, (high - low) / 2.0
+            effects += [effect_of(name_of(signal, form, middle, half)) for form in forms]
+    return effects
+
+
+def _placed(ranking: Sequence[Candidate]) -> list[Effect]:
+    """Return the forms with a place, of the signals with the best curves."""
+    curves = [c for c in ranking if form_of(c.name) == "curve"]
+    return [_begun(c, form) for c in curves[:CURVES_MOST] for form in PLACED]
+
+
+def _begun(curve: Candidate, form: str) -> Effect:
+    """Return a form of the curve's signal that begins where the curve shows it."""
+    effect = effect_of(in_form(curve.name, form))
+    values = np.array(list(curve.parameters.values()))
+    start = _rate_of(values) if form == "exponential" else _place_of(form, values)
+    begun = (replace(p, start=(start,)) if p.name in SHOWN else p for p in effect.parameters)
+    return replace(effect, parameters=tuple(begun))
+
+
+def _place_of(form: str, values: FloatArray) -> float:
+    """Return u of a curve's most unusual value (bump), steepest part (step) or corner (bend)."""
+    knots = np.linspace(-1.0, 1.0, len(values)) + BESIDE
+    if form == "bump":
+        return float(knots[np.argmax(np.abs(values - np.median(values)))])
+    if form == "bend":
+        return float(knots[1:-1][np.argmax(np.abs(np.diff(values, 2)))])
+    steepest = int(np.argmax(np.abs(np.diff(values))))
+    return float(knots[steepest : steepest + 2].mean())
+
+
+def _rate_of(values: FloatArray) -> float:
+    """Return the rate per u of the exponential that is nearest to a curve."""
+    knots = np.linspace(-1.0, 1.0, len(values))
+    left = []
+    for rate in RATES:
+        table = np.column_stack([np.ones(len(knots)), np.exp(rate * knots - abs(rate))])
+        left.append(float(np.sum((values - table @ np.linalg.lstsq(table, values)[0]) ** 2)))
+    return RATES[int(np.argmin(left))]

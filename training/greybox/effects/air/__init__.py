@@ -1,0 +1,1 @@
+"""Effects on the air that the cylinder gets."""

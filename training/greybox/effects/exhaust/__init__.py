@@ -1,0 +1,1 @@
+"""Effects between the exhaust valve and the reading."""

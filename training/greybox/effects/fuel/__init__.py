@@ -1,0 +1,1 @@
+"""Effects on the fuel that the cylinder gets."""

@@ -1,0 +1,1 @@
+"""Limits of the response rule, learned from healthy recordings."""

@@ -1,0 +1,215 @@
+"""Limits of the response rule from healthy recordings: gains, movement, weights of evidence."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.judge.limits import Limits
+from monitor.judge.response.estimates import Estimates
+from monitor.model.card import Limit
+from monitor.model.step import Model
+from monitor.pipeline.events import CutJudged, WindowJudged
+from training.limits.judging import Judged, judge_recordings
+from training.limits.response.movement import movement_of
+from training.limits.response.stillness import still_limits
+from training.recordings.recording import Recording
+
+CODE_PROBABILITY = 0.003  # at most, of a code's evidence in a healthy drive like the recordings
+PROMISED = 1.0  # mean of a healthy drive's largest evidence, if the errors are the noise supposed
+LEAST_GAINS = 2  # of recordings, that show how gains differ
+WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
+STEPS = (0.5, 0.8)  # of a weight that is still too large, at least and at most
+LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
+
+
+def response_limits(
+    model: Model,
+    recordings: Sequence[Recording],
+    limits: Limits,
+    config: Config,
+    *,
+    seen: bool = False,
+) -> dict[str, Limit]:
+    """Return the healthy gains, the weights of evidence and how long the reading may stand still.
+
+    The gain's spread from drive to drive, and a model that follows its vehicle poorly, look like a
+    weak or late sensor. Where healthy recordings show more evidence of a fault than the noise
+    supposed would, no window alone may say more than half of a code's evidence, and the evidence
+    counts less by as much as a code would still be too probable in another healthy drive
+    (``_probability``). Windows around fuel cuts have a gain and a weight of their own, if there are
+    any. A coarse or clipped reading that stands still in healthy recordings is given more time
+    before it is stuck.
+
+    One recording with windows shows neither how the gain spreads nor the errors that a model has
+    for a whole other drive, least of all the recording that trained it; and recordings of which one
+    would be called weak show that the gain says little. Then windows are bound in any case, and the
+    reading of a weak sensor must also move less.
+
+    limits : of the windows; what an earlier calibration says of the response does not count
+    seen : the other limits are of windows that trained the model; the same holds for it
+    """
+    where = f"{len(recordings)} healthy recordings"
+    limits = replace(limits, noise_cut=0.0, movement=0.0, still_s=0.0, still_end_s=0.0)
+    full = config.response.evidence_weight
+    plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
+    unbound = 2.0 * config.response.evidence_most  # beyond that of the settings
+    plain = replace(plain, evidence_window=unbound)
+    judged = judge_recordings(recordings, model, plain, config)
+    gains = [gain for each in judged if (gain := _last_gain(each.windows)) is not None]
+    gain = _healthy_gain(gains, config)
+    looks_weak = min(gains, default=gain) <= config.response.gain_weak_max * gain
+    is_blind = seen or len(gains) < LEAST_GAINS or looks_weak
+    used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
+    used = replace(used, evidence_window=unbound)
+    most = _most_evidence(model, recordings, used, config)
+    if is_blind or _scale(most) > PROMISED:
+        used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
+        used, _ = _calmed(model, recordings, used, "evidence", config)
+    movement = 0.0
+    if is_blind:
+        windows = [window for each in judged for window in each.windows]
+        movement = movement_of(windows, model.card.transform, limits.noise_memory)
+    found = {
+        "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
+        "evidence": Limit(used.evidence, "-", _origin(most, where)),
+        "evidence_window": Limit(
+            used.evidence_window,
+            "-",
+            f"half of a code's evidence where {where} show more evidence of a fault than noise "
+            "would, or not how gains differ, else only that of the settings",
+        ),
+        "movement": Limit(
+            movement,
+            "-",
+            f"spread of the reading over that of the prediction in {where}"
+            if is_blind
+            else f"not needed, {where} show how gains differ, and none looks weak",
+        ),
+    }
+    found |= still_limits(recordings, model.card, config)
+    return found | _around_cuts(model, recordings, judged, used, config)
+
+
+def _around_cuts(
+    model: Model,
+    recordings: Sequence[Recording],
+    judged: Sequence[Judged],
+    used: Limits,
+    config: Config,
+) -> dict[str, Limit]:
+    """Return gain, noise and weight of windows around fuel cuts; nothing without such windows."""
+    n_cuts = sum(len(each.cuts) for each in judged)
+    if not n_cuts:
+        return {}
+    gains = [gain for each in judged if (gain := _last_gain(each.cuts)) is not None]
+    gain = _healthy_gain(gains, config)
+    unit = "-" if model.card.transform == "phi" else model.card.output.unit
+    noise = _noise_of_edges([cut for each in judged for cut in each.cuts], used.excitation)
+    full = config.response.evidence_weight
+    used = replace(used, gain_cut=gain, noise_cut=noise, evidence_cut=full)
+    used, most = _calmed(model, recordings, used, "evidence_cut", config)
+    where = f"{n_cuts} windows around fuel cuts of {len(recordings)} healthy recordings"
+    return {
+        "gain_cut": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
+        "noise_cut": Limit(noise, unit, f"median spread of the residual at edges, {where}"),
+        "evidence_cut": Limit(used.evidence_cut, "-", _origin(most, where)),
+    }
+
+
+def _noise_of_edges(cuts: Sequence[CutJudged], excitation: float) -> float:
+    """Return the median spread of the residual over windows that hold an edge, if any does.
+
+    Within a long cut, reading and prediction rest in air: such windows tell nothing of the model's
+    error at an edge, and may be most of them.
+    excitation : standard deviation from which the prediction moves
+    """
+    edges = [cut.std for cut in cuts if cut.statistics.excitation >= excitation]
+    return float(np.median(edges or [cut.std for cut in cuts]))
+
+
+def _healthy_gain(gains: Sequence[float], config: Config) -> float:
+    """Return the median of the drives' gains, 1 without any."""
+    least = config.response.gain_least  # a model that follows less says nothing of its vehicle
+    return min(max(float(np.median(gains)), least), 1.0 / least) if gains else 1.0
+
+
+def _origin(most: Sequence[float], where: str) -> str:
+    return f"largest evidence of a fault {max(most):.3g} at full weight, {where}"
+
+
+def _weighted(limits: Limits, name: str, weight: float) -> Limits:
+    if name == "evidence_cut":
+        return replace(limits, evidence_cut=weight)
+    return replace(limits, evidence=weight)
+
+
+def _calmed(
+    model: Model,
+    recordings: Sequence[Recording],
+    limits: Limits,
+    name: str,
+    config: Config,
+) -> tuple[Limits, list[float]]:
+    """Return limits with which a code in a healthy drive is improbable; the evidence before.
+
+    The weight is lowered. Evidence that the recordings show with the least weight, too, comes from
+    other windows.
+    """
+    most = before = _most_evidence(model, recordings, limits, config)
+    if _probability(most, config) <= CODE_PROBABILITY:
+        return limits, before
+    others = _most_evidence(model, recordings, _weighted(limits, name, LEAST_EVIDENCE), config)
+    allowed = -config.response.evidence_fail / math.log(CODE_PROBABILITY)
+    allowed, weight = max(allowed, _scale(others)), config.response.evidence_weight
+    while _scale(most) > allowed and weight > LEAST_EVIDENCE:  # bounded evidence is not linear
+        weight *= float(np.clip(allowed / _scale(most), *STEPS))
+        limits = _weighted(limits, name, weight)
+        most = _most_evidence(model, recordings, limits, config)
+    return limits, before
+
+
+def _probability(most: Sequence[float], config: Config) -> float:
+    """Return the probability that another healthy drive shows the evidence of a code.
+
+    most : largest evidence of a fault in each healthy drive, which falls off exponentially
+    Source: Basseville and Nikiforov, Detection of Abrupt Changes, section 5.2 (the exceedance of a
+    level by a sum of log likelihood ratios falls exponentially with the level).
+    """
+    scale = _scale(most)
+    return math.exp(-config.response.evidence_fail / scale) if scale else 0.0
+
+
+def _scale(most: Sequence[float]) -> float:
+    """Return the mean of exponentially distributed values, from their mean or their largest one.
+
+    The larger of both estimates, in case that a few drives are worse than the others. The largest
+    of n values is 1 + 1/2 + … + 1/n times the mean (David and Nagaraja, Order Statistics, section
+    2.5).
+    """
+    largest = max(most) / sum(1.0 / k for k in range(1, len(most) + 1))
+    return max(math.fsum(most) / len(most), largest)
+
+
+def _most_evidence(
+    model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
+) -> list[float]:
+    """Return the largest evidence of a fault in each healthy recording with windows, at least 0."""
+    found = []
+    for judged in judge_recordings(recordings, model, limits, config):
+        seen: list[WindowJudged | CutJudged] = [*judged.windows, *judged.cuts]
+        evidence = [_estimates(each).evidence for each in seen]
+        if evidence:  # a drive without windows does not show that the evidence is small
+            found.append(max(0.0, *evidence))
+    return found or [0.0]
+
+
+def _last_gain(windows: Sequence[WindowJudged | CutJudged]) -> float | None:
+    return _estimates(windows[-1]).gain if windows else None
+
+
+def _estimates(judged: WindowJudged | CutJudged) -> Estimates:
+    found = judged.statistics
+    return found if isinstance(found, Estimates) else found.response

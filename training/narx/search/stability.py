@@ -1,0 +1,87 @@
+"""Contraction: two runs with the same inputs and different histories end at the same prediction."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.base.types import FloatArray, IntArray
+from training.narx.network import Spec, last_outputs
+from training.recordings.samples.preparation import LAMBDA_MEMORY, Prepared
+
+CONTRACTION_SAMPLES = LAMBDA_MEMORY  # unless the data say another memory
+CONTRACTION_LIMIT = 0.01  # phi; other outputs: the same share of their range
+PHI_SPAN = 1.7
+STEPS = 100_000  # of all pairs together: 2,000 pairs over 50 samples
+HELD_STEPS = 50_000  # of all held operating points together, with the memory before them
+
+
+@dataclass(frozen=True, slots=True)
+class Contraction:
+    """The largest difference after ``samples`` samples among all pairs, in model units."""
+
+    gap: float
+    limit: float
+    pairs: int
+    samples: int = CONTRACTION_SAMPLES
+
+    def to_card(self) -> dict[str, float]:
+        """Return the entry for a card."""
+        return {
+            "gap": self.gap,
+            "samples": self.samples,
+            "pairs": self.pairs,
+            "limit": self.limit,
+        }
+
+
+def contraction(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
+    """Return how far predictions from random pairs of histories are apart after a while.
+
+    The while is the data's memory, or 50 samples if they have none. The pairs run over the inputs
+    of random places of all recordings, and over the inputs of single samples held for all of the
+    while: a drive may stay at an operating point for longer than any recording did, and a network
+    that forgets only because the inputs move on may have two steady states there.
+    """
+    rng = np.random.default_rng(seed)
+    samples = data.memory or CONTRACTION_SAMPLES
+    pairs = STEPS // samples
+    length = samples + 1
+    places = np.concatenate(
+        [
+            np.arange(s.start + spec.memory, max(s.stop - length, s.start + spec.memory + 1))
+            for s in data.segments
+        ]
+    )
+    start = rng.choice(places, pairs)
+    stop = np.minimum(start + length, len(data.samples.y))
+    moving = _gap(spec, weights, data.samples.u, start, stop, rng)
+    rows = spec.memory + length
+    at = rng.choice(np.flatnonzero(data.samples.weight > 0), max(1, HELD_STEPS // rows))
+    begin = np.arange(len(at)) * rows
+    held = np.repeat(data.samples.u[at], rows, axis=0)
+    still = _gap(spec, weights, held, begin + spec.memory, begin + rows, rng)
+    span = data.scaling.y_high - data.scaling.y_low
+    limit = CONTRACTION_LIMIT * span / PHI_SPAN
+    return Contraction(max(moving, still) * data.scaling.y_std, limit, pairs + len(at), samples)
+
+
+def _gap(
+    spec: Spec,
+    weights: FloatArray,
+    u: FloatArray,
+    start: IntArray,
+    stop: IntArray,
+    rng: np.random.Generator,
+) -> float:
+    """Return the largest difference at the end of pieces from two histories each, scaled units.
+
+    Histories are drawn evenly over the output's range (phi 0 .. 1.7), half of them constant; one
+    pair in eight starts at the two ends of the range.
+    """
+    ends = []
+    for side in (0, 1):
+        history = rng.uniform(spec.y_min, spec.y_max, size=(len(start), spec.lags))
+        history[::2] = history[::2, :1]
+        history[: len(start) // 8] = spec.y_max if side else spec.y_min
+        ends.append(last_outputs(spec, weights, u=u, start=start, stop=stop, history=history))
+    return float(np.abs(ends[0] - ends[1]).max())

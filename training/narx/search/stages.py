@@ -1,0 +1,275 @@
+"""The stages of one training: series-parallel, then closed loop over growing horizons.
+
+A good one-step prediction says nothing about free run, and the full horizon can hurt. So free-run
+validation judges every stage, and the training keeps the best weights of all stages. From horizon
+20 on, some stretches begin with a random history. They are scored only after the model should have
+forgotten it, so that the network learns to forget.
+"""
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray, IntArray
+from training.narx.algorithms.lm import LmOptions, LmOutcome, minimise
+from training.narx.algorithms.objectives import ClosedLoop, Pieces
+from training.narx.network import Spec, initial_weights, layers, linear_path, simulate
+from training.narx.search.stability import contraction
+from training.recordings.samples.preparation import Prepared, Role
+
+HORIZONS = (5, 20, 100, 1000)
+EPOCHS = {1: 40, 5: 15, 20: 15, 100: 20, 1000: 30}  # most epochs of each stage
+EARLY_SAMPLES = 30_000  # training samples of horizons below 100
+WARM_UP = 1000  # most samples of free run before a block is scored
+FORGET_FROM = 20  # horizon from which random histories take part
+FORGET = 0.6  # of the memory: after it a random history must no longer matter
+RANDOM_LENGTH = 1.6  # of the memory: a stretch that starts from a random history
+RANDOM_SHARE = 0.15  # of the training samples
+FORGET_SHARE, FORGET_EPOCHS = 1.0, 25  # of the stages after the horizons
+LESS_FEEDBACK = 0.8  # factor of the weights on the model's output, repeated until it forgets
+SAFELY = 0.5  # share of the limit to reach, because the final check draws other histories
+CONTRACTION_SEED = 1  # other histories than those of the final check
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """The course of one stage of the training."""
+
+    name: str  # "horizon 1" is series-parallel; "forget", "less feedback": on random histories
+    costs: tuple[float, ...]  # training cost after every epoch, scaled units
+    scores: tuple[float, ...]  # free-run validation after every epoch, scaled units
+    stop: str
+    seconds: float
+
+
+@dataclass(slots=True)
+class Trained:
+    """The best weights of one start."""
+
+    spec: Spec
+    weights: FloatArray
+    score: float  # free-run validation, mean of the blocks' RMSE, scaled and weighted
+    stages: list[Stage] = field(default_factory=list)
+    members: int = 1  # trainings in a committee; a committee has no stages
+    decay: float = 0.0  # of the weights, see ``ClosedLoop``
+
+
+def measured_history(data: Prepared, lags: int, start: IntArray) -> FloatArray:
+    """Return (n_pieces, lags) measured outputs before every start, newest first, scaled."""
+    return np.asarray(data.samples.y[start[:, None] - np.arange(1, lags + 1)])
+
+
+def free_run(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
+    """Return scaled free-run predictions (n,) of every whole segment; NaN before the first."""
+    whole = [s for s in data.segments if s.stop - s.start > spec.memory]
+    start = np.array([s.start + spec.memory for s in whole], dtype=np.int64)
+    stop = np.array([s.stop for s in whole], dtype=np.int64)
+    history = measured_history(data, spec.lags, start)
+    return simulate(spec, weights, u=data.samples.u, start=start, stop=stop, history=history)
+
+
+def free_run_score(
+    data: Prepared, spec: Spec, weights: FloatArray, role: Role = Role.VALIDATE
+) -> float:
+    """Return the free-run score on the blocks of ``role``: mean of their RMSE, scaled units."""
+    return blocks_of(data, spec, role).score(weights)
+
+
+def blocks_of(
+    data: Prepared, spec: Spec, role: Role = Role.VALIDATE, memory: int = 0
+) -> ClosedLoop:
+    """Return the free run over every block of ``role``, begun ``WARM_UP`` samples before it.
+
+    memory : first samples of a segment that are not scored, at least the model's memory
+    Raises RecordingError if no block is longer than the model's memory.
+    """
+    found = [
+        (max(low, first - WARM_UP), stop, max(0, first - max(low, first - WARM_UP)))
+        for low, first, stop in _blocks(data, max(spec.memory, memory), role)
+    ]
+    if not found:
+        raise RecordingError(
+            f"no block of {role.name.lower()} samples is longer than {spec.memory} lags"
+        )
+    start, stop, skip = (np.array(column, dtype=np.int64) for column in zip(*found, strict=True))
+    history = measured_history(data, spec.lags, start)
+    return ClosedLoop(spec, data.samples, Pieces(start, stop, skip, history))
+
+
+def _blocks(data: Prepared, memory: int, role: Role) -> Iterator[tuple[int, int, int]]:
+    """Yield the row after ``memory`` samples of the segment, and each block of ``role``."""
+    for segment in data.segments:
+        roles = data.role[segment.start : segment.stop]
+        edges = segment.start + np.flatnonzero(np.diff(roles)) + 1
+        for first, stop in pairwise([segment.start, *edges.tolist(), segment.stop]):
+            low = segment.start + memory
+            if data.role[first] == role and stop > low and data.samples.weight[first:stop].any():
+                yield low, max(first, low), stop
+
+
+def pieces(data: Prepared, spec: Spec, horizon: int, n_samples: int | None = None) -> Pieces:
+    """Return the training blocks cut into stretches of at most ``horizon`` samples.
+
+    n_samples : most samples, about; beyond, stretches are left out evenly
+    """
+    starts: list[int] = []
+    stops: list[int] = []
+    for _, first, stop in _blocks(data, spec.memory, Role.TRAIN):
+        begin = np.arange(first, stop, horizon)
+        starts += begin.tolist()
+        stops += np.minimum(begin + horizon, stop).tolist()
+    start, end = np.array(starts, dtype=np.int64), np.array(stops, dtype=np.int64)
+    total = int((end - start).sum())
+    if n_samples is not None and total > n_samples:
+        count = max(1, int(len(start) * n_samples / total))
+        keep = np.linspace(0, len(start) - 1, count).astype(np.int64)
+        start, end = start[keep], end[keep]
+    return Pieces(start, end, np.zeros_like(start), measured_history(data, spec.lags, start))
+
+
+def random_pieces(data: Prepared, spec: Spec, rng: np.random.Generator, n_samples: float) -> Pieces:
+    """Return stretches of training samples from histories drawn evenly over the output's range.
+
+    There are ``n_samples`` in all, none if a model need not forget its history. A stretch is scored
+    from the sample on at which the history must be forgotten.
+    """
+    length, skip = max(1, round(RANDOM_LENGTH * data.memory)), round(FORGET * data.memory)
+    count = int(n_samples / length) if data.memory else 0
+    train = pieces(data, spec, length)
+    whole = np.flatnonzero(train.stop - train.start == length)
+    if not len(whole):
+        return Pieces(train.start[:0], train.stop[:0], train.skip[:0], train.history[:0])
+    start = train.start[rng.choice(whole, count)]
+    history = rng.uniform(spec.y_min, spec.y_max, size=(count, spec.lags))
+    history[::2] = history[::2, :1]  # every other one is constant
+    return Pieces(start, start + length, np.full_like(start, skip), history)
+
+
+def train(
+    data: Prepared,
+    spec: Spec,
+    seed: int,
+    deadline_s: float = np.inf,
+    progress: Callable[[int, int, float], None] | None = None,
+    horizons: tuple[int, ...] = HORIZONS,
+    epochs: Mapping[int, int] = EPOCHS,
+    n_samples: int | None = None,
+    decay: float = 0.0,
+    weights: FloatArray | None = None,
+) -> Trained:
+    """Return the best weights of one start by free-run validation on the way through ``horizons``.
+
+    progress : called with horizon, epoch and best validation score after every epoch
+    n_samples : most training samples, about; horizons below 100 take at most ``EARLY_SAMPLES``,
+        because they only prepare the longer ones
+    decay : this times every squared weight is added to the mean squared error, scaled units
+    weights : first weights; None begins with random ones and series-parallel training
+    """
+    rng = np.random.default_rng(seed)
+    if weights is None:
+        weights, horizons = initial_weights(spec, rng), (1, *horizons)
+    best = Trained(spec, weights, np.inf, decay=decay)
+    validation = blocks_of(data, spec)
+    n_train = int((data.role == Role.TRAIN).sum())
+    random = random_pieces(data, spec, rng, RANDOM_SHARE * min(n_train, n_samples or n_train))
+    for horizon in horizons:
+        if time.monotonic() > deadline_s:
+            if best.stages:
+                best.stages[-1] = replace(best.stages[-1], stop="budget")
+            break
+        early = EARLY_SAMPLES if horizon < 100 else sys.maxsize
+        cut = pieces(data, spec, horizon, min(early, n_samples or early))
+        taken = cut + random if horizon >= FORGET_FROM else cut
+        objective = ClosedLoop(spec, data.samples, taken, decay=decay)
+        began = time.monotonic()
+        outcome = minimise(
+            objective,
+            weights,
+            LmOptions(epochs=epochs.get(horizon, 30), max_fail=8 if horizon > 1 else 40),
+            validate=validation.score,
+            deadline_s=deadline_s,
+            progress=_tell(progress, horizon, best),
+        )
+        best.stages.append(_stage(f"horizon {horizon}", outcome, began))
+        if outcome.score < best.score:
+            best.weights, best.score = outcome.weights, outcome.score
+        weights = outcome.weights
+    if data.memory and np.isfinite(best.score) and epochs is EPOCHS:
+        _learn_to_forget(data, spec, best, rng, deadline_s)
+    return best
+
+
+def _learn_to_forget(
+    data: Prepared, spec: Spec, best: Trained, rng: np.random.Generator, deadline_s: float
+) -> None:
+    """Train ``best`` on many random histories, if it remembers its history for a whole window.
+
+    If that is not enough, because no step helps in a loop so unstable, the training begins again
+    with less feedback and accepts only weights that forget. Weights that forget replace weights
+    that do not. Weights that still remember replace the old ones only if the penalised score fell.
+    """
+
+    def penalised(weights: FloatArray) -> float:
+        return free_run_score(data, spec, weights) * max(1.0, _beyond(data, spec, weights))
+
+    def if_it_forgets(weights: FloatArray) -> float:
+        forgets = _beyond(data, spec, weights) <= SAFELY
+        return free_run_score(data, spec, weights) if forgets else np.inf
+
+    def tune(name: str, weights: FloatArray, score: Callable[[FloatArray], float]) -> LmOutcome:
+        began = time.monotonic()
+        outcome = minimise(objective, weights, options, score, deadline_s)
+        best.stages.append(_stage(name, outcome, began))
+        return outcome
+
+    before = penalised(best.weights)
+    if before <= best.score or time.monotonic() > deadline_s:
+        return
+    n_samples = FORGET_SHARE * (data.role == Role.TRAIN).sum()
+    many = random_pieces(data, spec, rng, n_samples)
+    objective = ClosedLoop(
+        spec, data.samples, pieces(data, spec, max(100, round(RANDOM_LENGTH * data.memory))) + many
+    )
+    options = LmOptions(epochs=FORGET_EPOCHS, max_fail=8)
+    outcome = tune("forget", best.weights, penalised)
+    if outcome.score < before:
+        best.weights = outcome.weights
+        best.score = free_run_score(data, spec, outcome.weights)
+    if _beyond(data, spec, best.weights) > 1.0 and time.monotonic() < deadline_s:
+        weaker = _with_less_feedback(data, spec, best.weights)
+        outcome = tune("less feedback", weaker, if_it_forgets)
+        best.weights, best.score = outcome.weights, outcome.score
+
+
+def _with_less_feedback(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
+    """Return weights with just so little feedback that two histories are forgotten."""
+    weights = weights.copy()
+    while _beyond(data, spec, weights) > SAFELY:
+        layers(spec, weights)[0][0][:, -spec.lags :] *= LESS_FEEDBACK
+        if spec.linear_path:
+            linear_path(spec, weights)[-spec.lags :] *= LESS_FEEDBACK
+    return weights
+
+
+def _beyond(data: Prepared, spec: Spec, weights: FloatArray) -> float:
+    """Return the distance of predictions from two histories, divided by its limit."""
+    found = contraction(data, spec, weights, CONTRACTION_SEED)
+    return found.gap / found.limit
+
+
+def _stage(name: str, outcome: LmOutcome, began_s: float) -> Stage:
+    costs, scores = tuple(outcome.costs), tuple(outcome.scores)
+    return Stage(name, costs, scores, outcome.stop, time.monotonic() - began_s)
+
+
+def _tell(
+    progress: Callable[[int, int, float], None] | None, horizon: int, best: Trained
+) -> Callable[[int, float], None] | None:
+    if progress is None:
+        return None
+    return lambda epoch, _: progress(horizon, epoch, best.score)

@@ -1,0 +1,1 @@
+"""Files of recordings: CAN logs, measurement files and tables."""

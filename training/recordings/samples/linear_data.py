@@ -1,0 +1,274 @@
+"""The samples of linear baselines: filtered, detrended, z-scored, and the way back.
+
+Trend removal and the zero-phase filter look ahead. They serve the linear baselines of the study
+and never the model that ships.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from monitor.base.errors import RecordingError
+from monitor.base.signals import BY_NAME
+from monitor.base.types import FloatArray
+from monitor.model.step import to_model_units
+from training.recordings.recording import Recording
+from training.recordings.samples.outliers import outlier_mask
+from training.recordings.samples.rows import runs
+
+FILTER_ORDER = 2  # of the Butterworth prototype; a band-stop has twice as many poles
+FILTER_MARGIN_HZ = 0.1  # by which the stop band is wider than the line on both sides
+NEAR_NYQUIST = 0.9  # a band beyond this share of the Nyquist frequency takes a low-pass
+BRIDGE = 3  # a hole of at most so many samples (an outlier, a lost frame) is bridged linearly
+SHORTEST = 60  # samples of a stretch that is worth fitting to, and enough for the filter's ends
+
+Pair = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """A zero-phase Butterworth filter against a narrow band; it runs forward and backward."""
+
+    kind: str  # bandstop or lowpass
+    order: int
+    edges_hz: tuple[float, ...]  # where it takes 6 dB, 3 dB in each direction
+    period_s: float
+    attenuation_db: float  # the least one in the band
+
+    @classmethod
+    def against(cls, band_hz: Sequence[float], period_s: float) -> "Filter":
+        """Return the filter for a band [f_low, f_high] in Hz.
+
+        Raises ValueError if the band is not within (0, Nyquist frequency).
+        """
+        low, high = (float(f) for f in band_hz)
+        nyquist = 0.5 / period_s
+        if not 0.0 < low <= high < nyquist:
+            raise ValueError(f"band {low:g} to {high:g} Hz: wanted within 0 to {nyquist:g} Hz")
+        margin = min(FILTER_MARGIN_HZ, 0.5 * low)
+        top = high + margin
+        kind = "lowpass" if top > NEAR_NYQUIST * nyquist else "bandstop"
+        edges = (low - margin,) if kind == "lowpass" else (low - margin, top)
+        sections = _sections(kind, FILTER_ORDER, edges, period_s)
+        _, response = signal.freqz_sos(sections, np.linspace(low, high, 21), fs=1.0 / period_s)
+        gain = max(float(np.abs(response).max()) ** 2, 1e-15)
+        return cls(kind, FILTER_ORDER, edges, period_s, -20.0 * float(np.log10(gain)))
+
+    def apply(self, values: FloatArray) -> FloatArray:
+        """Return filtered values (n, k), without delay."""
+        sections = _sections(self.kind, self.order, self.edges_hz, self.period_s)
+        return np.asarray(signal.sosfiltfilt(sections, values, axis=0))
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """A line through one recording: zero at its middle, rising by ``slope`` per second."""
+
+    middle_s: float
+    slope: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LinearData:
+    """Linear trend of each recording, then common mean and standard deviation; invertible.
+
+    A trend belongs to the recording with its sha256. Other recordings have none, so that a held-out
+    recording does not influence its own scaling. The last name is the output.
+    """
+
+    names: tuple[str, ...]
+    transform: str  # of the output, which comes in model units: "phi" is 1 / lambda
+    mean: tuple[float, ...]
+    std: tuple[float, ...]
+    trends: Mapping[str, Trend] = field(default_factory=dict)
+    filter: Filter | None = None  # of the samples before; ``invert`` does not undo it
+
+    def apply(self, values: FloatArray, t_s: FloatArray, sha256: str = "") -> FloatArray:
+        """Return z-scored values (n, k) of ``values`` (n, k) at ``t_s`` (n,) of a recording."""
+        return np.asarray((values - self._line(t_s, sha256) - self.mean) / self.std)
+
+    def invert(self, values: FloatArray, t_s: FloatArray, sha256: str = "") -> FloatArray:
+        """Return the values (n, k) from z-scored ones (n, k)."""
+        return np.asarray(values * self.std + self.mean + self._line(t_s, sha256))
+
+    def invert_output(self, y: FloatArray, t_s: FloatArray, sha256: str = "") -> FloatArray:
+        """Return the output in model units (n,) from a z-scored one (n,)."""
+        line = self._line(t_s, sha256)[:, -1]
+        return np.asarray(y * self.std[-1] + self.mean[-1] + line)
+
+    def _line(self, t_s: FloatArray, sha256: str) -> FloatArray:
+        trend = self.trends.get(sha256)
+        if trend is None:
+            return np.zeros((len(t_s), len(self.names)))
+        return np.outer(t_s - trend.middle_s, trend.slope)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, which keeps every digit."""
+        return asdict(self) | {"trends": {k: asdict(t) for k, t in self.trends.items()}}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "LinearData":
+        """Return the data of which ``as_dict`` is the tree, also after JSON."""
+        own = values["filter"]
+        return cls(
+            names=tuple(values["names"]),
+            transform=str(values["transform"]),
+            mean=tuple(values["mean"]),
+            std=tuple(values["std"]),
+            trends={
+                key: Trend(float(t["middle_s"]), tuple(t["slope"]))
+                for key, t in values["trends"].items()
+            },
+            filter=Filter(**(own | {"edges_hz": tuple(own["edges_hz"])})) if own else None,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LinearStretch:
+    """Unbroken samples of one recording, the output last and in model units."""
+
+    recording: int
+    first: int  # row of the recording
+    t_s: FloatArray  # (n,)
+    values: FloatArray  # (n, k + 1)
+
+
+def linear_records(
+    recordings: Sequence[Recording],
+    inputs: Sequence[str],
+    output: str,
+    band: Sequence[float] | None = None,
+    *,
+    reference: LinearData | None = None,
+) -> tuple[list[Pair], LinearData]:
+    """Return (u (n, k), y (n,)) of every unbroken stretch for linear models, and its scaling.
+
+    band : narrow noise band in Hz that a zero-phase filter takes out of inputs and output
+    reference : scaling and filter of other recordings, for held-out ones; ``band`` is then ignored
+    Trends of each recording, mean and standard deviation are removed; the output is in model
+    units, phi = 1 / lambda for the canonical lambda.
+    Raises RecordingError for a missing signal, a constant one, or no stretch of 60 samples.
+    """
+    parts, prepared = linear_stretches(recordings, inputs, output, band, reference=reference)
+    pairs = []
+    for part in parts:
+        z = prepared.apply(part.values, part.t_s, recordings[part.recording].sha256)
+        pairs.append((z[:, :-1], z[:, -1]))
+    return pairs, prepared
+
+
+def linear_stretches(
+    recordings: Sequence[Recording],
+    inputs: Sequence[str],
+    output: str,
+    band: Sequence[float] | None = None,
+    *,
+    reference: LinearData | None = None,
+) -> tuple[list[LinearStretch], LinearData]:
+    """Return the filtered stretches before trend and scaling, and the scaling."""
+    names = (*inputs, output)
+    parts = _unbroken(recordings, names)
+    if reference is not None:
+        own = reference.filter
+    else:
+        own = Filter.against(band, recordings[0].period_ns / 1e9) if band is not None else None
+    if own is not None:
+        parts = [LinearStretch(p.recording, p.first, p.t_s, own.apply(p.values)) for p in parts]
+    return parts, reference or _measure(recordings, parts, names, own)
+
+
+def output_transform(output: str) -> str:
+    """Return the transform of the output: "phi" for the canonical lambda, else "none"."""
+    return "phi" if output.startswith("lambda") and output in BY_NAME else "none"
+
+
+def cleaned(recording: Recording, names: Sequence[str], transform: str) -> FloatArray:
+    """Return the signals (n, k); outliers are NaN, holes of up to 3 samples are bridged.
+
+    transform : of the last column
+    """
+    values = np.column_stack([recording.column(name) for name in names]).astype(np.float64)
+    for i, name in enumerate(names):
+        values[outlier_mask(name, values[:, i]), i] = np.nan
+    values[:, -1] = to_model_units(transform, values[:, -1])
+    for column in values.T:
+        _bridge(column)
+    return values
+
+
+def _bridge(column: FloatArray) -> None:
+    missing = np.isnan(column)
+    known = np.flatnonzero(~missing)
+    for first, stop in runs(missing):
+        if stop - first <= BRIDGE and first > 0 and stop < len(column):
+            column[first:stop] = np.interp(np.arange(first, stop), known, column[known])
+
+
+def _unbroken(recordings: Sequence[Recording], names: Sequence[str]) -> list[LinearStretch]:
+    transform = output_transform(names[-1])
+    for other in recordings[1:]:
+        if other.period_ns != recordings[0].period_ns:
+            raise RecordingError(
+                f"{other.path}: sample period {other.period_ns / 1e9:g} s, {recordings[0].path} "
+                f"has {recordings[0].period_ns / 1e9:g} s; one grid is wanted (--period)"
+            )
+    parts = []
+    for index, recording in enumerate(recordings):
+        values = cleaned(recording, names, transform)
+        for first, stop in runs(np.asarray(np.isfinite(values).all(axis=1))):
+            if stop - first >= SHORTEST:
+                rows = slice(first, stop)
+                parts.append(LinearStretch(index, first, recording.t_s[rows], values[rows]))
+    if not parts:
+        files = ", ".join(str(r.path) for r in recordings) or "no recordings"
+        raise RecordingError(
+            f"{files}: no stretch of {SHORTEST} samples with {', '.join(names)} all valid"
+        )
+    return parts
+
+
+def _measure(
+    recordings: Sequence[Recording],
+    parts: Sequence[LinearStretch],
+    names: tuple[str, ...],
+    own: Filter | None,
+) -> LinearData:
+    trends = {}
+    for index, recording in enumerate(recordings):
+        of_it = [p for p in parts if p.recording == index]
+        if of_it:
+            t_s = np.concatenate([p.t_s for p in of_it])
+            values = np.concatenate([p.values for p in of_it])
+            middle_s = float(t_s.mean())
+            slope = (t_s - middle_s) @ values / float(((t_s - middle_s) ** 2).sum())
+            trends[recording.sha256] = Trend(middle_s, tuple(slope.tolist()))
+    values = np.concatenate([p.values for p in parts])
+    mean = values.mean(axis=0)
+    ones = tuple([1.0] * len(names))
+    level = LinearData(names, output_transform(names[-1]), tuple(mean.tolist()), ones, trends)
+    flat = np.concatenate(
+        [level.apply(p.values, p.t_s, recordings[p.recording].sha256) for p in parts]
+    )
+    std = flat.std(axis=0)
+    for name, spread, at in zip(names, std, mean, strict=True):
+        if spread <= 1e-9 * max(1.0, abs(at)):
+            files = ", ".join(str(r.path) for r in recordings)
+            raise RecordingError(f"{files}: {name} is constant ({at:g}); leave it out")
+    return LinearData(
+        names=names,
+        transform=level.transform,
+        mean=level.mean,
+        std=tuple(std.tolist()),
+        trends=trends,
+        filter=own,
+    )
+
+
+def _sections(kind: str, order: int, edges_hz: Sequence[float], period_s: float) -> FloatArray:
+    rate = 1.0 / period_s
+    if kind == "lowpass":
+        return np.asarray(signal.butter(order, edges_hz[0], "lowpass", fs=rate, output="sos"))
+    return np.asarray(signal.butter(order, list(edges_hz), "bandstop", fs=rate, output="sos"))
