@@ -1,1 +1,1 @@
-"""Replay and check of logs; text, JSON and HTML."""
+"""Checks of logs, and results as lines of text and HTML pages."""

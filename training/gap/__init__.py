@@ -1,1 +1,1 @@
-"""The gap workflow: where a model and a healthy vehicle disagree, and which effect is missing."""
+"""The gap workflow: the effect of a healthy vehicle that a model lacks, named, added, verified."""

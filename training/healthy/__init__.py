@@ -1,1 +1,1 @@
-"""What the recordings of a healthy vehicle say, and what of it a new model's card keeps."""
+"""The behaviour of the healthy vehicle, the yardstick of every score, kept in a model's card."""

@@ -1,1 +1,1 @@
-"""Decision limits, their calibration, decision rules of the literature, and the data check."""
+"""Decision limits, their calibration, the evaluation of a model, and the data check."""
