@@ -23,7 +23,7 @@ SHARE: Final = Path(__file__).resolve().parent
 def files() -> dict[Path, str]:
     """Return path, relative to ``share``, and content of every generated file."""
     made = {}
-    for name, parser in (("o2mon", o2mon_parser(None)), ("o2train", o2train_parser())):
+    for name, parser in (("o2mon", o2mon_parser(None)), ("o2train", o2train_parser(None))):
         verbosity.add_options(parser)
         tidy(parser)
         made[Path(f"bash-completion/completions/{name}")] = shtab.complete(parser, "bash")

@@ -54,7 +54,7 @@ def test_every_page_stands_in_the_navigation_of_the_site() -> None:
 def parse(line: str) -> str:
     """Return what the command's own parser has against a command line, "" for nothing."""
     words = shlex.split(line.removesuffix("&"), comments=True)
-    make = {"o2mon": o2mon_parser, "o2train": lambda _: o2train_parser()}[words[0]]
+    make = {"o2mon": o2mon_parser, "o2train": o2train_parser}[words[0]]
     errors = StringIO()
     try:
         with redirect_stderr(errors):

@@ -12,7 +12,7 @@ PROGRAMS = ("o2mon", "o2train")
 
 def parser_of(program: str, command: str) -> argparse.ArgumentParser:
     """Return a program's parser with the options of a command."""
-    return o2mon._parser([command]) if program == "o2mon" else o2train._parser()
+    return (o2mon if program == "o2mon" else o2train)._parser([command])
 
 
 def command_names(program: str) -> list[str]:

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from monitor.base.errors import UsageError
 from monitor.model.step import Model
+from training.api.parameters import GapParameters, LoadAxis, TableParameters
 from training.api.recordings import Given, load_recordings
 from training.ecu_tables import config, fit, signals, tables
 from training.ecu_tables.msq import read_axes
@@ -14,7 +14,6 @@ from training.gap.inputs.roles import Material, options_of
 from training.gap.pages import gap_page
 from training.gap.result import Result, as_json
 from training.gap.workflow import investigate
-from training.greybox.effects import LIBRARY
 from training.recordings.ecu_table import EcuTable, axes_of
 from training.recordings.recording import Pairs, Recording, check_each_once
 
@@ -59,10 +58,10 @@ def find_gap(
     *,
     healthy: Given | Sequence[Given] = (),
     verify: Given | Sequence[Given] = (),
-    steps: int = 2,
+    steps: int = GapParameters.steps,
     sensor_known_good: bool = False,
     add: Sequence[str] = (),
-    retrain_minutes: float = 3.0,
+    retrain_minutes: float = GapParameters.retrain,
     period_s: float | None = None,
     buses: Pairs | None = None,
     columns: str | Path | None = None,
@@ -78,9 +77,6 @@ def find_gap(
     Other parameters as in ``load_recordings``.
     Raises O2Error with one line that names what cannot be used.
     """
-    unknown = [name for name in add if name not in LIBRARY]
-    if unknown:
-        raise UsageError(f"effect {unknown[0]!r} is unknown; there are {', '.join(LIBRARY)}")
     options = options_of(steps, sensor_known_good, add, retrain_minutes)
     card = Model.load(model).card
 
@@ -104,9 +100,9 @@ def estimate_tables(
     recordings: Given | Sequence[Given],
     *,
     axes: str | Path | None = None,
-    load: Literal["kpa", "mg"] | None = None,
+    load: LoadAxis | None = None,
     displacement_l: float | None = None,
-    cylinders: int = 4,
+    cylinders: int = TableParameters.cylinders,
     period_s: float | None = None,
     buses: Pairs | None = None,
     columns: str | Path | None = None,

@@ -1,10 +1,9 @@
 """The part of ``o2train fit --kind greybox`` for a catalyst and its downstream sensor."""
 
-import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from training.cli.recordings import pairs_of
+from training.cli.fit_command import FitCommand
 
 if TYPE_CHECKING:
     from training.greybox.catalyst.fit import FittedCatalyst
@@ -13,7 +12,7 @@ if TYPE_CHECKING:
 OUTPUT: Final = "downstream_voltage_v"
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: FitCommand) -> int:
     """Fit catalyst and downstream sensor, write the constants as JSON, and return exit code 0.
 
     Raises UsageError or RecordingError (exit code 2).
@@ -34,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _load(path: Path, args: argparse.Namespace) -> "Recording":
+def _load(path: Path, args: FitCommand) -> "Recording":
     """Return a recording with the signals of the catalyst; a log has them as optional ones."""
     from monitor.decode.bus_map import load_pairs
     from monitor.grid.tables import is_table
@@ -42,7 +41,7 @@ def _load(path: Path, args: argparse.Namespace) -> "Recording":
     from training.recordings.files.measurement import is_measurement
     from training.recordings.recording import default_pairs, load
 
-    names, pairs = None, pairs_of(args) or default_pairs()
+    names, pairs = None, args.pairs or default_pairs()
     if not is_table(path) and not is_measurement(path, args.columns):
         bus_map = load_pairs(pairs)
         there = {*bus_map.names, *bus_map.optional}

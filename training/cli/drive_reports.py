@@ -2,15 +2,17 @@
 
 import subprocess
 import sys
-from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from training.cli.fleet import FleetCommand
 
 LIMIT_S: Final = 300.0  # for one drive
 
 
-def write(args: Namespace, drives: Sequence[str]) -> dict[str, str]:
+def write(args: "FleetCommand", drives: Sequence[str]) -> dict[str, str]:
     """Replay up to ``--reports`` drives and return the page of each, relative to ``--out``.
 
     Every drive is judged alone, without its vehicle's memory. A drive that this machine cannot read
@@ -28,7 +30,7 @@ def write(args: Namespace, drives: Sequence[str]) -> dict[str, str]:
     return pages
 
 
-def _replayed(args: Namespace, drive: str, page: Path) -> bool:
+def _replayed(args: "FleetCommand", drive: str, page: Path) -> bool:
     """Write the page of one drive; return whether there is one."""
     call = [sys.executable, "-m", "monitor.cli", "replay", drive, "--model", str(args.model)]
     for database, signal_map in zip(args.dbc, args.map, strict=True):

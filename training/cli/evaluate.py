@@ -1,63 +1,37 @@
 """The command ``o2train evaluate``."""
 
-import argparse
-from typing import Any
+from monitor.base.command_line.parameters import Number, Output
+from training.cli.options import GridOptions, ModelPath, SomeRecordings, load_all
 
-from monitor.base.command_line import option_paths as paths
-from training.cli.recordings import add_recordings, load_all
-
-_EXAMPLES = """examples:
+EXAMPLES = """examples:
   o2train evaluate --model model.onnx drive4.log
   o2train evaluate --model model.onnx drive4.log drive5.log --washout 20 --json figures.json
 """
 
 
-def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the command ``evaluate`` to ``subparsers``."""
-    evaluate = subparsers.add_parser(
-        "evaluate",
-        help="predict recordings with a model and report the errors",
-        description="Predict every recording by free run of a model and report the errors in the\n"
-        "unit of the output.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    evaluate.add_argument(
-        "--model",
-        type=paths.read,
-        required=True,
-        metavar="MODEL.onnx",
-        help="model file to evaluate",
-    )
-    add_recordings(evaluate)
-    evaluate.add_argument(
-        "--washout",
-        type=int,
-        metavar="N",
-        help="number of first samples that set the state from the measured output and are not "
-        "scored (default: the longest lag)",
-    )
-    evaluate.add_argument(
-        "--json", type=paths.written, metavar="OUT", help="write the figures as JSON"
-    )
-    evaluate.set_defaults(func=run)
+def run(
+    recordings: SomeRecordings,
+    *,
+    model: ModelPath,
+    reading: GridOptions,
+    washout: Number | None = None,
+    json: Output = None,
+) -> int:
+    """Predict every recording by free run of a model and report the errors in the unit of the
+    output.
 
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4f}"
-
-
-def run(args: argparse.Namespace) -> int:
-    """Predict recordings with a model and return exit code 0.
-
+    model : model file to evaluate
+    washout : number of first samples that set the state from the measured output and are not scored
+        (default: the longest lag)
+    json : write the figures as JSON
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
     from monitor.model.step import Model
     from training.limits.evaluation import evaluate, save
 
-    card = Model.load(args.model).card
-    period_s = args.period if args.period is not None else card.period_ns / 1e9
-    result = evaluate(args.model, load_all(args, args.recordings, period_s), args.washout)
+    card = Model.load(model).card
+    period_s = reading.period if reading.period is not None else card.period_ns / 1e9
+    result = evaluate(model, load_all(reading, recordings, period_s, model), washout)
     for r in result["recordings"]:
         fit = r["fit_percent"]
         simulated = " (simulated)" if r["source"] == "simulated" else ""
@@ -72,6 +46,10 @@ def run(args: argparse.Namespace) -> int:
                 f"  enabled: {e['samples']} samples, RMSE {e['rmse']:.4g}, "
                 f"correlation {_number(e['correlation'])}"
             )
-    if args.json:
-        save(result, args.json)
+    if json:
+        save(result, json)
     return 0
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"

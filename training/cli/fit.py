@@ -1,15 +1,13 @@
 """The command ``o2train fit``."""
 
-import argparse
 import sys
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from monitor.base.command_line import option_paths as paths
 from training.cli import catalyst, greybox
-from training.cli.recordings import add_recordings, add_signal_options, inputs_of, load_all
-from training.cli.seeds import add_seed_option, check_seed
+from training.cli.fit_command import FitCommand
+from training.cli.options import inputs_of, load_all
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,7 +16,7 @@ if TYPE_CHECKING:
     from training.narx.fit import FitResult
     from training.recordings.recording import Recording
 
-_EXAMPLES = """examples:
+EXAMPLES = """examples:
   o2train fit drive1.log drive2.log drive3.log --out model.onnx
   o2train fit run_*.csv.gz --inputs speed_z load_z ignition_angle_z fuel_cutoff_z \\
       --output lambda_z --out lambda.onnx
@@ -30,102 +28,16 @@ _EXAMPLES = """examples:
 """
 
 
-def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the command ``fit`` to ``subparsers``."""
-    fit = subparsers.add_parser(
-        "fit",
-        help="train a model on recordings of a healthy vehicle",
-        description="Train a NARX. The command chooses memory and size by free run on held-out\n"
-        "blocks, trains the network series-parallel, then in closed loop over growing horizons,\n"
-        "and keeps the network that predicts the held-out blocks best. --lags or --hidden fix the\n"
-        "shape, without a linear path. --kind greybox fits the constants of the physical chain\n"
-        "instead. The chain reads its charge as air per stroke; with manifold pressure and\n"
-        "temperature among --inputs it computes the charge from them and a map. With --output\n"
-        "downstream_voltage_v it fits capacity, filling and release of the catalyst and the\n"
-        "sensor behind it, and writes them with standard errors as JSON.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add_recordings(fit)
-    fit.add_argument(
-        "--out",
-        type=paths.written_model,
-        required=True,
-        metavar="MODEL.onnx",
-        help="model file to write",
-    )
-    fit.add_argument(
-        "--kind",
-        choices=("narx", "greybox"),
-        default="narx",
-        help="narx: a network; greybox: the physical chain of charge and fuel, transport, mixing "
-        "and sensor with a few constants (default narx)",
-    )
-    add_signal_options(fit)
-    fit.add_argument(
-        "--validate",
-        nargs="+",
-        type=paths.read,
-        default=[],
-        metavar="RECORDING",
-        help="recordings that choose the network and stop the training; no training uses them "
-        "(default: held-out blocks of every recording)",
-    )
-    _add_network(fit)
-    fit.add_argument(
-        "--report",
-        type=paths.written,
-        metavar="HTML",
-        help="report to write (default: beside the model file)",
-    )
-    fit.set_defaults(func=run, also_written=lambda args: [] if args.report else [_report(args)])
+def run(args: FitCommand) -> int:
+    """Train a NARX.
 
-
-def _add_network(parser: argparse.ArgumentParser) -> None:
-    """Add the shape of the network and its trainings."""
-    parser.add_argument(
-        "--lags",
-        type=int,
-        metavar="N",
-        help="longest lag in samples (default: chosen from the data; 5 with --hidden)",
-    )
-    parser.add_argument(
-        "--lag-zero",
-        action="store_true",
-        help="let the network also read the inputs of the predicted tick (without --lags and "
-        "--hidden the data choose the lags)",
-    )
-    parser.add_argument(
-        "--hidden",
-        type=int,
-        nargs="+",
-        metavar="N",
-        help="neurons per hidden layer (default: chosen from the data; 8 8 with --lags)",
-    )
-    parser.add_argument(
-        "--ratio",
-        action="store_true",
-        help="give the network the fuel-air ratio instead of the fuel mass",
-    )
-    parser.add_argument(
-        "--starts",
-        type=int,
-        metavar="N",
-        help="number of trainings from random weights (default 3; 8 below 5000 samples); up to "
-        "three more if no network forgets its initial state",
-    )
-    parser.add_argument(
-        "--budget",
-        type=float,
-        default=10.0,
-        metavar="MIN",
-        help="minutes after which the training stops and keeps its best network (default 10)",
-    )
-    add_seed_option(parser)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Train a model, write it with limits, reference and report, and return exit code 0.
+    The command chooses memory and size by free run on held-out blocks, trains the network
+    series-parallel, then in closed loop over growing horizons, and keeps the network that predicts
+    the held-out blocks best. --lags or --hidden fix the shape, without a linear path. --kind
+    greybox fits the constants of the physical chain instead. The chain reads its charge as air per
+    stroke; with manifold pressure and temperature among --inputs it computes the charge from them
+    and a map. With --output downstream_voltage_v it fits capacity, filling and release of the
+    catalyst and the sensor behind it, and writes them with standard errors as JSON.
 
     Raises UsageError or RecordingError (exit code 2).
     """
@@ -163,7 +75,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _check_fit(args: argparse.Namespace) -> Path:
+def also_written(args: FitCommand) -> list[Path]:
+    """Return the report beside the model file, if no option names it."""
+    return [] if args.report else [_report(args)]
+
+
+def _check_fit(args: FitCommand) -> Path:
     """Return the path of the report; raise UsageError for impossible options."""
     from monitor.base.errors import UsageError
 
@@ -174,19 +91,19 @@ def _check_fit(args: argparse.Namespace) -> Path:
         raise UsageError("--lags, --starts, --hidden and --budget must be positive")
     if args.out.suffix != ".onnx":
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
-    check_seed(args)
+    args.check_seed()
     report = _report(args)
     if args.kind == "greybox":
         greybox.check(args)
     return report
 
 
-def _report(args: argparse.Namespace) -> Path:
+def _report(args: FitCommand) -> Path:
     report: Path = args.report or args.out.with_suffix(".html")
     return report
 
 
-def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult":
+def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
     from monitor.base.errors import UsageError
     from monitor.base.signals import OUTPUT
     from training.cli.progress_bar import Bar

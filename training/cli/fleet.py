@@ -1,14 +1,15 @@
 """The command ``o2train fleet``: judge all recordings of a fleet, one table row per recording."""
 
-import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
-from training.cli.cores import add_cores_options, jobs_of
-from training.cli.recordings import add_bus_options, pairs_of
+from monitor.base.command_line.parameters import Nothing, Number, SettingsFile
+from training.cli.options import CoreOptions, ReadOptions
 
-_EXAMPLES = """examples:
+EXAMPLES = """examples:
   o2train fleet logs/ --model model.onnx --out results.parquet
   o2train fleet 's3://fleet/2026/*.mf4' --model model.onnx --out results.parquet \\
       --scheduler tcp://scheduler:8786
@@ -24,83 +25,47 @@ results.drives. Repeat the same command to continue a killed run.
 Exit code 3: no recording could be judged."""
 
 
-def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the command ``fleet`` to ``subparsers``."""
-    fleet = subparsers.add_parser(
-        "fleet",
-        help="judge all recordings of a fleet, here or on a Dask cluster",
-        description="Judge every recording of a fleet. The command writes a table with one row\n"
-        "per recording, a table with one row per window, and a report on the fleet.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    fleet.add_argument(
-        "recordings",
-        nargs="+",
-        type=paths.pattern,
-        metavar="DIR|GLOB|MANIFEST",
-        help="recordings, folders (searched with all their subfolders), patterns or manifests; "
-        "paths, or URLs that fsspec can read",
-    )
-    fleet.add_argument(
-        "--model",
-        type=paths.read,
-        required=True,
-        metavar="FILE",
-        help="model file with limits, .onnx",
-    )
-    fleet.add_argument(
-        "--out",
-        type=paths.written,
-        required=True,
-        metavar="FILE",
-        help="table of recordings to write, .parquet",
-    )
-    fleet.add_argument(
-        "--partitioned",
-        type=paths.folder,
-        metavar="DIR",
-        help="write both tables also as folders per vehicle and date, for DuckDB, Spark and others",
-    )
-    fleet.add_argument(
-        "--vehicle",
-        metavar="REGEX",
-        help=r"regular expression whose first group is the vehicle in a path, for example "
-        r"'car_(\d+)'; a vehicle in the manifest wins",
-    )
-    fleet.add_argument(
-        "--false-alarms",
-        type=float,
-        default=0.001,
-        metavar="RATE",
-        help="false-alarm rate, per window or per drive, for the limits that the report proposes "
-        "(default 0.001)",
-    )
-    fleet.add_argument(
-        "--reports",
-        type=int,
-        default=10,
-        metavar="N",
-        help="drives with a code whose own page is written beside, for the fleet's page to link "
-        "(default 10)",
-    )
-    add_cores_options(fleet)
-    fleet.add_argument("--config", type=paths.read, help="TOML file that changes shipped settings")
-    add_bus_options(fleet)
-    fleet.set_defaults(func=run, also_written=_also_written)
+@dataclass(frozen=True, kw_only=True)
+class FleetCommand(ReadOptions, SettingsFile, CoreOptions):
+    r"""Options of a fleet's run.
+
+    recordings : recordings, folders (searched with all their subfolders), patterns or manifests;
+        paths, or URLs that fsspec can read
+    model : model file with limits, .onnx
+    out : table of recordings to write, .parquet
+    partitioned : write both tables also as folders per vehicle and date, for DuckDB, Spark and
+        others
+    vehicle : regular expression whose first group is the vehicle in a path, for example
+        'car_(\d+)'; a vehicle in the manifest wins
+    false_alarms : false-alarm rate, per window or per drive, for the limits that the report
+        proposes
+    reports : drives with a code whose own page is written beside, for the fleet's page to link
+    """
+
+    recordings: Annotated[Sequence[str], paths.pattern, "DIR|GLOB|MANIFEST"] = field(kw_only=False)
+    model: Annotated[Path, paths.read, "FILE"]
+    out: Annotated[Path, paths.written, "FILE"]
+    partitioned: Annotated[Path | None, paths.folder, "DIR"] = None
+    vehicle: Annotated[str | None, "REGEX"] = None
+    false_alarms: Annotated[float, "RATE"] = 0.001
+    reports: Number = 10
+    nothing: Nothing = False
 
 
-def _also_written(args: argparse.Namespace) -> list[Path]:
+def also_written(args: FleetCommand) -> list[Path]:
     """Return the files beside ``--out`` that a run writes."""
     windows = args.out.with_name(f"{args.out.stem}.windows{args.out.suffix}")
     return [windows, args.out.with_suffix(".html"), args.out.with_suffix(".json")]
 
 
-def run(args: argparse.Namespace) -> int:
-    """Judge the fleet, write tables and report, and return the exit code.
+def run(args: FleetCommand) -> int:
+    """Judge every recording of a fleet.
 
-    Exit code 0 is a judged fleet; 3 means that no recording could be judged.
-    Raises UsageError, ModelError, ConfigError or SignalMapError (exit code 2).
+    The command writes a table with one row per recording, a table with one row per window, and a
+    report on the fleet.
+
+    Raises UsageError, ModelError, ConfigError or SignalMapError (exit code 2). Exit code 0 is a
+    judged fleet; 3 means that no recording could be judged.
     """
     from tqdm import tqdm
 
@@ -120,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
     if args.partitioned:
         partitions.check(args.partitioned)
         written = (*written, args.partitioned)
-    jobs = jobs_of(args)
-    bench = Bench.of(args.model, config.load(args.config), pairs_of(args), args.columns)
+    jobs = args.n_jobs
+    bench = Bench.of(args.model, config.load(args.config), args.pairs or None, args.columns)
     drives = drives_of(args.recordings, args.vehicle, written)
     errors = faults = 0
     with tqdm(total=len(drives), unit="drive", disable=args.nothing or None) as bar:

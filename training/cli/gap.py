@@ -3,18 +3,20 @@
 import argparse
 import gc
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from monitor.base.command_line import option_paths as paths
-from training.cli.recordings import add_bus_options, add_period_option, load_all
+from monitor.base.command_line.parameters import Nothing, Recordings
+from training.api.parameters import GapParameters
+from training.cli.options import Folder, GridOptions, ModelPath, load_all
 
 if TYPE_CHECKING:
     from training.gap.inputs.roles import Material
     from training.gap.result import Result
 
 REPORT, RESULT = "report.html", "gap.json"
-_EXAMPLES = """examples:
+EXAMPLES = """examples:
   o2train gap --model chain.onnx new1.log new2.log new3.log --healthy old*.log --out gap
   o2train gap --model model.onnx new*.parquet --healthy old*.parquet --out gap --steps 3
   o2train gap --model chain.onnx new*.log --healthy old*.log --out gap --add exhaust_leak
@@ -41,112 +43,39 @@ class _Library(argparse.Action):
         parser.exit()
 
 
-def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the command ``gap`` to ``subparsers``."""
-    gap = subparsers.add_parser(
-        "gap",
-        help="find the effect that a model lacks on a healthy vehicle, name it and add it",
-        description="Locate the regimes in which a model disagrees with recordings of a healthy\n"
-        "vehicle, name the physical effect that explains the disagreement, add the effect to a\n"
-        "new model, and verify the new model on recordings that no fit has seen.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    _add_recordings(gap)
-    _add_choices(gap)
-    add_period_option(gap)
-    add_bus_options(gap)
-    gap.set_defaults(
-        func=run,
-        also_written=lambda args: [args.out / name for name in (REPORT, RESULT, "model.onnx")],
-    )
+@dataclass(frozen=True, kw_only=True)
+class GapCommand(GapParameters, GridOptions):
+    """Options of the gap workflow.
+
+    recordings : recordings of a healthy vehicle on which the model disagrees
+    model : model file of a grey-box chain or a network from o2train fit
+    healthy : recordings of the same vehicle without the gap, usually the recordings on which the
+        model was accepted (default: the healthy reference that o2train fit stored in the model; if
+        the model has none, the command cannot tell a weakness of the model from an effect)
+    verify : recordings that verify the new model; no fit sees them. They also choose between the
+        ways to add the effect (default: every third RECORDING, which the naming sees)
+    library : list the effects with constants, bounds and sources, those of plug-ins too, and exit
+    out : folder for report.html, gap.json and model.onnx
+    """
+
+    recordings: Recordings = field(kw_only=False)
+    model: ModelPath
+    healthy: Recordings = ()
+    verify: Recordings = ()
+    library: Annotated[bool, {"action": _Library, "nargs": 0}] = False
+    out: Folder
+    nothing: Nothing = False
 
 
-def _add_recordings(parser: argparse.ArgumentParser) -> None:
-    """Add the model and the recordings in their roles."""
-    parser.add_argument(
-        "recordings",
-        nargs="+",
-        type=paths.read,
-        metavar="RECORDING",
-        help="recordings of a healthy vehicle on which the model disagrees",
-    )
-    parser.add_argument(
-        "--model",
-        type=paths.read,
-        required=True,
-        metavar="MODEL.onnx",
-        help="model file of a grey-box chain or a network from o2train fit",
-    )
-    parser.add_argument(
-        "--healthy",
-        nargs="+",
-        type=paths.read,
-        default=[],
-        metavar="RECORDING",
-        help="recordings of the same vehicle without the gap, usually the recordings on which the "
-        "model was accepted (default: the healthy reference that o2train fit stored in the "
-        "model; if the model has none, the command cannot tell a weakness of the model from an "
-        "effect)",
-    )
-    parser.add_argument(
-        "--verify",
-        nargs="+",
-        type=paths.read,
-        default=[],
-        metavar="RECORDING",
-        help="recordings that verify the new model; no fit sees them. They also choose between "
-        "the ways to add the effect (default: every third RECORDING, which the naming sees)",
-    )
+def also_written(args: GapCommand) -> list[Path]:
+    """Return the files in the folder that the command writes."""
+    return [args.out / name for name in (REPORT, RESULT, "model.onnx")]
 
 
-def _add_choices(parser: argparse.ArgumentParser) -> None:
-    """Add the folder and how the workflow names and adds."""
-    parser.add_argument(
-        "--library",
-        action=_Library,
-        nargs=0,
-        help="list the effects with constants, bounds and sources, those of plug-ins too, and exit",
-    )
-    parser.add_argument(
-        "--out",
-        type=paths.folder,
-        required=True,
-        metavar="DIR",
-        help="folder for report.html, gap.json and model.onnx",
-    )
-    parser.add_argument(
-        "--steps",
-        type=int,
-        default=1,
-        metavar="N",
-        help="highest number of effects to add, one after the other: 1 to 3 (default 1)",
-    )
-    parser.add_argument(
-        "--sensor-known-good",
-        action="store_true",
-        help="the sensor was checked: try and suspect no sensor fault",
-    )
-    parser.add_argument(
-        "--add",
-        nargs="+",
-        default=[],
-        metavar="EFFECT",
-        help="effects to add although they may be faults, for example exhaust_leak, because the "
-        "vehicle was checked",
-    )
-    parser.add_argument(
-        "--retrain",
-        type=float,
-        default=3.0,
-        metavar="MIN",
-        help="minutes to train a network again with the effect as an additional input; the "
-        "command keeps the better of both ways to add the effect (default 3; 0: no training)",
-    )
-
-
-def run(args: argparse.Namespace) -> int:
-    """Run the gap workflow, write model and reports, and return exit code 0 for any verdict.
+def run(args: GapCommand) -> int:
+    """Locate the regimes in which a model disagrees with recordings of a healthy vehicle, name the
+    physical effect that explains the disagreement, add the effect to a new model, and verify the
+    new model on recordings that no fit has seen.
 
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
@@ -163,13 +92,13 @@ def run(args: argparse.Namespace) -> int:
     from training.jobs.cache import cached
 
     gc.freeze()  # of the imported modules nothing becomes garbage
-    options = options_of(args.steps, args.sensor_known_good, _effects(args.add), args.retrain)
+    options = options_of(args.steps, args.sensor_known_good, args.add, args.retrain)
     period_s = args.period if args.period is not None else _period_s(args.model)
     material = Material(
         args.model,
         *(
-            load_all(args, paths, period_s)
-            for paths in (args.recordings, args.healthy, args.verify)
+            load_all(args, given, period_s, args.model)
+            for given in (args.recordings, args.healthy, args.verify)
         ),
     )
     args.out.mkdir(parents=True, exist_ok=True)
@@ -195,16 +124,6 @@ def _period_s(model: Path) -> float:
     from training.healthy.base import card_of
 
     return card_of(model).period_ns / 1e9
-
-
-def _effects(names: list[str]) -> list[str]:
-    from monitor.base.errors import UsageError
-    from training.greybox.effects import LIBRARY
-
-    for name in names:
-        if name not in LIBRARY:
-            raise UsageError(f"effect {name!r} is unknown; there are {', '.join(LIBRARY)}")
-    return names
 
 
 def _vehicle(material: "Material") -> dict[str, Any]:

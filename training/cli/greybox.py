@@ -1,17 +1,17 @@
 """The grey-box part of ``o2train fit``: check options, fit the chain, print its constants."""
 
-import argparse
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from training.cli.recordings import load_all
+from training.cli.fit_command import FitCommand
+from training.cli.options import load_all
 
 if TYPE_CHECKING:
     from training.greybox.model import GreyboxResult
     from training.recordings.recording import Recording
 
 
-def check(args: argparse.Namespace) -> None:
+def check(args: FitCommand) -> None:
     """Raise UsageError if an option is set that only a NARX has."""
     from monitor.base.errors import UsageError
 
@@ -27,7 +27,7 @@ def check(args: argparse.Namespace) -> None:
         raise UsageError(f"{', '.join(wrong)}: a grey-box model has no such thing, a NARX has")
 
 
-def fit(args: argparse.Namespace, recordings: "list[Recording]") -> "GreyboxResult":
+def fit(args: FitCommand, recordings: "list[Recording]") -> "GreyboxResult":
     """Fit the constants of the chain, write the model file and return the result.
 
     Raises RecordingError if the recordings cannot hold a fit.

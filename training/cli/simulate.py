@@ -1,12 +1,18 @@
 """The command ``o2train simulate``: write drives of the simulated vehicle as logs or tables."""
 
-import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
+from monitor.base import downstream_faults, faults
 from monitor.base.command_line import option_paths as paths
+from monitor.base.command_line.parameters import Nothing
+from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import UsageError
 from monitor.base.files.outputs import write_text
+from training.cli.options import Folder, Length
+from training.dyno import effects
 
 if TYPE_CHECKING:
     from monitor.base.downstream_faults import DownstreamFault
@@ -14,7 +20,7 @@ if TYPE_CHECKING:
     from training.dyno.engine import EngineLayout
     from training.dyno.simulation import Experiment
 
-_EXAMPLES = """examples:
+EXAMPLES = """examples:
   o2train simulate --out drives                               healthy WLTC of vehicle 1
   o2train simulate --out drives --cycle udds --seed 7 --format parquet
   o2train simulate --out drives --fault delay_rich_to_lean=0.6 --vehicle 12
@@ -27,146 +33,72 @@ All written drives are synthetic. --vehicle fixes the production spread of the v
 driver, noise and weather. The same command writes the same bytes, except for the time of writing in
 .asc and the path in .trc."""
 FORMATS = ("log", "blf", "asc", "trc", "mf4", "parquet", "csv", "csv.gz")
+_FAULT = {
+    "help": f"sensor fault in the control loop: {', '.join(faults.NAMES)}; the unit of the "
+    "severity depends on the fault: s (slow, delay), gain or lambda (bias). Behind it: "
+    f"{', '.join(downstream_faults.NAMES)}; g (catalyst_low), s, gain, V (stuck, low, high, "
+    "inactive) or part of the power (heater)"
+}
+_EFFECT = {
+    "help": f"effect of the vehicle: {', '.join(effects.NAMES)}; an effect of severity 1 is about "
+    "as large as the noise"
+}
+_KINDS = {"nargs": "?", "const": "switching"}
 
 
-def add_parsers(commands: Any) -> None:
-    """Add the command ``simulate`` to ``commands``."""
-    parser = commands.add_parser(
-        "simulate",
-        help="simulate drives and write them as logs or tables",
-        description="Drive the simulated vehicle on a chassis dynamometer and write one recording\n"
-        "per drive.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "--out", type=paths.folder, required=True, metavar="DIR", help="folder for the drives"
-    )
-    parser.add_argument(
-        "--vehicle", type=int, default=1, help="number of the simulated vehicle (default 1)"
-    )
-    parser.add_argument(
-        "--cycle",
-        default="wltc_3b",
-        help="wltc_3b, udds, us06, hwfet, micro_trips or steady (default wltc_3b)",
-    )
-    _add_faults(parser)
-    _add_ecu(parser)
-    _add_drives(parser)
-    parser.set_defaults(func=run)
+@dataclass(frozen=True, kw_only=True)
+class SimulateCommand:
+    """Options of a simulation.
+
+    out : folder for the drives
+    vehicle : number of the simulated vehicle
+    cycle : wltc_3b, udds, us06, hwfet, micro_trips or steady
+    downstream : give the vehicle a catalyst with a sensor behind it, by default one that switches;
+        a fault of either does so, too
+    active_steps : the ECU tests its catalyst with steps of the commanded mixture by so much, as
+        0.03
+    linear_reading : the ECU takes lambda as linear in the sensor's pump current: it reads 2.0 in
+        air, where the usual one ends at 15.9
+    fault_start : time at which the fault begins, in seconds
+    injection : give the vehicle real injectors and a wall film; a table then holds a tuner's log
+    metering : how the ECU of such a vehicle meters air (default: speed_density)
+    truth : write what the tables of such a vehicle should say, as JSON
+    axes : tune whose axes the true tables have
+    seed : seed of the first drive
+    count : number of drives; every further drive takes the next seed
+    duration : end every drive after so many seconds (default: the whole cycle)
+    period : period of the sample grid of a table in seconds
+    format : file format of the drives
+    """
+
+    out: Folder
+    vehicle: int = 1
+    cycle: str = "wltc_3b"
+    fault: Annotated[Sequence[str], REPEATED, "NAME[=SEVERITY]", _FAULT] = ()
+    downstream: Annotated[Literal["switching", "wide"] | None, _KINDS] = None
+    active_steps: Annotated[float, "PHI"] = 0.0
+    linear_reading: bool = False
+    fault_start: Length = 0.0
+    effect: Annotated[Sequence[str], REPEATED, "NAME=SEVERITY", _EFFECT] = ()
+    injection: Literal["port", "direct"] | None = None
+    metering: Literal["maf", "speed_density"] | None = None
+    truth: Annotated[Path | None, paths.written, "FILE"] = None
+    axes: Annotated[Path | None, paths.read, "FILE.msq"] = None
+    seed: int = 1
+    count: int = 1
+    duration: Length | None = None
+    period: Length = 0.1
+    format: Annotated[str, {"choices": FORMATS}] = "log"
+    nothing: Nothing = False
 
 
-def _add_faults(parser: argparse.ArgumentParser) -> None:
-    """Add faults and effects of the vehicle."""
-    from monitor.base import downstream_faults, faults
-    from training.dyno import effects
-
-    parser.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        metavar="NAME[=SEVERITY]",
-        help=f"sensor fault in the control loop: {', '.join(faults.NAMES)}; the unit of the "
-        "severity depends on the fault: s (slow, delay), gain or lambda (bias). Behind it: "
-        f"{', '.join(downstream_faults.NAMES)}; g (catalyst_low), s, gain, V (stuck, "
-        "low, high, inactive) or part of the power (heater)",
-    )
-    parser.add_argument(
-        "--downstream",
-        nargs="?",
-        choices=("switching", "wide"),
-        const="switching",
-        help="give the vehicle a catalyst with a sensor behind it, by default one that switches; a "
-        "fault of either does so, too",
-    )
-    parser.add_argument(
-        "--active-steps",
-        type=float,
-        default=0.0,
-        metavar="PHI",
-        help="the ECU tests its catalyst with steps of the commanded mixture by so much, as 0.03",
-    )
-    parser.add_argument(
-        "--linear-reading",
-        action="store_true",
-        help="the ECU takes lambda as linear in the sensor's pump current: it reads 2.0 in air, "
-        "where the usual one ends at 15.9",
-    )
-    parser.add_argument(
-        "--fault-start",
-        type=float,
-        default=0.0,
-        metavar="S",
-        help="time at which the fault begins, in seconds (default 0)",
-    )
-    parser.add_argument(
-        "--effect",
-        action="append",
-        default=[],
-        metavar="NAME=SEVERITY",
-        help=f"effect of the vehicle: {', '.join(effects.NAMES)}; an effect of severity 1 is about "
-        "as large as the noise",
-    )
-
-
-def _add_ecu(parser: argparse.ArgumentParser) -> None:
-    """Add the layout that a tuner's ECU drives, and its true tables."""
-    parser.add_argument(
-        "--injection",
-        choices=("port", "direct"),
-        help="give the vehicle real injectors and a wall film; a table then holds a tuner's log",
-    )
-    parser.add_argument(
-        "--metering",
-        choices=("maf", "speed_density"),
-        help="how the ECU of such a vehicle meters air (default speed_density)",
-    )
-    parser.add_argument(
-        "--truth",
-        type=paths.written,
-        metavar="FILE",
-        help="write what the tables of such a vehicle should say, as JSON",
-    )
-    parser.add_argument(
-        "--axes", type=paths.read, metavar="FILE.msq", help="tune whose axes the true tables have"
-    )
-
-
-def _add_drives(parser: argparse.ArgumentParser) -> None:
-    """Add the drives and their files."""
-    parser.add_argument("--seed", type=int, default=1, help="seed of the first drive (default 1)")
-    parser.add_argument(
-        "--count",
-        type=int,
-        default=1,
-        help="number of drives; every further drive takes the next seed (default 1)",
-    )
-    parser.add_argument(
-        "--duration",
-        type=float,
-        metavar="S",
-        help="end every drive after so many seconds (default: the whole cycle)",
-    )
-    parser.add_argument(
-        "--period",
-        type=float,
-        default=0.1,
-        metavar="S",
-        help="period of the sample grid of a table in seconds (default 0.1)",
-    )
-    parser.add_argument(
-        "--format", choices=FORMATS, default="log", help="file format of the drives (default log)"
-    )
-
-
-def run(args: argparse.Namespace) -> int:
-    """Simulate the drives, write them, print their paths and return exit code 0.
+def run(args: SimulateCommand) -> int:
+    """Drive the simulated vehicle on a chassis dynamometer and write one recording per drive.
 
     Raises UsageError for an impossible option (exit code 2).
     """
     from tqdm import tqdm
 
-    from training.dyno import effects
     from training.dyno.recording_files import write
     from training.dyno.simulation import Experiment
 
@@ -210,14 +142,12 @@ def run(args: argparse.Namespace) -> int:
         )
         print(write(experiment, args.out, args.format, args.period))
         if args.truth is not None and seed == args.seed:
-            _write_truth(experiment, args)
+            _write_truth(experiment, args, args.truth)
     return 0
 
 
 def _faults(texts: Sequence[str]) -> "tuple[Fault | None, DownstreamFault | None]":
     """Return the fault of the sensor, and that behind it; raises UsageError for two behind it."""
-    from monitor.base import downstream_faults, faults
-
     pairs = [_fault(text) for text in texts]
     behind = [pair for pair in pairs if pair[0] in downstream_faults.NAMES]
     if len(behind) > 1:
@@ -226,7 +156,7 @@ def _faults(texts: Sequence[str]) -> "tuple[Fault | None, DownstreamFault | None
     return faults.combine(own), downstream_faults.resolve(*behind[0]) if behind else None
 
 
-def _layout(args: argparse.Namespace) -> "EngineLayout | None":
+def _layout(args: SimulateCommand) -> "EngineLayout | None":
     """Return the layout of the options; raises UsageError where only a part of it is given."""
     from training.dyno.engine import EngineLayout
 
@@ -239,7 +169,7 @@ def _layout(args: argparse.Namespace) -> "EngineLayout | None":
     return EngineLayout(args.injection, args.metering or "speed_density")
 
 
-def _write_truth(experiment: "Experiment", args: argparse.Namespace) -> None:
+def _write_truth(experiment: "Experiment", args: SimulateCommand, out: Path) -> None:
     """Write the true tables of the first drive's vehicle, at that drive's air temperature."""
     import json
 
@@ -255,8 +185,8 @@ def _write_truth(experiment: "Experiment", args: argparse.Namespace) -> None:
     axes = axes_for(args.axes, MG_PER_STROKE if args.metering == "maf" else KPA)
     degc = float(np.mean(simulate(experiment)["manifold_temperature_degc"]))
     true = document(truth.tables(engine, axes, degc), source="simulated")
-    write_text(args.truth, json.dumps(true, indent=1) + "\n")
-    print(args.truth)
+    write_text(out, json.dumps(true, indent=1) + "\n")
+    print(out)
 
 
 def _fault(text: str) -> tuple[str, float | None]:

@@ -1,20 +1,23 @@
 """The command ``o2train study``: repeat the whole study of the paper on any recordings."""
 
-import argparse
 import sys
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
 
-from monitor.base.command_line import option_paths as paths
-from training.cli.recordings import (
-    add_bus_options,
-    add_period_option,
-    add_signal_options,
+from monitor.base.command_line.parameters import Number, Recordings
+from training.cli.options import (
+    Folder,
+    GridOptions,
+    Minutes,
+    SeedOption,
+    SignalOptions,
     inputs_of,
     load_all,
 )
-from training.cli.seeds import add_seed_option, check_seed
 
-_EXAMPLES = """examples:
+EXAMPLES = """examples:
   o2train study drives/*.parquet --test wltc.parquet --faulty slow.parquet --out study
   o2train study run_1*.csv.gz run_3*.csv.gz --test run_000053.csv.gz --out study \\
       --inputs speed_z load_z ignition_angle_z fuel_cutoff_z --output lambda_z
@@ -23,117 +26,49 @@ The command writes DIR/report.html, DIR/study.json and DIR/model.onnx, and keeps
 DIR/parts. Repeat the same command to continue a killed study."""
 
 
-def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the command ``study`` to ``subparsers``."""
-    study = subparsers.add_parser(
-        "study",
-        help="repeat the whole study of the paper on recordings",
-        description="Repeat the study of the paper and report it: data check, preparation, input\n"
-        "selection, linear baselines, 29 NARX models, closed-loop training, choice of the model,\n"
-        "residuals of healthy and faulty drives, training on steady against mixed driving.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    _add_drives(study)
-    add_signal_options(study)
-    _add_effort(study)
-    _add_machines(study)
-    add_period_option(study)
-    add_bus_options(study)
-    study.set_defaults(
-        func=run,
-        also_written=lambda args: [
-            args.out / name for name in ("report.html", "study.json", "model.onnx")
-        ],
-    )
+@dataclass(frozen=True, kw_only=True)
+class StudyCommand(SignalOptions, SeedOption, GridOptions):
+    """Options of a study.
+
+    recordings : drives of a healthy vehicle, for training
+    out : folder for report and model
+    test : drives of the healthy vehicle that no training uses; they judge the models
+    faulty : drives with sensor faults (default: faults are added to healthy drives)
+    steady : drives at steady operating points (default: steady stretches of the recordings)
+    starts : trainings per model, from different random weights
+    iterations : most iterations of a series-parallel training of the 29 models
+    samples : most training samples of the 29 models
+    models : numbers of the models to train, 1 to 29 (default: all)
+    budget : minutes for the model whose memory and size the data choose, as in o2train fit (default
+        10); input selection may take 0.4 of the budget more, the training on steady against mixed
+        driving 0.6 divided by --jobs
+    jobs : number of processes on this machine
+    scheduler : run the jobs on the Dask cluster of this scheduler, for example tcp://host:8786
+    """
+
+    recordings: Recordings = field(kw_only=False)
+    out: Folder
+    test: Recordings = ()
+    faulty: Recordings = ()
+    steady: Recordings = ()
+    starts: Number = 3
+    iterations: Number = 200
+    samples: Number = 20_000
+    models: Annotated[Sequence[int], "N"] = ()
+    budget: Minutes = 10.0
+    jobs: Number = 2
+    scheduler: Annotated[str | None, "URL"] = None
 
 
-def _add_drives(parser: argparse.ArgumentParser) -> None:
-    """Add the recordings by their role."""
-    parser.add_argument(
-        "recordings",
-        nargs="+",
-        type=paths.read,
-        metavar="RECORDING",
-        help="drives of a healthy vehicle, for training",
-    )
-    parser.add_argument(
-        "--out", type=paths.folder, required=True, metavar="DIR", help="folder for report and model"
-    )
-    for name, text in (
-        ("test", "drives of the healthy vehicle that no training uses; they judge the models"),
-        ("faulty", "drives with sensor faults (default: faults are added to healthy drives)"),
-        (
-            "steady",
-            "drives at steady operating points (default: steady stretches of the recordings)",
-        ),
-    ):
-        parser.add_argument(
-            f"--{name}", nargs="+", type=paths.read, default=[], metavar="RECORDING", help=text
-        )
+def also_written(args: StudyCommand) -> list[Path]:
+    """Return the files in the folder that a study writes."""
+    return [args.out / name for name in ("report.html", "study.json", "model.onnx")]
 
 
-def _add_effort(parser: argparse.ArgumentParser) -> None:
-    """Add the number and length of the trainings."""
-    parser.add_argument(
-        "--starts",
-        type=int,
-        default=3,
-        metavar="N",
-        help="trainings per model, from different random weights (default 3)",
-    )
-    parser.add_argument(
-        "--iterations",
-        type=int,
-        default=200,
-        metavar="N",
-        help="most iterations of a series-parallel training of the 29 models (default 200)",
-    )
-    parser.add_argument(
-        "--samples",
-        type=int,
-        default=20_000,
-        metavar="N",
-        help="most training samples of the 29 models (default 20000)",
-    )
-    parser.add_argument(
-        "--models",
-        type=int,
-        nargs="+",
-        default=[],
-        metavar="N",
-        help="numbers of the models to train, 1 to 29 (default: all)",
-    )
-    parser.add_argument(
-        "--budget",
-        type=float,
-        default=10.0,
-        metavar="MIN",
-        help="minutes for the model whose memory and size the data choose, as in o2train fit "
-        "(default 10); input selection may take 0.4 of the budget more, the training on steady "
-        "against mixed driving 0.6 divided by --jobs",
-    )
-    add_seed_option(parser)
-
-
-def _add_machines(parser: argparse.ArgumentParser) -> None:
-    """Add where the trainings run."""
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=2,
-        metavar="N",
-        help="number of processes on this machine (default 2)",
-    )
-    parser.add_argument(
-        "--scheduler",
-        metavar="URL",
-        help="run the jobs on the Dask cluster of this scheduler, for example tcp://host:8786",
-    )
-
-
-def run(args: argparse.Namespace) -> int:
-    """Run the study, write report and model, and return exit code 0.
+def run(args: StudyCommand) -> int:
+    """Repeat the study of the paper and report it: data check, preparation, input selection,
+    linear baselines, 29 NARX models, closed-loop training, choice of the model, residuals of
+    healthy and faulty drives, training on steady against mixed driving.
 
     Raises RecordingError or UsageError (exit code 2).
     """
@@ -144,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
 
     if min(args.starts, args.iterations, args.samples, args.jobs) < 1 or not args.budget > 0:
         raise UsageError("--starts, --iterations, --samples, --jobs and --budget must be positive")
-    check_seed(args)
+    args.check_seed()
     settings = Settings(
         starts=args.starts,
         iterations=args.iterations,

@@ -1,19 +1,21 @@
 """The command ``o2train tables``: lambda delay, wall film and injector tables from recordings."""
 
-import argparse
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import UsageError
-from training.cli.recordings import add_bus_options, add_period_option, load_all
+from training.api.parameters import TableParameters
+from training.cli.options import Folder, GridOptions, load_all
 
 if TYPE_CHECKING:
     from training.recordings.ecu_table import EcuTable, TableAxes
     from training.recordings.recording import Recording
 
-_EXAMPLES = """examples:
+EXAMPLES = """examples:
   o2train tables drive.csv --out tables
   o2train tables monday.csv tuesday.csv --out tables --axes CurrentTune.msq
   o2train tables drive.csv --out tables --displacement-l 1.8 --period 0.07
@@ -22,62 +24,25 @@ Needs engine_speed_rpm, lambda_measured, injector_pulse_width_ms or fuel_mass_mg
 air_mass_mg, manifold_pressure_kpa, maf_kg_h. Cells that the recordings do not tell stay blank."""
 
 
-def add_parsers(commands: Any) -> None:
-    """Add the command ``tables`` to ``commands``."""
-    parser = commands.add_parser(
-        "tables",
-        help="estimate tables for an ECU: lambda delay, wall film, injectors",
-        description="Estimate lambda delay and lag, wall film, injector dead time and flow, and\n"
-        "the sensor's own lag from recordings of one car. Each cell has an estimate, a 90 %\n"
-        "interval and its number of samples. Written are tables.json, CSV and TunerStudio\n"
-        "files, and a page.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("recordings", type=paths.read, nargs="+", help="recordings of one car")
-    parser.add_argument(
-        "--out", type=paths.folder, required=True, metavar="DIR", help="folder to write"
-    )
-    parser.add_argument(
-        "--axes",
-        type=paths.read,
-        metavar="FILE.msq",
-        help="TunerStudio tune whose axes of speed and load are used (default: fixed axes)",
-    )
-    parser.add_argument(
-        "--load",
-        choices=("kpa", "mg"),
-        help="load axis: manifold pressure in kPa or air in mg per stroke (default: kPa if the "
-        "recordings have it)",
-    )
-    parser.add_argument(
-        "--displacement-l",
-        type=float,
-        metavar="L",
-        help="displacement in litres of all cylinders; without it speed density does not tell "
-        "the injector flow",
-    )
-    parser.add_argument(
-        "--cylinders",
-        type=int,
-        default=4,
-        metavar="N",
-        help="number of cylinders, which turn displacement and air meter into the charge of one "
-        "(default: 4)",
-    )
-    parser.add_argument(
-        "--rough",
-        action="store_true",
-        help="also write cells whose 90 %% interval is wider than an ECU needs: a delay beyond "
-        "22 ms, an injector dead time beyond 0.05 ms",
-    )
-    add_period_option(parser)
-    add_bus_options(parser)
-    parser.set_defaults(func=run)
+@dataclass(frozen=True, kw_only=True)
+class TablesCommand(TableParameters, GridOptions):
+    """Options of an estimate.
+
+    recordings : recordings of one car
+    out : folder to write
+    rough : also write cells whose 90 % interval is wider than an ECU needs: a delay beyond 22 ms,
+        an injector dead time beyond 0.05 ms
+    """
+
+    recordings: Annotated[Sequence[Path], paths.read] = field(kw_only=False)
+    out: Folder
+    rough: bool = False
 
 
-def run(args: argparse.Namespace) -> int:
-    """Estimate the tables, write them and return exit code 0.
+def run(args: TablesCommand) -> int:
+    """Estimate lambda delay and lag, wall film, injector dead time and flow, and the sensor's own
+    lag from recordings of one car. Each cell has an estimate, a 90 % interval and its number of
+    samples. Written are tables.json, CSV and TunerStudio files, and a page.
 
     Raises RecordingError or UsageError (exit code 2).
     """
@@ -114,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def of_one_period(args: argparse.Namespace) -> "list[Recording]":
+def of_one_period(args: TablesCommand) -> "list[Recording]":
     """Return the recordings on one grid: that of ``--period``, or the slowest of their own."""
     recordings = load_all(args, args.recordings, args.period)
     slowest = max(r.period_ns for r in recordings)

@@ -82,9 +82,16 @@ def called(command: Command, args: argparse.Namespace) -> Any:
 
 
 def _parameters(command: Command) -> Iterator[tuple[inspect.Parameter, Any]]:
+    """Yield parameters with their types; those of a class come before those of its bases."""
     hints = get_type_hints(command, include_extras=True)
-    for name, parameter in inspect.signature(command).parameters.items():
-        yield parameter, hints[name]
+    classes = command.__mro__ if isinstance(command, type) else ()
+    given = [vars(each).get("__annotations__", {}) for each in classes]
+
+    def place(parameter: inspect.Parameter) -> int:
+        return next((i for i, names in enumerate(given) if parameter.name in names), 0)
+
+    for parameter in sorted(inspect.signature(command).parameters.values(), key=place):
+        yield parameter, hints[parameter.name]
 
 
 def _helps(command: Command) -> dict[str, str]:
@@ -144,7 +151,8 @@ def _argument(
 def _help(text: str, default: Any) -> str:
     """Return the help, which says the default, unless the text says what happens without one."""
     text = text.replace("%", "%%")
-    if default in (inspect.Parameter.empty, None, False, ()) or "(default" in text:
+    untold = default in (inspect.Parameter.empty, None, ()) or isinstance(default, bool)
+    if untold or "(default" in text:
         return text
     values = default if isinstance(default, tuple) else (default,)
     shown = " ".join(f"{each:g}" if isinstance(each, float) else str(each) for each in values)

@@ -139,6 +139,11 @@ def test_the_help_is_the_docstring_and_says_the_defaults() -> None:
     assert "(default: False)" not in text
 
 
+def test_the_options_of_a_class_stand_before_those_of_its_bases() -> None:
+    names = [action.dest for action in parser()._actions]
+    assert names.index("cap") < names.index("fuel_l")
+
+
 def test_the_role_of_a_file_is_the_type_of_its_option() -> None:
     types = {action.dest: action.type for action in parser()._actions}
     assert (types["logs"], types["out"]) == (paths.read, paths.written)

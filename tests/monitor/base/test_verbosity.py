@@ -24,7 +24,7 @@ def leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]
 
 
 def test_every_command_takes_quiet_and_verbose() -> None:
-    for parser in (o2mon_parser(None), o2train_parser()):
+    for parser in (o2mon_parser(None), o2train_parser(None)):
         verbosity.add_options(parser)
         commands = list(leaves(parser))
         assert len(commands) >= 9

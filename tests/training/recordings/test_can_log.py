@@ -1,4 +1,3 @@
-import argparse
 import math
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from monitor.frames.logs import read_frames
 from monitor.frames.tables.readers import open_table
 from tests.helpers.decoding import Decoding, samples_of, values_of
 from tests.helpers.examples import inputs
-from training.cli.recordings import add_parsers
+from training.cli import _parser
 from training.recordings.files.can_encoding import encode_message
 from training.recordings.files.can_log import block_of, broadcast, outgoing, write_log
 from training.recordings.recording import load, write_table
@@ -325,9 +324,8 @@ def test_a_channel_that_is_missing_is_named(tmp_path: Path) -> None:
 
 
 def run(*words: object) -> int:
-    parser = argparse.ArgumentParser()
-    add_parsers(parser.add_subparsers(required=True))
-    args = parser.parse_args([str(word) for word in words])
+    given = [str(word) for word in words]
+    args = _parser(given).parse_args(given)
     code: int = args.func(args)
     return code
 
@@ -362,5 +360,5 @@ def test_a_table_whose_times_are_milliseconds_makes_no_log_of_weeks(tmp_path: Pa
 
 
 def test_a_dbc_without_its_map_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(O2Error, match="--dbc is given 1 times and --map 0 times"):
+    with pytest.raises(O2Error, match="--dbc and --map come in pairs: 1 --dbc, 0 --map"):
         run("table", tmp_path / "a.log", "--out", tmp_path / "a.csv", "--dbc", "x.dbc")

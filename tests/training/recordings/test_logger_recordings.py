@@ -91,12 +91,11 @@ def test_a_pinned_sensor_is_no_measurement_outside_fuel_cut() -> None:
 
 
 def test_logs_of_one_logger_at_different_rates_come_to_one_grid(tmp_path: Path) -> None:
-    from training.cli import recordings
+    from training.cli import options
 
     fast = cobb(tmp_path / "a.csv", step_s=0.1)
     slow = cobb(tmp_path / "b.csv", step_s=0.5)
-    args = type("Args", (), {"dbc": [], "map": [], "columns": None})()
-    read = recordings.load_all(args, [fast, slow], None)
+    read = options.load_all(options.ReadOptions(), [fast, slow], None)
     assert [each.period_ns for each in read] == [500_000_000] * 2
     assert load(fast).period_ns == 100_000_000
 

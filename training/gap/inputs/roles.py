@@ -8,6 +8,7 @@ from typing import Final
 from monitor.base.errors import UsageError
 from monitor.base.faults import LIMIT_SEVERITY, Fault, resolve
 from training.gap.config import CONFIG
+from training.greybox.effects import LIBRARY
 from training.recordings.recording import Recording
 
 LIMITS: Final = CONFIG.inputs
@@ -75,4 +76,7 @@ def options_of(
         raise UsageError(f"--steps is 1 to {LIMITS.effects_max}")
     if not 0.0 <= retrain_minutes < float("inf"):
         raise UsageError("--retrain takes minutes, 0 or more")
+    unknown = [name for name in add if name not in LIBRARY]
+    if unknown:
+        raise UsageError(f"effect {unknown[0]!r} is unknown; there are {', '.join(LIBRARY)}")
     return GapOptions(steps, sensor_known_good, tuple(add), retrain_minutes)

@@ -1,0 +1,47 @@
+"""Parameters that the functions of the API and the commands of ``o2train`` share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from monitor.base.command_line import option_paths as paths
+from monitor.base.command_line.parameters import Number
+
+LoadAxis = Literal["kpa", "mg"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapParameters:
+    """How ``find_gap`` names and adds effects.
+
+    steps : highest number of effects to add, one after the other: 1 to 3
+    sensor_known_good : the sensor was checked: try and suspect no sensor fault
+    add : effects to add although they may be faults, for example exhaust_leak, because the vehicle
+        was checked
+    retrain : minutes to train a network again with the effect as an additional input; the better of
+        both ways to add the effect is kept (default: 3; 0: no training)
+    """
+
+    steps: Number = 1
+    sensor_known_good: bool = False
+    add: Annotated[Sequence[str], "EFFECT"] = ()
+    retrain: Annotated[float, "MIN"] = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableParameters:
+    """The car whose tables ``estimate_tables`` estimates.
+
+    axes : TunerStudio tune whose axes of speed and load are used (default: fixed axes)
+    load : load axis: manifold pressure in kPa or air in mg per stroke (default: kPa if the
+        recordings have it)
+    displacement_l : displacement in litres of all cylinders; without it speed density does not tell
+        the injector flow
+    cylinders : number of cylinders, which turn displacement and air meter into the charge of one
+    """
+
+    axes: Annotated[Path | None, paths.read, "FILE.msq"] = None
+    load: LoadAxis | None = None
+    displacement_l: Annotated[float | None, "L"] = None
+    cylinders: Number = 4

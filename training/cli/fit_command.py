@@ -1,0 +1,50 @@
+"""Options of ``o2train fit``."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from monitor.base.command_line.parameters import Nothing, Number, Recordings
+from training.cli.options import (
+    GridOptions,
+    Minutes,
+    NewModel,
+    Page,
+    SeedOption,
+    SignalOptions,
+    SomeRecordings,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitCommand(SignalOptions, SeedOption, GridOptions):
+    """Options of a fit.
+
+    out : model file to write
+    kind : narx: a network; greybox: the physical chain of charge and fuel, transport, mixing and
+        sensor with a few constants
+    validate : recordings that choose the network and stop the training; no training uses them
+        (default: held-out blocks of every recording)
+    lags : longest lag in samples (default: chosen from the data; 5 with --hidden)
+    lag_zero : let the network also read the inputs of the predicted tick (without --lags and
+        --hidden the data choose the lags)
+    hidden : neurons per hidden layer (default: chosen from the data; 8 8 with --lags)
+    ratio : give the network the fuel-air ratio instead of the fuel mass
+    starts : number of trainings from random weights (default: 3; 8 below 5000 samples); up to three
+        more if no network forgets its initial state
+    budget : minutes after which the training stops and keeps its best network
+    report : report to write (default: beside the model file)
+    """
+
+    recordings: SomeRecordings = field(kw_only=False)
+    out: NewModel
+    kind: Literal["narx", "greybox"] = "narx"
+    validate: Recordings = ()
+    lags: Number | None = None
+    lag_zero: bool = False
+    hidden: Annotated[Sequence[int] | None, "N"] = None
+    ratio: bool = False
+    starts: Number | None = None
+    budget: Minutes = 10.0
+    report: Page = None
+    nothing: Nothing = False
