@@ -26,7 +26,12 @@ NEEDED = {  # data that the repository does not hold
     "map_proposals": DATA / "opendbc",
 }
 FORKING = {"fuzz_databases", "fuzz_logs"}  # in a process of their own
-GIVEN = {"bosch_verdicts": ["1:30"], "map_proposals": [str(NEEDED["map_proposals"])]}
+GIVEN = {
+    "bosch_verdicts": ["1:30"],
+    "map_proposals": [str(NEEDED["map_proposals"])],
+    "fuzz_databases": ["--cases", "60", "--seed", "21"],  # their only tests
+    "fuzz_logs": ["--cases", "150", "--seed", "10"],
+}
 
 
 def imported(script: Path) -> Iterator[tuple[str, list[str]]]:

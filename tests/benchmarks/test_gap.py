@@ -29,17 +29,8 @@ from training.recordings.recording import Recording
 
 WHOLE = Study()
 TINY = [
-    "--cases",
-    "effect=1",
-    "null=1",
-    "--vehicles",
-    "1",
-    "--drives",
-    "2",
-    "--minutes",
-    "4",
-    "--jobs",
-    "1",
+    *("--cases", "effect=1", "null=1", "--vehicles", "1", "--drives", "2", "--minutes", "4"),
+    *("--jobs", "1"),
 ]
 
 COUNTS = ("drives", "before", "before_named", "after", "after_named", "alike", "alike_named")

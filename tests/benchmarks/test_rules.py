@@ -1,7 +1,6 @@
 """Rules from the literature, on simulated drives with the fault in the control loop."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from monitor.base.errors import RecordingError
 from monitor.judge.limits import NO_LIMITS
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
+from tests.helpers.recordings import recording_of_samples
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
 from training.limits.judging import judge
@@ -35,16 +35,7 @@ def drive(experiment: Experiment) -> Recording:
         simulate(experiment), bus_map, rng, experiment.fault, experiment.fault_start_s
     )
     block = ecu.samples(sent, bus_map, 100_000_000)
-    t_s = (block.t_ns - block.t_ns[0]) / 1e9
-    return Recording(
-        path=Path("simulated"),
-        sha256="",
-        period_ns=100_000_000,
-        t_s=t_s,
-        names=bus_map.names,
-        values=block.values,
-        quality=block.quality,
-    )
+    return recording_of_samples(block, bus_map.names)
 
 
 def windows(*experiments: Experiment) -> Windows:

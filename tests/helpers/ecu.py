@@ -10,25 +10,13 @@ import can
 import dbc
 from monitor.decode.bus_map import load_pairs
 from monitor.decode.checksum import payload_checksum
+from tests.helpers.batch_logs import USUAL
 
 PERIOD_S: Final = 0.05
 CHECKSUM_BYTE: Final = 7
-VALUES: Final = {
-    "air_mass_mg": 300.0,
-    "maf_kg_h": 36.0,
-    "manifold_pressure_kpa": 45.0,
-    "fuel_mass_mg": 20.0,
-    "rail_pressure_mpa": 10.0,
-    "lambda_controller": 1.0,
-    "lambda_measured": 1.0,
-    "lambda_target": 1.0,
-    "sensor_ready": 1.0,
-    "coolant_temperature_degc": 90.0,
-    "manifold_temperature_degc": 30.0,
-    "ambient_temperature_degc": 20.0,
-    "ambient_pressure_kpa": 100.0,
-    "battery_voltage_v": 12.5,
-}
+CHANGING: Final = ("closed_loop", "engine_speed_rpm", "engine_torque_nm", "throttle_percent")
+MOVING: Final = ("vehicle_speed_km_h", "purge_duty_percent", "sensor_heater_percent")
+VALUES: Final = {name: x for name, x in USUAL.items() if name not in (*CHANGING, *MOVING)}
 
 
 class Ecu:

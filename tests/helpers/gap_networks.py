@@ -14,6 +14,7 @@ from monitor.base.types import FloatArray
 from monitor.judge.limits import NO_LIMITS
 from monitor.model.card import TrainingRecording
 from monitor.model.step import Model
+from tests.helpers.recordings import recording_of_samples
 from tests.helpers.shared import shared
 from training.dyno import vehicle
 from training.dyno.ecu import broadcast, own_bus, samples
@@ -58,16 +59,7 @@ def drive(
     )
     bus, rng = own_bus(), np.random.default_rng([5, seed])
     block = samples(broadcast(simulate(experiment), bus, rng), bus, 100_000_000)
-    t_s = (block.t_ns - block.t_ns[0]) / 1e9
-    return Recording(
-        path=Path(f"{experiment.name}.log"),
-        sha256=f"{seed:064x}",
-        period_ns=100_000_000,
-        t_s=t_s,
-        names=tuple(bus.names),
-        values=block.values,
-        quality=block.quality,
-    )
+    return recording_of_samples(block, bus.names, f"{experiment.name}.log", f"{seed:064x}")
 
 
 def small_network(folder: Path) -> FitResult:

@@ -62,19 +62,29 @@ class PlayedBus(can.BusABC):
         self.sent.append(msg)
 
 
-def run_on(
+def played_on(
     script: Iterable[Frame | Pause | can.Message],
     setup: replay.Setup,
     transmit: bool = False,
     **options: Any,
-) -> tuple[dict[str, Any], PlayedBus]:
+) -> tuple[Loop, PlayedBus]:
+    """Run the live loop to the end of a script."""
     bus = PlayedBus(script)
     with bus:
-        loop = Loop(bus, setup, say=lambda _: None, monotonic_s=lambda: bus.now_s, **options)
+        quiet = {"say": lambda _: None, "monotonic_s": lambda: bus.now_s}
+        loop = Loop(bus, setup, **(quiet | options))
         if transmit:
             loop.attachments.append(Transmitter(loop.pipeline.monitor))
         bus.stop = loop.stop
         loop.run()
+    return loop, bus
+
+
+def run_on(
+    script: Iterable[Frame | Pause | can.Message], setup: replay.Setup, **options: Any
+) -> tuple[dict[str, Any], PlayedBus]:
+    """Return the result of such a run."""
+    loop, bus = played_on(script, setup, **options)
     return loop.result("played"), bus
 
 

@@ -1,10 +1,8 @@
 """A NARX study that is done in a second: two recordings, five small models."""
 
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from tests.helpers.recordings import recording_of
 from tests.helpers.tanks import TANK_PERIOD_S, leaking_tank
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, prepare
@@ -23,18 +21,8 @@ SETTINGS = Settings(starts=2, iterations=25, n_samples=900, tune_best=1)
 
 def drive(n: int, seed: int, name: str) -> Recording:
     """A recording of a tank with a valve and a leak."""
-    values = np.column_stack(leaking_tank(n, seed, 0.5))
-    quality = np.zeros(values.shape, np.uint8)
-    period_ns = round(TANK_PERIOD_S * 1e9)
-    return Recording(
-        path=Path(name),
-        sha256=name * 8,
-        period_ns=period_ns,
-        t_s=np.arange(n) * TANK_PERIOD_S,
-        names=("valve", "leak", "level_m"),
-        values=values,
-        quality=quality,
-    )
+    columns = zip(("valve", "leak", "level_m"), leaking_tank(n, seed, 0.5), strict=True)
+    return recording_of(dict(columns), name, TANK_PERIOD_S)
 
 
 def two_drives() -> Prepared:

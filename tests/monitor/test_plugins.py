@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from monitor import cli
-from monitor.base.errors import ConfigError
+from monitor.base.errors import ConfigError, RecordingError
 from monitor.frames.tables import readers
 from monitor.grid.tables import read_table
 from monitor.judge.decision import plugins as rules
@@ -66,6 +66,10 @@ def test_a_reader_opens_files_of_its_suffix(tmp_path: Path) -> None:
     table = read_table(path)
     assert table.profile == "romraider"
     assert table.values[:, 0].tolist() == [1000.0, 1010.0, 1020.0]
+    # and what the reader raises is told in one line
+    path.write_text("Time (msec)|Engine Speed (rpm)\n0|x\n")
+    with pytest.raises(RecordingError, match=r"reader o2_\w+:\w+ fails: could not"):
+        read_table(path)
 
 
 @pytest.mark.usefixtures("installed")

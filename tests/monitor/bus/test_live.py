@@ -20,6 +20,7 @@ import httpx
 import numpy as np
 import pytest
 
+from benchmarks.damage.fuzz_http import ask, request
 from monitor.base.types import Frame, Quality, Sample
 from monitor.bus.live import feed as feeds
 from monitor.bus.live.codes import fault_memory
@@ -28,7 +29,6 @@ from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import DtcChanged
 from monitor.memory.dtc_store import DtcStore
 from tests.conftest import ROOT
-from tests.helpers.http_fuzz import ask, request
 from tests.helpers.live_player import Player, Sink, frames_of
 
 STATUS = {200, 400, 403, 404, 405, 421, 431, 503}

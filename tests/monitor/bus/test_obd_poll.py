@@ -35,6 +35,13 @@ def expected() -> dict[str, float]:
     return {**STEADY, **steps, "fuel_rate_l_h": rate_l_h}
 
 
+def assert_as_the_ecu_has_it(talk: Conversation) -> None:
+    known = expected()
+    for name, values in talk.values.items():
+        assert values, name
+        assert values == pytest.approx([known[name]] * len(values), rel=1e-9), name
+
+
 def test_the_lengths_of_all_parameters_follow_from_the_database() -> None:
     asked = {pid for each in PARAMETERS for pid in each.pids}
     assert len(asked) > 16
@@ -46,10 +53,7 @@ def test_the_lengths_of_all_parameters_follow_from_the_database() -> None:
 
 def test_every_mapped_value_arrives_as_the_ecu_has_it() -> None:
     talk = Conversation(steady_ecu()).run(5.0)
-    known = expected()
-    for name, values in talk.values.items():
-        assert values, name
-        assert values == pytest.approx([known[name]] * len(values), rel=1e-9), name
+    assert_as_the_ecu_has_it(talk)
 
 
 def test_bitmaps_come_first_and_only_what_is_supported_and_mapped_is_asked_for() -> None:
@@ -128,10 +132,7 @@ def test_fast_signals_are_polled_more_often_than_slow_ones() -> None:
 def test_an_ecu_that_answers_one_parameter_at_a_time_is_polled_so() -> None:
     talk = Conversation(steady_ecu(at_once=1)).run(20.0)
     assert {len(request) for request in talk.asked[4:]} == {1}
-    known = expected()
-    for name, values in talk.values.items():
-        assert values == pytest.approx([known[name]] * len(values), rel=1e-9), name
-        assert values
+    assert_as_the_ecu_has_it(talk)
 
 
 def test_an_ecu_that_answers_only_the_first_of_several_is_polled_one_by_one() -> None:
@@ -207,10 +208,7 @@ def test_the_ecu_is_found_whichever_way_it_is_addressed(
         ecu.override = lambda r: [] if talk.bus.sent[-1][1].arbitration_id == 0x7E0 else None
     talk = Conversation(ecu)
     talk.run(12.0)
-    known = expected()
-    for name, values in talk.values.items():
-        assert values == pytest.approx([known[name]] * len(values), rel=1e-9), name
-        assert values, name
+    assert_as_the_ecu_has_it(talk)
     extended = {m.is_extended_id for _, m in talk.bus.sent if m.arbitration_id in requests}
     assert extended == {response > 0x7FF}
 
@@ -219,9 +217,7 @@ def test_a_lost_frame_costs_one_answer_and_brings_no_wrong_value() -> None:
     talk = Conversation(steady_ecu())
     talk.bus.loss = 0.03
     talk.run(120.0)
-    known = expected()
-    for name, values in talk.values.items():
-        assert values == pytest.approx([known[name]] * len(values), rel=1e-9), name
+    assert_as_the_ecu_has_it(talk)
     assert len(talk.values["lambda_measured"]) > 240
     assert talk.poller.counters.silent > 10
 

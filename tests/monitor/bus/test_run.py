@@ -15,7 +15,7 @@ from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import TIME_MARK_ID, time_mark
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
-from tests.helpers.played_bus import Pause, PlayedBus, judged, run_on
+from tests.helpers.played_bus import Pause, PlayedBus, judged, played_on, run_on
 
 
 @pytest.mark.parametrize("suffix", ["log", "blf"])
@@ -190,11 +190,8 @@ def test_a_memory_that_cannot_be_written_is_told_once_and_the_judging_goes_on(
 ) -> None:
     said: list[str] = []
     memory = FullDisk(tmp_path / "o2.db", tries)
-    bus = PlayedBus([*late_sensor, Pause(30.0)])
-    with bus:
-        loop = Loop(bus, setup, memory=memory, say=said.append, monotonic_s=lambda: bus.now_s)
-        bus.stop = loop.stop
-        loop.run()
+    script = [*late_sensor, Pause(30.0)]
+    loop, _ = played_on(script, setup, memory=memory, say=said.append)
     assert "P015A" in [d["code"] for d in loop.result("played")["dtcs"]]
     assert loop.health.memory_errors >= 2
     assert len([line for line in said if "disk is full" in line]) == 1
@@ -211,13 +208,10 @@ def test_a_log_that_cannot_be_written_any_more_ends_and_the_judging_goes_on(
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full")
     record = Path("/dev/full")
-    bus = PlayedBus(late_sensor)
-    with bus, pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr("monitor.bus.link.recorder.log_kind", lambda path: ".log")
         patch.setattr("monitor.bus.link.recorder.can.Logger", can.CanutilsLogWriter)
-        loop = Loop(bus, setup, record=record, say=said.append, monotonic_s=lambda: bus.now_s)
-        bus.stop = loop.stop
-        loop.run()
+        loop, _ = played_on(late_sensor, setup, record=record, say=said.append)
     assert loop.result("played")["fault_flag"]
     assert len([line for line in said if "No space left" in line]) == 1
 

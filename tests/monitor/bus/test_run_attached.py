@@ -12,7 +12,7 @@ from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import FIRST_ID, is_own, time_mark
 from monitor.pipeline import replay
 from monitor.pipeline.events import DtcChanged, Event
-from tests.helpers.played_bus import Ear, PlayedBus, judged, run_on
+from tests.helpers.played_bus import Ear, PlayedBus, judged, played_on, run_on
 
 
 @pytest.mark.parametrize("number", range(FIRST_ID, FIRST_ID + 3))
@@ -117,13 +117,8 @@ def test_an_attachment_that_raises_is_let_go_and_the_judging_goes_on(
 ) -> None:
     bad, good, said = Ear(fails_at=where), Ear(), []
     asked = Frame(late_sensor[100].t_ns, 0x6F0, False, b"")
-    bus = PlayedBus([*late_sensor[:100], asked, *late_sensor[100:2000]])
-    with bus:
-        loop = Loop(
-            bus, setup, attachments=[bad, good], say=said.append, monotonic_s=lambda: bus.now_s
-        )
-        bus.stop = loop.stop
-        loop.run()
+    script = [*late_sensor[:100], asked, *late_sensor[100:2000]]
+    loop, _ = played_on(script, setup, attachments=[bad, good], say=said.append)
     assert loop.result("played")["samples"] > 90
     assert len(good.events) > 90
     assert good.heard == [asked]

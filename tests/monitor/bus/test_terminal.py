@@ -37,7 +37,7 @@ from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from monitor.pipeline.events import Event, Tick
 from tests.conftest import ROOT
-from tests.helpers.played_bus import PlayedBus
+from tests.helpers.played_bus import played_on
 
 
 @pytest.fixture(scope="module")
@@ -49,18 +49,8 @@ def late_sensor() -> list[Frame]:
 @pytest.fixture(scope="module")
 def loop(late_sensor: list[Frame]) -> Loop:
     """A loop at the end of a faulty drive, with what it said in its Recollection."""
-    bus = PlayedBus(late_sensor)
-    with bus:
-        loop = Loop(
-            bus,
-            replay.set_up(None, [], config.load()),
-            say=lambda _: None,
-            monotonic_s=lambda: bus.now_s,
-        )
-        loop.attachments.append(Recollection())
-        bus.stop = loop.stop
-        loop.run()
-    return loop
+    setup = replay.set_up(None, [], config.load())
+    return played_on(late_sensor, setup, attachments=[Recollection()])[0]
 
 
 class Recollection(StatusLine):

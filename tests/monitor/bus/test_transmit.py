@@ -13,13 +13,12 @@ import dbc
 from monitor.base.types import Frame, Sample
 from monitor.bus.transmit import Transmitter, dtc_number
 from monitor.judge.bias import Outcome
-from monitor.judge.window import Window
 from monitor.memory.codes import CODES
 from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import DtcChanged, Event, Tick, WindowJudged
 from monitor.pipeline.monitor import SensorMonitor
-from tests.helpers.estimates import NO_ESTIMATES
+from tests.helpers.windows import judged_window
 
 DATABASE = cast(Database, load_file(dbc.path("o2_monitor.dbc")))
 STATUS = DATABASE.get_message_by_name("O2MON_Status").frame_id
@@ -48,26 +47,7 @@ def tick(t_ns: int, predicted: float = 1.0, enabled: bool = True) -> Tick:
 def window(
     index: int = 0, mean: float = 0.0, std: float = 0.0, outcome: Outcome = "passed"
 ) -> WindowJudged:
-    values = np.ones(50)
-    held = Window(
-        index=index,
-        t_start_ns=0,
-        t_end_ns=4_900_000_000,
-        measured=values,
-        predicted=values,
-        bank=np.ones((50, 1)),
-    )
-    return WindowJudged(
-        window=held,
-        mean=mean,
-        std=std,
-        paper_failed=False,
-        outcome=outcome,
-        fault=None,
-        also=(),
-        excited=True,
-        statistics=NO_ESTIMATES,
-    )
+    return judged_window(mean, std, outcome, index=index)
 
 
 def decoded(frame: Frame) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 import math
 import struct
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,15 +12,13 @@ from monitor.bus.diagnostics.identifiers import IDENTIFIERS
 from monitor.bus.diagnostics.parameters import bitmap, unsigned
 from monitor.bus.diagnostics.reports import dtc_bytes
 from monitor.judge import enable
-from monitor.judge.window import Window
 from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import Ratio
-from monitor.pipeline.events import WindowJudged
 from tests.conftest import ROOT
 from tests.helpers.diagnostics_state import NAMES, SHA256, VIN, Vehicle, ask, tick
-from tests.helpers.estimates import NO_ESTIMATES
 from tests.helpers.examples import inputs
+from tests.helpers.windows import judged_window
 
 
 def test_sessions_are_default_and_extended() -> None:
@@ -173,27 +170,7 @@ def test_windows_and_samples_are_counted_and_the_last_verdict_is_told() -> None:
     vehicle = Vehicle(1500.0)
     vehicle.state.push(tick(1500.0)._replace(enabled=True))
     for outcome in ("passed", "failed"):
-        window = Window(
-            index=0,
-            t_start_ns=0,
-            t_end_ns=5_000_000_000,
-            measured=np.zeros(50),
-            predicted=np.zeros(50),
-            bank=np.zeros((1, 50)),
-        )
-        vehicle.state.push(
-            WindowJudged(
-                window=window,
-                mean=0.25,
-                std=0.5,
-                paper_failed=False,
-                outcome=outcome,
-                fault="gain_low",
-                also=(),
-                excited=True,
-                statistics=NO_ESTIMATES,
-            )
-        )
+        vehicle.state.push(judged_window(0.25, 0.5, outcome, "gain_low"))
     assert ask("22 FD 05", vehicle) == "62 fd 05 01"
     assert ask("22 FD 07", vehicle) == "62 fd 07 00 00 00 02"
     verdict = struct.pack(">Bff", 1, 0.25, 0.5).hex(" ")

@@ -364,23 +364,9 @@ def test_between_two_buses_what_goes_out_is_judged_when_a_signal_ends_it(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_gateway_ends_cleanly_on_a_signal(number: signal.Signals) -> None:
-    argv = [
-        sys.executable,
-        "-m",
-        "monitor.cli",
-        "inject",
-        "-i",
-        "virtual",
-        "-c",
-        "a",
-        "--to-channel",
-        "b",
-        "--fault",
-        "gain_low",
-    ]
-    with subprocess.Popen(
-        argv, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
-    ) as process:
+    command = "-m monitor.cli inject -i virtual -c a --to-channel b --fault gain_low"
+    argv, pipe = [sys.executable, *command.split()], subprocess.PIPE
+    with subprocess.Popen(argv, stdout=pipe, stderr=pipe, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "virtual a to virtual b: gain_low=0.5\n"
         process.send_signal(number)

@@ -51,20 +51,24 @@ SIGNAL_OF = {condition: signal for condition, (signal, _) in BREAKS.items()}
 SETTLE = 50  # samples, 5 s
 
 
+def enable_of(names: tuple[str, ...], period_s: float) -> Enable:
+    return Enable(
+        config=CONFIG,
+        names=names,
+        inputs=INPUTS,
+        output="lambda_measured",
+        trained_low=LOW,
+        trained_high=HIGH,
+        period_s=period_s,
+    )
+
+
 class Bench:
     """Steps an Enable through samples of given values."""
 
     def __init__(self, names: tuple[str, ...] = NAMES, period_s: float = PERIOD_S) -> None:
         self.names = names
-        self.subject = Enable(
-            config=CONFIG,
-            names=names,
-            inputs=INPUTS,
-            output="lambda_measured",
-            trained_low=LOW,
-            trained_high=HIGH,
-            period_s=period_s,
-        )
+        self.subject = enable_of(names, period_s)
 
     def step(self, **values: float) -> dict[str, bool]:
         held = GOOD | values
@@ -359,18 +363,7 @@ def test_the_conditions_do_not_depend_on_where_blocks_begin(
 ) -> None:
     kept = [i for i, name in enumerate(NAMES) if name not in unavailable]
     names, values = tuple(NAMES[i] for i in kept), values[:, kept]
-    one_by_one, cut, whole = (
-        Enable(
-            config=CONFIG,
-            names=names,
-            inputs=INPUTS,
-            output="lambda_measured",
-            trained_low=LOW,
-            trained_high=HIGH,
-            period_s=period_s,
-        )
-        for _ in range(3)
-    )
+    one_by_one, cut, whole = (enable_of(names, period_s) for _ in range(3))
     got = whole.push(values)
     assert got.shape == (len(values), len(CONDITIONS))
     assert [one_by_one.push(row[np.newaxis])[0].tolist() for row in values] == got.tolist()

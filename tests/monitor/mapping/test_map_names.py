@@ -28,160 +28,90 @@ def test_two_wideband_controllers_are_a_choice_for_a_person() -> None:
     assert "AMBIGUOUS" in text
 
 
-GERMAN = (
-    'MO_Motordrehzahl (0.25,0) [0|16383] "U/min"',
-    'MO_Kuehlmitteltemperatur (0.75,-48) [-48|143] "Unit_Foo"',
-    'MO_Saugrohrdruck (0.5,0) [0|3500] "hPa"',
-    'MO_Ansauglufttemperatur (0.75,-48) [-48|143] "°C"',
-    'MO_Luftmassenstrom (0.1,0) [0|1000] "kg/h"',
-    'MO_Raildruck (0.1,0) [0|300] "bar"',
-    'MO_Lambda_Istwert (0.0005,0) [0|16] "-"',
-    'MO_Lambda_Sollwert (0.0005,0) [0|16] "-"',
-    'MO_Lambdaregler (0.001,0) [0|2] "-"',
-    'MO_Einspritzmenge (0.01,0) [0|200] "mg/Hub"',
-    'ESP_Fahrgeschwindigkeit (0.01,0) [0|300] "km/h"',
-    'MO_Drosselklappe (0.01,0) [0|100] "%"',
-    'MO_Aussentemperatur (0.5,-50) [-50|77] "°C"',
-    'MO_Umgebungsdruck (1,0) [500|1200] "mbar"',
-    'MO_Batteriespannung (0.01,0) [0|20] "V"',
-    'MO_Motormoment (0.1,-500) [-500|1000] "Nm"',
+# canonical signal, what stands in the database, and the factor where it is not 1
+GERMAN = """
+    engine_speed_rpm          MO_Motordrehzahl (0.25,0) [0|16383] "U/min"
+    -                         MO_Kuehlmitteltemperatur (0.75,-48) [-48|143] "Unit_Foo"
+    manifold_pressure_kpa     MO_Saugrohrdruck (0.5,0) [0|3500] "hPa"                 = 0.1
+    manifold_temperature_degc MO_Ansauglufttemperatur (0.75,-48) [-48|143] "°C"
+    maf_kg_h                  MO_Luftmassenstrom (0.1,0) [0|1000] "kg/h"
+    rail_pressure_mpa         MO_Raildruck (0.1,0) [0|300] "bar"                      = 0.1
+    lambda_measured           MO_Lambda_Istwert (0.0005,0) [0|16] "-"
+    lambda_target             MO_Lambda_Sollwert (0.0005,0) [0|16] "-"
+    lambda_controller         MO_Lambdaregler (0.001,0) [0|2] "-"
+    fuel_mass_mg              MO_Einspritzmenge (0.01,0) [0|200] "mg/Hub"
+    vehicle_speed_km_h        ESP_Fahrgeschwindigkeit (0.01,0) [0|300] "km/h"
+    throttle_percent          MO_Drosselklappe (0.01,0) [0|100] "%"
+    ambient_temperature_degc  MO_Aussentemperatur (0.5,-50) [-50|77] "°C"
+    ambient_pressure_kpa      MO_Umgebungsdruck (1,0) [500|1200] "mbar"               = 0.1
+    battery_voltage_v         MO_Batteriespannung (0.01,0) [0|20] "V"
+    engine_torque_nm          MO_Motormoment (0.1,-500) [-500|1000] "Nm"
+"""
+ABBREVIATED = """
+    engine_speed_rpm          EngSpd (0.25,0) [0|8000] "rpm"
+    coolant_temperature_degc  ECT (1,-40) [-40|300] "degF"      = 0.5555556 -17.777778
+    manifold_pressure_kpa     MAP_abs (0.01,0) [0|300] "kPa"
+    manifold_temperature_degc IAT (1,-40) [-40|300] "°F"        = 0.5555556 -17.777778
+    maf_kg_h                  MAF (0.01,0) [0|655] "g/s"        = 3.6
+    rail_pressure_mpa         FRP (0.1,0) [0|3000] "psi"        = 0.006894757
+    lambda_measured           AFR (0.001,0) [7|25] ""           = 0.0680272
+    lambda_controller         STFT_B1 (0.1,-100) [-100|100] "%" = 0.01 1.0
+    vehicle_speed_km_h        VehSpd (0.1,0) [0|200] "mph"      = 1.609344
+    throttle_percent          TPS (0.1,0) [0|100] "%"
+    ambient_pressure_kpa      BaroPress (0.01,0) [0|2] "bar"    = 100.0
+    battery_voltage_v         VBatt (1,0) [0|20000] "mV"        = 0.001
+    fuel_mass_mg              FuelInjMass (0.01,0) [0|200] "mg"
+"""
+UNIT_BEHIND_ITS_KIND = """
+    manifold_pressure_kpa     MAP (0.1,0) [0|6553.5] "pressure:kPa"
+    coolant_temperature_degc  CoolantTemp (0.1,0) [0|6553.5] "temperature:F" = 0.5555556 -17.777778
+    vehicle_speed_km_h        VehicleSpeed (0.1,0) [0|6553.5] "speed:mph"    = 1.609344
+    -                         ECU_BatteryVoltage (0.01,0) [0|655.35] "voltage:furlong"
+"""
+BOSCH = """
+    engine_speed_rpm          nmot_w (0.25,0) [0|16000] "1/min"
+    lambda_measured           lamsoni_w (0.000244,0) [0|16] "-"
+    lambda_target             lamsons_w (0.000244,0) [0|16] "-"
+    lambda_controller         fr_w (0.00003,0) [0|2] "-"
+    coolant_temperature_degc  tmot (0.75,-48) [-48|143] "Grad C"
+    manifold_temperature_degc tans (0.75,-48) [-48|143] "Grad C"
+    manifold_pressure_kpa     ps_w (0.04,0) [0|2500] "hPa"  = 0.1
+    maf_kg_h                  ml_w (0.1,0) [0|6500] "kg/h"
+    rail_pressure_mpa         prist_w (0.005,0) [0|300] "bar" = 0.1
+    vehicle_speed_km_h        vfzg_w (0.008,0) [0|500] "km/h"
+    battery_voltage_v         ub (0.1,0) [0|25] "V"
+    throttle_percent          wdkba (0.4,0) [0|100] "%"
+"""
+AS_IN_J1939 = """
+    engine_speed_rpm          EngSpeed (0.125,0) [0|8031] "rpm"
+    coolant_temperature_degc  EngCoolantTemp (1,-40) [-40|210] "°C"
+    manifold_pressure_kpa     EngIntakeManifold1Press (2,0) [0|500] "kPa"
+    manifold_temperature_degc EngIntakeManifold1Temp (1,-40) [-40|210] "°C"
+    ambient_temperature_degc  AmbientAirTemp (0.03125,-273) [-273|1735] "°C"
+    ambient_pressure_kpa      BarometricPress (0.5,0) [0|125] "kPa"
+    vehicle_speed_km_h        WheelBasedVehicleSpeed (0.00390625,0) [0|250] "km/h"
+    maf_kg_h                  EngInletAirMassFlowRate (0.05,0) [0|3212] "kg/h"
+    -                         EngOilTemp1 (1,-40) [-40|210] "°C"
+    rail_pressure_mpa         EngInjectorMeteringRail1Press (0.00390625,0) [0|250] "MPa"
+"""
+
+
+@pytest.mark.parametrize(
+    "language", [GERMAN, ABBREVIATED, UNIT_BEHIND_ITS_KIND, BOSCH, AS_IN_J1939]
 )
-ABBREVIATED = (
-    'EngSpd (0.25,0) [0|8000] "rpm"',
-    'ECT (1,-40) [-40|300] "degF"',
-    'MAP_abs (0.01,0) [0|300] "kPa"',
-    'IAT (1,-40) [-40|300] "°F"',
-    'MAF (0.01,0) [0|655] "g/s"',
-    'FRP (0.1,0) [0|3000] "psi"',
-    'AFR (0.001,0) [7|25] ""',
-    'STFT_B1 (0.1,-100) [-100|100] "%"',
-    'VehSpd (0.1,0) [0|200] "mph"',
-    'TPS (0.1,0) [0|100] "%"',
-    'BaroPress (0.01,0) [0|2] "bar"',
-    'VBatt (1,0) [0|20000] "mV"',
-    'FuelInjMass (0.01,0) [0|200] "mg"',
-)
-
-
-def test_a_database_in_german_is_understood() -> None:
-    # GIVEN names as German carmakers write them
-    # WHEN a map is proposed
-    got = found(database_of(*GERMAN))
-    # THEN every signal is found and brought to its unit; the unit nobody knows stays in doubt
-    assert got.pop("coolant_temperature_degc", None) is None
-    assert got == {
-        "engine_speed_rpm": ("MO_Motordrehzahl", 1.0, 0.0),
-        "manifold_pressure_kpa": ("MO_Saugrohrdruck", pytest.approx(0.1), 0.0),
-        "manifold_temperature_degc": ("MO_Ansauglufttemperatur", 1.0, 0.0),
-        "maf_kg_h": ("MO_Luftmassenstrom", 1.0, 0.0),
-        "rail_pressure_mpa": ("MO_Raildruck", pytest.approx(0.1), 0.0),
-        "lambda_measured": ("MO_Lambda_Istwert", 1.0, 0.0),
-        "lambda_target": ("MO_Lambda_Sollwert", 1.0, 0.0),
-        "lambda_controller": ("MO_Lambdaregler", 1.0, 0.0),
-        "fuel_mass_mg": ("MO_Einspritzmenge", 1.0, 0.0),
-        "vehicle_speed_km_h": ("ESP_Fahrgeschwindigkeit", 1.0, 0.0),
-        "throttle_percent": ("MO_Drosselklappe", 1.0, 0.0),
-        "ambient_temperature_degc": ("MO_Aussentemperatur", 1.0, 0.0),
-        "ambient_pressure_kpa": ("MO_Umgebungsdruck", pytest.approx(0.1), 0.0),
-        "battery_voltage_v": ("MO_Batteriespannung", 1.0, 0.0),
-        "engine_torque_nm": ("MO_Motormoment", 1.0, 0.0),
-    }
-
-
-def test_abbreviations_and_imperial_units_are_understood() -> None:
-    got = found(database_of(*ABBREVIATED))
-    assert got == {
-        "engine_speed_rpm": ("EngSpd", 1.0, 0.0),
-        "coolant_temperature_degc": ("ECT", pytest.approx(5 / 9), pytest.approx(-160 / 9)),
-        "manifold_pressure_kpa": ("MAP_abs", 1.0, 0.0),
-        "manifold_temperature_degc": ("IAT", pytest.approx(5 / 9), pytest.approx(-160 / 9)),
-        "maf_kg_h": ("MAF", pytest.approx(3.6), 0.0),
-        "rail_pressure_mpa": ("FRP", pytest.approx(0.006894757), 0.0),
-        "lambda_measured": ("AFR", pytest.approx(1 / 14.7), 0.0),
-        "lambda_controller": ("STFT_B1", pytest.approx(0.01), 1.0),
-        "vehicle_speed_km_h": ("VehSpd", pytest.approx(1.609344), 0.0),
-        "throttle_percent": ("TPS", 1.0, 0.0),
-        "ambient_pressure_kpa": ("BaroPress", pytest.approx(100.0), 0.0),
-        "battery_voltage_v": ("VBatt", pytest.approx(0.001), 0.0),
-        "fuel_mass_mg": ("FuelInjMass", 1.0, 0.0),
-    }
-
-
-def test_a_unit_may_stand_behind_its_kind() -> None:
-    got = found(
-        database_of(
-            'MAP (0.1,0) [0|6553.5] "pressure:kPa"',
-            'CoolantTemp (0.1,0) [0|6553.5] "temperature:F"',
-            'VehicleSpeed (0.1,0) [0|6553.5] "speed:mph"',
-            'ECU_BatteryVoltage (0.01,0) [0|655.35] "voltage:furlong"',
-        )
-    )
-    assert got == {
-        "manifold_pressure_kpa": ("MAP", 1.0, 0.0),
-        "coolant_temperature_degc": ("CoolantTemp", pytest.approx(5 / 9), pytest.approx(-160 / 9)),
-        "vehicle_speed_km_h": ("VehicleSpeed", pytest.approx(1.609344), 0.0),
-    }
-
-
-def test_bosch_labels_are_understood() -> None:
-    got = found(
-        database_of(
-            'nmot_w (0.25,0) [0|16000] "1/min"',
-            'lamsoni_w (0.000244,0) [0|16] "-"',
-            'lamsons_w (0.000244,0) [0|16] "-"',
-            'fr_w (0.00003,0) [0|2] "-"',
-            'tmot (0.75,-48) [-48|143] "Grad C"',
-            'tans (0.75,-48) [-48|143] "Grad C"',
-            'ps_w (0.04,0) [0|2500] "hPa"',
-            'ml_w (0.1,0) [0|6500] "kg/h"',
-            'prist_w (0.005,0) [0|300] "bar"',
-            'vfzg_w (0.008,0) [0|500] "km/h"',
-            'ub (0.1,0) [0|25] "V"',
-            'wdkba (0.4,0) [0|100] "%"',
-        )
-    )
-    assert {name: place for name, (place, _, _) in got.items()} == {
-        "engine_speed_rpm": "nmot_w",
-        "lambda_measured": "lamsoni_w",
-        "lambda_target": "lamsons_w",
-        "lambda_controller": "fr_w",
-        "coolant_temperature_degc": "tmot",
-        "manifold_temperature_degc": "tans",
-        "manifold_pressure_kpa": "ps_w",
-        "maf_kg_h": "ml_w",
-        "rail_pressure_mpa": "prist_w",
-        "vehicle_speed_km_h": "vfzg_w",
-        "battery_voltage_v": "ub",
-        "throttle_percent": "wdkba",
-    }
-
-
-def test_names_as_in_j1939_are_understood() -> None:
-    got = found(
-        database_of(
-            'EngSpeed (0.125,0) [0|8031] "rpm"',
-            'EngCoolantTemp (1,-40) [-40|210] "°C"',
-            'EngIntakeManifold1Press (2,0) [0|500] "kPa"',
-            'EngIntakeManifold1Temp (1,-40) [-40|210] "°C"',
-            'AmbientAirTemp (0.03125,-273) [-273|1735] "°C"',
-            'BarometricPress (0.5,0) [0|125] "kPa"',
-            'WheelBasedVehicleSpeed (0.00390625,0) [0|250] "km/h"',
-            'EngInletAirMassFlowRate (0.05,0) [0|3212] "kg/h"',
-            'EngOilTemp1 (1,-40) [-40|210] "°C"',
-            'EngInjectorMeteringRail1Press (0.00390625,0) [0|250] "MPa"',
-        )
-    )
-    assert {name: place for name, (place, _, _) in got.items()} == {
-        "engine_speed_rpm": "EngSpeed",
-        "coolant_temperature_degc": "EngCoolantTemp",
-        "manifold_pressure_kpa": "EngIntakeManifold1Press",
-        "manifold_temperature_degc": "EngIntakeManifold1Temp",
-        "ambient_temperature_degc": "AmbientAirTemp",
-        "ambient_pressure_kpa": "BarometricPress",
-        "vehicle_speed_km_h": "WheelBasedVehicleSpeed",
-        "maf_kg_h": "EngInletAirMassFlowRate",
-        "rail_pressure_mpa": "EngInjectorMeteringRail1Press",
-    }
+def test_names_and_units_of_every_language_are_understood(language: str) -> None:
+    # GIVEN a database with names as carmakers and suppliers write them
+    signals, wanted = [], {}
+    for line in language.strip().splitlines():
+        canonical, signal = line.split(maxsplit=1)
+        signal, _, conversion = signal.partition("=")
+        factor, offset = [*map(float, conversion.split()), *(1.0, 0.0)[len(conversion.split()) :]]
+        signals.append(signal.strip())
+        wanted[canonical] = (signal.split()[0], pytest.approx(factor), pytest.approx(offset))
+    # WHEN a map is proposed THEN every signal is found and brought to its unit; what nobody
+    # knows stays in doubt
+    wanted.pop("-", None)
+    assert found(database_of(*signals)) == wanted
 
 
 def test_an_equivalence_ratio_becomes_lambda_by_derivation(tmp_path: Path) -> None:
@@ -206,40 +136,15 @@ def lambda_signal(name: str) -> str:
     return f'{name} (0.0005,0) [0|16] ""'
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "Lambda_B1S2",
-        "Lambda_B2S1",
-        "Lambda2",
-        "Lam2",
-        "O2S12_Lambda",
-        "HO2S21_Lambda",
-        "O2_S2_Lambda",
-        "LambdaBank2",
-        "LambdaSensor2",
-        "LambdaDownstream",
-        "Lambda_post_cat",
-        "LambdaPostCat",
-        "LambdaNachKat",
-        "LambdaHinterKat",
-        "lamhk",
-        "Lambda_hk",
-        "Lambda_nk",
-        "RearLambda",
-        "LambdaRear",
-        "LambdaBinary",
-        "LambdaRight",
-        "Lambda_links",
-        "LambdaKat",
-        "Lambda_sec",
-        "LSF_Lambda",
-        "Wideband2",
-        "AFR_2",
-        "lamsoni2_w",
-        "LambdaSonde2",
-    ],
-)
+OTHER_SENSORS = """
+    Lambda_B1S2 Lambda_B2S1 Lambda2 Lam2 O2S12_Lambda HO2S21_Lambda O2_S2_Lambda LambdaBank2
+    LambdaSensor2 LambdaDownstream Lambda_post_cat LambdaPostCat LambdaNachKat LambdaHinterKat
+    lamhk Lambda_hk Lambda_nk RearLambda LambdaRear LambdaBinary LambdaRight Lambda_links
+    LambdaKat Lambda_sec LSF_Lambda Wideband2 AFR_2 lamsoni2_w LambdaSonde2
+"""
+
+
+@pytest.mark.parametrize("name", OTHER_SENSORS.split())
 def test_another_sensor_is_never_taken_for_the_upstream_one(name: str) -> None:
     text, proposals = proposed(database_of(lambda_signal(name)))
     assert "lambda_measured" not in proposals.names
@@ -248,37 +153,13 @@ def test_another_sensor_is_never_taken_for_the_upstream_one(name: str) -> None:
     assert with_first["lambda_measured"][0] == "LambdaB1S1"
 
 
-@pytest.mark.parametrize(
-    "second",
-    [
-        "Bank2",
-        "B2",
-        "Sensor2",
-        "S2",
-        "2",
-        "02",
-        "B1S2",
-        "B2S1",
-        "Downstream",
-        "PostCat",
-        "Post",
-        "Rear",
-        "NachKat",
-        "HinterKat",
-        "Nk",
-        "Hk",
-        "Behind",
-        "After",
-        "Right",
-        "Links",
-        "Secondary",
-        "Cat",
-        "Kat",
-        "Nernst",
-        "Narrowband",
-        "Ds",
-    ],
-)
+SECOND = """
+    Bank2 B2 Sensor2 S2 2 02 B1S2 B2S1 Downstream PostCat Post Rear NachKat HinterKat Nk Hk
+    Behind After Right Links Secondary Cat Kat Nernst Narrowband Ds
+"""
+
+
+@pytest.mark.parametrize("second", SECOND.split())
 @pytest.mark.parametrize(
     "sensor", ["Lambda", "Lam", "AFR", "Wideband", "Uego", "O2_Lambda", "Sonde_Lambda"]
 )

@@ -171,10 +171,19 @@ CITY = Stretch(5 * MINUTE, speed_km_h=30.0)
 COLD = replace(IDLE, ambient_degc=-8.0)
 
 
+def to_the_second(drive_s: float, city_s: float, idle_s: float) -> list[Stretch]:
+    parts = ((START, 1.0), (DRIVE, drive_s), (CITY, city_s), (IDLE, idle_s))
+    return [lasting(*part) for part in parts]
+
+
 @pytest.mark.parametrize(
     ("stretches", "expected"),
     [
         ([START, DRIVE, CITY, IDLE], 1),
+        (to_the_second(300, 270, 30), 1),
+        (to_the_second(299, 271, 30), 0),
+        (to_the_second(300, 269, 30), 0),
+        (to_the_second(300, 271, 29), 0),
         ([START, lasting(DRIVE, 290), CITY, lasting(CITY, 60), IDLE], 0),  # too little fast driving
         ([START, DRIVE, lasting(CITY, 200), IDLE], 0),  # less than 600 s
         ([START, DRIVE, CITY, lasting(IDLE, 20), CITY, lasting(IDLE, 20)], 0),  # not in a row
@@ -200,17 +209,6 @@ def test_the_general_denominator_asks_for_time_speed_and_idle(
     stretches: list[Stretch], expected: int
 ) -> None:
     assert count("general_denominator", *stretches) == expected
-
-
-@pytest.mark.parametrize(
-    ("drive_s", "city_s", "idle_s", "expected"),
-    [(300, 270, 30, 1), (299, 271, 30, 0), (300, 269, 30, 0), (300, 271, 29, 0)],
-)
-def test_the_general_denominator_is_met_to_the_second(
-    drive_s: float, city_s: float, idle_s: float, expected: int
-) -> None:
-    parts = (lasting(START, 1), lasting(DRIVE, drive_s), lasting(CITY, city_s))
-    assert count("general_denominator", *parts, lasting(IDLE, idle_s)) == expected
 
 
 def test_the_limits_themselves_count() -> None:
@@ -271,12 +269,9 @@ def test_running_time_and_distance_are_those_of_the_running_engine() -> None:
     driven = [each for _, each in cycles.push(block_of(list(drive))).driven]
     assert sum(each.engine_run_s for each in driven) == pytest.approx(720.0)
     assert sum(each.distance_km for each in driven) == pytest.approx(10.0)
-
-
-def test_creeping_counts_as_distance() -> None:
-    cycles = cycles_of()
-    drive = samples([START, replace(DRIVE, seconds=3600.0, speed_km_h=0.5)])
-    driven = [each for _, each in cycles.push(block_of(list(drive))).driven]
+    # and creeping counts as distance
+    creeping = samples([START, replace(DRIVE, seconds=3600.0, speed_km_h=0.5)])
+    driven = [each for _, each in cycles_of().push(block_of(list(creeping))).driven]
     assert sum(each.distance_km for each in driven) == pytest.approx(0.5)
 
 

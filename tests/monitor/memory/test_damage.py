@@ -8,6 +8,15 @@ from typing import Any
 
 import pytest
 
+from benchmarks.damage.fuzz_memory import (
+    attacks,
+    content,
+    contents,
+    damaged,
+    memories,
+    outcome,
+    put,
+)
 from monitor.base.errors import RecordingError
 from monitor.cli import main
 from monitor.memory.block import Block
@@ -16,7 +25,6 @@ from monitor.memory.dtc_store import Saved
 from monitor.memory.reference import Reference
 from monitor.memory.store import Memory
 from tests.conftest import ROOT
-from tests.helpers.memory_damage import attacks, content, contents, damaged, memories, outcome, put
 
 DAMAGES = 90  # of each kind of file set; the benchmark fuzz_memory does 10,000
 Files = dict[str, bytes]

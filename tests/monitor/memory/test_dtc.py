@@ -10,7 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from monitor.base.config import load, shipped
 from monitor.base.errors import ConfigError
 from monitor.memory.codes import CODES, OF_MONITOR, TESTS
-from monitor.memory.dtc import FRESH, Dtc, Status
+from monitor.memory.dtc import Dtc, Status
 from monitor.memory.dtc_store import DtcStore
 from tests.helpers.examples import inputs
 from tests.helpers.fault_store import CARB, code_of, confirmed, frame_of, heal, states
@@ -46,26 +46,6 @@ def test_a_code_is_pending_in_the_first_failing_driving_cycle_and_confirmed_in_t
     # THEN the codes are confirmed
     assert states(store) == dict.fromkeys(CODES[fault], "confirmed")
     assert {dtc.t_ns for dtc in store.active} == {3}
-
-
-def test_the_status_byte_through_two_failing_driving_cycles() -> None:
-    store = DtcStore()
-
-    def status() -> Status:
-        return code_of(store, "P0133").status
-
-    assert status() == FRESH == 0x50
-    assert code_of(store, "P0133").t_ns == 0
-    store.fail("slow_symmetric", 1)
-    assert status() == 0x27  # failed now, this cycle, since clear; pending
-    store.start_driving_cycle()
-    assert status() == 0x64  # pending, not completed this cycle, failed since clear
-    store.fail("slow_symmetric", 1)
-    assert status() == 0xAF  # confirmed, lamp requested
-    store.complete("response")
-    assert status() == 0xAE  # the test passes now, but it has failed this cycle
-    store.start_driving_cycle()
-    assert status() == 0xEC
 
 
 def test_a_completed_test_without_a_fault_clears_only_the_completion_bits() -> None:

@@ -149,16 +149,6 @@ def test_the_signals_of_the_first_failing_are_replaced_by_those_of_the_confirmin
         assert store.freeze_frames["P2A00"].t_ns == expected
 
 
-def test_a_freeze_frame_goes_with_its_code() -> None:
-    store = DtcStore()
-    failing(store, "gain_low", 1)
-    store.start_driving_cycle()
-    store.complete("response")
-    assert "P2A00" in store.freeze_frames
-    store.start_driving_cycle()
-    assert not store.freeze_frames
-
-
 def test_confirmed_codes_come_first_among_the_freeze_frames_then_the_earlier_ones() -> None:
     store = DtcStore()
     failing(store, "biased_rich", 1)

@@ -1,8 +1,5 @@
 """The vehicle's reference: what healthy drives teach, and that no fault is learned away."""
 
-from contextlib import closing
-from pathlib import Path
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,7 +7,6 @@ from hypothesis import strategies as st
 from monitor.base import config
 from monitor.judge.bias import BiasRule
 from monitor.memory.reference import Reference, Seen
-from monitor.memory.store import Memory
 
 BIAS = config.load().bias
 SPAN = BIAS.fuel_span_lambda
@@ -79,15 +75,3 @@ def test_the_gain_is_held_after_the_first_drives() -> None:
     known = learned([0.0] * BIAS.gain_drives, gain=0.95)
     assert known.gain == pytest.approx(0.95)
     assert known.learn(Seen(0.0, 0.7), BIAS).gain == known.gain
-
-
-def test_the_reference_outlives_the_process_and_belongs_to_its_model(tmp_path: Path) -> None:
-    path = tmp_path / "o2.db"
-    with closing(Memory(path)) as memory:
-        assert memory.reference("model a") == Reference()
-        memory.learn("model a", Seen(0.01, 0.9), BIAS)
-        memory.learn("model a", None, BIAS)  # a drive that teaches nothing
-        memory.learn("model a", Seen(-0.01, 0.9), BIAS)
-    with closing(Memory(path)) as memory:
-        assert memory.reference("model a") == Reference(-0.01, 0.01, pytest.approx(0.9), 2)
-        assert memory.reference("model b") == Reference()

@@ -19,7 +19,7 @@ from monitor.memory.block import Block
 from monitor.memory.codes import CODES, TESTS
 from monitor.memory.content import SCHEMA_VERSION, Content, text_of
 from monitor.memory.dtc import Dtc, Status
-from monitor.memory.dtc_store import DtcStore, Saved
+from monitor.memory.dtc_store import Saved
 from monitor.memory.reference import Reference, Seen
 from monitor.memory.store import Memory
 from tests.helpers.examples import inputs
@@ -99,18 +99,6 @@ def test_everything_is_loaded_as_it_was_saved(
             memory.save(each)
             assert reopened(path) == each
             assert list(reopened(path).permanent) == list(each.permanent)  # oldest first
-
-
-def test_a_code_matures_over_processes_as_it_does_in_one(tmp_path: Path) -> None:
-    path = tmp_path / "dtc.db"
-    for expected in ("pending", "confirmed"):
-        with closing(Memory(path)) as memory:
-            store = DtcStore(memory.load())
-            store.start_driving_cycle()
-            store.fail("slow_symmetric", 5)
-            memory.save(store.saved)
-        (stored,) = DtcStore(reopened(path)).active
-        assert (stored.code, stored.fault, stored.state) == ("P0133", "slow_symmetric", expected)
 
 
 def test_what_another_process_has_written_in_between_is_replaced(tmp_path: Path) -> None:

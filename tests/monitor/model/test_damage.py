@@ -7,13 +7,13 @@ from pathlib import Path
 import onnx
 import pytest
 
+from benchmarks.damage.fuzz_models import card_of, damaged, hostile, outcome, with_card_text
 from monitor.base.errors import ModelError
 from monitor.cli import main
 from monitor.model import model_file
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
-from tests.helpers.model_damage import card_of, damaged, hostile, outcome, with_card_text
 from training.narx.export import update_card
 
 GOOD = shipped_model().read_bytes()

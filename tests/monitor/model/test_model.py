@@ -12,12 +12,12 @@ import pytest
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model import model_file
-from monitor.model.card import Channel, Limit, ModelCard, TrainingRecording
+from monitor.model.card import Limit, ModelCard, TrainingRecording
 from monitor.model.step import Model, from_model_units, to_model_units
+from tests.helpers.networks import card_of, network_of
 from training.narx.export import Network, build, file_content, save, update_card
-from training.narx.network import Spec, initial_weights, simulate
+from training.narx.network import simulate
 from training.narx.parity import parity
-from training.recordings.samples.scaling import Scaling
 from training.recordings.samples.transforms import apply, fuel_air_ratio
 
 INPUTS = ("air_mass_mg", "fuel_mass_mg", "lambda_controller")
@@ -31,72 +31,15 @@ def network(
     hidden: tuple[int, ...] = (8, 8),
 ) -> Network:
     high = np.array([600.0, 2.5, 1.2]) if ratio else HIGH
-    y_low, y_high = (0.0, 1.7) if transform == "phi" else (-3.0, 4.0)
-    scaling = Scaling(
-        u_mean=(LOW + high) / 2,
-        u_std=(high - LOW) / 4,
-        u_low=LOW,
-        u_high=high,
-        y_mean=0.9,
-        y_std=0.3,
-        y_low=y_low,
-        y_high=y_high,
-    )
-    spec = Spec(
-        n_inputs=3,
-        lags=5,
-        hidden=hidden,
-        input_lag_start=first_lag,
-        y_min=(y_low - 0.9) / 0.3,
-        y_max=(y_high - 0.9) / 0.3,
-    )
-    weights = 1.3 * initial_weights(spec, np.random.default_rng(4))
-    transforms = (fuel_air_ratio(),) if ratio else ()
-    return Network(
-        spec=spec,
-        weights=weights,
-        scaling=scaling,
-        transform=transform,
-        transforms=transforms,
-        inputs=INPUTS,
-    )
+    more = (fuel_air_ratio(),) if ratio else ()
+    shape = {"hidden": hidden, "first_lag": first_lag}
+    return network_of(INPUTS, LOW, high, transform, transforms=more, **shape)
 
 
 def card(net: Network) -> ModelCard:
-    channels = tuple(
-        Channel(
-            name=n,
-            unit="",
-            minimum=float(a),
-            maximum=float(b),
-            percentile_0_1=float(a),
-            percentile_99_9=float(b),
-        )
-        for n, a, b in zip(INPUTS, LOW, HIGH, strict=True)
-    )
-    return ModelCard(
-        kind="narx",
-        inputs=channels,
-        output=Channel(
-            name="lambda_measured",
-            unit="-",
-            minimum=0.7,
-            maximum=16.0,
-            percentile_0_1=0.8,
-            percentile_99_9=16.0,
-        ),
-        transform=net.transform,
-        output_limits=(net.scaling.y_low, net.scaling.y_high),
-        period_ns=100_000_000,
-        lags=net.spec.lags,
-        input_lag_start=net.spec.input_lag_start,
-        layers=net.spec.hidden,
-        state=net.state_layout,
-        recordings=(TrainingRecording("drive.log", "ab" * 32, 1000),),
-        residual_mean=0.0,
-        residual_std=0.01,
-        limits={"j_mu": Limit(0.05, "-", "test")},
-    )
+    recordings = (TrainingRecording("drive.log", "ab" * 32, 1000),)
+    limits = {"j_mu": Limit(0.05, "-", "test")}
+    return card_of(net, LOW, HIGH, recordings=recordings, limits=limits)
 
 
 def drive(n: int = 400, seed: int = 1) -> FloatArray:
@@ -263,27 +206,6 @@ def test_the_ratio_takes_the_place_of_fuel_mass() -> None:
 def test_a_missing_file_is_an_error_with_its_name() -> None:
     with pytest.raises(ModelError, match=r"nowhere\.onnx: no such model file"):
         Model.load("nowhere.onnx")
-
-
-def test_a_file_that_is_not_onnx_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "model.onnx"
-    file.write_bytes(b"time_s,lambda\n0,1\n")
-    with pytest.raises(ModelError, match=r"model\.onnx: not a usable ONNX file"):
-        Model.load(file)
-
-
-def test_an_onnx_file_without_a_card_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "model.onnx"
-    file.write_bytes(build(network()).SerializeToString())
-    with pytest.raises(ModelError, match=r"model\.onnx: no model card"):
-        Model.load(file)
-
-
-def test_a_card_that_disagrees_with_its_graph_is_refused(path: Path) -> None:
-    channels = json.loads(card(network()).to_json())["inputs"]
-    rewrite_card(path, inputs=channels[:2])
-    with pytest.raises(ModelError, match=r"u has shape \['batch', 3\], its card says \(batch, 2\)"):
-        Model.load(path)
 
 
 def test_a_state_of_another_size_is_refused(path: Path) -> None:

@@ -1,7 +1,8 @@
 """Recordings give the same events alone or side by side, and wherever their blocks begin."""
 
 from dataclasses import replace
-from itertools import pairwise
+from functools import partial
+from itertools import pairwise, repeat
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +17,13 @@ from monitor.judge import enable
 from monitor.judge.limits import Limits
 from monitor.judge.response.bank import Bank, Spans, build, phases
 from monitor.memory.reference import Reference
-from monitor.model.card import Channel, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import judge_all
 from tests.helpers.examples import inputs
+from tests.helpers.networks import card_of, network_of
 from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
-from training.narx.export import Network, save
-from training.narx.network import Spec, initial_weights
-from training.recordings.samples.scaling import Scaling
+from training.narx.export import save
 
 INPUTS = ("air_mass_mg", "lambda_controller")
 NAMES = (*INPUTS, "lambda_measured", *enable.SIGNALS)
@@ -61,64 +60,11 @@ TIGHT = replace(
 )
 
 
-def tiny_model(folder: Path, transform: str, weight: float = 1.3) -> Model:
+def tiny_model(folder: Path, transform: str) -> Model:
     low, high = np.array([100.0, 0.8]), np.array([600.0, 1.2])
-    y_low, y_high = (0.0, 1.7) if transform == "phi" else (-3.0, 4.0)
-    spec = Spec(
-        n_inputs=2,
-        lags=3,
-        hidden=(4,),
-        input_lag_start=1,
-        y_min=(y_low - 0.9) / 0.3,
-        y_max=(y_high - 0.9) / 0.3,
-    )
-    weights = weight * initial_weights(spec, np.random.default_rng(4))
-    scaling = Scaling(
-        u_mean=(low + high) / 2,
-        u_std=(high - low) / 4,
-        u_low=low,
-        u_high=high,
-        y_mean=0.9,
-        y_std=0.3,
-        y_low=y_low,
-        y_high=y_high,
-    )
-    net = Network(
-        spec=spec,
-        weights=weights,
-        scaling=scaling,
-        transform=transform,
-        transforms=(),
-        inputs=INPUTS,
-    )
-    channels = tuple(
-        Channel(name=name, unit="", minimum=a, maximum=b, percentile_0_1=a, percentile_99_9=b)
-        for name, a, b in zip(INPUTS, low.tolist(), high.tolist(), strict=True)
-    )
-    card = ModelCard(
-        kind="narx",
-        inputs=channels,
-        output=Channel(
-            name="lambda_measured",
-            unit="-",
-            minimum=0.7,
-            maximum=1.2,
-            percentile_0_1=0.8,
-            percentile_99_9=1.2,
-        ),
-        transform=transform,
-        output_limits=(y_low, y_high),
-        period_ns=PERIOD_NS,
-        lags=spec.lags,
-        input_lag_start=1,
-        layers=spec.hidden,
-        state=net.state_layout,
-        recordings=(),
-        residual_mean=0.0,
-        residual_std=0.01,
-    )
+    net = network_of(INPUTS, low, high, transform, lags=3, hidden=(4,))
     path = folder / f"{transform}.onnx"
-    save(path, net, card)
+    save(path, net, card_of(net, low, high, longest=1.2))
     return Model.load(path)
 
 
@@ -230,39 +176,16 @@ def test_recordings_are_judged_alike_alone_or_side_by_side_and_however_they_are_
         rows=rows,
         clearings=clearings,
     )
+    alone = partial(
+        stream, names=names, model=model, limits=TIGHT, settings=SHORT, reference=learned
+    )
     assert len(judged) == len(blocks)
     for block, got, store, own in zip(blocks, judged, stores, clearings, strict=True):
-        streamed = fresh()
-        assert_same(
-            stream(
-                block,
-                names,
-                model=model,
-                limits=TIGHT,
-                settings=SHORT,
-                store=streamed,
-                reference=learned,
-                clearings=own,
-            ),
-            got,
-        )
-        assert kept(streamed) == kept(store)
-        cut, sizes = fresh(), data.draw(st.lists(st.integers(1, 120)))
-        assert_same(
-            stream(
-                block,
-                names,
-                model=model,
-                limits=TIGHT,
-                settings=SHORT,
-                store=cut,
-                reference=learned,
-                clearings=own,
-                sizes=sizes,
-            ),
-            got,
-        )
-        assert kept(cut) == kept(store)
+        for sizes in (repeat(1), data.draw(st.lists(st.integers(1, 120)))):
+            streamed = fresh()
+            found = alone(block, store=streamed, clearings=own, sizes=sizes)
+            assert_same(found, got)
+            assert kept(streamed) == kept(store)
 
 
 _EMPTY = SampleBlock(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -20,6 +21,9 @@ from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept,
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
 
+MODEL = Model.load(shipped_model())
+LIMITS = Limits.from_card(MODEL.card, SHIPPED, "shipped")
+streamed = partial(stream, model=MODEL, limits=LIMITS, settings=SHIPPED)
 WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
 
 
@@ -51,13 +55,10 @@ def test_simulated_drives_with_the_shipped_model_are_judged_alike(
     drives: tuple[list[SampleBlock], tuple[str, ...]],
 ) -> None:
     blocks, names = drives
-    model = Model.load(shipped_model())
-    limits = replace(Limits.from_card(model.card, SHIPPED, "shipped"), evidence_cut=0.75)
-    judged = judge_all(blocks, names, model, limits, SHIPPED)
+    limits = replace(LIMITS, evidence_cut=0.75)
+    judged = judge_all(blocks, names, MODEL, limits, SHIPPED)
     for block, got in zip(blocks, judged, strict=True):
-        assert_same(
-            stream(block, names, model=model, limits=limits, settings=SHIPPED, store=fresh()), got
-        )
+        assert_same(streamed(block, names, limits=limits, store=fresh()), got)
     # there was something to compare
     assert sum(len(j.windows) for j in judged) > 100
     assert sum(len(j.cuts) for j in judged) > 20
@@ -72,19 +73,13 @@ def test_a_fault_in_the_second_driving_cycle_is_confirmed_as_when_streaming(
     # GIVEN fault memories that have seen a drive in which the sensor's frames end
     blocks, names = drives
     missing = blocks[5]
-    model = Model.load(shipped_model())
-    limits = Limits.from_card(model.card, SHIPPED, "shipped")
     stores = [fresh(), fresh()]
     for store in stores:
-        stream(missing, names, model=model, limits=limits, settings=SHIPPED, store=store)
+        streamed(missing, names, store=store)
         store.start_driving_cycle()
     # WHEN the same happens again
-    (got,) = judge_all(
-        [missing], names, model=model, limits=limits, config=SHIPPED, stores=[stores[0]]
-    )
-    assert_same(
-        stream(missing, names, model=model, limits=limits, settings=SHIPPED, store=stores[1]), got
-    )
+    (got,) = judge_all([missing], names, MODEL, LIMITS, SHIPPED, stores=[stores[0]])
+    assert_same(streamed(missing, names, store=stores[1]), got)
     # THEN the code is confirmed
     assert [dtc.state for dtc in got.dtcs] == ["confirmed"]
 
@@ -93,23 +88,10 @@ def test_every_vehicle_is_judged_by_its_own_reference(
     drives: tuple[list[SampleBlock], tuple[str, ...]],
 ) -> None:
     blocks, names = drives
-    model = Model.load(shipped_model())
-    limits = Limits.from_card(model.card, SHIPPED, "shipped")
     references = [Reference(), Reference(-0.03, -0.02, 0.96, 2), Reference(0.2, 0.2, 1.0, 1)]
-    judged = judge_all(blocks[:3], names, model, limits, SHIPPED, references=references, rows=2)
+    judged = judge_all(blocks[:3], names, MODEL, LIMITS, SHIPPED, references=references, rows=2)
     for block, reference, got in zip(blocks[:3], references, judged, strict=True):
-        assert_same(
-            stream(
-                block,
-                names,
-                model=model,
-                limits=limits,
-                settings=SHIPPED,
-                store=fresh(),
-                reference=reference,
-            ),
-            got,
-        )
+        assert_same(streamed(block, names, store=fresh(), reference=reference), got)
     # a reference that is far off makes the healthy sensor look biased
     assert {w.fault for w in judged[2].windows} & set(TESTS["bias"])
 
@@ -140,41 +122,20 @@ def test_the_reference_learns_between_two_drives_of_one_recording(
 ) -> None:
     blocks, names = drives
     both = [joined(blocks[0], blocks[0], names), joined(blocks[0], blocks[2], names)]
-    model = Model.load(shipped_model())
-    limits = Limits.from_card(model.card, SHIPPED, "shipped")
     stores = [fresh() for _ in both]
     references = [Reference()] * len(both)
-    judged = judge_all(
-        both,
-        names,
-        model=model,
-        limits=limits,
-        config=SHIPPED,
-        stores=stores,
-        references=references,
-    )
+    judged = judge_all(both, names, MODEL, LIMITS, SHIPPED, stores=stores, references=references)
     for block, got, store in zip(both, judged, stores, strict=True):
         assert [each.seen is not None for each in got.cycles] == [True]
         assert got.reference.drives == 1
-        assert got.limits.gain != limits.gain
+        assert got.limits.gain != LIMITS.gain
         own = fresh()
-        assert_same(
-            stream(
-                block,
-                names,
-                model=model,
-                limits=limits,
-                settings=SHIPPED,
-                store=own,
-                reference=Reference(),
-            ),
-            got,
-        )
+        assert_same(streamed(block, names, store=own, reference=Reference()), got)
         assert kept(own) == kept(store)
         assert store.counts.ignition_cycles == 2
     # without a reference nothing is learned, and the second drive is judged as the first one
-    (alone,) = judge_all(both[:1], names, model, limits, SHIPPED)
-    assert alone.limits == limits
+    (alone,) = judge_all(both[:1], names, MODEL, LIMITS, SHIPPED)
+    assert alone.limits == LIMITS
     half = len(alone.windows) // 2
     assert [w.statistics for w in alone.windows[half:]] == [
         w.statistics for w in alone.windows[:half]
@@ -188,8 +149,6 @@ def test_a_confirmed_code_counts_warm_up_cycles_until_it_is_erased(
     blocks, names = drives
     code = next(iter(CODES["slow_symmetric"]))
     old = Dtc(code, "slow_symmetric", (), Status.CONFIRMED, passed_cycles=3, warm_ups=39)
-    model = Model.load(shipped_model())
-    limits = Limits.from_card(model.card, SHIPPED, "shipped")
     stores = [DtcStore(Saved((old,))) for _ in range(2)]
     for store in stores:
         store.start_driving_cycle()
@@ -197,12 +156,8 @@ def test_a_confirmed_code_counts_warm_up_cycles_until_it_is_erased(
     cold = blocks[0].values.copy()
     cold[:300, names.index("coolant_temperature_degc")] = 20.0
     block = joined(blocks[0]._replace(values=cold), blocks[0], names)
-    (got,) = judge_all(
-        [block], names, model=model, limits=limits, config=SHIPPED, stores=stores[:1]
-    )
-    assert_same(
-        stream(block, names, model=model, limits=limits, settings=SHIPPED, store=stores[1]), got
-    )
+    (got,) = judge_all([block], names, MODEL, LIMITS, SHIPPED, stores=stores[:1])
+    assert_same(streamed(block, names, store=stores[1]), got)
     assert kept(stores[0]) == kept(stores[1])
     # THEN it is gone
     assert got.dtcs == []

@@ -8,7 +8,7 @@ import pytest
 
 from monitor import cli
 from monitor.base.errors import RecordingError
-from monitor.frames.tables import parquet, readers
+from monitor.frames.tables import parquet
 from monitor.grid.tables import read_table
 from tests.helpers.car_model import log_and_model
 from tests.helpers.logger_files import TUNER_UNITS, drive, write_text_table
@@ -163,40 +163,6 @@ def test_parquet_is_judged_where_a_library_is_there_and_says_how_to_get_one(
     monkeypatch.setattr(parquet, "find_spec", lambda _: None)
     with pytest.raises(RecordingError, match="pip install polars, or write the table as CSV"):
         read_table(path)
-
-
-def test_a_plug_in_brings_a_reader_in_a_few_lines(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # GIVEN an installed distribution with an entry point for files of the suffix .two
-    (tmp_path / "two_reader.py").write_text(
-        "import numpy as np\n"
-        "from monitor.frames.tables.raw_table import RawColumn, RawTable\n"
-        "def open_two(path):\n"
-        "    cells = np.array([line.split('|') for line in path.read_text().splitlines()], float)\n"
-        "    columns = (RawColumn('Time (msec)'), RawColumn('Engine Speed (rpm)'))\n"
-        "    read = lambda wanted, notes: iter([cells[:, [each.column for each in wanted]]])\n"
-        "    return RawTable(path, 'two columns', columns, read)\n"
-    )
-    info = tmp_path / "two_reader-1.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: two-reader\nVersion: 1\n")
-    (info / "entry_points.txt").write_text("[o2_monitor.readers]\ntwo = two_reader:open_two\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    readers.plugins.cache_clear()
-    path = tmp_path / "drive.two"
-    path.write_text("0|1000\n100|1010\n200|1020\n")
-    try:
-        # WHEN a file of its kind is read THEN the profile knows its columns
-        table = read_table(path)
-        assert table.profile == "romraider"
-        assert table.values[:, 0].tolist() == [1000.0, 1010.0, 1020.0]
-        # and what the reader raises is told in one line
-        path.write_text("0|x\n")
-        with pytest.raises(RecordingError, match=r"reader two_reader:open_two fails: could not"):
-            read_table(path)
-    finally:
-        readers.plugins.cache_clear()
 
 
 def test_a_log_whose_sensor_was_off_is_nothing_to_learn_from(

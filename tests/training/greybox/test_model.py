@@ -1,12 +1,10 @@
 """The grey-box chain as a model: its constants, its file, and effects in its graph."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from monitor.base.errors import ModelError, UsageError
 from monitor.base.types import FloatArray
@@ -17,10 +15,10 @@ from training.dyno.simulation import Experiment
 from training.gap.verify.verification import verify
 from training.greybox.chain import Constants, base_path, settled, simulate
 from training.greybox.charge.map import INPUTS
-from training.greybox.effects.form.place import PathNodes
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import reference
 from training.greybox.graph.chain_graph import Greybox, build, save
-from training.greybox.graph.effect import GraphEffect
+from training.greybox.graph.effect import GraphEffect, graph_effect
 from training.greybox.model import (
     POOR_CORRELATION,
     GreyboxResult,
@@ -29,7 +27,6 @@ from training.greybox.model import (
     write_model,
 )
 from training.healthy.base import plain_drives_of
-from training.narx.export import Graph
 from training.recordings.recording import Recording, load
 
 PERIOD_S = 0.1
@@ -154,7 +151,7 @@ def test_batched_and_single_runs_give_the_same_bits(
     result: GreyboxResult, dense: GreyboxResult, tmp_path: Path, batch: int
 ) -> None:
     # GIVEN the base, a path on which everything follows the inputs, and an own charge
-    moving = replace(result.greybox, effects=(MIXING_BY_SPEED, UNEVEN_SENSOR, FILM))
+    moving = replace(result.greybox, effects=effects())
     save(tmp_path / "moving.onnx", moving, card_of(result, moving))
     for path in (result.path, tmp_path / "moving.onnx", dense.path):
         u = wild_inputs(batch, 120)
@@ -173,6 +170,13 @@ def wild_inputs(batch: int, n: int) -> FloatArray:
     u = rng.uniform([10.0, 200.0, 700.0], [60.0, 600.0, 4000.0], (batch, n, 3))
     u[:, 40:60, 0] = 0.0
     return u
+
+
+def effects() -> tuple[GraphEffect, ...]:
+    """Effects of the fuel, of the mixing and of the sensor."""
+    values = {"wall_film": [0.2, 0.8, 1.0], "mix_flow": [0.5], "sensor_asymmetry": [0.5]}
+    made = (ModelEffect.with_values(name, each) for name, each in values.items())
+    return tuple(graph_effect(each, PERIOD_S, ("engine_speed_rpm",)) for each in made)
 
 
 def card_of(result: GreyboxResult, greybox: Greybox) -> "object":
@@ -318,63 +322,3 @@ def test_a_chain_with_its_own_charge_is_verified_without_a_broadcast_one(
         for each in (silent, drives[2])
     )
     assert found.overall.before == told.overall.before > 0.0
-
-
-def _film(
-    graph: Graph, nodes: PathNodes, signals: Mapping[str, str], states: Sequence[str]
-) -> tuple[PathNodes, list[str]]:
-    """A tenth of the fuel through a film that gives back a fifth of itself each sample."""
-    share, rate = graph.constant("film_share", 0.1), graph.constant("film_rate", 0.2)
-    direct = graph.constant("film_direct", 0.9)
-    given = graph.add("Mul", [states[0], rate], "film_given")
-    caught = graph.add("Mul", [nodes.fuel_mg, share], "film_caught")
-    left = graph.add("Add", [graph.add("Sub", [states[0], given], "film_less"), caught], "film")
-    burnt = graph.add("Mul", [nodes.fuel_mg, direct], "film_past")
-    fuel = graph.add("Add", [burnt, given], "film_fuel")
-    return replace(nodes, fuel_mg=fuel), [left]
-
-
-def _mixing(
-    graph: Graph, nodes: PathNodes, signals: Mapping[str, str], states: Sequence[str]
-) -> tuple[PathNodes, list[str]]:
-    top = graph.constant("mix_top", 200.0)
-    time = graph.add("Div", [top, signals["engine_speed_rpm"]], "mix_time")
-    return replace(nodes, mixing_s=time), []
-
-
-def _uneven(
-    graph: Graph, nodes: PathNodes, signals: Mapping[str, str], states: Sequence[str]
-) -> tuple[PathNodes, list[str]]:
-    return replace(nodes, sensor_falling_s=graph.constant("slow_s", [[0.3]])), []
-
-
-FILM = GraphEffect("film", 1, _film)
-MIXING_BY_SPEED = GraphEffect("mixing_by_speed", 0, _mixing)
-UNEVEN_SENSOR = GraphEffect("uneven_sensor", 0, _uneven)
-
-
-def test_effects_in_the_graph_are_the_path_s(result: GreyboxResult, tmp_path: Path) -> None:
-    # GIVEN a graph with a film before transport, mixing by speed and an uneven sensor after it
-    greybox = replace(result.greybox, effects=(FILM, MIXING_BY_SPEED, UNEVEN_SENSOR))
-    save(tmp_path / "m.onnx", greybox, card_of(result, greybox))
-    model = Model.load(tmp_path / "m.onnx")
-    assert model.card.state.size == result.card.state.size + 1
-    u = wild_inputs(1, 800)[0]
-    u[:, 0] = u[:, 1] / 14.7 * np.random.default_rng(5).uniform(0.9, 1.1, 800)
-    # WHEN the same is done to the arrays
-    signals = greybox.signals(u)
-    base = base_path(greybox.constants, signals)
-    film = lfilter([0.1], [1.0, -0.8], signals["fuel_mass_mg"])
-    given = 0.2 * np.r_[0.0, film[:-1]]
-    changed = replace(
-        base,
-        fuel_mg=0.9 * base.fuel_mg + given,
-        mixing_s=200.0 / signals["engine_speed_rpm"],
-        sensor_falling_s=np.full(800, 0.3),
-    )
-    expected = simulate(changed, PERIOD_S)
-    # THEN both read the same
-    model.state[:] = 0.0
-    run = 1.0 / model.run_batch(u[None])[0]
-    assert np.abs(run - expected)[200:].max() < 1e-5
-    assert np.abs(simulate(base, PERIOD_S) - expected)[200:].max() > 0.01

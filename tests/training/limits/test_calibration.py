@@ -52,35 +52,17 @@ def calibrated(drives: Path) -> Path:
     """A model calibrated on the first three healthy drives and both faulty ones."""
     model = drives / "model.onnx"
     shutil.copyfile(shipped_model(), model)
-    assert (
-        main(
-            [
-                *command(drives),
-                "--out",
-                str(drives / "calibrated.onnx"),
-                "--json",
-                str(drives / "figures.json"),
-                "--report",
-                str(drives / "page.html"),
-            ]
-        )
-        == 0
-    )
+    files = {"--out": "calibrated.onnx", "--json": "figures.json", "--report": "page.html"}
+    written = [word for option, name in files.items() for word in (option, str(drives / name))]
+    assert main([*command(drives), *written]) == 0
     return drives / "calibrated.onnx"
 
 
 def command(folder: Path, healthy: int = 3, rate: float = RATE) -> list[str]:
-    return [
-        "calibrate",
-        "--model",
-        str(folder / "model.onnx"),
-        "--false-alarms",
-        str(rate),
-        "--healthy",
-        *(str(p) for p in sorted(folder.glob("*_healthy.parquet"))[:healthy]),
-        "--faulty",
-        *(str(p) for p in sorted(folder.glob("*_s9106_*.parquet"))),
-    ]
+    sound = map(str, sorted(folder.glob("*_healthy.parquet"))[:healthy])
+    faulty = map(str, sorted(folder.glob("*_s9106_*.parquet")))
+    given = ["--model", str(folder / "model.onnx"), "--false-alarms", str(rate)]
+    return ["calibrate", *given, "--healthy", *sound, "--faulty", *faulty]
 
 
 def test_bounds_of_a_quantile_hold_it_as_often_as_they_say() -> None:

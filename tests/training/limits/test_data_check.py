@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor.base.types import FloatArray, Quality
+from monitor.base.types import FloatArray
+from tests.helpers.recordings import recording_of
 from training.cli import main
 from training.limits.data_check.check import check
 from training.limits.data_check.findings import as_page, as_text
@@ -21,18 +22,7 @@ Findings = dict[str, list[tuple[str, str]]]
 def recording(
     columns: dict[str, FloatArray], name: str = "drive", period_s: float = 0.1
 ) -> Recording:
-    values = np.column_stack(list(columns.values()))
-    quality = np.where(np.isnan(values), Quality.INVALID, Quality.GOOD).astype(np.uint8)
-    n = len(values)
-    return Recording(
-        path=Path(f"{name}.csv"),
-        sha256=name,
-        period_ns=round(period_s * 1e9),
-        t_s=np.arange(n) * period_s,
-        names=tuple(columns),
-        values=values,
-        quality=quality,
-    )
+    return recording_of(columns, f"{name}.csv", period_s)
 
 
 def walk(rng: np.random.Generator, n: int, memory: float) -> FloatArray:
@@ -266,22 +256,8 @@ def test_the_command_prints_writes_and_ends_with_0(
 ) -> None:
     path = write_csv(tmp_path / "a.csv", engine(n=2000))
     page, out = tmp_path / "check.html", tmp_path / "check.json"
-    code = main(
-        [
-            "check",
-            str(path),
-            "--inputs",
-            *INPUTS,
-            "--output",
-            "lean",
-            "--hidden",
-            "4",
-            "--json",
-            str(out),
-            "--html",
-            str(page),
-        ]
-    )
+    chosen = ["--inputs", *INPUTS, "--output", "lean", "--hidden", "4"]
+    code = main(["check", str(path), *chosen, "--json", str(out), "--html", str(page)])
     text = capsys.readouterr().out
     assert code == 0
     assert text.splitlines()[-1].startswith("usable")

@@ -9,10 +9,9 @@ from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.bias import BiasRule
 from monitor.judge.findings import WindowJudged
-from monitor.judge.window import Window
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.estimates import NO_ESTIMATES
+from tests.helpers.windows import judged_window
 from training.limits.decision_limits import healthy_offsets, limits_of
 
 CONFIG = config.load()
@@ -74,27 +73,8 @@ def test_the_spread_is_at_most_the_plain_one_in_any_unit(
 
 def judged(mean: float, swing: float) -> WindowJudged:
     """Return a window whose reading is off by ``mean`` and moves by ``swing``."""
-    n = CONFIG.window.n_samples
-    window = Window(
-        index=0,
-        t_start_ns=0,
-        t_end_ns=1,
-        measured=1.0 + mean + swing * np.sin(np.arange(n)),
-        predicted=np.ones(n),
-        bank=np.ones((n, 1)),
-        inputs=np.zeros((n, 1)),
-    )
-    return WindowJudged(
-        window=window,
-        mean=mean,
-        std=0.01,
-        paper_failed=False,
-        outcome="inconclusive",
-        fault=None,
-        also=(),
-        excited=True,
-        statistics=NO_ESTIMATES,
-    )
+    moves = swing * np.sin(np.arange(CONFIG.window.n_samples))
+    return judged_window(mean, 0.01, measured=1.0 + mean + moves)
 
 
 @pytest.mark.parametrize(("moving", "counts"), [(30, "moving"), (5, "all")])

@@ -1,15 +1,13 @@
 """A sensor that stands at an end of its range: the model's output ends there, too."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from tests.helpers.recordings import recording_of
 from training.narx.algorithms.objectives import ClosedLoop
 from training.narx.network import Spec
 from training.narx.search.stages import pieces
-from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, prepare
 
 END = 0.4
@@ -19,16 +17,7 @@ def drive(clipped: bool, n: int = 4000) -> Prepared:
     """A first-order lag of steps, read by a sensor whose range may end at ``END``."""
     u = np.random.default_rng(1).uniform(-1, 1, n // 20).repeat(20)
     y = lfilter([0.2], [1, -0.8], u)
-    values = np.column_stack([u, np.minimum(y, END) if clipped else y])
-    recording = Recording(
-        path=Path("drive.csv"),
-        sha256="0" * 64,
-        period_ns=100_000_000,
-        t_s=np.arange(n) * 0.1,
-        names=("u", "y"),
-        values=values,
-        quality=np.zeros(values.shape, np.uint8),
-    )
+    recording = recording_of({"u": u, "y": np.minimum(y, END) if clipped else y})
     return prepare([recording], ["u"], "y")
 
 

@@ -13,6 +13,7 @@ import pytest
 from monitor.base.errors import ModelError, RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
+from tests.helpers.recordings import recording_of
 from training.cli import main
 from training.limits.evaluation import evaluate, predict
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
@@ -41,17 +42,8 @@ def plant(seed: int, n: int = 2500, name: str = "drive") -> Recording:
         phi[t] = phi[t - 1] + 0.45 * (14.7 * fuel[t - 2] / air[t - 2] - phi[t - 1])
     measured = 1.0 / np.maximum(phi + 0.002 * rng.standard_normal(n), 1 / 16)
     measured[:7] = np.nan  # the sensor is not ready yet
-    values = np.column_stack([air, fuel, measured, cut])
-    quality = np.zeros(values.shape, np.uint8)
-    return Recording(
-        path=Path(f"{name}{seed}.csv"),
-        sha256=f"{seed:064x}",
-        period_ns=100_000_000,
-        t_s=np.arange(n) * 0.1,
-        names=NAMES,
-        values=values,
-        quality=quality,
-    )
+    columns = dict(zip(NAMES, (air, fuel, measured, cut), strict=True))
+    return recording_of(columns, f"{name}{seed}.csv", sha256=f"{seed:064x}")
 
 
 def source_of(*recordings: Recording, transforms: Sequence[Any] = ()) -> FitSource:
@@ -192,29 +184,13 @@ def test_a_gap_in_the_inputs_restarts_the_free_run(fitted: FitResult) -> None:
 
 def test_enabled_figures_are_null_without_enable_conditions(fitted: FitResult) -> None:
     drive = plant(9)
-    bare = Recording(
-        path=drive.path,
-        sha256="",
-        period_ns=drive.period_ns,
-        t_s=drive.t_s,
-        names=NAMES[:3],
-        values=drive.values[:, :3],
-        quality=drive.quality[:, :3],
-    )
+    bare = recording_of({name: drive.column(name) for name in NAMES[:3]})
     assert evaluate(fitted.path, [bare])["recordings"][0]["enabled"] is None
 
 
 def test_a_recording_that_does_not_fit_the_model_is_named(fitted: FitResult) -> None:
     drive = plant(9)
-    slow = Recording(
-        path=drive.path,
-        sha256="",
-        period_ns=200_000_000,
-        t_s=drive.t_s,
-        names=NAMES,
-        values=drive.values,
-        quality=drive.quality,
-    )
+    slow = replace(drive, period_ns=200_000_000)
     with pytest.raises(RecordingError, match=r"drive9\.csv: sample period 0\.2 s"):
         evaluate(fitted.path, [slow])
     with pytest.raises(ModelError, match="no such model file"):
@@ -299,24 +275,9 @@ def test_fit_and_evaluate_on_the_command_line(
         save_table(tmp_path / f"drive{seed}.csv", plant(seed, 1500))
     model, figures = str(tmp_path / "m.onnx"), tmp_path / "figures.json"
     # WHEN one is trained on and the other evaluated
-    done = main(
-        [
-            "fit",
-            str(tmp_path / "drive1.csv"),
-            "--out",
-            model,
-            "--inputs",
-            *NAMES[:2],
-            "--lags",
-            "2",
-            "--hidden",
-            "3",
-            "--starts",
-            "1",
-            "--report",
-            str(tmp_path / "fit.html"),
-        ]
-    )
+    shape = ["--inputs", *NAMES[:2], "--lags", "2", "--hidden", "3", "--starts", "1"]
+    written = ["--out", model, "--report", str(tmp_path / "fit.html")]
+    done = main(["fit", str(tmp_path / "drive1.csv"), *shape, *written])
     assert done == 0
     out = capsys.readouterr().out
     assert "held-out blocks, enabled samples: free run fit" in out

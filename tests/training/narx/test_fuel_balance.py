@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor.base.types import FloatArray, Quality
+from monitor.base.types import FloatArray
 from monitor.model.step import Model
+from tests.helpers.recordings import recording_of
 from training.narx.fit import FitOptions, FitSource, fit
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import FUEL_TURN, fuel_turns
@@ -26,18 +27,8 @@ def closed_loop(seed: int, noise: float = 0.02) -> Recording:
     for k in range(3, N):
         phi[k] = phi[k - 1] + 0.4 * (14.7 * fuel[k - 3] / air[k - 3] - phi[k - 1])
     broadcast = fuel * (1.0 + noise * rng.standard_normal(N))
-    values = np.column_stack([air, broadcast, 1.0 / phi + 0.001 * rng.standard_normal(N)])
-    quality = np.full(values.shape, Quality.GOOD, dtype=np.uint8)
-    t_s = np.arange(N) * 0.1
-    return Recording(
-        path=Path(f"loop{seed}.csv"),
-        sha256=str(seed),
-        period_ns=PERIOD_NS,
-        t_s=t_s,
-        names=NAMES,
-        values=values,
-        quality=quality,
-    )
+    columns = (air, broadcast, 1.0 / phi + 0.001 * rng.standard_normal(N))
+    return recording_of(dict(zip(NAMES, columns, strict=True)), f"loop{seed}.csv")
 
 
 def predicted_phi(path: Path, recording: Recording, factor: float) -> FloatArray:

@@ -1,12 +1,12 @@
 """The linear model among the starts: it equals its ARX, and it tells the memory of the samples."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from tests.helpers.recordings import recording_of
 from training.narx.linear.arx import Arx, choose_arx
 from training.narx.linear.free_run import free_runs
 from training.narx.network import Spec, simulate
@@ -29,16 +29,7 @@ def drive(pole: float, n: int = 4000, seed: int = 1) -> Recording:
     u = rng.uniform(-1, 1, (n // 20, 2)).repeat(20, axis=0)
     late = np.concatenate([np.zeros(5), u[:-5, 1]])
     y = lfilter([1 - pole], [1, -pole], u[:, 0] - 0.5 * late) + 0.01 * rng.standard_normal(n)
-    values = np.column_stack([u, y])
-    return Recording(
-        path=Path("drive.csv"),
-        sha256="0" * 64,
-        period_ns=100_000_000,
-        t_s=np.arange(n) * 0.1,
-        names=("u0", "u1", "y"),
-        values=values,
-        quality=np.zeros(values.shape, np.uint8),
-    )
+    return recording_of({"u0": u[:, 0], "u1": u[:, 1], "y": y})
 
 
 def prepared(pole: float, n: int = 4000) -> Prepared:

@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
+from tests.helpers.recordings import recording_of
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, describe, forward, initial_weights, jacobian, regressors
@@ -36,19 +37,8 @@ BOXED = Spec(
 
 
 def recording(u: FloatArray, y: FloatArray, name: str = "drive.csv") -> Recording:
-    values = np.column_stack([u, y])
-    names = tuple(f"u{i}" for i in range(values.shape[1] - 1))
-    t_s = np.arange(len(y)) * 0.1
-    quality = np.zeros(values.shape, np.uint8)
-    return Recording(
-        path=Path(name),
-        sha256="0" * 64,
-        period_ns=PERIOD_NS,
-        t_s=t_s,
-        names=(*names, "y"),
-        values=values,
-        quality=quality,
-    )
+    inputs = {f"u{i}": column for i, column in enumerate(u.reshape(len(y), -1).T)}
+    return recording_of(inputs | {"y": y}, name)
 
 
 def analyser(seed: int, n: int = 5000) -> Recording:  # fewer choose by several sets of blocks

@@ -1,5 +1,6 @@
 """The NARX: gradients, Levenberg–Marquardt in open and closed loop, preparation."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import torch
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
+from tests.helpers.recordings import recording_of
 from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, initial_weights, jacobian, regressors, simulate
@@ -34,19 +36,7 @@ def torch_network(spec: Spec, weights: torch.Tensor, x: torch.Tensor) -> torch.T
 def recording(
     u: FloatArray, y: FloatArray, name: str = "drive.csv", **more: FloatArray
 ) -> Recording:
-    names = (*(f"u{i}" for i in range(u.shape[1])), "y", *more)
-    values = np.column_stack([u, y, *more.values()])
-    t_s = np.arange(len(y)) * 0.1
-    quality = np.zeros(values.shape, np.uint8)
-    return Recording(
-        path=Path(name),
-        sha256="0" * 64,
-        period_ns=100_000_000,
-        t_s=t_s,
-        names=names,
-        values=values,
-        quality=quality,
-    )
+    return recording_of({f"u{i}": x for i, x in enumerate(u.T)} | {"y": y} | more, name)
 
 
 def foreign_system(u: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -329,15 +319,7 @@ def test_unusable_recordings_are_refused_with_the_reason() -> None:
         prepare([constant], ["u0", "y"], "y")
     with pytest.raises(RecordingError, match="no stretch of 40 samples"):
         prepare([recording(u[:20], y[:20])], ["u0"], "y")
-    slow = Recording(
-        path=Path("slow.csv"),
-        sha256="",
-        period_ns=200_000_000,
-        t_s=constant.t_s,
-        names=constant.names,
-        values=constant.values,
-        quality=constant.quality,
-    )
+    slow = replace(constant, path=Path("slow.csv"), period_ns=200_000_000)
     with pytest.raises(RecordingError, match=r"slow\.csv: sample period 0\.2 s"):
         prepare([constant, slow], ["u0"], "y")
 

@@ -10,6 +10,7 @@ from monitor.base.signals import NARX_INPUTS
 from monitor.base.types import Quality
 from monitor.cli import main as o2mon
 from tests.helpers.logger_files import drive, write_text_table
+from tests.helpers.recordings import recording_of
 from training.cli import main as o2train
 from training.recordings.recording import Recording, load
 from training.recordings.samples.input_choice import choose_inputs
@@ -19,18 +20,8 @@ COBB = ("Time (sec)", "RPM (RPM)", "AF Sens 1 Ratio (AFR)", "Boost (PSI)", "MAF 
 
 
 def recording(names: tuple[str, ...], n: int = 50) -> Recording:
-    rng = np.random.default_rng(3)
-    values = 1.0 + rng.random((n, len(names)))
-    quality = np.zeros(values.shape, dtype=np.uint8)
-    return Recording(
-        path=Path("a.csv"),
-        sha256="",
-        period_ns=10**8,
-        t_s=0.1 * np.arange(n),
-        names=names,
-        values=values,
-        quality=quality,
-    )
+    values = 1.0 + np.random.default_rng(3).random((n, len(names)))
+    return recording_of(dict(zip(names, values.T, strict=True)))
 
 
 def cobb(path: Path, seed: int = 0, n: int = 900, step_s: float = 0.1) -> Path:

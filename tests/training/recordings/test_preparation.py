@@ -11,7 +11,8 @@ from scipy import signal
 
 from monitor.base.errors import RecordingError
 from monitor.base.signals import NARX_INPUTS
-from monitor.base.types import FloatArray, Quality
+from monitor.base.types import FloatArray
+from tests.helpers.recordings import recording_of
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.recordings.recording import Recording, load
@@ -26,18 +27,7 @@ BOSCH = ("speed_z", "load_z", "ignition_angle_z", "fuel_cutoff_z")
 def recording(
     columns: dict[str, FloatArray], name: str = "drive", period_s: float = 0.1
 ) -> Recording:
-    values = np.column_stack(list(columns.values()))
-    quality = np.where(np.isnan(values), Quality.INVALID, Quality.GOOD).astype(np.uint8)
-    t_s = np.arange(len(values)) * period_s
-    return Recording(
-        path=Path(f"{name}.csv"),
-        sha256=name,
-        period_ns=round(period_s * 1e9),
-        t_s=t_s,
-        names=tuple(columns),
-        values=values,
-        quality=quality,
-    )
+    return recording_of(columns, f"{name}.csv", period_s)
 
 
 def red_noise(seed: int, n: int, pole: float = 0.9) -> FloatArray:

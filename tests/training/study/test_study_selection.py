@@ -11,7 +11,8 @@ import pytest
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
-from monitor.base.types import FloatArray, Quality
+from monitor.base.types import FloatArray
+from tests.helpers.recordings import recording_of
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.recordings.recording import Recording, load
@@ -29,17 +30,7 @@ LAMBDA_INPUTS = ("air_mass_mg", "fuel_mass_mg", "lambda_controller")
 
 
 def recording(columns: dict[str, FloatArray], name: str = "drive") -> Recording:
-    values = np.column_stack(list(columns.values()))
-    quality = np.where(np.isnan(values), Quality.INVALID, Quality.GOOD).astype(np.uint8)
-    return Recording(
-        path=Path(f"{name}.csv"),
-        sha256=name,
-        period_ns=100_000_000,
-        t_s=np.arange(len(values)) * 0.1,
-        names=tuple(columns),
-        values=values,
-        quality=quality,
-    )
+    return recording_of(columns, f"{name}.csv")
 
 
 def closed_loop_drive(seed: int, n: int = 2500) -> Recording:

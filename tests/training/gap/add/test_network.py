@@ -50,15 +50,7 @@ def without(recording: Recording, rows: slice, name: str) -> Recording:
     """Return the recording with one signal missing for a while."""
     values = recording.values.copy()
     values[rows, recording.names.index(name)] = np.nan
-    return Recording(
-        path=recording.path,
-        sha256=recording.sha256,
-        period_ns=recording.period_ns,
-        t_s=recording.t_s,
-        names=recording.names,
-        values=values,
-        quality=recording.quality,
-    )
+    return replace(recording, values=values)
 
 
 def test_the_free_run_in_phi_is_that_of_evaluate() -> None:

@@ -1,7 +1,7 @@
 """What the gap workflow refuses or warns of before and beside the naming; its stages."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.recordings import recording_of
 from training.gap.inputs import suitability
 from training.gap.name.vehicle_mix import Chain, partitions, warn
 from training.greybox.chain import Constants, base_path, simulate
@@ -35,19 +36,9 @@ def drive(seed: int, constants: Constants = USUAL, **changed: FloatArray) -> Cha
 
 
 def recording(seed: int, without: Sequence[str] = (), period_s: float = 0.1) -> Recording:
-    signals: Mapping[str, FloatArray] = plain_signals(900, seed)
-    columns = {n: x for n, x in signals.items() if n not in without}
+    columns = {n: x for n, x in plain_signals(900, seed).items() if n not in without}
     columns["lambda_measured"] = np.ones(900)
-    values = np.column_stack(list(columns.values()))
-    return Recording(
-        path=Path(f"drive_{seed}.csv"),
-        sha256=f"{seed:064x}",
-        period_ns=round(period_s * 1e9),
-        t_s=np.arange(900) * period_s,
-        names=tuple(columns),
-        values=values,
-        quality=np.zeros(values.shape, np.uint8),
-    )
+    return recording_of(columns, f"drive_{seed}.csv", period_s, f"{seed:064x}")
 
 
 def roles(

@@ -50,17 +50,8 @@ NO_FIT = JointFit(
     cost=0.0,
 )
 CONTRACT = {
-    "schema",
-    "verdict",
-    "where",
-    "effects",
-    "rmse_before",
-    "rmse_after",
-    "noise_floor",
-    "detection_before",
-    "detection_after",
-    "experiment",
-    "model",
+    *("schema", "verdict", "where", "effects", "rmse_before", "rmse_after", "noise_floor"),
+    *("detection_before", "detection_after", "experiment", "model"),
 }
 MODEL = NewModelFile(Path("models/base.onnx"), "b" * 64, "greybox")
 
@@ -135,16 +126,6 @@ def naming(verdict: Verdict, ranking: tuple[Candidate, ...] = RANKING, **changes
 
 def error(kind: str, regime: str, after: float | None, worse: bool = False) -> Error:
     low, high = (0.001, 0.003) if worse else (-0.011, -0.009)
-    if after is None:
-        return Error(
-            kind=kind,
-            regime=regime,
-            samples=1000,
-            blocks=20,
-            before=0.0210,
-            after=None,
-            floor=0.0102,
-        )
     return Error(
         kind=kind,
         regime=regime,
@@ -153,8 +134,8 @@ def error(kind: str, regime: str, after: float | None, worse: bool = False) -> E
         before=0.0210,
         after=after,
         floor=0.0102,
-        change_low=low,
-        change_high=high,
+        change_low=None if after is None else low,
+        change_high=None if after is None else high,
     )
 
 

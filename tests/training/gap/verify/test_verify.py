@@ -14,6 +14,7 @@ from monitor.base.types import FloatArray
 from monitor.model.card import Limit
 from monitor.model.step import Model
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.recordings import recording_of
 from training.gap.add.addition import Addition
 from training.gap.inputs.roles import FAULTS
 from training.gap.verify.detection import put_on
@@ -39,19 +40,7 @@ def recording(seed: int, gain: float = GAIN, n: int = 6000, by_speed: float = 0.
     phi = simulate(base_path(Constants(gain=gain), signals), PERIOD_S) + noise
     phi += by_speed * (signals["engine_speed_rpm"] - 1900.0) / 1000.0
     columns = signals | {"lambda_measured": 1.0 / np.maximum(phi, 1.0 / 16.0)}
-    values = np.column_stack(list(columns.values()))
-    quality = np.zeros(values.shape, dtype=np.uint8)
-    t_s = np.arange(n) * PERIOD_S
-    path = Path(f"drive_{seed}.csv")
-    return Recording(
-        path=path,
-        sha256=f"{seed:064d}",
-        period_ns=100_000_000,
-        t_s=t_s,
-        names=tuple(columns),
-        values=values,
-        quality=quality,
-    )
+    return recording_of(columns, f"drive_{seed}.csv", PERIOD_S, f"{seed:064d}")
 
 
 @pytest.fixture(scope="module")
