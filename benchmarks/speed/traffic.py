@@ -7,7 +7,8 @@ import numpy as np
 
 from training.dyno import ecu
 from training.dyno.simulation import Experiment, simulate
-from training.recordings.files.can_log import FrameBlock, merge
+from training.recordings.files.can_log import merge
+from training.recordings.files.frame_block import EncodedFrames
 
 FRAMES_PER_S: Final = 4_000  # a full bus of 500 kbit/s
 FOREIGN_IDS: Final = 60
@@ -20,25 +21,25 @@ def experiment(number: int, seconds: float) -> Experiment:
     return Experiment(vehicle=FIRST_VEHICLE + number, seed=FIRST_SEED + number, duration_s=seconds)
 
 
-def own(seconds: float) -> FrameBlock:
+def own(seconds: float) -> EncodedFrames:
     """Return the ECU's frames of a drive, 200 a second, all needed."""
     rng = np.random.default_rng(FIRST_SEED)
     sent = ecu.broadcast(simulate(experiment(0, seconds)), ecu.own_bus(), rng, None, 0.0)
     return ecu.frames(sent)
 
 
-def full_bus(seconds: float) -> FrameBlock:
+def full_bus(seconds: float) -> EncodedFrames:
     """Return such drives, one after the other, among foreign traffic that fills the bus."""
     laps = [_full(min(seconds - lap, LAP_S), lap) for lap in np.arange(0.0, seconds, LAP_S)]
     return laps[0] if len(laps) == 1 else merge(laps)
 
 
-def _full(seconds: float, shift_s: float) -> FrameBlock:
+def _full(seconds: float, shift_s: float) -> EncodedFrames:
     frames, rng = own(seconds), np.random.default_rng(FIRST_SEED)
     frames = replace(frames, t_ns=frames.t_ns + round(shift_s * 1e9))
     span_ns = int(frames.t_ns[-1] - frames.t_ns[0])
     n = int(span_ns / 1e9 * FRAMES_PER_S) - len(frames.t_ns)
-    foreign = FrameBlock(
+    foreign = EncodedFrames(
         frames.t_ns[0] + np.linspace(0, span_ns, n).astype(np.int64) // 1000 * 1000,
         rng.choice(np.arange(0x300, 0x300 + FOREIGN_IDS), n).astype(np.int64),
         np.zeros(n, dtype=np.bool_),

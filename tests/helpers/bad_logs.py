@@ -7,7 +7,7 @@ import numpy as np
 from monitor.base.types import Frame
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.recordings.files.can_log import FrameBlock
+from training.recordings.files.frame_block import EncodedFrames
 
 LAMBDA_ID, FUEL_ID = 0xC2, 0xC1
 
@@ -19,12 +19,12 @@ def write_minute(folder: Path) -> Path:
     )
 
 
-def block(frames: list[Frame]) -> FrameBlock:
+def block(frames: list[Frame]) -> EncodedFrames:
     """Return frames side by side."""
     data = np.zeros((len(frames), 8), dtype=np.uint8)
     for row, frame in zip(data, frames, strict=True):
         row[: len(frame.data)] = list(frame.data)
-    return FrameBlock(
+    return EncodedFrames(
         np.array([f.t_ns for f in frames]),
         np.array([f.can_id for f in frames]),
         np.array([f.is_extended for f in frames]),

@@ -13,7 +13,7 @@ from monitor.frames.blocks import EXTENDED
 from monitor.frames.candump import LogCounters
 from monitor.frames.log_blocks import read_blocks
 from monitor.frames.logs import guarded, read_frames, through_python_can
-from training.recordings.files.can_log import FrameBlock as SentFrames
+from training.recordings.files.frame_block import EncodedFrames
 
 Outcome = tuple[list[Frame], LogCounters, str | None]
 
@@ -73,9 +73,9 @@ def read_at_once(path: Path) -> Outcome:
 START_NS = 1_700_000_000_123_456_000
 
 
-def synthetic(n: int) -> SentFrames:
+def synthetic(n: int) -> EncodedFrames:
     rng = np.random.default_rng(n)
-    return SentFrames(
+    return EncodedFrames(
         START_NS + np.arange(n) * 250_000,
         rng.integers(0, 0x7FF, n),
         np.zeros(n, dtype=np.bool_),

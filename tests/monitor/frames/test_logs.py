@@ -17,7 +17,8 @@ from monitor.frames.logs import read_frames
 from monitor.grid.table_samples import table_samples
 from monitor.grid.tables import is_table, read_table
 from tests.conftest import ROOT
-from training.recordings.files.can_log import FrameBlock, broadcast, write_log
+from training.recordings.files.can_log import broadcast, write_log
+from training.recordings.files.frame_block import EncodedFrames
 
 SUFFIXES = [".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".csv", ".csv.gz", ".trc", ".mf4"]
 START_NS = 1_700_000_000_123_456_000
@@ -25,13 +26,13 @@ ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 
 
 @pytest.fixture(scope="module")
-def drive() -> FrameBlock:
+def drive() -> EncodedFrames:
     t_ns = START_NS + np.arange(20) * 100_000_000
     return broadcast(ECU, t_ns, {"lambda_measured": np.linspace(0.8, 1.2, 20)})
 
 
 @pytest.fixture(scope="module")
-def folder(drive: FrameBlock, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(drive: EncodedFrames, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("logs")
     for suffix in SUFFIXES:
         write_log(folder / f"drive{suffix}", drive)
@@ -44,7 +45,7 @@ def zeroed(frames: list[Frame]) -> list[Frame]:
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_log_format_gives_the_frames_it_was_given(
-    folder: Path, drive: FrameBlock, suffix: str
+    folder: Path, drive: EncodedFrames, suffix: str
 ) -> None:
     counters = LogCounters()
     frames = list(read_frames(folder / f"drive{suffix}", counters))
@@ -53,7 +54,9 @@ def test_every_log_format_gives_the_frames_it_was_given(
 
 
 @pytest.mark.parametrize("suffix", [".log", ".blf", ".csv", ".mf4"])
-def test_formats_with_absolute_time_keep_it(folder: Path, drive: FrameBlock, suffix: str) -> None:
+def test_formats_with_absolute_time_keep_it(
+    folder: Path, drive: EncodedFrames, suffix: str
+) -> None:
     assert next(read_frames(folder / f"drive{suffix}")).t_ns == START_NS
 
 

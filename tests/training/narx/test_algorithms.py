@@ -12,10 +12,10 @@ from scipy.stats import multivariate_normal
 from monitor.base.types import FloatArray
 from training.narx.algorithms.bayes import minimise_bayesian
 from training.narx.algorithms.gradient import Differentiable, descend
-from training.narx.algorithms.gradient import LmOptions as Descent
+from training.narx.algorithms.gradient import GradientOptions as Descent
 from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import OneStep
-from training.narx.algorithms.scaled_conjugate import LmOptions as Conjugate
+from training.narx.algorithms.scaled_conjugate import ScaledConjugateOptions as Conjugate
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.network import Spec, forward, initial_weights
 
