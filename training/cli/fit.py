@@ -5,8 +5,8 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from training.cli import catalyst, greybox
-from training.cli.fit_command import FitCommand
+from training.cli.kinds import catalyst, greybox
+from training.cli.kinds.fit_command import FitCommand
 from training.cli.options import inputs_of, load_all
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def _report(args: FitCommand) -> Path:
 def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
     from monitor.base.errors import UsageError
     from monitor.base.signals import OUTPUT
-    from training.cli.progress_bar import Bar
+    from training.cli.console.progress_bar import Bar
     from training.narx.fit import FitOptions, FitSource, fit
     from training.recordings.samples.transforms import fuel_air_ratio
 

@@ -71,7 +71,7 @@ def run(args: FleetCommand) -> int:
 
     from monitor.base import config
     from monitor.base.errors import UsageError
-    from training.cli import drive_reports
+    from training.cli.console import drive_reports
     from training.fleet import partitions
     from training.fleet import run as fleet
     from training.fleet.bench import Bench

@@ -46,7 +46,7 @@ def run(args: TablesCommand) -> int:
 
     Raises RecordingError or UsageError (exit code 2).
     """
-    from training.cli.share_bar import Share
+    from training.cli.console.share_bar import Share
     from training.ecu_tables import config, files, fit, page, signals, tables
     from training.recordings.recording import check_each_once
     from training.recordings.start import start_text

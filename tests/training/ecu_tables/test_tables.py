@@ -13,7 +13,7 @@ import pytest
 
 from monitor.base.errors import UsageError
 from training.cli import main
-from training.cli.share_bar import Share
+from training.cli.console.share_bar import Share
 from training.dyno.engine import EngineLayout, dead_time_ms, engine
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment

@@ -13,7 +13,7 @@ from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from tests.helpers.physical_baseline import fit_baseline
 from training.cli import main as o2train
-from training.cli.greybox import constant_line
+from training.cli.kinds.greybox import constant_line
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.greybox.charge.map import INPUTS

@@ -2,8 +2,8 @@
 
 import io
 
-from training.cli.progress import LINE_S
-from training.cli.progress_bar import Bar
+from training.cli.console.progress import LINE_S
+from training.cli.console.progress_bar import Bar
 from training.narx.search.stages import EPOCHS
 
 HORIZON = min(EPOCHS)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from training.cli.fit_command import FitCommand
+from training.cli.kinds.fit_command import FitCommand
 
 if TYPE_CHECKING:
     from training.greybox.catalyst.fit import FittedCatalyst

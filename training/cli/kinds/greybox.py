@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from training.cli.fit_command import FitCommand
+from training.cli.kinds.fit_command import FitCommand
 from training.cli.options import load_all
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def fit(args: FitCommand, recordings: "list[Recording]") -> "GreyboxResult":
     Raises RecordingError if the recordings cannot hold a fit.
     """
     from monitor.base.signals import OUTPUT
-    from training.cli.share_bar import Share
+    from training.cli.console.share_bar import Share
     from training.greybox.model import fit_greybox
 
     with Share("grey-box fit") as bar:

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Final, TextIO
 
-from training.cli.progress import Progress
+from training.cli.console.progress import Progress
 
 PARTS: Final = 1000
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from threading import Lock
 from typing import TextIO
 
-from training.cli.progress import Progress
+from training.cli.console.progress import Progress
 from training.narx.search.stages import EPOCHS
 from training.narx.search.structure import Try
 
