@@ -34,7 +34,7 @@ class StudyCommand(SignalOptions, SeedOption, GridOptions):
     out : folder for report and model
     test : drives of the healthy vehicle that no training uses; they judge the models
     faulty : drives with sensor faults (default: faults are added to healthy drives)
-    steady : drives at steady operating points (default: steady stretches of the recordings)
+    steady : drives at steady operating points (default: none, the steady training is left out)
     starts : trainings per model, from different random weights
     iterations : most iterations of a series-parallel training of the 29 models
     samples : most training samples of the 29 models

@@ -17,17 +17,22 @@ from training.narx.linear.regressors import Stretch, Triangle, checked, largest_
 from training.narx.linear.responses import BAND, impulse_response, independence, whiteness
 from training.narx.linear.subspace import StateSpace, best_state_space, subspace
 from training.recordings.metrics import correlation, fit_percent, rmse
-from training.study.free_runs import liveliest
+from training.recordings.recording import Recording
+from training.recordings.samples.linear_data import LinearData, LinearStretch, linear_stretches
+from training.recordings.samples.preparation import Role
+from training.recordings.samples.rows import runs
+from training.study.choice import chosen
+from training.study.free_runs import FreeRun, judged_on
+from training.study.task import Parts, Task
 
 MAX_STATES = 12
 LEAST_ORDER = 2
 IMPULSE_LAGS = 50  # samples
-EXAMPLE = 600  # samples of the excerpt
-SHOWN = ("arx_free_run", "subspace", "output_error")  # models in the excerpt
 FREE_RUN = ("validation_rmse", "validation_fit_percent", "rmse", "fit_percent", "correlation")
 CRITERIA = {"arx_sum_of_squares": "validation_loss", "arx_mdl": "mdl", "arx_aic": "aic"}
 
 Figures = dict[str, Any]
+Cut = tuple[Sequence[Recording], list[LinearStretch]]  # recordings, filtered stretches
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,34 +88,25 @@ def linear(
     best = states[space["order"] - 1]
     models: dict[str, LinearModel] = {**found, "subspace": best, "output_error": error}
     fits = {name: _scores(m, case) for name, m in models.items()}
-    free = found["arx_free_run"]
-    exact = {"a": free.a.tolist(), "b": free.b.tolist()}  # a free run needs all digits
-    exact |= {"delays": list(free.delays), "offset": free.offset}
-    return {
-        **plain(
-            {
-                "schema": "o2train.study.linear/1",
-                "inputs": inputs,
-                "output": output,
-                "unit": unit,
-                "period_s": period_s,
-                "samples": {role: sum(len(y) for _, y in each) for role, each in usable.items()},
-                "stretches": {role: [len(usable[role]), len(roles[role])] for role in roles},
-                "skip": skip,
-                "largest_order": order,
-                "impulse": _impulse(case, inputs),
-                "subspace": space,
-                "output_error": starts,
-                "models": fits,
-                "best": min(
-                    (n for n in fits if fits[n]["stable"]), key=lambda n: fits[n][FREE_RUN[0]]
-                ),
-                "residuals": _residuals(models, case, inputs),
-                "example": _example({n: models[n] for n in SHOWN}, case, period_s),
-            }
-        ),
-        "arx": plain(orders) | {"free_run_model": exact},
+    result = {
+        "schema": "o2train.study.linear/1",
+        "inputs": inputs,
+        "output": output,
+        "unit": unit,
+        "period_s": period_s,
+        "samples": {role: sum(len(y) for _, y in each) for role, each in usable.items()},
+        "stretches": {role: [len(usable[role]), len(roles[role])] for role in roles},
+        "skip": skip,
+        "largest_order": order,
+        "impulse": _impulse(case, inputs),
+        "arx": orders,
+        "subspace": space,
+        "output_error": starts,
+        "models": fits,
+        "best": min((n for n in fits if fits[n]["stable"]), key=lambda n: fits[n][FREE_RUN[0]]),
+        "residuals": _residuals(models, case, inputs),
     }
+    return dict(plain(result))
 
 
 def _usable(
@@ -141,25 +137,18 @@ def _arx_models(case: BaselineCase) -> tuple[dict[str, Arx], Figures]:
     best = {n: min(grid, key=lambda c: getattr(c, key)) for n, key in CRITERIA.items()}
     models = {n: solve_arx(data, c.na, c.nb, c.delays) for n, c in best.items()}
     models["arx_free_run"] = arx.best_in_free_run(data, case.validate, order, run_delays)
-    counts = sorted({c.n_parameters for c in grid})
-    envelope = {
-        key: [min(getattr(c, key) for c in grid if c.n_parameters == d) for d in counts]
-        for key in ("loss", *CRITERIA.values())
-    }
     orders = {n: {"na": len(m.a), "nb": m.b.shape[1], "nk": m.delays} for n, m in models.items()}
-    return models, {"candidates": len(grid), "choices": orders, "parameters": counts, **envelope}
+    return models, {"candidates": len(grid), "choices": orders}
 
 
 def _state_space(case: BaselineCase) -> tuple[Sequence[StateSpace], Figures]:
     """Return the state space models of all orders, and the figures with the best order."""
     found = subspace(case.data, case.skip, min(MAX_STATES, case.skip - 1))
-    best, errors = best_state_space(found, case.validate, case.skip)
+    best, _ = best_state_space(found, case.validate, case.skip)
     return found.models, {
         "past": case.skip,
-        "singular_values": found.singular_values,
         "order": best.order,
         "order_by_gap": found.order_by_gap,
-        "validation_rmse": np.sqrt(errors),
     }
 
 
@@ -195,10 +184,8 @@ def _impulse(case: BaselineCase, inputs: Sequence[str]) -> Figures:
         "input": inputs,
         "response": found.response,
         "band": BAND * found.standard_error,
-        "joint_band": found.joint_band,
         "delay": found.delays(),
         "arx_delay": case.delays,
-        "effective_samples": found.effective_samples,
     }
     return {
         "rows": [
@@ -249,18 +236,85 @@ def _residuals(
     return result
 
 
-def _example(models: Mapping[str, LinearModel], case: BaselineCase, period_s: float) -> Figures:
-    """Return a lively excerpt of the test stretches with the free runs of the stable models."""
-    skip, lengths = case.skip, [len(y) for _, y in case.test]
-    length, begins = min(EXAMPLE, min(lengths) - skip), np.cumsum([0, *lengths])
-    scored = np.concatenate([np.arange(n) >= skip for n in lengths])
-    first, _ = liveliest(np.concatenate([y for _, y in case.test]), scored, scored, length)
-    index = int(np.searchsorted(begins, first, "right")) - 1
-    (u, y), at = case.test[index], first - int(begins[index])
-    rows = slice(at, at + length)
-    return {
-        "stretch": index,
-        "time_s": (at + np.arange(length)) * period_s,
-        "measured": y[rows],
-        "runs": {n: m.simulate(u, y[:skip])[rows] for n, m in models.items() if m.stable},
-    }
+def baselines(task: Task, parts: Parts) -> dict[str, Any]:
+    """Return the linear study, with the same training, validation and test samples as the NARX.
+
+    A zero-phase filter removes the noise band that the preparation found.
+    Raises RecordingError if the samples are too few.
+    """
+    band_hz = parts["preparation"]["band_hz"]
+    prepared, cuts = _stretches(task, band_hz)
+
+    def pairs(role: Role) -> list[tuple[FloatArray, FloatArray]]:
+        recordings, stretches = cuts[role]
+        z = [prepared.apply(p.values, p.t_s, recordings[p.recording].sha256) for p in stretches]
+        return [(each[:, :-1], each[:, -1]) for each in z]
+
+    train, validate, test = map(pairs, (Role.TRAIN, Role.VALIDATE, Role.TEST))
+    period_s, names = task.period_s, (task.inputs, task.output)
+    found = linear(train, validate, test, *names, period_s=period_s, unit="z-scored")
+    return found | {"band_hz": band_hz}
+
+
+def _stretches(task: Task, band_hz: Sequence[float] | None) -> tuple[LinearData, dict[Role, Cut]]:
+    """Return the linear preparation, and the stretches by role."""
+    whole, prepared = linear_stretches(task.recordings, task.inputs, task.output, band_hz)
+    roles = [np.full(len(r.t_s), -1, dtype=np.int8) for r in task.recordings]
+    for s in task.data.segments:
+        roles[s.recording][s.first : s.first + s.stop - s.start] = task.data.role[s.start : s.stop]
+    cuts: dict[Role, Cut] = {}
+    for role in Role:
+        found = [
+            LinearStretch(p.recording, p.first + a, p.t_s[a:b], p.values[a:b])
+            for p in whole
+            for a, b in runs(roles[p.recording][p.first : p.first + len(p.t_s)] == role)
+        ]
+        cuts[role] = (task.recordings, found)
+    if task.test:
+        drives, _ = linear_stretches(task.test, task.inputs, task.output, reference=prepared)
+        cuts[Role.TEST] = (task.test, drives)
+    return prepared, cuts
+
+
+def beside(task: Task, parts: Parts) -> dict[str, Any]:
+    """Return the fits of the NARX and of the linear models on the same test samples.
+
+    The NARX runs freely from the start of every recording. If the linear models use filtered data,
+    the NARX's prediction and the measurement go through the same filter.
+    """
+    found = parts["linear"]
+    if "skipped" in found:
+        return {"skipped": "no linear baselines"}
+    model, skip = chosen(task, parts), found["skip"]
+    prepared, cuts = _stretches(task, found["band_hz"])
+    recordings, stretches = cuts[Role.TEST]
+    held = FreeRun.of(judged_on(task), model.spec, model.weights)
+    rows = [np.full(len(r.t_s), np.nan) for r in recordings]
+    for s in held.data.segments:
+        rows[s.recording][s.first : s.first + s.stop - s.start] = held.predicted[s.start : s.stop]
+    long = [p for p in stretches if len(p.t_s) >= 2 * skip]
+    own = [_filtered(prepared, rows[p.recording][p.first : p.first + len(p.t_s)]) for p in long]
+    y = np.concatenate([p.values[skip:, -1] for p in long])
+    y_hat = np.concatenate([run[skip:] for run in own])
+    good = np.isfinite(y_hat)
+    y, y_hat = y[good], y_hat[good]
+    shown = ("parameters", "fit_percent", "correlation")
+    narx = (model.spec.n_weights, fit(y, y_hat), correlation(y, y_hat))
+    return plain(
+        {
+            "narx": dict(zip(shown, narx, strict=True)),
+            "models": {n: {k: m[k] for k in shown} for n, m in found["models"].items()},
+            "samples": len(y),
+            "best_linear": found["best"],
+            "filtered": prepared.filter is not None,
+        }
+    )
+
+
+def _filtered(prepared: LinearData, run: FloatArray) -> FloatArray:
+    known = np.isfinite(run)
+    if prepared.filter is None or not known.any():
+        return run
+    at = np.arange(len(run))
+    whole = np.interp(at, at[known], run[known])
+    return np.where(known, prepared.filter.apply(whole[:, None])[:, 0], np.nan)

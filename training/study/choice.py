@@ -77,7 +77,6 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
         "structure": describe(spec),
         "members": members,
         "n_weights": spec.n_weights,
-        "seconds": result.seconds,
         "warnings": result.warnings,
         "stage": min(best.stages, key=lambda s: min(s.scores)).name if best.stages else "none",
         "starts": [t.score for t in result.starts],
@@ -202,15 +201,8 @@ def decide(
             f" {first['name']} reaches {first['validation_rmse']:.4f} with {first['n_weights']} "
             "weights; over the blocks the two are not told apart, so the smaller one is chosen."
         )
-    else:
-        text += " It is the best of all."
-        if len(equal) > 1:
-            text += f" {len(equal) - 1} larger ones are not told apart from it."
-    if strict and len(rows) > len(eligible):
-        lost = len(rows) - len(eligible)
-        text += f" {lost} of {len(rows)} do not forget their history and come last."
-    elif strict and not own["forgets"]:
-        text += " No candidate forgets its history within a window: see the warning."
+    if strict and len(forgets) < len(rows):
+        text += f" {len(rows) - len(forgets)} of {len(rows)} do not forget their history."
     return smallest, equal, text
 
 

@@ -135,39 +135,32 @@ class FreeRun:
         """Return errors, an excerpt and a scatter of the rows, as figure 6 of the paper."""
         scored = self.scored
         judged = self.judged(scored)
-        first, stop = liveliest(self.in_units[0], judged, scored)
+        first, stop = _liveliest(self.in_units[0], judged, scored)
+        some = np.flatnonzero(judged)[:: max(1, -(-int(judged.sum()) // SCATTER))]
         series = dict(zip(("measured", "predicted"), self.in_units, strict=True))
         return {
             "title": title,
             "source": source,
             "all": measures(self.data, self.predicted, scored),
             "enabled": measures(self.data, self.predicted, judged),
-            "first_s": first * self.data.period_ns / 1e9,
             "excerpt": {k: np.where(scored, v, np.nan)[first:stop] for k, v in series.items()},
             "judged": judged[first:stop].astype(int),
-            "scatter": {k: thinned(v[judged], SCATTER) for k, v in series.items()},
+            "scatter": {k: v[some] for k, v in series.items()},
         }
 
 
-def liveliest(
-    measured: FloatArray, judged: np.ndarray, scored: np.ndarray, most: int = EXCERPT
-) -> tuple[int, int]:
-    """Return first and stop row of a lively excerpt of at most ``most`` samples.
+def _liveliest(measured: FloatArray, judged: np.ndarray, scored: np.ndarray) -> tuple[int, int]:
+    """Return first and stop row of a lively excerpt of at most ``EXCERPT`` samples.
 
     All excerpts of unbroken stretches are sorted by the variation of their judged samples; the one
     at the 75th percentile is taken.
     """
     places = []
     for a, b in runs(scored):
-        length = min(most, b - a)
+        length = min(EXCERPT, b - a)
         for at in range(a, b - length + 1, max(length // 2, 1)):
             on = judged[at : at + length]
             spread = float(measured[at : at + length][on].std()) if on.any() else 0.0
             places.append((length * float(on.mean()) * spread, at, at + length))
     places.sort()
     return places[(3 * len(places)) // 4][1:] if places else (0, 0)
-
-
-def thinned(values: FloatArray, most: int) -> FloatArray:
-    """Return at most ``most`` of the values (n,), evenly spread."""
-    return values[:: max(1, -(-len(values) // most))]

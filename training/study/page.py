@@ -1,34 +1,34 @@
 """The study as one self-contained page: summary first, then every part.
 
-A section is a template below ``study/``. It gets the part's result, all parts, the figures of its
-module in ``figures``, and ``say``, the cells and sentences that take more than a template.
+A section is a template below ``study/``. It gets the part's result, all parts, the figures, and
+``say``, the cells and sentences that take more than a template.
 """
 
 from collections.abc import Mapping
-from importlib import import_module
 from typing import Any, Final
 
 from training.limits.data_check import findings
 from training.narx.search.stability import CONTRACTION_SAMPLES
 from training.pages.page import page, part
-from training.study import words
+from training.study import figures, words
+from training.study.narx import verdicts
 from training.study.task import Parts
 
 FALSE_ALARMS: Final = 2.0  # percent of healthy windows, two limits at quantiles of 1 %
-# Sections with their part, the module of their figures, and their title where they may be left out.
+# Sections with their part, and their title where they may be left out.
 SECTIONS: Final = {
-    "check": ("check", "", ""),
-    "preparation": ("preparation", "preparation", "Preparation"),
-    "selection": ("selection", "selection", "Input selection"),
-    "linear": ("linear", "linear", "Linear baselines"),
-    "narx": ("narx", "narx", "NARX study"),
-    "free": ("free", "", "Memory and size chosen by the data"),
-    "choice": ("choice", "", ""),
-    "closed_loop": ("choice", "", ""),
-    "beside": ("beside", "", ""),
-    "against_sensor": ("sensor", "outcome", ""),
-    "faulty": ("sensor", "outcome", ""),
-    "steady": ("steady", "outcome", "Steady training, transient use"),
+    "check": ("check", ""),
+    "preparation": ("preparation", "Preparation"),
+    "selection": ("selection", "Input selection"),
+    "linear": ("linear", "Linear baselines"),
+    "narx": ("narx", "NARX study"),
+    "free": ("free", "Memory and size chosen by the data"),
+    "choice": ("choice", ""),
+    "closed_loop": ("choice", ""),
+    "beside": ("beside", ""),
+    "against_sensor": ("sensor", ""),
+    "faulty": ("sensor", ""),
+    "steady": ("steady", "Steady training, transient use"),
 }
 
 
@@ -49,15 +49,14 @@ def report(parts: Parts, warnings: list[str]) -> str:
 
 def section(name: str, parts: Parts) -> str:
     """Return a section of the page, the reason where its part was left out."""
-    source, drawing, title = SECTIONS[name]
+    source, title = SECTIONS[name]
     result = parts[source]
     if name == "check":
         return findings.section(result)
     if "skipped" in result:
         return part("study/skipped.html", title=title, why=result["skipped"]) if title else ""
-    draw = import_module(f"training.study.figures.{drawing}") if drawing else None
-    values = {"contraction": CONTRACTION_SAMPLES, "titles": words.TITLES}
-    return part(f"study/{name}.html", result=result, parts=parts, draw=draw, say=words, **values)
+    values = {"contraction": CONTRACTION_SAMPLES, "titles": words.TITLES, "limits": verdicts}
+    return part(f"study/{name}.html", result=result, parts=parts, draw=figures, say=words, **values)
 
 
 def _confidence(choice: Mapping[str, Any]) -> str:

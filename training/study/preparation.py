@@ -2,12 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from monitor.base.files.manifest import source_of
 from monitor.base.signals import BY_NAME, plausible_range
 from monitor.base.types import FloatArray, Quality
 from training.recordings.recording import Recording
@@ -45,21 +43,12 @@ def preparation(
     band = [strongest["low_hz"], strongest["high_hz"]] if strongest else None
     parts, linear = linear_stretches(recordings, inputs, output, band)
     reasons = [{name: unusable(r, name) for name in names} for r in recordings]
-    rows = [
-        {
-            "path": Path(r.path).name,
-            "samples": len(r.t_s),
-            "duration_s": len(r.t_s) * period_s,
-            "source": source_of(Path(r.path), r.sha256),
-        }
-        for r in recordings
-    ]
     return {
         "inputs": list(inputs),
         "output": output,
         "transform": linear.transform,
         "period_s": period_s,
-        "recordings": rows,
+        "recordings": len(recordings),
         "outliers": [_outliers(name, [m[name] for m in reasons], period_s) for name in names],
         "spectrum": spectrum,
         "lines": lines,

@@ -19,7 +19,7 @@ from training.limits.data_check.check import check
 from training.limits.data_check.findings import verdict
 from training.recordings.samples.preparation import ENABLE_COLUMNS
 from training.study import choice, page
-from training.study.comparison import baselines, beside
+from training.study.baselines import baselines, beside
 from training.study.narx.study import narx_study
 from training.study.preparation import preparation
 from training.study.results import public, store, stored
@@ -29,7 +29,7 @@ from training.study.steady import steady_against_mixed as steady
 from training.study.task import Parts, Task, source
 
 SCHEMA = "o2train.study/1"
-VERSION = 4  # of the parts' content; stored parts of another version are not reused
+VERSION = 5  # of the parts' content; stored parts of another version are not reused
 BAD_DATA = (RecordingError,)
 USELESS = (RecordingError, UsageError)
 

@@ -21,11 +21,10 @@ from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role
 from training.recordings.samples.rows import runs
 from training.study.choice import chosen
-from training.study.free_runs import WINDOW, FreeRun, as_in_use, judged_on, scaled_as, thinned
+from training.study.free_runs import WINDOW, FreeRun, as_in_use, judged_on, scaled_as
 from training.study.task import Parts, Task, source
 
 BINS = 80  # of the residual's distribution
-SHOWN_WINDOWS = 200
 PUT_ON = (
     *("slow_symmetric", "delay_rich_to_lean", "delay_symmetric"),
     *("transient", "gain_low", "biased_lean"),
@@ -105,8 +104,6 @@ def residuals(run: FreeRun, span: float, j: Mapping[str, float]) -> dict[str, An
         "std": known.std() if len(known) else None,
         "windows": len(windows),
         "beyond": {"mean": mean.sum() / n, "std": std.sum() / n, "both": (mean & std).sum() / n},
-        "window_mean": thinned(means, SHOWN_WINDOWS),
-        "window_std": thinned(stds, SHOWN_WINDOWS),
     }
 
 

@@ -19,7 +19,6 @@ TITLES: Final = {
     "subspace": "state space",
     "output_error": "output error",
 }
-STOPS: Final = {"epochs": "limit", "mu": "no step", "damping": "no step", "budget": "time"}
 
 
 def delays(samples: Sequence[int]) -> str:
@@ -53,10 +52,9 @@ def narx_row(model: Result) -> tuple[str, ...]:
     name += unbroken(" (paper)") if model["origin"] == PAPER else ""
     if model["same_as"] is not None:
         same = unbroken(f"same training as {model['same_as']}")
-        return (name, str(model["n_weights"]), same, *[""] * 8)
-    starts, free = model["starts"], errors(model, "free_run", "test")
+        return (name, str(model["n_weights"]), same, *[""] * 5)
+    free = errors(model, "free_run", "test")
     finite = len(free) > 1 and bool(np.isfinite(free).all())
-    counts = sorted({s["iterations"] for s in starts})
     cells = [name, str(model["n_weights"])]
     for mode in ("one_step", "free_run"):
         medians = [np.median(correlations(model, mode, role)) for role in ROLES]
@@ -64,11 +62,8 @@ def narx_row(model: Result) -> tuple[str, ...]:
         cells.append(f"{np.median(errors(model, mode, 'test') ** 2):.2g}")
     return (
         *cells,
-        ", ".join(model["verdict"]["labels"]) or "–",
+        ", ".join(model["verdict"]) or "–",
         f"{100 * free.std(ddof=1) / free.mean():.0f} %" if finite else "",
-        "–".join(map(str, counts[:: max(1, len(counts) - 1)])),
-        unbroken(", ".join(sorted({STOPS.get(s["stop"], s["stop"]) for s in starts}))),
-        f"{np.mean([s['cpu_s'] for s in starts]):.1f}",
     )
 
 
@@ -82,7 +77,4 @@ def tuned_row(tuned: Result) -> tuple[str, ...]:
             shown = ("none" if v is None else f"{v**power:.4f}" for v in values)
             cells.append(unbroken(" → ".join(shown)))
     cells.append(unbroken(" → ".join("yes" if each["forgets"] else "no" for each in pair)))
-    first, final = (each["validation_score"] for each in pair)
-    best = [s["name"] for s in tuned["stages"] if s["best_score"] == final]
-    stage = "none" if final in (None, first) else (best or [tuned["stages"][-1]["name"]])[0]
-    return (*cells, str(stage), f"{tuned['cpu_s']:.0f}")
+    return tuple(cells)

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import signal
 
 from monitor.base.errors import RecordingError
@@ -16,7 +14,7 @@ from tests.helpers.recordings import recording_of
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.recordings.recording import Recording, load
-from training.recordings.samples.linear_data import Filter, LinearData, Trend, linear_records
+from training.recordings.samples.linear_data import Filter, LinearData, linear_stretches
 from training.recordings.spectrum import coherence_limit, find_lines, welch
 from training.study.page import section
 from training.study.preparation import preparation, unusable
@@ -128,32 +126,13 @@ def test_every_outlier_is_counted_with_its_reason() -> None:
     assert result["outliers"][0]["longest_gap_s"] == pytest.approx(1.0)
 
 
-numbers = st.floats(-1e6, 1e6)
-
-
-@given(
-    mean=st.lists(numbers, min_size=3, max_size=3),
-    std=st.lists(st.floats(1e-3, 1e4), min_size=3, max_size=3),
-    slope=st.lists(st.floats(-10.0, 10.0), min_size=3, max_size=3),
-    middle_s=st.floats(0.0, 1e4),
-    seed=st.integers(0, 2**32 - 1),
-)
-def test_the_linear_preparation_can_be_undone(
-    mean: list[float], std: list[float], slope: list[float], middle_s: float, seed: int
-) -> None:
-    trends = {"a" * 64: Trend(middle_s, tuple(slope))}
-    data = LinearData(("a", "b", "y"), "none", tuple(mean), tuple(std), trends)
-    again = LinearData.from_dict(json.loads(json.dumps(data.as_dict())))
-    assert again == data
-    t_s = np.arange(50) * 0.1
-    values = np.random.default_rng(seed).uniform(-1e3, 1e3, (50, 3))
-    for sha256 in ("a" * 64, "another"):
-        back = again.invert(data.apply(values, t_s, sha256), t_s, sha256)
-        line = np.abs(np.outer(t_s - middle_s, slope)) if sha256 in trends else 0.0
-        scale = np.abs(values) + np.abs(mean) + line
-        assert (np.abs(back - values) <= 1e-12 * scale).all()
-        y = again.invert_output(data.apply(values, t_s, sha256)[:, -1], t_s, sha256)
-        assert np.array_equal(y, back[:, -1])
+def linear_records(
+    recordings: list[Recording], output: str, *inputs: str, reference: LinearData | None = None
+) -> tuple[list[tuple[FloatArray, FloatArray]], LinearData]:
+    """Return the z-scored inputs and output of every stretch, and the scaling."""
+    parts, data = linear_stretches(recordings, inputs, output, reference=reference)
+    z = [data.apply(p.values, p.t_s, recordings[p.recording].sha256) for p in parts]
+    return [(each[:, :-1], each[:, -1]) for each in z], data
 
 
 def test_linear_records_are_level_and_of_unit_size() -> None:
@@ -167,7 +146,7 @@ def test_linear_records_are_level_and_of_unit_size() -> None:
         )
         for s in (1, 2)
     ]
-    pairs, data = linear_records(drives, ["u"], "y")
+    pairs, data = linear_records(drives, "y", "u")
     assert [len(y) for _, y in pairs] == [2000, 2000]
     u, y = (np.concatenate([p[i] for p in pairs]) for i in (0, 1))
     assert u.mean() == pytest.approx(0.0, abs=1e-9) and u.std() == pytest.approx(1.0)
@@ -181,8 +160,8 @@ def test_linear_records_are_level_and_of_unit_size() -> None:
 def test_nothing_of_a_held_out_recording_is_looked_at() -> None:
     train = recording({"u": red_noise(1, 3000), "y": red_noise(2, 3000)}, "train")
     held = recording({"u": 7.0 + 0.01 * np.arange(3000), "y": 2.0 * red_noise(3, 3000)}, "held")
-    _, data = linear_records([train], ["u"], "y")
-    pairs, same = linear_records([held], ["u"], "y", reference=data)
+    _, data = linear_records([train], "y", "u")
+    pairs, same = linear_records([held], "y", "u", reference=data)
     assert same is data
     expected = (held.values - data.mean) / data.std
     assert np.allclose(pairs[0][0][:, 0], expected[:, 0])
@@ -208,12 +187,12 @@ def test_a_band_beyond_the_nyquist_frequency_is_refused() -> None:
 def test_short_holes_are_bridged_and_long_ones_part_stretches() -> None:
     u = red_noise(1, 1000)
     u[[100, 101, 500, 501, 502, 503]] = np.nan
-    pairs, _ = linear_records([recording({"u": u, "y": red_noise(2, 1000)})], ["u"], "y")
+    pairs, _ = linear_records([recording({"u": u, "y": red_noise(2, 1000)})], "y", "u")
     assert [len(y) for _, y in pairs] == [500, 496]
 
 
 def test_lambda_is_prepared_in_phi(simulated: Recording) -> None:
-    pairs, data = linear_records([simulated], NARX_INPUTS, "lambda_measured")
+    pairs, data = linear_records([simulated], "lambda_measured", *NARX_INPUTS)
     assert data.transform == "phi"
     assert 0.85 < data.mean[-1] < 1.05  # 1 / lambda, 0 in fuel cut
     assert all(np.isfinite(y).all() for _, y in pairs)
@@ -222,11 +201,11 @@ def test_lambda_is_prepared_in_phi(simulated: Recording) -> None:
 def test_constant_and_missing_signals_are_refused_by_name() -> None:
     drive = recording({"u": np.full(500, 3.0), "y": red_noise(1, 500)})
     with pytest.raises(RecordingError, match="u is constant"):
-        linear_records([drive], ["u"], "y")
+        linear_records([drive], "y", "u")
     with pytest.raises(RecordingError, match="has no speed"):
-        linear_records([drive], ["speed"], "y")
+        linear_records([drive], "y", "speed")
     with pytest.raises(RecordingError, match="no stretch of 60 samples"):
-        linear_records([recording({"u": red_noise(1, 50), "y": red_noise(2, 50)})], ["u"], "y")
+        linear_records([recording({"u": red_noise(1, 50), "y": red_noise(2, 50)})], "y", "u")
 
 
 def test_different_periods_are_refused() -> None:
@@ -236,7 +215,7 @@ def test_different_periods_are_refused() -> None:
         preparation(drives, ["u"], "y")
 
 
-def test_the_section_says_simulated_filter_and_look_ahead(prepared: dict) -> None:  # type: ignore[type-arg]
+def test_the_section_says_filter_and_look_ahead(prepared: dict) -> None:  # type: ignore[type-arg]
     page = section("preparation", {"preparation": prepared})
-    for words in ("simulated", "Butterworth band-stop of order 2", "look ahead", "dither"):
+    for words in ("Butterworth band-stop of order 2", "look ahead", "dither"):
         assert words in page

@@ -11,11 +11,11 @@ from scipy.signal import lfilter
 
 from monitor.base.errors import RecordingError
 from tests.helpers.plants import PERIOD_S, RNG, modes, tank, two_inputs
-from training.narx.linear.arx import Arx, choose_arx, fit_arx
+from training.narx.fit import FitOptions
+from training.narx.linear.arx import choose_arx, fit_arx
 from training.narx.linear.free_run import free_run_error
 from training.narx.linear.regressors import Stretch
 from training.narx.linear.responses import independence, whiteness
-from training.recordings.metrics import fit_percent
 from training.study import choice
 from training.study.baselines import linear
 from training.study.page import section
@@ -121,16 +121,9 @@ def test_the_study_of_a_tank_is_complete_and_survives_json(tank_result: dict) ->
     fits = {name: m["fit_percent"] for name, m in models.items()}
     assert fits[tank_result["best"]] > 70.0
     assert fits[tank_result["best"]] > max(fits.values()) - 3.0
-    # the reference model can be run again from the stored coefficients
-    kept = json.loads(stored)["arx"]["free_run_model"]
-    again = Arx(np.array(kept["a"]), np.array(kept["b"]), tuple(kept["delays"]), kept["offset"])
-    skip = tank_result["skip"]
-    runs = [(y[skip:], again.simulate(u, y[:skip])[skip:]) for u, y in (tank(900, 5), tank(900, 6))]
-    measured, run = (np.concatenate(side) for side in zip(*runs, strict=True))
-    assert fit_percent(measured, run) == pytest.approx(fits["arx_free_run"], abs=0.01)
     html = section("linear", {"linear": json.loads(stored)})
     assert html == section("linear", {"linear": tank_result})
-    for words in ("Impulse responses", "Singular values", "residuals are white", "ARX, free run"):
+    for words in ("Impulse responses", "residuals are white", "ARX, free run"):
         assert words in html
 
 
@@ -178,10 +171,10 @@ def test_bad_input_is_refused_with_one_clear_line(plants: list[Stretch]) -> None
 def test_the_model_of_the_study_leaves_the_blocks_alone_that_compare_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: dict[str, Any] = {}
+    asked: list[FitOptions] = []
 
-    def fit(*_: Any, **options: Any) -> None:
-        asked.update(options)
+    def fit(source: Any, path: Path, options: FitOptions) -> None:
+        asked.append(options)
 
     monkeypatch.setattr(choice, "fit", fit)
     monkeypatch.setattr(choice, "_free_dict", lambda task, result: {})
@@ -189,4 +182,4 @@ def test_the_model_of_the_study_leaves_the_blocks_alone_that_compare_it(
         folder=tmp_path, settings=Settings(), recordings=[], inputs=[], output="y", jobs=1
     )
     choice.free_structure(task, {})  # type: ignore[arg-type]
-    assert asked["keep_validation"]
+    assert [options.keep_validation for options in asked] == [True]

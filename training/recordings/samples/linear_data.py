@@ -1,4 +1,4 @@
-"""The samples of linear baselines: filtered, detrended, z-scored, and the way back.
+"""The samples of linear baselines: filtered, detrended and z-scored.
 
 Trend removal and the zero-phase filter look ahead. They serve the linear baselines of the study
 and never the model that ships.
@@ -24,8 +24,6 @@ FILTER_MARGIN_HZ = 0.1  # by which the stop band is wider than the line on both 
 NEAR_NYQUIST = 0.9  # a band beyond this share of the Nyquist frequency takes a low-pass
 BRIDGE = 3  # a hole of at most so many samples (an outlier, a lost frame) is bridged linearly
 SHORTEST = 60  # samples of a stretch that is worth fitting to, and enough for the filter's ends
-
-Pair = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +71,7 @@ class Trend:
 
 @dataclass(frozen=True, slots=True)
 class LinearData:
-    """Linear trend of each recording, then common mean and standard deviation; invertible.
+    """Linear trend of each recording, then common mean and standard deviation.
 
     A trend belongs to the recording with its sha256. Other recordings have none, so that a held-out
     recording does not influence its own scaling. The last name is the output.
@@ -84,20 +82,11 @@ class LinearData:
     mean: tuple[float, ...]
     std: tuple[float, ...]
     trends: Mapping[str, Trend] = field(default_factory=dict)
-    filter: Filter | None = None  # of the samples before; ``invert`` does not undo it
+    filter: Filter | None = None  # of the samples before
 
     def apply(self, values: FloatArray, t_s: FloatArray, sha256: str = "") -> FloatArray:
         """Return z-scored values (n, k) of ``values`` (n, k) at ``t_s`` (n,) of a recording."""
         return np.asarray((values - self._line(t_s, sha256) - self.mean) / self.std)
-
-    def invert(self, values: FloatArray, t_s: FloatArray, sha256: str = "") -> FloatArray:
-        """Return the values (n, k) from z-scored ones (n, k)."""
-        return np.asarray(values * self.std + self.mean + self._line(t_s, sha256))
-
-    def invert_output(self, y: FloatArray, t_s: FloatArray, sha256: str = "") -> FloatArray:
-        """Return the output in model units (n,) from a z-scored one (n,)."""
-        line = self._line(t_s, sha256)[:, -1]
-        return np.asarray(y * self.std[-1] + self.mean[-1] + line)
 
     def _line(self, t_s: FloatArray, sha256: str) -> FloatArray:
         trend = self.trends.get(sha256)
@@ -108,22 +97,6 @@ class LinearData:
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, which keeps every digit."""
         return asdict(self) | {"trends": {k: asdict(t) for k, t in self.trends.items()}}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> "LinearData":
-        """Return the data of which ``as_dict`` is the tree, also after JSON."""
-        own = values["filter"]
-        return cls(
-            names=tuple(values["names"]),
-            transform=str(values["transform"]),
-            mean=tuple(values["mean"]),
-            std=tuple(values["std"]),
-            trends={
-                key: Trend(float(t["middle_s"]), tuple(t["slope"]))
-                for key, t in values["trends"].items()
-            },
-            filter=Filter(**(own | {"edges_hz": tuple(own["edges_hz"])})) if own else None,
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,30 +109,6 @@ class LinearStretch:
     values: FloatArray  # (n, k + 1)
 
 
-def linear_records(
-    recordings: Sequence[Recording],
-    inputs: Sequence[str],
-    output: str,
-    band: Sequence[float] | None = None,
-    *,
-    reference: LinearData | None = None,
-) -> tuple[list[Pair], LinearData]:
-    """Return (u (n, k), y (n,)) of every unbroken stretch for linear models, and its scaling.
-
-    band : narrow noise band in Hz that a zero-phase filter takes out of inputs and output
-    reference : scaling and filter of other recordings, for held-out ones; ``band`` is then ignored
-    Trends of each recording, mean and standard deviation are removed; the output is in model
-    units, phi = 1 / lambda for the canonical lambda.
-    Raises RecordingError for a missing signal, a constant one, or no stretch of 60 samples.
-    """
-    parts, prepared = linear_stretches(recordings, inputs, output, band, reference=reference)
-    pairs = []
-    for part in parts:
-        z = prepared.apply(part.values, part.t_s, recordings[part.recording].sha256)
-        pairs.append((z[:, :-1], z[:, -1]))
-    return pairs, prepared
-
-
 def linear_stretches(
     recordings: Sequence[Recording],
     inputs: Sequence[str],
@@ -168,7 +117,12 @@ def linear_stretches(
     *,
     reference: LinearData | None = None,
 ) -> tuple[list[LinearStretch], LinearData]:
-    """Return the filtered stretches before trend and scaling, and the scaling."""
+    """Return the filtered unbroken stretches before trend and scaling, and the scaling.
+
+    band : narrow noise band in Hz that a zero-phase filter takes out of inputs and output
+    reference : scaling and filter of other recordings, for held-out ones; ``band`` is then ignored
+    Raises RecordingError for a missing signal, a constant one, or no stretch of 60 samples.
+    """
     names = (*inputs, output)
     parts = _unbroken(recordings, names)
     if reference is not None:

@@ -13,12 +13,6 @@ from dataclasses import dataclass
 from typing import Final
 
 LM, BAYES, CONJUGATE, DESCENT = "LM", "Bayesian", "SCG", "GD"
-ALGORITHMS: Final = {
-    LM: "Levenberg–Marquardt",
-    BAYES: "Bayesian regularisation",
-    CONJUGATE: "scaled conjugate gradient",
-    DESCENT: "gradient descent with momentum and adaptive rate",
-}
 PAPER, HERE = "paper", "chosen here"
 
 

@@ -18,7 +18,7 @@ from training.jobs import parallel
 from training.jobs.json_tree import plain
 from training.narx.algorithms import gradient, lm, scaled_conjugate
 from training.narx.algorithms.bayes import DEFAULTS as BAYES_DEFAULTS
-from training.narx.algorithms.bayes import BayesOutcome, minimise_bayesian
+from training.narx.algorithms.bayes import minimise_bayesian
 from training.narx.algorithms.objectives import OneStep
 from training.narx.network import Spec, forward, initial_weights, regressors
 from training.narx.search import stages
@@ -127,22 +127,16 @@ def train_one(data: Prepared, job: Job) -> dict[str, Any]:
     The training stops early by the one-step validation error, except with Bayesian regularisation.
     """
     data, spec = _writable(data), spec_of(data, job.candidate)
-    began, began_cpu = time.monotonic(), time.process_time()
+    began_cpu = time.process_time()
     outcome = _minimise(data, spec, initial_weights(spec, np.random.default_rng(job.seed)), job)
     before = outcome.costs[-max(2, len(outcome.costs) // 10)]  # of the last tenth of iterations
-    used = outcome.effective_weights if isinstance(outcome, BayesOutcome) else None
-    course: dict[str, Any] = {
+    result = {
         "start": job.start,
         "seed": job.seed,
         "iterations": len(outcome.costs) - 1,
-    }
-    course |= {"seconds": time.monotonic() - began, "cpu_s": time.process_time() - began_cpu}
-    course["iterations"] = len(outcome.costs) - 1
-    result = {
-        **course,
+        "cpu_s": time.process_time() - began_cpu,
         "stop": outcome.stop,
         "unfinished": outcome.stop == "epochs" and outcome.costs[-1] < 0.99 * before,
-        "effective_weights": used,
         **figures(data, spec, outcome.weights),
     }
     return plain(result) | _network(spec, outcome.weights)
@@ -151,20 +145,14 @@ def train_one(data: Prepared, job: Job) -> dict[str, Any]:
 def tune_one(data: Prepared, job: Job) -> dict[str, Any]:
     """Return figures and weights after tuning in closed loop, over growing horizons."""
     data, spec = _writable(data), spec_of(data, job.candidate)
-    began, began_cpu = time.monotonic(), time.process_time()
+    began_cpu = time.process_time()
     before = np.array(job.weights)
     found = stages.train(data, spec, job.seed, horizons=HORIZONS, weights=before)
-    course = [
-        {"name": s.name, "iterations": len(s.costs) - 1, "stop": s.stop}
-        | {"best_score": min(s.scores), "seconds": s.seconds}
-        for s in found.stages
-    ]
     result = {
         "start": job.start,
         "before": figures(data, spec, before) | _forgets(data, spec, before),
         "after": figures(data, spec, found.weights) | _forgets(data, spec, found.weights),
-        "stages": course,
-        "seconds": time.monotonic() - began,
+        "stages": [{"name": s.name, "best_score": min(s.scores)} for s in found.stages],
         "cpu_s": time.process_time() - began_cpu,
     }
     return plain(result) | _network(spec, found.weights)

@@ -5,7 +5,6 @@ the jobs stored in its directory.
 """
 
 import hashlib
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -25,27 +24,19 @@ from training.study.narx.models import (
     train_one,
     tune_one,
 )
-from training.study.narx.verdicts import findings, judge, rules, warnings
+from training.study.narx.verdicts import judge, warnings
 from training.study.results import fan_out, public
 from training.study.task import Parts, Settings, Task, source
 
 VERSION = 2  # of the jobs; stored jobs of another version are not reused
-
-SHOWN = ("starts", "iterations", "n_samples", "tune_best", "seed")  # settings in the result
 
 Model = dict[str, Any]
 
 
 def narx_study(task: Task, _: Parts) -> dict[str, Any]:
     """Return the figures of all models and starts, and of the best models after tuning."""
-    return compared(
-        task.data,
-        task.folder / "narx",
-        task.settings,
-        task.models,
-        jobs=task.jobs,
-        scheduler=task.scheduler,
-    )
+    where = {"jobs": task.jobs, "scheduler": task.scheduler}
+    return compared(task.data, task.folder / "narx", task.settings, task.models, **where)
 
 
 def compared(
@@ -61,7 +52,6 @@ def compared(
     where : ``jobs`` and ``scheduler`` as of ``fan_out``
     Raises RecordingError if the samples are too few, UsageError for impossible settings.
     """
-    began = time.monotonic()
     if settings.starts < 1 or settings.iterations < 1 or not candidates:
         raise UsageError(
             f"{len(candidates)} models, {settings.starts} starts, {settings.iterations} "
@@ -71,8 +61,8 @@ def compared(
     trainings = _trainings(thinned, settings, candidates)
     done = fan_out(train_one, thinned, trainings, folder, label="models", **where)
     models = [_model(thinned, c, candidates, trainings, done) for c in candidates]
-    for model, verdict in zip(models, judge(models, settings.iterations), strict=True):
-        model["verdict"] = verdict
+    for model, labels in zip(models, judge(models), strict=True):
+        model["verdict"] = labels
     once = sorted((m for m in models if m["same_as"] is None), key=lambda m: _score(_best_start(m)))
     tunings = {}
     for model in once[: settings.tune_best]:
@@ -85,8 +75,7 @@ def compared(
         | public(found[key])
         for key, job in tunings.items()
     ]
-    starts = [*tuned, *(s for m in models for s in m["starts"])]
-    result = {
+    return {
         "source": source(data.recordings),
         "inputs": list(data.names),
         "output": data.output.name,
@@ -98,18 +87,13 @@ def compared(
             "test": int((data.role == Role.TEST).sum()),
             "enabled_share": round(float(thinned.enabled.mean()), 4),
         },
-        "settings": {name: getattr(settings, name) for name in SHOWN}
-        | {"horizons": list(HORIZONS), "input_lag_start": 1},
+        "settings": asdict(settings)
+        | {"models": list(settings.models), "horizons": list(HORIZONS)},
         "models": models,
         "ranking": [m["number"] for m in once],
         "tuned": tuned,
-        "best": _best(models, tuned),
-        "rules": rules(settings.iterations),
-        "cpu_s": round(sum({s["weights_key"]: s["cpu_s"] for s in starts}.values()), 1),
         "warnings": warnings(data, thinned, models),
     }
-    seconds = round(time.monotonic() - began, 1)
-    return result | {"findings": findings(result), "seconds": seconds}
 
 
 def _trainings(
@@ -159,23 +143,6 @@ def _score(figures: Model) -> float:
 
 def _best_start(model: Model) -> Model:
     return dict(model["starts"][model["best_start"]])
-
-
-def _best(models: Sequence[Model], tuned: Sequence[Model]) -> Model:
-    """Return the best model, before or after tuning.
-
-    Models that forget their history come first; among them the free-run validation error decides.
-    """
-    found = []
-    for t in tuned:
-        model = next(m for m in models if m["number"] == t["number"])
-        keys = {"before": model["starts"][t["start"]]["weights_key"], "after": t["weights_key"]}
-        found += [
-            {"number": t["number"], "name": t["name"], "tuned": when == "after"}
-            | {"weights_key": key, "figures": t[when]}
-            for when, key in keys.items()
-        ]
-    return min(found, key=lambda m: (not m["figures"]["forgets"], _score(m["figures"])))
 
 
 def _digest(data: Prepared) -> str:

@@ -14,15 +14,11 @@ from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.outliers import outlier_mask
 from training.recordings.samples.preparation import Prepared, Role, Samples, prepare
-from training.recordings.samples.rows import runs
 from training.study.narx.models import SEED_STEP, Start, trained
 
 LAGS, HIDDEN, HORIZONS, STARTS = 5, (8,), (5, 20, 100), 2  # lags and horizons in samples
 MOST_TRAINING = 24_000  # samples, enough for a few hundred weights; the rest is for testing
 WINDOW = 1800  # samples of a part that as a whole trains or tests
-BOOTSTRAP_BLOCK = 100  # samples drawn together, longer than the memory of a residual
-DRAWS = 2000  # of the bootstrap
-NEGLIGIBLE = 0.1  # of the RMSE; a smaller difference does not justify an input
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +52,6 @@ class Tried:
     def measured(self) -> FloatArray:
         """The output (n,) in model units."""
         return self.data.scaling.unscale_y(self.data.samples.y)
-
-    def rmse(self, rows: np.ndarray, start: Trained) -> float:
-        """Return the free-run error of a start on ``rows``."""
-        return metrics.rmse(self.measured[rows], self.predicted(start)[rows])
 
 
 def aligned(recordings: Sequence[Recording], names: Sequence[str]) -> list[Recording]:
@@ -163,36 +155,12 @@ def figures(tried: Tried, rows: np.ndarray) -> dict[str, Any]:
     return {
         "name": tried.set.name,
         "inputs": list(tried.set.inputs),
-        "exact": tried.set.exact,
-        "weights": tried.best.spec.n_weights,
         "samples": int(rows.sum()),
         "rmse": metrics.rmse(measured, predicted),
         "fit_percent": metrics.fit_percent(measured, predicted) if np.ptp(measured) > 0 else None,
         "correlation": metrics.correlation(measured, predicted),
-        "rmse_of_starts": [tried.rmse(rows, t) for t in tried.starts],
+        "rmse_of_starts": [metrics.rmse(measured, tried.predicted(t)[rows]) for t in tried.starts],
         "stopped_by_budget": sum(
             not own or own[-1].stop == "budget" or len(own) <= len(HORIZONS) for own in stages
         ),
-        "seconds": round(sum(s.seconds for own in stages for s in own), 1),
     }
-
-
-def difference(one: Tried, other: Tried, rows: np.ndarray, seed: int) -> dict[str, float]:
-    """Return the RMSE of ``one`` minus that of ``other`` with a 95 % interval, in model units.
-
-    The interval is a bootstrap over blocks of residuals; both sets draw the same blocks.
-    Source: Künsch, Annals of Statistics 17 (1989); here the blocks do not overlap.
-    """
-    squares = np.column_stack([(t.predicted() - one.measured) ** 2 for t in (one, other)])
-    blocks = [
-        squares[a : min(a + BOOTSTRAP_BLOCK, stop)]
-        for first, stop in runs(rows)
-        for a in range(first, stop, BOOTSTRAP_BLOCK)
-    ]
-    total, n = np.array([b.sum(axis=0) for b in blocks]), np.array([len(b) for b in blocks])
-    drawn = np.random.default_rng(seed).integers(0, len(n), (DRAWS, len(n)))
-    rmse = np.sqrt(total[drawn].sum(axis=1) / n[drawn].sum(axis=1)[:, np.newaxis])
-    low, high = np.percentile(rmse[:, 0] - rmse[:, 1], [2.5, 97.5])
-    a, b = np.sqrt(total.sum(axis=0) / n.sum())
-    values = {"difference": a - b, "low": low, "high": high, "rmse": b, "blocks": len(n)}
-    return {name: float(value) for name, value in values.items()}

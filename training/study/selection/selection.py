@@ -4,23 +4,21 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy import linalg
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import source_of
 from monitor.base.types import FloatArray
+from training.jobs.json_tree import plain
 from training.limits.data_check.measures import variance_inflation
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.linear_data import cleaned, output_transform
 from training.recordings.samples.rows import runs
-from training.study.selection.components import pca
 from training.study.selection.input_sets import (
-    NEGLIGIBLE,
     InputSet,
-    Tried,
     aligned,
     correlations,
-    difference,
     figures,
     scored_rows,
     try_sets,
@@ -46,9 +44,8 @@ CANDIDATES = tuple(REASONS)
 MOST_LEFT_OUT = 8  # with at most so many inputs, every input is left out in turn
 LAG_SPAN = 20  # largest lag, in samples, of an input's correlation with the output
 CHOSEN, WITHOUT, EXACT = "chosen", "without the controller", "controller exact"
+ENOUGH = 0.9  # share of the variance that the kept components explain
 BUDGET_SHARE = 0.4  # of the study's budget
-
-Pairs = list[tuple[FloatArray, FloatArray]]
 
 
 def candidates(
@@ -80,7 +77,8 @@ def selection(task: Task, _: Parts) -> dict[str, Any]:
     chosen = tuple(task.inputs) or names
     transform = output_transform(output)
     parts = _stretches(recordings, names, output)
-    components = pca([(t, v[:, :-1]) for t, v in parts], names)
+    values = np.concatenate(parts)
+    components = pca(values[:, :-1], names)
     sets = _sets(names, chosen, transform)
     same = aligned(recordings, names)
     budget = BUDGET_SHARE * task.settings.budget_minutes
@@ -100,9 +98,8 @@ def selection(task: Task, _: Parts) -> dict[str, Any]:
         "simulated": sum(source_of(r.path, r.sha256) == "simulated" for r in recordings),
         "recordings": len(recordings),
         "pca": components,
-        "variables": _variables([v for _, v in parts], names, chosen, components),
+        "variables": _variables(parts, names, chosen, components),
         "sets": [figures(t, rows) for t in tried],
-        "comparisons": [_comparison(t, tried[0], rows, seed) for t in tried[1:]],
         "transparency": reach,
     }
 
@@ -119,18 +116,19 @@ def _sets(names: tuple[str, ...], chosen: tuple[str, ...], transform: str) -> li
     return sets
 
 
-def _stretches(recordings: Sequence[Recording], names: Sequence[str], output: str) -> Pairs:
-    """Return stretches of valid samples: time in s through all drives, candidates and output."""
-    parts, begin_s = [], 0.0
+def _stretches(
+    recordings: Sequence[Recording], names: Sequence[str], output: str
+) -> list[FloatArray]:
+    """Return stretches of valid samples of candidates and output."""
+    parts = []
     for recording in recordings:
         values = cleaned(recording, (*names, output), output_transform(output))
         good = np.asarray(np.isfinite(values).all(axis=1))
-        parts += [(begin_s + recording.t_s[a:b], values[a:b]) for a, b in runs(good)]
-        begin_s += len(recording.t_s) * recording.period_ns / 1e9
+        parts += [values[a:b] for a, b in runs(good)]
     files = ", ".join(str(r.path) for r in recordings)
-    if sum(len(t) for t, _ in parts) <= 10 * (len(names) + 1):
+    if sum(map(len, parts)) <= 10 * (len(names) + 1):
         raise RecordingError(f"{files}: hardly a sample has {', '.join(names)} and {output} valid")
-    spread = np.concatenate([v for _, v in parts]).std(axis=0)
+    spread = np.concatenate(parts).std(axis=0)
     for name, value in zip((*names, output), spread, strict=True):
         if value <= 1e-12:
             raise RecordingError(f"{files}: {name} is constant; leave it out")
@@ -169,17 +167,23 @@ def _variables(
     return rows
 
 
-def _comparison(other: Tried, ours: Tried, rows: np.ndarray, seed: int) -> dict[str, Any]:
-    """Return the comparison of another input set with the chosen one, with a verdict."""
-    found = difference(other, ours, rows, seed)
-    theirs, own = ([t.rmse(rows, start) for start in t.starts] for t in (other, ours))
-    low, high, margin = found["low"], found["high"], NEGLIGIBLE * found["rmse"]
-    if low > -margin and high < margin:
-        verdict = "as good"
-    elif low > 0.0 and min(theirs) > max(own):
-        verdict = "worse"
-    elif high < 0.0 and max(theirs) < min(own):
-        verdict = "better"
-    else:
-        verdict = "not told apart"
-    return {"name": other.set.name, **found, "verdict": verdict}
+def pca(values: FloatArray, names: Sequence[str]) -> dict[str, Any]:
+    """Return the principal components of the z-scored columns as plain values.
+
+    values : (n, k), with n > k and no constant column; ``names`` are those of the columns
+    The variances are in falling order. With more than one component the last is never kept.
+    """
+    z = (values - values.mean(axis=0)) / values.std(axis=0, ddof=1)
+    _, sizes, rows = linalg.svd(z, full_matrices=False)
+    variances = sizes**2 / (len(values) - 1.0)
+    explained = np.cumsum(variances) / variances.sum()
+    signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
+    result = {
+        "names": list(names),
+        "samples": len(values),
+        "kept": max(1, min(int(np.searchsorted(explained, ENOUGH) + 1), len(variances) - 1)),
+        "variances": variances,
+        "explained": explained,
+        "loadings": (rows * signs[:, np.newaxis]).T,  # one column each, the largest is positive
+    }
+    return dict(plain(result))

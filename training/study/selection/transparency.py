@@ -1,13 +1,10 @@
 """How much of a sensor fault reaches the prediction through lambda_controller.
 
 The controller computes its output from the measured lambda. A network with this input may predict
-the faulty reading, so that the fault hides itself. A drive with the fault in the control loop does
-not show how much, because the fault also changes the mixture.
-
-So the controller's law is estimated from the recordings: its increment as a function of measured
-and commanded mixture, present and past. The law and the estimated dead time of the loop give the
-controller's answer to a faulty reading. This answer is added to the network's input; all other
-inputs stay unchanged, as if the true mixture did not change.
+the faulty reading, so that the fault hides itself. The controller's law is estimated from the
+recordings: its increment as a function of measured and commanded mixture, present and past. Law and
+dead time of the loop give the controller's answer to a faulty reading. This answer is added to the
+network's input; all other inputs stay unchanged, as if the true mixture did not change.
 """
 
 from collections.abc import Sequence
@@ -34,7 +31,7 @@ from training.study.selection.input_sets import Tried, correlations, exact_input
 COMMAND = "lambda_target"
 TAPS = 5  # past samples of the mixture in the controller's law
 MOST_DEAD_TIME = 20  # samples
-LIMIT_PERCENTILE = 99.0  # of the distance of readings from their median, for Controller.limit
+LIMIT_PERCENTILE = 99.0  # of the distance of readings from their median
 SHORTEST = 100  # least samples of a closed-loop stretch
 # Faults with their severities, in s or as gain.
 FAULTS = (("slow_symmetric", 0.6), ("delay_symmetric", 0.6), ("gain_low", 0.5))

@@ -1,1 +1,0 @@
-"""Figures of the study, one module per section of its page."""
