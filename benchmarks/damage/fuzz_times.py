@@ -27,7 +27,7 @@ from monitor.bus.loop import Loop
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.signal_map import Integrity
 from monitor.frames.blocks import chosen, frames_of, joined
-from monitor.frames.log_blocks import read_blocks
+from monitor.frames.logs import read_blocks
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples
 from monitor.grid.time_walk import TimeCounters

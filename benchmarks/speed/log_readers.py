@@ -20,8 +20,7 @@ from benchmarks.speed import traffic
 from monitor.frames import mdf
 from monitor.frames.blf import structure
 from monitor.frames.bounds import open_binary
-from monitor.frames.log_blocks import read_blocks
-from monitor.frames.logs import read_frames
+from monitor.frames.logs import read_blocks, read_frames
 from training.recordings.files.can_log import write_log
 
 FORMATS = (".log", ".log.gz", ".blf", ".mf4")

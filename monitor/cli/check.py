@@ -71,7 +71,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(args: CheckOptions) -> int:
     """Say which signals are there."""
     from monitor.bus.link.port import BusHealth, Port
-    from monitor.frames.log_blocks import read_blocks
+    from monitor.frames.logs import read_blocks
     from monitor.grid.tables import is_table
     from monitor.report.check import check
 

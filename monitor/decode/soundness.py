@@ -15,7 +15,7 @@ from cantools.database.can import Database, Message, Signal
 
 from monitor.base.errors import SignalMapError
 from monitor.base.files.inputs import in_words
-from monitor.frames.candump import MAX_BYTES
+from monitor.frames.blocks import MAX_BYTES
 
 MOST_LETTERS: Final = 1000  # of a name; DBC allows 128
 MOST_BYTES: Final = 64 << 20  # of a database file; large ones of whole vehicles have 10 MB

@@ -1,26 +1,36 @@
 """Blocks of frames side by side: made from frames, turned back into frames, cut and joined."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 from typing import Final
 
 import numpy as np
 
-from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, Frame, FrameBlock, IntArray
 
 EXTENDED: Final = 1 << 31  # bit of a block's key: the identifier has 29 bits
 FRAMES: Final = 1 << 16  # most frames in a block
+MAX_BYTES: Final = 64  # data of a CAN FD frame
+LATEST_S: Final = 9.2e9  # 64 bits of nanoseconds end in the year 2262
+
+
+@dataclass(slots=True)
+class LogCounters:
+    """Counts of the frames in a log."""
+
+    frames: int = 0  # data frames
+    skipped: int = 0  # error frames and remote frames
 
 
 def blocks_of(frames: Iterable[Frame]) -> Iterator[FrameBlock]:
-    """Yield frames as blocks; the frames before a RecordingError are yielded before it."""
+    """Yield frames as blocks; the frames before an error are yielded before it."""
     source = iter(frames)
     while True:
         chunk: list[Frame] = []
         try:
             chunk.extend(islice(source, FRAMES))
-        except RecordingError:
+        except Exception:
             if chunk:
                 yield block_of(chunk)
             raise

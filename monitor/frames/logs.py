@@ -7,42 +7,56 @@ bytes.
 """
 
 from collections.abc import Callable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeVar
+
+import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.files.inputs import open_regular
 from monitor.base.types import Frame, FrameBlock
 from monitor.frames import mdf
-from monitor.frames.blf import blocks as blf_blocks
-from monitor.frames.blocks import frames_of
+from monitor.frames.blf import blocks as blf
+from monitor.frames.blocks import LATEST_S, MAX_BYTES, LogCounters, blocks_of, frames_of
 from monitor.frames.bounds import open_binary, open_text
-from monitor.frames.candump import CUT_SHORT, LATEST_S, MAX_BYTES, LogCounters, read_candump
 from monitor.frames.tables.readers import SUFFIXES as TABLES
+from monitor.frames.text import candump
 from monitor.frames.text.frame_lines import FrameLines
 from monitor.frames.text.python_can import text_reader
 
 if TYPE_CHECKING:
     import can
 
+# of the formats that are read in blocks; others are read frame by frame by python-can
+_READERS: Final[dict[str, Callable[[BinaryIO, LogCounters], Iterator[FrameBlock]]]] = {
+    ".log": candump.read_blocks,
+    ".blf": blf.read_blocks,
+    ".mf4": mdf.read_blocks,
+}
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
 IDENTIFIERS: Final = 1 << 29  # CAN identifiers have 29 bits at most
-_TEXT: Final = (".log", ".asc", ".csv", ".trc")
-_CSV_HEADER: Final = "timestamp,arbitration_id,"
+_LARGEST_BLOCK: Final = 31 << 20  # bytes; glibc's threshold grows only up to 32 MB
 
 T = TypeVar("T")
 
 
-def read_frames(path: str | Path, counters: LogCounters | None = None) -> Iterator[Frame]:
-    """Return the frames of a log in the order of the file.
+def read_blocks(path: str | Path, counters: LogCounters | None = None) -> Iterator[FrameBlock]:
+    """Return the frames of a log in blocks, in the order of the file.
 
-    counters : updated while the frames are read
+    counters : updated with every block
     Raises RecordingError with file, reason and number of frames read if the log is missing, empty,
-    of unknown format, damaged or cut short. Errors visible without reading are raised at once.
+    of unknown format, damaged or cut short, after the frames before the damage. Errors visible
+    without reading are raised at once.
     """
     path = Path(path)
     counters = LogCounters() if counters is None else counters
-    return guarded(path, counters, _frames(path, checked_kind(path), counters))
+    return guarded(path, counters, _blocks(path, checked_kind(path), counters))
+
+
+def read_frames(path: str | Path, counters: LogCounters | None = None) -> Iterator[Frame]:
+    """Return the frames of a log one by one; errors as of ``read_blocks``."""
+    return chain.from_iterable(map(frames_of, read_blocks(path, counters)))
 
 
 def checked_kind(path: Path) -> str:
@@ -113,40 +127,23 @@ def guarded(path: Path, counters: LogCounters, items: Iterator[T]) -> Iterator[T
         raise RecordingError(f"{path}: no CAN frames in the log{advice}")
 
 
-def _frames(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
-    if kind == ".log":
-        with open_text(path) as file:
-            yield from read_candump(enumerate(file, 1), counters)
-    elif kind == ".mf4":
-        with open_binary(path) as binary, mdf.quiet():
-            yield from _one_by_one(mdf.read_blocks, binary, counters)
-    elif kind == ".blf":
-        with open_binary(path) as binary:
-            yield from _one_by_one(blf_blocks.read_blocks, binary, counters)
-    else:
-        if kind == ".csv":
-            _check_csv_header(path)
-        with open_text(path) as file, text_reader(kind)(FrameLines(file, kind)) as reader:
-            yield from through_python_can(reader, counters)
-    if kind in _TEXT and not _ends_with_newline(path):
-        raise ValueError(CUT_SHORT)
+def _blocks(path: Path, kind: str, counters: LogCounters) -> Iterator[FrameBlock]:
+    if kind in _READERS:
+        _keep_freed_memory()
+        with open_binary(path) as file:
+            yield from _READERS[kind](file, counters)
+        return
+    with open_text(path, newline="") as text, text_reader(kind)(FrameLines(text, kind)) as reader:
+        yield from blocks_of(through_python_can(reader, counters))
 
 
-def _one_by_one(
-    read: Callable[[BinaryIO, LogCounters], Iterator[FrameBlock]],
-    file: BinaryIO,
-    counters: LogCounters,
-) -> Iterator[Frame]:
-    """Yield the frames of a block reader one by one; a frame is counted when it is yielded."""
-    ahead, skipped = LogCounters(), counters.skipped
-    try:
-        for block in read(file, ahead):
-            counters.skipped = skipped + ahead.skipped
-            for frame in frames_of(block):
-                counters.frames += 1
-                yield frame
-    finally:
-        counters.skipped = skipped + ahead.skipped
+def _keep_freed_memory() -> None:
+    """Let glibc keep freed memory for the next chunk, instead of mapping it page by page again.
+
+    Freeing a large mapped block raises the limit up to which glibc keeps memory: mallopt(3),
+    M_MMAP_THRESHOLD. The block is never touched. This saves 10 % of the time of candump and BLF.
+    """
+    np.empty(_LARGEST_BLOCK, dtype=np.uint8)
 
 
 def through_python_can(reader: Any, counters: LogCounters) -> Iterator[Frame]:
@@ -171,22 +168,3 @@ def through_python_can(reader: Any, counters: LogCounters) -> Iterator[Frame]:
         frame = frame_of(message)
         counters.frames += 1
         yield frame
-
-
-def _check_csv_header(path: Path) -> None:
-    with open_text(path) as file:
-        header = file.readline().strip()
-    if not header.startswith(_CSV_HEADER):
-        raise ValueError(f"its first line is {header[:40]!r}, python-can's log header is wanted")
-
-
-def _ends_with_newline(path: Path) -> bool:
-    with open_binary(path) as file:
-        last = b""
-        if path.suffix.lower() != ".gz":
-            file.seek(-1, 2)
-            return file.read(1) == b"\n"
-        read: Callable[[], bytes] = lambda: file.read(1 << 16)  # noqa: E731
-        for chunk in iter(read, b""):
-            last = chunk[-1:]
-        return last in (b"", b"\n")

@@ -15,9 +15,8 @@ from typing import IO, Any, Final
 import numpy as np
 
 from monitor.base.types import FrameBlock
-from monitor.frames.blocks import EXTENDED, FRAMES, chosen, joined
+from monitor.frames.blocks import EXTENDED, FRAMES, LATEST_S, MAX_BYTES, LogCounters, chosen, joined
 from monitor.frames.bounds import TABLE_RATIO, check_ratio
-from monitor.frames.candump import LATEST_S, MAX_BYTES, LogCounters
 
 _BUS_EVENT: Final = 2  # flag of channel groups with bus events
 _BLOCK_HEADER: Final = struct.Struct("<4s4xQQ")  # id, length, number of links
@@ -141,7 +140,7 @@ def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
     check(file)
     file.seek(0)
     source = Path(file.name) if isinstance(file, io.BufferedReader) else io.BytesIO(file.read())
-    with MDF(source) as measurement:
+    with quiet(), MDF(source) as measurement:
         start_us = round(measurement.header.start_time.timestamp() * 1e6)
         channel_groups: list[Any] = list(measurement.groups)
         groups: list[Iterator[FrameBlock]] = []

@@ -24,7 +24,7 @@ from monitor.base.errors import SignalMapError
 from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder, Decoded
 from monitor.decode.signal_map import Derived
-from monitor.frames.candump import LATEST_S
+from monitor.frames.blocks import LATEST_S
 from monitor.grid.derived import Output
 
 Series = tuple[IntArray, FloatArray]  # times and values of one channel, both (n,)

@@ -9,7 +9,7 @@ from cantools.database.can import Database
 
 from monitor.decode.checksum import ALGORITHMS
 from monitor.decode.signal_map import LONGEST_TIMEOUT_S
-from monitor.frames.log_blocks import read_blocks
+from monitor.frames.logs import read_blocks
 from monitor.judge.causes.causes import timeout_of
 from monitor.mapping.candidates import MapCandidate, cycle_ms, ranked
 from monitor.mapping.proposal import NOTHING, Proposal, Proposals, propose

@@ -10,8 +10,8 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
-from monitor.frames.candump import LogCounters
-from monitor.frames.log_blocks import read_blocks
+from monitor.frames.blocks import LogCounters
+from monitor.frames.logs import read_blocks
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples, whole
 from monitor.grid.table_samples import table_block

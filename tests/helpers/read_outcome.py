@@ -9,10 +9,11 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, FrameBlock
 from monitor.frames.blf.structure import check as check_blf
-from monitor.frames.blocks import EXTENDED
-from monitor.frames.candump import LogCounters
-from monitor.frames.log_blocks import read_blocks
-from monitor.frames.logs import guarded, read_frames, through_python_can
+from monitor.frames.blocks import EXTENDED, LogCounters
+from monitor.frames.bounds import open_text
+from monitor.frames.logs import guarded, read_blocks, through_python_can
+from monitor.frames.text.candump import frame_of_line
+from monitor.frames.text.lines import CUT_SHORT
 from training.recordings.files.frame_block import EncodedFrames
 
 Outcome = tuple[list[Frame], LogCounters, str | None]
@@ -47,8 +48,33 @@ def outcome(frames: Iterable[Frame], counters: LogCounters) -> Outcome:
 
 
 def streamed(path: Path) -> Outcome:
+    """Read a candump log line by line."""
     counters = LogCounters()
-    return outcome(read_frames(path, counters), counters)
+
+    def frames() -> Iterator[Frame]:
+        line = ""
+        with open_text(path) as file:
+            for number, line in enumerate(file, 1):
+                yield from frames_of_line(number, line, counters)
+        if line and not line.endswith("\n"):
+            raise ValueError(CUT_SHORT)
+
+    return outcome(guarded(path, counters, frames()), counters)
+
+
+def frames_of_line(number: int, line: str, counters: LogCounters) -> Iterator[Frame]:
+    if not line.strip():
+        return
+    try:
+        frame = frame_of_line(line)
+    except ValueError as error:
+        wanted = "'(seconds) channel id#data' is wanted"
+        raise ValueError(f"line {number} is {line.strip()[:60]!r}, {wanted}") from error
+    if frame is None:
+        counters.skipped += 1
+    else:
+        counters.frames += 1
+        yield frame
 
 
 def python_can_reads(path: Path) -> Outcome:

@@ -34,7 +34,7 @@ def run(
 
     from monitor.base.errors import UsageError
     from monitor.decode.bus_map import load_pairs
-    from monitor.frames.candump import LATEST_S
+    from monitor.frames.blocks import LATEST_S
     from monitor.grid.tables import read_table
     from training.recordings.files.can_log import broadcast, write_log
     from training.recordings.recording import check_rows, default_pairs

@@ -20,7 +20,7 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, load_pairs
-from monitor.frames.log_blocks import read_blocks
+from monitor.frames.logs import read_blocks
 from monitor.grid.arrays import table_of
 from monitor.grid.block_assembler import BlockAssembler, assemble_arrays
 from monitor.grid.block_samples import log_samples, whole

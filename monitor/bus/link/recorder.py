@@ -8,8 +8,8 @@ import can
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, FrameBlock
 from monitor.frames.blocks import frames_of
-from monitor.frames.candump_lines import lines_of
 from monitor.frames.logs import log_kind
+from monitor.frames.text.candump_lines import lines_of
 
 
 class Recorder(AbstractContextManager["Recorder"]):

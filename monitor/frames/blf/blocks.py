@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from monitor.base.types import BoolArray, FloatArray, FrameBlock, IntArray
 from monitor.frames import swar
 from monitor.frames.blf import structure
-from monitor.frames.blocks import chosen
+from monitor.frames.blocks import LATEST_S, LogCounters, chosen
 from monitor.frames.bounds import BoundError, Inflation
-from monitor.frames.candump import LATEST_S, LogCounters
 
 Words = NDArray[np.uint32]
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
-from monitor.frames.candump import LATEST_S
+from monitor.frames.blocks import LATEST_S
 from monitor.frames.tables.raw_table import Notes
 
 JITTER_S: Final = 1.0  # a row that much older is out of order; a larger step back begins a new log

@@ -14,6 +14,9 @@ from collections.abc import Callable, Iterator
 from decimal import Decimal
 from typing import Final, TextIO
 
+from monitor.frames.text.lines import CUT_SHORT
+
+_CSV_HEADER: Final = "timestamp,arbitration_id,"
 _ASC_FRAME: Final = re.compile(
     r"\d+\.\d+\s+\d+\s+\w+\s+(?:Rx|Tx|TxRq)\s+"
     r"(?:r(?:\s+\w+)?|d\s+[0-9a-f]{1,2}(?:\s+[0-9a-f]{1,3}\b(?!\s*=))*)"
@@ -37,23 +40,30 @@ _TRC_LEAST: Final = 4  # number, time, identifier and length
 class FrameLines:
     """A text log whose lines are checked as they are read.
 
-    kind : ".asc" or ".trc"; lines of other formats pass
+    kind : ".asc", ".csv" or ".trc"
     """
 
     def __init__(self, file: TextIO, kind: str) -> None:
         self._file = file
-        checks = {".asc": _is_asc, ".trc": _Trc().is_line}
-        self._check: Callable[[str], bool] = checks.get(kind, _is_any)
+        self._check: Callable[[str], bool] = {
+            ".asc": _is_asc,
+            ".csv": _Csv().is_line,
+            ".trc": _Trc().is_line,
+        }[kind]
         self._times = _AscTimes() if kind == ".asc" else None
-        self._number = 0
+        self._number, self._last = 0, "\n"
 
     def __iter__(self) -> Iterator[str]:
         return self
 
     def __next__(self) -> str:
-        """Return the next line; raises ValueError if it is a damaged frame."""
-        line = next(self._file)
-        self._number += 1
+        """Return the next line; raises ValueError for a damaged frame or a last line cut short."""
+        line = next(self._file, "")
+        if not line:
+            if not self._last.endswith("\n"):
+                raise ValueError(CUT_SHORT)
+            raise StopIteration
+        self._number, self._last = self._number + 1, line
         if not self._check(line):
             raise ValueError(f"line {self._number}, {line.strip()[:40]!r}, is no frame")
         return self._times.since_beginning(line) if self._times else line
@@ -71,8 +81,20 @@ class FrameLines:
         self._file.close()
 
 
-def _is_any(_: str) -> bool:
-    return True
+class _Csv:
+    """Knows the header of python-can's ``.csv`` logs."""
+
+    def __init__(self) -> None:
+        self._has_begun = False
+
+    def is_line(self, line: str) -> bool:
+        """Return True; raises ValueError if the first line is no header."""
+        if not self._has_begun and not line.startswith(_CSV_HEADER):
+            raise ValueError(
+                f"its first line is {line.strip()[:40]!r}, python-can's log header is wanted"
+            )
+        self._has_begun = True
+        return True
 
 
 def _is_asc(line: str) -> bool:

@@ -1,4 +1,4 @@
-"""Lines of candump at once, by numpy and compiled: those of the streaming reader."""
+"""Lines of candump at once, by numpy: those read one by one."""
 
 import gzip
 import zlib
@@ -11,13 +11,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.types import FrameBlock
-from monitor.frames import candump_blocks
+from monitor.frames.blocks import LogCounters
 from monitor.frames.bounds import open_binary
-from monitor.frames.candump import LogCounters, read_candump
 from monitor.frames.logs import guarded
+from monitor.frames.text import candump
 from monitor.frames.text.lines import MARGIN
 from tests.helpers.examples import inputs
-from tests.helpers.read_outcome import Outcome, frames_of, outcome, streamed, synthetic
+from tests.helpers.read_outcome import (
+    Outcome,
+    frames_of,
+    frames_of_line,
+    outcome,
+    streamed,
+    synthetic,
+)
 from training.recordings.files.can_log import write_log
 
 
@@ -26,7 +33,7 @@ def in_chunks(path: Path, chunk_bytes: int) -> Outcome:
 
     def blocks() -> Iterator[FrameBlock]:
         with open_binary(path) as file:
-            yield from candump_blocks.read_blocks(file, counters, chunk_bytes)
+            yield from candump.read_blocks(file, counters, chunk_bytes)
 
     found = guarded(path, counters, blocks())
     return outcome((frame for block in found for frame in frames_of(block)), counters)
@@ -111,20 +118,20 @@ FORMS = [
 ]
 
 
-def parsed(lines: list[bytes]) -> candump_blocks.Lines:
+def parsed(lines: list[bytes]) -> candump.Lines:
     margin = b"\x0a" * MARGIN
-    return candump_blocks.parse_lines(
+    return candump.parse_lines(
         np.frombuffer(margin + b"\n".join(lines) + b"\n" + margin, dtype=np.uint8)
     )
 
 
-def assert_as_streamed(lines: list[bytes], found: candump_blocks.Lines) -> None:
+def assert_as_streamed(lines: list[bytes], found: candump.Lines) -> None:
     """Hold each line that was understood to the streaming reader."""
     frames = frames_of(found.frames) if found.is_data.all() else None
     for row in np.flatnonzero(found.plain).tolist():
         counters = LogCounters()
         text = lines[row].decode(errors="surrogateescape")
-        wanted = list(read_candump([(1, text)], counters))
+        wanted = list(frames_of_line(1, text, counters))
         block = FrameBlock(*(column[row : row + 1] for column in found.frames))
         got = frames_of(block) if found.is_data[row] else []
         assert got == wanted, text

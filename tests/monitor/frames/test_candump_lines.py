@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from monitor.base.types import Frame
 from monitor.bus.link.recorder import message_of
 from monitor.frames.blocks import block_of
-from monitor.frames.candump import LogCounters, read_candump
-from monitor.frames.candump_lines import lines_of
+from monitor.frames.text.candump import frame_of_line
+from monitor.frames.text.candump_lines import lines_of
 from tests.helpers.examples import inputs
 
 US = 1000
@@ -38,4 +38,4 @@ def test_a_block_has_the_lines_that_python_can_writes(sent: list[Frame]) -> None
 def test_a_block_is_read_as_it_was_written_at_any_time(sent: list[Frame], shift_us: int) -> None:
     moved = [frame._replace(t_ns=frame.t_ns + shift_us * US) for frame in sent]
     lines = lines_of(block_of(moved)).decode().splitlines()
-    assert list(read_candump(enumerate(lines, 1), LogCounters())) == moved
+    assert list(map(frame_of_line, lines)) == moved

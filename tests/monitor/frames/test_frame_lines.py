@@ -7,7 +7,7 @@ import pytest
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
-from monitor.frames.candump import LogCounters
+from monitor.frames.blocks import LogCounters
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
 

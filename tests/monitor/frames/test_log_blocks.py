@@ -1,4 +1,4 @@
-"""Logs of every format at once: the frames, counters and errors of the streaming reader."""
+"""Logs of every format: the frames that python-can reads, and of a cut one those before."""
 
 import gzip
 import tracemalloc
@@ -15,8 +15,7 @@ from monitor.base.types import Frame
 from monitor.decode.bus_map import load_pairs
 from monitor.frames import mdf
 from monitor.frames.blocks import block_of, frames_of, joined
-from monitor.frames.log_blocks import read_blocks
-from monitor.frames.logs import frame_of
+from monitor.frames.logs import frame_of, read_blocks
 from tests.conftest import ROOT
 from tests.helpers.examples import inputs
 from tests.helpers.read_outcome import START_NS, python_can_reads, read_at_once, streamed, synthetic
@@ -44,25 +43,25 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_every_format_gives_the_same_frames_at_once_and_one_by_one(
-    folder: Path, suffix: str
-) -> None:
+def test_every_format_gives_the_frames_that_python_can_reads(folder: Path, suffix: str) -> None:
     found = read_at_once(folder / f"drive{suffix}")
-    assert found == streamed(folder / f"drive{suffix}")
     assert found[0] == by_python_can(folder / f"drive{suffix}")
     assert found[2] is None
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_every_format_cut_short_gives_the_same_frames_and_error(
+def test_every_format_cut_short_gives_the_frames_before_and_an_error(
     folder: Path, tmp_path: Path, suffix: str
 ) -> None:
     whole = (folder / f"drive{suffix}").read_bytes()
+    all_frames = read_at_once(folder / f"drive{suffix}")[0]
     path = tmp_path / f"cut{suffix}"
     for cut in np.random.default_rng(3).integers(1, len(whole), 12).tolist():
         path.write_bytes(whole[:cut])
         found = read_at_once(path)
-        assert found == streamed(path)
+        if suffix.startswith(".log"):
+            assert found == streamed(path)
+            assert found[0][:-1] == all_frames[: len(found[0])][:-1]
         if suffix == ".blf":
             assert found == python_can_reads(path)
 
@@ -118,7 +117,6 @@ def test_logs_written_by_python_can_are_read_as_python_can_reads_them(
         for message in messages:
             logger.on_message_received(message)
     found = read_at_once(path)
-    assert found == streamed(path)
     assert sorted(found[0]) == sorted(by_python_can(path))  # MF4: in the order of time
     assert len(found[0]) == sum(not (m.is_error_frame or m.is_remote_frame) for m in messages)
     assert found[1].skipped == len(messages) - len(found[0])
@@ -138,10 +136,8 @@ def test_a_gzipped_blf_is_read_as_the_plain_one(folder: Path, tmp_path: Path) ->
     path = tmp_path / "drive.blf.gz"
     path.write_bytes(gzip.compress((folder / "drive.blf").read_bytes()))
     assert read_at_once(path)[:2] == read_at_once(folder / "drive.blf")[:2]
-    assert read_at_once(path) == streamed(path)
     path.write_bytes(path.read_bytes()[:-9])
     found = read_at_once(path)
-    assert found == streamed(path)
     assert found[0] == []  # a whole structure is wanted first
     assert "end-of-stream" in str(found[2])
 

@@ -12,7 +12,7 @@ from monitor.base.errors import ConfigError, RecordingError
 from monitor.base.signals import SIGNALS
 from monitor.base.types import Frame, Quality
 from monitor.decode.bus_map import load_pairs
-from monitor.frames.candump import LogCounters
+from monitor.frames.blocks import LogCounters
 from monitor.frames.logs import read_frames
 from monitor.grid.table_samples import table_samples
 from monitor.grid.tables import is_table, read_table

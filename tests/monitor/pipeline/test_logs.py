@@ -16,9 +16,8 @@ from monitor.base import config
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, FrameBlock, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.frames.blocks import block_of, frames_of
+from monitor.frames.blocks import LogCounters, block_of, frames_of
 from monitor.frames.blocks import blocks_of as in_blocks
-from monitor.frames.candump import LogCounters
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import time_mark
 from monitor.grid import block_samples

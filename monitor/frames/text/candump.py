@@ -1,26 +1,34 @@
-"""The log format of ``candump -L``, parsed in chunks of thousands of lines.
+"""The log format of ``candump -L``: ``(1436509052.249713) vcan0 044#2A366C2BBA``.
 
-The frames, counters and errors are those of ``monitor.frames.candump``. A plain line is one as
-candump, python-can and this project write it; ``monitor.frames.candump`` parses all other lines.
-Every step runs over all lines of a chunk: it finds the marks (space, #, newline) once and gathers
-the text around them as words of eight characters.
+It is parsed in chunks of thousands of lines. A plain line is one as candump, python-can and this
+project write it; ``frame_of_line`` parses all other lines. Every step runs over all lines of a
+chunk: it finds the marks (space, #, newline) once and gathers the text around them as words of
+eight characters.
 """
 
 from collections.abc import Iterator
-from io import BufferedIOBase
-from typing import BinaryIO, Final, NamedTuple, cast
+from typing import BinaryIO, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, Frame, FrameBlock, IntArray
 from monitor.frames import swar
-from monitor.frames.blocks import EXTENDED, block_of, chosen, put, widened
-from monitor.frames.candump import ERROR_FLAG, LogCounters, read_candump
+from monitor.frames.blocks import (
+    EXTENDED,
+    LATEST_S,
+    MAX_BYTES,
+    LogCounters,
+    block_of,
+    chosen,
+    put,
+    widened,
+)
 from monitor.frames.text.lines import CHUNK_BYTES, MARGIN, Bytes, line_chunks
 
 Keys = NDArray[np.uint32]
 
+ERROR_FLAG: Final = 0x20000000  # of an identifier
 _SPACE, _HASH, _NEWLINE, _OPEN = b" #\n("
 _LAST_MARK: Final = _HASH  # every other character of a plain line is higher
 _SPARE: Final = 5  # marks added after the last line, for lines with too few marks
@@ -29,7 +37,7 @@ _FD: Final = int.from_bytes(b"  ##", "little")
 _BYTE: Final = np.uint64(8)  # bits in a byte
 _STAMP_ENDS: Final = np.uint64(int.from_bytes(b".\0\0\0\0\0\0)", "little"))
 _STAMP_MARKS: Final = np.uint64(0xFF000000000000FF)
-LATEST_S: Final = 1 << 32  # up to this time a double rounds to the microsecond in the text
+_LATEST_S: Final = 1 << 32  # up to this time a double rounds to the microsecond in the text
 
 # Masks of the characters of a word that belong to a field, by the field's length.
 _SIX: Final = np.uint64(swar.kept_last(6))
@@ -49,17 +57,15 @@ class Lines(NamedTuple):
 
 
 def read_blocks(
-    file: BinaryIO,
-    counters: LogCounters,
-    chunk_bytes: int = CHUNK_BYTES,
+    file: BinaryIO, counters: LogCounters, chunk_bytes: int = CHUNK_BYTES
 ) -> Iterator[FrameBlock]:
-    """Yield the frames of candump text, the same as ``monitor.frames.candump.read_candump``.
+    """Yield the data frames of candump text; error and remote frames are skipped and counted.
 
     Raises ValueError if a line has another format (with its number) or the last line is cut
     short, and the errors of reading the file. The frames before the error are yielded first.
     """
     first = 1
-    for text in line_chunks(cast(BufferedIOBase, file), chunk_bytes):
+    for text in line_chunks(file, chunk_bytes):
         lines = parse_lines(text)
         block, error = _understood(text, lines, first, counters)
         first += len(lines.plain)
@@ -79,43 +85,51 @@ def _understood(
     """
     if lines.is_data.all():
         return lines.frames, None
-    rows, frames, n, error = _odd_frames(text, lines, first, counters)
+    n, odd, error = len(lines.plain), dict[int, Frame](), None
+    for row in np.flatnonzero(~lines.plain).tolist():
+        raw = text[MARGIN + lines.begin[row] : MARGIN + lines.begin[row + 1]]
+        line = raw.tobytes().decode(errors="surrogateescape").strip()
+        if not line:
+            continue
+        try:
+            frame = frame_of_line(line)
+        except ValueError:
+            wanted = "'(seconds) channel id#data' is wanted"
+            n, error = row, ValueError(f"line {first + row} is {line[:60]!r}, {wanted}")
+            break
+        if frame is None:
+            counters.skipped += 1
+        else:
+            odd[row] = frame
     is_data, block = lines.is_data[:n], chosen(lines.frames, slice(n))
     counters.skipped += int(np.count_nonzero(lines.plain[:n] & ~is_data))
-    if frames:
-        block = put(block, rows, block_of(frames))
-        is_data[rows] = True
+    if odd:
+        block = put(block, list(odd), block_of(list(odd.values())))
+        is_data[list(odd)] = True
     return chosen(block, is_data), error
 
 
-def _odd_frames(
-    text: Bytes, lines: Lines, first: int, counters: LogCounters
-) -> tuple[list[int], list[Frame], int, ValueError | None]:
-    """Parse the lines that are not plain one by one.
+def frame_of_line(line: str) -> Frame | None:
+    """Return the data frame of a line, None for an error frame or a remote frame.
 
-    Returns the rows that are frames, the frames, the number of rows before the first bad line, and
-    that line's error.
+    Raises ValueError if the line has another format.
+
+    >>> frame_of_line("(2) vcan0 7FF##1AABB")
+    Frame(t_ns=2000000000, can_id=2047, is_extended=False, data=b'\\xaa\\xbb')
     """
-    row = 0
-
-    def odd_lines() -> Iterator[tuple[int, str]]:
-        nonlocal row
-        for row in np.flatnonzero(~lines.plain).tolist():
-            line = text[MARGIN + lines.begin[row] : MARGIN + lines.begin[row + 1]]
-            yield first + row, line.tobytes().decode(errors="surrogateescape")
-
-    rows: list[int] = []
-    frames: list[Frame] = []
-    odd = LogCounters()
-    try:
-        for frame in read_candump(odd_lines(), odd):
-            rows.append(row)
-            frames.append(frame)
-    except ValueError as error:
-        return rows, frames, row, error
-    finally:
-        counters.skipped += odd.skipped
-    return rows, frames, len(lines.plain), None
+    stamp, _, content = line.split(maxsplit=3)[:3]
+    identifier, mark, data = content.partition("#")
+    number = int(identifier, 16)
+    if not mark or stamp[0] != "(" or stamp[-1] != ")":
+        raise ValueError("not a candump line")
+    if number & ERROR_FLAG or data[:1] in ("R", "r"):
+        return None
+    seconds = float(stamp[1:-1])
+    payload = bytes.fromhex(data[2:] if data[:1] == "#" else data)  # CAN FD: ##, flag digit, data
+    if not -LATEST_S < seconds < LATEST_S or len(payload) > MAX_BYTES:
+        raise ValueError("no CAN frame")
+    t_ns = round(seconds * 1e6) * 1000
+    return Frame(t_ns, number & 0x1FFFFFFF, len(identifier) > 3, payload)
 
 
 def parse_lines(text: Bytes) -> Lines:
@@ -215,7 +229,7 @@ def _seconds(high: swar.Words, low: swar.Words, digits: IntArray) -> tuple[IntAr
     upper, is_upper = swar.decimal(swar.only(high, _HIGH_SECONDS.take(digits, mode="clip")))
     lower, is_lower = swar.decimal(swar.only(low, _LOW_SECONDS.take(digits, mode="clip")))
     seconds = upper * 10**8 + lower
-    return seconds, is_upper & is_lower & (seconds < LATEST_S)
+    return seconds, is_upper & is_lower & (seconds < _LATEST_S)
 
 
 def _keys(text: Bytes, second: IntArray, sign: IntArray) -> tuple[Keys, BoolArray, BoolArray]:
