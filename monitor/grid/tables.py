@@ -29,10 +29,10 @@ from monitor.frames.profiles.profile import (
 )
 from monitor.frames.profiles.recognition import key, places, recognised
 from monitor.frames.profiles.signals import all_cells, read_signals
-from monitor.frames.tables import own
+from monitor.frames.tables.delimited import open_own
 from monitor.frames.tables.parquet import read_parquet
 from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
-from monitor.frames.tables.readers import is_readable, open_table, suffix_of
+from monitor.frames.tables.readers import is_readable, open_table, reason, suffix_of
 from monitor.grid.columns import Column, load_columns
 
 TIME: Final = "time_s"
@@ -127,10 +127,9 @@ def read_table(
     if given is not None and is_profile(given):
         return _of_logger(open_table(path), load_profile(given), further)
     mapping = load_columns(given) if given is not None else None
-    header = _own_header(path)
-    if header and (mapping is not None or header[0] == TIME):
-        return make_table(path, *own.read_own(path), mapping)
-    raw = open_table(path)
+    raw = _own(path)
+    if raw is None or (mapping is None and raw.names[0] != TIME):
+        raw = open_table(path)
     if mapping is not None or raw.names[0] == TIME:
         notes = Notes()
         cells = all_cells(raw, [Wanted(i) for i in range(len(raw.names))], notes)
@@ -138,14 +137,14 @@ def read_table(
     return _of_logger(raw, _of_model(raw, of_model) or recognised(raw), further)
 
 
-def _own_header(path: Path) -> list[str] | None:
+def _own(path: Path) -> RawTable | None:
+    """Return a table in the project's own dialect, None if it has another one."""
     if suffix_of(path) != ".csv":
         return None
     try:
-        return own.header_of(path)
+        return open_own(path)
     except (OSError, EOFError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise RecordingError(f"{path}: cannot read the table: {reason}") from error
+        raise RecordingError(f"{path}: cannot read the table: {reason(error)}") from error
 
 
 def is_logger_table(path: Path) -> bool:
@@ -153,8 +152,7 @@ def is_logger_table(path: Path) -> bool:
 
     Raises RecordingError if the file cannot be read.
     """
-    header = _own_header(path)
-    return (header or list(open_table(path).names))[:1] != [TIME]
+    return (_own(path) or open_table(path)).names[:1] != (TIME,)
 
 
 def _of_model(raw: RawTable, tree: Mapping[str, Any] | None) -> Profile | None:

@@ -53,7 +53,7 @@ def streamed(path: Path) -> Outcome:
 
     def frames() -> Iterator[Frame]:
         line = ""
-        with open_text(path) as file:
+        with open_text(path, newline="") as file:
             for number, line in enumerate(file, 1):
                 yield from frames_of_line(number, line, counters)
         if line and not line.endswith("\n"):

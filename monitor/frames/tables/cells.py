@@ -12,20 +12,13 @@ NO_VALUE: Final = frozenset(
     {"", "-", "--", "---", "∞", "-∞", "+∞", "nan", "n/a", "na", "#n/a", "null", "none", "no data"}
     | {"inf", "-inf", "infinity", "-infinity", "?", "*", "err", "error", "nodata"}
 )
-WORDS: Final = {"true": 1.0, "false": 0.0, "on": 1.0, "off": 0.0, "yes": 1.0, "no": 0.0}
-WORDS_MORE: Final = {"active": 1.0, "inactive": 0.0, "high": 1.0, "low": 0.0, "ok": 1.0}
+WORDS: Final = dict.fromkeys(("true", "on", "yes", "active", "high", "ok"), 1.0) | dict.fromkeys(
+    ("false", "off", "no", "inactive", "low"), 0.0
+)
 
 # h:m:s or m:s, with a date before it or not
 _CLOCK: Final = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)\s*([ap]m)?", re.I)
-_DATES: Final = (
-    "%Y-%m-%d",
-    "%Y/%m/%d",
-    "%d.%m.%Y",
-    "%m/%d/%Y",
-    "%d-%b-%Y",
-    "%d/%m/%Y",
-    "%Y%m%d",
-)
+_DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
 
 Parse = Callable[[str], float]
 
@@ -46,12 +39,17 @@ def numeral(text: str) -> float:
     return float(text)
 
 
+def exact_number(text: str) -> float:
+    """Return a cell's number, NaN for a blank one; raises ValueError for text."""
+    return numeral(text) if text.strip() else math.nan
+
+
 def number(text: str) -> float:
     """Return a cell's number, NaN for no value and for text."""
     try:
         value = numeral(text)
     except ValueError:
-        return WORDS.get(text.strip().casefold(), WORDS_MORE.get(text.strip().casefold(), math.nan))
+        return WORDS.get(text.strip().casefold(), math.nan)
     return value if math.isfinite(value) else math.nan
 
 

@@ -1,7 +1,7 @@
-"""Text tables of loggers (.msl, .csv, .txt): rows to blocks of numbers, only the wanted columns."""
+"""Text tables (.csv, .msl, .txt): rows to blocks of numbers, read by their dialect."""
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -16,12 +16,14 @@ from monitor.frames.bounds import open_text
 from monitor.frames.tables.cells import (
     Parse,
     clock,
+    exact_number,
     is_plain,
     number,
     number_with_comma,
     of_words,
 )
-from monitor.frames.tables.dialect import Dialect, dialect_of
+from monitor.frames.tables.dialect import Dialect, dialect_of, own_dialect
+from monitor.frames.tables.haltech import haltech_dialect
 from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
 
 _ROWS: Final = 1 << 13  # of a block
@@ -29,14 +31,26 @@ _MARKS: Final = ("mark", '"mark', "#", "//")  # lines that a logger writes betwe
 
 
 def open_delimited(path: Path) -> RawTable:
-    """Return the text table in ``path``.
+    """Return the logger's text table in ``path``.
 
     Raises RecordingError if it has no header with numbers below it.
     """
-    dialect = dialect_of(path)
-    return RawTable(
-        path, dialect.in_words, dialect.columns, partial(_read, path, dialect), dialect.preamble
-    )
+    return _table(path, haltech_dialect(path) or dialect_of(path))
+
+
+def open_own(path: Path) -> RawTable | None:
+    """Return a table in the project's own dialect, None if it has another one.
+
+    Reading raises RecordingError naming file, line and column for a cell that is no number or a
+    row of another length. Raises OSError as ``open``.
+    """
+    dialect = own_dialect(path)
+    return _table(path, dialect) if dialect else None
+
+
+def _table(path: Path, dialect: Dialect) -> RawTable:
+    read = partial(_read, path, dialect)
+    return RawTable(path, dialect.kind, dialect.columns, read, dialect.preamble)
 
 
 def _read(
@@ -45,23 +59,37 @@ def _read(
     parsers = [_parser(dialect, each) for each in wanted]
     places = [each.column for each in wanted]
     rows = _rows(path, dialect, max(places, default=0) + 1, notes)
-    plain = not dialect.decimal_comma and all(parse is number for parse in parsers)
+    plain = not dialect.decimal_comma and all(p in (number, exact_number) for p in parsers)
+    steps = np.array([dialect.steps[i] for i in places]) if dialect.steps else 1.0
     while True:
         block: list[list[float]] = []
-        for row in islice(rows, _ROWS):
+        for line, row in islice(rows, _ROWS):
             cells = [row[i] for i in places]
             try:
                 if not plain or not is_plain("".join(cells)):
                     raise ValueError
                 block.append([float(cell) for cell in cells])
             except ValueError:
-                block.append([parse(cell) for parse, cell in zip(parsers, cells, strict=True)])
+                names = (dialect.columns[i].name for i in places)
+                told = zip(names, parsers, cells, strict=True)
+                block.append([_value(path, line, *each) for each in told])
         if not block:
             return
-        yield np.array(block, dtype=np.float64).reshape(len(block), len(places))
+        yield np.array(block, dtype=np.float64).reshape(len(block), len(places)) * steps
+
+
+def _value(path: Path, line: int, name: str, parse: Parse, cell: str) -> float:
+    try:
+        return parse(cell)
+    except ValueError:
+        raise RecordingError(
+            f"{path}: line {line}: column {name} is {cell.strip()[:40]!r}, a number is wanted"
+        ) from None
 
 
 def _parser(dialect: Dialect, wanted: Wanted) -> Parse:
+    if dialect.is_exact:
+        return exact_number
     if wanted.words:
         return of_words(wanted.words)
     if dialect.columns[wanted.column].kind == "clock":
@@ -69,60 +97,62 @@ def _parser(dialect: Dialect, wanted: Wanted) -> Parse:
     return number_with_comma if dialect.decimal_comma else number
 
 
-def _rows(path: Path, dialect: Dialect, least: int, notes: Notes) -> Iterator[list[str]]:
-    """Yield the rows of data; marks and repeated headers are counted and left out.
+def _rows(
+    path: Path, dialect: Dialect, least: int, notes: Notes
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield line number and cells of the rows of data.
 
     least : cells that a row must have
     Raises RecordingError with line, what came and what was wanted for a row of another length.
     """
     width = len(dialect.columns)
-    names = [column.name for column in dialect.columns]
-    skip = dialect.header + 1 + dialect.has_units
-    with open_text(path, dialect.encoding, errors="replace") as text:
-        reader = csv.reader(text, delimiter=dialect.separator)
-        short: tuple[int, int] | None = None
+    named = max((i for i, each in enumerate(dialect.columns, 1) if each.name), default=0)
+    least = width if dialect.is_exact else max(least, named)
+    most = width if dialect.is_exact else csv.field_size_limit()
+    with open_text(path, dialect.encoding, errors=dialect.errors) as text:
+        reader = (
+            csv.reader(text, delimiter=dialect.separator)
+            if dialect.has_quotes
+            else csv.reader(text, delimiter=dialect.separator, quoting=csv.QUOTE_NONE)
+        )
+        odd = ""  # the row before, if it has another length
         try:
-            for row in reader:
-                if not row or (len(row) == 1 and not row[0].strip()):
-                    continue
-                if skip:
-                    skip -= 1
-                    continue
-                if short is not None:
-                    raise _other_length(path, short, width)
-                if row[0].strip().casefold().startswith(_MARKS) and len(row) < width:
-                    notes.count("markers")
-                    continue
-                if [cell.strip() for cell in row[:2]] == names[:2] and len(row) >= width:
-                    skip = int(dialect.has_units)
-                    notes.count("repeated_headers")
-                    continue
-                if len(row) < width - _trailing_blank(dialect) or len(row) < least:
-                    short = (reader.line_num, len(row))
-                    continue
-                yield row
+            for row in _data(reader, dialect, notes):
+                if odd:
+                    raise RecordingError(f"{path}: {odd}")
+                if least <= len(row) <= most:
+                    yield reader.line_num, row
+                else:
+                    cells, columns = counted(len(row), "cell"), counted(width, "column")
+                    odd = f"line {reader.line_num}: {cells}, the header has {columns}"
         except csv.Error as error:
             raise RecordingError(f"{path}: line {reader.line_num}: {error}") from error
         except EOFError as error:
+            if dialect.is_exact:
+                raise
             notes.sentences.append(f"cut short after line {reader.line_num}: {error}")
-        if short is not None:  # the last row: the logger was switched off while it wrote
-            notes.sentences.append(f"cut short in line {short[0]}: {_of_width(short[1], width)}")
+    if odd and dialect.is_exact:
+        raise RecordingError(f"{path}: {odd}")
+    if odd:  # the last row: the logger was switched off while it wrote
+        notes.sentences.append(f"cut short in {odd}")
 
 
-def _trailing_blank(dialect: Dialect) -> int:
-    """Return how many columns at the end have no name: rows may leave them out."""
-    count = 0
-    for column in reversed(dialect.columns):
-        if column.name:
-            break
-        count += 1
-    return count
-
-
-def _other_length(path: Path, short: tuple[int, int], width: int) -> RecordingError:
-    line, n = short
-    return RecordingError(f"{path}: line {line}: {_of_width(n, width)}")
-
-
-def _of_width(n: int, width: int) -> str:
-    return f"{counted(n, 'cell')}, the header has {counted(width, 'column')}"
+def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterator[list[str]]:
+    """Yield the rows of data; marks and repeated headers are counted and left out."""
+    width, skip = len(dialect.columns), dialect.skip
+    names = [column.name for column in dialect.columns[:2]]
+    for row in reader:
+        is_blank = not row or (len(row) == 1 and not row[0].strip())
+        if is_blank or (dialect.row and not dialect.row.match(row[0])):
+            continue
+        if skip:
+            skip -= 1
+        elif dialect.is_exact:
+            yield row
+        elif len(row) < width and row[0].strip().casefold().startswith(_MARKS):
+            notes.count("markers")
+        elif len(row) >= width and [cell.strip() for cell in row[:2]] == names:
+            skip = int(dialect.has_units)
+            notes.count("repeated_headers")
+        else:
+            yield row

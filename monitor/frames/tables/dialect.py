@@ -1,4 +1,7 @@
-"""The dialect of a text table, from its first lines: encoding, separator, header, units, cells."""
+"""The dialect of a text table, from its first lines: encoding, separator, header, units, cells.
+
+The project's own dialect is CSV with commas and points, every cell a number or blank.
+"""
 
 import codecs
 import csv
@@ -12,7 +15,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from monitor.base.errors import RecordingError
-from monitor.frames.bounds import open_binary
+from monitor.frames.bounds import LINE_BYTES, open_binary
 from monitor.frames.tables.cells import clock, is_no_value, is_number, wrap_s
 from monitor.frames.tables.raw_table import RawColumn
 
@@ -29,24 +32,49 @@ _COMMA: Final = re.compile(r"-?\d+,\d+")
 _IN_BRACKETS: Final = re.compile(r"(.+?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
     """How a text table is written."""
 
-    encoding: str
-    separator: str
-    decimal_comma: bool
-    header: int  # rows before the header, blank lines not counted
-    has_units: bool  # a row of units follows the header
+    kind: str  # format in words
     columns: tuple[RawColumn, ...]
-    preamble: str
+    encoding: str
+    errors: str = "replace"  # of the encoding, as for ``open``
+    separator: str = ","
+    decimal_comma: bool = False
+    has_quotes: bool = True  # cells may stand in quotes
+    skip: int = 0  # rows before the first row of data, blank lines not counted
+    has_units: bool = False  # a row of units follows each header
+    row: re.Pattern[str] | None = None  # how rows of data begin; None: all behind the header are
+    steps: tuple[float, ...] = ()  # value of 1 in each column; () 1
+    is_exact: bool = False  # every cell is a number or blank, every row has all cells
+    preamble: str = ""
 
-    @property
-    def in_words(self) -> str:
-        """Return the dialect in words."""
-        between = {"\t": "tabs", ";": "semicolons", ",": "commas"}[self.separator]
-        comma = ", decimal commas" if self.decimal_comma else ""
-        return f"text table, {between}{comma}, {self.encoding}"
+
+def own_dialect(path: Path) -> Dialect | None:
+    """Return the project's own dialect if the first two lines of ``path`` have it, else None.
+
+    Raises OSError as ``open``.
+    """
+    with open_binary(path) as file:
+        head = file.read(LINE_BYTES).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    lines = head.split(b"\n", 2)[:2]
+    if any(mark in line for line in lines for mark in (b'"', b";", b"\t", b"\0")):
+        return None
+    try:
+        header, encoding, errors = lines[0].decode("utf-8"), "utf-8", "strict"
+    except UnicodeDecodeError:  # Windows' own Western encoding
+        header, encoding, errors = lines[0].decode("cp1252", errors="replace"), "cp1252", "replace"
+    names = header.lstrip("\ufeff").split(",")
+    return Dialect(
+        kind="table",
+        columns=tuple(RawColumn(name.strip()) for name in names),
+        encoding=encoding,
+        errors=errors,
+        has_quotes=False,
+        skip=1,
+        is_exact=True,
+    )
 
 
 def encoding_of(head: bytes) -> str:
@@ -93,15 +121,17 @@ def dialect_of(path: Path) -> Dialect:
         best.rows[best.data :],
         comma=best.comma,
     )
-    preamble = "\n".join(lines[:header])
+    between = {"\t": "tabs", ";": "semicolons", ",": "commas"}[best.separator]
+    comma = ", decimal commas" if best.comma else ""
     return Dialect(
+        kind=f"text table, {between}{comma}, {encoding}",
+        columns=columns,
         encoding=encoding,
         separator=best.separator,
         decimal_comma=best.comma,
-        header=header,
+        skip=header + 1 + has_units,
         has_units=has_units,
-        columns=columns,
-        preamble=preamble,
+        preamble="\n".join(lines[:header]),
     )
 
 

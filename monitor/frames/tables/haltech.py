@@ -16,25 +16,17 @@ whose units the logs share, and public logs.
 """
 
 import re
-from collections.abc import Iterator, Sequence
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
-from monitor.base.counts import counted
 from monitor.base.errors import RecordingError
-from monitor.base.types import FloatArray
 from monitor.frames.bounds import open_binary, open_text
-from monitor.frames.tables.cells import clock, number
-from monitor.frames.tables.dialect import encoding_of
-from monitor.frames.tables.raw_table import DAY_S, Notes, RawColumn, RawTable, Wanted
+from monitor.frames.tables.dialect import Dialect, encoding_of
+from monitor.frames.tables.raw_table import DAY_S, RawColumn
 
 MARK: Final = b"%DataLog%"
 _ROW: Final = re.compile(r"\d{1,2}:\d{2}:\d{2}")
-_ROWS: Final = 1 << 13
 _MOST_LINES: Final = 100_000  # of the channels' description
 # type of a channel: (unit, value of one step)
 TYPES: Final = {
@@ -57,19 +49,16 @@ TYPES: Final = {
 }
 
 
-def is_haltech(path: Path) -> bool:
-    """Return whether the file begins as a Haltech log does."""
-    with open_binary(path) as file:
-        return MARK in file.read(64)
-
-
-def open_haltech(path: Path) -> RawTable:
-    """Return the log in ``path``.
+def haltech_dialect(path: Path) -> Dialect | None:
+    """Return the dialect of the Haltech log in ``path``, None if it is another file.
 
     Raises RecordingError if it describes no channel.
     """
     with open_binary(path) as binary:
-        encoding = encoding_of(binary.read(1 << 16))
+        head = binary.read(1 << 16)
+    if MARK not in head[:64]:
+        return None
+    encoding = encoding_of(head)
     columns = [RawColumn("Time", "", "clock", DAY_S)]
     steps = [1.0]
     with open_text(path, encoding, errors="replace") as file:
@@ -85,43 +74,12 @@ def open_haltech(path: Path) -> RawTable:
                 columns[-1] = RawColumn(columns[-1].name, unit)
     if len(columns) == 1:
         raise RecordingError(f"{path}: no line 'Channel : NAME' before the rows")
-    read = partial(_read, path, encoding, tuple(steps))
-    return RawTable(path, "Haltech log, text", tuple(columns), read, MARK.decode())
-
-
-def _read(
-    path: Path, encoding: str, steps: Sequence[float], wanted: Sequence[Wanted], notes: Notes
-) -> Iterator[FloatArray]:
-    with open_text(path, encoding, errors="replace") as file:
-        rows = _rows(path, file, len(steps), notes)
-        while block := list(islice(rows, _ROWS)):
-            yield np.array(
-                [
-                    [
-                        number(row[each.column]) * steps[each.column]
-                        if each.column
-                        else clock(row[0])
-                        for each in wanted
-                    ]
-                    for row in block
-                ]
-            ).reshape(len(block), len(wanted))
-
-
-def _rows(path: Path, lines: Iterator[str], width: int, notes: Notes) -> Iterator[list[str]]:
-    short: tuple[int, int] | None = None
-    for line_number, line in enumerate(lines, 1):
-        if not _ROW.match(line):
-            continue
-        row = line.rstrip("\r\n").split(",")
-        if short is not None:
-            n = counted(short[1], "cell")
-            raise RecordingError(f"{path}: line {short[0]}: {n}, {width} are wanted")
-        if len(row) < width:
-            short = line_number, len(row)
-            continue
-        yield row
-    if short is not None:
-        notes.sentences.append(
-            f"cut short in line {short[0]}: {short[1]} of {counted(width, 'cell')}"
-        )
+    return Dialect(
+        kind="Haltech log, text",
+        columns=tuple(columns),
+        encoding=encoding,
+        has_quotes=False,
+        row=_ROW,
+        steps=tuple(steps),
+        preamble=MARK.decode(),
+    )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final, cast
 
 from monitor.base.errors import RecordingError
-from monitor.frames.tables import delimited, haltech, mlg
+from monitor.frames.tables import delimited, mlg
 from monitor.frames.tables.raw_table import RawTable
 
 GROUP: Final = "o2_monitor.readers"
@@ -54,8 +54,6 @@ def open_table(path: Path) -> RawTable:
             return _through_plugin(path, plugins()[suffix])
         if suffix == ".mlg" or mlg.is_mlg(path):
             return mlg.open_mlg(path)
-        if haltech.is_haltech(path):
-            return haltech.open_haltech(path)
         return delimited.open_delimited(path)
     except (OSError, EOFError, ValueError) as error:
         raise RecordingError(f"{path}: cannot read it: {reason(error)}") from error

@@ -9,8 +9,8 @@ import pytest
 from monitor.base.errors import RecordingError
 from monitor.frames.tables.cells import clock, is_number, number
 from monitor.frames.tables.delimited import open_delimited
-from monitor.frames.tables.own import read_own
 from monitor.frames.tables.raw_table import Notes, Wanted
+from monitor.grid.tables import read_table
 from tests.helpers.logger_files import write_text_table
 
 COLUMNS = {"Time": np.array([0.0, 0.1, 0.25]), "AFR": np.array([14.7, 14.25, 13.5])}
@@ -124,4 +124,4 @@ def test_what_python_alone_reads_as_a_number_is_none(cell: str, tmp_path: Path) 
     path = tmp_path / "own.csv"
     path.write_text(f"time_s,a\n0,1\n0.1,{cell}\n")
     with pytest.raises(RecordingError, match="a number is wanted"):
-        read_own(path)
+        read_table(path)
