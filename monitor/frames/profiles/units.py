@@ -13,85 +13,36 @@ class Unit:
     offset: float = 0.0
 
 
-_PRESSURE: Final = {  # kPa
-    "kpa": 1.0,
-    "pa": 1e-3,
-    "psi": 6.894757,
-    "psia": 6.894757,
-    "psig": 6.894757,
-    "bar": 100.0,
-    "mbar": 0.1,
-    "hpa": 0.1,
-    "mpa": 1000.0,
-    "inhg": 3.386389,
-    "mmhg": 0.1333224,
-    "atm": 101.325,
-    "kg/cm2": 98.0665,
-    "kg/cm²": 98.0665,
+# the names of each unit by quantity and factor; the base unit has the factor 1
+_NAMES: Final[dict[str, dict[float, str]]] = {
+    "pressure": {1.0: "kpa", 1e-3: "pa", 0.1: "mbar hpa", 100.0: "bar", 1000.0: "mpa"}
+    | {6.894757: "psi psia psig", 3.386389: "inhg", 0.1333224: "mmhg", 101.325: "atm"}
+    | {98.0665: "kg/cm2 kg/cm²"},
+    "speed": {1.0: "km/h kph kmh", 1.609344: "mph", 3.6: "m/s"},
+    "flow": {1.0: "kg/h kg/hr", 3.6: "g/s g/sec gram/s grams/sec grams/s gm/s", 3600.0: "kg/s"}
+    | {27.215542: "lb/min lbs/min"},
+    "time": {1.0: "s sec secs seconds", 1e-3: "ms msec millisec milliseconds", 60.0: "min"}
+    | {3600.0: "h", 1e-6: "us µs μs", 1e-9: "ns"},
+    "speed of rotation": {1.0: "1/min rpm rev/min r/min min-1", 60.0: "hz"},
+    "share": {1.0: "% percent pct"},
+    "voltage": {1.0: "v volt volts", 1e-3: "mv"},
+    "current": {1.0: "ma", 1000.0: "a", 1e-3: "µa"},
+    "mass": {1.0: "mg mg/stroke mg/cyl", 1000.0: "g g/stroke"},
+    "load": {1.0: "g/rev", 1e-3: "mg/rev"},
+    "torque": {1.0: "nm n·m", 1.355818: "lbft lb-ft ft-lb"},
+    "temperature": {1.0: "c °c degc celsius"},
+    "lambda": {1.0: "lambda λ -"},
 }
-_SPEED: Final = {"km/h": 1.0, "kph": 1.0, "kmh": 1.0, "mph": 1.609344, "m/s": 3.6}
-_FLOW: Final = {  # kg/h
-    "kg/h": 1.0,
-    "kg/hr": 1.0,
-    "g/s": 3.6,
-    "g/sec": 3.6,
-    "gram/s": 3.6,
-    "grams/sec": 3.6,
-    "grams/s": 3.6,
-    "gm/s": 3.6,
-    "lb/min": 27.215542,
-    "lbs/min": 27.215542,
-    "kg/s": 3600.0,
-}
-_TIME: Final = {  # s
-    "s": 1.0,
-    "sec": 1.0,
-    "secs": 1.0,
-    "seconds": 1.0,
-    "ms": 1e-3,
-    "msec": 1e-3,
-    "us": 1e-6,
-    "µs": 1e-6,
-    "μs": 1e-6,
-    "min": 60.0,
-    "h": 3600.0,
-    "millisec": 1e-3,
-    "milliseconds": 1e-3,
-    "ns": 1e-9,
-}
-_OTHER: Final = {
-    "speed of rotation": {
-        "1/min": 1.0,
-        "rpm": 1.0,
-        "rev/min": 1.0,
-        "r/min": 1.0,
-        "min-1": 1.0,
-        "hz": 60.0,
-    },
-    "share": {"%": 1.0, "percent": 1.0, "pct": 1.0},
-    "voltage": {"v": 1.0, "volt": 1.0, "volts": 1.0, "mv": 1e-3},
-    "current": {"ma": 1.0, "a": 1000.0, "µa": 1e-3},
-    "mass": {"mg": 1.0, "mg/stroke": 1.0, "mg/cyl": 1.0, "g": 1000.0, "g/stroke": 1000.0},
-    "load": {"g/rev": 1.0, "mg/rev": 1e-3},
-    "torque": {"nm": 1.0, "n·m": 1.0, "lbft": 1.355818, "lb-ft": 1.355818, "ft-lb": 1.355818},
-}
-
 UNITS: Final[dict[str, Unit]] = {
-    **{name: Unit("pressure", factor) for name, factor in _PRESSURE.items()},
-    **{name: Unit("speed", factor) for name, factor in _SPEED.items()},
-    **{name: Unit("flow", factor) for name, factor in _FLOW.items()},
-    **{name: Unit("time", factor) for name, factor in _TIME.items()},
-    **{
-        name: Unit(quantity, factor)
-        for quantity, names in _OTHER.items()
-        for name, factor in names.items()
-    },
-    **{name: Unit("temperature") for name in ("c", "°c", "degc", "celsius")},
-    **{name: Unit("temperature", 1 / 1.8, -32 / 1.8) for name in ("f", "°f", "degf", "fahrenheit")},
-    "k": Unit("temperature", 1.0, -273.15),
-    "kelvin": Unit("temperature", 1.0, -273.15),
-    **{name: Unit("lambda") for name in ("lambda", "λ", "-")},
+    name: Unit(quantity, factor)
+    for quantity, units in _NAMES.items()
+    for factor, names in units.items()
+    for name in names.split()
 }
+UNITS.update(
+    dict.fromkeys(("f", "°f", "degf", "fahrenheit"), Unit("temperature", 1 / 1.8, -32 / 1.8))
+)
+UNITS.update(dict.fromkeys(("k", "kelvin"), Unit("temperature", 1.0, -273.15)))
 AFR: Final = (
     "afr",
     "afrgasoline",
@@ -99,7 +50,7 @@ AFR: Final = (
     "a/f",
     "air/fuel",
     "o2",
-)  # lambda = value / stoichiometric ratio
+)  # lambda = value / stoichiometric
 
 
 def unit_of(text: str, stoich_afr: float) -> Unit | None:
