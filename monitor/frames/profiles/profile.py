@@ -18,7 +18,7 @@ Names are compared without case, spaces and punctuation. The unit that a file st
 with which most columns are plausible is taken, for all alike.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from importlib.resources import files
@@ -31,19 +31,8 @@ from monitor.base.signals import BY_NAME
 
 STOICH_AFR: Final = 14.7
 _KEYS: Final = {"title", "based_on", "stoich_afr", "time", "recognise", "signals", "engine"}
-_SOURCE_KEYS: Final = {
-    "column",
-    "unit",
-    "factor",
-    "offset",
-    "bit",
-    "equals",
-    "above",
-    "words",
-    "not",
-    "pinned",
-}
 _SOURCE_NAMES: Final = {"units": "unit", "inverted": "not"}  # fields whose keys differ
+_SOURCE_FIELDS: Final = {key: name for name, key in _SOURCE_NAMES.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,8 +203,8 @@ class _ProfileReader:
     def _error(self, key: str, problem: str) -> ConfigError:
         return ConfigError(f"{self._path}: {key}: {problem}")
 
-    def _keys(self, key: str, given: Mapping[str, Any], known: set[str]) -> None:
-        unknown = sorted(given.keys() - known)
+    def _keys(self, key: str, given: Mapping[str, Any], known: Collection[str]) -> None:
+        unknown = sorted(given.keys() - set(known))
         if unknown:
             wanted = ", ".join(sorted(known))
             raise self._error(key, f"has the unknown key {unknown[0]!r}, known are {wanted}")
@@ -250,25 +239,24 @@ class _ProfileReader:
         return tuple(self._source(key, each) for each in _listed(given))
 
     def _source(self, key: str, given: Any) -> Source:
-        if isinstance(given, str):
-            return Source(column=given)
-        table = self._table(key, given)
-        self._keys(key, table, _SOURCE_KEYS)
-        bit, above = table.get("bit"), table.get("above")
-        if bit is not None and (isinstance(bit, bool) or not isinstance(bit, int) or bit < 0):
-            raise self._error(key, f"bit is {bit!r}, a whole number from 0 is wanted")
-        return Source(
-            column=self._text(f"{key} column", table.get("column")),
-            units=self._texts(f"{key} unit", table.get("unit", [])),
-            factor=self._number(f"{key} factor", table.get("factor", 1.0)),
-            offset=self._number(f"{key} offset", table.get("offset", 0.0)),
-            bit=bit,
-            equals=self._numbers(f"{key} equals", table.get("equals", [])),
-            above=None if above is None else self._number(f"{key} above", above),
-            words=self._texts(f"{key} words", table.get("words", [])),
-            inverted=bool(table.get("not", False)),
-            pinned=self._numbers(f"{key} pinned", table.get("pinned", [])),
-        )
+        kinds: dict[str, Callable[[str, Any], Any]] = {
+            "column": self._text,
+            "unit": self._texts,
+            "bit": self._bit,
+            "words": self._texts,
+            "not": lambda _, value: bool(value),
+            **dict.fromkeys(("factor", "offset", "above"), self._number),
+            **dict.fromkeys(("equals", "pinned"), self._numbers),
+        }
+        table = {"column": given} if isinstance(given, str) else self._table(key, given)
+        self._keys(key, table, kinds.keys())
+        values = {k: kinds[k](f"{key} {k}", v) for k, v in ({"column": None} | table).items()}
+        return Source(**{_SOURCE_FIELDS.get(k, k): value for k, value in values.items()})
+
+    def _bit(self, key: str, given: Any) -> int:
+        if isinstance(given, bool) or not isinstance(given, int) or given < 0:
+            raise self._error(key, f"is {given!r}, a whole number from 0 is wanted")
+        return given
 
     def _numbers(self, key: str, given: Any) -> tuple[float, ...]:
         return tuple(self._number(key, each) for each in _listed(given))
