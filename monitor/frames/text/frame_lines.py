@@ -45,11 +45,9 @@ class FrameLines:
 
     def __init__(self, file: TextIO, kind: str) -> None:
         self._file = file
-        self._check: Callable[[str], bool] = {
-            ".asc": _is_asc,
-            ".csv": _Csv().is_line,
-            ".trc": _Trc().is_line,
-        }[kind]
+        checks = {".asc": _is_asc, ".trc": _Trc().is_line}
+        self._check: Callable[[str], bool] = checks.get(kind, bool)
+        self._begin = _CSV_HEADER if kind == ".csv" else ""
         self._times = _AscTimes() if kind == ".asc" else None
         self._number, self._last = 0, "\n"
 
@@ -64,6 +62,9 @@ class FrameLines:
                 raise ValueError(CUT_SHORT)
             raise StopIteration
         self._number, self._last = self._number + 1, line
+        if self._number == 1 and not line.startswith(self._begin):
+            first = line.strip()[:40]
+            raise ValueError(f"its first line is {first!r}, python-can's log header is wanted")
         if not self._check(line):
             raise ValueError(f"line {self._number}, {line.strip()[:40]!r}, is no frame")
         return self._times.since_beginning(line) if self._times else line
@@ -79,22 +80,6 @@ class FrameLines:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-
-class _Csv:
-    """Knows the header of python-can's ``.csv`` logs."""
-
-    def __init__(self) -> None:
-        self._has_begun = False
-
-    def is_line(self, line: str) -> bool:
-        """Return True; raises ValueError if the first line is no header."""
-        if not self._has_begun and not line.startswith(_CSV_HEADER):
-            raise ValueError(
-                f"its first line is {line.strip()[:40]!r}, python-can's log header is wanted"
-            )
-        self._has_begun = True
-        return True
 
 
 def _is_asc(line: str) -> bool:
