@@ -58,17 +58,18 @@ def _read(
 ) -> Iterator[FloatArray]:
     parsers = [_parser(dialect, each) for each in wanted]
     places = [each.column for each in wanted]
+    is_whole = dialect.is_exact and places == list(range(len(dialect.columns)))
     rows = _rows(path, dialect, max(places, default=0) + 1, notes)
     plain = not dialect.decimal_comma and all(p in (number, exact_number) for p in parsers)
     steps = np.array([dialect.steps[i] for i in places]) if dialect.steps else 1.0
     while True:
         block: list[list[float]] = []
         for line, row in islice(rows, _ROWS):
-            cells = [row[i] for i in places]
+            cells = row if is_whole else [row[i] for i in places]
             try:
                 if not plain or not is_plain("".join(cells)):
                     raise ValueError
-                block.append([float(cell) for cell in cells])
+                block.append(list(map(float, cells)))
             except ValueError:
                 names = (dialect.columns[i].name for i in places)
                 told = zip(names, parsers, cells, strict=True)
