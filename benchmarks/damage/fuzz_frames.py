@@ -127,11 +127,12 @@ def messages(
 def strange_times(
     drive: list[Frame], n: int, rng: random.Random, *, sound: bool
 ) -> Iterator[can.Message]:
-    """Yield frames whose clock is mad."""
+    """Yield frames whose clock is mad, then the drive's own."""
     for _ in range(n):
         message = message_of(rng.choice(drive))
         message.timestamp = rng.choice(STRANGE_TIMES) + rng.choice((0.0, rng.random(), 1e5))
         yield message
+    yield from map(message_of, drive)
 
 
 def fuzz(
