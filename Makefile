@@ -59,12 +59,13 @@ test-docs: venv ## run every command of the documentation (some minutes)
 dist: venv ## wheel and sources in dist/, checked by twine, built twice with equal bytes
 	sh share/build.sh $(VENV)/bin/python
 
-lint: venv ## style, types and the direction of imports
+lint: venv ## style, types, the direction of imports and the budget of the house
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 	MYPYPATH=. $(VENV)/bin/mypy --strict examples/*.py # as a user's programs are
 	$(VENV)/bin/lint-imports
+	$(VENV)/bin/python -m tests.house
 
 venv: $(VENV)/.installed ## the development environment in .venv
 

@@ -136,6 +136,7 @@ WRITERS = {"write_text", "write_bytes", "savefig", "to_csv", "write_csv", "write
 ALLOWED = {
     "monitor/base/files/outputs.py",
     "monitor/base/command_line/verbosity.py",  # to the null device
+    "monitor/bus/link/recorder.py",  # writes frames as they come
     "monitor/memory/block.py",
     "monitor/sinks/json_lines.py",  # appends
     "training/jobs/cluster.py",  # renames, in a worker
