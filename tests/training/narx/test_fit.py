@@ -101,10 +101,12 @@ def test_a_loop_so_unstable_that_no_step_helps_forgets_in_the_end(fitted: FitRes
     assert contraction(fitted.data, spec, weights, 0).gap > 1.0
     # WHEN they are trained over a horizon at which their errors explode
     trained = train(fitted.data, spec, 1, weights=weights, horizons=(1000,))
-    # THEN taking the feedback back ends in a model that forgets and predicts nearly as well
-    assert [stage.name for stage in trained.stages][1:] == ["forget", "less feedback"]
+    # THEN taking the feedback back, once or more, ends in a model that forgets and predicts
+    names = [stage.name for stage in trained.stages]
+    assert names[1:3] == ["forget", "less feedback"]
+    assert set(names[3:]) <= {"less feedback"}
     assert contraction(fitted.data, spec, trained.weights, 0).gap < 0.01
-    assert trained.score < 1.3 * best.score
+    assert trained.score < 0.1  # standard deviations of the output
 
 
 def test_further_starts_are_trained_while_none_forgets(

@@ -210,8 +210,9 @@ def _learn_to_forget(
     """Train ``best`` on many random histories, if it remembers its history for a whole window.
 
     If that is not enough, because no step helps in a loop so unstable, the training begins again
-    with less feedback and accepts only weights that forget. Weights that forget replace weights
-    that do not. Weights that still remember replace the old ones only if the penalised score fell.
+    with less feedback and accepts only weights that forget, with less and less until a step finds
+    some. Weights that forget replace weights that do not. Weights that still remember replace the
+    old ones only if the penalised score fell.
     """
 
     def penalised(weights: FloatArray) -> float:
@@ -240,20 +241,22 @@ def _learn_to_forget(
     if outcome.score < before:
         best.weights = outcome.weights
         best.score = free_run_score(data, spec, outcome.weights)
-    if _beyond(data, spec, best.weights) > 1.0 and time.monotonic() < deadline_s:
-        weaker = _with_less_feedback(data, spec, best.weights)
+    weaker, is_stuck = best.weights.copy(), _beyond(data, spec, best.weights) > 1.0
+    while is_stuck and time.monotonic() < deadline_s:
+        _lessen_feedback(data, spec, weaker)
         outcome = tune("less feedback", weaker, if_it_forgets)
         best.weights, best.score = outcome.weights, outcome.score
+        is_stuck = outcome.score >= outcome.scores[0] and np.isinf(outcome.scores).any()
 
 
-def _with_less_feedback(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
-    """Return weights with just so little feedback that two histories are forgotten."""
-    weights = weights.copy()
-    while _beyond(data, spec, weights) > SAFELY:
+def _lessen_feedback(data: Prepared, spec: Spec, weights: FloatArray) -> None:
+    """Lessen the feedback of ``weights`` once, and until two histories are forgotten."""
+    is_done = False
+    while not is_done:
         layers(spec, weights)[0][0][:, -spec.lags :] *= LESS_FEEDBACK
         if spec.linear_path:
             linear_path(spec, weights)[-spec.lags :] *= LESS_FEEDBACK
-    return weights
+        is_done = _beyond(data, spec, weights) <= SAFELY
 
 
 def _beyond(data: Prepared, spec: Spec, weights: FloatArray) -> float:
