@@ -9,6 +9,7 @@ import pytest
 
 from monitor.base import config
 from monitor.judge.limits import Limits
+from monitor.judge.response.estimates import Estimates
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged
 from monitor.pipeline.replay import set_up, shipped_model
@@ -99,7 +100,8 @@ def test_one_recording_has_bound_windows_and_its_movement_is_known() -> None:
 def test_rest_in_air_does_not_lower_the_error_at_the_edges_of_fuel_cuts() -> None:
     # GIVEN a long cut: two windows with an edge, in which the model errs by 0.05, and seven in air
     def cut(std: float, excitation: float) -> CutJudged:
-        return CutJudged(0, std, "inconclusive", None, {"excitation": excitation})
+        estimates = Estimates(excitation, 0.0, "healthy")
+        return CutJudged(0, std, "inconclusive", None, estimates)
 
     cuts = [cut(0.04, 0.25), *[cut(1e-4, 0.0)] * 7, cut(0.06, 0.4)]
     # THEN their error around cuts is that of the edges

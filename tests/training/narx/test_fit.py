@@ -222,7 +222,7 @@ def test_the_budget_ends_the_training_with_the_best_so_far(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = Clock()
-    for module in ("fit", "starts", "stages", "algorithms.lm"):
+    for module in ("fit", "search.starts", "search.stages", "algorithms.lm"):
         monkeypatch.setattr(f"training.narx.{module}.time", clock)
     options = FitOptions(hidden=(4,), starts=2, threads=1, budget_minutes=1.0)
     result = fit(source_of(plant(1)), tmp_path / "m.onnx", options)
