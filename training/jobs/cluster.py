@@ -141,13 +141,13 @@ def _shipment(name: str, archive: bytes) -> Any:
     from distributed.diagnostics.plugin import WorkerPlugin  # noqa: PLC0415
 
     ours = [package.__name__ for package in PACKAGES]
+    process, home = (gethostname(), os.getpid()), str(Path(str(training.__file__)).parents[1])
 
     class Shipment(WorkerPlugin):
         def __init__(self) -> None:
             self.name, self.archive = f"{name}-{uuid4().hex}", archive
             self.shared: tuple[Any] | None = None  # of the jobs
-            self.process = (gethostname(), os.getpid())
-            self.root = str(Path(str(training.__file__)).parents[1])
+            self.root = home
 
         def setup(self, worker: Any) -> None:
             import importlib  # noqa: PLC0415
@@ -156,7 +156,7 @@ def _shipment(name: str, archive: bytes) -> Any:
             from pathlib import Path  # noqa: PLC0415
             from socket import gethostname  # noqa: PLC0415
 
-            if self.process == (gethostname(), os.getpid()):
+            if process == (gethostname(), os.getpid()):
                 return  # a worker thread of the command itself, whose code is ours
             # beside the folders of this machine's workers, so that numba compiles once for all
             path = Path(worker.local_directory).parent / f"{name}.zip"
