@@ -246,7 +246,7 @@ def _learn_to_forget(
         _lessen_feedback(data, spec, weaker)
         outcome = tune("less feedback", weaker, if_it_forgets)
         best.weights, best.score = outcome.weights, outcome.score
-        is_stuck = outcome.score >= outcome.scores[0] and np.isinf(outcome.scores).any()
+        is_stuck = outcome.score >= outcome.scores[0] and bool(np.isinf(outcome.scores).any())
 
 
 def _lessen_feedback(data: Prepared, spec: Spec, weights: FloatArray) -> None:
