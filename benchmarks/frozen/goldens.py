@@ -22,7 +22,7 @@ from typing import Any, Final
 
 ROOT: Final = Path(__file__).parents[2]
 STORED: Final = Path(__file__).with_name("goldens.json")
-# Values of the machine or the moment, and two stages that nothing but the page needs.
+# Values of the machine or the moment, and the regimes in `gap.json`, which decide no verdict.
 DROPPED: Final = frozenset(
     {"path", "o2mon_version", "o2train_version", "packages", "parity", "seconds", "where"}
 )
