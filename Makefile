@@ -7,7 +7,7 @@ PIP     := --quiet --disable-pip-version-check --no-compile
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo test whole check fast properties examples docs test-docs dist lint venv lock system bench matrix model calibration study replay_logs clean python
+.PHONY: help demo vcan test whole check fast properties examples docs test-docs dist lint venv lock system bench matrix model calibration study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -27,6 +27,11 @@ demo: $(DEMO)/.installed ## replay a healthy and a faulty drive, write demo/repo
 	@echo "Try next: $(DEMO)/bin/o2mon inject $(HEALTHY) --out demo/weak.log --fault gain_low=0.5@60"
 	@echo "          $(DEMO)/bin/o2mon replay demo/weak.log     a fault of your own"
 	@echo "          docs/tour.md                               five minutes more; then your own car"
+
+vcan: $(DEMO)/.installed ## play a drive with a fault into a virtual CAN bus, judge it live (a minute)
+	@$(DEMO)/bin/python -c 'import msgpack' 2>/dev/null || \
+	  $(DEMO)/bin/pip install --quiet --disable-pip-version-check -c constraints.txt '.[multicast]'
+	@$(DEMO)/bin/python examples/virtual_bus.py
 
 test: venv system ## every check: style, types, imports, all tests
 	@$(MAKE) --no-print-directory -j 2 lint whole

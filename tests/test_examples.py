@@ -37,6 +37,23 @@ def test_an_example_runs_as_it_is(name: str) -> None:
         assert words in ran.stdout
 
 
+@pytest.mark.waits
+def test_a_drive_on_a_virtual_bus_sets_the_flag_that_is_read_back_from_the_bus() -> None:
+    # GIVEN the beginning of a drive whose sensor is late from its fifth second on
+    call = [sys.executable, str(EXAMPLES / "virtual_bus.py"), "--live", "", "--seconds", "50"]
+    # WHEN it is played in real time into a bus of this machine
+    ran = subprocess.run(
+        [*call, "--fault", "delay_rich_to_lean=0.8@5"],
+        capture_output=True, text=True, check=True, cwd=ROOT,
+    )  # fmt: skip
+    # THEN the bus carried the monitor's states in their order, the flag and the code
+    told = ran.stdout
+    states = [told.index(each) for each in ("not enabled, no flag", "monitoring, no flag")]
+    assert states == sorted(states)
+    assert "fault flag set, code P015A" in told
+    assert "verdict    P015A delay_rich_to_lean (pending)" in told
+
+
 def test_a_query_finds_a_late_sensor_in_the_results_of_a_fleet(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
