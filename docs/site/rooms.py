@@ -5,7 +5,7 @@ A room is a package directly below ``monitor`` or ``training``. The rooms stand 
 every room that it imports; its width grows with the number of importing lines. An import against
 the order would be drawn in red on the left.
 
-    python docs/rooms.py            write the picture, print lines and imports of each room
+    python docs/site/rooms.py            write the picture, print lines and imports of each room
 """
 
 import math
@@ -17,7 +17,7 @@ from typing import Final
 
 import grimp
 
-ROOT: Final = Path(__file__).resolve().parents[1]
+ROOT: Final = Path(__file__).resolve().parents[2]
 PICTURE: Final = ROOT / "docs" / "pictures" / "rooms.svg"
 ROW: Final = 46  # px from one room to the next
 BOX_WIDTH, BOX_HEIGHT, COLUMN = 520, 36, 720  # px
