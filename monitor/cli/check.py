@@ -71,11 +71,12 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(args: CheckOptions) -> int:
     """Say which signals are there."""
     from monitor.bus.link.port import BusHealth, Port
-    from monitor.frames.logs import read_blocks
+    from monitor.decode.log_blocks import log_blocks
+    from monitor.frames.blocks import LogCounters
     from monitor.grid.tables import is_table
     from monitor.report.check import check
 
-    if args.log and bus_name(args.bus):
+    if args.log and getattr(args.bus, "interface", None):
         raise UsageError("give either a LOG or a bus (-i, -c), not both")
     if args.write_profile:
         return _write_profile(args.log, args.write_profile, force=args.force)
@@ -86,9 +87,11 @@ def run(args: CheckOptions) -> int:
             "nothing to check: give a LOG (CAN log, table or a logger's file such as .msl, .mlg, "
             ".csv) or a bus (-i INTERFACE -c CHANNEL, for example -i socketcan -c can0)"
         )
-    setup = set_up(args, args.columns, obd=args.obd, judges=False)
+    channel = getattr(args.bus, "channel", None) if args.log else None
+    setup = set_up(args, args.columns, obd=args.obd, judges=False, channel=channel or "")
+    log = LogCounters()
     if args.log:
-        result = check(read_blocks(args.log), setup.bus_map)
+        result = check(log_blocks(args.log, setup.bus_map, log), setup.bus_map)
     else:
         with open_bus(args.bus) as bus:
             poller = obd_poller(args, setup.bus_map) if args.obd else None
@@ -98,6 +101,8 @@ def run(args: CheckOptions) -> int:
                 _say_polled(poller, health)
     for line in result.lines():
         say(line)
+    for note in log.notes:
+        say(f"log: {note}")
     for note in setup.bus_map.notes:
         say(f"database: {note}")
     missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))

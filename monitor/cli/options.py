@@ -157,12 +157,18 @@ def tell_if_too_slow(args: ObdOptions, setup: "Setup", tell: Callable[[str], Non
 
 
 def set_up(
-    args: SetupOptions, columns: Path | None = None, *, obd: bool = False, judges: bool = True
+    args: SetupOptions,
+    columns: Path | None = None,
+    *,
+    obd: bool = False,
+    judges: bool = True,
+    channel: str = "",
 ) -> "Setup":
     """Load the files of the options; raises O2Error if one is unusable.
 
     obd : whether the default of database and map is that of OBD-II
     judges : whether the model must have decision limits
+    channel : of logs that hold several buses
     """
     import dbc
     from monitor.base import config
@@ -171,7 +177,8 @@ def set_up(
     pairs = args.pairs
     if obd and not pairs:
         pairs = [(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))]
-    return replay.set_up(args.model, pairs, config.load(args.config), columns, judges=judges)
+    loaded = config.load(args.config)
+    return replay.set_up(args.model, pairs, loaded, columns, judges=judges, channel=channel)
 
 
 def write_outputs(

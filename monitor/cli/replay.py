@@ -26,11 +26,13 @@ exit code: 0 judged and no fault, 1 a fault code is pending or confirmed, 2 unus
 class ReplayOptions(JudgeOptions, ColumnNames, SinkOptions):
     """Options of a replay.
 
+    channel : of a log that holds several buses, the one that is meant
     windows : print every window
     quiet : print nothing per recording
     """
 
     log: Annotated[Sequence[Path], paths.read, "LOG", {"help": LOGS}] = field(kw_only=False)
+    channel: Annotated[str, "NAME"] = ""
     windows: bool = False
     quiet: Quiet = False
 
@@ -44,7 +46,7 @@ def run(args: ReplayOptions) -> int:
     from monitor.pipeline.replay import exit_code, replay_all
     from monitor.report.lines import print_recording
 
-    setup = set_up(args, args.columns)
+    setup = set_up(args, args.columns, channel=args.channel)
     memory = Memory(args.memory, hold=True) if args.memory else None
     if memory and memory.condition.says:
         warn(memory.condition.says)

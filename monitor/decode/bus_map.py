@@ -57,6 +57,7 @@ class BusMap:
     names: tuple[str, ...]  # what every vehicle sends, in the order of the maps
     optional: tuple[str, ...] = ()  # what can be asked for, but not every vehicle sends it
     catalyst_position: str = ""  # the last one that a map gives
+    log_channel: str = ""  # of logs that hold several buses, the last one that a map gives
     notes: tuple[str, ...] = ()  # what of the databases was changed or left out to read them
 
     def sources(self, names: Sequence[str]) -> tuple[str, ...]:
@@ -137,10 +138,11 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
     optional: dict[str, None] = {}
     auxiliary: dict[str, Path] = {}
     notes: list[str] = []
-    position = ""
+    position = log_channel = ""
     for dbc, map_path in paths:
         signal_map = load_signal_map(map_path)
         position = signal_map.catalyst_position or position
+        log_channel = signal_map.log_channel or log_channel
         database, changed = read_database(dbc)
         notes.extend(f"{dbc}: {note}" for note in changed)
         for name in signal_map.auxiliary:
@@ -166,6 +168,7 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
         names=tuple(names),
         optional=further,
         catalyst_position=position,
+        log_channel=log_channel,
         notes=tuple(notes),
     )
 

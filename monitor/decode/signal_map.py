@@ -16,6 +16,8 @@ A map is a TOML file beside a DBC::
     [catalyst]
     position = "close_coupled"       # the sensor stands behind a warm-up catalyst close to the
                                      # engine, before another one; by default "underfloor"
+    [log]
+    channel = "can0"                 # of logs that hold several buses: the one that is meant
     [auxiliary]                      # as [signals], only for use in derived signals
     [derived.fuel_mass_mg]           # factor * product of numerator / product of denominator
     factor = 30000.0
@@ -42,6 +44,7 @@ _SECTIONS: Final = {
     "signals",
     "optional",
     "catalyst",
+    "log",
     "auxiliary",
     "derived",
 }
@@ -98,6 +101,7 @@ class SignalMap:
     integrity: Integrity = field(default_factory=Integrity)
     messages: Mapping[str, Integrity] = field(default_factory=dict)
     catalyst_position: str = ""  # of the judged catalyst; "" leaves it to the configuration
+    log_channel: str = ""  # of logs that hold several buses
 
     def integrity_of(self, message: str) -> Integrity:
         """Return how ``message`` is protected."""
@@ -149,7 +153,12 @@ class _MapReader:
             integrity=integrity,
             messages=messages,
             catalyst_position=self._position(self._table(raw, "catalyst")),
+            log_channel=self._log_channel(self._table(raw, "log")),
         )
+
+    def _log_channel(self, table: Mapping[str, Any]) -> str:
+        self._known(table, "log", {"channel"})
+        return self._text(table, "channel", "log") if table else ""
 
     def _position(self, table: Mapping[str, Any]) -> str:
         self._known(table, "catalyst", {"position"})

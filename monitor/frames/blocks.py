@@ -1,12 +1,13 @@
 """Blocks of frames side by side: made from frames, turned back into frames, cut and joined."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Final
 
 import numpy as np
 
+from monitor.base.counts import counted
 from monitor.base.types import BoolArray, Frame, FrameBlock, IntArray
 
 EXTENDED: Final = 1 << 31  # bit of a block's key: the identifier has 29 bits
@@ -15,12 +16,43 @@ MAX_BYTES: Final = 64  # data of a CAN FD frame
 LATEST_S: Final = 9.2e9  # 64 bits of nanoseconds end in the year 2262
 
 
+DAMAGED_SHARE: Final = 0.01  # of the lines; a log with more of them is another format, or rubbish
+
+
+class CutShortError(ValueError):
+    """The file ends before its contents do: the frames before its end are whole."""
+
+
 @dataclass(slots=True)
 class LogCounters:
-    """Counts of the frames in a log."""
+    """Counts of the frames in a log, and what is to be told of it."""
 
     frames: int = 0  # data frames
     skipped: int = 0  # error frames and remote frames
+    damaged: int = 0  # lines that are no frame
+    is_cut: bool = False  # the log ends too early
+    notes: list[str] = field(default_factory=list)  # in words
+    _first_damage: str = ""
+
+    def leave_out(self, number: int, line: str, wanted: str) -> None:
+        """Count a damaged line; raises ValueError if ``DAMAGED_SHARE`` is exceeded.
+
+        number : of the line in the file
+        """
+        self.damaged += 1
+        told = f"line {number} is {line.strip()[:60]!r}, {wanted}"
+        self._first_damage = self._first_damage or told
+        if self.damaged > 1 + DAMAGED_SHARE * number:
+            raise ValueError(self._first_damage)
+
+    def finish(self, error: Exception | None = None) -> None:
+        """Tell what is missing; ``error`` says why the log ends too early, if it does."""
+        if self.damaged:
+            lines = counted(self.damaged, "line")
+            self.notes.append(f"{lines} left out, the first: {self._first_damage}")
+        if error is not None:
+            self.is_cut = True
+            self.notes.append(f"cut short after {self.frames} frames: {error}")
 
 
 def blocks_of(frames: Iterable[Frame]) -> Iterator[FrameBlock]:

@@ -1,12 +1,13 @@
 """Frames from a log file.
 
 Formats: candump ``.log``, Vector ``.asc`` and ``.blf``, PEAK ``.trc``, python-can's ``.csv`` and,
-with the extra [mdf], ``.mf4``; any of them may be gzipped (``.log.gz``). Times are rounded to
+with the extra [mdf], ``.mf4``; any of them may be gzipped (``.log.gz``). Text logs of other tools
+are known by their first lines, whatever their suffix. Times are rounded to
 microseconds, the resolution of all formats, so a log recorded from a bus replays to the same
 bytes.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeVar
@@ -18,40 +19,56 @@ from monitor.base.files.inputs import open_regular
 from monitor.base.types import Frame, FrameBlock
 from monitor.frames import mdf
 from monitor.frames.blf import blocks as blf
-from monitor.frames.blocks import LATEST_S, MAX_BYTES, LogCounters, blocks_of, frames_of
+from monitor.frames.blocks import (
+    LATEST_S,
+    MAX_BYTES,
+    CutShortError,
+    LogCounters,
+    frames_of,
+)
 from monitor.frames.bounds import open_binary, open_text
+from monitor.frames.channels import Channels
 from monitor.frames.tables.readers import SUFFIXES as TABLES
 from monitor.frames.text import candump
 from monitor.frames.text.frame_lines import FrameLines
+from monitor.frames.text.layouts import LAYOUTS, frames_of_lines, layout_of
 from monitor.frames.text.python_can import text_reader
 
 if TYPE_CHECKING:
     import can
 
-# of the formats that are read in blocks; others are read frame by frame by python-can
-_READERS: Final[dict[str, Callable[[BinaryIO, LogCounters], Iterator[FrameBlock]]]] = {
+# of the formats that are read in blocks; others are read line by line
+_READERS: Final[dict[str, Callable[[BinaryIO, LogCounters, Channels], Iterator[FrameBlock]]]] = {
     ".log": candump.read_blocks,
     ".blf": blf.read_blocks,
     ".mf4": mdf.read_blocks,
 }
-LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
+LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")  # that are written, too
+_OTHER_SUFFIXES: Final = (".txt", ".crtd")  # of tools whose layout the first lines tell
+CLASSIC: Final = 8  # most bytes of a frame that is not of CAN FD
 IDENTIFIERS: Final = 1 << 29  # CAN identifiers have 29 bits at most
+_TOOLS: Final = ", ".join(each.tool for each in LAYOUTS)
 _LARGEST_BLOCK: Final = 31 << 20  # bytes; glibc's threshold grows only up to 32 MB
 
 T = TypeVar("T")
 
 
-def read_blocks(path: str | Path, counters: LogCounters | None = None) -> Iterator[FrameBlock]:
+def read_blocks(
+    path: str | Path, counters: LogCounters | None = None, channels: Channels | None = None
+) -> Iterator[FrameBlock]:
     """Return the frames of a log in blocks, in the order of the file.
 
     counters : updated with every block
-    Raises RecordingError with file, reason and number of frames read if the log is missing, empty,
-    of unknown format, damaged or cut short, after the frames before the damage. Errors visible
-    without reading are raised at once.
+    channels : which frames to keep; default: all
+    A log that ends too early is read as far as it goes, and a few damaged lines are left out: the
+    counters tell it. Raises RecordingError with file, reason and number of frames read if the log
+    is missing, empty, of unknown format or contradicts itself, after the frames before the damage.
+    Errors visible without reading are raised at once.
     """
     path = Path(path)
     counters = LogCounters() if counters is None else counters
-    return guarded(path, counters, _blocks(path, checked_kind(path), counters))
+    blocks = _blocks(path, checked_kind(path), counters, channels or Channels())
+    return guarded(path, counters, blocks)
 
 
 def read_frames(path: str | Path, counters: LogCounters | None = None) -> Iterator[Frame]:
@@ -64,7 +81,7 @@ def checked_kind(path: Path) -> str:
 
     Raises RecordingError if the format is unknown, or the log is unreadable or empty.
     """
-    kind = log_kind(path)
+    kind = log_kind(path, (*LOG_SUFFIXES, *_OTHER_SUFFIXES))
     try:
         size = path.stat().st_size
         with open_regular(path):
@@ -91,13 +108,13 @@ def frame_of(message: "can.Message") -> Frame:
     )
 
 
-def log_kind(path: Path) -> str:
-    """Return the format's suffix without .gz; raises RecordingError if it is unknown."""
+def log_kind(path: Path, known: Sequence[str] = LOG_SUFFIXES) -> str:
+    """Return the format's suffix without .gz; raises RecordingError if it is not known."""
     suffixes = [suffix.lower() for suffix in path.suffixes]
     is_gzip = bool(suffixes) and suffixes[-1] == ".gz"
     kind = suffixes[-2] if is_gzip and len(suffixes) > 1 else suffixes[-1] if suffixes else ""
-    if kind not in LOG_SUFFIXES:
-        formats = " ".join(LOG_SUFFIXES)
+    if kind not in known:
+        formats = " ".join(known)
         raise RecordingError(
             f"{path}: unknown log format {kind!r}, known are {formats} and .gz; "
             f"of tables {' '.join(TABLES)} .parquet"
@@ -115,26 +132,55 @@ def _require_mdf(path: Path) -> None:
 
 
 def guarded(path: Path, counters: LogCounters, items: Iterator[T]) -> Iterator[T]:
-    """Yield a reader's items; every error of the reader becomes a RecordingError."""
+    """Yield a reader's items, one policy for all: an early end is told, damage is an error.
+
+    Every error of the reader becomes a RecordingError.
+    """
+    early: Exception | None = None
     try:
-        yield from items
+        try:
+            yield from items
+        except (CutShortError, EOFError) as error:
+            if not counters.frames:
+                raise
+            early = error
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
     except Exception as error:  # readers have no common base for their errors
         reason = " ".join(str(error).split()) or type(error).__name__
         after = f" after {counters.frames} frames" if counters.frames else ""
         raise RecordingError(f"{path}: damaged or cut short{after}: {reason}") from error
+    counters.finish(early)
     if counters.frames == 0:
-        advice = "; 'o2train table' writes its channels as .csv" if log_kind(path) == ".mf4" else ""
-        raise RecordingError(f"{path}: no CAN frames in the log{advice}")
+        is_mdf = ".mf4" in path.suffixes
+        advice = "; 'o2train table' writes its channels as .csv" if is_mdf else ""
+        told = "".join(f"; {note}" for note in counters.notes)
+        raise RecordingError(f"{path}: no CAN frames in the log{told}{advice}")
 
 
-def _blocks(path: Path, kind: str, counters: LogCounters) -> Iterator[FrameBlock]:
-    if kind in _READERS:
+def _blocks(
+    path: Path, kind: str, counters: LogCounters, channels: Channels
+) -> Iterator[FrameBlock]:
+    is_text = kind not in (".blf", ".mf4")
+    found = layout_of(path) if is_text else None
+    if found and (found.layout or (kind == ".log" and found.encoding.startswith("utf-16"))):
+        with open_text(path, found.encoding, errors="replace") as text:
+            yield from channels.blocks_of(frames_of_lines(text, found, counters))
+    elif kind in _READERS:
         _keep_freed_memory()
         with open_binary(path) as file:
-            yield from _READERS[kind](file, counters)
-        return
-    with open_text(path, newline="") as text, text_reader(kind)(FrameLines(text, kind)) as reader:
-        yield from blocks_of(through_python_can(reader, counters))
+            yield from _READERS[kind](file, counters, channels)
+    elif kind in LOG_SUFFIXES:
+        encoding = found.encoding if found and found.encoding.startswith("utf-16") else "utf-8"
+        with open_text(path, encoding, newline="") as text:
+            lines = FrameLines(text, kind, counters)
+            with text_reader(kind)(lines) as reader:
+                yield from channels.blocks_of(through_python_can(reader, counters))
+            if lines.cut:
+                raise CutShortError(lines.cut)
+    else:
+        raise ValueError(f"its first lines are those of no CAN log; known are {_TOOLS}")
+    channels.finish()
 
 
 def _keep_freed_memory() -> None:
@@ -146,8 +192,8 @@ def _keep_freed_memory() -> None:
     np.empty(_LARGEST_BLOCK, dtype=np.uint8)
 
 
-def through_python_can(reader: Any, counters: LogCounters) -> Iterator[Frame]:
-    """Yield the frames that python-can's reader of the format returns.
+def through_python_can(reader: Any, counters: LogCounters) -> Iterator[tuple[Frame, str]]:
+    """Yield the frames that python-can's reader of the format returns, with their channels.
 
     Raises ValueError if a frame is impossible, and the reader's errors.
     """
@@ -155,7 +201,8 @@ def through_python_can(reader: Any, counters: LogCounters) -> Iterator[Frame]:
         if message.is_error_frame or message.is_remote_frame:
             counters.skipped += 1
             continue
-        if len(message.data) != message.dlc:
+        is_short = not message.is_fd and message.dlc > CLASSIC == len(message.data)
+        if len(message.data) != message.dlc and not is_short:  # codes 9 to 15 of classic frames
             raise ValueError(f"a frame of {message.dlc} bytes holds only {len(message.data)}")
         if message.dlc > MAX_BYTES:
             raise ValueError(f"a frame of {message.dlc} bytes, CAN FD has {MAX_BYTES} at most")
@@ -167,4 +214,4 @@ def through_python_can(reader: Any, counters: LogCounters) -> Iterator[Frame]:
             raise ValueError(f"a frame at {message.timestamp:g} s")
         frame = frame_of(message)
         counters.frames += 1
-        yield frame
+        yield frame, "" if message.channel is None else str(message.channel)

@@ -15,9 +15,21 @@ from typing import IO, Any, Final
 import numpy as np
 
 from monitor.base.types import FrameBlock
-from monitor.frames.blocks import EXTENDED, FRAMES, LATEST_S, MAX_BYTES, LogCounters, chosen, joined
+from monitor.frames.blocks import (
+    EXTENDED,
+    FRAMES,
+    LATEST_S,
+    MAX_BYTES,
+    CutShortError,
+    LogCounters,
+    chosen,
+    joined,
+)
 from monitor.frames.bounds import TABLE_RATIO, check_ratio
+from monitor.frames.channels import Channels
 
+_FINISHED, _UNFINISHED = b"MDF     ", b"UnFinMF "
+_DATA: Final = (b"DT", b"SD", b"RD", b"DV", b"DI")  # blocks of records
 _BUS_EVENT: Final = 2  # flag of channel groups with bus events
 _BLOCK_HEADER: Final = struct.Struct("<4s4xQQ")  # id, length, number of links
 _FIRST_BLOCK: Final = 64  # byte after the identification
@@ -29,13 +41,17 @@ _PACKED: Final = struct.Struct("<8xQ")  # unpacked bytes
 _IN_LISTS: Final = (b"DG", b"CG", b"CN", b"FH", b"CH", b"DL", b"AT", b"EV")  # by first link
 
 
-def check(file: IO[bytes]) -> None:
-    """Follow the links from the header through all blocks.
+def check(file: IO[bytes]) -> str:
+    """Follow the links from the header through all blocks; return why the file ends too early.
 
-    Raises ValueError if the file is no MDF 4 file, unfinished or incomplete.
+    A logger that is switched off leaves a file marked as unfinished: its last data block may have
+    any length, its counts are wrong. asammdf mends them. Raises ValueError if the file is no MDF 4
+    file, or a finished one is incomplete.
     """
-    if file.read(8) != b"MDF     ":
-        raise ValueError("not an MDF file, or one that was never finished")
+    mark = file.read(8)
+    if mark not in (_FINISHED, _UNFINISHED):
+        raise ValueError("not an MDF file")
+    is_open = mark == _UNFINISHED
     if file.read(1) != b"4":
         raise ValueError("an MDF file of a version before 4")
     size = file.seek(0, 2)
@@ -54,12 +70,13 @@ def check(file: IO[bytes]) -> None:
         name, length, n_links = _BLOCK_HEADER.unpack(head)
         if name[:2] != b"##" or length < _BLOCK_HEADER.size + 8 * n_links:
             raise ValueError(f"no MDF block at byte {address}")
-        if address + length > size:
+        if address + length > size and not (is_open and name[2:] in _DATA):
             raise ValueError(f"the block at byte {address} ends too early")
         links = [target for (target,) in struct.iter_unpack("<Q", file.read(8 * n_links))]
         blocks.add(address, name[2:], links, file.read(_FIELDS))
         waiting.extend(target for target in links if target)
     blocks.check_channels()
+    return "the file was never closed" if is_open else ""
 
 
 class _Blocks:
@@ -129,15 +146,18 @@ def quiet() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
+def read_blocks(
+    file: IO[bytes], counters: LogCounters, channels: Channels | None = None
+) -> Iterator[FrameBlock]:
     """Yield the CAN frames of all channel groups in order of time.
 
     Error frames and remote frames are skipped and counted.
-    Raises ValueError if the file is damaged; asammdf may raise other errors.
+    Raises CutShortError behind the frames of a file that was never closed, ValueError if the file
+    is damaged; asammdf may raise other errors.
     """
     from asammdf import MDF  # noqa: PLC0415
 
-    check(file)
+    early, channels = check(file), channels or Channels()
     file.seek(0)
     source = Path(file.name) if isinstance(file, io.BufferedReader) else io.BytesIO(file.read())
     with quiet(), MDF(source) as measurement:
@@ -150,15 +170,19 @@ def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
             if not group.channel_group.flags & _BUS_EVENT or n == 0:
                 continue
             if "CAN_DataFrame" in names:
-                groups.append(_group_blocks(measurement, number, n, start_us))
+                groups.append(_group_blocks(measurement, number, n, start_us, channels))
             elif names & {"CAN_ErrorFrame", "CAN_RemoteFrame"}:
                 counters.skipped += n
         for block in _merged(groups):
             counters.frames += len(block.t_ns)
             yield block
+    if early:
+        raise CutShortError(early)
 
 
-def _group_blocks(measurement: Any, number: int, n: int, start_us: int) -> Iterator[FrameBlock]:
+def _group_blocks(
+    measurement: Any, number: int, n: int, start_us: int, channels: Channels
+) -> Iterator[FrameBlock]:
     """Yield the frames of a channel group with n records, in its order."""
     for first in range(0, n, FRAMES):
         count = min(FRAMES, n - first)
@@ -166,7 +190,15 @@ def _group_blocks(measurement: Any, number: int, n: int, start_us: int) -> Itera
             "CAN_DataFrame", group=number, record_offset=first, record_count=count
         )
         if len(signal.timestamps):
-            yield _frames(signal, start_us)
+            block, fields = _frames(signal, start_us)
+            if "BusChannel" not in fields:
+                yield block
+                continue
+            numbers, places = np.unique(fields["BusChannel"], return_inverse=True)
+            names = [str(each) for each in numbers.tolist()]
+            block = channels.keep(block, names, places if len(names) > 1 else None)
+            if len(block.t_ns):
+                yield block
 
 
 def _merged(groups: Sequence[Iterator[FrameBlock]]) -> Iterator[FrameBlock]:
@@ -195,8 +227,8 @@ def _merged(groups: Sequence[Iterator[FrameBlock]]) -> Iterator[FrameBlock]:
             yield merged
 
 
-def _frames(signal: Any, start_us: int) -> FrameBlock:
-    """Return the frames of one channel group."""
+def _frames(signal: Any, start_us: int) -> tuple[FrameBlock, dict[str, Any]]:
+    """Return the frames of one channel group, and its fields by name."""
     samples = signal.samples
     fields = {name.rpartition(".")[2]: samples[name] for name in samples.dtype.names}
     times_us = (signal.timestamps * 1e6).round()
@@ -214,6 +246,5 @@ def _frames(signal: Any, start_us: int) -> FrameBlock:
     key = fields["ID"].astype(np.uint32) & np.uint32(0x1FFFFFFF)
     if "IDE" in fields:
         key |= (fields["IDE"] != 0) * np.uint32(EXTENDED)
-    return FrameBlock(
-        (times_us.astype(np.int64) + start_us) * 1000, key, length.astype(np.uint8), data
-    )
+    t_ns = (times_us.astype(np.int64) + start_us) * 1000
+    return FrameBlock(t_ns, key, length.astype(np.uint8), data), fields

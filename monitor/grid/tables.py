@@ -32,7 +32,8 @@ from monitor.frames.profiles.signals import all_cells, read_signals
 from monitor.frames.tables.delimited import open_own
 from monitor.frames.tables.parquet import read_parquet
 from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
-from monitor.frames.tables.readers import is_readable, open_table, reason, suffix_of
+from monitor.frames.tables.readers import TEXT, is_readable, open_table, reason, suffix_of
+from monitor.frames.text.layouts import layout_of
 from monitor.grid.columns import Column, load_columns
 
 TIME: Final = "time_s"
@@ -79,15 +80,16 @@ def is_table(path: str | Path) -> bool:
     path = Path(path)
     if path.name.lower().endswith((".parquet", ".mdf", ".dat")):
         return True
-    if not is_readable(path):
-        return False
-    if suffix_of(path) != ".csv":
-        return True
+    if not is_readable(path) or suffix_of(path) not in TEXT:
+        return is_readable(path)
     try:
         with open_binary(path) as file:
-            return not file.read(len(_LOG_HEADER)).startswith(_LOG_HEADER)
-    except (OSError, EOFError, ValueError):
+            is_log = file.read(len(_LOG_HEADER)).startswith(_LOG_HEADER)
+        return not is_log and layout_of(path).layout is None
+    except RecordingError:  # a log of a tool that is not read
         return False
+    except (OSError, EOFError, ValueError):
+        return suffix_of(path) != ".csv"
 
 
 def checked_columns(given: Path) -> Path:

@@ -10,8 +10,8 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
+from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters
-from monitor.frames.logs import read_blocks
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples, whole
 from monitor.grid.table_samples import table_block
@@ -42,7 +42,7 @@ class OpenRecording:
     sources: Mapping[str, SignalSource]  # where each signal comes from
     is_live: Callable[[], bool] = lambda: False  # whether a live monitor made it, with its part
     profile: str = ""  # of a logger's file
-    notes: tuple[str, ...] = ()  # oddities of a table, in words
+    notes: Callable[[], tuple[str, ...]] = tuple  # oddities in words, behind the parts
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class RecordingReader:
         card: ModelCard,
         columns: Path | None = None,
     ) -> None:
-        self._card, self._columns = card, columns
+        self._card, self._columns, self._bus_map = card, columns, bus_map
         self._names = needed_names(card, (*bus_map.names, *bus_map.optional))
         self._decoder = BlockDecoder(bus_map, self._names)
         self._sources = bus_sources(bus_map, self._names)
@@ -106,9 +106,12 @@ class RecordingReader:
         def counters() -> dict[str, int]:
             check_received(path, decoder.counters, log.frames)
             counts = frame_counts(decoder.counters, assembler.counters, decoder.unmapped)
-            return counts | timeline.counters.found | {"skipped": log.skipped}
+            counts |= timeline.counters.found | {"skipped": log.skipped}
+            if log.is_cut:
+                counts["log_gaps"] = counts.get("log_gaps", 0) + 1
+            return counts | ({"damaged_lines": log.damaged} if log.damaged else {})
 
-        blocks = timeline.blocks(read_blocks(path, log))
+        blocks = timeline.blocks(log_blocks(path, self._bus_map, log))
         parts = log_samples(blocks, decoder, assembler)
         return OpenRecording(
             path=path,
@@ -117,6 +120,7 @@ class RecordingReader:
             counters=counters,
             sources=self._sources,
             is_live=lambda: assembler.is_live,
+            notes=lambda: tuple(log.notes),
         )
 
     def _table_file(self, path: Path) -> OpenRecording:
@@ -145,7 +149,7 @@ class RecordingReader:
             lambda: counters,
             sources,
             profile=table.profile,
-            notes=table.notes.lines,
+            notes=lambda: table.notes.lines,
         )
 
 

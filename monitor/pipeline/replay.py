@@ -70,15 +70,18 @@ def set_up(
     columns: Path | None = None,
     *,
     judges: bool = True,
+    channel: str = "",
 ) -> Setup:
     """Return the setup; without a model the shipped one, without pairs the project's own ECU.
 
     judges : whether the model must have decision limits
+    channel : of logs that hold several buses, before that of a signal map
     Raises ModelError or SignalMapError.
     """
     loaded = model if isinstance(model, Model) else Model.load(model or shipped_model())
     own = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
     bus_map = load_pairs(pairs or own)
+    bus_map = replace(bus_map, log_channel=channel or bus_map.log_channel)
     is_bare = not judges and not loaded.card.limits
     limits = NO_LIMITS if is_bare else Limits.from_card(loaded.card, config, str(loaded.path))
     return Setup(loaded, limits, config.with_catalyst(bus_map.catalyst_position), bus_map, columns)
@@ -175,8 +178,8 @@ def judged(
     recording |= of_memory(memory)
     if opened.profile:
         recording |= {"profile": opened.profile}
-    if opened.notes:
-        recording |= {"notes": list(opened.notes)}
+    if notes := opened.notes():
+        recording |= {"notes": list(notes)}
     return recording, collector.trace()
 
 

@@ -20,7 +20,8 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, load_pairs
-from monitor.frames.logs import read_blocks
+from monitor.decode.log_blocks import log_blocks
+from monitor.frames.blocks import LogCounters
 from monitor.grid.arrays import table_of
 from monitor.grid.block_assembler import BlockAssembler, assemble_arrays
 from monitor.grid.block_samples import log_samples, whole
@@ -110,7 +111,9 @@ def load(
     else:
         bus_map = load_pairs(default_pairs() if pairs is None else pairs)
         got, period_ns = wanted or bus_map.names, period_ns or DEFAULT_PERIOD_NS
-        block = log_block(path, bus_map, got, period_ns)
+        log = LogCounters()
+        block = log_block(path, bus_map, got, period_ns, log)
+        notes = tuple(log.notes)
         if block.quality.size and (block.quality != Quality.GOOD).all():
             raise RecordingError(
                 f"{path}: no frame holds a good value of {', '.join(got[:3])}"
@@ -219,11 +222,20 @@ def default_pairs() -> Pairs:
     return [(dbc.path(DEFAULT_PAIR[0]), dbc.path(DEFAULT_PAIR[1]))]
 
 
-def log_block(path: Path, bus_map: BusMap, names: Sequence[str], period_ns: int) -> SampleBlock:
-    """Return the samples of a CAN log, the same as those of the streaming pipeline."""
+def log_block(
+    path: Path,
+    bus_map: BusMap,
+    names: Sequence[str],
+    period_ns: int,
+    log: LogCounters | None = None,
+) -> SampleBlock:
+    """Return the samples of a CAN log, the same as those of the streaming pipeline.
+
+    log : counts its frames
+    """
     decoder = BlockDecoder(bus_map, names)
     assembler = BlockAssembler.of(decoder, period_ns)
-    blocks = Timeline(decoder).blocks(read_blocks(path))
+    blocks = Timeline(decoder).blocks(log_blocks(path, bus_map, log))
     return whole(log_samples(blocks, decoder, assembler), len(names))[0]
 
 

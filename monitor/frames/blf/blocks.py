@@ -9,6 +9,7 @@ the start of the next one. The reader finds all signatures at once and keeps tho
 """
 
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from decimal import Decimal
 from typing import IO, Any, Final, NamedTuple
@@ -19,8 +20,9 @@ from numpy.typing import NDArray
 from monitor.base.types import BoolArray, FloatArray, FrameBlock, IntArray
 from monitor.frames import swar
 from monitor.frames.blf import structure
-from monitor.frames.blocks import LATEST_S, LogCounters, chosen
+from monitor.frames.blocks import LATEST_S, CutShortError, LogCounters, chosen
 from monitor.frames.bounds import BoundError, Inflation
+from monitor.frames.channels import Channels
 
 Words = NDArray[np.uint32]
 
@@ -65,6 +67,7 @@ class Contents(NamedTuple):
     length: IntArray  # (n,) bytes of data in the object
     is_outside: BoolArray  # (n,) the headers place data outside of the object
     data: NDArray[np.uint8]  # (n, 8) or (n, 64)
+    channel: IntArray  # (n,)
 
 
 class Objects(NamedTuple):
@@ -76,31 +79,42 @@ class Objects(NamedTuple):
     body: IntArray  # (n,) word at which the object's body begins
     kind: NDArray[np.uint8]  # (n,) class: _OTHER, _SKIPPED, _CLASSIC, _FD or _FD_64
     size: IntArray  # (n,) bytes
+    unknown: IntArray  # (k,) header versions of the frames that cannot be read
 
 
 def read_blocks(
-    file: IO[bytes], counters: LogCounters, chunk_bytes: int = CHUNK_BYTES
+    file: IO[bytes],
+    counters: LogCounters,
+    channels: Channels | None = None,
+    chunk_bytes: int = CHUNK_BYTES,
 ) -> Iterator[FrameBlock]:
     """Yield the frames of a BLF file.
 
     chunk_bytes : inflated bytes per chunk
-    Raises ValueError if the file is damaged or holds fewer objects than its header announces, and
-    the errors of zlib. The frames before the damage are yielded first.
+    Raises CutShortError if the file was never finished or holds fewer objects than its header
+    announces, ValueError if it is damaged, and the errors of zlib. The frames before the damage
+    are yielded first. Frames in objects of an unknown version are told in the counters' notes.
     """
-    announced = structure.check(file)
+    announced, early = structure.check(file)
     file.seek(0)
     start_s = structure.start_s(file)
-    n_objects, rest = 0, b""
+    n_objects, rest, unknown = 0, b"", Counter[int]()
+    channels = channels or Channels()
     for chunk in _inflated(file, chunk_bytes):
         raw = b"".join((rest, *chunk, bytes(_MARGIN)))
         position = 0
         while run := _run(raw, position):
             objects, position = run
             n_objects += len(objects.at)
-            yield from _blocks(objects, start_s, counters)
+            unknown.update(objects.unknown.tolist())
+            yield from _blocks(objects, start_s, counters, channels)
         rest = raw[position:-_MARGIN]
+    for version, n in unknown.items():
+        counters.notes.append(f"{n} objects of header version {version} are not read")
     if announced is not None and announced > n_objects:
-        raise ValueError(f"its header announces {announced} objects")
+        early = early or f"its header announces {announced} objects"
+    if early:
+        raise CutShortError(early)
 
 
 def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
@@ -121,6 +135,8 @@ def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
             if sum(map(len, parts)) >= chunk_bytes:
                 yield parts
                 parts = []
+    except CutShortError:  # of which the reader knows
+        pass
     except Exception:
         yield parts
         raise
@@ -165,13 +181,22 @@ def _run(raw: bytes, position: int) -> tuple[Objects, int] | None:
     following = int(begin[n - 1] + size[n - 1])
     classes = _CLASS.take(kind[:n]) * is_supported[:n]
     data = np.frombuffer(raw, dtype=np.uint8, offset=place)
+    is_unknown = ~is_supported[:n] & (_CLASS.take(kind[:n]) >= _CLASSIC)
     run = Objects(
-        data=data, words=words, at=at[:n], body=(at + header // 4)[:n], kind=classes, size=size[:n]
+        data=data,
+        words=words,
+        at=at[:n],
+        body=(at + header // 4)[:n],
+        kind=classes,
+        size=size[:n],
+        unknown=version[:n][is_unknown].astype(np.int64),
     )
     return run, following
 
 
-def _blocks(objects: Objects, start_s: float, counters: LogCounters) -> Iterator[FrameBlock]:
+def _blocks(
+    objects: Objects, start_s: float, counters: LogCounters, channels: Channels
+) -> Iterator[FrameBlock]:
     """Yield a run's frames as one block, then raise ValueError if a frame is damaged."""
     times_s = _times_s(objects, start_s)
     is_late = ~(np.abs(times_s) < LATEST_S)
@@ -183,13 +208,17 @@ def _blocks(objects: Objects, start_s: float, counters: LogCounters) -> Iterator
     is_wrong &= is_data
     n = int(np.argmax(is_wrong)) if is_wrong.any() else len(t_ns)
     counters.skipped += int(np.count_nonzero((objects.kind[:n] != _OTHER) & ~is_data[:n]))
+    channel = contents.channel
     if not is_data.all() or n < len(t_ns):
         block = chosen(chosen(block, slice(n)), is_data[:n])
+        channel = channel[:n][is_data[:n]]
     if block.length.max(initial=0) <= 8:
         block = block._replace(data=np.ascontiguousarray(block.data[:, :8]))
     counters.frames += len(block.t_ns)
     if len(block.t_ns):
-        yield block
+        numbers, places = np.unique(channel, return_inverse=True)
+        names = [str(number) for number in numbers.tolist()]
+        yield channels.keep(block, names, places if len(names) > 1 else None)
     if n < len(t_ns):
         announced, length = contents.announced[n], contents.length[n]
         if contents.is_outside[n]:
@@ -221,6 +250,7 @@ def _contents(objects: Objects) -> Contents:
     key |= is_extended << np.uint32(31)
     is_remote = (head & (_REMOTE << 16)) != 0
     announced = (head >> 24).astype(np.int64)
+    announced[(announced > 8) & (announced <= 15)] = 8  # length codes of 8 bytes, ISO 11898-1
     length = np.minimum(announced, 8)
     data = words.take(body + 3).astype(np.uint64) << np.uint64(32)
     data |= words.take(body + 2)
@@ -234,6 +264,7 @@ def _contents(objects: Objects) -> Contents:
         length=length,
         is_outside=is_outside,
         data=read,
+        channel=(head & 0xFFFF).astype(np.int64),
     )
     if (objects.kind >= _FD).any():
         return _with_fd(objects, contents)
@@ -255,6 +286,7 @@ def _with_fd(objects: Objects, contents: Contents) -> Contents:
     body = objects.body[rows]
     head = objects.words.take(body)  # 8 bits each: channel, length code, valid bytes
     contents.announced[rows] = _LENGTHS.take(head >> 8 & 0xFF)
+    contents.channel[rows] = head & 0xFF
     contents.length[rows] = length = head.astype(np.int64) >> 16 & 0xFF
     contents.is_remote[rows] = objects.words.take(body + 3) & 0x10 != 0
     # valid bytes beyond the object's end, or beyond the start of its extension, are zero

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import IO, Final
 
+from monitor.frames.blocks import CutShortError
 from monitor.frames.bounds import PIECE_BYTES, BoundError
 
 _FILE_HEADER: Final = struct.Struct("<4sLBBBBBBBBQQLL")
@@ -15,10 +16,11 @@ _START: Final = struct.Struct("<4xL32x8H16x")  # size of the header, its SYSTEMT
 _OBJECT_HEADER: Final = struct.Struct("<4sHHLL")
 
 
-def check(file: IO[bytes]) -> int | None:
-    """Return the number of objects that the header announces; None if it announces no number.
+def check(file: IO[bytes]) -> tuple[int | None, str]:
+    """Return the number of objects that the header announces, and why the file ends too early.
 
-    Raises ValueError if the file is no BLF file or is incomplete.
+    The number is None if the header announces none, the reason "" if the file is whole. Raises
+    ValueError if the file is no BLF file or is damaged.
     """
     head = file.read(_FILE_HEADER.size)
     if len(head) < _FILE_HEADER.size or head[:4] != b"LOGG":
@@ -29,15 +31,18 @@ def check(file: IO[bytes]) -> int | None:
     if not 0 <= n_rest <= PIECE_BYTES:
         raise ValueError(f"a header of {header_size:,} bytes, 144 are usual")
     if len(file.read(n_rest)) < n_rest:
-        raise ValueError("the file ends inside its header")
+        raise CutShortError("the file ends inside its header")
     position = header_size
-    for _, body, n_padding in objects(file, position):
-        position += _OBJECT_HEADER.size + len(body) + n_padding
+    try:
+        for _, body, n_padding in objects(file, position):
+            position += _OBJECT_HEADER.size + len(body) + n_padding
+    except CutShortError as error:
+        return n_objects or None, str(error)
     if position < file_size:
-        raise ValueError(f"the file has {position} bytes, its header announces {file_size}")
+        return n_objects, f"the file has {position} bytes, its header announces {file_size}"
     if file_size <= header_size and position > header_size:
-        raise ValueError("the file was never finished: its header announces no data")
-    return n_objects or None
+        return None, "the file was never finished: its header announces no data"
+    return n_objects or None, ""
 
 
 def start_s(file: IO[bytes]) -> float:
@@ -57,11 +62,12 @@ def objects(file: IO[bytes], position: int) -> Iterator[tuple[int, bytes, int]]:
     """Yield type, body and number of padding bytes of each object from ``position`` on.
 
     position : byte at which the file stands
-    Raises ValueError if an object is incomplete.
+    Of a last object that is incomplete, its part is yielded before CutShortError is raised. Raises
+    ValueError where no object begins.
     """
     while start := file.read(_OBJECT_HEADER.size):
         if len(start) < _OBJECT_HEADER.size:
-            raise ValueError(f"the file ends inside a header at byte {position}")
+            raise CutShortError(f"the file ends inside a header at byte {position}")
         signature, _, _, size, kind = _OBJECT_HEADER.unpack(start)
         if signature != b"LOBJ" or size < _OBJECT_HEADER.size:
             raise ValueError(f"no log object at byte {position}")
@@ -72,7 +78,8 @@ def objects(file: IO[bytes], position: int) -> Iterator[tuple[int, bytes, int]]:
             )
         body = file.read(size - _OBJECT_HEADER.size)
         if len(body) < size - _OBJECT_HEADER.size:
-            raise ValueError(f"the log object at byte {position} ends too early")
+            yield kind, body, 0
+            raise CutShortError(f"the log object at byte {position} ends too early")
         n_padding = len(file.read(size % 4))  # some writers omit it after the last object
         position += size + n_padding
         yield kind, body, n_padding

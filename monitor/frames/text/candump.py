@@ -24,10 +24,12 @@ from monitor.frames.blocks import (
     put,
     widened,
 )
+from monitor.frames.channels import Channels
 from monitor.frames.text.lines import CHUNK_BYTES, MARGIN, Bytes, line_chunks
 
 Keys = NDArray[np.uint32]
 
+WANTED: Final = "'(seconds) channel id#data' is wanted"
 ERROR_FLAG: Final = 0x20000000  # of an identifier
 _SPACE, _HASH, _NEWLINE, _OPEN = b" #\n("
 _LAST_MARK: Final = _HASH  # every other character of a plain line is higher
@@ -44,6 +46,7 @@ _SIX: Final = np.uint64(swar.kept_last(6))
 _HIGH_SECONDS: Final = swar.masks([swar.kept_last(n - 8) for n in range(11)])
 _LOW_SECONDS: Final = swar.masks([swar.kept_last(n) for n in range(11)])
 _IDENTIFIER: Final = swar.masks([swar.kept_last(n) for n in range(9)])
+_CHANNEL: Final = [swar.masks([swar.kept_first(n - 8 * i) for n in range(17)]) for i in range(2)]
 _DATA: Final = [swar.masks([swar.kept_first(n - 8 * i) for n in range(129)]) for i in range(16)]
 
 
@@ -54,37 +57,54 @@ class Lines(NamedTuple):
     plain: BoolArray  # (n,) True: the line is plain and parsed
     is_data: BoolArray  # (n,) True: a data frame
     frames: FrameBlock  # n rows
+    channel: Bytes  # (n, 16) the channel's name, filled up with 0
 
 
 def read_blocks(
-    file: BinaryIO, counters: LogCounters, chunk_bytes: int = CHUNK_BYTES
+    file: BinaryIO,
+    counters: LogCounters,
+    channels: Channels | None = None,
+    chunk_bytes: int = CHUNK_BYTES,
 ) -> Iterator[FrameBlock]:
     """Yield the data frames of candump text; error and remote frames are skipped and counted.
 
-    Raises ValueError if a line has another format (with its number) or the last line is cut
-    short, and the errors of reading the file. The frames before the error are yielded first.
+    Raises ValueError if too many lines have another format (``LogCounters.leave_out``),
+    CutShortError if the last line has no end, and the errors of reading the file. The frames before
+    the error are yielded first.
     """
-    first = 1
+    first, channels = 1, channels or Channels()
     for text in line_chunks(file, chunk_bytes):
         lines = parse_lines(text)
-        block, error = _understood(text, lines, first, counters)
+        rows, block, error = _understood(text, lines, first, counters)
         first += len(lines.plain)
         counters.frames += len(block.t_ns)
         if len(block.t_ns):
-            yield block
+            yield channels.keep(block, *_names(lines.channel[rows]))
         if error:
             raise error
 
 
+def _names(channel: Bytes) -> tuple[list[str], IntArray | None]:
+    """Return the names of channels, (n, 16) characters, and the place of each row's name."""
+    if (channel == channel[0]).all():
+        return [_text(channel[0])], None
+    unique, places = np.unique(channel, axis=0, return_inverse=True)
+    return [_text(name) for name in unique], places.reshape(-1)
+
+
+def _text(characters: Bytes) -> str:
+    return characters.tobytes().rstrip(b"\0").decode(errors="replace")
+
+
 def _understood(
     text: Bytes, lines: Lines, first: int, counters: LogCounters
-) -> tuple[FrameBlock, ValueError | None]:
-    """Return the frames up to the first line of another format, and that line's error.
+) -> tuple[slice | BoolArray, FrameBlock, ValueError | None]:
+    """Return rows and frames, and the error at which they end if too many lines are damaged.
 
     first : number in the file of the chunk's first line
     """
     if lines.is_data.all():
-        return lines.frames, None
+        return slice(None), lines.frames, None
     n, odd, error = len(lines.plain), dict[int, Frame](), None
     for row in np.flatnonzero(~lines.plain).tolist():
         raw = text[MARGIN + lines.begin[row] : MARGIN + lines.begin[row + 1]]
@@ -94,9 +114,12 @@ def _understood(
         try:
             frame = frame_of_line(line)
         except ValueError:
-            wanted = "'(seconds) channel id#data' is wanted"
-            n, error = row, ValueError(f"line {first + row} is {line[:60]!r}, {wanted}")
-            break
+            try:
+                counters.leave_out(first + row, line, WANTED)
+                continue
+            except ValueError as too_many:
+                n, error = row, too_many
+                break
         if frame is None:
             counters.skipped += 1
         else:
@@ -106,7 +129,8 @@ def _understood(
     if odd:
         block = put(block, list(odd), block_of(list(odd.values())))
         is_data[list(odd)] = True
-    return chosen(block, is_data), error
+    rows = np.append(is_data, np.zeros(len(lines.plain) - n, dtype=np.bool_))
+    return rows, chosen(block, is_data), error
 
 
 def frame_of_line(line: str) -> Frame | None:
@@ -162,7 +186,10 @@ def parse_lines(text: Bytes) -> Lines:
     if len(rows):
         frames, right[rows] = _with_fd(text, marks, mark, rows, frames)
     plain &= right
-    return Lines(begin, plain, plain & ~is_error, frames)
+    letters = swar.gathered(text, MARGIN, space + 1, 16).view(np.uint64)
+    width = second - space - 1
+    letters &= np.column_stack([each.take(width, mode="clip") for each in _CHANNEL])
+    return Lines(begin, plain, plain & ~is_error, frames, letters.view(np.uint8))
 
 
 def _with_fd(

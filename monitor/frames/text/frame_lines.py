@@ -2,8 +2,9 @@
 
 They skip a line that they cannot read, and ignore what follows a frame on its line. In a damaged
 log thousands of frames may be lost so, and their absence looks like a bus that fell silent. Here
-such a line is an error, as it is in a candump log. Events that are no frames pass: statistics,
-error frames, bus states, comments, messages of other buses.
+such a line is counted, as it is in a candump log. Events that are no frames pass: statistics,
+error frames, bus states, comments, messages of other buses. Of an ``.asc`` whose header ends
+without a line on internal events, python-can loses the first frame: the reader is given that line.
 
 python-can also takes the times of every ``.asc`` for those since the beginning. In a log that says
 ``timestamps relative`` a time is that since the line before; its lines are returned with the sum.
@@ -14,9 +15,11 @@ from collections.abc import Callable, Iterator
 from decimal import Decimal
 from typing import Final, TextIO
 
+from monitor.frames.blocks import LogCounters
 from monitor.frames.text.lines import CUT_SHORT
 
 _CSV_HEADER: Final = "timestamp,arbitration_id,"
+_CSV_FRAME: Final = re.compile(r"-?[\d.]+(?:e[+-]?\d+)?,0x[0-9a-f]+(?:,[01]){3},\d+,[\w+/=]*", re.I)
 _ASC_FRAME: Final = re.compile(
     r"\d+\.\d+\s+\d+\s+\w+\s+(?:Rx|Tx|TxRq)\s+"
     r"(?:r(?:\s+\w+)?|d\s+[0-9a-f]{1,2}(?:\s+[0-9a-f]{1,3}\b(?!\s*=))*)"
@@ -24,9 +27,11 @@ _ASC_FRAME: Final = re.compile(
     re.IGNORECASE,
 )
 _ASC_FD: Final = re.compile(r"\d+\.\d+\s+CANFD\s+\d+\s+(?:Rx|Tx|TxRq)\s", re.IGNORECASE)
-_ASC_EVENT: Final = re.compile(
-    r"\S+\s+\d+\s+(?:Statistic|ErrorFrame|OverloadFrame)|\S+\s+J1939TP\s", re.IGNORECASE
+_ASC_EVENT: Final = re.compile(  # of a channel: a name that is no identifier behind its number
+    r"\d+\.\d+\s+\d+\s+(?![0-9a-f]+x?\s)[a-z_]\w*|\d+\.\d+\s+\w+\s+Start of measurement",
+    re.IGNORECASE,
 )
+_ASC_HEADER_END: Final = "no internal events logged\n"
 _ASC_DIRECTION: Final = re.compile(r"\s(?:Rx|Tx|TxRq)\s+[dr]\b", re.IGNORECASE)  # of a frame
 _ASC_RELATIVE: Final = re.compile(r"base\s+\w+\s+timestamps\s+relative", re.IGNORECASE)
 _ASC_TIME: Final = re.compile(r"\s*(\d+\.\d+)(?=\s)")
@@ -41,33 +46,44 @@ class FrameLines:
     """A text log whose lines are checked as they are read.
 
     kind : ".asc", ".csv" or ".trc"
+    counters : counts damaged lines
     """
 
-    def __init__(self, file: TextIO, kind: str) -> None:
+    def __init__(self, file: TextIO, kind: str, counters: LogCounters) -> None:
         self._file = file
-        checks = {".asc": _is_asc, ".trc": _Trc().is_line}
+        checks = {".asc": _is_asc, ".trc": _Trc().is_line, ".csv": _is_csv}
         self._check: Callable[[str], bool] = checks.get(kind, bool)
         self._begin = _CSV_HEADER if kind == ".csv" else ""
         self._times = _AscTimes() if kind == ".asc" else None
-        self._number, self._last = 0, "\n"
+        self._number, self._counters = 0, counters
+        self._header_end = _ASC_HEADER_END if kind == ".asc" else ""
+        self._held = ""  # the first frame's line, behind the end of the header
+        self.cut = ""  # why the log ends too early
 
     def __iter__(self) -> Iterator[str]:
         return self
 
     def __next__(self) -> str:
-        """Return the next line; raises ValueError for a damaged frame or a last line cut short."""
-        line = next(self._file, "")
-        if not line:
-            if not self._last.endswith("\n"):
-                raise ValueError(CUT_SHORT)
-            raise StopIteration
-        self._number, self._last = self._number + 1, line
-        if self._number == 1 and not line.startswith(self._begin):
-            first = line.strip()[:40]
-            raise ValueError(f"its first line is {first!r}, python-can's log header is wanted")
-        if not self._check(line):
-            raise ValueError(f"line {self._number}, {line.strip()[:40]!r}, is no frame")
-        return self._times.since_beginning(line) if self._times else line
+        """Return the next whole line; raises ValueError if too many are damaged."""
+        if self._held:
+            line, self._held = self._held, ""
+            return line
+        for line in self._file:
+            self._number += 1
+            if self._number == 1 and not line.startswith(self._begin):
+                first = line.strip()[:40]
+                raise ValueError(f"its first line is {first!r}, python-can's log header is wanted")
+            if not line.endswith(("\n", "\r")):
+                self.cut = CUT_SHORT
+                break
+            if not self._check(line):
+                self._counters.leave_out(self._number, line, "a frame or an event is wanted")
+                continue
+            good = self._times.since_beginning(line) if self._times else line
+            if self._header_end and _ASC_TIME.match(good):
+                self._held, good, self._header_end = good, self._header_end, ""
+            return good
+        raise StopIteration
 
     def read(self, size: int = -1) -> str:
         """Return text as it stands in the file."""
@@ -89,6 +105,10 @@ def _is_asc(line: str) -> bool:
     if _ASC_FD.match(line) or _ASC_EVENT.match(line):
         return True
     return not line or bool(_ASC_OTHER.match(line) and not _ASC_DIRECTION.search(line))
+
+
+def _is_csv(line: str) -> bool:
+    return line.startswith(_CSV_HEADER) or bool(_CSV_FRAME.fullmatch(line.strip()))
 
 
 class _AscTimes:

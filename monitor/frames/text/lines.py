@@ -7,11 +7,12 @@ from typing import BinaryIO, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.frames.blocks import CutShortError
 from monitor.frames.bounds import LINE_BYTES, too_long
 
 Bytes = NDArray[np.uint8]
 
-CUT_SHORT: Final = "the last line is cut short; remove it to use the rest"
+CUT_SHORT: Final = "the last line has no end and is left out"
 CHUNK_BYTES: Final = 1 << 20  # about the size of a processor's second cache
 MARGIN: Final = 256  # bytes before and after the lines that may be read; their content is open
 _GZIP_STEP: Final = 8192  # read size of a packed file, so that all before its damage is read
@@ -26,8 +27,8 @@ def line_chunks(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Iterator[Byte
 
     chunk_bytes : bytes per chunk; a longer line gets a longer chunk
     Every line ends with a newline, whatever line end the file has. If the last line has no line
-    end it is yielded, then ValueError is raised. Read errors are raised after the whole lines, and
-    so is BoundError for a line of ``LINE_BYTES`` or more.
+    end, CutShortError is raised behind the others. Read errors are raised after the whole lines,
+    and so is BoundError for a line of ``LINE_BYTES`` or more.
     """
     step = _GZIP_STEP if isinstance(file, gzip.GzipFile) else 0
     text, ending = bytearray(MARGIN), None
@@ -46,9 +47,7 @@ def line_chunks(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Iterator[Byte
         # a final return may be half a line end
         cut = text.rfind(b"\n") + 1 or text.rfind(b"\r", 0, len(text) - 1) + 1 or MARGIN
         if isinstance(ending, _EndError) and cut < len(text):
-            ending = ValueError(CUT_SHORT)
-            text += b"\n"
-            cut = len(text)
+            ending = CutShortError(CUT_SHORT)
         rest = text[cut:]
         if cut > MARGIN:
             text[cut:] = bytes(MARGIN)
