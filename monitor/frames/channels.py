@@ -22,6 +22,11 @@ class Channels:
         self._mapped = np.array(sorted(mapped), dtype=np.uint32)
         self._heard: dict[str, set[int]] = {}  # mapped keys by channel
 
+    @property
+    def matter(self) -> bool:
+        """Return whether a frame's channel makes a difference."""
+        return bool(self.only or len(self._mapped))
+
     def keep(
         self, block: FrameBlock, names: Sequence[str], places: IntArray | None = None
     ) -> FrameBlock:
@@ -43,6 +48,13 @@ class Channels:
             return chosen(block, np.isin(places, wanted))
         self._refuse_mixture()
         return block
+
+    def keep_numbered(self, block: FrameBlock, numbers: IntArray) -> FrameBlock:
+        """Return the frames of the wanted channel; ``numbers``, (n,), are the channels' names."""
+        if len(numbers) == 0 or (numbers == numbers[0]).all():
+            return self.keep(block, [str(number) for number in numbers[:1]])
+        unique, places = np.unique(numbers, return_inverse=True)
+        return self.keep(block, [str(number) for number in unique], places)
 
     def blocks_of(self, frames: Iterator[tuple[Frame, str]]) -> Iterator[FrameBlock]:
         """Yield the frames of the wanted channel as blocks; those before an error come before it.

@@ -31,7 +31,7 @@ from monitor.frames.channels import Channels
 from monitor.frames.tables.readers import SUFFIXES as TABLES
 from monitor.frames.text import candump
 from monitor.frames.text.frame_lines import FrameLines
-from monitor.frames.text.layouts import LAYOUTS, frames_of_lines, layout_of
+from monitor.frames.text.layouts import LAYOUTS, LayoutFound, frames_of_lines, layout_of
 from monitor.frames.text.python_can import text_reader
 
 if TYPE_CHECKING:
@@ -161,9 +161,9 @@ def guarded(path: Path, counters: LogCounters, items: Iterator[T]) -> Iterator[T
 def _blocks(
     path: Path, kind: str, counters: LogCounters, channels: Channels
 ) -> Iterator[FrameBlock]:
-    is_text = kind not in (".blf", ".mf4")
-    found = layout_of(path) if is_text else None
-    if found and (found.layout or (kind == ".log" and found.encoding.startswith("utf-16"))):
+    found = LayoutFound() if kind in (".blf", ".mf4") else layout_of(path)
+    is_plain = found.encoding in ("utf-8", "cp1252")
+    if found.layout or (kind == ".log" and not is_plain):
         with open_text(path, found.encoding, errors="replace") as text:
             yield from channels.blocks_of(frames_of_lines(text, found, counters))
     elif kind in _READERS:
@@ -171,8 +171,7 @@ def _blocks(
         with open_binary(path) as file:
             yield from _READERS[kind](file, counters, channels)
     elif kind in LOG_SUFFIXES:
-        encoding = found.encoding if found and found.encoding.startswith("utf-16") else "utf-8"
-        with open_text(path, encoding, newline="") as text:
+        with open_text(path, "utf-8" if is_plain else found.encoding, newline="") as text:
             lines = FrameLines(text, kind, counters)
             with text_reader(kind)(lines) as reader:
                 yield from channels.blocks_of(through_python_can(reader, counters))
@@ -202,10 +201,11 @@ def through_python_can(reader: Any, counters: LogCounters) -> Iterator[tuple[Fra
             counters.skipped += 1
             continue
         is_short = not message.is_fd and message.dlc > CLASSIC == len(message.data)
-        if len(message.data) != message.dlc and not is_short:  # codes 9 to 15 of classic frames
-            raise ValueError(f"a frame of {message.dlc} bytes holds only {len(message.data)}")
-        if message.dlc > MAX_BYTES:
-            raise ValueError(f"a frame of {message.dlc} bytes, CAN FD has {MAX_BYTES} at most")
+        length = CLASSIC if is_short else message.dlc  # codes 9 to 15 of classic frames
+        if len(message.data) != length:
+            raise ValueError(f"a frame of {length} bytes holds only {len(message.data)}")
+        if length > MAX_BYTES:
+            raise ValueError(f"a frame of {length} bytes, CAN FD has {MAX_BYTES} at most")
         if not 0 <= message.arbitration_id < IDENTIFIERS:
             raise ValueError(
                 f"a frame with identifier {message.arbitration_id:#X}, CAN has 29 bits at most"

@@ -191,12 +191,8 @@ def _group_blocks(
         )
         if len(signal.timestamps):
             block, fields = _frames(signal, start_us)
-            if "BusChannel" not in fields:
-                yield block
-                continue
-            numbers, places = np.unique(fields["BusChannel"], return_inverse=True)
-            names = [str(each) for each in numbers.tolist()]
-            block = channels.keep(block, names, places if len(names) > 1 else None)
+            if "BusChannel" in fields:
+                block = channels.keep_numbered(block, fields["BusChannel"])
             if len(block.t_ns):
                 yield block
 

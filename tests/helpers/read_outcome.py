@@ -9,7 +9,7 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, FrameBlock
 from monitor.frames.blf.structure import check as check_blf
-from monitor.frames.blocks import EXTENDED, LogCounters
+from monitor.frames.blocks import EXTENDED, CutShortError, LogCounters
 from monitor.frames.bounds import open_text
 from monitor.frames.logs import guarded, read_blocks, through_python_can
 from monitor.frames.text.candump import frame_of_line
@@ -52,12 +52,11 @@ def streamed(path: Path) -> Outcome:
     counters = LogCounters()
 
     def frames() -> Iterator[Frame]:
-        line = ""
         with open_text(path, newline="") as file:
             for number, line in enumerate(file, 1):
+                if not line.endswith(("\n", "\r")):
+                    raise CutShortError(CUT_SHORT)
                 yield from frames_of_line(number, line, counters)
-        if line and not line.endswith("\n"):
-            raise ValueError(CUT_SHORT)
 
     return outcome(guarded(path, counters, frames()), counters)
 
@@ -67,9 +66,9 @@ def frames_of_line(number: int, line: str, counters: LogCounters) -> Iterator[Fr
         return
     try:
         frame = frame_of_line(line)
-    except ValueError as error:
-        wanted = "'(seconds) channel id#data' is wanted"
-        raise ValueError(f"line {number} is {line.strip()[:60]!r}, {wanted}") from error
+    except ValueError:
+        counters.leave_out(number, line, "'(seconds) channel id#data' is wanted")
+        return
     if frame is None:
         counters.skipped += 1
     else:
@@ -78,14 +77,16 @@ def frames_of_line(number: int, line: str, counters: LogCounters) -> Iterator[Fr
 
 
 def python_can_reads(path: Path) -> Outcome:
-    """Read a BLF with python-can's reader, behind the check that it is whole."""
+    """Read a BLF with python-can's reader, and tell whether it ends too early."""
     counters = LogCounters()
 
     def frames() -> Iterator[Frame]:
         with path.open("rb") as file:
-            check_blf(file)
+            _, early = check_blf(file)
         with can.LogReader(path) as reader:
-            yield from through_python_can(reader, counters)
+            yield from (frame for frame, _ in through_python_can(reader, counters))
+        if early:
+            raise CutShortError(early)
 
     return outcome(guarded(path, counters, frames()), counters)
 

@@ -135,7 +135,7 @@ def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
             if sum(map(len, parts)) >= chunk_bytes:
                 yield parts
                 parts = []
-    except CutShortError:  # of which the reader knows
+    except (CutShortError, EOFError):  # of which the reader knows
         pass
     except Exception:
         yield parts
@@ -216,9 +216,7 @@ def _blocks(
         block = block._replace(data=np.ascontiguousarray(block.data[:, :8]))
     counters.frames += len(block.t_ns)
     if len(block.t_ns):
-        numbers, places = np.unique(channel, return_inverse=True)
-        names = [str(number) for number in numbers.tolist()]
-        yield channels.keep(block, names, places if len(names) > 1 else None)
+        yield channels.keep_numbered(block, channel)
     if n < len(t_ns):
         announced, length = contents.announced[n], contents.length[n]
         if contents.is_outside[n]:
@@ -249,9 +247,8 @@ def _contents(objects: Objects) -> Contents:
     key &= np.uint32(0x1FFFFFFF)
     key |= is_extended << np.uint32(31)
     is_remote = (head & (_REMOTE << 16)) != 0
-    announced = (head >> 24).astype(np.int64)
-    announced[(announced > 8) & (announced <= 15)] = 8  # length codes of 8 bytes, ISO 11898-1
-    length = np.minimum(announced, 8)
+    announced = np.minimum(head >> 24, 8).astype(np.int64)  # codes above 8 mean 8, ISO 11898-1
+    length = announced.copy()
     data = words.take(body + 3).astype(np.uint64) << np.uint64(32)
     data |= words.take(body + 2)
     data &= _DATA.take(length)

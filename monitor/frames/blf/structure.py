@@ -36,7 +36,7 @@ def check(file: IO[bytes]) -> tuple[int | None, str]:
     try:
         for _, body, n_padding in objects(file, position):
             position += _OBJECT_HEADER.size + len(body) + n_padding
-    except CutShortError as error:
+    except (CutShortError, EOFError) as error:
         return n_objects or None, str(error)
     if position < file_size:
         return n_objects, f"the file has {position} bytes, its header announces {file_size}"

@@ -46,7 +46,6 @@ _SIX: Final = np.uint64(swar.kept_last(6))
 _HIGH_SECONDS: Final = swar.masks([swar.kept_last(n - 8) for n in range(11)])
 _LOW_SECONDS: Final = swar.masks([swar.kept_last(n) for n in range(11)])
 _IDENTIFIER: Final = swar.masks([swar.kept_last(n) for n in range(9)])
-_CHANNEL: Final = [swar.masks([swar.kept_first(n - 8 * i) for n in range(17)]) for i in range(2)]
 _DATA: Final = [swar.masks([swar.kept_first(n - 8 * i) for n in range(129)]) for i in range(16)]
 
 
@@ -57,7 +56,8 @@ class Lines(NamedTuple):
     plain: BoolArray  # (n,) True: the line is plain and parsed
     is_data: BoolArray  # (n,) True: a data frame
     frames: FrameBlock  # n rows
-    channel: Bytes  # (n, 16) the channel's name, filled up with 0
+    name: IntArray  # (n,) begin of the channel's name
+    name_end: IntArray  # (n,)
 
 
 def read_blocks(
@@ -79,21 +79,21 @@ def read_blocks(
         first += len(lines.plain)
         counters.frames += len(block.t_ns)
         if len(block.t_ns):
-            yield channels.keep(block, *_names(lines.channel[rows]))
+            yield channels.keep(block, *_names(text, lines, rows)) if channels.matter else block
         if error:
             raise error
 
 
-def _names(channel: Bytes) -> tuple[list[str], IntArray | None]:
-    """Return the names of channels, (n, 16) characters, and the place of each row's name."""
-    if (channel == channel[0]).all():
-        return [_text(channel[0])], None
-    unique, places = np.unique(channel, axis=0, return_inverse=True)
-    return [_text(name) for name in unique], places.reshape(-1)
-
-
-def _text(characters: Bytes) -> str:
-    return characters.tobytes().rstrip(b"\0").decode(errors="replace")
+def _names(text: Bytes, lines: Lines, rows: slice | BoolArray) -> tuple[list[str], IntArray | None]:
+    """Return the names of the rows' channels, up to 8 characters, and the place of each row's."""
+    begin, width = lines.name[rows], (lines.name_end - lines.name)[rows]
+    words = swar.gathered(text, MARGIN, begin, 8).view(np.uint64)[:, 0]
+    words &= _DATA[0].take(width, mode="clip")
+    unique, places = words[:1], None
+    if (words != words[0]).any():
+        unique, places = np.unique(words, return_inverse=True)
+    names = [word.tobytes().rstrip(b"\0").decode(errors="replace") for word in unique]
+    return names, places
 
 
 def _understood(
@@ -186,10 +186,7 @@ def parse_lines(text: Bytes) -> Lines:
     if len(rows):
         frames, right[rows] = _with_fd(text, marks, mark, rows, frames)
     plain &= right
-    letters = swar.gathered(text, MARGIN, space + 1, 16).view(np.uint64)
-    width = second - space - 1
-    letters &= np.column_stack([each.take(width, mode="clip") for each in _CHANNEL])
-    return Lines(begin, plain, plain & ~is_error, frames, letters.view(np.uint8))
+    return Lines(begin, plain, plain & ~is_error, frames, space + 1, second)
 
 
 def _with_fd(

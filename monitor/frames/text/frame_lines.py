@@ -28,16 +28,23 @@ _ASC_FRAME: Final = re.compile(
 )
 _ASC_FD: Final = re.compile(r"\d+\.\d+\s+CANFD\s+\d+\s+(?:Rx|Tx|TxRq)\s", re.IGNORECASE)
 _ASC_EVENT: Final = re.compile(  # of a channel: a name that is no identifier behind its number
-    r"\d+\.\d+\s+\d+\s+(?![0-9a-f]+x?\s)[a-z_]\w*|\d+\.\d+\s+\w+\s+Start of measurement",
+    r"\d+\.\d+\s+(?:\d+\s+(?![0-9a-f]+x?\s)[a-z_]|J1939TP\s|\w+\s+Start of measurement)",
     re.IGNORECASE,
 )
+_ASC_START: Final = re.compile(r"\s*\d+\.\d+\s+\w+\s+Start of measurement", re.IGNORECASE)
 _ASC_HEADER_END: Final = "no internal events logged\n"
 _ASC_DIRECTION: Final = re.compile(r"\s(?:Rx|Tx|TxRq)\s+[dr]\b", re.IGNORECASE)  # of a frame
 _ASC_RELATIVE: Final = re.compile(r"base\s+\w+\s+timestamps\s+relative", re.IGNORECASE)
 _ASC_TIME: Final = re.compile(r"\s*(\d+\.\d+)(?=\s)")
 _ASC_OTHER: Final = re.compile(r"[a-z]|//|\d+\.\d+\s+[a-z]", re.IGNORECASE)  # header or event
+_TRC_FRAME: Final = re.compile(  # behind its number
+    r"-?\d+(?:\.\d+)?\s+(?:\S+\s+){1,6}?\d{1,2}"
+    r"(?:\s+RTR|(?:\s+[0-9a-f]{2})*)",
+    re.IGNORECASE,
+)
 _TRC_TYPES: Final = {"Rx", "Tx", "Warng", "Error"}  # of the versions 1.1 and 1.3
 _TRC_TYPES_2: Final = {"DT", "FD", "FB", "FE", "BI", "RR", "ST", "EC", "ER", "EV"}
+_TRC_EVENTS: Final = {"Warng", "Error", "ST", "EC", "ER", "EV"}
 _TRC_NUMBER: Final = re.compile(r"\d{1,15}\)?")  # of a message, at the beginning of its line
 _TRC_LEAST: Final = 4  # number, time, identifier and length
 
@@ -80,6 +87,8 @@ class FrameLines:
                 self._counters.leave_out(self._number, line, "a frame or an event is wanted")
                 continue
             good = self._times.since_beginning(line) if self._times else line
+            if _ASC_START.match(line):  # python-can takes that of CAN FD for a frame
+                good = "//\n"
             if self._header_end and _ASC_TIME.match(good):
                 self._held, good, self._header_end = good, self._header_end, ""
             return good
@@ -157,4 +166,8 @@ class _Trc:
             return False
         if len(cells) < _TRC_LEAST or any(cell.endswith(")") for cell in cells[1:]):
             return False
-        return self._types is None or not self._types.isdisjoint(cells[1:5])
+        if self._types and self._types.isdisjoint(cells[1:5]):
+            return False
+        is_event = not _TRC_EVENTS.isdisjoint(cells[1:5])
+        rest = line.partition(" ")[2].strip() if self._is_numbered else line
+        return is_event or _TRC_FRAME.fullmatch(rest) is not None

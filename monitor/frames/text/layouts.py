@@ -6,6 +6,7 @@ none. Sources: the tools' documentation and logs, and the formats that SavvyCAN 
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -182,19 +183,21 @@ UNREAD: Final = (
 class LayoutFound(NamedTuple):
     """The layout of a file: None for a log of candump, python-can or Vector in this encoding."""
 
-    layout: TextLayout | None
-    encoding: str
-    base: int  # of identifiers and data
+    layout: TextLayout | None = None
+    encoding: str = "utf-8"
+    base: int = 16  # of identifiers and data
 
 
 def layout_of(path: Path) -> LayoutFound:
     """Return the layout of a text log by its first lines.
 
-    Raises RecordingError, without the file's name, for a tool whose logs are known, but not read;
-    OSError, EOFError or ValueError if the file cannot be read.
+    Raises RecordingError, without the file's name, for a tool whose logs are known, but not read,
+    and OSError.
     """
-    with open_binary(path) as file:
-        head = file.read(_HEAD_BYTES)
+    head = b""
+    with open_binary(path) as file, suppress(EOFError, ValueError):  # the reader tells damage
+        while len(head) < _HEAD_BYTES and (piece := file.read(_HEAD_BYTES >> 4)):
+            head += piece
     encoding = encoding_of(head)
     text = head.decode(encoding, errors="replace").replace("\r\n", "\n").lstrip("\ufeff")
     for layout in LAYOUTS:
@@ -203,7 +206,7 @@ def layout_of(path: Path) -> LayoutFound:
     for begins, tool, converter in UNREAD:
         if begins.search(text):
             raise RecordingError(f"a CAN log, {tool}: not read, convert it with {converter}")
-    return LayoutFound(None, encoding, 16)
+    return LayoutFound(encoding=encoding)
 
 
 def _base(layout: TextLayout, text: str) -> int:
@@ -259,7 +262,7 @@ def _frame(groups: dict[str, str | None], time_s: float, base: int) -> Frame | N
     if groups.get("remote") or groups.get("error"):
         return None
     text = (groups["data"] or "").replace(";", " ").replace(",", " ").split()
-    if len(text) == 1 and len(text[0]) > 3:  # without spaces
+    if len(text) == 1 and len(text[0]) > 3 and "x" not in text[0]:  # without spaces
         text = re.findall("..", text[0])
     length = int(groups.get("length") or len(text))
     can_id = int(groups["id"] or "", base)

@@ -46,6 +46,8 @@ def line_chunks(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Iterator[Byte
             raise too_long()
         # a final return may be half a line end
         cut = text.rfind(b"\n") + 1 or text.rfind(b"\r", 0, len(text) - 1) + 1 or MARGIN
+        if isinstance(ending, _EndError) and text.endswith(b"\r"):
+            cut = len(text)
         if isinstance(ending, _EndError) and cut < len(text):
             ending = CutShortError(CUT_SHORT)
         rest = text[cut:]

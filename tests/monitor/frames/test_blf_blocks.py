@@ -37,7 +37,8 @@ def test_a_blf_must_hold_as_many_objects_as_announced_whatever_they_are(
     path.write_bytes(content)
     found = read_at_once(path)
     assert [frame.data for frame in found[0]] == [b"\1", b"\2"]
-    assert (found[2] is None) if error is None else (error in str(found[2]))
+    assert found[2] is None
+    assert (found[1].notes == []) if error is None else (error in found[1].notes[0])
 
 
 def test_blf_times_beyond_exact_doubles_are_rounded_as_python_can_rounds_them(
@@ -209,7 +210,9 @@ def test_blf_objects_of_every_kind_are_read_as_python_can_reads_them(
     path.write_bytes(content)
     counters = LogCounters()
     with path.open("rb") as file:
-        blocks = guarded(path, counters, blf_blocks.read_blocks(file, counters, chunk_bytes))
+        blocks = guarded(
+            path, counters, blf_blocks.read_blocks(file, counters, chunk_bytes=chunk_bytes)
+        )
         found = outcome((frame for block in blocks for frame in frames_of(block)), counters)
     if "an object has no length" in str(found[2]):
         return  # python-can reads it for ever
@@ -220,4 +223,8 @@ def test_blf_objects_of_every_kind_are_read_as_python_can_reads_them(
         assert found[1].frames == n
         assert f"after {n} frames" in found[2] or not n
         return
-    assert found == wanted
+    assert found[0] == wanted[0]
+    assert (found[1].frames, found[1].skipped) == (wanted[1].frames, wanted[1].skipped)
+    # AND frames of an unknown version, which python-can leaves out, are told
+    known = re.sub(r"; \d+ objects of header version \d+ are not read", "", found[2] or "")
+    assert known == (wanted[2] or "")

@@ -33,7 +33,7 @@ def in_chunks(path: Path, chunk_bytes: int) -> Outcome:
 
     def blocks() -> Iterator[FrameBlock]:
         with open_binary(path) as file:
-            yield from candump.read_blocks(file, counters, chunk_bytes)
+            yield from candump.read_blocks(file, counters, chunk_bytes=chunk_bytes)
 
     found = guarded(path, counters, blocks())
     return outcome((frame for block in found for frame in frames_of(block)), counters)

@@ -42,7 +42,7 @@ End TriggerBlock
     ],
 )
 @pytest.mark.parametrize("kind", [".asc", ".trc"])
-def test_a_log_with_a_line_that_is_no_frame_any_more_is_refused(
+def test_a_line_that_is_no_frame_any_more_is_left_out_and_told(
     tmp_path: Path, kind: str, damage: Callable[[str], str]
 ) -> None:
     path = tmp_path / f"drive{kind}"
@@ -51,7 +51,13 @@ def test_a_log_with_a_line_that_is_no_frame_any_more_is_refused(
     lines = path.read_text().splitlines(keepends=True)
     lines[-10] = damage(lines[-10])
     path.write_text("".join(lines))
-    with pytest.raises(RecordingError, match=r"after \d+ frames: "):
+    counters = LogCounters()
+    assert len(list(read_frames(path, counters))) == len(FRAMES) - 1
+    assert counters.damaged == 1
+    assert f"1 line left out, the first: line {len(lines) - 9} is" in counters.notes[0]
+    # AND more than a hundredth of such lines is refused
+    path.write_text("".join([*lines, *lines[-10:-9] * 2]))
+    with pytest.raises(RecordingError, match=r"after \d+ frames: line"):
         list(read_frames(path))
 
 

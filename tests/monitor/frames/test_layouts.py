@@ -1,0 +1,202 @@
+"""Logs that other tools write as text are read, or called by their name."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+import dbc
+from monitor import cli
+from monitor.base.errors import RecordingError
+from monitor.decode.bus_map import load_pairs
+from monitor.decode.log_blocks import log_blocks
+from monitor.frames.blocks import LogCounters
+from monitor.frames.channels import Channels
+from monitor.frames.logs import read_blocks, read_frames
+from monitor.grid.tables import is_table
+from monitor.report.check import check
+
+# one log per tool: 2 frames of 11 bits and one of 29, 10 ms apart; then what is no frame
+TOOLS = {
+    "console.log": """ (1700000000.000000)  can0  0C2   [8]  01 02 03 04 05 06 07 A8
+ (1700000000.010000)  can0  0C3   [2]  11 22
+ (1700000000.020000)  can0  18FEF100   [1]  FF
+ (1700000000.030000)  can0  0C2   [0]  remote request
+ (1700000000.031000)  can0  20000004   [8]  00 04 00 00 00 00 00 00   ERRORFRAME
+""",
+    "dates.log": """ (2023-11-14 22:13:20.000000)  can0  RX - -  0C2   [8]  01 02 03 04 05 06 07 A8
+ (2023-11-14 22:13:20.010000)  can0  TX - -  0C3   [2]  11 22   '."'
+ (2023-11-14 22:13:20.020000)  can0  RX - -  18FEF100   [1]  FF
+""",
+    "gvret.csv": """Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8
+1000,000000C2,false,Rx,0,8,01,02,03,04,05,06,07,A8,
+11000,000000C3,false,Tx,0,2,11,22,00,00,00,00,00,00,
+21000,18FEF100,true,Rx,0,1,FF,00,00,00,00,00,00,00,
+""",
+    "busmaster.log": """***BUSMASTER Ver 3.2.2***
+***PROTOCOL CAN***
+***HEX***
+***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***
+23:59:59:9900 Rx 1 0x0C2 s 8 01 02 03 04 05 06 07 A8
+00:00:00:0000 Tx 1 0x0C3 s 2 11 22
+00:00:00:0100 Rx 1 0x18FEF100 x 1 FF
+00:00:00:0200 Rx 1 0x0C2 sr 0
+***[STOP LOGGING SESSION]***
+""",
+    "decimal.log": """***BUSMASTER Ver 3.2.2***
+***DEC***
+10:00:00:0000 Rx 1 194 s 8 1 2 3 4 5 6 7 168
+10:00:00:0100 Rx 1 195 s 2 17 34
+10:00:00:0200 Rx 1 419361024 x 1 255
+""",
+    "canhacker.trc": """Time   ID     DLC Data                    Comment
+00,000 0C2    8   01 02 03 04 05 06 07 A8
+00,010 0C3    2   11 22                   said
+00,020 18FEF100 1 FF
+""",
+    "kvaser.txt": """Chn Identifier Flg   DLC  D0...1...2...3...4...5...6..D7       Time     Dir
+ 0    000000C2         8  01  02  03  04  05  06  07  A8       0.000000 R
+ 0    000000C3         2  11  22                               0.010000 R
+ 0    18FEF100 X       1  FF                                   0.020000 T
+""",
+    "drive.crtd": """1700000000.000000 CXX OVMS trace
+1700000000.000000 1R11 0C2 01 02 03 04 05 06 07 A8
+1700000000.010000 1T11 0C3 11 22
+1700000000.020000 1R29 18FEF100 FF
+1700000000.030000 CEV an event
+""",
+    "microchip.txt": """//---------------------------------
+Microchip Technology Inc.
+CAN BUS Analyzer
+//---------------------------------
+1000;RX;0x000000C2;8;0x01;0x02;0x03;0x04;0x05;0x06;0x07;0xA8;
+1010;TX;0x000000C3;2;0x11;0x22;
+1020;RX;0x18FEF100;1;0xFF;
+""",
+    "ixxat.csv": """ASCII Trace IXXAT V1
+Date: 1.2.2023
+"Time","Identifier (hex)","Format","Flags","Data (hex)"
+"00:01:03.00","0C2","Std","","01 02 03 04 05 06 07 A8 "
+"00:01:03.01","0C3","Std","","11 22 "
+"00:01:03.02","18FEF100","Ext","","FF "
+""",
+    "canedge.csv": """TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes
+1700000000.000000;1;C2;0;8;8;0;0;0;0;0;01020304050607A8
+1700000000.010000;1;C3;0;2;2;0;0;0;0;0;1122
+1700000000.020000;1;18FEF100;1;1;1;0;0;0;0;0;FF
+""",
+}
+DATA = [(0xC2, False, "01020304050607a8"), (0xC3, False, "1122"), (0x18FEF100, True, "ff")]
+
+
+def of_tool(tmp_path: Path, name: str) -> Path:
+    path = tmp_path / name
+    path.write_text(TOOLS[name])
+    return path
+
+
+@pytest.mark.parametrize("name", TOOLS)
+def test_a_text_log_of_another_tool_gives_its_frames(tmp_path: Path, name: str) -> None:
+    path, counters = of_tool(tmp_path, name), LogCounters()
+    frames = list(read_frames(path, counters))
+    assert [(f.can_id, f.is_extended, f.data.hex()) for f in frames] == DATA
+    steps = [round((b.t_ns - a.t_ns) / 1e6) for a, b in pairwise(frames)]
+    assert steps == [10, 10]
+    assert counters.notes == []
+    assert not is_table(path)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-8-sig"])
+@pytest.mark.parametrize("name", ["gvret.csv", "dates.log", "plain.log"])
+def test_the_encoding_of_a_redirected_output_does_not_matter(
+    tmp_path: Path, name: str, encoding: str
+) -> None:
+    plain = "".join(f"(1.0{i}0000) can0 0C{i}#0{i}\n" for i in range(4))
+    text = TOOLS.get(name, plain)
+    path, same = tmp_path / name, tmp_path / f"same_{name}"
+    path.write_bytes(text.encode(encoding))
+    same.write_text(text)
+    assert list(read_frames(path)) == list(read_frames(same))
+
+
+@pytest.mark.parametrize("name", TOOLS)
+def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str) -> None:
+    path = of_tool(tmp_path, name)
+    path.write_text(TOOLS[name] + "17;broken 0.0\n")
+    counters = LogCounters()
+    assert len(list(read_frames(path, counters))) == len(DATA)
+    assert "1 line left out" in counters.notes[0]
+    path.write_text(TOOLS[name] + "17;broken 0.0\n" * 9)
+    with pytest.raises(RecordingError, match="17;broken"):
+        list(read_frames(path))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("Vehicle Spy Message History\nLine,Abs Time(Sec)\n", "Vehicle Spy: not read, convert it"),
+        ("Time,Channel,ID,Flags,DLC,Data0\n0.1,0,0C2,,1,FF\n", "frames as CSV: not read"),
+        ("  can0  0C2   [2]  11 22\n", "candump without times"),
+    ],
+)
+@pytest.mark.parametrize("name", ["drive.csv", "drive.log", "drive.txt"])
+def test_a_known_format_that_is_not_read_is_called_by_its_name(
+    tmp_path: Path, name: str, text: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    assert cli.main(["check", str(path)]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_log_of_two_buses_is_refused_unless_one_is_chosen(tmp_path: Path) -> None:
+    # GIVEN a log whose channels use one identifier for different things
+    path = tmp_path / "both.log"
+    engine = [f"(1.{i:06d}) can0 0C2#{i:02X}\n" for i in range(0, 90, 2)]
+    body = [f"(1.{i:06d}) can1 0C2#FF\n(1.{i:06d}) can1 0C9#00\n" for i in range(1, 90, 2)]
+    mixed = [line for pair in zip(engine, body, strict=True) for line in pair]
+    for lines in (engine + body, body + engine, mixed):
+        path.write_text("".join(lines))
+        # WHEN the map reads that identifier THEN both names are said
+        with pytest.raises(RecordingError, match=r"0C2 is on the channels 'can\d' and 'can\d'"):
+            list(read_blocks(path, channels=Channels(mapped=[0xC2])))
+        # AND a chosen one gives its frames alone; an identifier of one channel is no matter
+        chosen = list(read_blocks(path, channels=Channels("can0", [0xC2])))
+        assert [int(d) for b in chosen for d in b.data[:, 0]] == list(range(0, 90, 2))
+        assert sum(len(b.t_ns) for b in read_blocks(path, channels=Channels(mapped=[0xC9]))) == 135
+    with pytest.raises(RecordingError, match="no channel can7, there are 'can0', 'can1'"):
+        list(read_blocks(path, channels=Channels("can7", [0xC2])))
+
+
+def test_an_asc_log_of_canoe_with_rare_lines_gives_every_frame(tmp_path: Path) -> None:
+    path, counters = tmp_path / "drive.asc", LogCounters()
+    path.write_text(
+        "date Mon Dec 6 11:21:13 am 2021\nbase hex  no internal events logged\n// version 7.1.0\n"
+        "   0.004192 1  C2              Rx   d 8 63 0F FB 0E 11 00 80 38\n"
+        "   0.005000 CANFD Start of measurement\n"
+        "   0.006000 1  J1939TP FEE3p 6 0 0 - Rx d 3 80 43 4F\n"
+        "   0.007000 1  C2              Rx   d D 01 02 03 04 05 06 07 08\n"
+    )
+    assert [f.data.hex() for f in read_frames(path, counters)] == [
+        "630ffb0e11008038",
+        "0102030405060708",
+    ]
+    assert counters.notes == []
+
+
+def test_answers_of_29_bits_are_decoded_as_those_of_11(tmp_path: Path) -> None:
+    # GIVEN the same answers of an engine under both identifiers, and one of its gearbox
+    bus_map = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
+    seen = []
+    for name, identifier in (("obd29.log", "18DAF110"), ("obd11.log", "7E8")):
+        path = tmp_path / name
+        answers = (f"(1.{i:06d}) can0 {identifier}#04410C1{i % 10}70AAAAAA\n" for i in range(99))
+        path.write_text("(0.5) can0 18DAF118#04410C0000AAAAAA\n" + "".join(answers))
+        # WHEN the log is checked
+        found = {each.name: each for each in check(log_blocks(path, bus_map), bus_map).signals}
+        speed = found["engine_speed_rpm"]
+        seen.append((speed.maximum, speed.last_ns))
+        assert speed.count >= 99
+    # THEN both say the same
+    assert seen[0] == seen[1]
+    assert seen[0][0] == pytest.approx(0x1970 / 4)
