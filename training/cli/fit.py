@@ -160,6 +160,10 @@ def _print_measures(card: "ModelCard") -> None:
         _print_measure("held-out blocks, enabled samples", enabled, card)
     title = "held-out blocks, all samples, fuel cuts too" if differ else "held-out blocks"
     _print_measure(title, every, card)
+    if unseen := card.fit.get("unseen"):
+        from training.narx.cross_fit import unseen_words
+
+        print(unseen_words(unseen))
 
 
 def _print_measure(title: str, figures: "Mapping[str, Any]", card: "ModelCard") -> None:

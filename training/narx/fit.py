@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
+from training.narx.cross_fit import CrossFit, cross_fit
 from training.narx.export import Network
 from training.narx.linear.arx import Arx
 from training.narx.model_file import HeldOut, held_out, write_model
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 LAGS, HIDDEN = 5, (8, 8)  # of the paper's network
 SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
+CROSS_FIT_SHARE = 0.2  # of the budget is kept for the twins
 SHORT_SAMPLES, ROTATIONS = 5000, 4  # shorter recordings choose by several sets of held-out blocks
 STARTS, STARTS_SHORT = 3, 8  # trainings from different random weights
 SAMPLES_PER_WEIGHT = 10  # with fewer the network overfits
@@ -45,6 +47,7 @@ class FitResult:
     best: int  # number of the training that is the model
     predicted: FloatArray  # (n,) free run over data.samples in model units, NaN at the beginnings
     held_out: tuple[HeldOut, ...]
+    unseen: CrossFit  # free runs of twins over what they did not see
     tries: tuple[Try, ...]  # structures that were tried, none if the shape was given
     seconds: float
     warnings: tuple[str, ...]
@@ -114,7 +117,7 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     data = source.prepared(lags, seed)
     short = len(data.role) < SHORT_SAMPLES
     budget_s = 60.0 * options.budget_minutes
-    end_s = began_s + budget_s
+    end_s = began_s + (1.0 - CROSS_FIT_SHARE) * budget_s
     shapes, tries = [_shape(data, options)], tuple[Try, ...]()
     arx = None
     if options.lags is None and options.hidden is None:
@@ -139,7 +142,15 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
         )
     if arx and short and not (source.validate or options.keep_validation) and may_refit(data):
         data, chosen = _refit(data, chosen, seed, end_s)
-    written = _write(out, data, chosen)
+    twins = cross_fit(
+        data,
+        _member(chosen.model),
+        decay=chosen.model.decay,
+        seed=seed,
+        deadline_s=began_s + budget_s,
+        threads=threads,
+    )
+    written = _write(out, data, chosen, twins)
     return FitResult(
         path=Path(out),
         card=written.card,
@@ -149,6 +160,7 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
         best=chosen.best,
         predicted=written.predicted,
         held_out=held_out(data),
+        unseen=twins,
         tries=tries,
         seconds=time.monotonic() - began_s,
         warnings=(
@@ -214,7 +226,12 @@ class _Written:
     predicted: FloatArray  # (n,) in model units
 
 
-def _write(out: Path | str, data: Prepared, chosen: _Choice) -> _Written:
+def _member(model: Trained) -> Spec:
+    """Return the shape of one of the trainings whose mean the model is."""
+    return replace(model.spec, hidden=tuple(n // model.members for n in model.spec.hidden))
+
+
+def _write(out: Path | str, data: Prepared, chosen: _Choice, twins: CrossFit) -> _Written:
     model = chosen.model
     predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
     network, card = write_model(
@@ -225,6 +242,7 @@ def _write(out: Path | str, data: Prepared, chosen: _Choice) -> _Written:
         predicted=predicted,
         gap=chosen.gap,
         members=model.members,
+        unseen=twins.to_card(),
     )
     return _Written(card, network, predicted)
 

@@ -1,7 +1,7 @@
 """The model file of a training: its graph, its card with measures, its parity proved."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
@@ -83,11 +83,13 @@ def write_model(
     predicted: FloatArray,
     gap: Contraction,
     members: int = 1,
+    unseen: Mapping[str, Any] | None = None,
 ) -> tuple[Network, ModelCard]:
     """Write trained weights as a model file; return its network and its card.
 
     predicted : (n,) free run over ``data.samples`` in model units, for the card's measures
     members : number of trainings whose mean the weights are, for the card
+    unseen : measures of twins that did not see what they predict, for the card
     Raises ModelError if ONNX, torch and numpy disagree.
     """
     network = Network(
@@ -102,6 +104,7 @@ def write_model(
     save(out, network, _card(data, network, predicted, checks, members))
     checks["parity"] = _parity(out, network, data)
     card = _card(data, network, predicted, checks, members)
+    card = replace(card, fit={**card.fit, **({"unseen": dict(unseen)} if unseen else {})})
     save(out, network, card)
     return network, card
 

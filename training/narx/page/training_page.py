@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from monitor.base.files.outputs import write_text
+from training.narx.cross_fit import unseen_words
 from training.narx.fit import FitResult
 from training.narx.network import describe
 from training.narx.page import free_run_figures
@@ -36,6 +37,8 @@ def write_report(path: Path | str, result: FitResult) -> None:
         members=members,
         tries=sorted(result.tries, key=lambda t: t.rmse),
         is_chosen=lambda t: t.structure.spec(result.data) == one,
+        unseen=result.card.fit.get("unseen"),
+        unseen_words=unseen_words,
         curves=_training_curves(result),
         draw=free_run_figures,
     )

@@ -1,0 +1,65 @@
+"""The free run over recordings by twins that did not see them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from tests.training.narx.test_fit import plant, source_of
+from training.narx.cross_fit import cross_fit, unseen_words
+from training.narx.fit import FitOptions, fit
+from training.narx.network import Spec
+from training.recordings.samples.preparation import Prepared
+
+
+def shape(data: Prepared) -> Spec:
+    return Spec(len(data.inputs), 2, (3,), 1, *data.scaling.y_scaled_limits)
+
+
+def test_what_a_recording_holds_does_not_reach_its_unseen_prediction() -> None:
+    # GIVEN three drives, and the same with another mixture measured in the second
+    data = source_of(plant(1, 1200), plant(2, 1200), plant(3, 1200)).prepared(2, 0)
+    y, second = data.samples.y.copy(), next(s for s in data.segments if s.recording == 1)
+    y[second.start + 100 : second.stop] *= -1.0
+    other = replace(data, samples=replace(data.samples, y=y))
+    # WHEN both are cross-fitted
+    found, changed = (cross_fit(d, shape(d)) for d in (data, other))
+    # THEN the twin without the second drive predicts the same, the others do not
+    assert np.array_equal(found.of_recording(1), changed.of_recording(1), equal_nan=True)
+    assert not np.array_equal(found.of_recording(0), changed.of_recording(0), equal_nan=True)
+
+
+def test_twins_predict_every_recording_as_it_was_recorded() -> None:
+    recordings = plant(1, 1200), plant(2, 1200)
+    data = source_of(*recordings).prepared(2, 0)
+    found = cross_fit(data, shape(data))
+    for number, recording in enumerate(recordings):
+        phi = 1.0 / recording.column("lambda_measured")
+        run = found.of_recording(number)
+        seen = np.isfinite(run) & np.isfinite(phi)
+        assert seen.sum() > 1100
+        assert np.corrcoef(run[seen], phi[seen])[0, 1] > 0.9
+
+
+def test_a_single_recording_is_predicted_block_by_block() -> None:
+    data = source_of(plant(1, 2500)).prepared(2, 0)
+    found = cross_fit(data, shape(data))
+    rows = np.array([twin.rows for twin in found.twins])
+    assert len(rows) == 5
+    assert (rows.sum(axis=0) == 1).all()
+    assert np.isfinite(found.predicted).sum() > 2400
+
+
+def test_the_card_names_the_worst_unseen_recording(tmp_path: Path) -> None:
+    # GIVEN three drives, in one of which the sensor reads nonsense
+    odd = plant(3, 1200)
+    reading = odd.values[7:, 2]
+    reading[:] = np.random.default_rng(0).permutation(reading)
+    # WHEN a model is fitted
+    options = FitOptions(lags=2, hidden=(3,), starts=1)
+    found = fit(source_of(plant(1, 1200), plant(2, 1200), odd), tmp_path / "m.onnx", options)
+    # THEN its card and its words say how badly the odd one is predicted unseen
+    unseen = found.card.fit["unseen"]
+    assert [each["path"] for each in unseen["recordings"]] == [f"drive{i}.csv" for i in (1, 2, 3)]
+    assert min(unseen["recordings"], key=lambda r: r["fit_percent"])["path"] == "drive3.csv"
+    assert unseen_words(unseen).endswith("(drive3.csv)")

@@ -1,0 +1,191 @@
+"""Cross-fit: the free run over every recording by a twin that did not see it.
+
+A twin has the model's shape and begins at new random weights. Trained on from the model's weights
+it would keep what these know of the recording that it must not see. Its training is short, so it
+errs rather more than the model would.
+Source: Stone, Cross-validatory choice and assessment of statistical predictions, J. Royal
+Statistical Society B 36 (1974).
+"""
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import BoolArray, FloatArray
+from monitor.model.step import to_model_units
+from training.narx.export import Network
+from training.narx.model_file import measures
+from training.narx.network import Spec
+from training.narx.search.stages import Trained, free_run, train
+from training.narx.search.structure import EPOCHS, HORIZONS, N_SAMPLES
+from training.recordings.samples.preparation import Prepared, Role, Samples
+from training.recordings.samples.transforms import apply
+
+MOST_TWINS: Final = 10  # with more recordings, each twin misses several
+BLOCKS: Final = 5  # of a single recording, each missed by one twin
+
+
+@dataclass(frozen=True, slots=True)
+class Twin:
+    """A network that saw none of the samples in ``rows``."""
+
+    network: Network
+    rows: BoolArray  # (n,) of the samples
+
+
+@dataclass(frozen=True, slots=True)
+class CrossFit:
+    """What the twins predict where they were not trained."""
+
+    data: Prepared  # with the samples as they were recorded
+    predicted: FloatArray  # (n,) in model units, NaN where no twin predicts
+    twins: tuple[Twin, ...]
+
+    def of_recording(self, number: int) -> FloatArray:
+        """Return the unseen free run over a recording's rows (n,) in model units, NaN where none.
+
+        number : of the recording in ``data.recordings``
+        """
+        run = np.full(len(self.data.recordings[number].values), np.nan)
+        for s in self.data.segments:
+            if s.recording == number:
+                run[s.first : s.first + s.stop - s.start] = self.predicted[s.start : s.stop]
+        return run
+
+    def to_card(self) -> dict[str, Any]:
+        """Return the measures on enabled samples of all recordings together and of each.
+
+        Nothing if no twin was trained.
+        """
+        data, enabled = self.data, self.data.enabled
+        found = []
+        for number, recording in enumerate(data.recordings):
+            own = measures(data, self.predicted, enabled & _of_recordings(data, [number]))
+            if "rmse" in own:
+                found.append({"path": Path(recording.path).name, **own})
+        pooled = measures(data, self.predicted, enabled)
+        return {"recordings": found, **pooled} if found else {}
+
+
+def cross_fit(
+    data: Prepared,
+    spec: Spec,
+    *,
+    decay: float = 0.0,
+    seed: int = 0,
+    deadline_s: float = np.inf,
+    threads: int = 1,
+) -> CrossFit:
+    """Train a twin of the shape ``spec`` without each recording and let it run over that one.
+
+    A single recording is cut into five blocks. Recordings that only validate are left with all
+    twins. A twin for which too few samples are left is not trained.
+    deadline_s : ``time.monotonic()`` after which no further epoch begins
+    """
+    recorded = replace(data, samples=_as_recorded(data))
+    left_out = _left_out(data)
+
+    def one(rows: BoolArray) -> tuple[Twin, FloatArray] | None:
+        twin = _trained(data, spec, rows, decay, seed, deadline_s)
+        if twin is None or not np.isfinite(twin.score):
+            return None
+        network = Network(
+            spec=spec,
+            weights=twin.weights,
+            scaling=data.scaling,
+            transform=data.transform,
+            transforms=data.transforms,
+            inputs=data.names,
+        )
+        return Twin(network, rows), free_run(recorded, spec, twin.weights)
+
+    with ThreadPoolExecutor(max(1, threads)) as pool:
+        found = [each for each in pool.map(one, left_out) if each]
+    predicted = np.full(len(data.role), np.nan)
+    for twin, run in found:
+        predicted[twin.rows] = data.scaling.unscale_y(run[twin.rows])
+    return CrossFit(recorded, predicted, tuple(twin for twin, _ in found))
+
+
+def unseen_words(unseen: Mapping[str, Any]) -> str:
+    """Return the fit of a card's unseen recordings in words."""
+    each = unseen["recordings"]
+    if len(each) == 1:
+        return f"unseen blocks of the recording: fit {unseen['fit_percent']:.0f} %"
+    worst = min(each, key=lambda r: r["fit_percent"])
+    return (
+        f"unseen recordings: fit {unseen['fit_percent']:.0f} %, "
+        f"worst {worst['fit_percent']:.0f} % ({worst['path']})"
+    )
+
+
+def _left_out(data: Prepared) -> list[BoolArray]:
+    """Return the rows (n,) that each twin does not see."""
+    numbers = [
+        number
+        for number in sorted({s.recording for s in data.segments})
+        if (data.role[_of_recordings(data, [number])] == Role.TRAIN).any()
+    ]
+    if len(numbers) == 1:
+        own = np.flatnonzero(_of_recordings(data, numbers))
+        return [np.isin(np.arange(len(data.role)), part) for part in np.array_split(own, BLOCKS)]
+    groups = np.array_split(np.array(numbers), min(len(numbers), MOST_TWINS))
+    return [_of_recordings(data, group.tolist()) for group in groups]
+
+
+def _of_recordings(data: Prepared, numbers: list[int]) -> BoolArray:
+    rows = np.zeros(len(data.role), dtype=bool)
+    for s in data.segments:
+        rows[s.start : s.stop] = s.recording in numbers
+    return rows
+
+
+def _trained(
+    data: Prepared, spec: Spec, rows: BoolArray, decay: float, seed: int, deadline_s: float
+) -> Trained | None:
+    """Return the training without ``rows``, None if the other samples do not suffice.
+
+    Blocks that chose the weights stop it. Where none is left, those of the test do.
+    """
+    role = data.role.copy()
+    if (role[~rows] == Role.VALIDATE).any():
+        role[role == Role.TEST] = Role.TRAIN
+    else:
+        role[role == Role.TEST] = Role.VALIDATE
+    role[rows] = Role.TEST
+    if ((role == Role.TRAIN) & (data.samples.weight > 0)).sum() < spec.n_weights:
+        return None
+    try:
+        return train(
+            replace(data, role=role),
+            spec,
+            seed,
+            deadline_s,
+            horizons=HORIZONS,
+            epochs=EPOCHS,
+            n_samples=N_SAMPLES,
+            decay=decay,
+        )
+    except RecordingError:  # no validation block is longer than the memory
+        return None
+
+
+def _as_recorded(data: Prepared) -> Samples:
+    """Return the scaled samples without the changes that training makes to them."""
+    inputs, outputs = [], []
+    for s in data.segments:
+        recording, rows = data.recordings[s.recording], slice(s.first, s.first + s.stop - s.start)
+        order = [recording.names.index(name) for name in data.names]
+        inputs.append(recording.values[rows, order])
+        outputs.append(recording.values[rows, recording.names.index(data.output.name)])
+    u = apply(data.transforms, data.names, np.concatenate(inputs))
+    y = to_model_units(data.transform, np.concatenate(outputs))
+    valid = np.flatnonzero(data.samples.weight > 0)
+    filled = np.interp(np.arange(len(y)), valid, y[valid])
+    scaling = data.scaling
+    return Samples(scaling.scale_u(u), scaling.scale_y(filled), data.samples.weight)
