@@ -94,8 +94,8 @@ def fit(
     inputs : default the paper's where all recordings have them, else chosen from what there is
     output : signal to predict
     shape : of a network: ``transforms`` of its inputs and the fields of
-        ``training.narx.fit.FitOptions``: ``lags``, ``hidden``, ``starts``, ``budget_minutes`` (10),
-        ``threads``, ``progress``
+        ``training.narx.fit.FitOptions``: ``lags``, ``hidden``, ``starts``,
+        ``budget_minutes`` (10, counted work), ``wall_minutes``, ``threads``, ``progress``
     Raises O2Error with one line that names what cannot be used.
     """
     if Path(out).suffix != ".onnx":

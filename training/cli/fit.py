@@ -86,9 +86,9 @@ def _check_fit(args: FitCommand) -> Path:
 
     if (
         min(*(1 if n is None else n for n in (args.lags, args.starts)), *(args.hidden or (1,))) < 1
-        or not args.budget > 0
+        or not min(args.budget, args.budget if args.wall is None else args.wall) > 0
     ):
-        raise UsageError("--lags, --starts, --hidden and --budget must be positive")
+        raise UsageError("--lags, --starts, --hidden, --budget and --wall must be positive")
     if args.out.suffix != ".onnx":
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
     args.check_seed()
@@ -122,6 +122,7 @@ def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
             input_lag_start=0 if args.lag_zero else 1,
             starts=args.starts,
             budget_minutes=args.budget,
+            wall_minutes=args.wall,
             seed=args.seed,
             progress=bar.update,
             tried=bar.tried,

@@ -23,6 +23,7 @@ from training.narx.model_file import measures
 from training.narx.network import Spec
 from training.narx.search.stages import Trained, free_run, train
 from training.narx.search.structure import EPOCHS, HORIZONS, N_SAMPLES
+from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role, Samples
 from training.recordings.samples.transforms import apply
 
@@ -78,20 +79,22 @@ def cross_fit(
     *,
     decay: float = 0.0,
     seed: int = 0,
-    deadline_s: float = np.inf,
+    work: Work | None = None,
     threads: int = 1,
 ) -> CrossFit:
     """Train a twin of the shape ``spec`` without each recording and let it run over that one.
 
     A single recording is cut into five blocks. Recordings that only validate are left with all
     twins. A twin for which too few samples are left is not trained.
-    deadline_s : ``time.monotonic()`` after which no further epoch begins
+    work : budget, of which each twin has an equal part
     """
     recorded = replace(data, samples=_as_recorded(data))
     left_out = _left_out(data)
+    work = work or Work()
+    parts = work.split(len(left_out))
 
-    def one(rows: BoolArray) -> tuple[Twin, FloatArray] | None:
-        twin = _trained(data, spec, rows, decay, seed, deadline_s)
+    def one(rows: BoolArray, part: Work) -> tuple[Twin, FloatArray] | None:
+        twin = _trained(data, spec, rows, decay, seed, part)
         if twin is None or not np.isfinite(twin.score):
             return None
         network = Network(
@@ -105,7 +108,8 @@ def cross_fit(
         return Twin(network, rows), free_run(recorded, spec, twin.weights)
 
     with ThreadPoolExecutor(max(1, threads)) as pool:
-        found = [each for each in pool.map(one, left_out) if each]
+        found = [each for each in pool.map(one, left_out, parts) if each]
+    work.join(parts)
     predicted = np.full(len(data.role), np.nan)
     for twin, run in found:
         predicted[twin.rows] = data.scaling.unscale_y(run[twin.rows])
@@ -146,7 +150,7 @@ def _of_recordings(data: Prepared, numbers: list[int]) -> BoolArray:
 
 
 def _trained(
-    data: Prepared, spec: Spec, rows: BoolArray, decay: float, seed: int, deadline_s: float
+    data: Prepared, spec: Spec, rows: BoolArray, decay: float, seed: int, work: Work
 ) -> Trained | None:
     """Return the training without ``rows``, None if the other samples do not suffice.
 
@@ -165,7 +169,7 @@ def _trained(
             replace(data, role=role),
             spec,
             seed,
-            deadline_s,
+            work,
             horizons=HORIZONS,
             epochs=EPOCHS,
             n_samples=N_SAMPLES,

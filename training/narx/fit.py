@@ -22,6 +22,7 @@ from training.narx.search.stability import Contraction, contraction
 from training.narx.search.stages import Trained, free_run
 from training.narx.search.starts import Shape, Starts, committees
 from training.narx.search.structure import Search, Try
+from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role, prepare
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
 CROSS_FIT_SHARE = 0.2  # of the budget is kept for the twins
 SHORT_SAMPLES, ROTATIONS = 5000, 4  # shorter recordings choose by several sets of held-out blocks
 STARTS, STARTS_SHORT = 3, 8  # trainings from different random weights
+ENDED_EARLY = "the wall limit ended the training early: it would end elsewhere on another machine"
 SAMPLES_PER_WEIGHT = 10  # with fewer the network overfits
 
 
@@ -61,7 +63,8 @@ class FitOptions:
     hidden: tuple[int, ...] | None = None  # neurons per layer
     input_lag_start: int = 1  # 0 lets the inputs of the predicted tick in
     starts: int | None = None  # trainings from different random weights, default 3; see ``fit``
-    budget_minutes: float = 10.0  # after which no further epoch begins
+    budget_minutes: float = 10.0  # of work that one core does in about this time
+    wall_minutes: float | None = None  # after which no further epoch begins
     seed: int = 0
     threads: int = 2
     keep_validation: bool = False  # never train on the validation blocks
@@ -116,8 +119,8 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     lags = options.lags or LAGS
     data = source.prepared(lags, seed)
     short = len(data.role) < SHORT_SAMPLES
-    budget_s = 60.0 * options.budget_minutes
-    end_s = began_s + (1.0 - CROSS_FIT_SHARE) * budget_s
+    whole = Work.of_minutes(options.budget_minutes, options.wall_minutes)
+    work = whole.up_to((1.0 - CROSS_FIT_SHARE) * whole.limit)
     shapes, tries = [_shape(data, options)], tuple[Try, ...]()
     arx = None
     if options.lags is None and options.hidden is None:
@@ -128,12 +131,13 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
         if arx := best_arx(data):
             rotations = [with_memory(each, arx) for each in rotations]
         data = rotations[0]
-        search_end_s = began_s + SEARCH_SHARE * budget_s
-        search = Search(rotations, search_end_s, threads, options.tried)
+        searching = work.up_to(SEARCH_SHARE * whole.limit)
+        search = Search(rotations, searching, threads, options.tried)
         shapes = [(found.spec(data), found.decay) for found in search.run()]
+        work.join([searching])
         tries = tuple(search.tries.values())
     warnings = [*data.warnings, *_size_warnings(data, shapes[0][0])]
-    runs = Starts(data, seed, end_s, threads, options.progress)
+    runs = Starts(data, seed, work, threads, options.progress)
     count = options.starts or (STARTS_SHORT if short else STARTS)
     chosen = _train(runs, shapes, count, arx, join=bool(tries))
     if not np.isfinite(chosen.model.score):
@@ -141,16 +145,17 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
             f"the budget of {options.budget_minutes:g} min ended before the first epoch"
         )
     if arx and short and not (source.validate or options.keep_validation) and may_refit(data):
-        data, chosen = _refit(data, chosen, seed, end_s)
+        data, chosen = _refit(data, chosen, seed, work)
+    whole.join([work])
     twins = cross_fit(
         data,
         _member(chosen.model),
         decay=chosen.model.decay,
         seed=seed,
-        deadline_s=began_s + budget_s,
+        work=whole,
         threads=threads,
     )
-    written = _write(out, data, chosen, twins)
+    written = _write(out, data, chosen, twins, whole)
     return FitResult(
         path=Path(out),
         card=written.card,
@@ -166,6 +171,7 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
         warnings=(
             *warnings,
             *_training_warnings(chosen, data.memory),
+            *([ENDED_EARLY] if whole.ended_by_wall else []),
             *_parity_warnings(written.card),
         ),
     )
@@ -200,17 +206,17 @@ def _train(
     arx : linear model, which is a candidate, as it is and trained further
     join : committees of the starts are candidates
     """
-    linear = linear_starts(runs.data, arx, runs.deadline_s) if arx else ()
+    linear = linear_starts(runs.data, arx, runs.work) if arx else ()
     trained = runs.train([(start, shape) for shape in shapes for start in range(count)])
     trained = (*trained, *committees(runs.data, trained)) if join else trained
     trained += linear
     return _Choice(*runs.until_one_forgets(trained, shapes[0], first=count))
 
 
-def _refit(data: Prepared, chosen: _Choice, seed: int, end_s: float) -> tuple[Prepared, _Choice]:
+def _refit(data: Prepared, chosen: _Choice, seed: int, work: Work) -> tuple[Prepared, _Choice]:
     """Return data without validation blocks and the model refitted to them, if it forgets."""
     everything = all_but_test(data)
-    again = refitted(everything, chosen.starts, chosen.best, seed, end_s)
+    again = refitted(everything, chosen.starts, chosen.best, seed, work)
     if again is None:
         return data, chosen
     gap = contraction(everything, again.spec, again.weights, seed)
@@ -231,7 +237,9 @@ def _member(model: Trained) -> Spec:
     return replace(model.spec, hidden=tuple(n // model.members for n in model.spec.hidden))
 
 
-def _write(out: Path | str, data: Prepared, chosen: _Choice, twins: CrossFit) -> _Written:
+def _write(
+    out: Path | str, data: Prepared, chosen: _Choice, twins: CrossFit, work: Work
+) -> _Written:
     model = chosen.model
     predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
     network, card = write_model(
@@ -243,6 +251,7 @@ def _write(out: Path | str, data: Prepared, chosen: _Choice, twins: CrossFit) ->
         gap=chosen.gap,
         members=model.members,
         unseen=twins.to_card(),
+        work=work,
     )
     return _Written(card, network, predicted)
 

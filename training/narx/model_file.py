@@ -15,6 +15,7 @@ from monitor.model.step import from_model_units
 from training.narx.export import Network, save
 from training.narx.network import Spec
 from training.narx.search.stability import Contraction
+from training.narx.work import Work
 from training.recordings import metrics
 from training.recordings.recording import training_recording
 from training.recordings.samples.preparation import Prepared, Role
@@ -84,12 +85,14 @@ def write_model(
     gap: Contraction,
     members: int = 1,
     unseen: Mapping[str, Any] | None = None,
+    work: Work | None = None,
 ) -> tuple[Network, ModelCard]:
     """Write trained weights as a model file; return its network and its card.
 
     predicted : (n,) free run over ``data.samples`` in model units, for the card's measures
     members : number of trainings whose mean the weights are, for the card
     unseen : measures of twins that did not see what they predict, for the card
+    work : of the training, for the card
     Raises ModelError if ONNX, torch and numpy disagree.
     """
     network = Network(
@@ -101,6 +104,8 @@ def write_model(
         inputs=data.names,
     )
     checks: dict[str, Any] = {"contraction": gap.to_card()}
+    if work:
+        checks["work"] = {"counted": work.spent, "ended_by_wall": work.ended_by_wall}
     save(out, network, _card(data, network, predicted, checks, members))
     checks["parity"] = _parity(out, network, data)
     card = _card(data, network, predicted, checks, members)

@@ -5,7 +5,6 @@ size are chosen by the data. Only the free-run error on the validation blocks de
 and held-out recordings are only reported.
 """
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -23,6 +22,7 @@ from training.narx.network import Spec, describe
 from training.narx.search.stability import CONTRACTION_SAMPLES, contraction
 from training.narx.search.stages import blocks_of, free_run, train
 from training.narx.search.starts import committee
+from training.narx.work import Work
 from training.recordings.samples.preparation import Role
 from training.study.free_runs import FreeRun, judged_on
 from training.study.narx.models import SEED_STEP, spec_from
@@ -69,8 +69,8 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     same = [t for t in result.starts if t.spec == one and t.members == 1]
     best = min(same, key=lambda t: t.score)
     seed = task.settings.seed + SEED_STEP * same.index(best)  # gives the same initial weights
-    limit_s = 60.0 * max(task.settings.budget_minutes, 0.1) / 5
-    one_step = train(task.data, one, seed, time.monotonic() + limit_s, horizons=())
+    limit_minutes = max(task.settings.budget_minutes, 0.1) / 5
+    one_step = train(task.data, one, seed, Work.of_minutes(limit_minutes), horizons=())
     widened = committee(one, members * [one_step.weights])[1]  # the same network, at full width
     tries = sorted(result.tries, key=lambda t: t.rmse)
     tables = {

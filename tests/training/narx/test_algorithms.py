@@ -18,6 +18,7 @@ from training.narx.algorithms.objectives import OneStep
 from training.narx.algorithms.scaled_conjugate import ScaledConjugateOptions as Conjugate
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.network import Spec, forward, initial_weights
+from training.narx.work import Work
 
 
 @dataclass
@@ -247,9 +248,9 @@ def test_a_deadline_in_the_past_stops_every_method_before_the_first_step() -> No
     bowl, line = Bowl(np.ones(2)), Line(np.ones((3, 2)), np.ones(3))
     start = np.array([1.0, 2.0])
     for outcome in (
-        descend(bowl, start, deadline_s=0.0),
-        minimise_scaled_conjugate(bowl, start, deadline_s=0.0),
-        minimise_bayesian(line, start, 3, deadline_s=0.0),
+        descend(bowl, start, meter=Work(0.0).on(1, 1)),
+        minimise_scaled_conjugate(bowl, start, meter=Work(0.0).on(1, 1)),
+        minimise_bayesian(line, start, 3, meter=Work(0.0).on(1, 1)),
     ):
         assert outcome.stop == "budget"
         assert np.array_equal(outcome.weights, start)
@@ -269,7 +270,7 @@ def test_progress_is_told_of_every_epoch_even_the_one_that_validation_ends() -> 
             start,
             None,
             lambda w: abs(float(w[0]) - 0.5),
-            np.inf,
+            None,
             lambda epoch, cost, told=told: told.append((epoch, cost)),
         )
         assert told == list(enumerate(outcome.costs[1:]))

@@ -4,7 +4,9 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,7 @@ from training.narx.page.fit_verdict import fit_verdict
 from training.narx.page.training_page import write_report
 from training.narx.search.stability import Contraction, contraction
 from training.narx.search.stages import train
+from training.narx.work import PER_MINUTE, of_epoch
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared
 from training.recordings.samples.transforms import fuel_air_ratio
@@ -207,34 +210,61 @@ def test_too_few_samples_for_the_weights_are_refused_and_few_are_warned_of(tmp_p
     assert any("expect overfitting" in w for w in result.warnings)
 
 
-class Clock:
-    """A clock that goes on by a second whenever it is read."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def monotonic(self) -> float:
-        self.now_s += 1.0
-        return self.now_s
-
-
-def test_the_budget_ends_the_training_with_the_best_so_far(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock = Clock()
-    for module in ("fit", "search.starts", "search.stages", "algorithms.lm"):
-        monkeypatch.setattr(f"training.narx.{module}.time", clock)
-    options = FitOptions(hidden=(4,), starts=2, threads=1, budget_minutes=1.0)
+def test_the_budget_of_work_ends_the_training_with_the_best_so_far(tmp_path: Path) -> None:
+    # GIVEN a budget of a few epochs WHEN a network is trained
+    epoch = of_epoch(1800, Spec(2, 5, (4,)).n_weights)
+    options = FitOptions(hidden=(4,), starts=2, budget_minutes=40 * epoch / PER_MINUTE)
     result = fit(source_of(plant(1)), tmp_path / "m.onnx", options)
-    assert clock.now_s < 90  # an epoch reads it once
-    assert Model.load(result.path).card.lags == 5
+    # THEN the work stays within it but for the last epochs, and the fit says that it was cut
+    counted = result.card.checks["work"]
+    assert counted["counted"] < 60 * epoch
+    assert not counted["ended_by_wall"]
     assert any("budget ended" in w for w in result.warnings)
     with pytest.raises(UsageError, match="ended before the first epoch"):
         fit(
             source_of(plant(1)),
             tmp_path / "m.onnx",
-            FitOptions(hidden=(4,), budget_minutes=1e-9),
+            FitOptions(hidden=(4,), budget_minutes=1e-12, wall_minutes=0.0),
         )
+
+
+def test_a_wall_limit_that_ends_a_fit_early_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN a clock that goes on by a second whenever it is read
+    monkeypatch.setattr("training.narx.work.time.monotonic", map(float, count()).__next__)
+    options = FitOptions(hidden=(4,), starts=1, threads=1, wall_minutes=0.5)
+    # WHEN the fit runs into its wall limit of 30 s
+    result = fit(source_of(plant(1)), tmp_path / "m.onnx", options)
+    # THEN the card and the warnings say so
+    assert Model.load(result.path).card.checks["work"]["ended_by_wall"]
+    assert any("wall limit ended the training early" in w for w in result.warnings)
+
+
+def test_fits_beside_other_work_write_the_same_file(tmp_path: Path) -> None:
+    # GIVEN a fit that its budget ends
+    options = FitOptions(budget_minutes=0.01, seed=2)
+    source = source_of(plant(1, 900))
+    fit(source, tmp_path / "alone.onnx", options)
+    # WHEN the same runs beside threads that keep every core busy
+    stop = Event()
+
+    def busy() -> None:
+        block = np.ones((400, 400))
+        while not stop.is_set():
+            block @ block
+
+    others = [Thread(target=busy) for _ in range(4)]
+    for other in others:
+        other.start()
+    try:
+        fit(source, tmp_path / "beside.onnx", options)
+    finally:
+        stop.set()
+        for other in others:
+            other.join()
+    # THEN both files are equal, byte by byte
+    assert (tmp_path / "alone.onnx").read_bytes() == (tmp_path / "beside.onnx").read_bytes()
 
 
 @pytest.mark.parametrize(

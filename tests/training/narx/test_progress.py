@@ -31,7 +31,7 @@ def test_without_a_terminal_a_line_tells_best_error_and_time_left() -> None:
     # THEN one line tells the best error, and at most the rest of the budget
     (line,) = out.getvalue().splitlines()
     assert "best free run 0.500" in line
-    assert "at most 9:30 left" in line
+    assert "about 9:30 left" in line
 
 
 def test_no_error_is_told_while_no_free_run_stays_finite() -> None:
@@ -40,7 +40,7 @@ def test_no_error_is_told_while_no_free_run_stays_finite() -> None:
         bar.update(0, HORIZON, 0, float("inf"))
         clock.now_s = LINE_S
         bar.update(0, HORIZON, 1, float("inf"))
-    assert out.getvalue() == f"o2train: horizon {HORIZON}, at most 9:30 left\n"
+    assert out.getvalue() == f"o2train: horizon {HORIZON}, about 9:30 left\n"
 
 
 def test_the_time_left_follows_the_pace_and_never_exceeds_the_budget() -> None:

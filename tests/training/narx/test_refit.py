@@ -8,6 +8,7 @@ from tests.training.narx.test_linear_start import prepared
 from training.narx.network import Spec
 from training.narx.search.refit import all_but_test, may_refit, refitted, whole_error
 from training.narx.search.stages import Trained, free_run_score, train
+from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role
 
 SPEC = Spec(2, 2, (3,), 0, -3.0, 3.0, ((0, 1), (1, 3), (3, 6), (6, 9)), linear_path=True)
@@ -23,7 +24,7 @@ def test_the_mean_of_the_trainings_goes_on_over_the_blocks_that_chose_them() -> 
     starts = [begun(data, seed) for seed in range(4)]
     best = int(np.argmin([t.score for t in starts]))
     everything = all_but_test(data)
-    again = refitted(everything, starts, best, 0, np.inf)
+    again = refitted(everything, starts, best, 0, Work())
     assert again
     assert again.members == 4
     assert again.spec.hidden == (12,)
@@ -41,7 +42,7 @@ def test_the_test_blocks_stay_unseen() -> None:
     wrong = data.samples.y + 5.0 * inside
     other = replace(data, samples=replace(data.samples, y=wrong))
     starts = [begun(prepared(0.9, 1200), 0)]
-    right, same = (refitted(d, starts, 0, 0, np.inf) for d in (data, other))
+    right, same = (refitted(d, starts, 0, 0, Work()) for d in (data, other))
     assert right
     assert same
     np.testing.assert_array_equal(right.weights, same.weights)

@@ -14,7 +14,7 @@ from training.narx.search.structure import Try
 class Bar(Progress):
     """Epochs of all starts; a stage that ends early counts with all its epochs.
 
-    budget_minutes : after which the training stops
+    budget_minutes : guess of the time after which the training stops
     monotonic_s : clock in s
     """
 
@@ -56,7 +56,7 @@ class Bar(Progress):
 
     @property
     def left_s(self) -> float:
-        """Return the time left in s: by the epochs so far, at most the rest of the budget."""
+        """Return the time left in s: by the epochs so far, at most the rest of the guess."""
         elapsed_s, done = self.elapsed_s, sum(self._at.values())
         rest_s = max(self._budget_s - elapsed_s, 0.0)
         if self._first_s is None or done < len(self._at) + 1:
@@ -67,6 +67,6 @@ class Bar(Progress):
     def _show(self, what: str) -> None:
         left_s = round(self.left_s)
         best = f", best free run {self._best:.3f}" if math.isfinite(self._best) else ""
-        text = f"{what}{best}, at most {left_s // 60}:{left_s % 60:02d} left"
+        text = f"{what}{best}, about {left_s // 60}:{left_s % 60:02d} left"
         self._bar.set_postfix_str(text)
         self.tell(f"o2train: {text}")

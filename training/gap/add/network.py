@@ -5,7 +5,6 @@ output it leaves the network as it is; as an input the network is trained anew a
 regime.
 """
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -35,6 +34,7 @@ from training.narx.export import Network
 from training.narx.model_file import HeldOut, held_out, measures, recordings_of
 from training.narx.search.stability import Contraction
 from training.narx.search.stages import Trained, free_run
+from training.narx.work import Work
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, prepare
 
@@ -87,7 +87,7 @@ def retrain(
     added, chain, ranges : see ``add``
     recordings : to train on, with ``healthy``; blocks of both are held out to choose and to measure
     healthy : without the new effects, so that these change nothing there
-    budget_minutes : after which the best so far is kept
+    budget_minutes : of counted work, after which the best so far is kept
     progress : is told after every epoch how far it is
     Returns the blocks held out of ``recordings``; on ``healthy`` the new model is wrong, which
     takes the effects to be there.
@@ -95,7 +95,7 @@ def retrain(
     Raises ModelError as ``add``, RecordingError or UsageError if the recordings cannot be used or
     the budget is too small.
     """
-    deadline_s = time.monotonic() + 60.0 * budget_minutes
+    work = Work.of_minutes(budget_minutes)
     network, card = network_of(model), Model.load(model).card
     _check(card, str(model))
     older = _older(card)
@@ -110,9 +110,7 @@ def retrain(
         lags=card.lags,
         seed=seed,
     )
-    best, gap = train_again(
-        data, card, network=network, seed=seed, deadline_s=deadline_s, progress=progress
-    )
+    best, gap = train_again(data, card, network=network, seed=seed, work=work, progress=progress)
     trained = Network(
         spec=best.spec,
         weights=best.weights,

@@ -3,7 +3,6 @@
 The first start is the old network, to which the new input means nothing yet; others are random.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -21,6 +20,7 @@ from training.narx.search.stability import Contraction
 from training.narx.search.stages import Trained, train
 from training.narx.search.starts import choose, committees
 from training.narx.search.structure import FIRST_DECAY
+from training.narx.work import Work
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared
 from training.recordings.samples.rows import hold
@@ -54,28 +54,28 @@ def train_again(
     card: ModelCard,
     network: Network,
     seed: int,
-    deadline_s: float,
+    work: Work,
     progress: Progress,
 ) -> tuple[Trained, Contraction]:
     """Return the best training of the old network's shape, and how fast it forgets.
 
     card, network : of the old model; the last input of ``data`` is the new one
     progress : is told after every epoch how far it is
-    Raises UsageError if the time ended before the first epoch.
+    Raises UsageError if the work ended before the first epoch.
     """
     spec = spec_of(card, network, data)
     begins = [*old_weights(card, network, spec, data.scaling), *[None] * RANDOM_STARTS]
     decay = FIRST_DECAY[0] if spec.linear_path else 0.0
     trained = list[Trained]()
     for number, weights in enumerate(begins):
-        left_s = deadline_s - time.monotonic()
-        if left_s <= 0.0:
+        if work.is_over():
             break
-        until_s = time.monotonic() + left_s / (len(begins) - number)
+        part = work.up_to(work.left / (len(begins) - number))
         told = _told(progress, f"training anew, start {number + 1} of {len(begins)}")
         trained.append(
-            train(data, spec, seed + 1000 * number, until_s, told, decay=decay, weights=weights)
+            train(data, spec, seed + 1000 * number, part, told, decay=decay, weights=weights)
         )
+        work.join([part])
     trained = [each for each in trained if np.isfinite(each.score)]
     if not trained:
         raise UsageError("the budget ended before the first epoch of the retraining")

@@ -18,6 +18,7 @@ from scipy.linalg.lapack import dtrtri
 
 from monitor.base.types import FloatArray
 from training.narx.algorithms.lm import LmOptions, LmOutcome, Objective, Watch
+from training.narx.work import Meter
 
 DEFAULTS = LmOptions(mu=0.005)
 
@@ -52,13 +53,13 @@ def minimise_bayesian(
     weights: FloatArray,
     n_samples: int,
     options: LmOptions = DEFAULTS,
-    deadline_s: float = np.inf,
+    meter: Meter | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> BayesOutcome:
     """Return the last weights, on which the evidence settles.
 
     objective : mean over samples, so that ``n_samples`` times its cost is the sum of squares
-    deadline_s : ``time.monotonic()`` after which no further epoch begins
+    meter : counts the epochs and ends the run when the budget is used up
     progress : called with the epoch and the mean squared error after every epoch
     Raises ValueError if the objective is not finite at the start.
     """
@@ -68,7 +69,7 @@ def minimise_bayesian(
         cost,
         options.max_fail,
         options.min_gradient,
-        deadline_s=deadline_s,
+        meter=meter,
         progress=progress,
     )
     # Foresee and Hagan begin with alpha 0 and beta 1; the first step sets both right.

@@ -10,10 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-
 from monitor.base.types import FloatArray
 from training.narx.algorithms.lm import LmOutcome, Watch
+from training.narx.work import Meter
 
 
 class Differentiable(Protocol):
@@ -45,12 +44,12 @@ def descend(
     weights: FloatArray,
     options: GradientOptions | None = None,
     validate: Callable[[FloatArray], float] | None = None,
-    deadline_s: float = np.inf,
+    meter: Meter | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> LmOutcome:
     """Return the best weights that gradient descent with momentum reaches from ``weights``.
 
-    validate, deadline_s, progress : as in ``lm.minimise``
+    validate, meter, progress : as in ``lm.minimise``
     Raises ValueError if the objective is not finite at the start.
     """
     options = options or GradientOptions()
@@ -62,7 +61,7 @@ def descend(
         max_fail=options.max_fail,
         min_gradient=options.min_gradient,
         validate=validate,
-        deadline_s=deadline_s,
+        meter=meter,
         progress=progress,
     )
     step = -rate * gradient

@@ -5,7 +5,6 @@ Source: Hagan and Menhaj, Training feedforward networks with the Marquardt algor
 minimum gradient 1e-7, mu 1e-3, x0.1, x10, at most 1e10).
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -14,6 +13,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from monitor.base.types import FloatArray
+from training.narx.work import Meter
 
 
 class Objective(Protocol):
@@ -55,7 +55,7 @@ class Watch:
 
     max_fail : accepted steps in a row without a better validation score, which end the run
     min_gradient : a shorter gradient ends the run
-    validate, deadline_s, progress : as in ``minimise``
+    validate, meter, progress : as in ``minimise``
     Raises ValueError if the cost at the start is not finite.
     """
 
@@ -66,7 +66,7 @@ class Watch:
         max_fail: int,
         min_gradient: float,
         validate: Callable[[FloatArray], float] | None = None,
-        deadline_s: float = np.inf,
+        meter: Meter | None = None,
         progress: Callable[[int, float], None] | None = None,
     ) -> None:
         if not np.isfinite(cost):
@@ -74,11 +74,11 @@ class Watch:
         score = validate(weights) if validate else cost
         self.outcome = LmOutcome(weights.copy(), score, "epochs", [cost], [score])
         self._max_fail, self._min_gradient, self._failures = max_fail, min_gradient, 0
-        self._validate, self._deadline_s, self._progress = validate, deadline_s, progress
+        self._validate, self._meter, self._progress = validate, meter, progress
 
     def over_budget(self) -> bool:
-        """Return whether the deadline has passed, and note it as the reason of the end."""
-        return self._ends(time.monotonic() > self._deadline_s, "budget")
+        """Count an epoch; return whether none may begin, and note it as the reason of the end."""
+        return self._ends(self._meter is not None and not self._meter.begins_epoch(), "budget")
 
     def at_rest(self, gradient: FloatArray) -> bool:
         """Return whether the gradient is too short, and note it as the reason of the end."""
@@ -117,13 +117,13 @@ def minimise(
     weights: FloatArray,
     options: LmOptions | None = None,
     validate: Callable[[FloatArray], float] | None = None,
-    deadline_s: float = np.inf,
+    meter: Meter | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> LmOutcome:
     """Return the best weights that the method reaches from ``weights``; the cost never rises.
 
     validate : score of weights, lower is better; the weights with the best score are returned
-    deadline_s : ``time.monotonic()`` after which no further epoch begins
+    meter : counts the epochs and ends the run when the budget is used up
     progress : called with the epoch and the cost after every epoch
     Raises ValueError if the objective is not finite at the start.
     """
@@ -136,7 +136,7 @@ def minimise(
         max_fail=options.max_fail,
         min_gradient=options.min_gradient,
         validate=validate,
-        deadline_s=deadline_s,
+        meter=meter,
         progress=progress,
     )
     for _ in range(options.epochs):

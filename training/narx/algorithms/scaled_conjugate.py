@@ -13,6 +13,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.narx.algorithms.gradient import Differentiable
 from training.narx.algorithms.lm import LmOutcome, Watch
+from training.narx.work import Meter
 
 DAMPING_MAX = 1e30  # no direction descends any more
 WORST = -1e3  # ratio of a step that raised the cost beyond all measure
@@ -34,12 +35,12 @@ def minimise_scaled_conjugate(
     weights: FloatArray,
     options: ScaledConjugateOptions | None = None,
     validate: Callable[[FloatArray], float] | None = None,
-    deadline_s: float = np.inf,
+    meter: Meter | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> LmOutcome:
     """Return the best weights that the method reaches from ``weights``; the cost never rises.
 
-    validate, deadline_s, progress : as in ``lm.minimise``
+    validate, meter, progress : as in ``lm.minimise``
     Raises ValueError if the objective is not finite at the start.
     """
     options = options or ScaledConjugateOptions()
@@ -50,7 +51,7 @@ def minimise_scaled_conjugate(
         max_fail=options.max_fail,
         min_gradient=options.min_gradient,
         validate=validate,
-        deadline_s=deadline_s,
+        meter=meter,
         progress=progress,
     )
     for epoch in range(options.epochs):

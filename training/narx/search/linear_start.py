@@ -4,7 +4,6 @@ An ARX is a NARX without hidden layers, so it is trained further, judged and exp
 start. With it among the starts, a fit follows the held-out blocks at least as well as an ARX.
 """
 
-import time
 from dataclasses import replace
 from typing import Final
 
@@ -18,6 +17,7 @@ from training.narx.linear.regressors import Stretch
 from training.narx.network import Spec
 from training.narx.search.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, PHI_SPAN
 from training.narx.search.stages import RANDOM_LENGTH, Stage, Trained, free_run_score, train
+from training.narx.work import Work
 from training.recordings.samples.augmentation import FUEL
 from training.recordings.samples.preparation import Prepared, Role
 from training.recordings.samples.rows import runs
@@ -39,15 +39,14 @@ def best_arx(data: Prepared) -> Arx | None:
         return None
 
 
-def linear_starts(data: Prepared, arx: Arx, deadline_s: float) -> tuple[Trained, ...]:
+def linear_starts(data: Prepared, arx: Arx, work: Work) -> tuple[Trained, ...]:
     """Return the ARX as a network, and the same trained further on the error of the free run."""
-    began = time.monotonic()
     spec, weights = as_network(arx, data)
     try:
         score = free_run_score(data, spec, weights)
     except RecordingError:  # no block is as long as its lags
         return ()
-    solved = Stage("ARX", (), (score,), "least squares", time.monotonic() - began)
+    solved = Stage("ARX", (), (score,), "least squares")
     plain = Trained(spec, weights, score, [solved])
     if not np.isfinite(score):
         return ()
@@ -55,7 +54,7 @@ def linear_starts(data: Prepared, arx: Arx, deadline_s: float) -> tuple[Trained,
         data,
         spec,
         seed=0,
-        deadline_s=deadline_s,
+        work=work,
         horizons=HORIZONS,
         n_samples=REFINED_SAMPLES,
         weights=weights,

@@ -21,6 +21,7 @@ from training.narx.network import Spec
 from training.narx.search.stability import contraction
 from training.narx.search.stages import RANDOM_SHARE, Trained, free_run, pieces, random_pieces
 from training.narx.search.starts import committee
+from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role
 
 HORIZON: Final = 1000  # samples of the free run that is trained
@@ -47,7 +48,7 @@ def all_but_test(data: Prepared) -> Prepared:
 
 
 def refitted(
-    data: Prepared, trained: Sequence[Trained], best: int, seed: int, deadline_s: float
+    data: Prepared, trained: Sequence[Trained], best: int, seed: int, work: Work
 ) -> Trained | None:
     """Return the mean of the best trainings of one shape, trained further on ``data``.
 
@@ -60,7 +61,7 @@ def refitted(
         return None
     begun = [t for t in trained if t.members == 1 and t.spec.hidden]
     memory = max(t.spec.memory for t in begun)
-    again = [replace(t, weights=_further(data, t, seed, deadline_s)) for t in begun]
+    again = [replace(t, weights=_further(data, t, seed, work)) for t in begun]
 
     def in_order(members: Sequence[Trained]) -> list[Trained]:
         return sorted(members, key=lambda t: whole_error(data, t.spec, t.weights, memory))
@@ -77,7 +78,7 @@ def refitted(
     return Trained(wide, weights, score, members=len(members))
 
 
-def _further(data: Prepared, begun: Trained, seed: int, deadline_s: float) -> FloatArray:
+def _further(data: Prepared, begun: Trained, seed: int, work: Work) -> FloatArray:
     """Return the training's weights after further epochs on all of the data."""
     random = random_pieces(
         data, begun.spec, np.random.default_rng(seed), RANDOM_SHARE * len(data.role)
@@ -85,7 +86,8 @@ def _further(data: Prepared, begun: Trained, seed: int, deadline_s: float) -> Fl
     taken = pieces(data, begun.spec, HORIZON) + random
     objective = ClosedLoop(begun.spec, data.samples, taken, decay=begun.decay)
     options = LmOptions(epochs=EPOCHS)
-    return minimise(objective, begun.weights, options, deadline_s=deadline_s).weights
+    meter = work.on(objective.n_samples, begun.spec.n_weights)
+    return minimise(objective, begun.weights, options, meter=meter).weights
 
 
 def whole_error(data: Prepared, spec: Spec, weights: FloatArray, memory: int) -> float:

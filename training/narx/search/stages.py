@@ -7,7 +7,6 @@ forgotten it, so that the network learns to forget.
 """
 
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -20,6 +19,7 @@ from training.narx.algorithms.lm import LmOptions, LmOutcome, minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces
 from training.narx.network import Spec, initial_weights, layers, linear_path, simulate
 from training.narx.search.stability import contraction
+from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role
 
 HORIZONS = (5, 20, 100, 1000)
@@ -44,7 +44,6 @@ class Stage:
     costs: tuple[float, ...]  # training cost after every epoch, scaled units
     scores: tuple[float, ...]  # free-run validation after every epoch, scaled units
     stop: str
-    seconds: float
 
 
 @dataclass(slots=True)
@@ -154,7 +153,7 @@ def train(
     data: Prepared,
     spec: Spec,
     seed: int,
-    deadline_s: float = np.inf,
+    work: Work | None = None,
     progress: Callable[[int, int, float], None] | None = None,
     horizons: tuple[int, ...] = HORIZONS,
     epochs: Mapping[int, int] = EPOCHS,
@@ -164,12 +163,14 @@ def train(
 ) -> Trained:
     """Return the best weights of one start by free-run validation on the way through ``horizons``.
 
+    work : budget; when it is used up, no further epoch begins
     progress : called with horizon, epoch and best validation score after every epoch
     n_samples : most training samples, about; horizons below 100 take at most ``EARLY_SAMPLES``,
         because they only prepare the longer ones
     decay : this times every squared weight is added to the mean squared error, scaled units
     weights : first weights; None begins with random ones and series-parallel training
     """
+    work = work or Work()
     rng = np.random.default_rng(seed)
     if weights is None:
         weights, horizons = initial_weights(spec, rng), (1, *horizons)
@@ -178,7 +179,7 @@ def train(
     n_train = int((data.role == Role.TRAIN).sum())
     random = random_pieces(data, spec, rng, RANDOM_SHARE * min(n_train, n_samples or n_train))
     for horizon in horizons:
-        if time.monotonic() > deadline_s:
+        if work.is_over():
             if best.stages:
                 best.stages[-1] = replace(best.stages[-1], stop="budget")
             break
@@ -186,26 +187,25 @@ def train(
         cut = pieces(data, spec, horizon, min(early, n_samples or early))
         taken = cut + random if horizon >= FORGET_FROM else cut
         objective = ClosedLoop(spec, data.samples, taken, decay=decay)
-        began = time.monotonic()
         outcome = minimise(
             objective,
             weights,
             LmOptions(epochs=epochs.get(horizon, 30), max_fail=8 if horizon > 1 else 40),
             validate=validation.score,
-            deadline_s=deadline_s,
+            meter=work.on(objective.n_samples, spec.n_weights),
             progress=_tell(progress, horizon, best),
         )
-        best.stages.append(_stage(f"horizon {horizon}", outcome, began))
+        best.stages.append(_stage(f"horizon {horizon}", outcome))
         if outcome.score < best.score:
             best.weights, best.score = outcome.weights, outcome.score
         weights = outcome.weights
     if data.memory and np.isfinite(best.score) and epochs is EPOCHS:
-        _learn_to_forget(data, spec, best, rng, deadline_s)
+        _learn_to_forget(data, spec, best, rng, work)
     return best
 
 
 def _learn_to_forget(
-    data: Prepared, spec: Spec, best: Trained, rng: np.random.Generator, deadline_s: float
+    data: Prepared, spec: Spec, best: Trained, rng: np.random.Generator, work: Work
 ) -> None:
     """Train ``best`` on many random histories, if it remembers its history for a whole window.
 
@@ -223,13 +223,13 @@ def _learn_to_forget(
         return free_run_score(data, spec, weights) if forgets else np.inf
 
     def tune(name: str, weights: FloatArray, score: Callable[[FloatArray], float]) -> LmOutcome:
-        began = time.monotonic()
-        outcome = minimise(objective, weights, options, score, deadline_s)
-        best.stages.append(_stage(name, outcome, began))
+        meter = work.on(objective.n_samples, spec.n_weights)
+        outcome = minimise(objective, weights, options, score, meter)
+        best.stages.append(_stage(name, outcome))
         return outcome
 
     before = penalised(best.weights)
-    if before <= best.score or time.monotonic() > deadline_s:
+    if before <= best.score or work.is_over():
         return
     n_samples = FORGET_SHARE * (data.role == Role.TRAIN).sum()
     many = random_pieces(data, spec, rng, n_samples)
@@ -242,7 +242,7 @@ def _learn_to_forget(
         best.weights = outcome.weights
         best.score = free_run_score(data, spec, outcome.weights)
     weaker, is_stuck = best.weights.copy(), _beyond(data, spec, best.weights) > 1.0
-    while is_stuck and time.monotonic() < deadline_s:
+    while is_stuck and not work.is_over():
         _lessen_feedback(data, spec, weaker)
         outcome = tune("less feedback", weaker, if_it_forgets)
         best.weights, best.score = outcome.weights, outcome.score
@@ -265,9 +265,9 @@ def _beyond(data: Prepared, spec: Spec, weights: FloatArray) -> float:
     return found.gap / found.limit
 
 
-def _stage(name: str, outcome: LmOutcome, began_s: float) -> Stage:
+def _stage(name: str, outcome: LmOutcome) -> Stage:
     costs, scores = tuple(outcome.costs), tuple(outcome.scores)
-    return Stage(name, costs, scores, outcome.stop, time.monotonic() - began_s)
+    return Stage(name, costs, scores, outcome.stop)
 
 
 def _tell(

@@ -1,7 +1,6 @@
 """Trainings from several random starts, their committees, and the choice of one of them."""
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from training.narx.network import Spec, layers, linear_path
 from training.narx.search.stability import Contraction, contraction
 from training.narx.search.stages import Trained, blocks_of, free_run_score, train
 from training.narx.search.structure import SURE
+from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared
 
 MOST_MEMBERS = 3  # of a committee
@@ -28,29 +28,30 @@ class Starts:
 
     data: Prepared
     seed: int
-    deadline_s: float  # ``time.monotonic()`` after which no further epoch begins
+    work: Work
     threads: int
     progress: Callable[[int, int, int, float], None] | None = None  # as in ``fit``
 
     def train(self, jobs: Sequence[tuple[int, Shape]], before: int = 0) -> tuple[Trained, ...]:
-        """Return the trainings; each round of them gets its part of the time left.
+        """Return the trainings; each of them gets an equal part of the work left.
 
         jobs : number of the random start, and shape
         before : trainings that are done already, for the progress
         """
         workers = max(1, min(self.threads, len(jobs)))
-        rounds = -(-len(jobs) // workers)
-        begun = time.monotonic()
+        parts = self.work.split(len(jobs))
         progress = self.progress
 
         def one(number: int) -> Trained:
             start, (spec, decay) = jobs[number]
             told = (lambda h, e, s: progress(before + number, h, e, s)) if progress else None
-            until_s = begun + (number // workers + 1) / rounds * (self.deadline_s - begun)
-            return train(self.data, spec, self.seed + 1000 * start, until_s, told, decay=decay)
+            seed = self.seed + 1000 * start
+            return train(self.data, spec, seed, parts[number], told, decay=decay)
 
         with ThreadPoolExecutor(workers) as pool:
-            return tuple(pool.map(one, range(len(jobs))))
+            trained = tuple(pool.map(one, range(len(jobs))))
+        self.work.join(parts)
+        return trained
 
     def until_one_forgets(
         self, trained: tuple[Trained, ...], shape: Shape, first: int
@@ -58,13 +59,13 @@ class Starts:
         """Return the trainings with the further starts that were needed, and ``choose`` of them.
 
         first : number of the first further start
-        A start is begun only if as much time is left as the first training took.
+        A start is begun only if as much work is left as a training took.
         """
-        latest_s = self.deadline_s - sum(stage.seconds for stage in trained[0].stages)
+        each = self.work.spent / max(first, 1)
         best, gap = choose(self.data, trained, self.seed)
         for start in range(first, first + FURTHER_STARTS):
             forgets = gap.gap <= gap.limit
-            if not self.data.memory or forgets or time.monotonic() > latest_s:
+            if not self.data.memory or forgets or self.work.left < each or self.work.is_over():
                 break
             trained += self.train([(start, shape)], before=len(trained))
             best, gap = choose(self.data, trained, self.seed)

@@ -9,7 +9,6 @@ several choices of held-out blocks judge a candidate.
 """
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.narx.network import Spec
 from training.narx.search.stages import blocks_of, train
+from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role
 
 LONGEST = (1, 2, 3, 5, 8, 12, 20, 34, 60)  # input lags
@@ -99,11 +99,11 @@ class Search:
     def __init__(
         self,
         rotations: Sequence[Prepared],
-        deadline_s: float,
+        work: Work,
         threads: int = 2,
         progress: Callable[[Try], None] | None = None,
     ) -> None:
-        self.rotations, self.deadline_s, self.progress = rotations, deadline_s, progress
+        self.rotations, self.work, self.progress = rotations, work, progress
         self.threads = threads
         self.tries: dict[Structure, Try] = {}
         data = rotations[0]
@@ -135,7 +135,7 @@ class Search:
                 return best
 
     def _late(self) -> bool:
-        return time.monotonic() > self.deadline_s
+        return self.work.is_over()
 
     def _first(self) -> Structure:
         """Return the middle structure, or the largest below it that the samples allow."""
@@ -189,14 +189,15 @@ class Search:
         jobs = [(c, data, seed) for c in new for data in self.rotations for seed in seeds]
         with ThreadPoolExecutor(self.threads) as pool:
             results = list(pool.map(lambda job: self._short_training(*job), jobs))
+        self.work.join([part for *_, part in results])
         n = len(self.rotations) * len(seeds)
         for i, candidate in enumerate(new):
             parts = results[i * n : (i + 1) * n]
-            weights = np.concatenate([w for _, w in parts])
+            weights = np.concatenate([w for _, w, _ in parts])
             self.tries[candidate] = done = Try(
                 candidate,
                 candidate.spec(self.rotations[0]).n_weights,
-                np.concatenate([errors for errors, _ in parts]),
+                np.concatenate([errors for errors, _, _ in parts]),
                 weights / weights.sum(),
             )
             if self.progress:
@@ -204,13 +205,13 @@ class Search:
 
     def _short_training(
         self, structure: Structure, data: Prepared, seed: int
-    ) -> tuple[FloatArray, FloatArray]:
-        spec = structure.spec(data)
+    ) -> tuple[FloatArray, FloatArray, Work]:
+        spec, work = structure.spec(data), Work()
         trained = train(
             data,
             spec,
             seed=seed,
-            deadline_s=np.inf,
+            work=work,
             progress=None,
             horizons=HORIZONS,
             epochs=EPOCHS,
@@ -218,4 +219,4 @@ class Search:
             decay=structure.decay,
         )
         held_out = blocks_of(data, spec, memory=max(self.most_lags, spec.memory))
-        return held_out.errors(trained.weights), held_out.weights
+        return held_out.errors(trained.weights), held_out.weights, work

@@ -23,6 +23,7 @@ from training.narx.algorithms.objectives import OneStep
 from training.narx.network import Spec, forward, initial_weights, regressors
 from training.narx.search import stages
 from training.narx.search.stability import contraction
+from training.narx.work import Work
 from training.recordings.metrics import correlation
 from training.recordings.samples.preparation import Prepared, Role, Samples
 from training.recordings.samples.rows import runs
@@ -57,9 +58,9 @@ def trained(data: Sequence[Prepared], starts: Sequence[Start], jobs: int) -> lis
 
 
 def _trained(data: Sequence[Prepared], start: Start) -> stages.Trained:
-    end_s = time.monotonic() + start.budget_s
+    work = Work.of_minutes(start.budget_s / 60.0)
     own = data[start.data]
-    return stages.train(own, start.spec, start.seed, end_s, horizons=start.horizons)
+    return stages.train(own, start.spec, start.seed, work, horizons=start.horizons)
 
 
 @dataclass(frozen=True, slots=True)

@@ -363,7 +363,5 @@ def test_what_has_no_place_for_effects_is_refused(
     with pytest.raises(ModelError, match="the chain needs engine_speed_rpm"):
         ChainDifference.of(card, [NOTHING], CHAIN, lacking)
     with pytest.raises(UsageError, match="budget ended before the first epoch"):
-        retrain(
-            base.path, [fitted()[1]], CHAIN, gap_drives(), out, ranges=seen, budget_minutes=1e-6
-        )
+        retrain(base.path, [fitted()[1]], CHAIN, gap_drives(), out, ranges=seen, budget_minutes=0.0)
     assert not out.exists()
