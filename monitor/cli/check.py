@@ -2,6 +2,7 @@
 
 import argparse
 import time
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -168,13 +169,16 @@ def _check_table(args: CheckOptions, log: Path) -> int:
 
 def _write_profile(log: Path | None, out: Path, *, force: bool) -> int:
     from monitor.base.files.outputs import check_new, write_text
+    from monitor.frames.profiles.profile import profile_of
     from monitor.frames.tables.readers import open_table
     from monitor.mapping.profile_proposal import proposed
 
     if not log:
         raise UsageError("--write-profile needs a LOG")
     check_new(out, force=force)
-    write_text(out, "\n".join(proposed(open_table(log))) + "\n")
+    text = "\n".join(proposed(open_table(log))) + "\n"
+    profile_of(tomllib.loads(text), out)  # what is written can be read
+    write_text(out, text)
     say(f"{out}: a profile to edit; try it with o2mon check {log} --profile {out}")
     return 0
 

@@ -136,7 +136,8 @@ def read_table(
         notes = Notes()
         cells = all_cells(raw, [Wanted(i) for i in range(len(raw.names))], notes)
         return make_table(path, list(raw.names), cells, mapping, notes)
-    return _of_logger(raw, _of_model(raw, of_model) or recognised(raw), further)
+    notes = Notes()
+    return _of_logger(raw, _of_model(raw, of_model) or recognised(raw, notes), further, notes)
 
 
 def _own(path: Path) -> RawTable | None:
@@ -162,13 +163,15 @@ def _of_model(raw: RawTable, tree: Mapping[str, Any] | None) -> Profile | None:
     if not tree:
         return None
     profile = profile_of(tree, Path("model.toml"))
-    there = places(raw.names)
+    there = places(raw)
     needed = (profile.time, profile.signals.get(OUTPUT, ()))
     fits = all(any(key(source.column) in there for source in sources) for sources in needed)
     return profile if fits else None
 
 
-def _of_logger(raw: RawTable, profile: Profile | None, further: Sequence[str]) -> Table:
+def _of_logger(
+    raw: RawTable, profile: Profile | None, further: Sequence[str], notes: Notes | None = None
+) -> Table:
     """Return a logger's file as a table of canonical signals."""
     if profile is None:
         names = [name for name in raw.names if name]
@@ -177,7 +180,7 @@ def _of_logger(raw: RawTable, profile: Profile | None, further: Sequence[str]) -
             f"{raw.path}: no profile knows its columns ({shown}); give --profile NAME or FILE; "
             f"'o2mon check {raw.path} --write-profile FILE' writes one to edit"
         )
-    reading = read_signals(raw, profile, further)
+    reading = read_signals(raw, profile, further, notes)
     return Table(
         path=raw.path,
         names=reading.names,

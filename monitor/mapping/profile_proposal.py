@@ -10,14 +10,15 @@ from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
-from monitor.base.signals import SIGNALS, plausible_range
+from monitor.base.signals import OUTPUT, SIGNALS, plausible_range
 from monitor.base.types import FloatArray
-from monitor.frames.profiles.conversion import scaled, stated_texts, target_of
+from monitor.frames.profiles.conversion import is_of_quantity, scaled, stated_texts, target_of
 from monitor.frames.profiles.profile import ProfileEngine, Source, shipped, shipped_profile
 from monitor.frames.profiles.recognition import key, keys_of
-from monitor.frames.profiles.units import unit_of
+from monitor.frames.profiles.signals import ALIVE
 from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
+from monitor.frames.units import Unit, unit_of
 from monitor.mapping.candidates import elsewhere, is_other
 from monitor.mapping.meanings import MEANINGS, OF_ONE_SENSOR
 from monitor.mapping.proposal import SURE
@@ -28,6 +29,22 @@ _ENOUGH = 6  # columns to know a logger by
 _OWN = 3  # of these, columns that no shipped profile knows: others may be another logger's, too
 _INVERSE = {"phi"}  # 1 / lambda, which no factor of a profile makes lambda
 _TIMES = ("time", "timestamp", "zeit", "seconds", "elapsedtime", "logtime", "devicetime")
+_RISING = 0.95  # of the steps of a column that tells the time; the first row may be an old one
+_COMMANDED = {"req", "request", "requested", "target", "cmd", "commanded", "desired", "soll", "sp"}
+_CORRECTIONS = {
+    "mod",
+    "modifier",
+    "mult",
+    "multiplier",
+    "corr",
+    "correction",
+    "trim",
+    "adj",
+    "comp",
+}
+_STEADY = frozenset(  # may stand still while the engine runs
+    ("lambda_target", "ambient_pressure_kpa", "battery_voltage_v", "vehicle_speed_km_h")
+) | {"throttle_percent", "volumetric_efficiency_percent"}
 
 
 def proposed(raw: RawTable) -> Iterator[str]:
@@ -38,22 +55,31 @@ def proposed(raw: RawTable) -> Iterator[str]:
     wanted = [Wanted(i) for i in range(len(raw.columns))]
     cells = next(iter(raw.read(wanted, notes)), np.empty((0, len(wanted))))
     found: dict[str, tuple[str, Source]] = {}
-    for column in raw.columns:
+    for i, column in enumerate(raw.columns):
         for each in keys_of(column.name):
-            if each in known and known[each][0] not in found:
-                found[known[each][0]] = column.name, known[each][1]
+            name, source = known.get(each, ("", Source(column="")))
+            if (
+                name
+                and name not in found
+                and is_of_quantity(name, source, column, STOICHIOMETRIC)
+                and not _is_doubtful(name, column, cells[:, i])
+            ):
+                found[name] = column.name, source
     times = _time_columns(raw, cells)
     taken = {column for column, _ in found.values()} | set(times)
-    for name, named in _by_words(raw, cells, taken, [n for n in names if n not in found]):
-        found[name] = named, Source(column=named)
+    for name, by_words in _by_words(raw, cells, taken, [n for n in names if n not in found]):
+        column = raw.columns[raw.names.index(by_words)]
+        assumed = () if any(stated_texts(column)) else _assumed(name, by_words)
+        found[name] = by_words, Source(column=by_words, units=assumed)
     yield f'title = "{raw.path.stem}"'
     yield "# stoich_afr = 14.7   # of the fuel: 9.0 for E85"
     yield f"time = [{', '.join(map(_quoted, times))}]{'' if times else '   # which column?'}"
     yield ""
     yield "[[recognise]]         # a file with all these columns is read with this profile"
     used = {column for column, _ in found.values()} | set(times)
-    own = [name for name in raw.names if name and name not in used][:_OWN]
-    chosen = [*times[:1], *own, *(column for column, _ in found.values()), *raw.names]
+    named = list(filter(None, raw.names))
+    own = [name for name in named if name not in used][:_OWN]
+    chosen = [*times[:1], *own, *(column for column, _ in found.values()), *named]
     yield f"columns = [{', '.join(map(_quoted, list(dict.fromkeys(chosen))[:_ENOUGH]))}]"
     yield ""
     yield "[signals]             # canonical name = column; unit where the file states none"
@@ -120,23 +146,55 @@ def _by_words(
 
 def _sureness(name: str, column: RawColumn, cells: FloatArray) -> float:
     """Return how sure a column's words are of a signal, 0 if its unit or values are others."""
-    meaning, text = MEANINGS[name], name_and_unit(column.name)[0]
-    words = words_of(text)
-    if _INVERSE & set(words):
-        return 0.0
-    if is_other(meaning, words) or any(word.isdigit() and int(word) > 1 for word in words):
-        return 0.0
-    if name in OF_ONE_SENSOR and elsewhere((text,)):
-        return 0.0
+    texts = [name_and_unit(each)[0] for each in (column.name, *column.others)]
+    return max(_of_text(name, column, cells, text) for text in texts)
+
+
+def _of_text(name: str, column: RawColumn, cells: FloatArray, text: str) -> float:
+    meaning, words = MEANINGS[name], words_of(text)
     target = target_of(name, STOICHIOMETRIC)
-    stated = [unit for each in stated_texts(column) if (unit := unit_of(each, STOICHIOMETRIC))]
-    unit = stated[0] if stated else target
     known = cells[np.isfinite(cells)]
-    if target is None or unit is None or unit.quantity != target.quantity or not len(known):
+    if (
+        _INVERSE & set(words)
+        or (name in OF_ONE_SENSOR and elsewhere((text,)))
+        or _is_doubtful(name, column, cells)
+        or not is_of_quantity(name, Source(column=column.name), column, STOICHIOMETRIC)
+        or target is None
+        or not len(known)
+    ):
         return 0.0
+    stated = _units(stated_texts(column))
+    unit = stated[0] if stated else next(iter(_units(_assumed(name, text))), target)
     low, high = plausible_range(name)
-    is_plausible = low <= float(np.median(scaled(known, unit, target))) <= high
-    return match(meaning.phrases, words) if is_plausible else 0.0
+    if unit.quantity != target.quantity or not (
+        low <= float(np.median(scaled(known, unit, target))) <= high
+    ):
+        return 0.0
+    says_lambda = name == OUTPUT and unit.factor != 1.0  # an air/fuel ratio
+    if is_other(meaning, words) or any(word.isdigit() and int(word) > 1 for word in words):
+        return SURE if says_lambda else 0.0
+    says_flow = name == "maf_kg_h" and bool(stated)  # a flow, and none of fuel or exhaust
+    return max(match(meaning.phrases, words), SURE if says_lambda or says_flow else 0.0)
+
+
+def _assumed(name: str, text: str) -> tuple[str, ...]:
+    """Return the unit that a column's name tells where the file states none."""
+    says_afr = any(each in text.casefold() for each in ("afr", "a/f", "air/fuel"))
+    return ("AFR",) if says_afr and name in ("lambda_measured", "lambda_target") else ()
+
+
+def _units(texts: Sequence[str]) -> list[Unit]:
+    return [unit for text in texts if (unit := unit_of(text, STOICHIOMETRIC))]
+
+
+def _is_doubtful(name: str, column: RawColumn, cells: FloatArray) -> bool:
+    """Return whether a column is no measurement: commanded, a correction, or one constant value."""
+    words = {w for text in (column.name, *column.others) for w in words_of(name_and_unit(text)[0])}
+    commanded = bool(words & _COMMANDED) and not name.endswith("_target")
+    corrected = bool(words & _CORRECTIONS) and not name.startswith(("lambda_con", "lambda_corr"))
+    known = cells[np.isfinite(cells)]
+    constant = len(known) > 1 and bool((known == known[0]).all())
+    return commanded or corrected or (constant and name in ALIVE - _STEADY)
 
 
 def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:
@@ -145,8 +203,9 @@ def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:
     named = [name for name in raw.names if key(name_and_unit(name)[0]) in _TIMES]
     if not (named or clocks):
         steps = np.diff(cells, axis=0)
-        rises = (steps >= 0.0).all(axis=0) & (steps > 0.0).any(axis=0)
-        named = [raw.names[i] for i in np.flatnonzero(rises).tolist()][:1]
+        rises = ((steps >= 0.0).mean(axis=0) > _RISING) & (np.median(steps, axis=0) > 0.0)
+        rises &= ~(steps == 1.0).all(axis=0)  # a counter of rows is no time
+        named = [raw.names[i] for i in np.flatnonzero(rises).tolist() if raw.names[i]][:1]
     return list(dict.fromkeys((*named, *clocks)))
 
 

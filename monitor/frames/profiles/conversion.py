@@ -9,12 +9,15 @@ import numpy as np
 from monitor.base.signals import BY_NAME, plausible_range
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.profile import Profile, Source
-from monitor.frames.profiles.units import Unit, conversion, unit_of
 from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import RawColumn, RawTable
+from monitor.frames.units import Unit, conversion, unit_of
 
 # unit texts of canonical signals are units of loggers, too; a name here says its quantity
 _TARGETS: Final = {"degC": "°c", "1/min": "rpm", "Nm": "nm", "mg/stroke": "mg"}
+
+
+_OF_UNITS: Final = "/%°"  # marks of a unit in brackets, where other words may stand, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +88,25 @@ def _fits(profile: Profile, choice: Choice, cells: FloatArray, place: int) -> bo
 def stated_texts(column: RawColumn) -> tuple[str, str]:
     """Return the places in which a file states a column's unit, "" where it does not."""
     return column.unit, name_and_unit(column.name)[1]
+
+
+def is_of_quantity(name: str, source: Source, column: RawColumn, stoich_afr: float) -> bool:
+    """Return whether a column may carry a signal: no unit that it states is of another quantity.
+
+    A unit that is not known counts as another one, unless the profile gives the column's unit.
+    """
+    target = target_of(name, stoich_afr)
+    if source.is_flag or target is None:
+        return True
+    in_name = name_and_unit(column.name)[1]
+    units = [unit_of(text, stoich_afr) for text in (column.unit, in_name) if text not in ("", "-")]
+    known = [unit for unit in units if unit is not None]
+    if source.factor != 1.0:  # the profile converts
+        return True
+    if known:
+        return any(unit.quantity == target.quantity for unit in known)
+    looks_like_one = any(mark in text for mark in _OF_UNITS for text in (in_name, column.unit))
+    return bool(source.units) or not looks_like_one
 
 
 def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:

@@ -4,10 +4,11 @@ A user's own profiles come first: those beside the log, then those in the user's
 """
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
+from monitor.base.errors import ConfigError
 from monitor.frames.profiles.profile import (
     Profile,
     Recognition,
@@ -17,7 +18,7 @@ from monitor.frames.profiles.profile import (
     shipped_profile,
 )
 from monitor.frames.tables.dialect import name_and_unit
-from monitor.frames.tables.raw_table import RawTable
+from monitor.frames.tables.raw_table import Notes, RawTable
 
 OWN_FOLDER: Final = "O2_PROFILES"  # environment variable: a folder of own profiles
 MOST_OWN: Final = 100  # profiles of a folder that are tried
@@ -37,26 +38,33 @@ def keys_of(name: str) -> tuple[str, str]:
     return key(name), key(name_and_unit(name)[0])
 
 
-def places(names: Iterable[str]) -> dict[str, int]:
-    """Return the number of each column by its keys; the first of two columns counts."""
-    found: dict[str, int] = {}
-    short: dict[str, int] = {}
-    for number, name in enumerate(names):
-        whole, without = keys_of(name)
-        found.setdefault(whole, number)
-        short.setdefault(without, number)
-    return {**short, **found}
+def places(raw: RawTable) -> dict[str, list[int]]:
+    """Return the numbers of the columns by their keys, the best first.
+
+    The best is a column of just that name, then one without its unit, then another name.
+    """
+    found: dict[str, list[int]] = {}
+    ranked = (
+        (rank, number, each)
+        for number, column in enumerate(raw.columns)
+        for rank, each in enumerate((*keys_of(column.name), *map(key, column.others)))
+    )
+    for _, number, each in sorted(ranked):
+        if number not in found.setdefault(each, []):
+            found[each].append(number)
+    found.pop("", None)
+    return found
 
 
-def recognised(raw: RawTable) -> Profile | None:
+def recognised(raw: RawTable, notes: Notes | None = None) -> Profile | None:
     """Return the profile that fits best, an own one before a shipped one; or None.
 
+    notes : takes which own profiles cannot be used, and why
     Of several in one place the one counts that names most of the table.
-    Raises ConfigError if an own profile cannot be used.
     """
-    there = places(raw.names)
+    there, notes = places(raw), notes or Notes()
     for folder in (raw.path.parent, own_folder()):
-        best = _best(_own(folder), there, raw.preamble)
+        best = _best(_own(folder, notes), there, raw.preamble)
         if best is not None:
             return best
     return _best(map(shipped_profile, shipped()), there, raw.preamble)
@@ -71,20 +79,25 @@ def own_folder() -> Path:
     return (Path(config) if config else Path.home() / ".config") / "o2-monitor" / "profiles"
 
 
-def _own(folder: Path) -> Iterator[Profile]:
-    """Yield the profiles in a folder that say which files they are for."""
+def _own(folder: Path, notes: Notes) -> Iterator[Profile]:
+    """Yield the profiles in a folder that say which files they are for; others are noted."""
     try:
         paths = sorted(folder.glob("*.toml"))
     except OSError:
         return
     for path in paths[:MOST_OWN]:
-        if is_profile(path):
-            profile = load_profile(path)
-            if profile.recognise:
-                yield profile
+        try:
+            profile = load_profile(path) if is_profile(path) else None
+        except ConfigError as error:
+            notes.sentences.append(f"a profile that cannot be used: {error}")
+            continue
+        if profile is not None and profile.recognise:
+            yield profile
 
 
-def _best(profiles: Iterable[Profile], there: dict[str, int], preamble: str) -> Profile | None:
+def _best(
+    profiles: Iterable[Profile], there: Mapping[str, list[int]], preamble: str
+) -> Profile | None:
     """Return the profile that names most of the table, None if none fits."""
     best: tuple[int, Profile] | None = None
     for profile in profiles:
@@ -94,7 +107,7 @@ def _best(profiles: Iterable[Profile], there: dict[str, int], preamble: str) -> 
     return best[1] if best else None
 
 
-def _score(wanted: Recognition, there: dict[str, int], preamble: str) -> int:
+def _score(wanted: Recognition, there: Mapping[str, list[int]], preamble: str) -> int:
     """Return how much of the table the recognition names, 0 if it does not fit."""
     if not all(key(column) in there for column in wanted.columns):
         return 0

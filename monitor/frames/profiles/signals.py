@@ -9,14 +9,20 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.signals import BY_NAME, OUTPUT, SIGNALS
 from monitor.base.types import BoolArray, FloatArray, IntArray
-from monitor.frames.profiles.conversion import Choice, LoggerSetting, converted, stated_texts
+from monitor.frames.profiles.conversion import (
+    Choice,
+    LoggerSetting,
+    converted,
+    is_of_quantity,
+    stated_texts,
+)
 from monitor.frames.profiles.derived import derive
 from monitor.frames.profiles.profile import Profile, Source
 from monitor.frames.profiles.recognition import key, places
 from monitor.frames.profiles.times import cleaned, held, in_seconds
-from monitor.frames.profiles.units import Unit, unit_of
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.tables.readers import reason
+from monitor.frames.units import Unit, unit_of
 
 # a running engine leaves none of these at 0: a column of zeros is a sensor that the car lacks
 ALIVE: Final = frozenset(
@@ -60,15 +66,19 @@ class Reading:
     notes: Notes
 
 
-def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -> Reading:
+def read_signals(
+    raw: RawTable, profile: Profile, further: Sequence[str] = (), notes: Notes | None = None
+) -> Reading:
     """Return the canonical signals of a raw table.
 
     further : columns to read under their own names
+    notes : oddities met so far
+    A column whose unit is of another quantity than the signal's carries none.
     Raises RecordingError if no column tells the time, or the file has no rows.
     """
-    there = places(raw.names)
+    there = places(raw)
     times = [
-        Choice("time", each, there[key(each.column)])
+        Choice("time", each, there[key(each.column)][0])
         for each in profile.time
         if key(each.column) in there
     ]
@@ -78,17 +88,36 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
             f"{raw.path}: no column of time ({wanted}) for the profile {profile.name}; "
             f"there are {', '.join(raw.names[:8])}{', …' if len(raw.names) > 8 else ''}"
         )
-    choices = [
-        Choice(name, source, there[key(source.column)])
+    every = [
+        Choice(name, source, column)
         for name, sources in profile.signals.items()
         for source in sources
-        if key(source.column) in there
+        for column in there.get(key(source.column), ())
     ]
-    own = [Choice(n, Source(column=n), there[key(n)]) for n in further if key(n) in there]
-    notes = Notes()
+    choices = [
+        each
+        for each in every
+        if is_of_quantity(each.name, each.source, raw.columns[each.column], profile.stoich_afr)
+    ]
+    own = [Choice(n, Source(column=n), there[key(n)][0]) for n in further if key(n) in there]
+    notes = notes or Notes()
+    named = {each.name for each in choices}
+    for each in every:
+        if each.name not in named:
+            column = raw.columns[each.column]
+            unit = " ".join(filter(None, stated_texts(column)))
+            notes.sentences.append(f"column {column.name}: its unit {unit} is none of {each.name}")
+            named.add(each.name)
     sources = (*times, *choices, *own)
-    cells = all_cells(raw, [Wanted(each.column, each.source.words) for each in sources], notes)
+    wanted_cells = [Wanted(each.column, each.source.words) for each in sources]
+    clocks = _clocks(raw, times[0])
+    every_cell = all_cells(raw, [*wanted_cells, *map(Wanted, clocks)], notes)
+    cells, ticks = every_cell[:, : len(sources)], every_cell[:, len(sources) :]
     time_s, wraps_s = _time(raw, times, cells)
+    for i, each in enumerate(sources[len(times) :], len(times)):
+        before = [place for place, clock in enumerate(clocks) if clock < each.column]
+        if before and clocks[before[-1]] != times[0].column:
+            cells[:, i] = _at(time_s, ticks[:, before[-1]], cells[:, i])
     t_ns, rows = cleaned(time_s, wraps_s, notes)
     if not len(t_ns):
         raise RecordingError(f"{raw.path}: no row with a time")
@@ -130,6 +159,21 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
         blank=blank,
         notes=notes,
     )
+
+
+def _clocks(raw: RawTable, time: Choice) -> list[int]:
+    """Return the columns that are clocks of the columns behind them: the time's name, repeated."""
+    name = raw.columns[time.column].name
+    clocks = [i for i, each in enumerate(raw.names) if each.rpartition("#")[0] == name]
+    return [time.column, *clocks] if clocks else []
+
+
+def _at(time_s: FloatArray, own_s: FloatArray, cells: FloatArray) -> FloatArray:
+    """Return the values of a column with its own clock at other times: the last one before."""
+    known = np.flatnonzero(np.isfinite(own_s) & np.isfinite(cells))
+    order = known[np.argsort(own_s[known], kind="stable")]
+    place = np.searchsorted(own_s[order], time_s, side="right") - 1
+    return np.where(place >= 0, cells[order][np.maximum(place, 0)], np.nan) if len(order) else cells
 
 
 def _lives(name: str, cells: FloatArray) -> bool:

@@ -27,6 +27,7 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
     nanoseconds do not hold), and rows slightly older than one before them, are left out. If the
     times begin again, the rest follows after a pause.
     """
+    t_s = spread(t_s, notes)
     keep = np.abs(t_s) < LATEST_S
     notes.count("rows_without_time", int((~keep).sum()))
     t_s = t_s[keep].copy()
@@ -34,6 +35,10 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
         falls = np.diff(t_s, prepend=t_s[:1]) < -0.5 * wraps_s
         t_s += wraps_s * np.cumsum(falls)
         notes.count("clock_wraps", int(falls.sum()))
+    if len(t_s) > 1 and t_s[1] < t_s[0] - JITTER_S:  # one row is no log of its own
+        keep[np.flatnonzero(keep)[0]] = False
+        t_s = t_s[1:]
+        notes.count("rows_out_of_order", 1)
     steps = np.diff(t_s, prepend=t_s[:1])
     anew = steps < -JITTER_S
     if anew.any():
@@ -52,6 +57,29 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
     rows = np.zeros(len(keep), dtype=bool)
     rows[np.flatnonzero(keep)[good]] = True
     return t_ns[good], rows
+
+
+def spread(t_s: FloatArray, notes: Notes) -> FloatArray:
+    """Return times of which many are alike, as those of whole seconds, spread over their step.
+
+    The rows of the first time stand at its end, those of the others from its beginning on.
+    """
+    same = np.diff(t_s, prepend=np.nan) == 0.0
+    if len(t_s) < 2 or np.count_nonzero(same) < len(t_s) // 2:
+        return t_s
+    first = np.flatnonzero(~same)
+    size = np.diff(first, append=len(t_s))
+    step_s, usual = (
+        float(np.median(np.diff(t_s[first]))) if len(first) > 1 else 0.0,
+        np.median(size),
+    )
+    if not step_s > 0.0:
+        return t_s
+    place = np.arange(len(t_s)) - np.repeat(first, size)
+    place[: size[0]] += max(0, int(usual) - int(size[0]))
+    notes.count("rows_spread", int(np.count_nonzero(same)))
+    spread_s: FloatArray = t_s + step_s * place / np.maximum(np.repeat(size, size), usual)
+    return spread_s
 
 
 def in_seconds(times: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ import numpy as np
 from monitor.base.counts import counted
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
+from monitor.frames.blocks import DAMAGED_SHARE
 from monitor.frames.bounds import open_text
 from monitor.frames.tables.cells import (
     Parse,
@@ -24,9 +25,13 @@ from monitor.frames.tables.cells import (
 )
 from monitor.frames.tables.dialect import Dialect, dialect_of, own_dialect
 from monitor.frames.tables.haltech import haltech_dialect
-from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
+from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 
 _ROWS: Final = 1 << 13  # of a block
+HEAD_ROWS: Final = 4096  # that tell the names of a table with one value a row
+_LONG_NAME: Final = ("pid", "name", "signal", "parameter", "channel")
+_LONG_VALUE: Final = ("value", "wert")
+_LONG_UNIT: Final = ("units", "unit", "einheit")
 _MARKS: Final = ("mark", '"mark', "#", "//")  # lines that a logger writes between the rows
 
 
@@ -35,7 +40,8 @@ def open_delimited(path: Path) -> RawTable:
 
     Raises RecordingError if it has no header with numbers below it.
     """
-    return _table(path, haltech_dialect(path) or dialect_of(path))
+    dialect = haltech_dialect(path) or dialect_of(path)
+    return long_table(path, dialect) or _table(path, dialect)
 
 
 def open_own(path: Path) -> RawTable | None:
@@ -46,6 +52,43 @@ def open_own(path: Path) -> RawTable | None:
     """
     dialect = own_dialect(path)
     return _table(path, dialect) if dialect else None
+
+
+def long_table(path: Path, dialect: Dialect) -> RawTable | None:
+    """Return a table whose rows hold a time, a name and one value, with a column for each name.
+
+    None if the columns are others. The names are those of the first ``HEAD_BYTES``.
+    """
+    places = {column.name.casefold(): i for i, column in enumerate(dialect.columns)}
+    name, value, unit = (
+        next((places[each] for each in words if each in places), None)
+        for words in (_LONG_NAME, _LONG_VALUE, _LONG_UNIT)
+    )
+    if name is None or value is None or dialect.columns[name].kind != "text":
+        return None
+    units: dict[str, str] = {}
+    for _, row in islice(_rows(path, dialect, 0, Notes()), HEAD_ROWS):
+        units.setdefault(row[name].strip(), row[unit].strip() if unit is not None else "")
+    first = [i for i in range(len(dialect.columns)) if i not in (name, value, unit)]
+    columns = [*(dialect.columns[i] for i in first), *(RawColumn(*each) for each in units.items())]
+    at = {each.name: i for i, each in enumerate(columns)}
+    parse = number_with_comma if dialect.decimal_comma else number
+
+    def read(wanted: Sequence[Wanted], notes: Notes) -> Iterator[FloatArray]:
+        rows = _rows(path, dialect, value + 1, notes)
+        parsers = [_parser(dialect, Wanted(i)) for i in first]
+        while block := list(islice(rows, _ROWS)):
+            cells = np.full((len(block), len(columns)), np.nan)
+            for k, (_, row) in enumerate(block):
+                for place, (i, each) in enumerate(zip(first, parsers, strict=True)):
+                    cells[k, place] = each(row[i])
+                if (place_of := at.get(row[name].strip())) is not None:
+                    cells[k, place_of] = parse(row[value])
+            yield cells[:, [each.column for each in wanted]]
+
+    return RawTable(
+        path, f"{dialect.kind}, one value a row", tuple(columns), read, dialect.preamble
+    )
 
 
 def _table(path: Path, dialect: Dialect) -> RawTable:
@@ -104,7 +147,8 @@ def _rows(
     """Yield line number and cells of the rows of data.
 
     least : cells that a row must have
-    Raises RecordingError with line, what came and what was wanted for a row of another length.
+    A row of another length is left out and told; more than ``DAMAGED_SHARE`` of them, or one of the
+    project's own tables, raise RecordingError with line, what came and what was wanted.
     """
     width = len(dialect.columns)
     named = max((i for i, each in enumerate(dialect.columns, 1) if each.name), default=0)
@@ -116,26 +160,28 @@ def _rows(
             if dialect.has_quotes
             else csv.reader(text, delimiter=dialect.separator, quoting=csv.QUOTE_NONE)
         )
-        odd = ""  # the row before, if it has another length
+        odd: list[str] = []  # rows of another length
+        last_odd = 0
         try:
             for row in _data(reader, dialect, notes):
-                if odd:
-                    raise RecordingError(f"{path}: {odd}")
                 if least <= len(row) <= most:
                     yield reader.line_num, row
                 else:
                     cells, columns = counted(len(row), "cell"), counted(width, "column")
-                    odd = f"line {reader.line_num}: {cells}, the header has {columns}"
+                    last_odd = reader.line_num
+                    odd.append(f"line {last_odd}: {cells}, the header has {columns}")
+                if odd and (dialect.is_exact or len(odd) > 1 + DAMAGED_SHARE * reader.line_num):
+                    raise RecordingError(f"{path}: {odd[0]}")
         except csv.Error as error:
             raise RecordingError(f"{path}: line {reader.line_num}: {error}") from error
         except EOFError as error:
             if dialect.is_exact:
                 raise
             notes.sentences.append(f"cut short after line {reader.line_num}: {error}")
-    if odd and dialect.is_exact:
-        raise RecordingError(f"{path}: {odd}")
-    if odd:  # the last row: the logger was switched off while it wrote
-        notes.sentences.append(f"cut short in {odd}")
+    if odd and last_odd == reader.line_num:  # the logger was switched off while it wrote
+        notes.sentences.append(f"cut short in {odd.pop()}")
+    if odd:
+        notes.sentences.append(f"{counted(len(odd), 'row')} left out, the first: {odd[0]}")
 
 
 def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterator[list[str]]:
@@ -153,7 +199,7 @@ def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterat
         elif len(row) < width and row[0].strip().casefold().startswith(_MARKS):
             notes.count("markers")
         elif len(row) >= width and [cell.strip() for cell in row[:2]] == names:
-            skip = int(dialect.has_units)
+            skip = dialect.below_names
             notes.count("repeated_headers")
         else:
             yield row

@@ -18,6 +18,7 @@ from monitor.base.errors import RecordingError
 from monitor.frames.bounds import LINE_BYTES, open_binary
 from monitor.frames.tables.cells import clock, is_no_value, is_number, wrap_s
 from monitor.frames.tables.raw_table import RawColumn
+from monitor.frames.units import unit_of
 
 HEAD_BYTES: Final = 1 << 18
 _LINES: Final = 60  # of the head that are looked at
@@ -27,6 +28,8 @@ _BOMS: Final = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+_HEADER: Final = 4  # most rows of a header: a group, names, other names, units
+_TITLES: Final = 2  # most rows with one cell between header and data
 _SAMPLE: Final = 20  # rows that tell what a column holds
 _COMMA: Final = re.compile(r"-?\d+,\d+")
 _IN_BRACKETS: Final = re.compile(r"(.+?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
@@ -44,7 +47,7 @@ class Dialect:
     decimal_comma: bool = False
     has_quotes: bool = True  # cells may stand in quotes
     skip: int = 0  # rows before the first row of data, blank lines not counted
-    has_units: bool = False  # a row of units follows each header
+    below_names: int = 0  # rows between the names and the data, of units as a rule
     row: re.Pattern[str] | None = None  # how rows of data begin; None: all behind the header are
     steps: tuple[float, ...] = ()  # value of 1 in each column; () 1
     is_exact: bool = False  # every cell is a number or blank, every row has all cells
@@ -111,27 +114,18 @@ def dialect_of(path: Path) -> Dialect:
     found = [each for each in (_layout(lines, separator) for separator in _SEPARATORS) if each]
     if not found:
         raise RecordingError(f"{path}: no row of column names with rows of numbers below it")
-    best = max(found, key=lambda each: each.width)
-    header, width = best.data - 1, best.width
-    has_units = header > 0 and all(_is_wide(best.rows[i], width) for i in (header - 1, header))
-    header -= has_units
-    columns = _columns(
-        best.rows[header],
-        best.rows[header + 1] if has_units else (),
-        best.rows[best.data :],
-        comma=best.comma,
-    )
+    best = max(found, key=lambda each: (each.support * each.width, each.width))
     between = {"\t": "tabs", ";": "semicolons", ",": "commas"}[best.separator]
     comma = ", decimal commas" if best.comma else ""
     return Dialect(
         kind=f"text table, {between}{comma}, {encoding}",
-        columns=columns,
+        columns=_columns(best),
         encoding=encoding,
         separator=best.separator,
         decimal_comma=best.comma,
-        skip=header + 1 + has_units,
-        has_units=has_units,
-        preamble="\n".join(lines[:header]),
+        skip=best.data,
+        below_names=best.data - 1 - best.header[0],
+        preamble="\n".join(lines[: best.header[0]]),
     )
 
 
@@ -139,43 +133,61 @@ class _TextLayout(NamedTuple):
     separator: str
     comma: bool  # of decimals
     rows: list[list[str]]
+    header: list[int]  # rows of names, units and other names
     data: int  # the first row of data
     width: int  # cells of a row of data
+    support: int  # rows of data that the header can name
 
 
 def _layout(lines: Sequence[str], separator: str) -> _TextLayout | None:
-    """Return how the lines read with a separator, None if there is no header with data below."""
+    """Return how the lines read with a separator, None if there is no header with data below.
+
+    Of several headers the one counts that names most rows: settings may stand above a table.
+    """
     try:
         rows = list(csv.reader(io.StringIO("\n".join(lines)), delimiter=separator))
     except csv.Error:
         return None
     comma = separator != "," or any('"' in line for line in lines)
     comma = comma and any(_COMMA.fullmatch(cell.strip()) for row in rows for cell in row)
-    data = _first_data_row(rows, comma=comma)
-    return _TextLayout(separator, comma, rows, data, _width(rows[data:])) if data else None
+    is_data = [_is_data(row, comma=comma) for row in rows]
+    best: _TextLayout | None = None
+    for data in range(1, len(rows)):
+        if not is_data[data] or is_data[data - 1]:
+            continue
+        width = Counter(map(len, rows[data:])).most_common(1)[0][0]
+        header = _header(rows, is_data, data, width)
+        named = len({i for row in header for i, cell in enumerate(rows[row]) if cell.strip()})
+        filled = [sum(not is_no_value(c) for c in row) for row in rows[data:]]
+        support = sum(
+            d and n <= 1.25 * named + 1 for d, n in zip(is_data[data:], filled, strict=True)
+        )
+        if header and (best is None or support > best.support):
+            best = _TextLayout(separator, comma, rows, header, data, width, support)
+    return best
 
 
-def _width(rows: Sequence[Sequence[str]]) -> int:
-    """Return how many cells most of the rows have; of equally many lengths, the first."""
-    return Counter(map(len, rows)).most_common(1)[0][0]
+def _header(
+    rows: Sequence[Sequence[str]], is_data: Sequence[bool], data: int, width: int
+) -> list[int]:
+    """Return the rows of the header, up to four; titles of sections may part it from the data."""
+    below = data - 1
+    while (
+        below >= max(0, data - _TITLES)
+        and sum(bool(cell.strip()) for cell in rows[below]) <= 1 < width
+    ):
+        below -= 1
+    above = below
+    while (
+        above >= max(0, below - _HEADER + 1) and _is_wide(rows[above], width) and not is_data[above]
+    ):
+        above -= 1
+    return list(range(above + 1, below + 1))
 
 
 def _is_wide(row: Sequence[str], width: int) -> bool:
     """Return whether a row above the data may be names or units; blanks at its end may lack."""
     return 0.8 * width <= len(row) <= width + 1
-
-
-def _first_data_row(rows: Sequence[Sequence[str]], *, comma: bool) -> int | None:
-    """Return the number of the first row of numbers below names; None if there is none."""
-    for i in range(1, len(rows)):
-        above = rows[i - 1]
-        if (
-            _is_data(rows[i], comma=comma)
-            and _is_wide(above, _width(rows[i:]))
-            and not _is_data(above, comma=comma)
-        ):
-            return i
-    return None
 
 
 def _is_data(row: Sequence[str], *, comma: bool) -> bool:
@@ -185,20 +197,69 @@ def _is_data(row: Sequence[str], *, comma: bool) -> bool:
     return bool(filled) and 2 * numbers >= len(filled)
 
 
-def _columns(
-    names: Sequence[str], units: Sequence[str], sample: Sequence[Sequence[str]], *, comma: bool
-) -> tuple[RawColumn, ...]:
-    columns = []
-    for i, cell in enumerate(names):
-        name, unit = _one_line(cell), _one_line(units[i]) if i < len(units) else ""
-        found = [row[i] for row in sample[:_SAMPLE] if i < len(row) and not is_no_value(row[i])]
-        kind, wraps_s = "number", 0.0
-        if found and not any(is_number(text, comma=comma) for text in found):
-            times = [text for text in found if not isnan(clock(text))]
-            kind = "clock" if 2 * len(times) > len(found) else "text"
-            wraps_s = wrap_s(times[0]) if kind == "clock" else 0.0
-        columns.append(RawColumn(name, unit, kind, wraps_s))  # type: ignore[arg-type]
+def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:
+    header = [[_one_line(cell) for cell in layout.rows[row]] for row in layout.header]
+    units = _units_row(header)
+    others = [row for row in header if row is not units]
+    has_unit = [unit_of(_bare(cell), 1.0) is not None for cell in units or []]
+    names = max(
+        others,
+        key=lambda row: (
+            sum(bool(c) and u for c, u in zip(row, has_unit, strict=False)),
+            sum(map(bool, row)),
+            others.index(row),
+        ),
+    )
+    if len(others) > 1 and _named(others[0]) >= 0.8 * len(others[0]):
+        names = others[0]  # two rows of names: the first is the tool's own
+    below = header[header.index(names) + 1 :]
+    columns, seen = [], Counter[str]()
+    for i in range(max(map(len, header))):
+        name, unit = _cell(names, i), _bare(_cell(units or [], i))
+        more = tuple(cell for row in others if row is not names and (cell := _cell(row, i)))
+        if not name and len(header) > 1:  # of a clock beside others
+            name, unit, more = " ".join(filter(None, (_cell(row, i) for row in below))), "", ()
+        seen[name] += bool(name)
+        name = f"{name}#{seen[name]}" if seen[name] > 1 else name
+        columns.append(_column(layout, i, name, unit, more))
     return tuple(columns)
+
+
+def _units_row(header: Sequence[list[str]]) -> list[str] | None:
+    """Return the row of units: the one behind the first with most of them, else the second."""
+    if len(header) < 2:
+        return None
+    known = [
+        sum(unit_of(_bare(cell), 1.0) is not None for cell in row if cell) for row in header[1:]
+    ]
+    best = max(range(len(known)), key=lambda row: (known[row], row))  # names may be units, too
+    return header[1 + best] if any(known) or len(header) == 2 else None
+
+
+def _named(row: Sequence[str]) -> int:
+    return len(set(filter(None, row)))
+
+
+def _cell(row: Sequence[str], i: int) -> str:
+    return row[i] if i < len(row) else ""
+
+
+def _bare(text: str) -> str:
+    """Return a unit without the brackets around it."""
+    return text[1:-1].strip() if text[:1] + text[-1:] in ("()", "[]") else text
+
+
+def _column(
+    layout: _TextLayout, i: int, name: str, unit: str, others: tuple[str, ...]
+) -> RawColumn:
+    sample = layout.rows[layout.data : layout.data + _SAMPLE]
+    found = [row[i] for row in sample if i < len(row) and not is_no_value(row[i])]
+    kind, wraps_s = "number", 0.0
+    if found and not any(is_number(text, comma=layout.comma) for text in found):
+        times = [text for text in found if not isnan(clock(text))]
+        kind = "clock" if 2 * len(times) > len(found) else "text"
+        wraps_s = wrap_s(times[0]) if kind == "clock" else 0.0
+    return RawColumn(name, unit, kind, wraps_s, others)  # type: ignore[arg-type]
 
 
 def _one_line(text: str) -> str:

@@ -26,6 +26,7 @@ class RawColumn:
     unit: str = ""
     kind: Kind = "number"
     wraps_s: float = 0.0  # after which a clock starts again, 0 never
+    others: tuple[str, ...] = ()  # further names that the file gives it
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,7 @@ COUNTED: Final = {
     "repeated_headers": ("repeated header", "left out"),
     "bad_checksum": ("record", "with a wrong checksum left out"),
     "damaged_bytes": ("byte", "outside of any record passed over"),
+    "rows_spread": ("row", "with the time of another one spread over the step to the next"),
     "rows_without_time": ("row", "without a time left out"),
     "rows_out_of_order": ("row", "older than one before left out"),
     "repeated_times": ("row", "with the time of the next one left out"),

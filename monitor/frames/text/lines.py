@@ -45,7 +45,7 @@ def line_chunks(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Iterator[Byte
         if min(ends, default=len(text)) >= MARGIN + LINE_BYTES:
             raise too_long()
         # a final return may be half a line end
-        cut = text.rfind(b"\n") + 1 or text.rfind(b"\r", 0, len(text) - 1) + 1 or MARGIN
+        cut = max(text.rfind(b"\n"), text.rfind(b"\r", 0, len(text) - 1)) + 1 or MARGIN
         if isinstance(ending, _EndError) and text.endswith(b"\r"):
             cut = len(text)
         if isinstance(ending, _EndError) and cut < len(text):

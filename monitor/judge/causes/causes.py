@@ -79,6 +79,11 @@ def causes(seen: Observed, asked: Asked, judgement: Judgement | None = None) -> 
     """
     if not seen.samples:
         return [Cause("samples", 0.0, None, "empty", "the recording holds no sample")]
+    needed = asked.config.enable.model_settle_samples + asked.config.window.n_samples
+    if seen.samples < needed:
+        length_s, least_s = seen.samples * seen.period_s, needed * seen.period_s
+        advice = f"the recording is {length_s:.1f} s long, at least {least_s:g} s are wanted"
+        return [Cause("samples", None, None, "short", advice)]
     undecided = judgement is None or "response" in judgement.unfinished
     found = [*_blocked(seen, asked)] if undecided else []
     found += _open_loop(seen, asked)

@@ -101,8 +101,8 @@ def test_a_log_that_ends_in_a_row_is_read_to_that_row_and_says_so(tmp_path: Path
         (b"Time,RPM\n", "no row of column names"),
         (b"1,2\n3,4\n", "no row of column names"),
         (b"just some prose\nin two lines\n", "no row of column names"),
-        (b"Time,RPM\n0,1\n1\n2,3\n", "line 3: 1 cell, the header has 2 columns"),
-        (b"Time,RPM,AFR,TPS\n0,1\n1,2,3,4\n2,2,3,4\n", "line 2: 2 cells, the header has 4 columns"),
+        (b"Time,RPM\n0,1\n1\n2\n2,3\n", "line 3: 1 cell, the header has 2 columns"),
+        (b"Time,RPM,AFR\n1,2,3\n" + b"0,1\n" * 2, "line 3: 2 cells, the header has 3 columns"),
         (bytes(range(256)) * 20, "binary data"),
     ],
 )

@@ -304,10 +304,11 @@ def test_an_own_profile_beside_the_log_or_in_the_user_s_folder_is_recognised(
     assert table.profile == "race"
     np.testing.assert_allclose(column(table, "lambda_measured"), D["afr"] / 6.4, rtol=1e-4)
     assert any("your own of" in line and "race.toml" in line for line in check_table(log).header)
-    # AND a profile that cannot be used is named, not passed over
+    # AND one that cannot be used costs the logs beside it a note, no more
     (drives / "race.toml").write_text('based_on = "megasquirt"\nstoich_afr = "E85"\n')
-    with pytest.raises(ConfigError, match=r"race\.toml: stoich_afr"):
-        read_table(log)
+    table = read_table(log)
+    assert table.profile == "e85"
+    assert "race.toml: stoich_afr" in table.notes.lines[0]
 
 
 def test_low_pressure_is_no_fuel_cut_where_a_pulse_width_says_otherwise(tmp_path: Path) -> None:

@@ -23,11 +23,14 @@ _NAMES: Final[dict[str, dict[float, str]]] = {
     | {27.215542: "lb/min lbs/min"},
     "time": {1.0: "s sec secs seconds", 1e-3: "ms msec millisec milliseconds", 60.0: "min"}
     | {3600.0: "h", 1e-6: "us µs μs", 1e-9: "ns"},
-    "speed of rotation": {1.0: "1/min rpm rev/min r/min min-1", 60.0: "hz"},
+    "speed of rotation": {1.0: "1/min /min u/min rpm rev/min r/min min-1", 60.0: "hz"},
     "share": {1.0: "% percent pct"},
     "voltage": {1.0: "v volt volts", 1e-3: "mv"},
     "current": {1.0: "ma", 1000.0: "a", 1e-3: "µa"},
-    "mass": {1.0: "mg mg/stroke mg/cyl", 1000.0: "g g/stroke"},
+    "mass": {
+        1.0: "mg mg/stroke mg/stk mg/str mg/cyl mg/hub",
+        1000.0: "g g/stroke g/stk g/cyl g/hub",
+    },
     "load": {1.0: "g/rev", 1e-3: "mg/rev"},
     "torque": {1.0: "nm n·m", 1.355818: "lbft lb-ft ft-lb"},
     "temperature": {1.0: "c °c degc celsius"},
@@ -53,6 +56,17 @@ AFR: Final = (
 )  # lambda = value / stoichiometric
 
 
+# stoichiometric ratio of the fuel that a unit names
+FUELS: Final = {
+    "e85": 9.8,
+    "ethanol": 9.0,
+    "methanol": 6.5,
+    "diesel": 14.5,
+    "lpg": 15.5,
+    "cng": 17.2,
+}
+
+
 def unit_of(text: str, stoich_afr: float) -> Unit | None:
     """Return the unit that a logger calls ``text``, None if it is none that is known.
 
@@ -62,6 +76,9 @@ def unit_of(text: str, stoich_afr: float) -> Unit | None:
     name = text.strip().casefold().replace(" ", "").rstrip(".")
     if name in AFR:
         return Unit("lambda", 1.0 / stoich_afr)
+    fuel = name.removeprefix("afr").strip("()[]-_:")
+    if name.startswith("afr") and fuel in FUELS:
+        return Unit("lambda", 1.0 / FUELS[fuel])
     if len(name) > 1 and name[-1] in "cf" and not name[:-1].isalnum() and not name[:-1].isascii():
         name = f"°{name[-1]}"  # a degree sign that an encoding has spoilt
     if name.startswith("deg") and name[-1:] in ("c", "f"):

@@ -1,0 +1,185 @@
+"""Tables as tools write them: headers of several rows, settings above, own times, units."""
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor import cli
+from monitor.base.errors import RecordingError
+from monitor.grid.tables import Table, read_table
+
+ROWS = range(40)
+RPM = [1500 + 20 * i for i in ROWS]
+AIR = [10.0 + 0.5 * i for i in ROWS]  # g/s
+AFR = [14.0 + 0.03 * i for i in ROWS]
+
+
+def rows(form: Callable[[int], str]) -> str:
+    return "".join(form(i) + "\n" for i in ROWS)
+
+
+TABLES = {
+    "three rows of header": (
+        "Logfile of a tool\n\nTime , nmot_w , mshfm_w , lamsoni_w\n s , rpm , g/s , - \n"
+        '"TIME","EngineSpeed","MassAirFlow","AirFuelRatioCurrent"\n'
+        + rows(lambda i: f"{i / 10}, {RPM[i]}, {AIR[i]}, {AFR[i] / 14.7:.4f}"),
+        {"engine_speed_rpm": "nmot_w", "maf_kg_h": "mshfm_w", "lambda_measured": "lamsoni_w"},
+    ),
+    "sections": (
+        "A Log File\nVersion: 1.0\n\n[Channel Information]\n0,12,5,9\nOffset,RPM,Air,A2 Wideband\n"
+        "s,rpm,g/s,AFR\n\n[Channel Data]\n"
+        + rows(lambda i: f"{i / 10},{RPM[i]},{AIR[i]},{AFR[i]}"),
+        {"engine_speed_rpm": "RPM", "lambda_measured": "A2 Wideband"},
+    ),
+    "settings above the table": (
+        "Firmware,Engine,Gain,,\n4/15,X,0,,\nSafety,PID,Fuel,,\n28,10,60,,\n"
+        "timestamp,rpm,afr,air,boost\n" + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i]},{AIR[i]},1"),
+        {"engine_speed_rpm": "rpm", "lambda_measured": "afr"},
+    ),
+    "units in brackets": (
+        "Session: 8,,,\ntime,LC1,RPM,X\n(sec),(AFR),(RPM),(g/s)\n"
+        + rows(lambda i: f"{i / 10},{AFR[i]},{RPM[i]},{AIR[i]}"),
+        {"engine_speed_rpm": "RPM", "lambda_measured": "LC1"},
+    ),
+    "one value a row": (
+        '"SECONDS";"PID";"VALUE";"UNITS"\n'
+        + rows(
+            lambda i: (
+                f'"{i / 10}";"Engine RPM";"{RPM[i]}";"rpm"\n'
+                f'"{i / 10 + 0.02}";"Mass Air Flow";"{AIR[i]}";"g/s"\n'
+                f'"{i / 10 + 0.05}";"Wide Range Equivalence ratio";"{AFR[i] / 14.7:.4f}";""'
+            )
+        ),
+        {"engine_speed_rpm": "Engine RPM", "lambda_measured": "Wide Range Equivalence ratio"},
+    ),
+}
+
+
+def proposed(path: Path) -> tuple[Table, dict[str, str]]:
+    """Return a table read with the profile that is proposed for it, and the profile's columns."""
+    profile = path.with_suffix(".toml")
+    assert cli.main(["check", str(path), "--write-profile", str(profile)]) == 0
+    signals = tomllib.loads(profile.read_text())["signals"]
+    columns = {k: v["column"] if isinstance(v, dict) else v for k, v in signals.items()}
+    return read_table(path, profile), columns
+
+
+def values(table: Table, name: str) -> np.ndarray:
+    found = table.values[:, table.names.index(name)]
+    return found[np.isfinite(found)]
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_the_proposed_profile_reads_names_and_units_as_they_stand(
+    tmp_path: Path, name: str
+) -> None:
+    text, wanted = TABLES[name]
+    path = tmp_path / "drive.csv"
+    path.write_text(text)
+    table, columns = proposed(path)
+    assert wanted.items() <= columns.items()
+    np.testing.assert_allclose(np.unique(values(table, "engine_speed_rpm")), RPM)
+    seen = np.unique(np.round(values(table, "lambda_measured"), 3))
+    np.testing.assert_allclose(seen, np.round(np.array(AFR) / 14.7, 3), atol=2e-3)
+
+
+def test_groups_with_clocks_of_their_own_keep_their_times(tmp_path: Path) -> None:
+    # GIVEN two groups of columns, the second logged 0.3 s after the first
+    path = tmp_path / "groups.csv"
+    path.write_text(
+        "Friday,1,May\n,Group A:,'003,,Group B:,'033,\n,,RPM,Mass Flow,,Lambda,\n,TIME,,,TIME,,\n"
+        "Marker,STAMP,/min,g/s,STAMP,,\n"
+        + rows(lambda i: f",{i / 2},{RPM[i]},{AIR[i]},{i / 2 + 0.3},{0.9 + i / 200},")
+    )
+    # WHEN the proposed profile reads it
+    table, columns = proposed(path)
+    assert columns == {
+        "engine_speed_rpm": "RPM",
+        "maf_kg_h": "Mass Flow",
+        "lambda_measured": "Lambda",
+    }
+    # THEN a row has the last value that its time had seen
+    assert values(table, "engine_speed_rpm").tolist() == RPM
+    np.testing.assert_allclose(values(table, "lambda_measured"), [0.9 + i / 200 for i in ROWS[:-1]])
+
+
+def test_a_column_whose_unit_is_of_another_quantity_carries_no_signal(tmp_path: Path) -> None:
+    # GIVEN each quantity in volts and in its own unit, under one name
+    path = tmp_path / "volts.csv"
+    path.write_text(
+        "Time (msec),Engine Speed (rpm),Mass Airflow (V),Mass Airflow (g/s),AEM UEGO Wideband (V),"
+        "AEM UEGO Wideband (AFR),Engine Load (%)\n"
+        + rows(lambda i: f"{100 * i},{RPM[i]},1.5,{AIR[i]},2.2,{AFR[i]},54")
+    )
+    table = read_table(path)
+    # THEN the one whose unit converts is taken, and a load in percent is none in g per revolution
+    np.testing.assert_allclose(values(table, "lambda_measured"), np.array(AFR) / 14.7)
+    np.testing.assert_allclose(values(table, "maf_kg_h"), 3.6 * np.array(AIR))
+    assert "load_g_per_rev" not in table.names
+    assert any("Engine Load (%): its unit % is none of" in line for line in table.notes.lines)
+
+
+@pytest.mark.parametrize(
+    ("column", "cells", "signal"),
+    [
+        ("Fuel Lambda Mod", "1", "lambda_measured"),  # a correction
+        ("Lambda", "1", "lambda_measured"),  # a constant
+        ("MAF Req [g/s]", "", "maf_kg_h"),  # commanded
+        ("Airmass (bananas/stk)", "", "air_mass_mg"),  # a unit that nobody knows
+    ],
+)
+def test_what_is_no_measurement_is_not_proposed(
+    tmp_path: Path, column: str, cells: str, signal: str
+) -> None:
+    path, out = tmp_path / "drive.csv", tmp_path / "drive.toml"
+    path.write_text(f"Time,RPM,{column}\n" + rows(lambda i: f"{i / 10},{RPM[i]},{cells or AIR[i]}"))
+    assert cli.main(["check", str(path), "--write-profile", str(out)]) == 0
+    assert signal not in tomllib.loads(out.read_text())["signals"]
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("g/stk", 1000.0), ("mg/stk", 1.0), ("g/cyl", 1000.0), ("mg", 1.0)]
+)
+def test_masses_per_stroke_are_converted(tmp_path: Path, unit: str, factor: float) -> None:
+    path = tmp_path / "drive.csv"
+    path.write_text(
+        f"Time,RPM,Airmass ({unit})\n"
+        + rows(lambda i: f"{i / 10},{RPM[i]},{(200 + i) / factor:.5f}")
+    )
+    table, _ = proposed(path)
+    np.testing.assert_allclose(values(table, "air_mass_mg"), [200 + i for i in ROWS], atol=0.01)
+
+
+def test_a_counter_of_rows_is_no_time(tmp_path: Path) -> None:
+    path = tmp_path / "frames.csv"
+    path.write_text(
+        "Frame,Duration,RPM,A/F Ratio\n0,281.8,1500,14.7\n"
+        + rows(lambda i: f"{i + 1},{(i + 1) / 10},{RPM[i]},{AFR[i]}")
+    )
+    table, _ = proposed(path)
+    np.testing.assert_allclose(np.diff(table.t_ns), 1e8)
+    assert len(table.t_ns) == len(ROWS)  # the old first row is left out, and told
+    assert any("1 row older" in line for line in table.notes.lines)
+
+
+def test_rows_of_whole_seconds_are_spread_over_them(tmp_path: Path) -> None:
+    path = tmp_path / "seconds.csv"
+    path.write_text("Time,RPM,AFR\n" + rows(lambda i: f"00:00:{i // 10:02d},{RPM[i]},{AFR[i]}"))
+    table, _ = proposed(path)
+    np.testing.assert_allclose(np.diff(table.t_ns), 1e8, atol=1)
+    assert any("36 rows with the time of another one" in line for line in table.notes.lines)
+
+
+def test_one_broken_row_costs_a_note_and_many_the_table(tmp_path: Path) -> None:
+    path = tmp_path / "broken.csv"
+    good = [f"{i / 10},{1500 + i},{14.0 + i / 99:.2f}\n" for i in range(99)]
+    path.write_text("Time,RPM,AFR\n" + "".join([*good[:50], "5.0,15\n", *good[51:]]))
+    table, _ = proposed(path)
+    assert len(table.t_ns) == 98
+    assert "1 row left out, the first: line 52: 2 cells" in "".join(table.notes.lines)
+    path.write_text("Time,RPM,AFR\n" + "".join([*good[:50], *["5.0,15\n"] * 4, *good[51:]]))
+    with pytest.raises(RecordingError, match="line 52: 2 cells, the header has 3 columns"):
+        read_table(path, path.with_suffix(".toml"))
