@@ -27,7 +27,7 @@ class Work:
 
     def __init__(self, limit: float = np.inf, wall_end_s: float = np.inf) -> None:
         self.limit, self.wall_end_s = limit, wall_end_s
-        self.spent, self.ended_by_wall = 0.0, False
+        self.spent, self.is_used_up, self.ended_by_wall = 0.0, False, False
 
     @classmethod
     def of_minutes(cls, minutes: float, wall_minutes: float | None = None) -> "Work":
@@ -44,7 +44,7 @@ class Work:
         """Return whether no further epoch may begin."""
         if time.monotonic() > self.wall_end_s:
             self.ended_by_wall = True
-        return self.ended_by_wall or self.spent >= self.limit
+        return self.ended_by_wall or self.is_used_up or self.spent >= self.limit
 
     def up_to(self, limit: float) -> "Work":
         """Return a budget of its own within this one, to be joined again."""
@@ -70,9 +70,15 @@ class Meter:
     def __init__(self, work: Work, per_epoch: float) -> None:
         self._work, self._per_epoch = work, per_epoch
 
+    def is_over(self) -> bool:
+        """Return whether the budget allows no further epoch."""
+        work = self._work
+        work.is_used_up |= work.spent + self._per_epoch > work.limit
+        return work.is_over()
+
     def begins_epoch(self) -> bool:
         """Count a further epoch; return False if the budget allows none."""
-        if self._work.is_over():
+        if self.is_over():
             return False
         self._work.spent += self._per_epoch
         return True

@@ -217,14 +217,14 @@ def test_the_budget_of_work_ends_the_training_with_the_best_so_far(tmp_path: Pat
     result = fit(source_of(plant(1)), tmp_path / "m.onnx", options)
     # THEN the work stays within it but for the last epochs, and the fit says that it was cut
     counted = result.card.checks["work"]
-    assert counted["counted"] < 60 * epoch
+    assert counted["counted"] <= 40 * epoch
     assert not counted["ended_by_wall"]
     assert any("budget ended" in w for w in result.warnings)
     with pytest.raises(UsageError, match="ended before the first epoch"):
         fit(
             source_of(plant(1)),
             tmp_path / "m.onnx",
-            FitOptions(hidden=(4,), budget_minutes=1e-12, wall_minutes=0.0),
+            FitOptions(hidden=(4,), budget_minutes=1e-9),
         )
 
 

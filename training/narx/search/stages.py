@@ -179,20 +179,21 @@ def train(
     n_train = int((data.role == Role.TRAIN).sum())
     random = random_pieces(data, spec, rng, RANDOM_SHARE * min(n_train, n_samples or n_train))
     for horizon in horizons:
-        if work.is_over():
-            if best.stages:
-                best.stages[-1] = replace(best.stages[-1], stop="budget")
-            break
         early = EARLY_SAMPLES if horizon < 100 else sys.maxsize
         cut = pieces(data, spec, horizon, min(early, n_samples or early))
         taken = cut + random if horizon >= FORGET_FROM else cut
         objective = ClosedLoop(spec, data.samples, taken, decay=decay)
+        meter = work.on(objective.n_samples, spec.n_weights)
+        if meter.is_over():
+            if best.stages:
+                best.stages[-1] = replace(best.stages[-1], stop="budget")
+            break
         outcome = minimise(
             objective,
             weights,
             LmOptions(epochs=epochs.get(horizon, 30), max_fail=8 if horizon > 1 else 40),
             validate=validation.score,
-            meter=work.on(objective.n_samples, spec.n_weights),
+            meter=meter,
             progress=_tell(progress, horizon, best),
         )
         best.stages.append(_stage(f"horizon {horizon}", outcome))
