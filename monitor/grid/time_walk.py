@@ -10,7 +10,7 @@ from monitor.decode.alive import AliveCounters
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import EXTENDED
 from monitor.frames.loop_frames import FIRST_ID
-from monitor.grid.block_assembler import LATEST_NS
+from monitor.grid.block_assembler import LATEST_NS, MAX_JUMP_NS
 from monitor.grid.recent_frames import KEPT, RecentFrames
 
 WITNESSES: Final = 32  # frames behind a doubtful one that confirm its time or not
@@ -45,7 +45,7 @@ class Walk:
     ) -> None:
         self.newest_ns, self.shift_ns, self._pause_ns = newest_ns, shift_ns, pause_ns
         self.at, self.gaps = 0, list[int]()
-        whole, self._whole_raw_ns, self._n_before = recent.before(frames)
+        whole, self._n_before = recent.before(frames)
         self._t_ns = whole.t_ns.copy()  # believed where the walk has been
         self._whole = whole._replace(t_ns=self._t_ns)
         self._alive: AliveCounters | None = None  # read when they are needed
@@ -114,25 +114,16 @@ class Walk:
             end=at + LOOK,
             pause_ns=t_ns - self.newest_ns if is_forward else None,
         )
-        if verdict == "missed" and is_forward and self._is_filled(at, t_ns):
-            verdict = "unknown"
         is_step = verdict == "went on" or not is_forward or t_ns >= LATEST_NS
         counters.clock_steps += is_step
-        if verdict != "went on" and (is_step or verdict == "unknown"):
-            self.gaps.append(self.at)
+        is_silence = not is_step and verdict == "missed" and t_ns - self.newest_ns > MAX_JUMP_NS
+        if verdict != "went on" and not is_silence:
+            self.gaps.append(self.at)  # nobody was heard: the logger may have slept, or the bus
             counters.log_gaps += not is_step
         if is_step:
             self.shift_ns += t_ns - self.newest_ns
             t_ns = self.newest_ns
         self._accept(t_ns)
-
-    def _is_filled(self, at: int, t_ns: int) -> bool:
-        """Return whether frames before or behind have times within the pause that ends at t_ns.
-
-        at : place of the frame that ends the pause
-        """
-        around_ns = self._whole_raw_ns[max(at - KEPT, 0) : at + KEPT] - wrapped(self.shift_ns)
-        return bool(np.any((around_ns > self.newest_ns) & (around_ns < t_ns)))
 
     def _comes_on_time(self, t_ns: int) -> bool:
         """Return whether a frame is on time while others, which used to come between, do not.

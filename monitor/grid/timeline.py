@@ -5,11 +5,10 @@ A frame in time passes as it is. A frame far from the newest time is one of thes
 outlier    most frames behind it disagree with its time: it gets the newest time
 clock step the clock of the log was set, back or forward: all later times are moved so that they
            go on; forward only if alive counters say that no frame was missed
-silence    alive counters say that frames were missed, or the message came on its own usual time:
-           time has passed and is believed
-log gap    no counter tells, or other frames of the log have times within the pause, so that its
-           order is broken, not the bus: the time is believed, a ``log_gap`` frame before it ends
-           all windows
+silence    the message came on its own usual time, so the log was awake; or alive counters say that
+           frames were missed for more than a minute: time has passed and is believed
+log gap    nobody was heard, and the logger may have slept as well as the bus: the time is believed,
+           a ``log_gap`` frame before it ends all windows
 
 Times of the loop's own frames are always believed: the loop has measured them. No result depends
 on where blocks begin.
@@ -56,7 +55,7 @@ class Timeline:
             if self._shift_ns:
                 block = block._replace(t_ns=block.t_ns - wrapped(self._shift_ns))
             self._newest_ns = int(block.t_ns[-1])
-            self._recent.push(block, block.t_ns + wrapped(self._shift_ns))
+            self._recent.push(block)
             return (block,)
         waiting = [] if self._waiting is None else [self._waiting]
         return self._walked(joined([*waiting, block]), is_last=False)
@@ -87,6 +86,6 @@ class Timeline:
         if n == 0:
             return ()
         believed = chosen(frames, slice(0, n))._replace(t_ns=walk.believed_ns(n))
-        self._recent.push(believed, frames.t_ns[:n])
+        self._recent.push(believed)
         marks = [log_gap(int(believed.t_ns[place])) for place in walk.gaps]
         return (inserted(believed, walk.gaps, block_of(marks)),) if marks else (believed,)
