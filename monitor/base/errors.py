@@ -6,6 +6,7 @@ O2Error
 ├── SignalMapError    a CAN database and a signal map do not fit each other
 ├── RecordingError    a log or table cannot be read
 │   └── MissingSignalsError  it lacks signals that the model needs
+│       └── CoarseTableError its rows are further apart than the samples of the model
 ├── ModelError        a model file has no card, or its card and graph disagree
 └── BusError          a CAN interface cannot be opened or has failed
 
@@ -35,6 +36,10 @@ class RecordingError(O2Error):
 
 class MissingSignalsError(RecordingError):
     """A recording lacks signals that the model needs."""
+
+
+class CoarseTableError(MissingSignalsError):
+    """A table has its rows further apart than the model's samples."""
 
 
 class ModelError(O2Error):

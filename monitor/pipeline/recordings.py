@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from monitor.base.errors import MissingSignalsError
+import numpy as np
+
+from monitor.base.errors import CoarseTableError, MissingSignalsError
 from monitor.base.signals import BY_NAME
 from monitor.base.types import SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
@@ -28,6 +30,7 @@ from monitor.pipeline.entry import (
 )
 from monitor.pipeline.names import check_names, lacking_names, needed_names, needs
 
+COARSE: Final = 1.5  # steps of the model's grid from which its response cannot be told between rows
 OTHER_MODEL: Final = "train a model on healthy drives of this car: o2train fit LOG… --out M.onnx"
 
 
@@ -129,7 +132,7 @@ class RecordingReader:
     def table(self, table: Table) -> OpenRecording:
         """Return a table as a recording of one block.
 
-        Raises RecordingError if it lacks a signal that the model needs.
+        Raises RecordingError if it lacks a signal of the model or its rows are too far apart.
         """
         lacking = lacking_names(self._card, table.names)
         if lacking and table.profile:
@@ -139,6 +142,12 @@ class RecordingReader:
             )
         if lacking:
             raise MissingSignalsError(f"{table.path}: {needs(lacking, table.names)}")
+        step_ns = float(np.median(np.diff(table.t_ns))) if len(table.t_ns) > 1 else 0.0
+        if step_ns > COARSE * self._card.period_ns:
+            raise CoarseTableError(
+                f"{table.path}: samples every {step_ns / 1e9:.3g} s, the model needs them every "
+                f"{self._card.period_ns / 1e9:g} s; log faster, or {OTHER_MODEL}"
+            )
         block = table_block(table, table.names, self._card.period_ns)
         counters = table_counts(table, block, self._card)
         sources = {name: SignalSource(table.column_of(name)) for name in table.names}

@@ -119,7 +119,7 @@ def replay(
     try:
         opened = reader.open(path)
     except MissingSignalsError as lacking:
-        table = without_model.table_of(path, setup.columns)
+        table = without_model.table_of(path, setup.columns, lacking)
         if table is None:
             raise
         recording = _without_model(table, sha256, setup.config, memory, lacking)

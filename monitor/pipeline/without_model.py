@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.errors import MissingSignalsError
+from monitor.base.errors import CoarseTableError, MissingSignalsError
 from monitor.base.signals import OUTPUT
 from monitor.base.types import SampleBlock
 from monitor.grid.table_samples import table_block
@@ -35,16 +35,18 @@ TESTS: Final = ("communication", "range", "ready", "activity")
 CUT, PULSE = "fuel_cut", "injector_pulse_width_ms"
 
 
-def table_of(path: Path, columns: Path | None) -> Table | None:
+def table_of(path: Path, columns: Path | None, lacking: MissingSignalsError) -> Table | None:
     """Return the table if some test can judge it, None for any other recording.
 
+    lacking : why the model cannot judge it
     An own table that lacks a column is a mistake of its maker; a logger's file lacks what its car
     does not tell.
     """
     if not is_table(path):
         return None
     table = read_table(path, columns)
-    has_reading = bool(table.profile) and {OUTPUT, ENGINE} <= set(table.names)
+    may_lack = bool(table.profile) or isinstance(lacking, CoarseTableError)
+    has_reading = may_lack and {OUTPUT, ENGINE} <= set(table.names)
     return table if VOLTAGE in table.names or has_reading else None
 
 

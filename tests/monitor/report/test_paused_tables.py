@@ -29,3 +29,18 @@ def test_a_table_of_a_healthy_drive_with_a_pause_gets_no_code(
     (judged,) = json.loads(out.read_text())["recordings"]
     assert judged["dtcs"] == []
     assert judged["windows_interrupted"] >= 1
+
+
+@pytest.mark.parametrize("every", [2, 5, 10])
+def test_a_table_with_rows_further_apart_than_the_model_s_samples_is_not_judged_by_it(
+    every: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = load(DRIVE)
+    t_s = np.arange(len(recording.values)) * recording.period_ns / 1e9
+    table = tmp_path / "coarse.csv"
+    cells = np.column_stack([t_s, recording.values])[::every]
+    header = ",".join(("time_s", *recording.names))
+    np.savetxt(table, cells, "%.9g", ",", header=header, comments="")
+    assert cli.main(["replay", str(table)]) == 3
+    told = capsys.readouterr().out
+    assert f"samples every {every / 10:g} s, the model needs them every 0.1 s" in told
