@@ -10,6 +10,7 @@ from typing import Final, cast
 from urllib.parse import SplitResult, urlsplit
 
 from monitor.base.errors import O2Error, UsageError
+from monitor.base.foreign import ForeignError, foreign
 from monitor.sinks.record import Sink, Tags
 
 GROUP: Final = "o2_monitor.sinks"
@@ -34,12 +35,17 @@ def open_sink(address: str, tags: Tags) -> Sink:
         )
     point = known[url.scheme]
     try:
-        return cast(Sink, point.load()(url, dict(tags)))
-    except O2Error as error:
-        raise UsageError(f"--sink {shown(address)}: {error}") from None
-    except Exception as error:  # of somebody else's code
-        reason = str(error) or type(error).__name__
-        raise UsageError(f"--sink {shown(address)}: {point.value} fails: {reason}") from error
+        with foreign(point.value):
+            sink = point.load()(url, dict(tags))
+    except ForeignError as error:
+        own = error.__cause__ if isinstance(error.__cause__, O2Error) else error
+        raise UsageError(f"--sink {shown(address)}: {own}") from error
+    if not all(callable(getattr(sink, each, None)) for each in ("write", "close")):
+        kind = type(sink).__name__
+        raise UsageError(
+            f"--sink {shown(address)}: {point.value} returned {kind}, a sink is wanted"
+        )
+    return cast(Sink, sink)
 
 
 def shown(address: str) -> str:

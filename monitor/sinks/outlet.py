@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final, Literal
 
+from monitor.base.foreign import ForeignError, foreign, one_line
 from monitor.sinks.record import Record, Sink
 
 QUEUED: Final = 10_000  # records; at one a second nearly three hours without a connection
@@ -91,9 +92,10 @@ class Outlet:
         """Write all that waits; return whether the sink took it."""
         while self._take():
             try:
-                self._sink.write(self._batch)
-            except Exception as error:  # whatever a library or a plug-in raises
-                self._lose(error)
+                with foreign("it"):  # whatever a library or a plug-in raises
+                    self._sink.write(self._batch)
+            except ForeignError as error:
+                self._lose(error.__cause__ or error)
                 return False
             self.sent += len(self._batch)
             self._batch = []
@@ -108,16 +110,17 @@ class Outlet:
                 self._batch.append(self._queue.popleft())
         return bool(self._batch)
 
-    def _lose(self, error: Exception) -> None:
+    def _lose(self, error: BaseException) -> None:
         if self.state != "lost":
             self.lost += 1
-            reason = str(error) or type(error).__name__
+            reason = one_line(error) or type(error).__name__
             self._notes.append(f"sink {self.name} takes nothing: {reason}; it is tried again")
         self.state = "lost"
         self._quietly(self._sink.close)
 
     def _quietly(self, call: Callable[[], None]) -> None:
         try:
-            call()
-        except Exception as error:
-            self._notes.append(f"sink {self.name} did not close: {error}")
+            with foreign(f"sink {self.name}"):
+                call()
+        except ForeignError as error:
+            self._notes.append(f"{error} when it is closed")

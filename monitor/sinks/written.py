@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from monitor.base.errors import UsageError
+from monitor.base.foreign import ForeignError, foreign
 from monitor.pipeline.events import BlockEvent, singly
 from monitor.pipeline.monitor import SensorMonitor
 from monitor.sinks.outlet import BATCH
@@ -49,7 +50,7 @@ class Written:
         records, self._waiting = self._waiting, []
         for name, sink in self._sinks.items() if records else ():
             try:
-                sink.write(records)
-            except Exception as error:
-                reason = str(error) or type(error).__name__
-                raise UsageError(f"--sink {name}: {reason}") from error
+                with foreign(f"--sink {name}"):
+                    sink.write(records)
+            except ForeignError as error:
+                raise UsageError(str(error)) from error

@@ -4,14 +4,18 @@ A plug-in brings a reader by the entry point ``o2_monitor.readers``: its name is
 the point, its object a function from a path to a ``RawTable``.
 """
 
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 from monitor.base.errors import RecordingError
+from monitor.base.foreign import ForeignError, foreign, returned
+from monitor.base.types import FloatArray
 from monitor.frames.tables import delimited, mlg
-from monitor.frames.tables.raw_table import RawTable
+from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
 
 GROUP: Final = "o2_monitor.readers"
 TEXT: Final = (".csv", ".msl", ".txt", ".tsv")
@@ -60,12 +64,19 @@ def open_table(path: Path) -> RawTable:
 
 
 def _through_plugin(path: Path, plugin: EntryPoint) -> RawTable:
+    name = f"the reader {plugin.value}"
     try:
-        return cast(RawTable, plugin.load()(path))
-    except RecordingError:
-        raise
-    except Exception as error:  # of somebody else's code
-        raise RecordingError(f"{path}: the reader {plugin.value} fails: {reason(error)}") from error
+        raw = returned(name, lambda: plugin.load()(path), RawTable)
+    except ForeignError as error:
+        if isinstance(error.__cause__, RecordingError):
+            raise error.__cause__ from None
+        raise RecordingError(f"{path}: {error}") from error
+
+    def read(wanted: Sequence[Wanted], notes: Notes) -> Iterator[FloatArray]:
+        with foreign(name):
+            yield from raw.read(wanted, notes)
+
+    return replace(raw, read=read)
 
 
 def reason(error: Exception) -> str:

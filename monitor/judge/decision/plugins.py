@@ -12,6 +12,7 @@ from functools import cache
 from typing import ClassVar, Final, Literal, Protocol
 
 from monitor.base.errors import ConfigError, O2Error
+from monitor.base.foreign import ForeignError, foreign, returned
 from monitor.judge.window import Window
 from monitor.memory.codes import admit
 
@@ -54,13 +55,12 @@ def _load(name: str) -> RuleClass:
     if name not in points:
         raise ConfigError(f"[rules] {name}: no such rule; installed are {sorted(points) or 'none'}")
     try:
-        rule: RuleClass = points[name].load()
-        admit(name, rule.faults)
+        rule: RuleClass = returned(points[name].value, points[name].load, type)
+        with foreign(points[name].value):
+            faults = dict(rule.faults)
+        admit(name, faults)
     except O2Error as error:
-        raise ConfigError(f"[rules] {name}: {error}") from None
-    except Exception as error:  # of somebody else's code
-        reason = str(error) or type(error).__name__
-        raise ConfigError(f"[rules] {name}: {points[name].value} fails: {reason}") from error
+        raise ConfigError(f"[rules] {name}: {error}") from error
     return rule
 
 
@@ -70,10 +70,9 @@ def opinion(name: str, rule: Rule, window: Window) -> Opinion:
     Raises ConfigError if the rule fails, or names a fault that it has not.
     """
     try:
-        said = rule.judge(window)
-        if said.outcome == "failed" and said.fault not in rule.faults:
-            raise ValueError(f"{said.fault!r} is none of its faults")
-    except Exception as error:  # of somebody else's code
-        reason = str(error) or type(error).__name__
-        raise ConfigError(f"[rules] {name} fails: {reason}") from error
+        said = returned(name, lambda: rule.judge(window), Opinion)
+    except ForeignError as error:
+        raise ConfigError(f"[rules] {error}") from error
+    if said.outcome == "failed" and said.fault not in rule.faults:
+        raise ConfigError(f"[rules] {name} fails: {said.fault!r} is none of its faults")
     return said

@@ -46,16 +46,18 @@ def test_a_recording_is_not_written_over_by_what_is_made_of_it(
 def test_a_log_that_cannot_be_made_leaves_the_one_that_was_there(
     drive: Path, tmp_path: Path
 ) -> None:
-    # GIVEN a log, and a recording that is cut short
-    kept, cut = tmp_path / "kept.log", tmp_path / "cut.blf"
+    # GIVEN a log, and a recording with a damaged container in its middle
+    kept, damaged = tmp_path / "kept.log", tmp_path / "damaged.blf"
     kept.write_text("(1.0) can0 123#00\n")
-    cut.write_bytes(drive.read_bytes()[:200_000])
+    content = bytearray(drive.read_bytes())
+    content[200_000] ^= 0x10
+    damaged.write_bytes(content)
     # WHEN faults are to be put into what is left of it
-    words = ["inject", str(cut), "--out", str(kept), "--fault", "gain_low"]
+    words = ["inject", str(damaged), "--out", str(kept), "--fault", "gain_low"]
     # THEN it fails, and nothing is lost or left behind
     assert o2mon.main(words) == 2
     assert kept.read_text() == "(1.0) can0 123#00\n"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.blf", "drive.blf", "kept.log"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["damaged.blf", "drive.blf", "kept.log"]
 
 
 def test_a_drive_that_was_recorded_is_kept_and_the_next_one_gets_a_number(drive: Path) -> None:

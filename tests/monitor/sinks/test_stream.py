@@ -79,7 +79,7 @@ def test_a_replay_says_which_sink_does_not_take_its_results(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert cli.main(["replay", str(LATE), "--quiet", "--sink", "jsonl:/dev/full"]) == 2
-    assert "--sink jsonl:/dev/full: " in capsys.readouterr().err
+    assert "--sink jsonl:/dev/full fails: " in capsys.readouterr().err
 
 
 def test_an_address_without_a_sink_is_a_usage_error() -> None:
