@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 LAGS, HIDDEN = 5, (8, 8)  # of the paper's network
 SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
-CROSS_FIT_SHARE = 0.2  # of the budget is kept for the twins
+CROSS_FIT_SHARE = 0.2  # of the work is that of the twins
 SHORT_SAMPLES, ROTATIONS = 5000, 4  # shorter recordings choose by several sets of held-out blocks
 STARTS, STARTS_SHORT = 3, 8  # trainings from different random weights
 ENDED_EARLY = "the wall limit ended the training early: it would end elsewhere on another machine"
@@ -147,14 +147,16 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     if arx and short and not (source.validate or options.keep_validation) and may_refit(data):
         data, chosen = _refit(data, chosen, seed, work)
     whole.join([work])
+    spare = whole.up_to(CROSS_FIT_SHARE / (1.0 - CROSS_FIT_SHARE) * work.spent)
     twins = cross_fit(
         data,
         _member(chosen.model),
         decay=chosen.model.decay,
         seed=seed,
-        work=whole,
+        work=spare,
         threads=threads,
     )
+    whole.join([spare])
     written = _write(out, data, chosen, twins, whole)
     return FitResult(
         path=Path(out),
