@@ -44,7 +44,7 @@ from training.recordings.files.can_log import write_log
 TARGETS = {"candump": 500.0, "BLF": 500.0}  # times real time
 DRIVE_S, PERIOD_NS = 600.0, 100_000_000
 STAGES: tuple[tuple[str, Any, str], ...] = (
-    ("read", recordings, "read_blocks"),
+    ("read", recordings, "log_blocks"),
     ("decode", BlockDecoder, "push"),
     ("assemble", BlockAssembler, "push"),
     ("model", Model, "run_batch"),

@@ -131,7 +131,9 @@ def test_a_bad_file_is_a_row_with_its_reason(tmp_path: Path, folder: Path) -> No
     bad.mkdir()
     shutil.copy(good, bad / "good.parquet")
     (bad / "empty.log").write_bytes(b"")
-    (bad / "cut.blf").write_bytes((LOGS / HEALTHY).read_bytes()[:50_000])
+    damaged = bytearray((LOGS / HEALTHY).read_bytes())
+    damaged[50_000] ^= 0x10
+    (bad / "damaged.blf").write_bytes(damaged)
     (bad / "words.csv").write_text("time_s,lambda_measured\n0,one\n1,two\n")
     (bad / "other.csv").write_text("time_s,speed\n" + "".join(f"{k / 10},1\n" for k in range(99)))
     blank = pl.read_parquet(good).with_columns(pl.lit(None, pl.Float64).alias("maf_kg_h"))
@@ -139,7 +141,7 @@ def test_a_bad_file_is_a_row_with_its_reason(tmp_path: Path, folder: Path) -> No
     (bad / "noise.parquet").write_bytes(b"PAR1 and nothing else")
     wanted = {
         "blank.parquet": "no number in column maf_kg_h",
-        "cut.blf": "damaged or cut short",
+        "damaged.blf": "damaged or cut short",
         "empty.log": "the log is empty",
         "gone.log": "No such file",
         "noise.parquet": "cannot read the table",
