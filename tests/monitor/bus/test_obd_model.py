@@ -63,7 +63,7 @@ def test_a_model_with_samples_half_a_second_apart_judges_polled_drives(
         "--starts",
         "1",
         "--budget",
-        "0.5",
+        "0.2",
     ]
     assert main(["fit", *map(str, logs), *BUS, *options, "--out", str(model)]) == 0
     rate = ["--false-alarms", "0.3"]
