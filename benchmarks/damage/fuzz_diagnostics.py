@@ -23,7 +23,7 @@ from benchmarks.outcome import Row, finish, say
 from monitor.base.types import Frame
 from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.server import DiagnosticAddress, Diagnostics
-from tests.helpers.diagnostics_state import Vehicle, tick
+from tests.helpers.bus.diagnostics_state import Vehicle, tick
 
 _VALID: Final = (
     "0100 0101 010120404100 011C41 020200 020C000D00 03 04 0600 0601 07 0900 0902 0904 0906 "

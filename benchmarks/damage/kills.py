@@ -15,7 +15,7 @@ from pathlib import Path
 
 from benchmarks.damage.harness import fuzz_options
 from benchmarks.outcome import Row, finish
-from tests.helpers.kills import kills, loop_kills
+from tests.helpers.memory.kills import kills, loop_kills
 
 
 def main(argv: Sequence[str]) -> int:

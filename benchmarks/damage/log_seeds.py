@@ -15,7 +15,7 @@ from benchmarks.repository import REPLAY_LOGS
 from monitor.base.types import FloatArray, Frame
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
-from tests.helpers.logger_files import TUNER_UNITS, Field, write_mlg, write_text_table
+from tests.helpers.logs.logger_files import TUNER_UNITS, Field, write_mlg, write_text_table
 from training.recordings.files.frame_block import EncodedFrames
 from training.recordings.files.mf4_log import write_mf4
 from training.recordings.files.table_files import write_table

@@ -25,7 +25,7 @@ from benchmarks.outcome import BenchmarkOptions, Row, finish
 from monitor.frames.tables.raw_table import Notes, Wanted
 from monitor.frames.tables.readers import open_table
 from monitor.grid.tables import read_table
-from tests.helpers.logger_files import Field, mlg_header
+from tests.helpers.logs.logger_files import Field, mlg_header
 
 TARGET_S, TARGET_MB = 60.0, 300.0
 BLOCK = 2000  # records written at once

@@ -17,7 +17,7 @@ from monitor.base.errors import RecordingError
 from monitor.judge.limits import NO_LIMITS
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.recordings import recording_of_samples
+from tests.helpers.drives.recordings import recording_of_samples
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
 from training.limits.judging import judge

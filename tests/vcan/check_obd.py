@@ -8,7 +8,7 @@ Runs where vcan0 is up; see ``guest``.
 import sys
 
 from monitor import cli
-from tests.helpers.obd_ecu import answering, steady_ecu
+from tests.helpers.bus.obd_ecu import answering, steady_ecu
 
 SECONDS = 3.0
 

@@ -13,8 +13,8 @@ from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import NAMES, TRANSIENT_GAIN, Fault, combine, lag_step, resolve
 from monitor.judge.response.bank import DIRECTIONS, build
 from monitor.memory.codes import CODES
-from tests.helpers.bank import readings
 from tests.helpers.examples import inputs
+from tests.helpers.models.bank import readings
 
 PERIOD_S = 0.1
 CLOSE = 1e-12

@@ -12,7 +12,7 @@ from monitor import cli as o2mon
 from monitor.base.files.outputs import numbered, replaced, unused
 from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
-from tests.helpers.injected_frames import HEALTHY
+from tests.helpers.logs.injected_frames import HEALTHY
 from training import cli as o2train
 
 

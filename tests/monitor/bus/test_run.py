@@ -15,7 +15,7 @@ from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import TIME_MARK_ID, time_mark
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
-from tests.helpers.played_bus import Pause, PlayedBus, judged, played_on, run_on
+from tests.helpers.bus.played_bus import Pause, PlayedBus, judged, played_on, run_on
 
 
 @pytest.mark.parametrize("suffix", ["log", "blf"])

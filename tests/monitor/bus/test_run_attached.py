@@ -12,7 +12,7 @@ from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import FIRST_ID, is_own, time_mark
 from monitor.pipeline import replay
 from monitor.pipeline.events import DtcChanged, Event
-from tests.helpers.played_bus import Ear, PlayedBus, judged, played_on, run_on
+from tests.helpers.bus.played_bus import Ear, PlayedBus, judged, played_on, run_on
 
 
 @pytest.mark.parametrize("number", range(FIRST_ID, FIRST_ID + 3))

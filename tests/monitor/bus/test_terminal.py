@@ -37,7 +37,7 @@ from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from monitor.pipeline.events import Event, Tick
 from tests.conftest import ROOT
-from tests.helpers.played_bus import played_on
+from tests.helpers.bus.played_bus import played_on
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from monitor.memory.dtc import Dtc
 from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
-from tests.helpers.injected_frames import HEALTHY
+from tests.helpers.logs.injected_frames import HEALTHY
 
 
 @pytest.fixture

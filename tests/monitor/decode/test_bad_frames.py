@@ -12,7 +12,7 @@ from monitor.base import faults
 from monitor.base.types import Frame
 from monitor.decode.checksum import payload_checksum
 from monitor.frames.logs import read_frames
-from tests.helpers.bad_logs import FUEL_ID, LAMBDA_ID, block, write_minute
+from tests.helpers.logs.bad_logs import FUEL_ID, LAMBDA_ID, block, write_minute
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.recordings.files.can_log import write_log

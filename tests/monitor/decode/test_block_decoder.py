@@ -20,8 +20,8 @@ from monitor.decode.block_decoder import BlockDecoder, MessageCounters
 from monitor.decode.bus_map import BusChannel, BusMap, load_database, load_pairs
 from monitor.decode.checksum import payload_checksum
 from monitor.decode.raw_values import plausible_range
-from tests.helpers.decoding import Decoding, Values, values_of
 from tests.helpers.examples import inputs
+from tests.helpers.logs.decoding import Decoding, Values, values_of
 
 ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 AIR = ECU.channels["air_mass_mg"].message

@@ -17,7 +17,7 @@ from monitor.frames.blf import blocks as blf_blocks
 from monitor.frames.blocks import LogCounters
 from monitor.frames.logs import guarded
 from tests.helpers.examples import inputs
-from tests.helpers.read_outcome import frames_of, outcome, python_can_reads, read_at_once
+from tests.helpers.logs.read_outcome import frames_of, outcome, python_can_reads, read_at_once
 
 
 @pytest.mark.parametrize(

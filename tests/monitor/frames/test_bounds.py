@@ -18,8 +18,8 @@ from monitor.base.types import Frame
 from monitor.frames.blocks import LogCounters, frames_of
 from monitor.frames.bounds import FREE_BYTES, LINE_BYTES, PIECE_BYTES, RATIO
 from monitor.frames.logs import read_blocks
-from tests.helpers.bad_logs import block
-from tests.helpers.read_outcome import outcome, streamed
+from tests.helpers.logs.bad_logs import block
+from tests.helpers.logs.read_outcome import outcome, streamed
 from training.recordings.files.mf4_log import write_mf4
 
 FRAME = {

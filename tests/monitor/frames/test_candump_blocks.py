@@ -17,7 +17,7 @@ from monitor.frames.logs import guarded
 from monitor.frames.text import candump
 from monitor.frames.text.lines import MARGIN
 from tests.helpers.examples import inputs
-from tests.helpers.read_outcome import (
+from tests.helpers.logs.read_outcome import (
     Outcome,
     frames_of,
     frames_of_line,

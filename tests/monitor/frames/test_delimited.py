@@ -11,7 +11,7 @@ from monitor.frames.tables.cells import clock, is_number, number
 from monitor.frames.tables.delimited import open_delimited
 from monitor.frames.tables.raw_table import Notes, Wanted
 from monitor.grid.tables import read_table
-from tests.helpers.logger_files import write_text_table
+from tests.helpers.logs.logger_files import write_text_table
 
 COLUMNS = {"Time": np.array([0.0, 0.1, 0.25]), "AFR": np.array([14.7, 14.25, 13.5])}
 

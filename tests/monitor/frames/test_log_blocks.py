@@ -18,7 +18,13 @@ from monitor.frames.blocks import block_of, frames_of, joined
 from monitor.frames.logs import frame_of, read_blocks
 from tests.conftest import ROOT
 from tests.helpers.examples import inputs
-from tests.helpers.read_outcome import START_NS, python_can_reads, read_at_once, streamed, synthetic
+from tests.helpers.logs.read_outcome import (
+    START_NS,
+    python_can_reads,
+    read_at_once,
+    streamed,
+    synthetic,
+)
 from training.recordings.files.can_log import broadcast, write_log
 
 

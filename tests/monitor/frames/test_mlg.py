@@ -8,7 +8,7 @@ import pytest
 from monitor.base.errors import RecordingError
 from monitor.frames.tables.mlg import TIMESTAMP, open_mlg
 from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
-from tests.helpers.logger_files import (
+from tests.helpers.logs.logger_files import (
     CODES,
     Field,
     mlg_blocks,

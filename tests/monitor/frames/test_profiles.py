@@ -25,7 +25,7 @@ from monitor.grid.table_samples import table_block
 from monitor.grid.tables import Table, read_table, table_period_ns
 from monitor.mapping.profile_proposal import proposed
 from monitor.report.check_table import check_table
-from tests.helpers.logger_files import Field, drive, write_mlg, write_text_table
+from tests.helpers.logs.logger_files import Field, drive, write_mlg, write_text_table
 
 D = drive()
 LAMBDA = D["afr"] / 14.7

@@ -20,7 +20,7 @@ from monitor.grid.block_assembler import (
     assemble_arrays,
 )
 from tests.helpers.examples import inputs
-from tests.helpers.slow_assembler import SlowAssembler
+from tests.helpers.models.slow_assembler import SlowAssembler
 
 MS = 1_000_000
 S = 1_000 * MS

@@ -25,7 +25,7 @@ from monitor.inject.gateway import Gateway
 from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.side import Side
-from tests.helpers.injected_frames import (
+from tests.helpers.logs.injected_frames import (
     HALF_STEP,
     LAMBDA_ID,
     OWN,

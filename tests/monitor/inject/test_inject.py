@@ -15,9 +15,9 @@ from monitor.base.faults import resolve
 from monitor.base.types import Frame
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.inject.injector import Injector
-from tests.helpers.decoding import Decoding
 from tests.helpers.examples import inputs
-from tests.helpers.injected_frames import (
+from tests.helpers.logs.decoding import Decoding
+from tests.helpers.logs.injected_frames import (
     AIR_ID,
     HALF_STEP,
     LAMBDA_ID,

@@ -9,7 +9,7 @@ from monitor import cli
 from monitor.frames.logs import read_frames
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.memory.codes import CODES
-from tests.helpers.injected_frames import (
+from tests.helpers.logs.injected_frames import (
     HEALTHY,
     ROOT,
     decoded,

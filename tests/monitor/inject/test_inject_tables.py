@@ -7,9 +7,9 @@ import pytest
 
 from monitor import cli
 from monitor.grid.tables import read_table
-from tests.helpers.car_model import log_and_model
-from tests.helpers.drive_tables import table
-from tests.helpers.logger_files import drive, write_text_table
+from tests.helpers.drives.drive_tables import table
+from tests.helpers.logs.car_model import log_and_model
+from tests.helpers.logs.logger_files import drive, write_text_table
 
 
 def columns(path: Path) -> dict[str, np.ndarray]:

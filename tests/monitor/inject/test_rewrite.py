@@ -17,8 +17,8 @@ from monitor.decode.checksum import payload_checksum
 from monitor.decode.raw_values import bit_position, not_available_raw
 from monitor.decode.signal_map import Integrity, MappedSignal
 from monitor.inject.rewrite import MessageWriter, SignalWriter, writers
-from tests.helpers.decoding import values_of
 from tests.helpers.examples import inputs
+from tests.helpers.logs.decoding import values_of
 
 OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 RUSEFI = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])

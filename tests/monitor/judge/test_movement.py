@@ -8,7 +8,7 @@ from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.bias import Course
 from monitor.judge.response.movement import DEAD, HOLDS, MovementRule
-from tests.helpers.drive_tables import PERIOD_S, columns
+from tests.helpers.drives.drive_tables import PERIOD_S, columns
 
 NOISE, NEEDED, N = 0.006, 11.5, 50
 RNG = np.random.default_rng(11)

@@ -6,7 +6,7 @@ import pytest
 
 from monitor.base import config
 from monitor.judge.catalyst.rear_activity import RearActivity
-from tests.helpers.switching_drive import switching_drive
+from tests.helpers.drives.switching_drive import switching_drive
 
 SETTINGS = config.shipped().catalyst
 

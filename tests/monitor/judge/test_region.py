@@ -19,7 +19,7 @@ from monitor.judge.window import Window
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.bank import readings
+from tests.helpers.models.bank import readings
 from training.limits.response.region import region_of
 
 CONFIG = config.load()

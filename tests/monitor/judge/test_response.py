@@ -24,8 +24,8 @@ from monitor.judge.response.claims import Noise
 from monitor.judge.response.movement_gain import MovementGain
 from monitor.judge.response.rule import Response, ResponseRule
 from monitor.memory.codes import CODES
-from tests.helpers.bank import readings
 from tests.helpers.examples import inputs
+from tests.helpers.models.bank import readings
 
 STEP_S, PERIOD_S, WINDOW = 0.01, 0.1, 50
 CONFIG = config.load().response

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.helpers.databases import database_of, proposed
+from tests.helpers.logs.databases import database_of, proposed
 
 
 def stands(*signals: str, message: str = "Engine_1") -> dict[str, str]:

@@ -26,8 +26,8 @@ from monitor.mapping.proposal import propose
 from monitor.mapping.recording import observe, protections
 from monitor.mapping.text import map_text
 from tests.conftest import ROOT
-from tests.helpers.databases import database_of, proposed
 from tests.helpers.examples import inputs
+from tests.helpers.logs.databases import database_of, proposed
 
 OWN = ["o2_ecu", "rusefi", "obd2"]
 

@@ -9,7 +9,7 @@ from cantools.database.can import Database
 import dbc
 from monitor.decode.bus_map import load_database
 from monitor.decode.signal_map import load_signal_map
-from tests.helpers.databases import database_of, proposed
+from tests.helpers.logs.databases import database_of, proposed
 
 
 def found(database: Database) -> dict[str, tuple[str, float, float]]:

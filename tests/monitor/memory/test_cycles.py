@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from monitor.base import config
 from monitor.base.types import Quality
 from monitor.memory.cycles import SIGNALS, Cycles
-from tests.helpers.stretches import (
+from tests.helpers.memory.stretches import (
     CONFIG,
     DRIVE,
     HOUR,

@@ -18,8 +18,8 @@ from monitor.pipeline import replay
 from monitor.pipeline.events import CycleStarted, DtcChanged, Event
 from monitor.pipeline.frames import FramePipeline
 from tests.conftest import ROOT
-from tests.helpers.played_bus import Pause, run_on
-from tests.helpers.stretches import (
+from tests.helpers.bus.played_bus import Pause, run_on
+from tests.helpers.memory.stretches import (
     CONFIG,
     DRIVE,
     HOUR,

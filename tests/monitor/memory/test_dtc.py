@@ -13,7 +13,7 @@ from monitor.memory.codes import CODES, OF_MONITOR, TESTS
 from monitor.memory.dtc import Dtc, Status
 from monitor.memory.dtc_store import DtcStore
 from tests.helpers.examples import inputs
-from tests.helpers.fault_store import CARB, code_of, confirmed, frame_of, heal, states
+from tests.helpers.memory.fault_store import CARB, code_of, confirmed, frame_of, heal, states
 
 
 def test_every_test_of_the_monitor_sets_faults_that_have_codes() -> None:

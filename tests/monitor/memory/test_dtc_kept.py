@@ -9,7 +9,7 @@ from monitor.memory.codes import OPTIONAL, TESTS
 from monitor.memory.dtc import Dtc
 from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.obd_records import Counts, FreezeFrame
-from tests.helpers.fault_store import CARB, confirmed, failing, frame_of, heal
+from tests.helpers.memory.fault_store import CARB, confirmed, failing, frame_of, heal
 
 # Clearing and permanent codes
 

@@ -26,10 +26,11 @@ from monitor.memory.store import Memory
 from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
 from monitor.pipeline.replay import set_up
 from tests.conftest import ROOT
-from tests.helpers.kills import assert_sound, kills, loaded, loop_kills
-from tests.helpers.played_bus import Ear, run_on
+from tests.helpers.bus.played_bus import Ear, run_on
+from tests.helpers.memory.kills import assert_sound, kills, loaded, loop_kills
 
 KILLS = 250
+LOOP = "tests.helpers.memory.loop_on_memory"
 
 
 def test_no_announced_event_is_lost_by_a_kill_at_any_instant(tmp_path: Path) -> None:
@@ -49,7 +50,7 @@ def test_a_kill_loses_at_most_a_minute_of_what_was_driven(tmp_path: Path, seed: 
     # GIVEN a loop that is killed at a random instant of a drive in which no code changes
     path, rng = tmp_path / "o2.db", random.Random(seed)
     with subprocess.Popen(
-        [sys.executable, "-m", "tests.helpers.loop_on_memory", path, "1", "DRIVEN"],
+        [sys.executable, "-m", LOOP, path, "1", "DRIVEN"],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
@@ -185,7 +186,7 @@ def mounted(command: list[object], folder: Path, then: str = "true") -> list[str
 
 
 def test_the_live_loop_keeps_judging_on_a_disk_that_is_full(tmp_path: Path) -> None:
-    loop = [sys.executable, "-m", "tests.helpers.loop_on_memory", tmp_path / "o2.db", 3, "FULL"]
+    loop = [sys.executable, "-m", LOOP, tmp_path / "o2.db", 3, "FULL"]
     done = subprocess.run(
         mounted(loop, tmp_path), cwd=ROOT, capture_output=True, text=True, check=True, timeout=120
     )
@@ -204,7 +205,7 @@ def test_a_read_only_file_system_is_one_line_and_exit_code_2(tmp_path: Path, is_
     path = tmp_path / "o2.db"
     cli, log = [sys.executable, "-m", "monitor.cli"], next(ROOT.glob("replay_logs/stuck_*.blf"))
     command = [*cli, *(("replay", log) if is_new else ("dtc", "clear")), "--memory", path]
-    make = f"{sys.executable} -m tests.helpers.driven_memory make {path} && "
+    make = f"{sys.executable} -m tests.helpers.memory.driven_memory make {path} && "
     then = f"{'' if is_new else make}mount -o remount,ro {tmp_path}"
     done = subprocess.run(
         mounted(command, tmp_path, then),

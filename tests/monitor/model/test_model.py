@@ -14,7 +14,7 @@ from monitor.base.types import FloatArray
 from monitor.model import model_file
 from monitor.model.card import Limit, ModelCard, TrainingRecording
 from monitor.model.step import Model, from_model_units, to_model_units
-from tests.helpers.networks import card_of, network_of
+from tests.helpers.models.networks import card_of, network_of
 from training.narx.export import Network, build, file_content, save, update_card
 from training.narx.network import simulate
 from training.narx.parity import parity

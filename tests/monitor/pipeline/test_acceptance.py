@@ -11,7 +11,7 @@ from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import Judged, judge_all
-from tests.helpers.physical_baseline import fit_baseline
+from tests.helpers.models.physical_baseline import fit_baseline
 from training.dyno import ecu
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate

@@ -21,8 +21,8 @@ from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import judge_all
 from tests.helpers.examples import inputs
-from tests.helpers.networks import card_of, network_of
-from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
+from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
+from tests.helpers.models.networks import card_of, network_of
 from training.narx.export import save
 
 INPUTS = ("air_mass_mg", "lambda_controller")

@@ -17,7 +17,7 @@ from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import judge_all
-from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
+from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
 

@@ -12,7 +12,7 @@ from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import Judged, judge_all
-from tests.helpers.streamed import PERIOD_NS, SHIPPED
+from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
 

@@ -34,8 +34,8 @@ from monitor.pipeline.names import needed_names
 from monitor.pipeline.recordings import RecordingReader
 from monitor.pipeline.replay import Setup, replay, set_up, shipped_model
 from tests.conftest import ROOT
-from tests.helpers.batch_logs import ECU, S, logs
 from tests.helpers.examples import inputs
+from tests.helpers.logs.batch_logs import ECU, S, logs
 from training.recordings.files.table_files import write_table
 
 MODEL = Model.load(shipped_model())

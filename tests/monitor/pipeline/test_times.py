@@ -25,8 +25,8 @@ from monitor.base import config
 from monitor.base.types import FrameBlock
 from monitor.frames.blocks import chosen, joined
 from monitor.pipeline import replay
-from tests.helpers.bad_logs import LAMBDA_ID
-from tests.helpers.batch_logs import MS
+from tests.helpers.logs.bad_logs import LAMBDA_ID
+from tests.helpers.logs.batch_logs import MS
 
 SETUP = replay.set_up(None, (), config.load())
 BARE = without_counters(SETUP)  # the same map without alive counters

@@ -9,7 +9,7 @@ import pytest
 
 from monitor import cli
 from monitor.base.types import FloatArray
-from tests.helpers.logger_files import drive, write_text_table
+from tests.helpers.logs.logger_files import drive, write_text_table
 
 RATE_HZ, N = 10.0, 3000  # five minutes
 

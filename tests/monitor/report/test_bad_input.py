@@ -16,7 +16,7 @@ from monitor.model.model_file import metadata_of
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
-from tests.helpers.bad_logs import block, write_minute
+from tests.helpers.logs.bad_logs import block, write_minute
 from training.recordings.files.can_log import write_log
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from monitor import cli
 from tests.conftest import ROOT
-from tests.helpers.switching_drive import switching_drive
+from tests.helpers.drives.switching_drive import switching_drive
 
 
 def replayed(table: Path, tmp_path: Path, *options: str) -> tuple[int, dict[str, Any]]:

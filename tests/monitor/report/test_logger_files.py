@@ -10,8 +10,8 @@ from monitor import cli
 from monitor.base.errors import RecordingError
 from monitor.frames.tables import parquet
 from monitor.grid.tables import read_table
-from tests.helpers.car_model import log_and_model
-from tests.helpers.logger_files import TUNER_UNITS, drive, write_text_table
+from tests.helpers.logs.car_model import log_and_model
+from tests.helpers.logs.logger_files import TUNER_UNITS, drive, write_text_table
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 

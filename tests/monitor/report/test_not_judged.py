@@ -14,7 +14,7 @@ from monitor import cli
 from monitor.judge.response.region import Region
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.drive_tables import PERIOD_S, Columns, table
+from tests.helpers.drives.drive_tables import PERIOD_S, Columns, table
 from training.narx.export import update_card
 
 Change = Callable[[Columns], None]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser
 
-from tests.helpers.chromium import chromium
+from tests.helpers.bus.chromium import chromium
 from tests.monitor.report.test_report import faulty, not_judged, recording, written
 
 PLOTS = "() => [...document.querySelectorAll('section.plots')]"

@@ -16,8 +16,8 @@ from monitor.base.signals import OWN
 from monitor.base.types import FloatArray, Quality
 from monitor.frames.logs import read_frames
 from tests.conftest import ROOT
-from tests.helpers.decoding import samples_of
-from tests.helpers.simulated_drives import SHORT, differs, driven, rms, to_grid
+from tests.helpers.drives.simulated_drives import SHORT, differs, driven, rms, to_grid
+from tests.helpers.logs.decoding import samples_of
 from training.cli.simulate import FORMATS
 from training.dyno import cycles, drive, ecu, effects, mixture, vehicle
 from training.dyno.effects import Effects

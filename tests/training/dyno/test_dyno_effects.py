@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from monitor.base.errors import UsageError
-from tests.helpers.simulated_drives import FAULT_DRIVE, driven, rms, to_grid
+from tests.helpers.drives.simulated_drives import FAULT_DRIVE, driven, rms, to_grid
 from training.dyno import effects
 from training.dyno.effects import Effects
 from training.dyno.simulation import Experiment, simulate

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.studies.sensor.plan import NOT_AFTERWARDS
 from monitor.base import faults
 from monitor.base.fault_streams import SensorFault
-from tests.helpers.simulated_drives import FAULT_DRIVE, SHORT, WARM, differs, driven, rms
+from tests.helpers.drives.simulated_drives import FAULT_DRIVE, SHORT, WARM, differs, driven, rms
 from training.dyno import cycles, drive, ecu, mixture, vehicle
 from training.dyno.effects import Effects
 from training.dyno.mixture import Mixture

@@ -24,8 +24,8 @@ from monitor.base.errors import UsageError
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from tests.conftest import ROOT
-from tests.helpers import fleet_drives
-from tests.helpers.fleet_drives import (
+from tests.helpers.drives import fleet_drives
+from tests.helpers.drives.fleet_drives import (
     DELAYED,
     HEALTHY,
     LOGS,

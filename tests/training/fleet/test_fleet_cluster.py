@@ -11,9 +11,9 @@ import pytest
 from monitor.base import config
 from monitor.base.errors import UsageError
 from monitor.pipeline.replay import shipped_model
-from tests.helpers import fleet_drives
 from tests.helpers.dask_cluster import Cluster, cluster
-from tests.helpers.fleet_drives import assert_alike, judged, tables
+from tests.helpers.drives import fleet_drives
+from tests.helpers.drives.fleet_drives import assert_alike, judged, tables
 from training.fleet import run as fleet
 from training.fleet.bench import Bench
 from training.fleet.drives import drives_of

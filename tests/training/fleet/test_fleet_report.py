@@ -13,7 +13,7 @@ from scipy import stats
 from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.pipeline.replay import shipped_model
-from tests.helpers import fleet_drives
+from tests.helpers.drives import fleet_drives
 from training.fleet import run as fleet
 from training.fleet.bench import Bench
 from training.fleet.drives import drives_of

@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.studies.workflow.drive import recording
 from benchmarks.studies.workflow.plan import Part
-from tests.helpers.chain_readings import PERIOD_S, TRUE, steps, synthetic
+from tests.helpers.models.chain_readings import PERIOD_S, TRUE, steps, synthetic
 from training.greybox.chain import base_path, simulate
 from training.greybox.charge.error import ChargeError, fit_with_charge_error
 from training.greybox.charge.map import ChargeMap, fit_with_charge

@@ -11,7 +11,7 @@ from monitor.base import config
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
-from tests.helpers.physical_baseline import fit_baseline
+from tests.helpers.models.physical_baseline import fit_baseline
 from training.cli import main as o2train
 from training.cli.kinds.greybox import constant_line
 from training.dyno.recording_files import write

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from monitor.base.errors import RecordingError
-from tests.helpers.chain_readings import PERIOD_S, TRUE, synthetic
+from tests.helpers.models.chain_readings import PERIOD_S, TRUE, synthetic
 from training.greybox.fit.constants import Fitted, fit_constants, reference
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from training.greybox.fit import drive as drives
 from training.recordings.recording import load, write_table
 

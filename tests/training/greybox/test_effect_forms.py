@@ -7,8 +7,8 @@ import pytest
 from onnxruntime import InferenceSession
 
 from monitor.base.types import FloatArray
-from tests.helpers.gap_drives import PERIOD_S, plain_signals
-from tests.helpers.gap_graphs import driven, plain, ranges_of
+from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.gap.gap_graphs import driven, plain, ranges_of
 from training.greybox.chain import Constants, Path, base_path, inputs_of
 from training.greybox.effects import LIBRARY, Effect
 from training.greybox.effects.model_effect import ModelEffect

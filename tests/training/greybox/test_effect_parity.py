@@ -8,8 +8,8 @@ import pytest
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
-from tests.helpers.gap_drives import PERIOD_S
-from tests.helpers.gap_graphs import FIT, driven, fitted, plain, ranges_of
+from tests.helpers.gap.gap_drives import PERIOD_S
+from tests.helpers.gap.gap_graphs import FIT, driven, fitted, plain, ranges_of
 from training.gap.add import greybox as add_greybox
 from training.gap.add.greybox import add
 from training.greybox.effects.model_effect import ModelEffect

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.helpers.gap_drives import BASE, PERIOD_S, case_of, noisy_drive, plain_signals
+from tests.helpers.gap.gap_drives import BASE, PERIOD_S, case_of, noisy_drive, plain_signals
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.case import Prior, plain_errors, predict

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from monitor.base import faults
-from tests.helpers.gap_drives import BASE, PERIOD_S, plain_signals
+from tests.helpers.gap.gap_drives import BASE, PERIOD_S, plain_signals
 from training.greybox.chain import base_path, simulate
 from training.greybox.fit.sensor_faults import FAULTS
 

@@ -9,8 +9,8 @@ import pytest
 
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers import gap_simulated
-from tests.helpers.gap_simulated import known, simulated
+from tests.helpers.gap import gap_simulated
+from tests.helpers.gap.gap_simulated import known, simulated
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.drive import ChainDrive, path_of
 from training.healthy import behaviour, card

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tests.helpers.gap_drives import case_of, noisy_drive
+from tests.helpers.gap.gap_drives import case_of, noisy_drive
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.joint import fit

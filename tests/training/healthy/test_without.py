@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.helpers.gap_simulated import known, simulated
+from tests.helpers.gap.gap_simulated import known, simulated
 from training.greybox.effects.empirical import effect_of, name_of
 from training.healthy.without import LIMITS, corrections
 

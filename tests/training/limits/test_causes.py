@@ -8,7 +8,7 @@ from monitor.base import config
 from monitor.base.errors import RecordingError
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.drive_tables import Columns, table
+from tests.helpers.drives.drive_tables import Columns, table
 from training.limits.decision_limits import limits_of
 from training.limits.judging import why_not
 from training.recordings.recording import Recording, load

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from monitor.base.types import FloatArray
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
 from training.cli import main
 from training.limits.data_check.check import check
 from training.limits.data_check.findings import as_page, as_text

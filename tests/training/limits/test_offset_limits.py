@@ -11,7 +11,7 @@ from monitor.judge.bias import BiasRule
 from monitor.judge.findings import WindowJudged
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.windows import judged_window
+from tests.helpers.models.windows import judged_window
 from training.limits.decision_limits import healthy_offsets, limits_of
 
 CONFIG = config.load()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
 from training.narx.algorithms.objectives import ClosedLoop
 from training.narx.network import Spec
 from training.narx.search.stages import pieces

@@ -15,7 +15,7 @@ import pytest
 from monitor.base.errors import ModelError, RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
 from training.cli import main
 from training.limits.evaluation import evaluate, predict
 from training.narx.fit import FitOptions, FitResult, FitSource, fit

@@ -6,7 +6,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
 from training.narx.fit import FitOptions, FitSource, fit
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import FUEL_TURN, fuel_turns

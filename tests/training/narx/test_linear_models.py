@@ -5,7 +5,15 @@ import pytest
 from scipy.optimize import least_squares
 
 from monitor.base.types import FloatArray
-from tests.helpers.plants import PERIOD_S, RNG, coloured, continuous, held_steps, modes, two_inputs
+from tests.helpers.models.plants import (
+    PERIOD_S,
+    RNG,
+    coloured,
+    continuous,
+    held_steps,
+    modes,
+    two_inputs,
+)
 from training.narx.linear.arx import Arx, arx_delays, fit_arx, order_grid
 from training.narx.linear.free_run import free_run_error
 from training.narx.linear.output_error import OutputError, fit_output_error, refine

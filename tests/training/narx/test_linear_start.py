@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
 from training.narx.linear.arx import Arx, choose_arx
 from training.narx.linear.free_run import free_runs
 from training.narx.network import Spec, simulate

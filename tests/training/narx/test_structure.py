@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, describe, forward, initial_weights, jacobian, regressors

@@ -9,7 +9,7 @@ import torch
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
 from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, initial_weights, jacobian, regressors, simulate

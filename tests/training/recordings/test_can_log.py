@@ -15,8 +15,8 @@ from monitor.base.types import Quality
 from monitor.decode.bus_map import load_pairs
 from monitor.frames.logs import read_frames
 from monitor.frames.tables.readers import open_table
-from tests.helpers.decoding import Decoding, samples_of, values_of
 from tests.helpers.examples import inputs
+from tests.helpers.logs.decoding import Decoding, samples_of, values_of
 from training.cli import _parser
 from training.recordings.files.can_encoding import encode_message
 from training.recordings.files.can_log import block_of, broadcast, outgoing, write_log

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from monitor.cli import main as o2mon
-from tests.helpers.logger_files import Field, write_mlg, write_text_table
+from tests.helpers.logs.logger_files import Field, write_mlg, write_text_table
 from training.cli import main as o2train
 
 pytestmark = pytest.mark.trains

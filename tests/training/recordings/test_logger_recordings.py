@@ -9,8 +9,8 @@ from monitor.base.errors import RecordingError
 from monitor.base.signals import NARX_INPUTS
 from monitor.base.types import Quality
 from monitor.cli import main as o2mon
-from tests.helpers.logger_files import drive, write_text_table
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
+from tests.helpers.logs.logger_files import drive, write_text_table
 from training.cli import main as o2train
 from training.recordings.recording import Recording, load
 from training.recordings.samples.input_choice import choose_inputs

@@ -10,7 +10,7 @@ from scipy import signal
 from monitor.base.errors import RecordingError
 from monitor.base.signals import NARX_INPUTS
 from monitor.base.types import FloatArray
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.recordings.recording import Recording, load

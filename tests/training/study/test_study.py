@@ -16,8 +16,8 @@ import pytest
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from tests.helpers.tanks import TANK_PERIOD_S as PERIOD_S
-from tests.helpers.tanks import leaking_tank
+from tests.helpers.drives.tanks import TANK_PERIOD_S as PERIOD_S
+from tests.helpers.drives.tanks import leaking_tank
 from training.cli import main
 from training.narx.network import Spec, initial_weights
 from training.recordings.recording import load

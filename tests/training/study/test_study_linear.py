@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from monitor.base.errors import RecordingError
-from tests.helpers.plants import PERIOD_S, RNG, modes, tank, two_inputs
+from tests.helpers.models.plants import PERIOD_S, RNG, modes, tank, two_inputs
 from training.narx.fit import FitOptions
 from training.narx.linear.arx import choose_arx, fit_arx
 from training.narx.linear.free_run import free_run_error

@@ -12,7 +12,7 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.recordings.recording import Recording, load

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.helpers.gap_networks import small_network
+from tests.helpers.gap.gap_networks import small_network
 from training.narx.fit import FitResult
 
 

@@ -10,7 +10,7 @@ import pytest
 from monitor.base.errors import RecordingError
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.gap_networks import (
+from tests.helpers.gap.gap_networks import (
     FILM,
     drive,
     fitted,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.helpers.gap_drives import BASE, case_of, noisy_drive
+from tests.helpers.gap.gap_drives import BASE, case_of, noisy_drive
 from training.gap.add.drive_weights import fit_weighted, left_out_ratio
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.case import Case, Prior

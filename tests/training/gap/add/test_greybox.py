@@ -16,9 +16,9 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from tests.helpers.gap_drives import PERIOD_S
-from tests.helpers.gap_graphs import FIT, driven, fitted, plain, ranges_of, recording
-from tests.helpers.gap_simulated import known, simulated, two_drives
+from tests.helpers.gap.gap_drives import PERIOD_S
+from tests.helpers.gap.gap_graphs import FIT, driven, fitted, plain, ranges_of, recording
+from tests.helpers.gap.gap_simulated import known, simulated, two_drives
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.gap.add.greybox import ChainVehicle, add

@@ -13,7 +13,7 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model, from_model_units
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.gap_networks import (
+from tests.helpers.gap.gap_networks import (
     CHAIN,
     FILM,
     FIT,

@@ -14,8 +14,8 @@ import pytest
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.gap_drives import PERIOD_S, plain_signals
-from tests.helpers.gap_files import refused, run
+from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.gap.gap_files import refused, run
 from training import cli
 from training.greybox.chain import Constants, base_path, simulate
 from training.healthy import reference

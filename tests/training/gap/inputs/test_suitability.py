@@ -12,8 +12,8 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.gap_drives import PERIOD_S, plain_signals
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
+from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from training.gap.inputs import suitability
 from training.gap.name.vehicle_mix import Chain, partitions, warn
 from training.greybox.chain import Constants, base_path, simulate

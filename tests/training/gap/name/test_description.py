@@ -8,8 +8,8 @@ import pytest
 from scipy.signal import lfilter
 
 from monitor.base.types import FloatArray
-from tests.helpers.gap_drives import PERIOD_S, plain_signals
-from tests.helpers.gap_simulated import known, two_drives
+from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.gap.gap_simulated import known, two_drives
 from training.gap.name.formulas.description import ANSWERS, TERMS_MOST, Description, describe
 from training.gap.name.formulas.feature_words import _WORDS, words_of
 from training.gap.name.formulas.signal_functions import functions_of

@@ -187,7 +187,7 @@ def test_a_bend_begins_at_the_corner_of_a_curve_and_an_exponential_with_its_rate
 
 
 def _base_path() -> tuple[Path, dict[str, FloatArray]]:
-    from tests.helpers.gap_drives import plain_signals
+    from tests.helpers.gap.gap_drives import plain_signals
     from training.greybox.chain import base_path
 
     signals = plain_signals(n=600)

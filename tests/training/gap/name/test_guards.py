@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from monitor.base.types import FloatArray
-from tests.helpers.gap_drives import BASE, case_of, noisy_drive
+from tests.helpers.gap.gap_drives import BASE, case_of, noisy_drive
 from training.gap.name import guards
 from training.greybox.fit.case import Case
 from training.greybox.fit.joint import JointFit, fit

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.helpers.gap_drives import BASE, case_of, noisy_drive
+from tests.helpers.gap.gap_drives import BASE, case_of, noisy_drive
 from training.gap.name.manoeuvres import library, separate
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.joint import fit

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from monitor.base.errors import RecordingError
-from tests.helpers.gap_simulated import known, two_drives
+from tests.helpers.gap.gap_simulated import known, two_drives
 from training.gap.name.decision import StepOutcome
 from training.gap.name.naming import name
 from training.gap.name.vehicle_mix import chain_of

@@ -5,7 +5,7 @@ from functools import cache
 
 import pytest
 
-from tests.helpers.gap_simulated import known, two_drives
+from tests.helpers.gap.gap_simulated import known, two_drives
 from training.gap.name import steps
 from training.gap.name.decision import StepOutcome
 from training.gap.name.ranking import rank

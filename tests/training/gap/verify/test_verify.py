@@ -13,8 +13,8 @@ from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from monitor.model.card import Limit
 from monitor.model.step import Model
-from tests.helpers.gap_drives import PERIOD_S, plain_signals
-from tests.helpers.recordings import recording_of
+from tests.helpers.drives.recordings import recording_of
+from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from training.gap.add.addition import Addition
 from training.gap.inputs.roles import FAULTS
 from training.gap.verify.detection import put_on

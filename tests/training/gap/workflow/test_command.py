@@ -11,7 +11,7 @@ from monitor import cli as o2mon
 from monitor.base.command_line.command import INTERRUPTED
 from monitor.base.errors import ModelError
 from monitor.model.step import Model
-from tests.helpers.gap_files import drives, run
+from tests.helpers.gap.gap_files import drives, run
 from training import cli
 from training.gap import workflow
 from training.gap.add import choice, greybox

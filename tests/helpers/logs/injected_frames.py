@@ -12,7 +12,7 @@ from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.rewrite import writers
 from tests.conftest import ROOT
-from tests.helpers.decoding import values_of
+from tests.helpers.logs.decoding import values_of
 
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])

@@ -9,7 +9,7 @@ from monitor.base.types import FloatArray
 from monitor.frames.profiles.profile import load_profile, tree_of
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.logger_files import write_text_table
+from tests.helpers.logs.logger_files import write_text_table
 from training.narx.export import update_card
 
 

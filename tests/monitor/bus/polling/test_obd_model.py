@@ -12,8 +12,8 @@ from monitor.bus.polling.pids import lengths, wanted
 from monitor.bus.polling.poller import ObdPoller
 from monitor.model.step import Model
 from monitor.pipeline import replay
-from tests.helpers.obd_ecu import ObdEcu, SimulatedBus
-from tests.helpers.simulated_drives import WARM
+from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus
+from tests.helpers.drives.simulated_drives import WARM
 from training.cli import main
 from training.dyno.simulation import Experiment, simulate
 

@@ -20,7 +20,7 @@ from monitor.pipeline import replay
 from monitor.pipeline.events import WindowJudged
 from monitor.pipeline.frames import FramePipeline
 from tests.conftest import ROOT
-from tests.helpers.diagnostics_state import Vehicle, ask
+from tests.helpers.bus.diagnostics_state import Vehicle, ask
 
 Subfunction = ReadDTCInformation.Subfunction
 SLOW = 0x013300

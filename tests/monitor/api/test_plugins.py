@@ -155,7 +155,7 @@ def test_a_rule_that_cannot_be_used_is_named(
 
 OWN_EFFECT = """
 import numpy as np
-from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from tests.training.greybox import test_effect_forms as forms
 from training import cli
 from training.greybox.effects import LIBRARY

@@ -9,8 +9,8 @@ from monitor.bus.polling.pids import lengths, wanted
 from monitor.bus.polling.poller import ObdPoller
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.frames.logs import frame_of
-from tests.helpers.decoding import Decoding
-from tests.helpers.obd_ecu import ObdEcu, SimulatedBus
+from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus
+from tests.helpers.logs.decoding import Decoding
 
 OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
 PARAMETERS = wanted(OBD, OBD.names)

@@ -17,7 +17,7 @@ from monitor.cli import diagnostics
 from monitor.memory.dtc_store import Saved
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
-from tests.helpers.diagnostics_state import VIN
+from tests.helpers.bus.diagnostics_state import VIN
 
 SETUP = replay.set_up(None, [], config.load())
 

@@ -18,7 +18,7 @@ from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import DtcChanged, Event, Tick, WindowJudged
 from monitor.pipeline.monitor import SensorMonitor
-from tests.helpers.windows import judged_window
+from tests.helpers.models.windows import judged_window
 
 DATABASE = cast(Database, load_file(dbc.path("o2_monitor.dbc")))
 STATUS = DATABASE.get_message_by_name("O2MON_Status").frame_id

@@ -21,7 +21,7 @@ from monitor.memory.dtc_store import Saved
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
-from tests.helpers.played_bus import Ear, PlayedBus
+from tests.helpers.bus.played_bus import Ear, PlayedBus
 
 DRIVE = 200 * 60  # frames, a minute of a late sensor
 PAUSE_NS = 600 * 10**9

@@ -14,6 +14,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
 
 import can
 import isotp
@@ -25,18 +27,78 @@ from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 from udsoncan.exceptions import NegativeResponseException
 
+import dbc
 from monitor.base import config
 from monitor.base.command_line import signature
 from monitor.bus.loop import Loop
 from monitor.cli.diagnostics import DiagnosticsOptions, diagnostics
+from monitor.decode.bus_map import load_pairs
+from monitor.decode.checksum import payload_checksum
 from monitor.memory import obd_records
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from tests.conftest import ROOT
-from tests.helpers.diagnostics_state import VIN
-from tests.helpers.ecu import Ecu
+from tests.helpers.bus.diagnostics_state import VIN
+from tests.helpers.logs.batch_logs import USUAL
+
+ELM327: Final = ROOT / "tests/helpers/bus/obd_clients/elm327.py"
+PERIOD_S: Final = 0.05
+CHECKSUM_BYTE: Final = 7
+CHANGING: Final = ("closed_loop", "engine_speed_rpm", "engine_torque_nm", "throttle_percent")
+MOVING: Final = ("vehicle_speed_km_h", "purge_duty_percent", "sensor_heater_percent")
+VALUES: Final = {name: x for name, x in USUAL.items() if name not in (*CHANGING, *MOVING)}
+
+
+class Ecu:
+    """Sends every message of ``o2_ecu.dbc`` with counter and checksum, the engine speed as set."""
+
+    def __init__(self, bus: can.BusABC, engine_speed_rpm: float) -> None:
+        bus_map = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
+        self._channels = list(bus_map.channels.values())
+        self._messages = {c.message.frame_id: c.message for c in self._channels}
+        self._bus, self.engine_speed_rpm = bus, engine_speed_rpm
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        counter = 0
+        while not self._stop.wait(PERIOD_S):
+            values = VALUES | {"engine_speed_rpm": self.engine_speed_rpm}
+            for message in self._messages.values():
+                fields = {s.name: 0.0 for s in message.signals} | {"AliveCounter": counter % 16}
+                for channel in self._channels:
+                    if channel.message is message:
+                        value = values.get(channel.mapped.name, 0.0)
+                        fields[channel.signal.name] = value
+                payload = bytearray(message.encode(fields, strict=False))
+                payload[CHECKSUM_BYTE] = payload_checksum(
+                    "crc8_sae_j1850_id", message.frame_id, bytes(payload), CHECKSUM_BYTE
+                )
+                self._bus.send(
+                    can.Message(
+                        timestamp=time.time(),
+                        arbitration_id=message.frame_id,
+                        is_extended_id=False,
+                        data=payload,
+                    )
+                )
+            counter += 1
+
 
 SLOW = 0x013300
 READY_S = 30.0
@@ -279,7 +341,7 @@ def scan_tool(
         ecu = stack.enter_context(Ecu(bus, engine_speed_rpm=0.0))
         start(stack, "-m", "monitor.cli", "run", *bus_options, *run_options)
         wait_for(lambda: answers(bus), "the monitor answers")
-        adapter = start(stack, str(ROOT / "tests/helpers/obd_clients/elm327.py"), GROUP, str(port))
+        adapter = start(stack, str(ELM327), GROUP, str(port))
         assert adapter.stdout
         terminal = adapter.stdout.readline().strip()
         assert re.fullmatch(r"/dev/pts/\d+", terminal)

@@ -14,9 +14,9 @@ from monitor.bus.polling.pids import interval_s
 from monitor.bus.polling.poller import ObdPoller
 from monitor.cli import main
 from monitor.pipeline import replay
-from tests.helpers.obd_conversation import LENGTHS, PARAMETERS, Conversation
-from tests.helpers.obd_ecu import ObdEcu, SimulatedBus, answering, steady_ecu
-from tests.helpers.simulated_drives import WARM, driven
+from tests.helpers.bus.obd_conversation import LENGTHS, PARAMETERS, Conversation
+from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus, answering, steady_ecu
+from tests.helpers.drives.simulated_drives import WARM, driven
 from training.dyno.simulation import Experiment
 
 

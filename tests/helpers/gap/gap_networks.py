@@ -14,7 +14,7 @@ from monitor.base.types import FloatArray
 from monitor.judge.limits import NO_LIMITS
 from monitor.model.card import TrainingRecording
 from monitor.model.step import Model
-from tests.helpers.recordings import recording_of_samples
+from tests.helpers.drives.recordings import recording_of_samples
 from tests.helpers.shared import shared
 from training.dyno import vehicle
 from training.dyno.ecu import broadcast, own_bus, samples

@@ -17,7 +17,7 @@ from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline import replay
 from monitor.pipeline.frames import FramePipeline
 from tests.conftest import ROOT
-from tests.helpers.diagnostics_state import SHA256, VIN, Vehicle, ask
+from tests.helpers.bus.diagnostics_state import SHA256, VIN, Vehicle, ask
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,9 @@ from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import Ratio
 from tests.conftest import ROOT
-from tests.helpers.diagnostics_state import NAMES, SHA256, VIN, Vehicle, ask, tick
+from tests.helpers.bus.diagnostics_state import NAMES, SHA256, VIN, Vehicle, ask, tick
 from tests.helpers.examples import inputs
-from tests.helpers.windows import judged_window
+from tests.helpers.models.windows import judged_window
 
 
 def test_sessions_are_default_and_extended() -> None:

@@ -7,8 +7,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from monitor.model.card import TrainingRecording
-from tests.helpers.gap_drives import PERIOD_S, plain_signals
-from tests.helpers.gap_simulated import simulated
+from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.gap.gap_simulated import simulated
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.greybox.fit.drive import ChainDrive, make

@@ -20,9 +20,9 @@ from monitor.bus.polling.poller import ObdPoller
 from monitor.bus.polling.schedule import Schedule
 from monitor.cli import options
 from monitor.decode.bus_map import load_pairs
+from tests.helpers.bus.obd_conversation import LENGTHS, OBD, PARAMETERS, Conversation
+from tests.helpers.bus.obd_ecu import J1979, STEADY, SUPPORTED, steady_ecu
 from tests.helpers.examples import inputs
-from tests.helpers.obd_conversation import LENGTHS, OBD, PARAMETERS, Conversation
-from tests.helpers.obd_ecu import J1979, STEADY, SUPPORTED, steady_ecu
 
 
 def expected() -> dict[str, float]:

@@ -18,7 +18,7 @@ from monitor.bus.diagnostics.server import (
     DiagnosticAddress,
     Diagnostics,
 )
-from tests.helpers.diagnostics_state import Vehicle, tick
+from tests.helpers.bus.diagnostics_state import Vehicle, tick
 from tests.helpers.examples import inputs
 
 FUNCTIONAL, REQUEST, RESPONSE = 0x7DF, 0x7E1, 0x7E9

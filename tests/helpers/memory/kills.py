@@ -16,10 +16,10 @@ from typing import Any
 from monitor.memory.block import MISSING, Block
 from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.store import Memory
-from tests.helpers.driven_memory import drive, told
-from tests.helpers.loop_on_memory import held
+from tests.helpers.memory.driven_memory import drive, told
+from tests.helpers.memory.loop_on_memory import held
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 MOST_EVENTS = 8  # before the kill
 LONGEST_S = 0.02  # between the last of these, or the process's beginning, and the kill
 
@@ -66,7 +66,7 @@ def kills(path: Path, n: int, rng: random.Random) -> Counter[str]:
     happened: Counter[str] = Counter()
     started = Saved()
     with subprocess.Popen(
-        [sys.executable, "-m", "tests.helpers.driven_memory"],
+        [sys.executable, "-m", "tests.helpers.memory.driven_memory"],
         cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -132,7 +132,7 @@ def loop_kills(folder: Path, n: int, rng: random.Random) -> int:
 def told_by_loop(path: Path, kill_after: int | None, wait_s: float = 0.0) -> list[Any]:
     """Return what the loop tells, to its end or until it is killed after so many events."""
     with subprocess.Popen(
-        [sys.executable, "-m", "tests.helpers.loop_on_memory", path, "3"],
+        [sys.executable, "-m", "tests.helpers.memory.loop_on_memory", path, "3"],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,

@@ -27,8 +27,8 @@ from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import is_own
 from monitor.grid.block_assembler import LATEST_NS
 from monitor.pipeline import replay
-from tests.helpers.batch_logs import MS
-from tests.helpers.played_bus import judged
+from tests.helpers.bus.played_bus import judged
+from tests.helpers.logs.batch_logs import MS
 
 SETUP = replay.set_up(None, (), config.load())
 DRIVE = healthy(40.0)

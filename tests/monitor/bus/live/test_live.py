@@ -29,7 +29,7 @@ from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import DtcChanged
 from monitor.memory.dtc_store import DtcStore
 from tests.conftest import ROOT
-from tests.helpers.live_player import Player, Sink, frames_of
+from tests.helpers.bus.live_player import Player, Sink, frames_of
 
 STATUS = {200, 400, 403, 404, 405, 421, 431, 503}
 
@@ -332,7 +332,7 @@ def test_the_loop_outlives_the_server_and_its_keeper_and_says_so_once(
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_the_server_ends_with_the_loop(how: signal.Signals) -> None:
     script = (
-        "import time; from tests.helpers.live_player import Player; p = Player();"
+        "import time; from tests.helpers.bus.live_player import Player; p = Player();"
         "print(p.server.pid, flush=True); p.work(60)"
     )
     with subprocess.Popen(

@@ -12,8 +12,8 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from monitor.base.types import Frame
-from tests.helpers.chromium import chromium
-from tests.helpers.live_player import Player, frames_of
+from tests.helpers.bus.chromium import chromium
+from tests.helpers.bus.live_player import Player, frames_of
 
 LAPTOP, PHONE = (1366, 768), (390, 844)
 
