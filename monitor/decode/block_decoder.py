@@ -182,23 +182,22 @@ class _MessageDecoder:
     def _multiplexed(self, rows: IntArray, length: Bytes, payloads: Payloads) -> list[Decoded]:
         """Return a part for each group of channels; a frame too short for one is not used."""
         alive, used = np.ones(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
+        signals = {s.name: s for group in self.plan.groups for s, _ in group.conditions}
+        raw = {name: payloads.raw(signal) for name, signal in signals.items()}
         found: list[tuple[Group, BoolArray]] = []
         for group in self.plan.groups:
-            carries = alive.copy()
+            carries = alive
             for signal, ids in group.conditions:
-                carries &= np.isin(payloads.raw(signal), ids)
-            short = carries & (length < group.n_bytes)
-            self.counts["length"] += int(np.count_nonzero(short))
-            alive &= ~short
-            used |= carries
-            found.append((group, carries))
+                carries = carries & np.logical_or.reduce([raw[signal.name] == i for i in ids])
+            if carries.any():
+                short = carries & (length < group.n_bytes)
+                self.counts["length"] += int(np.count_nonzero(short))
+                alive = alive & ~short
+                used |= carries
+                found.append((group, carries))
         self.counts["other"] += int(np.count_nonzero(alive & ~used))
-        parts = []
-        for group, carries in found:
-            places = np.flatnonzero(carries & alive)
-            values = self._values(group, payloads.at(places))
-            parts.append(Decoded(rows[places], group.channels, values))
-        return parts
+        places = [(group, np.flatnonzero(carries & alive)) for group, carries in found]
+        return [Decoded(rows[i], g.channels, self._values(g, payloads.at(i))) for g, i in places]
 
     def _values(self, group: Group, payloads: Payloads) -> FloatArray:
         values = np.empty((len(group.readers), len(payloads)))
