@@ -17,7 +17,7 @@ from training.limits.decision_limits import MANY_WINDOWS
 from training.recordings.files.table_files import write_table
 
 INPUTS = ("fuel", "air")
-QUICK = {"lags": 3, "hidden": (4,), "starts": 1, "budget_minutes": 3.0, "threads": 1}
+QUICK = {"lags": 3, "hidden": (4,), "starts": 1, "budget_minutes": 0.05, "threads": 1}
 
 
 def drive_of(seed: int, n: int = 2100) -> dict[str, np.ndarray]:

@@ -9,6 +9,7 @@ from tests.training.narx.test_fit import plant, source_of
 from training.narx.cross_fit import cross_fit, unseen_words
 from training.narx.fit import FitOptions, fit
 from training.narx.network import Spec
+from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared
 
 
@@ -23,7 +24,7 @@ def test_what_a_recording_holds_does_not_reach_its_unseen_prediction() -> None:
     y[second.start + 100 : second.stop] *= -1.0
     other = replace(data, samples=replace(data.samples, y=y))
     # WHEN both are cross-fitted
-    found, changed = (cross_fit(d, shape(d)) for d in (data, other))
+    found, changed = (cross_fit(d, shape(d), work=Work(2e7)) for d in (data, other))
     # THEN the twin without the second drive predicts the same, the others do not
     assert np.array_equal(found.of_recording(1), changed.of_recording(1), equal_nan=True)
     assert not np.array_equal(found.of_recording(0), changed.of_recording(0), equal_nan=True)

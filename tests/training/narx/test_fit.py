@@ -140,7 +140,7 @@ def test_further_starts_are_trained_while_none_forgets(
 def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:
     results = [
         fit(
-            source_of(plant(1, 900)),
+            source_of(plant(1, 600)),
             tmp_path / f"{i}.onnx",
             FitOptions(lags=2, hidden=(2,), starts=1, seed=5),
         )
@@ -221,11 +221,7 @@ def test_the_budget_of_work_ends_the_training_with_the_best_so_far(tmp_path: Pat
     assert not counted["ended_by_wall"]
     assert any("budget ended" in w for w in result.warnings)
     with pytest.raises(UsageError, match="ended before the first epoch"):
-        fit(
-            source_of(plant(1)),
-            tmp_path / "m.onnx",
-            FitOptions(hidden=(4,), budget_minutes=1e-9),
-        )
+        fit(source_of(plant(1)), tmp_path / "m.onnx", FitOptions(hidden=(4,), budget_minutes=1e-9))
 
 
 def test_a_wall_limit_that_ends_a_fit_early_is_said(
@@ -243,8 +239,8 @@ def test_a_wall_limit_that_ends_a_fit_early_is_said(
 
 def test_fits_beside_other_work_write_the_same_file(tmp_path: Path) -> None:
     # GIVEN a fit that its budget ends
-    options = FitOptions(budget_minutes=0.01, seed=2)
-    source = source_of(plant(1, 900))
+    options = FitOptions(budget_minutes=0.001, seed=2)
+    source = source_of(plant(1, 600))
     fit(source, tmp_path / "alone.onnx", options)
     # WHEN the same runs beside threads that keep every core busy
     stop = Event()
@@ -254,7 +250,7 @@ def test_fits_beside_other_work_write_the_same_file(tmp_path: Path) -> None:
         while not stop.is_set():
             block @ block
 
-    others = [Thread(target=busy) for _ in range(4)]
+    others = [Thread(target=busy) for _ in range(2)]
     for other in others:
         other.start()
     try:

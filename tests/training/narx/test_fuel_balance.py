@@ -40,7 +40,7 @@ def predicted_phi(path: Path, recording: Recording, factor: float) -> FloatArray
 
 def test_a_network_learned_in_closed_loop_follows_a_lasting_change_of_fuel(tmp_path: Path) -> None:
     path = tmp_path / "m.onnx"
-    options = FitOptions(lags=4, hidden=(4,), starts=1, budget_minutes=3.0, threads=1)
+    options = FitOptions(lags=4, hidden=(4,), starts=1, budget_minutes=0.05, threads=1)
     fit(FitSource([closed_loop(1)], NAMES[:2], NAMES[2]), path, options)
     other = closed_loop(2, noise=0.0)
     richer = predicted_phi(path, other, 1.05)[100:].mean()

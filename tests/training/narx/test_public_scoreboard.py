@@ -69,7 +69,7 @@ def test_the_scoreboard_compares_free_runs_of_all_models(
         goals={"test": 40.0},
     )
     # WHEN all models are measured
-    rows = measure(plant, list(MODELS), seeds=1, budget_minutes=0.2, epochs=20)
+    rows = measure(plant, list(MODELS), seeds=1, budget_minutes=0.02, epochs=20)
     # THEN the network is better than the ARX
     error = {str(row["model"]): float(row["RMSE"] or 0.0) for row in rows}
     assert error["NARX"] < error["ARX"] < 1e3 * test.y.std()

@@ -101,7 +101,7 @@ def test_derivatives_hold_for_boxes_and_the_linear_path() -> None:
 @pytest.fixture(scope="module")
 def late(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
     out = tmp_path_factory.mktemp("late") / "model.onnx"
-    return fit(FitSource([analyser(1)], ["u0"], "y"), out, FitOptions(starts=1, budget_minutes=5))
+    return fit(FitSource([analyser(1)], ["u0"], "y"), out, FitOptions(starts=1, budget_minutes=0.1))
 
 
 def test_a_late_analyser_is_given_a_long_memory(late: FitResult) -> None:
@@ -133,7 +133,7 @@ def test_a_short_record_of_a_nearly_linear_plant_gets_a_small_model(tmp_path: Pa
     u = np.repeat(rng.uniform(-1, 1, 60), 10)
     y = lfilter([0.2], [1.0, -0.8], u) + 0.2 * rng.standard_normal(600)
     source = FitSource([recording(u[:, None], y)], ["u0"], "y")
-    result = fit(source, tmp_path / "m.onnx", FitOptions(starts=1, budget_minutes=5))
+    result = fit(source, tmp_path / "m.onnx", FitOptions(starts=1, budget_minutes=0.02))
     largest = max(t.n_weights for t in result.tries)
     assert result.network.spec.n_weights < 0.6 * largest
     truth = lfilter([0.2], [1.0, -0.8], u)

@@ -100,7 +100,7 @@ def test_a_model_of_one_logger_s_columns_judges_its_next_log_without_a_word(
     mine.write_text('based_on = "cobb"\nstoich_afr = 14.6\n')
     model = tmp_path / "m.onnx"
     own = ("--profile", str(mine))
-    small = ("--lags", "4", "--hidden", "4", "--starts", "1", "--budget", "3")
+    small = ("--lags", "4", "--hidden", "4", "--starts", "1", "--budget", "0.05")
     assert o2train(["fit", *map(str, logs), "--out", str(model), *small, *own]) == 0
     assert "inputs: air_mass_mg maf_kg_h manifold_pressure_kpa engine_speed_rpm (chosen" in (
         capsys.readouterr().out
