@@ -125,7 +125,7 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
 
     monkeypatch.setattr(network, "retrain", retrain)
     # WHEN either may be taken
-    options = GapOptions(retrain_minutes=1.0)
+    options = GapOptions(retrain_minutes=0.1)
     new, form, _ = choice.add(
         material, target, choices=[[far]], known=None, start=chain, options=options
     )
@@ -169,7 +169,7 @@ def test_a_network_that_follows_the_film_is_trained_anew_with_healthy_drives(
         choices=[[film]],
         known=None,
         start=chain,
-        options=GapOptions(retrain_minutes=1.0),
+        options=GapOptions(retrain_minutes=0.1),
     )
     # THEN it predicts far better what no fit saw
     assert new == out
