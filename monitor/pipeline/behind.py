@@ -1,32 +1,44 @@
 """The catalyst in a table without the model's signals, judged by how the rear sensor moves."""
 
+import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
-from monitor.base.config import CatalystConfig
+from monitor.base.config import Config
 from monitor.base.counts import counted
+from monitor.base.signals import OUTPUT
 from monitor.base.types import FloatArray
+from monitor.grid.table_samples import table_block
 from monitor.grid.tables import Table
-from monitor.judge.catalyst.rear_activity import RearActivity
+from monitor.judge.catalyst.rear_activity import MID_V, RearActivity
+from monitor.judge.catalyst.rear_circuit import CIRCUIT, RearCircuit
 from monitor.judge.catalyst.watch import VOLTAGE
 from monitor.judge.causes.causes import Cause
-from monitor.memory.codes import codes_on
+from monitor.judge.counters import Counters
+from monitor.judge.electrical.readiness import ENGINE
+from monitor.judge.findings import Change, DtcChanged
+from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.pipeline.entry import seconds
 
+CATALYST_TEST: Final = "catalyst"
+CUT: Final = "fuel_cut"
 FRONT: Final = "upstream_voltage_v"  # of a front sensor that only switches
 
 
 def judge_behind(
-    table: Table, store: DtcStore, config: CatalystConfig
+    table: Table, store: DtcStore, config: Config
 ) -> tuple[dict[str, Any], list[Cause]]:
     """Return the entry of the catalyst, and why it was not judged, nothing if it was.
 
     store : fault memory, in which a driving cycle has begun
     """
-    activity = RearActivity(config)
+    activity = RearActivity(config.catalyst)
+    _judge_circuit(table, store, config)
     if FRONT in table.names:
         _follow(table, activity, store, config)
     claim = activity.claim()
@@ -41,29 +53,64 @@ def judge_behind(
     return entry, [] if claim.outcome != "inconclusive" else [_cause(table, activity)]
 
 
-def _follow(table: Table, activity: RearActivity, store: DtcStore, config: CatalystConfig) -> None:
+def freeze(
+    changes: Sequence[Change], store: DtcStore, names: Sequence[str], values: FloatArray
+) -> None:
+    """Keep the signals of a sample, (n_names,), for each code that fails on it."""
+    signals = {n: v for n, v in zip(names, values.tolist(), strict=True) if np.isfinite(v)}
+    for change in changes:
+        if isinstance(change, DtcChanged) and change.dtc.status & Status.TEST_FAILED:
+            store.freeze(FreezeFrame(change.dtc.code, change.t_ns, signals))
+
+
+def _judge_circuit(table: Table, store: DtcStore, config: Config) -> None:
+    """Let the circuit test judge the voltage; without a sign of lean gas all gas may be lean.
+
+    Without the air flow a voltage at rest may be that of a logger that repeats it.
+    """
+    wanted = (VOLTAGE, FRONT, OUTPUT, CUT, ENGINE)
+    block = table_block(table, [name for name in wanted if name in table.names])
+    at = {name: block.values[:, i] for i, name in enumerate(n for n in wanted if n in table.names)}
+    n, own = len(block.t_ns), replace(config.catalyst, inactive_most_s=math.inf)
+    if OUTPUT in at:
+        x = 1.0 - 1.0 / at[OUTPUT]
+    elif FRONT in at:
+        x = np.where(at[FRONT] < MID_V, 1.0, 0.0)
+    else:
+        x = np.ones(n)
+    if CUT in at:
+        x = np.where(at[CUT] > 0.0, 1.0, x)
+    runs = at[ENGINE] > config.plausibility.engine_running_rpm if ENGINE in at else np.ones(n)
+    period_s = float(np.median(np.diff(block.t_ns))) / 1e9 if n > 1 else 1.0
+    found, _ = RearCircuit(own, period_s).push(
+        volts=at[VOLTAGE],
+        x=x,
+        air_g_s=np.zeros(n),
+        running=np.cumsum(runs, dtype=np.int64),
+        duty_percent=np.full(n, np.nan),
+    )
+    counters = Counters((CIRCUIT,), config, store)
+    for each in found:
+        failed, t_ns = bool(each.fault), block.t_ns.item(each.at)
+        changes = counters.mature(CIRCUIT, failed=failed, fault=each.fault, t_ns=t_ns)
+        freeze(changes, store, list(at), block.values[each.at])
+
+
+def _follow(table: Table, activity: RearActivity, store: DtcStore, config: Config) -> None:
     """Take all samples; the fault memory takes the first verdict, and another that follows."""
     front, rear = _column(table, FRONT), _column(table, VOLTAGE)
-    cut = _column(table, "fuel_cut") if "fuel_cut" in table.names else np.zeros(len(front))
-    before = "inconclusive"
+    cut = _column(table, CUT) if CUT in table.names else np.zeros(len(front))
+    counters, before = Counters((CATALYST_TEST,), config, store), "inconclusive"
     for k, t_ns in enumerate(table.t_ns.tolist()):
         burning = not cut[k] > 0.0
         if not activity.push(t_ns / 1e9, front[k], rear[k], burning=burning):
             continue
         claim = activity.claim()
-        if claim.outcome == before:
+        if claim.outcome in (before, "inconclusive"):
             continue
-        before = claim.outcome
-        if claim.outcome == "failed" and claim.fault is not None:
-            codes = codes_on(claim.fault, close_coupled=config.close_coupled)
-            for dtc in store.fail(claim.fault, t_ns, codes=codes):
-                read = zip(table.names, table.values[k].tolist(), strict=True)
-                signals = {name: value for name, value in read if np.isfinite(value)}
-                store.freeze(FreezeFrame(dtc.code, t_ns, signals))
-            store.count_judged("catalyst")
-        elif claim.outcome == "passed":
-            store.complete("catalyst")
-            store.count_judged("catalyst")
+        before, failed = claim.outcome, claim.outcome == "failed"
+        changes = counters.mature(CATALYST_TEST, failed=failed, fault=claim.fault or "", t_ns=t_ns)
+        freeze(changes, store, table.names, table.values[k])
 
 
 def _cause(table: Table, activity: RearActivity) -> Cause:
@@ -76,7 +123,11 @@ def _cause(table: Table, activity: RearActivity) -> Cause:
     if not activity.trials:
         advice = f"one sample each {step_s:.2g} s, wanted two a second: log fewer signals"
         return _because(VOLTAGE, "too_slow", advice)
-    advice = f"the front sensor switched {counted(activity.trials, 'time')}: record a longer drive"
+    if not activity.shows_both_sides:
+        advice = "the rear sensor stood on one side only: drive with fuel cuts or check its wiring"
+        return _because(VOLTAGE, "undecided", advice)
+    excursions = counted(activity.trials, "excursion")
+    advice = f"{excursions} of the front sensor could be judged: record a longer drive"
     return _because(VOLTAGE, "undecided", advice)
 
 

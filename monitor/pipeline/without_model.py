@@ -4,7 +4,6 @@ The electrical tests judge the wideband sensor where the log has its reading and
 the catalyst is judged where it has the voltage behind it.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,7 +12,6 @@ import numpy as np
 from monitor.base.config import Config
 from monitor.base.errors import CoarseTableError, MissingSignalsError
 from monitor.base.signals import OUTPUT
-from monitor.base.types import SampleBlock
 from monitor.grid.table_samples import table_block
 from monitor.grid.tables import Table, is_table, read_table
 from monitor.judge.catalyst.watch import VOLTAGE
@@ -22,17 +20,14 @@ from monitor.judge.counters import Counters
 from monitor.judge.electrical.readiness import ENGINE
 from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import BURNING, Enable, masks
-from monitor.judge.findings import Change, DtcChanged
-from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
-from monitor.memory.obd_records import FreezeFrame
 from monitor.model.card import Channel
-from monitor.pipeline.behind import judge_behind
+from monitor.pipeline.behind import CUT, freeze, judge_behind
 from monitor.pipeline.collector import Trace
 from monitor.pipeline.entry import dtc_entry, not_judged
 
 TESTS: Final = ("communication", "range", "ready", "activity")
-CUT, PULSE = "fuel_cut", "injector_pulse_width_ms"
+PULSE: Final = "injector_pulse_width_ms"
 
 
 def table_of(path: Path, columns: Path | None, lacking: MissingSignalsError) -> Table | None:
@@ -67,7 +62,7 @@ def judge(
         causes.append(Cause("response", None, None, "no_model", advice))
         judged.append("the electrical state of the sensor")
     if VOLTAGE in table.names:
-        catalyst, why = judge_behind(table, store, config.catalyst)
+        catalyst, why = judge_behind(table, store, config)
         causes += why
         judged.append("the catalyst")
     begin_ns = int(table.t_ns[0])
@@ -118,25 +113,14 @@ def _judge_reading(table: Table, store: DtcStore, config: Config) -> None:
     for k, result in found.matured:
         t_ns = block.t_ns.item(k)
         matured = counters.mature(result.test, failed=result.failed, fault=result.fault, t_ns=t_ns)
-        _freeze(matured, store, names, block, k)
+        freeze(matured, store, names, block.values[k])
     for k, (failed, fault) in found.stretches:
         if fault != "stuck_at_one":
             t_ns = block.t_ns.item(k)
             changes = counters.step("activity", failed=failed, fault=fault, also=(), t_ns=t_ns)
-            _freeze(changes, store, names, block, k)
+            freeze(changes, store, names, block.values[k])
 
 
 def _tells_cut(table: Table) -> bool:
     """Return whether a fuel cut is known; one made of a low manifold pressure is a guess."""
     return PULSE in table.names or table.columns.get(CUT, CUT).startswith("column")
-
-
-def _freeze(
-    changes: Sequence[Change], store: DtcStore, names: Sequence[str], block: SampleBlock, k: int
-) -> None:
-    """Keep the signals of sample k for each code that fails."""
-    for change in changes:
-        if isinstance(change, DtcChanged) and change.dtc.status & Status.TEST_FAILED:
-            read = zip(names, block.values[k].tolist(), strict=True)
-            signals = {name: value for name, value in read if np.isfinite(value)}
-            store.freeze(FreezeFrame(change.dtc.code, change.t_ns, signals))

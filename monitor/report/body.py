@@ -13,11 +13,13 @@ from monitor.pipeline.entry import fault_words
 from monitor.report import catalyst, evidence, fuel_cuts
 from monitor.report.elements import number, path, row, table, term_list, text
 from monitor.report.words import (
+    CATALYST_ALONE,
     STATISTICS,
     VERDICTS,
     confidence,
     duration,
     has_model,
+    is_catalyst_alone,
     is_simulated,
     meaning,
     seconds,
@@ -170,6 +172,8 @@ def _sentence(recording: Mapping[str, Any]) -> str:
 def _passed(recording: Mapping[str, Any]) -> str:
     """Return that every test passed, and if so, that the fuel cuts decided nothing."""
     cuts = recording.get("fuel_cut_response")
+    if is_catalyst_alone(recording):
+        return f"{CATALYST_ALONE[0].upper()}{CATALYST_ALONE[1:]}."
     if cuts is None or cuts["verdict"] == "passed":
         return "Every test was completed and passed."
     return (
@@ -361,6 +365,8 @@ def _why(recording: Mapping[str, Any]) -> str:
     causes = recording["not_judged"]
     if causes:
         return text(Cause(**causes[0]).in_words)
+    if is_catalyst_alone(recording):
+        return CATALYST_ALONE
     cuts = recording.get("fuel_cut_response")
     is_open = cuts is not None and cuts["verdict"] != "passed"
     return "no test failed" if is_open else "every test passed"

@@ -8,6 +8,7 @@ from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import fault_words
 from monitor.pipeline.events import Counted, CutJudged, CycleStarted, DtcChanged, Happening
 from monitor.report import evidence, fuel_cuts
+from monitor.report.words import CATALYST_ALONE, is_catalyst_alone
 
 
 def verdict_text(recording: Mapping[str, Any]) -> str:
@@ -18,7 +19,7 @@ def verdict_text(recording: Mapping[str, Any]) -> str:
         )
         return f"FAULT: {codes}"
     if not recording["not_judged"]:
-        return "no fault"
+        return CATALYST_ALONE if is_catalyst_alone(recording) else "no fault"
     return f"not judged: {reason(recording)}"
 
 

@@ -73,6 +73,15 @@ STATISTICS = {
 }
 
 
+CATALYST_ALONE: Final = "the catalyst passed, nothing else was judged"
+
+
+def is_catalyst_alone(recording: Mapping[str, Any]) -> bool:
+    """Return whether of a drive with a verdict only the catalyst was judged."""
+    method = (recording.get("catalyst") or {}).get("method")
+    return method == "activity" and not recording["dtcs"] and not recording["not_judged"]
+
+
 def verdict_of(recording: Mapping[str, Any]) -> str:
     """Return the verdict on a recording in the words of a window's verdict."""
     if recording["fault_flag"]:

@@ -6,7 +6,8 @@ stores, short excursions of the mixture never reach it. Every short excursion of
 away from the side on which the rear sensor stands, is one trial: the rear follows or it does not.
 The trials are compared with the probabilities of both claims by the sequential test of the response
 rule (Wald, Sequential Analysis, section 3.2). Fuel cuts and long excursions are no trials: they
-fill or empty any catalyst.
+fill or empty any catalyst. A rear sensor that has stood on one side only may be dead, so it passes
+nothing.
 """
 
 import math
@@ -45,6 +46,7 @@ class RearActivity:
         self._front = self._rear = BETWEEN
         self._open: list[_Excursion] = []
         self._last_s = -math.inf
+        self._shown: set[int] = set()  # sides on which the rear sensor has stood
         self.log_odds = 0.0  # of a catalyst that stores nothing, over a sound one
         self.trials = self.followed = 0
 
@@ -61,6 +63,7 @@ class RearActivity:
         if not known:
             return False
         self._rear = _side(self._rear, rear_v, self._config.follow_hysteresis_v)
+        self._shown.add(self._rear)
         front = _side(self._front, front_v, self._config.follow_hysteresis_v)
         if front != self._front:
             self._switch(t_s, front)
@@ -94,11 +97,16 @@ class RearActivity:
         self.log_odds = min(max(self.log_odds, -most), most)
         return bool(judged)
 
+    @property
+    def shows_both_sides(self) -> bool:
+        """Return whether the rear sensor has stood on the lean and on the rich side."""
+        return {LEAN, RICH} <= self._shown
+
     def claim(self) -> Claim:
         """Return how the evidence stands for a catalyst that stores nothing."""
         if self.log_odds >= self.evidence_fail:
             return Claim("failed", CATALYST, self.log_odds)
-        if -self.log_odds >= self.evidence_pass:
+        if -self.log_odds >= self.evidence_pass and self.shows_both_sides:
             return Claim("passed", None, self.log_odds)
         return Claim("inconclusive", None, self.log_odds)
 
