@@ -30,6 +30,7 @@ WORTH: Final = {
     "battery_voltage_v": "the injectors' dead time depends on it",
 }
 LEAST_SHARE: Final = 0.0005  # of the rows that is told
+AT_END_SHARE: Final = 0.5  # of a lambda's readings at its least or greatest value that is told
 SLOWEST_S: Final = 10.0  # between rows; no logger of a drive is slower
 _INSTEAD: Final = {"manifold_pressure_kpa": ("air_mass_mg", "maf_kg_h", "load_g_per_rev")}
 
@@ -122,6 +123,9 @@ class TableCheck:
         ]
         if len(good) > 1 and not changes:
             faults.append("constant")
+        elif name == OUTPUT and len(good):
+            ends = [(end, float((good == end).mean())) for end in (good.min(), good.max())]
+            faults += [f"{s:.0%} at {end:.4g}, its end" for end, s in ends if s >= AT_END_SHARE]
         verdict = ", ".join(faults) or "plausible"
         return f"{name:<30}{unit:<11}{self.table.column_of(name):<{width}}{numbers}  {verdict}"
 

@@ -88,6 +88,12 @@ def test_check_says_profile_column_unit_range_and_what_is_missing(
     assert "column Intake Manifold Pressure(psi)" in text
     assert "missing: fuel_mass_mg" in text
     assert "note: 1 time the clock started again" in text
+    assert "its end" not in text
+    # a lambda that hardly ever leaves its greatest value is told
+    name, values = next(iter(lambda_.items()))
+    held = np.where(np.arange(300) < 10, values, 1.34)
+    assert cli.main(["check", str(torque(tmp_path / "rail.csv", **{name: held}))]) == 0
+    assert "97% at 1.34, its end" in capsys.readouterr().out
     # a log without a lambda is of no use, and says so
     blank = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": ["-"] * 300}
     assert cli.main(["check", str(torque(tmp_path / "none.csv", **blank))]) == 3
