@@ -58,7 +58,15 @@ class Counted:
     what: Literal["ignition_cycle", "warm_up", "general_denominator", "numerator"]
 
 
-Change = DtcChanged | Counted
+@dataclass(frozen=True, slots=True)
+class RuleOff:
+    """A plug-in's rule failed and judges no further window of this driving cycle."""
+
+    t_ns: int
+    said: str  # which rule, and how it failed
+
+
+Change = DtcChanged | Counted | RuleOff
 
 
 class Facts(NamedTuple):

@@ -23,6 +23,7 @@ from monitor.pipeline.entry import (
 from monitor.pipeline.events import (
     BlockEvent,
     CutJudged,
+    RuleOff,
     Ticks,
     WindowJudged,
 )
@@ -74,6 +75,7 @@ class Collector:
         self._series = _Series(keep_samples) if trace else None
         self._output = monitor.names.index(monitor.output)
         self._flag = monitor.store.fault_flag
+        self.notes: list[str] = []  # what was not judged as asked
 
     def push(self, event: BlockEvent) -> None:
         """Take one event."""
@@ -86,6 +88,8 @@ class Collector:
             self._n_outside += event.is_outside
         elif isinstance(event, CutJudged):
             self._n_cuts += 1
+        elif isinstance(event, RuleOff):
+            self.notes.append(event.said)
         else:
             self._flag = self._monitor.store.fault_flag
 

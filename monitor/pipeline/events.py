@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from monitor.base.types import BoolArray, FloatArray, Sample, SampleBlock
-from monitor.judge.findings import Change, Counted, CutJudged, DtcChanged, WindowJudged
+from monitor.judge.findings import Change, Counted, CutJudged, DtcChanged, RuleOff, WindowJudged
 from monitor.memory.reference import Seen
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "DtcChanged",
     "Event",
     "Happening",
+    "RuleOff",
     "Tick",
     "Ticks",
     "WindowJudged",
@@ -57,7 +58,7 @@ class CycleStarted(NamedTuple):
     seen: Seen | None  # for the vehicle's reference to learn, of the driving cycle before
 
 
-Happening = CycleStarted | WindowJudged | CutJudged | DtcChanged | Counted
+Happening = CycleStarted | WindowJudged | CutJudged | DtcChanged | Counted | RuleOff
 BlockEvent = Ticks | Happening  # what a monitor yields
 Event = Tick | Happening  # the same, sample by sample
 

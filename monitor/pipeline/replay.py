@@ -178,8 +178,8 @@ def judged(
     recording |= of_memory(memory)
     if opened.profile:
         recording |= {"profile": opened.profile}
-    if notes := opened.notes():
-        recording |= {"notes": list(notes)}
+    if notes := [*opened.notes(), *collector.notes]:
+        recording |= {"notes": notes}
     return recording, collector.trace()
 
 

@@ -6,7 +6,7 @@ from typing import Any
 from monitor.judge.causes.causes import Cause
 from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import fault_words
-from monitor.pipeline.events import Counted, CutJudged, CycleStarted, DtcChanged, Happening
+from monitor.pipeline.events import Counted, CutJudged, CycleStarted, DtcChanged, Happening, RuleOff
 from monitor.report import evidence, fuel_cuts
 from monitor.report.words import CATALYST_ALONE, is_catalyst_alone
 
@@ -53,6 +53,8 @@ def event_line(event: Happening, collector: Collector) -> str:
         dtc = event.dtc
         state = dtc.state or "is no longer set"
         return f"{collector.seconds(event.t_ns):8.1f} s  {dtc.code} {dtc.fault} {state}"
+    if isinstance(event, RuleOff):
+        return f"{collector.seconds(event.t_ns):8.1f} s  {event.said}"
     if isinstance(event, CutJudged):
         said = f"{event.outcome} {event.fault or ''}"
         return f"{collector.seconds(event.t_ns):8.1f} s  window around a fuel cut  {said}"

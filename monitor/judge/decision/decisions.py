@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Final
 
 from monitor.base.config import Config
+from monitor.base.foreign import ForeignError
 from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER
 from monitor.judge.catalyst.rule import Claim
@@ -16,7 +17,15 @@ from monitor.judge.counters import Counters
 from monitor.judge.decision.plugins import RuleClass, opinion
 from monitor.judge.decision.window_facts import WindowFacts
 from monitor.judge.electrical.plausibility import TickResult
-from monitor.judge.findings import Change, Counted, CutJudged, Evidence, Facts, WindowJudged
+from monitor.judge.findings import (
+    Change,
+    Counted,
+    CutJudged,
+    Evidence,
+    Facts,
+    RuleOff,
+    WindowJudged,
+)
 from monitor.judge.fuel_cut.cuts import Cut
 from monitor.judge.fuel_cut.response import TEST as FUEL_CUT_TEST
 from monitor.judge.fuel_cut.response import FuelCutResponse
@@ -188,8 +197,13 @@ class Decisions:
 
     def _by_plugins(self, window: Window) -> Iterator[Change]:
         """Let the rules of plug-ins judge a window."""
-        for test, rule in self._rules.items():
-            said = opinion(test, rule, window)
+        for test, rule in list(self._rules.items()):
+            try:
+                said = opinion(test, rule, window)
+            except ForeignError as error:
+                del self._rules[test]
+                yield RuleOff(window.t_end_ns, f"the rule {error}; it is switched off")
+                continue
             if said.outcome == "inconclusive":
                 continue
             failed, fault = said.outcome == "failed", said.fault or ""

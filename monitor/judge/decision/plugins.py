@@ -67,12 +67,9 @@ def _load(name: str) -> RuleClass:
 def opinion(name: str, rule: Rule, window: Window) -> Opinion:
     """Return the finding of a rule on a window.
 
-    Raises ConfigError if the rule fails, or names a fault that it has not.
+    Raises ForeignError if the rule fails, or names a fault that it has not.
     """
-    try:
-        said = returned(name, lambda: rule.judge(window), Opinion)
-    except ForeignError as error:
-        raise ConfigError(f"[rules] {error}") from error
+    said = returned(name, lambda: rule.judge(window), Opinion)
     if said.outcome == "failed" and said.fault not in rule.faults:
-        raise ConfigError(f"[rules] {name} fails: {said.fault!r} is none of its faults")
+        raise ForeignError(f"{name} fails: {said.fault!r} is none of its faults")
     return said

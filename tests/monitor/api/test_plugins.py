@@ -119,6 +119,34 @@ def test_a_rule_sets_its_code_once_the_settings_switch_it_on(
     assert "P1130" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize("said", [None, rules.Opinion("failed", "unknown")])
+def test_a_rule_that_fails_is_switched_off_and_told_and_the_drive_keeps_its_verdict(
+    said: rules.Opinion | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN a rule that raises an error, or names a fault that it has not
+    (kind,) = rules.loaded(["noisy"]).values()
+    asked = []
+
+    def judge(_self: object, window: object) -> rules.Opinion:
+        asked.append(window)
+        if said is None:
+            raise ZeroDivisionError
+        return said
+
+    monkeypatch.setattr(kind, "judge", judge)
+    settings, out = tmp_path / "on.toml", tmp_path / "out.json"
+    settings.write_text('[rules]\nactive = ["noisy"]\n')
+    # WHEN a drive is judged THEN the rule is asked once, and all else goes on
+    assert cli.main(["replay", str(LATE), "--json", str(out), "--config", str(settings)]) == 1
+    (recording,) = json.loads(out.read_text())["recordings"]
+    assert [dtc["code"] for dtc in recording["dtcs"]] == ["P015A"]
+    assert len(asked) == 1
+    (note,) = recording["notes"]
+    assert note.startswith("the rule noisy fails: ")
+    assert note.endswith("it is switched off")
+
+
 OWN_RULES = """
 class Clashing:
     faults = {"biased_lean": "P1131"}
