@@ -50,14 +50,12 @@ class CheckOptions(SetupOptions, ColumnNames, ObdOptions):
 
     write_profile : write a profile to edit, with the columns of LOG that names, units and values
         tell
-    force : overwrite an existing file of --write-profile
     seconds : time to listen to a bus, in s
     """
 
     log: Annotated[Path | None, paths.read, "LOG", _LOG] = field(default=None, kw_only=False)
     bus: Bus
     write_profile: Annotated[Path | None, paths.written, "FILE"] = None
-    force: bool = False
     seconds: Seconds = 5.0
 
 
@@ -80,7 +78,7 @@ def run(args: CheckOptions) -> int:
     if args.log and getattr(args.bus, "interface", None):
         raise UsageError("give either a LOG or a bus (-i, -c), not both")
     if args.write_profile:
-        return _write_profile(args.log, args.write_profile, force=args.force)
+        return _write_profile(args.log, args.write_profile)
     if args.log and is_table(args.log):
         return _check_table(args, args.log)
     if not (args.log or bus_name(args.bus) or _configured()):
@@ -167,15 +165,14 @@ def _check_table(args: CheckOptions, log: Path) -> int:
     return NOT_JUDGED if missing else 0
 
 
-def _write_profile(log: Path | None, out: Path, *, force: bool) -> int:
-    from monitor.base.files.outputs import check_new, write_text
+def _write_profile(log: Path | None, out: Path) -> int:
+    from monitor.base.files.outputs import write_text
     from monitor.frames.profiles.profile import profile_of
     from monitor.frames.tables.readers import open_table
     from monitor.mapping.profile_proposal import proposed
 
     if not log:
         raise UsageError("--write-profile needs a LOG")
-    check_new(out, force=force)
     text = "\n".join(proposed(open_table(log))) + "\n"
     profile_of(tomllib.loads(text), out)  # what is written can be read
     write_text(out, text)

@@ -139,7 +139,6 @@ def _logs(
     bus_map: "BusMap",
     setup: "Setup | None",
 ) -> "list[Recording]":
-    from monitor.base.files.outputs import check, numbered
     from monitor.frames.logs import read_frames
     from monitor.inject.expected import FrameJudge, fresh_memory
     from monitor.inject.gateway import write_log
@@ -158,8 +157,7 @@ def _logs(
                 keep_counters=scenario.keep_counters,
             )
             judge = FrameJudge(setup, memory) if setup and memory else None
-            out = args.out and (numbered(args.out, drive) if scenario.n_drives > 1 else args.out)
-            check((out,), (log, args.scenario, *args.dbc, *args.map))
+            out = _place(args, drive, scenario.n_drives)
             frames = injector.stream(read_frames(log))
             frames = _seen(frames, judge.push) if judge else frames
             n = write_log(out, frames) if out else sum(1 for _ in frames)
@@ -175,7 +173,6 @@ def _logs(
 def _table(
     args: InjectOptions, log: Path, scenario: "Scenario", setup: "Setup | None"
 ) -> "list[Recording]":
-    from monitor.base.files.outputs import check, numbered
     from monitor.grid.tables import read_table
     from monitor.inject.expected import fresh_memory
     from monitor.inject.table_faults import with_faults, write_own
@@ -195,8 +192,7 @@ def _table(
         for drive in range(1, scenario.n_drives + 1):
             seed = scenario.seed + drive - 1
             changed, n = with_faults(table, scenario.faults_of(drive), seed)
-            out = args.out and (numbered(args.out, drive) if scenario.n_drives > 1 else args.out)
-            check((out,), (log, args.scenario))
+            out = _place(args, drive, scenario.n_drives)
             if out:
                 write_own(out, changed)
             say(f"{out or log}: lambda changed in {n} of {len(changed.t_ns)} rows")
@@ -204,6 +200,19 @@ def _table(
                 reader = RecordingReader(setup.bus_map, setup.model.card)
                 recordings.append(judged(reader.table(changed), None, setup, memory)[0])
     return recordings
+
+
+def _place(args: InjectOptions, drive: int, n_drives: int) -> Path | None:
+    """Return the file to write for a drive: the one of --out, with the number of the drive."""
+    from monitor.base.files.outputs import check, check_replaced, numbered
+
+    if args.out is None or n_drives == 1:
+        return args.out
+    out = numbered(args.out, drive)
+    check((out,), (args.log, args.scenario, *args.dbc, *args.map))
+    if not args.bus.force:
+        check_replaced((out,))
+    return out
 
 
 def _seen(frames: "Iterable[Frame]", take: Any) -> "Iterator[Frame]":

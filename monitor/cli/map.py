@@ -25,7 +25,6 @@ def run(
     out: Annotated[Path | None, paths.written, "MAP.toml"] = None,
     log: Input | None = None,
     cylinders: Number = 4,
-    force: bool = False,
     nothing: Nothing = False,
 ) -> int:
     """Propose a signal map for a CAN database.
@@ -34,10 +33,9 @@ def run(
     out : signal map to write (default: print it)
     log : recording of a drive that checks the proposals
     cylinders : cylinders, to convert flows to fuel and air per stroke
-    force : overwrite an existing --out
     """
     from monitor.base.errors import UsageError
-    from monitor.base.files.outputs import check_new, write_text
+    from monitor.base.files.outputs import write_text
     from monitor.frames.text.python_can import import_without_mdf
 
     import_without_mdf()
@@ -47,8 +45,6 @@ def run(
 
     if cylinders < 1:
         raise UsageError("--cylinders is at least 1")
-    if out:
-        check_new(out, force=force)
     database, notes = read_database(dbc)
     text, proposals = make_map(database, dbc, log=log, cylinders=cylinders, notes=notes)
     tell = say if out or nothing else _tell_apart

@@ -63,7 +63,7 @@ class RunOptions(JudgeOptions, DiagnosticsOptions, ObdOptions, LiveOptions, Sink
 
     bus: Bus
     duration: Seconds | None = None
-    record: Annotated[Path | None, paths.written, "LOG"] = None
+    record: Annotated[Path | None, paths.numbered, "LOG"] = None
     quiet: Quiet = False
     json_lines: bool = False
     realtime: Annotated[int | None, "PRIORITY"] = None

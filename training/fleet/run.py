@@ -22,6 +22,7 @@ from training.fleet.chunk_rows import Done, failed, joined
 from training.fleet.drives import Chunk, FleetDrive
 from training.fleet.judging import judge_chunk
 from training.jobs import parallel, run_folder, worker
+from training.recordings.files.table_files import GENERATOR
 
 Progress = Callable[[dict[str, Any]], None]  # takes the counts and the cost of a finished chunk
 TABLES: Final = ("recordings", "windows")
@@ -148,7 +149,7 @@ def _join(folder: Path, table: str, chunks: Sequence[Chunk], path: Path) -> None
     """Write one table from all chunks; only a part of them is in memory at a time."""
     parts = [folder / f"{chunk.name}.{table}.parquet" for chunk in chunks]
     with replaced(path) as begun:
-        pl.scan_parquet(parts).sink_parquet(begun)
+        pl.scan_parquet(parts).sink_parquet(begun, metadata=GENERATOR)
 
 
 def _cost(folder: Path, chunks: Sequence[Chunk]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from difflib import get_close_matches
 from functools import partial
 from importlib import import_module
 from types import ModuleType
-from typing import Any, Final, TextIO
+from typing import Any, Final, NoReturn, TextIO
 
 from monitor.base.command_line import option_paths, verbosity
 from monitor.base.command_line.signature import add_command
@@ -28,8 +28,11 @@ _LONGEST: Final = 2000  # characters of an error
 _OWN: Final = ("monitor", "training", "dbc")
 
 
-class Subcommand(argparse.ArgumentParser):
-    """The parser of a subcommand: an unknown option is shown beside its own usage."""
+class Parser(argparse.ArgumentParser):
+    """The parser of a program or subcommand: an impossible option is one line, not the usage."""
+
+    def error(self, message: str) -> NoReturn:  # noqa: D102
+        self.exit(USAGE_ERROR, f"{self.prog}: {message}; {self.prog} --help tells more\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: D102
         found, unknown = super().parse_known_args(args, namespace)
@@ -54,10 +57,10 @@ def parser(
     """
     from monitor import __version__  # noqa: PLC0415 - the version stands above this room
 
-    program = argparse.ArgumentParser(prog=name, description=text)
+    program = Parser(prog=name, description=text)
     program.add_argument("--version", action="version", version=f"{name} {__version__}")
     commands = program.add_subparsers(
-        required=True, metavar="command", dest="command", parser_class=Subcommand
+        required=True, metavar="command", dest="command", parser_class=Parser
     )
     chosen = next((word for word in arguments or () if not word.startswith("-")), None)
     for command, line in helps.items():
@@ -65,6 +68,7 @@ def parser(
         if arguments is None or command == chosen:
             module = import_module(f"{package}.{command}")
             getattr(module, "add", partial(add_module, module))(added)
+            option_paths.add_force(added)
     return program
 
 

@@ -2,7 +2,8 @@
 
 The ``type`` of an argparse option is its role, one of the functions here. ``check`` looks at all
 options of the chosen command before the work begins: nothing that is read is written over, nothing
-is written twice. Files that a command writes without an option of their own are named by
+is written twice, no file of another program is replaced without ``--force``, an option that every
+command that writes has. Files that a command writes without an option of their own are named by
 ``also_written``, a default of the parser: a function from the namespace to paths. A command that
 changes a file in place unless it is told to write another names that option ``changed_in_place``.
 """
@@ -24,6 +25,11 @@ def read(text: str) -> Path:
 
 def written(text: str) -> Path:
     """Return the path of a file that the command writes anew."""
+    return Path(text)
+
+
+def numbered(text: str) -> Path:
+    """Return the path of a file to write; if it exists, the command adds a number to its name."""
     return Path(text)
 
 
@@ -50,6 +56,7 @@ def pattern(text: str) -> str:
 ROLES: Final[tuple[Callable[[str], Any], ...]] = (
     read,
     written,
+    numbered,
     written_model,
     folder,
     kept,
@@ -65,6 +72,18 @@ class Named(NamedTuple):
     path: Path
 
 
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Add ``--force`` to the options of a command that writes files."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for each in action.choices.values():
+                add_force(each)
+    roles = {action.type for action in parser._actions}
+    if roles & {written, written_model} or parser.get_default("also_written"):
+        text = "replace files that this program did not write, too"
+        parser.add_argument("--force", action="store_true", help=text)
+
+
 def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     """Check the files of the chosen command's options; raises UsageError for the first conflict."""
     found = list(named(parser, args))
@@ -76,10 +95,11 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
         if path.exists() and not path.is_dir():
             raise UsageError(f"{path}: is a file, a folder is wanted")
     beside = [path for path in _beside(args) if path.parent.is_dir()]
-    for path in [*by_role[written], *beside]:
+    for path in [*by_role[written], *by_role[numbered], *beside]:
         if outputs.is_shipped(path):
             raise UsageError(f"{path}: belongs to the program; choose another file to write")
-    goals = [*by_role[written], *by_role[written_model], *beside]
+    replaced = [*by_role[written], *by_role[written_model], *beside]
+    goals = [*replaced, *by_role[numbered]]
     changed = _changed(args, by_role[written_model])
     inputs = [each.path for each in found if each.role is read and each.option != changed]
     if changed and not by_role[written_model]:
@@ -92,6 +112,8 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
                 )
     manifests = [path.parent / manifest.NAME for path in by_role[read]]
     outputs.check(goals, [*inputs, *manifests, *memories])
+    if not getattr(args, "force", False):
+        outputs.check_replaced(replaced)
 
 
 def _beside(args: argparse.Namespace) -> list[Path]:

@@ -4,6 +4,7 @@ A file is written under another name beside its place, then renamed. A command t
 killed leaves the old file or none, never half a file.
 """
 
+import mmap
 import os
 import shutil
 from collections.abc import Iterable, Iterator
@@ -16,6 +17,8 @@ from monitor.base.errors import UsageError
 from monitor.base.files.inputs import other_kind
 
 _PACKAGES: Final = ("monitor", "training", "dbc")
+MARK: Final = "o2-monitor"  # pages and tables name their generator, other results a schema of these
+_MARKS: Final = tuple(f'"{mark}'.encode() for mark in (MARK, "o2mon.", "o2train.", "o2_monitor."))
 _NAME_KEPT: Final = 100  # characters of a name that its temporary file keeps: a name has 255 bytes
 
 
@@ -35,13 +38,20 @@ def check(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) ->
             written.append(path)
 
 
-def check_new(path: Path, *, force: bool) -> None:
-    """Raise UsageError if a file stands where one to edit by hand is to be written.
+def check_replaced(outputs: Iterable[Path | None]) -> None:
+    """Raise UsageError if a file stands in the place of an output and is no result of a command.
 
-    force : overwrite it
+    Frame logs, CSV tables and files to edit by hand carry no mark, so they are never replaced.
     """
-    if path.exists() and not (force or is_stream(path)):
-        raise UsageError(f"{path}: is there already; --force overwrites it")
+    for path in outputs:
+        if path and path.is_file() and path.stat().st_size and not is_own(path):
+            raise UsageError(f"{path}: is there already; --force replaces it")
+
+
+def is_own(path: Path) -> bool:
+    """Return whether a file with content carries the mark of a page, table, model or result."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        return any(content.find(mark) >= 0 for mark in _MARKS)
 
 
 def _check_place(path: Path) -> None:

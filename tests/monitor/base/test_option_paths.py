@@ -2,20 +2,27 @@
 
 import argparse
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from monitor import cli as o2mon
+from monitor import report
 from monitor.base import config
 from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import UsageError
+from monitor.base.files import outputs
+from monitor.base.files.json_text import write_json
 from monitor.pipeline.replay import shipped_model
 from training import cli as o2train
+from training.recordings.files.table_files import write_table
 
+REPORT = Path(report.__file__).parent / "static" / "report.html"
 PROGRAMS = ("o2mon", "o2train")
 
 
@@ -213,12 +220,37 @@ def test_a_calibration_may_change_its_own_model_but_a_report_must_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "model.onnx").write_text("model")
+    shutil.copy(shipped_model(), tmp_path / "model.onnx")
     parser = parser_of("o2train", "calibrate")
     base = ["calibrate", "--model", "model.onnx", "--healthy", "drive.log", *out]
     paths.check(parser, parser.parse_args(base))
     with pytest.raises(UsageError, match="would be written twice"):
         paths.check(parser, parser.parse_args([*base, "--report", "model.onnx"]))
+
+
+def test_only_a_file_that_a_command_wrote_is_replaced_without_force(tmp_path: Path) -> None:
+    table, page, own = tmp_path / "t.parquet", tmp_path / "page.html", tmp_path / "own.json"
+    write_table(table, np.array([0.0, 0.1]), ["lambda"], np.ones((2, 1)))
+    shutil.copy(REPORT, page)
+    write_json(own, {"schema": "o2mon.replay/1"})
+    for path in (table, page, own, Path(shipped_model()), tmp_path / "new.csv"):
+        outputs.check_replaced([path])
+    # WHEN the very same names hold what somebody else wrote
+    for path in (table, page, own):
+        path.write_text("mine")
+    for command, option, path in (
+        ("replay", "--html", page),
+        ("replay", "--json", own),
+        ("check", "--write-profile", table),
+    ):
+        parser = parser_of("o2mon", command)
+        words = [command, "drive.log", option, str(path)]
+        with pytest.raises(UsageError, match="is there already; --force replaces it"):
+            paths.check(parser, parser.parse_args(words))
+        paths.check(parser, parser.parse_args([*words, "--force"]))
+    # AND a log of a live bus gets a number instead
+    parser = parser_of("o2mon", "run")
+    paths.check(parser, parser.parse_args(["run", "-i", "virtual", "--record", str(own)]))
 
 
 def test_a_folder_to_write_into_is_no_file(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def test_a_memory_of_the_schema_before_is_converted(path: Path, main_file: str) 
             assert list(memory.load().permanent) == ["P2195", "P0133"]
             assert memory.reference("sha") == Reference(-0.01, 0.02, 0.97, 4)
         names = {file.name for file in path.parent.iterdir()}
-        assert names == {"o2.db", "o2.db.b", "o2.db-lock"}
+        assert names == {"o2.db", "o2.db.b"}
 
 
 def test_a_memory_without_a_whole_spare_copy_is_refused_in_one_line_and_left(

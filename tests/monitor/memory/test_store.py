@@ -121,10 +121,33 @@ def test_what_is_stored_already_is_not_written_again(tmp_path: Path) -> None:
         assert times(path) == {"P0133": 2}
 
 
+def test_of_processes_that_take_the_lock_again_and_again_one_holds_it_at_a_time(
+    tmp_path: Path,
+) -> None:
+    code = (
+        "import sys; from pathlib import Path; from monitor.base.errors import RecordingError\n"
+        "from monitor.memory.lock import Lock\n"
+        "path, n = Path('o2.db'), 0\n"
+        "while n < 300:\n"
+        "    try:\n"
+        "        with Lock(path, [path]).taken():\n"
+        "            count = Path('count').read_text()\n"
+        "            Path('count').write_text(str(int(count) + 1))\n"
+        "            n += 1\n"
+        "    except RecordingError:\n"
+        "        pass\n"
+    )
+    (tmp_path / "count").write_text("0")
+    others = [subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path) for _ in range(3)]
+    assert [other.wait(60) for other in others] == [0, 0, 0]
+    assert (tmp_path / "count").read_text() == "900"
+    assert {file.name for file in tmp_path.iterdir()} == {"count"}
+
+
 def test_a_new_memory_is_empty_and_two_files(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
     assert reopened(path) == Saved()
-    assert {file.name for file in tmp_path.iterdir()} == {"dtc.db", "dtc.db.b", "dtc.db-lock"}
+    assert {file.name for file in tmp_path.iterdir()} == {"dtc.db", "dtc.db.b"}
     path.chmod(0o600)
     with closing(Memory(path)) as memory:
         memory.save(at(1))

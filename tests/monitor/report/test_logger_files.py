@@ -138,7 +138,7 @@ def test_an_unknown_logger_gets_a_profile_to_edit(
     # AND a profile that was edited is overwritten only if that is wanted
     mine.write_text("edited")
     assert cli.main(["check", str(path), "--write-profile", str(mine)]) == 2
-    assert "is there already; --force overwrites it" in capsys.readouterr().err
+    assert "is there already; --force replaces it" in capsys.readouterr().err
     assert mine.read_text() == "edited"
     assert cli.main(["check", str(path), "--write-profile", str(mine), "--force"]) == 0
     assert "RPM" in mine.read_text()

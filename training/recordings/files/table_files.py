@@ -5,15 +5,16 @@ import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, Final, cast
 
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.files.outputs import replaced
+from monitor.base.files.outputs import MARK, replaced
 from monitor.base.types import FloatArray
 from monitor.grid.tables import TIME
 
+GENERATOR: Final = {"generator": f'"{MARK}"'}  # metadata of a Parquet file
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 
 
@@ -38,7 +39,7 @@ def write_table(
     ).with_columns(pl.all().fill_nan(None))
     buffer = io.BytesIO()
     if path.suffix.lower() == ".parquet":
-        frame.write_parquet(buffer)
+        frame.write_parquet(buffer, metadata=GENERATOR)
     else:
         frame.write_csv(buffer)
     with replaced(path) as begun, open_for_writing(begun) as file:
