@@ -16,12 +16,14 @@ from monitor.report.words import (
     CATALYST_ALONE,
     STATISTICS,
     VERDICTS,
+    advice,
     confidence,
     duration,
     has_model,
     is_catalyst_alone,
     is_simulated,
     meaning,
+    names,
     seconds,
     verdict_counts,
     verdict_of,
@@ -162,7 +164,7 @@ def _logger(recording: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _sentence(recording: Mapping[str, Any]) -> str:
     if recording["dtcs"]:
         return "; ".join(
-            f"{text(d['code'])} {text(fault_words(d))} ({_state(d)}): {text(meaning(d))}"
+            f"{text(d['code'])} {text(fault_words(d))} ({_state(d)}): {text(meaning(names(d)))}"
             for d in recording["dtcs"]
         )
     causes = recording["not_judged"]
@@ -190,7 +192,7 @@ def _causes(recording: Mapping[str, Any]) -> str:
     """Return the causes why a recording was not judged as a table."""
     rows = [
         row(
-            ("Condition", f"<code>{text(cause['condition'])}</code>"),
+            ("Condition", text(_words(cause["condition"]))),
             ("Held", _share(cause["held_share"])),
             ("Signal", f"<code>{text(cause['signal'])}</code>" if cause["signal"] else ""),
             ("Reason", text(cause["reason"].replace("_", " "))),
@@ -218,7 +220,7 @@ def _dtcs(recording: Mapping[str, Any]) -> str:
             row(
                 ("Code", f'<strong class="code">{text(dtc["code"])}</strong>'),
                 ("Fault", f"<code>{text(fault_words(dtc))}</code>"),
-                ("Meaning", text(meaning(dtc))),
+                ("Meaning", text(meaning(names(dtc)))),
                 ("State", text(dtc["state"])),
                 ("Set at", (seconds(dtc) or "earlier driving cycle") + show),
                 (
@@ -227,8 +229,15 @@ def _dtcs(recording: Mapping[str, Any]) -> str:
                 ),
             )
         )
-    return "<h3>Trouble codes</h3>" + table(
-        ("Code", "Fault", "Meaning", "State", "Set at", "Status byte"), rows, "cards"
+    return (
+        "<h3>Trouble codes</h3>"
+        + table(("Code", "Fault", "Meaning", "State", "Set at", "Status byte"), rows, "cards")
+        + "".join(
+            f"<h3>What to do about {codes}</h3><p>{text(each.effect)}</p>"
+            f"<p>Likely causes: {text('; '.join(each.causes))}.</p>"
+            f"<p>Next: {text(each.check)}.</p>"
+            for codes, each in advice(recording["dtcs"])
+        )
     )
 
 
@@ -236,13 +245,15 @@ def _evidence(recording: Mapping[str, Any]) -> str:
     """Return the evidence about each fault of the response test, folded up."""
     rows = [
         row(
-            ("Fault", f"<code>{text(fault)}</code>"), ("Odds", text(odds)), ("Decision", text(left))
+            ("Fault", f"<code>{text(fault)}</code>"),
+            ("Evidence", text(amount)),
+            ("Decision", text(left)),
         )
-        for fault, odds, left in evidence.rows(recording)
+        for fault, amount, left in evidence.rows(recording)
     ]
     if not rows:
         return ""
-    shown = table(("Fault", "Odds", "Decision"), rows, "cards")
+    shown = table(("Fault", "Evidence", "Decision"), rows, "cards")
     title = "Evidence about each fault of the response test"
     is_open = " open" if recording["not_judged"] else ""
     return f"<details{is_open}><summary>{title}</summary>{shown}</details>"
@@ -299,7 +310,7 @@ def _enable(recording: Mapping[str, Any]) -> str:
     rows = []
     for name, share in conditions.items():
         if isinstance(share, str):
-            rows.append(row(("", f"<code>{text(name)}</code>"), ("", ""), ("", text(share))))
+            rows.append(row(("", text(_words(name))), ("", ""), ("", text(share))))
             continue
         percent = 100.0 * float(share)
         bar = (
@@ -307,7 +318,7 @@ def _enable(recording: Mapping[str, Any]) -> str:
             f'<rect class="all" width="100" height="8"/><rect width="{percent:.1f}" height="8"/>'
             "</svg>"
         )
-        rows.append(row(("", f"<code>{text(name)}</code>"), ("", bar), ("", f"{percent:.1f} %")))
+        rows.append(row(("", text(_words(name))), ("", bar), ("", f"{percent:.1f} %")))
     return (
         "<section><h3>Enable conditions</h3>"
         '<p class="quiet">Share of samples in which each held. A sample is judged when all hold; '
@@ -321,7 +332,7 @@ def _counters(recording: Mapping[str, Any]) -> str:
     if not counters:
         return ""
     rows = [
-        f'<tr class="{"some" if count else "none"}"><td><code>{text(name)}</code></td>'
+        f'<tr class="{"some" if count else "none"}"><td>{text(_words(name))}</td>'
         f"<td>{text(count)}</td></tr>"
         for name, count in counters.items()
     ]
@@ -340,6 +351,10 @@ def _model(model_info: Mapping[str, str], recordings: Sequence[Mapping[str, Any]
     return f'<section class="model"><h2>Model</h2>{term_list(facts)}</section>'
 
 
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
 def _badge(recording: Mapping[str, Any]) -> str:
     verdict = verdict_of(recording)
     symbol, words = VERDICTS[verdict]
@@ -354,7 +369,7 @@ def _tag(recording: Mapping[str, Any]) -> str:
 def _codes(recording: Mapping[str, Any]) -> str:
     codes = [
         f'<span class="nowrap"><strong class="code">{text(d["code"])}</strong> '
-        f"{text(d['state'])}</span><br>{text(meaning(d))}"
+        f"{text(d['state'])}</span><br>{text(meaning(names(d)))}"
         for d in recording["dtcs"]
     ]
     return "<br>".join(codes) or _why(recording)

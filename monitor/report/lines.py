@@ -1,14 +1,21 @@
 """Verdicts and events as lines of text."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Final
 
 from monitor.judge.causes.causes import Cause
 from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import fault_words
 from monitor.pipeline.events import Counted, CutJudged, CycleStarted, DtcChanged, Happening, RuleOff
 from monitor.report import evidence, fuel_cuts
-from monitor.report.words import CATALYST_ALONE, is_catalyst_alone
+from monitor.report.words import CATALYST_ALONE, advice, is_catalyst_alone
+
+COUNTS: Final = {
+    "ignition_cycle": "an ignition cycle is counted",
+    "warm_up": "a warm-up is counted",
+    "general_denominator": "a drive that counts for the in-use ratios",
+    "numerator": "a completed test is counted for its in-use ratio",
+}
 
 
 def verdict_text(recording: Mapping[str, Any]) -> str:
@@ -48,10 +55,10 @@ def event_line(event: Happening, collector: Collector) -> str:
     if isinstance(event, CycleStarted):
         return f"{collector.seconds(event.t_ns):8.1f} s  a driving cycle begins"
     if isinstance(event, Counted):
-        return f"{collector.seconds(event.t_ns):8.1f} s  counted: {event.what.replace('_', ' ')}"
+        return f"{collector.seconds(event.t_ns):8.1f} s  {COUNTS[event.what]}"
     if isinstance(event, DtcChanged):
         dtc = event.dtc
-        state = dtc.state or "is no longer set"
+        state = dtc.state or "is not set"
         return f"{collector.seconds(event.t_ns):8.1f} s  {dtc.code} {dtc.fault} {state}"
     if isinstance(event, RuleOff):
         return f"{collector.seconds(event.t_ns):8.1f} s  {event.said}"
@@ -82,6 +89,10 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
     verdict, *others = verdict_lines(recording)
     yield f"{recording['path']}{simulated}: {verdict}"
     yield from (f"  and {other}" for other in others)
+    for codes, each in advice(recording["dtcs"]):
+        yield f"  {codes}: {each.effect}"
+        yield f"    likely: {'; '.join(each.causes)}"
+        yield f"    next: {each.check}"
     yield (
         f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
         f"{judged}; paper's rule failed {paper}"

@@ -1,55 +1,12 @@
 """The words of the report: meanings of faults, verdicts, numbers with their units; no HTML."""
 
-import math
-from collections.abc import Mapping
-from typing import Any, Final
+import tomllib
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final, NamedTuple
 
 from monitor.report import catalyst
-
-_SUPERSCRIPT: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
-_PLAIN: Final = 30.0  # odds below it are written out
-MEANINGS = {
-    "slow_rich_to_lean": "slow on rich-to-lean edges",
-    "slow_lean_to_rich": "slow on lean-to-rich edges",
-    "slow_symmetric": "slow on both edges",
-    "delay_rich_to_lean": "late on rich-to-lean edges",
-    "delay_lean_to_rich": "late on lean-to-rich edges",
-    "delay_symmetric": "late on both edges",
-    "transient": "slow and of reduced amplitude",
-    "gain_low": "of reduced amplitude",
-    "biased_lean": "reads too lean",
-    "biased_rich": "reads too rich",
-    "stuck_lean": "stuck at a lean value",
-    "stuck_rich": "stuck at a rich value",
-    "stuck_at_one": "stuck at 1",
-    "not_ready": "does not become ready",
-    "heater": "is not heated",
-    "out_of_range": "outside the plausible range",
-    "no_activity": "no longer follows the mixture",
-    "intermittent": "holds now and then",
-    "drift_lean": "drifts lean during the drive",
-    "drift_rich": "drifts rich during the drive",
-    "signal_missing": "signal is not received",
-    "signal_invalid": "signal is sent as invalid",
-    "bus_off": "the monitor itself is off the bus",
-    "catalyst_low": "the catalyst stores too little oxygen",
-    "downstream_slow_rich_to_lean": "the downstream sensor is slow on rich-to-lean edges",
-    "downstream_slow_lean_to_rich": "the downstream sensor is slow on lean-to-rich edges",
-    "downstream_slow_symmetric": "the downstream sensor is slow on both edges",
-    "downstream_delay_rich_to_lean": "the downstream sensor is late on rich-to-lean edges",
-    "downstream_delay_lean_to_rich": "the downstream sensor is late on lean-to-rich edges",
-    "downstream_delay_symmetric": "the downstream sensor is late on both edges",
-    "downstream_weak": "the downstream sensor is of reduced amplitude",
-    "downstream_low": "the downstream sensor's voltage is too low",
-    "downstream_high": "the downstream sensor's voltage is too high",
-    "downstream_inactive": "the downstream sensor shows no activity",
-    "downstream_heater": "the downstream sensor is not heated",
-    "downstream_stuck_lean": "the downstream sensor is stuck at a lean value",
-    "downstream_stuck_rich": "the downstream sensor is stuck at a rich value",
-    "balance_lean": "the gas behind the catalyst is leaner than the upstream sensor says",
-    "balance_rich": "the gas behind the catalyst is richer than the upstream sensor says",
-    "memory_lost": "the monitor's fault memory was damaged and begins anew",
-}
 
 VERDICTS = {  # class: symbol, words
     "failed": ("✕", "fault found"),
@@ -101,9 +58,45 @@ def duration(seconds: float) -> str:
     return f"{seconds:.0f}\u00a0s" if seconds < 120 else f"{seconds / 60:.1f}\u00a0min"
 
 
-def meaning(dtc: Mapping[str, Any]) -> str:
-    """Return the meanings of a code's faults."""
-    return ", or ".join(MEANINGS.get(f, f) for f in (dtc["fault"], *dtc.get("also", ())))
+class Advice(NamedTuple):
+    """What a fault does to the car, its likely causes, likeliest first, and what to check next."""
+
+    effect: str
+    causes: list[str]
+    check: str
+
+
+@cache
+def known_faults() -> dict[str, tuple[str, Advice]]:
+    """Return meaning and advice of each fault, from ``faults.toml`` beside this file."""
+    tree = tomllib.loads(files("monitor.report").joinpath("faults.toml").read_text("utf-8"))
+    advice = {name: Advice(**each) for name, each in tree["advice"].items()}
+    return {
+        name: (each["meaning"], advice[each["advice"]]) for name, each in tree["faults"].items()
+    }
+
+
+def meaning(faults: Iterable[str]) -> str:
+    """Return the meanings of a code's faults; a fault of a plug-in has its name only."""
+    known = known_faults()
+    return ", or ".join(known[each][0] if each in known else each for each in faults if each)
+
+
+def advice(dtcs: Iterable[Mapping[str, Any]]) -> list[tuple[str, Advice]]:
+    """Return codes with what to do about them; codes with the same advice stand together."""
+    codes: dict[str, list[str]] = {}
+    told: dict[str, Advice] = {}
+    for dtc in dtcs:
+        if dtc["fault"] in known_faults():
+            each = known_faults()[dtc["fault"]][1]
+            told[each.check] = each
+            codes.setdefault(each.check, []).append(dtc["code"])
+    return [(", ".join(dict.fromkeys(codes[check])), each) for check, each in told.items()]
+
+
+def names(dtc: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the fault of a code and those that cannot be told from it."""
+    return (dtc["fault"], *dtc.get("also", ()))
 
 
 def confidence(recording: Mapping[str, Any]) -> str:
@@ -111,14 +104,14 @@ def confidence(recording: Mapping[str, Any]) -> str:
 
     >>> far = {"log_odds": -30.0, "needed": 9.21}
     >>> confidence({"dtcs": [], "not_judged": None, "evidence": {"transient": far}})
-    'nearest to a fault is transient: odds against it are 10¹³ to 1, 10⁴ to 1 are needed'
+    'nearest to a fault is transient: against it stands 3.3 times the evidence a decision needs'
     """
     evidence: Mapping[str, Any] = recording.get("evidence") or {}
     said = []
     for dtc in recording["dtcs"]:
         each = evidence.get(dtc["fault"]) or catalyst.evidence(recording, dtc["fault"])
         if each and each["log_odds"] is not None:
-            said.append(f"odds for {dtc['fault']} are {odds(each)}")
+            said.append(f"for {dtc['fault']} stands {amount(each)}")
         if 0.0 < dtc.get("probability", 0.0) < 0.995:
             share = 100.0 * dtc["probability"]
             said.append(f"{share:.0f}\u00a0% for this name among those with {dtc['code']}")
@@ -126,29 +119,22 @@ def confidence(recording: Mapping[str, Any]) -> str:
     if known and not recording["dtcs"] and not recording["not_judged"]:
         log_odds, fault = max(known)
         side = "for" if log_odds > 0.0 else "against"
-        said.append(f"nearest to a fault is {fault}: odds {side} it are {odds(evidence[fault])}")
+        said.append(f"nearest to a fault is {fault}: {side} it stands {amount(evidence[fault])}")
     if said:
         return "; ".join(said)
     if recording["dtcs"]:
-        return "not given: the test of this code has limits, no odds"
+        return "not given: the test of this code has limits, no evidence"
     return "none, a test is missing" if recording["not_judged"] else "every test ended"
 
 
-def odds(evidence: Mapping[str, Any]) -> str:
-    """Return how the evidence stands and what a decision needs, as odds to 1."""
-    return f"{_to_one(evidence['log_odds'])}, {_to_one(evidence['needed'])} are needed"
+def amount(evidence: Mapping[str, Any]) -> str:
+    """Return how much evidence there is, against that which a decision needs.
 
-
-def needed(evidence: Mapping[str, Any]) -> str:
-    """Return what a decision needs, as odds to 1."""
-    return f"odds of {_to_one(evidence['needed'])} are needed"
-
-
-def _to_one(log_odds: float) -> str:
-    if abs(log_odds) < math.log(_PLAIN):
-        return f"{math.exp(abs(log_odds)):.0f} to 1"
-    power = f"{abs(log_odds) / math.log(10.0):.0f}".translate(_SUPERSCRIPT)
-    return f"10{power} to 1"
+    Not as odds: they rest on the model's own account of its errors, and say more than is known.
+    """
+    share = abs(evidence["log_odds"]) / evidence["needed"]
+    words = f"{share:.1f} times" if share >= 1.0 else f"{100.0 * share:.0f}\u00a0% of"
+    return f"{words} the evidence a decision needs"
 
 
 def seconds(dtc: Mapping[str, Any]) -> str:

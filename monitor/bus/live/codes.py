@@ -8,7 +8,7 @@ from monitor.memory.codes import TESTS
 from monitor.memory.dtc import Dtc, Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
-from monitor.report.words import MEANINGS
+from monitor.report.words import advice, meaning
 
 
 def fault_memory(store: DtcStore) -> dict[str, Any]:
@@ -50,12 +50,12 @@ def fault_memory(store: DtcStore) -> dict[str, Any]:
 
 def _code(dtc: Dtc, frames: Mapping[str, FreezeFrame]) -> dict[str, Any]:
     frame = frames.get(dtc.code)
-    meaning = ", or ".join(MEANINGS.get(f, f) for f in (dtc.fault, *dtc.also) if f)
     return {
         "code": dtc.code,
         "fault": dtc.fault,
         "also": list(dtc.also),
-        "meaning": meaning,
+        "meaning": meaning((dtc.fault, *dtc.also)),
+        "advice": [each._asdict() for _, each in advice([{"code": dtc.code, "fault": dtc.fault}])],
         "state": dtc.state,
         "status": int(dtc.status),
         "bits": [str(bit.name).lower().replace("_", " ") for bit in dtc.status],

@@ -117,19 +117,21 @@
         return;
       }
       const offset = this.data.vehicle_offset;
-      const adapted = offset == null ? [] : [c.predicted.map((p) => (p == null ? null : p + offset))];
+      const shift = (values, by) => values.map((v) => (v == null ? null : v + by));
+      const adapted = offset == null ? [] : [shift(c.predicted, offset)];
+      const own = offset == null ? "" : " for this vehicle";
       const plain = offset == null ? { label: "predicted", stroke: orange, width: 3 } : { label: "predicted, as trained", stroke: color("quiet"), width: 1.25, dash: [6, 4] };
       this.add(`Measured and predicted ${name}`, narrow ? 240 : 280, [c.t, c.predicted, ...adapted, c.measured], [
         { digits: 4, ...plain },
         ...adapted.map(() => ({ label: "predicted for this vehicle", stroke: orange, width: 3, digits: 4 })),
         measured,
       ], range);
-      this.add("Residual: measured − predicted, enabled samples", 160, [c.t, c.residual], [
+      this.add(`Residual: measured − predicted${own}, enabled samples`, 160, [c.t, shift(c.residual, -(offset ?? 0))], [
         { label: "residual", stroke: violet, width: 1.1, digits: 4 },
       ], { range: (u, min, max) => symmetric(min, max, 0.01), zero: true });
       const stepped = uPlot.paths.stepped({ align: 1 });
       const { j_mu: mu, j_sigma: sigma } = this.data.limits;
-      this.add("Window mean of the residual", 140, [c.t, c.mean], [
+      this.add(`Window mean of the residual${own}`, 140, [c.t, shift(c.mean, -(offset ?? 0))], [
         { label: "mean", stroke: blue, width: 2, paths: stepped, digits: 4 },
       ], { range: (u, min, max) => symmetric(min, max, (mu || 0.01) * 1.25), zero: true,
         limits: mu == null ? [] : [[mu, "+Jμ"], [-mu, "−Jμ"]] });
@@ -185,8 +187,8 @@
       element(this.section, "p", {
         className: "quiet hint",
         textContent: `This vehicle reads ${digits(Math.abs(offset), 3)} ${offset > 0 ? "above" : "below"} the model, as a healthy vehicle may: `
-          + "fuel, injectors and sensors differ from vehicle to vehicle. The solid line is the prediction with this offset, "
-          + "the dashed line the prediction as trained. The offset comes from the first minutes and is drawn only; the residual and the verdict do without it.",
+          + "fuel, injectors and sensors differ from vehicle to vehicle. Prediction, residual and window means are drawn with this offset, "
+          + "the dashed line is the prediction as trained. The offset comes from the first minutes; the verdict does without it.",
       });
     }
 

@@ -18,7 +18,7 @@ from monitor.pipeline.collector import Trace
 from monitor.report import body, fuel_cuts
 from monitor.report import page as report
 from monitor.report.page import series, thinned, write_report
-from monitor.report.words import MEANINGS, confidence
+from monitor.report.words import confidence, known_faults
 from tests.conftest import ROOT
 
 SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
@@ -168,26 +168,31 @@ def test_reason_and_confidence_stand_beside_the_verdict(tmp_path: Path) -> None:
     text = written(tmp_path, *shown).text
     # THEN the summary says why, and the verdict how sure the test is
     assert "P014C pending slow on rich-to-lean edges" in text
-    assert "odds for slow_rich_to_lean are 10¹³ to 1, 10⁵ to 1 are needed" in text
-    assert "nearest to a fault is slow_rich_to_lean: odds against it are 10⁵ to 1" in text
+    assert "for slow_rich_to_lean stands 2.6 times the evidence a decision needs" in text
+    assert (
+        "nearest to a fault is slow_rich_to_lean: against it stands 1.4 times the evidence" in text
+    )
     assert "every test passed" in text
     assert "Confidence: none, a test is missing." in text
     assert text.count("Confidence:") == 4  # of each recording, and of the worst on top
     # AND the worst of them leads the page
     lead = text[: text.index("3 recordings · ")]
     assert "Fault found in 1 of 3 recordings." in lead
-    assert "odds for slow_rich_to_lean are 10¹³ to 1" in lead
+    assert "for slow_rich_to_lean stands 2.6 times" in lead
+    # AND what to do about the code stands below it
+    assert "What to do about P014C" in text
+    assert "Likely causes: an aged sensor; " in text
 
 
-def test_a_worn_catalyst_has_the_odds_of_its_own_test() -> None:
+def test_a_worn_catalyst_has_the_evidence_of_its_own_test() -> None:
     # GIVEN a code of the catalyst, whose response test of the upstream sensor says nothing
     worn = {"dtcs": [{"fault": "catalyst_low", "code": "P0420"}], "not_judged": None}
     bank = {"log_odds": 13.8, "sensor_log_odds": -11.5, "needed": 9.21}
     # THEN the verdict is as sure as the bank is, or as the front sensor's excursions are
-    expected = "odds for catalyst_low are 10⁶ to 1, 10⁴ to 1 are needed"
+    expected = "for catalyst_low stands 1.5 times the evidence a decision needs"
     assert confidence(worn | {"catalyst": bank}) == expected
     assert confidence(worn | {"catalyst": {"method": "activity"} | bank}) == expected
-    # AND a circuit has limits, no odds
+    # AND a circuit has limits, no evidence
     open_circuit = {"dtcs": [{"fault": "downstream_inactive", "code": "P0140"}], "catalyst": bank}
     assert confidence(open_circuit).startswith("not given")
 
@@ -336,8 +341,9 @@ def test_times_that_stand_on_no_grid_are_kept_one_by_one() -> None:
     assert made["fault_flag"] == []
 
 
-def test_every_fault_has_a_meaning() -> None:
-    assert set(MEANINGS) == set(CODES)
+def test_every_fault_has_a_meaning_causes_and_a_next_step() -> None:
+    assert set(known_faults()) == set(CODES)
+    assert all(len(each.causes) >= 2 for _, each in known_faults().values())
 
 
 def test_every_file_of_the_page_is_packaged() -> None:

@@ -115,6 +115,10 @@ function code(body, each, { now, memory }) {
   element(card, "span", { className: `badge ${each.state ? "failed" : "inconclusive"}`, textContent: each.state || "no longer set" });
   if (memory.permanent.includes(each.code)) element(card, "span", { className: "badge inconclusive", textContent: "permanent" });
   element(card, "p", { textContent: each.meaning || words(each.fault) });
+  for (const { effect, causes, check } of each.state ? each.advice : []) {
+    element(card, "p", { textContent: `${effect} Likely: ${causes.join("; ")}.` });
+    element(card, "p", { textContent: `Next: ${check}.` });
+  }
   const facts = [when(each.t_ns, now), `status 0x${each.status.toString(16).toUpperCase().padStart(2, "0")}: ${each.bits.join(", ")}`];
   element(card, "p", { className: "quiet", textContent: facts.filter(Boolean).join("; ") });
   if (!each.frame) return;

@@ -115,19 +115,20 @@ export class Plots {
     const number = (u, v) => digits(v, 4);
     const plus = (u, v) => signed(v, 4);
     this.offset = this.state.vehicle_offset ?? null;
-    const shifted = (c) => c.predicted.map((p) => (p == null ? null : p + this.offset));
+    const shift = (values, by) => values.map((v) => (v == null ? null : v + by));
+    const own = this.offset == null ? "" : " for this vehicle", by = this.offset ?? 0;
     const adapted = this.offset == null ? [] : [{ label: "predicted for this vehicle", stroke: orange, width: 3, value: number }];
     const plain = adapted.length ? { label: "predicted, as trained", stroke: color("quiet"), width: 1.25, dash: [6, 4] } : { label: "predicted", stroke: orange, width: 3 };
     const hidden = { paths: () => null, stroke: color("quiet"), width: 0 };
-    this.add(`Measured and predicted ${name}`, this.inner < 600 ? 200 : 230, (c) => [c.t, c.predicted, ...adapted.map(() => shifted(c)), c.measured], [
+    this.add(`Measured and predicted ${name}`, this.inner < 600 ? 200 : 230, (c) => [c.t, c.predicted, ...adapted.map(() => shift(c.predicted, by)), c.measured], [
       { value: number, ...plain },
       ...adapted,
       { label: "measured", stroke: blue, width: 1.3, value: number },
     ], { range: () => this.outputRange(), top: 8 });
-    this.add("Residual, enabled samples", 120, (c) => [c.t, c.residual], [
+    this.add(`Residual${own}, enabled samples`, 120, (c) => [c.t, shift(c.residual, -by)], [
       { label: "residual", stroke: violet, width: 1.2, value: plus },
     ], { range: (u, low, high) => symmetric(low, high, 0.01), zero: true });
-    this.add("Window mean", 120, (c) => [c.t, c.mean], [{ ...hidden, label: "mean", value: plus }], {
+    this.add(`Window mean${own}`, 120, (c) => [c.t, shift(c.mean, -by)], [{ ...hidden, label: "mean", value: plus }], {
       range: (u, low, high) => symmetric(low, high, (mu || 0.01) * 1.3), zero: true, windows: "mean",
       limits: mu == null ? [] : [[mu, "±Jμ"], [-mu, "±Jμ"]],
     });
@@ -230,7 +231,7 @@ export class Plots {
       if (each[field] == null) continue;
       const from = u.valToPos(each.start_ms / 1000, "x", true) + ratio;
       const to = u.valToPos(each.end_ms / 1000, "x", true) - ratio;
-      const y = u.valToPos(each[field], "y", true);
+      const y = u.valToPos(each[field] - (field === "mean" ? this.offset ?? 0 : 0), "y", true);
       ctx.fillStyle = color(each.verdict);
       ctx.fillRect(from, y - 2 * ratio, Math.max(to - from, 2 * ratio), 4 * ratio);
       if (to - from < 10 * ratio) continue;

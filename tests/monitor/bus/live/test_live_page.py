@@ -94,8 +94,9 @@ def test_a_browser_that_comes_late_sees_the_drive(browser: Browser, drive: Playe
         page.wait_for_selector("#verdict.failed")
         assert text(page, "#verdict-words") == "Fault: P015A"
         assert text(page, "#verdict-more") == "Late on rich-to-lean edges."
-        sure = r"Confidence: odds for delay_rich_to_lean are 10\S+ to 1, 10⁵ to 1 are needed"
+        sure = r"Confidence: for delay_rich_to_lean stands \d\.\d times the evidence"
         assert re.match(sure, text(page, "#verdict-sure"))
+        assert "Next: look for a leak" in text(page, ".dtc.pending")
         assert text(page, "#connection") == "live"
         assert "vcan0" in text(page, "#where")
         assert page.title().startswith("✕ P015A")
