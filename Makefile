@@ -68,7 +68,7 @@ lint: venv ## style, types, the direction of imports and the budget of the house
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
-	MYPYPATH=. $(VENV)/bin/mypy --strict examples/*.py # as a user's programs are
+	MYPYPATH=. $(VENV)/bin/mypy --strict examples/*.py examples/firmware/*.py # as a user's programs are
 	$(VENV)/bin/lint-imports
 	$(VENV)/bin/python -m tests.house
 

@@ -8,8 +8,10 @@ import sys
 from configparser import ConfigParser
 from itertools import pairwise
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
+import yaml
 
 from tests.conftest import ROOT
 
@@ -24,7 +26,18 @@ SOURCES = (
     "dbc",
 )
 ABSENT = (
-    *("training", "torch", "scipy", "numba", "polars", "pandas", "matplotlib", "onnx", "joblib"),
+    *(
+        "pytest",
+        "training",
+        "torch",
+        "scipy",
+        "numba",
+        "polars",
+        "pandas",
+        "matplotlib",
+        "onnx",
+        "joblib",
+    ),
     "asammdf",  # python-can takes it where it is, and it brings pandas
     *("fcntl", "resource", "termios"),  # Windows has none of them
 )
@@ -130,14 +143,36 @@ def test_the_runtime_starts_where_no_library_of_training_exists(tmp_path: Path) 
         f"import sys; sys.modules.update(dict.fromkeys({ABSENT!r}))\n"
         "import importlib, pkgutil, monitor, dbc\n"
         "for module in pkgutil.walk_packages(monitor.__path__, 'monitor.'):\n"
-        "    if not module.name.endswith('__main__'):\n"
+        "    if not module.name.endswith(('__main__', '.pytest_plugin')):\n"
         "        importlib.import_module(module.name)\n"
         "        print(module.name)"
     )
     imported = python(ROOT, ["-c", script], cwd=tmp_path).stdout.split()
     # THEN it works, for all of them
     paths = {path.relative_to(ROOT) for path in (ROOT / "monitor").rglob("[!_]*.py")}
+    paths -= {Path("monitor/api/pytest_plugin.py")}  # pytest itself imports it
     assert {".".join(path.with_suffix("").parts) for path in paths} <= set(imported)
+
+
+def test_the_example_for_firmware_runs_in_both_ci_files_as_it_stands(installed: Path) -> None:
+    # GIVEN the wheel, whose entry point is all that pytest knows of the monitor
+    firmware = ROOT / "examples" / "firmware"
+    job = yaml.safe_load((firmware / "gitlab.yml").read_text())["diagnosis"]
+    steps = yaml.safe_load((firmware / "github.yml").read_text())["jobs"]["diagnosis"]["steps"]
+    command = job["script"][-1]
+    assert command in [step.get("run") for step in steps]
+    # WHEN the job runs beside an ECU program on a bus
+    report = installed / job["artifacts"]["reports"]["junit"]
+    words = command.replace(report.name, str(report)).split()
+    bus = {name: job["variables"][name] for name in ("CAN_INTERFACE", "CAN_CHANNEL")}
+    quiet = {"PYTEST_ADDOPTS": "-p no:cacheprovider"}
+    environment = {**os.environ, "PYTHONPATH": str(installed)} | bus | quiet
+    run([sys.executable, "-m", *words], cwd=firmware, env=environment)
+    # THEN every test of the example has passed: no code, two scenarios, two faults
+    [suite] = ElementTree.parse(report).getroot()
+    assert {name: suite.get(name) for name in ("tests", "failures", "errors", "skipped")} == {
+        "tests": "5", "failures": "0", "errors": "0", "skipped": "0",
+    }  # fmt: skip
 
 
 def test_a_drive_is_judged_where_the_system_has_no_file_locks(tmp_path: Path) -> None:

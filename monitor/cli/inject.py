@@ -1,14 +1,15 @@
 """``o2mon inject``: put faults into frames between two buses, or into a log or table."""
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import ColumnNames, Input
+from monitor.base.command_line.parameters import ColumnNames, Input, Output
 from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import UsageError
 from monitor.cli.options import (
@@ -24,8 +25,6 @@ from monitor.cli.options import (
 if TYPE_CHECKING:
     import can
 
-    from monitor.base.types import Frame
-    from monitor.decode.bus_map import BusMap
     from monitor.inject.expected import Recording
     from monitor.inject.scenario import Scenario
     from monitor.inject.side import Side
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
 EXAMPLES = """examples:
   o2mon inject drive.log --out late.log --fault delay_rich_to_lean=0.8@60
   o2mon inject drive.log --scenario late.toml --assert
+  o2mon inject drive.log --scenario tests/*.toml --assert --junit report.xml     for a CI server
   o2mon inject drive.msl --out late.csv --fault gain_low=0.5@60    a table or a logger's file
   o2mon inject -i socketcan -c can0 --to-channel can1 --fault gain_low=0.5@60-300
   o2mon inject -i socketcan -c vcan0 --to-channel vcan1 --scenario late.toml --assert --duration 900
@@ -46,7 +46,6 @@ exit code: 0 done, with --assert all expectations are met; 1 an expectation is n
 input"""
 
 _HEARS_ITSELF = "udp_multicast"
-_NOTHING = "nothing to do with LOG: give --out, or --scenario and --assert"
 
 
 def _add_buses(parser: argparse.ArgumentParser) -> None:
@@ -63,8 +62,9 @@ class InjectOptions(SetupOptions, ColumnNames):
     log : CAN log, table or log of a tuning tool instead of buses
     out : log to write, of a table .csv
     fault : fault to inject, times in s after the first frame; may repeat
-    scenario : faults and expectations
+    scenario : files with faults and expectations; several are judged one after the other
     check : judge the changed frames and compare the result with the scenario's expectations
+    junit : write JUnit XML for a CI server: one test for each scenario
     seed : seed of random faults (default: the scenario's)
     keep_counters : renumber alive counters, so that lost or doubled frames leave no gap in them
     duration : stop after this time in s (buses only)
@@ -73,8 +73,9 @@ class InjectOptions(SetupOptions, ColumnNames):
     log: Annotated[Input | None, "LOG"] = field(default=None, kw_only=False)
     out: Annotated[Path | None, paths.written, "LOG"] = None
     fault: Annotated[Sequence[str], REPEATED, "NAME[=SEVERITY][@START[-END]]"] = ()
-    scenario: Annotated[Input | None, "TOML"] = None
+    scenario: Annotated[Sequence[Path], paths.read, "TOML", {"action": "extend"}] = ()
     check: Annotated[bool, "--assert"] = False
+    junit: Output = None
     seed: int | None = None
     keep_counters: bool = False
     duration: Seconds | None = None
@@ -83,147 +84,78 @@ class InjectOptions(SetupOptions, ColumnNames):
 
 def run(args: InjectOptions) -> int:
     """Put faults into an engine's frames, or into a log."""
-    from monitor.grid.tables import is_table
+    from monitor.inject.expected import case, compare, table
 
-    scenario = _scenario(args)
     if args.log and (bus_name(args.bus) or "to_channel" in args.bus or args.duration):
         raise UsageError("give either a LOG or two buses (-i, -c, --to-channel), not both")
-    if args.check and not scenario.expectations:
+    if args.log and not (args.out or args.check):
+        raise UsageError("nothing to do with LOG: give --out, or --scenario and --assert")
+    if len(args.scenario) > 1 and (args.out or not (args.log and args.check)):
+        raise UsageError("several scenarios are for a LOG with --assert, without --out")
+    if args.junit and not args.check:
+        raise UsageError("--junit holds what --assert finds; give both")
+    scenarios = _scenarios(args)
+    if args.check and not all(scenario.expectations for scenario in scenarios.values()):
         raise UsageError("--assert needs a --scenario with an [[expect]]")
-    setup = set_up(args, args.columns) if args.check else None
-    if args.log and is_table(args.log):
-        recordings = _table(args, args.log, scenario, setup)
-    else:
-        bus_map = setup.bus_map if setup else _bus_map(args)
-        if args.log:
-            recordings = _logs(args, args.log, scenario, bus_map, setup)
-        else:
-            recordings = _buses(args, scenario, bus_map, setup)
-    if not args.check:
-        return 0
-    from monitor.inject.expected import compare, table
+    setup = set_up(args, args.columns, judges=args.check)
+    cases = []
+    for name, scenario in scenarios.items():
+        if len(scenarios) > 1:
+            say(name)
+        recordings = (_drives if args.log else _buses)(args, scenario, setup)
+        if args.check:
+            rows = compare(scenario, recordings)
+            for line in table(rows):
+                say(line)
+            cases.append(case(name, rows))
+    if args.junit:
+        from monitor.base.files.junit import write_junit
 
-    rows = compare(scenario, recordings)
-    for line in table(rows):
-        say(line)
-    return 0 if all(row.met for row in rows) else 1
+        write_junit(args.junit, "o2mon.inject", cases)
+    return 1 if any(case.said for case in cases) else 0
 
 
-def _scenario(args: InjectOptions) -> "Scenario":
+def _scenarios(args: InjectOptions) -> "dict[str, Scenario]":
+    """Return the scenarios by file and title."""
     from dataclasses import replace
 
     from monitor.inject.scenario import Scenario, load, parse_fault
 
-    scenario = load(args.scenario) if args.scenario else Scenario(())
-    faults = (*scenario.faults, *map(parse_fault, args.fault))
-    return replace(
-        scenario,
-        faults=faults,
-        seed=scenario.seed if args.seed is None else args.seed,
-        keep_counters=scenario.keep_counters or args.keep_counters,
-    )
+    faults = tuple(map(parse_fault, args.fault))
+    loaded = {str(path): load(path) for path in args.scenario} or {"": Scenario(())}
+    return {
+        f"{name}: {scenario.title}" if scenario.title else name: replace(
+            scenario,
+            faults=scenario.faults + faults,
+            seed=scenario.seed if args.seed is None else args.seed,
+            keep_counters=scenario.keep_counters or args.keep_counters,
+        )
+        for name, scenario in loaded.items()
+    }
 
 
-def _bus_map(args: InjectOptions) -> "BusMap":
-    import dbc
-    from monitor.decode.bus_map import load_pairs
+def _drives(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[Recording]":
+    from monitor.inject.drives import play
 
-    default = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
-    return load_pairs(args.pairs or default)
-
-
-def _logs(
-    args: InjectOptions,
-    log: Path,
-    scenario: "Scenario",
-    bus_map: "BusMap",
-    setup: "Setup | None",
-) -> "list[Recording]":
-    from monitor.frames.logs import read_frames
-    from monitor.inject.expected import FrameJudge, fresh_memory
-    from monitor.inject.gateway import write_log
-    from monitor.inject.injector import Injector
-
-    if not (args.out or args.check):
-        raise UsageError(_NOTHING)
-    recordings: list[Recording] = []
-    with ExitStack() as stack:
-        memory = stack.enter_context(fresh_memory()) if setup else None
-        for drive in range(1, scenario.n_drives + 1):
-            injector = Injector(
-                bus_map,
-                scenario.faults_of(drive),
-                seed=scenario.seed + drive - 1,
-                keep_counters=scenario.keep_counters,
-            )
-            judge = FrameJudge(setup, memory) if setup and memory else None
-            out = _place(args, drive, scenario.n_drives)
-            frames = injector.stream(read_frames(log))
-            frames = _seen(frames, judge.push) if judge else frames
-            n = write_log(out, frames) if out else sum(1 for _ in frames)
-            for line in injector.counts.lines():
-                say(f"{out or log}: {line}")
-            if n == 0:
-                raise UsageError(f"{log}: no frame is left to judge or write")
-            if judge:
-                recordings.append(judge.finish(str(out or log)))
-    return recordings
+    assert args.log
+    place = partial(_place, args, scenario.n_drives)
+    return play(args.log, scenario, setup, judges=args.check, place=place, say=say)
 
 
-def _table(
-    args: InjectOptions, log: Path, scenario: "Scenario", setup: "Setup | None"
-) -> "list[Recording]":
-    from monitor.grid.tables import read_table
-    from monitor.inject.expected import fresh_memory
-    from monitor.inject.table_faults import with_faults, write_own
-    from monitor.model.step import Model
-    from monitor.pipeline.recordings import RecordingReader, table_of_model
-    from monitor.pipeline.replay import judged
-
-    if not (args.out or args.check):
-        raise UsageError(_NOTHING)
-    model = setup.model if setup else Model.load(args.model) if args.model else None
-    if model:
-        table = table_of_model(log, args.columns, model.card)
-    else:
-        table = read_table(log, args.columns)
-    recordings: list[Recording] = []
-    with fresh_memory() as memory:
-        for drive in range(1, scenario.n_drives + 1):
-            seed = scenario.seed + drive - 1
-            changed, n = with_faults(table, scenario.faults_of(drive), seed)
-            out = _place(args, drive, scenario.n_drives)
-            if out:
-                write_own(out, changed)
-            say(f"{out or log}: lambda changed in {n} of {len(changed.t_ns)} rows")
-            if setup:
-                reader = RecordingReader(setup.bus_map, setup.model.card)
-                recordings.append(judged(reader.table(changed), None, setup, memory)[0])
-    return recordings
-
-
-def _place(args: InjectOptions, drive: int, n_drives: int) -> Path | None:
+def _place(args: InjectOptions, n_drives: int, drive: int) -> Path | None:
     """Return the file to write for a drive: the one of --out, with the number of the drive."""
     from monitor.base.files.outputs import check, check_replaced, numbered
 
     if args.out is None or n_drives == 1:
         return args.out
     out = numbered(args.out, drive)
-    check((out,), (args.log, args.scenario, *args.dbc, *args.map))
+    check((out,), (args.log, *args.scenario, *args.dbc, *args.map))
     if not args.bus.force:
         check_replaced((out,))
     return out
 
 
-def _seen(frames: "Iterable[Frame]", take: Any) -> "Iterator[Frame]":
-    for frame in frames:
-        take(frame)
-        yield frame
-
-
-def _buses(
-    args: InjectOptions, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
-) -> "list[Recording]":
+def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[Recording]":
     from monitor.bus.ending import ended_by_signals
     from monitor.inject.expected import FrameJudge, fresh_memory
     from monitor.inject.gateway import Gateway
@@ -234,7 +166,9 @@ def _buses(
     if "to_channel" not in args.bus:
         raise UsageError("give the other side with --to-channel (and --to-interface), or a LOG")
     if scenario.n_drives > 1:
-        raise UsageError(f"{args.scenario}: drives = {scenario.n_drives} is for a LOG, not a bus")
+        raise UsageError(
+            f"{args.scenario[0]}: drives = {scenario.n_drives} is for a LOG, not a bus"
+        )
     other = _other_side(args.bus)
     if bus_name(args.bus) == bus_name(other):
         raise UsageError(f"both sides are {bus_name(args.bus)}, two buses are wanted")
@@ -245,11 +179,11 @@ def _buses(
                 "so a gateway would pass the same frames round for ever"
             )
     injector = Injector(
-        bus_map, scenario.faults, seed=scenario.seed, keep_counters=scenario.keep_counters
+        setup.bus_map, scenario.faults, seed=scenario.seed, keep_counters=scenario.keep_counters
     )
     with ExitStack() as stack:
-        memory = stack.enter_context(fresh_memory()) if setup else None
-        judge = FrameJudge(setup, memory) if setup and memory else None
+        memory = stack.enter_context(fresh_memory()) if args.check else None
+        judge = FrameJudge(setup, memory) if memory else None
         here = _side(stack.enter_context(open_bus(args.bus)), args.bus)
         there = _side(stack.enter_context(open_bus(other)), other)
         gateway = Gateway(here, there, injector, judge.push if judge else lambda _: None)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import ColumnNames, Quiet
+from monitor.base.command_line.parameters import ColumnNames, Output, Quiet
 from monitor.cli.options import LOGS, JudgeOptions, say, set_up, warn, write_outputs
 from monitor.cli.sinks import SinkOptions, written_sinks
 
@@ -28,12 +28,14 @@ class ReplayOptions(JudgeOptions, ColumnNames, SinkOptions):
 
     channel : of a log that holds several buses, the one that is meant
     windows : print every window
+    junit : write JUnit XML for a CI server: one test for each drive
     quiet : print nothing per recording
     """
 
     log: Annotated[Sequence[Path], paths.read, "LOG", {"help": LOGS}] = field(kw_only=False)
     channel: Annotated[str, "NAME"] = ""
     windows: bool = False
+    junit: Output = None
     quiet: Quiet = False
 
 
@@ -44,7 +46,7 @@ def run(args: ReplayOptions) -> int:
     import_cantools_alone()
     from monitor.memory.store import Memory
     from monitor.pipeline.replay import exit_code, replay_all
-    from monitor.report.lines import print_recording
+    from monitor.report.lines import case, print_recording
 
     setup = set_up(args, args.columns, channel=args.channel)
     memory = Memory(args.memory, hold=True) if args.memory else None
@@ -68,4 +70,8 @@ def run(args: ReplayOptions) -> int:
             for line in () if args.quiet else print_recording(recording, windows=args.windows):
                 say(line)
     write_outputs(args, setup, recordings, traces)
+    if args.junit:
+        from monitor.base.files.junit import write_junit
+
+        write_junit(args.junit, "o2mon.replay", list(map(case, recordings)))
     return exit_code(recordings)

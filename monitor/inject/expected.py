@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from monitor.base.files.junit import JunitCase
 from monitor.base.types import Frame, FrameBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import block_of
@@ -133,3 +134,10 @@ def table(rows: Iterable[Row]) -> Iterator[str]:
     widths = [max(len(cell) for cell in column) for column in zip(*cells, strict=True)]
     for line in cells:
         yield "  ".join(f"{cell:<{w}}" for cell, w in zip(line, widths, strict=True)).rstrip()
+
+
+def case(name: str, rows: Sequence[Row]) -> JunitCase:
+    """Return the test case of a scenario; it fails if an expectation is not met."""
+    unmet = [row for row in rows if not row.met]
+    said = "; ".join(f"drive {row.drive}: {row.expected}, seen {row.seen}" for row in unmet)
+    return JunitCase(name, "\n".join(table(rows)), said, unmet[0].expected if unmet else "")

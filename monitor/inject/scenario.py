@@ -1,27 +1,6 @@
 """Scenario files: faults with severity and time span, and the expected codes.
 
-::
-
-    title = "a late sensor is confirmed in the second drive"
-    seed = 1                    # of all random faults
-    drives = 2                  # replay the log this many times: driving cycles with one memory
-    keep_counters = false       # true: lost or doubled frames leave no gap in alive counters
-
-    [[fault]]
-    name = "delay_rich_to_lean"
-    severity = 0.8              # s, gain, lambda, share or frames/s; default depends on the name
-    start_s = 60.0              # after the drive's first frame
-    end_s = 600.0               # default: the end of the drive
-    drives = [1, 2]             # default: every drive
-    messages = ["ECU_Lambda"]   # of a frame fault: names in the map, or ["all"]
-    can_id = 0x123              # of frame_flood
-
-    [[expect]]
-    code = "P015A"              # or "none"
-    state = "confirmed"         # or "pending"; default: either
-    within_s = 300.0            # after the drive's first fault begins; default: any time
-    drive = 2                   # default: the last drive
-    judged = true               # with "none": the response test must have completed
+``docs/guides/inject.md`` lists the keys with units and defaults.
 """
 
 import math
@@ -72,6 +51,10 @@ class Scenario:
     def faults_of(self, drive: int) -> tuple[Injection, ...]:
         """Return the faults of a drive; drives count from 1."""
         return tuple(f for f in self.faults if not f.drives or drive in f.drives)
+
+    def seed_of(self, drive: int) -> int:
+        """Return the seed of a drive's random faults."""
+        return self.seed + drive - 1
 
     def begin_s(self, drive: int) -> float:
         """Return the start in s of the drive's first fault, 0 without a fault."""

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
+from monitor.base.files.junit import JunitCase
 from monitor.judge.causes.causes import Cause
 from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import fault_words
@@ -110,3 +111,10 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
         yield f"  note: {note}"
     if bad:
         yield "  counted: " + ", ".join(f"{name} {n}" for name, n in bad.items())
+
+
+def case(recording: Mapping[str, Any]) -> JunitCase:
+    """Return a recording as a test of a CI server: a fault fails, without verdict it is skipped."""
+    codes = ", ".join(dtc["code"] for dtc in recording["dtcs"]) if recording["fault_flag"] else ""
+    said = verdict_text(recording) if codes or recording["not_judged"] else ""
+    return JunitCase(recording["path"], "\n".join(print_recording(recording)), said, codes)

@@ -1,0 +1,100 @@
+"""The drives of a scenario: a log or table with its faults, written, judged or both."""
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from pathlib import Path
+
+from monitor.base.errors import UsageError
+from monitor.base.types import Frame
+from monitor.frames.logs import read_frames
+from monitor.grid.tables import Table, is_table
+from monitor.inject.expected import FrameJudge, Recording, fresh_memory
+from monitor.inject.gateway import write_log
+from monitor.inject.injector import Injector
+from monitor.inject.scenario import Scenario
+from monitor.inject.table_faults import with_faults, write_own
+from monitor.memory.store import Memory
+from monitor.pipeline.recordings import RecordingReader, table_of_model
+from monitor.pipeline.replay import Setup, judged
+
+Place = Callable[[int], Path | None]
+
+
+def play(
+    recording: Path,
+    scenario: Scenario,
+    setup: Setup,
+    *,
+    judges: bool = True,
+    place: Place = lambda _: None,
+    say: Callable[[str], None] = lambda _: None,
+) -> list[Recording]:
+    """Play a log or table once for each drive of a scenario; return the entries of the judged ones.
+
+    judges : whether the monitor judges the drives, with one fault memory
+    place : gives the file to write for the number of a drive, None for none
+    say : takes lines about what was changed
+    Raises O2Error if the recording cannot be read, written or judged, or a fault is not for it.
+    """
+    if is_table(recording):
+        table = table_of_model(recording, setup.columns, setup.model.card)
+        drive_of = partial(_table_drive, table)
+    else:
+        drive_of = partial(_log_drive, recording)
+    with fresh_memory() as memory:
+        entries = [
+            drive_of(scenario, drive, setup, memory if judges else None, place(drive), say)
+            for drive in range(1, scenario.n_drives + 1)
+        ]
+    return [entry for entry in entries if entry is not None]
+
+
+def _log_drive(
+    log: Path,
+    scenario: Scenario,
+    drive: int,
+    setup: Setup,
+    memory: Memory | None,
+    out: Path | None,
+    say: Callable[[str], None],
+) -> Recording | None:
+    injector = Injector(
+        setup.bus_map,
+        scenario.faults_of(drive),
+        seed=scenario.seed_of(drive),
+        keep_counters=scenario.keep_counters,
+    )
+    judge = FrameJudge(setup, memory) if memory else None
+    frames = injector.stream(read_frames(log))
+    frames = _seen(frames, judge.push) if judge else frames
+    n = write_log(out, frames) if out else sum(1 for _ in frames)
+    for line in injector.counts.lines():
+        say(f"{out or log}: {line}")
+    if n == 0:
+        raise UsageError(f"{log}: no frame is left to judge or write")
+    return judge.finish(str(out or log)) if judge else None
+
+
+def _table_drive(
+    table: Table,
+    scenario: Scenario,
+    drive: int,
+    setup: Setup,
+    memory: Memory | None,
+    out: Path | None,
+    say: Callable[[str], None],
+) -> Recording | None:
+    changed, n = with_faults(table, scenario.faults_of(drive), scenario.seed_of(drive))
+    if out:
+        write_own(out, changed)
+    say(f"{out or table.path}: lambda changed in {n} of {len(changed.t_ns)} rows")
+    if memory is None:
+        return None
+    reader = RecordingReader(setup.bus_map, setup.model.card)
+    return judged(reader.table(changed), None, setup, memory)[0]
+
+
+def _seen(frames: Iterable[Frame], take: Callable[[Frame], None]) -> Iterator[Frame]:
+    for frame in frames:
+        take(frame)
+        yield frame

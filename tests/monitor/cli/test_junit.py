@@ -1,0 +1,117 @@
+"""JUnit XML of drives and scenarios, as a CI server reads it."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from monitor import cli
+from monitor.base.files.junit import JunitCase, write_junit
+from tests.conftest import ROOT
+from tests.helpers.logs.injected_frames import first_minutes
+
+SCENARIOS = ROOT / "docs" / "scenarios"
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return first_minutes(tmp_path_factory.mktemp("drive"))
+
+
+def outcomes(report: Path) -> dict[str, tuple[str, str | None, str | None]]:
+    """Return outcome, type and message of each case by its name; the counts are checked."""
+    root = ElementTree.parse(report).getroot()
+    [suite] = root
+    found = {}
+    for case in suite:
+        assert case.get("classname") == suite.get("name")
+        [told] = case
+        name = case.get("name")
+        assert name
+        found[name] = told.tag, told.get("type"), told.get("message")
+    tags = [tag for tag, *_ in found.values()]
+    for element in (root, suite):
+        assert element.get("tests") == str(len(tags))
+        assert element.get("failures") == str(tags.count("failure"))
+        assert element.get("skipped") == str(tags.count("skipped"))
+    return found
+
+
+def test_a_fault_fails_a_drive_without_verdict_is_skipped_a_healthy_one_passes(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN a drive, its beginning, which is too short, and the drive with a late sensor
+    monkeypatch.chdir(tmp_path)
+    short, late, report = Path("short.log"), Path("late.log"), Path("report.xml")
+    short.write_text("\n".join(drive.read_text().splitlines()[:5000]) + "\n")
+    fault = ["--fault", "delay_rich_to_lean=0.6@20"]
+    assert cli.main(["inject", str(drive), "--out", str(late), *fault]) == 0
+    call = ["replay", str(drive), str(short), str(late), "--quiet", "--junit", str(report)]
+    # WHEN they are replayed THEN each is one test
+    assert cli.main(call) == 1
+    found = outcomes(report)
+    assert found[str(drive)] == ("system-out", None, None)
+    tag, kind, message = found["short.log"]
+    assert (tag, kind) == ("skipped", None)
+    assert message and message.startswith("not judged: ")
+    sentence = "FAULT: P015A delay_rich_to_lean (pending, 38 s)"
+    assert found["late.log"] == ("failure", "P015A", sentence)
+    # and the next run replaces its own report with the same bytes, no other's file
+    before = report.read_bytes()
+    assert cli.main(call) == 1
+    assert report.read_bytes() == before
+    report.write_text("<testsuites name='of another program'/>")
+    assert cli.main(call) == 2
+
+
+def test_each_of_several_scenarios_is_one_test(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a scenario that is met, and one whose code comes later than wanted
+    silent, late, report = SCENARIOS / "silent_ecu.toml", tmp_path / "l.toml", tmp_path / "r.xml"
+    late.write_text(
+        '[[fault]]\nname = "delay_rich_to_lean"\nstart_s = 20\n'
+        '[[expect]]\ncode = "P015A"\nwithin_s = 5\n'
+    )
+    call = ["inject", str(drive), "--scenario", str(silent), str(late), "--assert"]
+    # WHEN both are judged THEN one fails, and says why
+    assert cli.main([*call, "--junit", str(report)]) == 1
+    (passed, met), (failed, unmet) = outcomes(report).items()
+    assert passed == f"{silent}: The message that carries lambda stops"
+    assert met == ("system-out", None, None)
+    assert (failed, *unmet[:2]) == (str(late), "failure", "P015A within 5 s")
+    said = unmet[2]
+    assert said and said.startswith("drive 1: P015A within 5 s, seen P015A pending (delay_rich")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines.index(passed) < lines.index(failed)
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        (["--scenario", "S", "--junit", "r.xml", "--out", "o.log"], "what --assert finds; give"),
+        (["--scenario", "S", "S", "--assert", "--out", "o.log"], "several scenarios are for a LOG"),
+        (["--scenario", "S", "S", "--out", "o.log"], "several scenarios are for a LOG"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(
+    argv: list[str], says: str, drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    scenarios = [str(SCENARIOS / "silent_ecu.toml"), str(SCENARIOS / "rough_bus.toml")]
+    words = [scenarios.pop() if word == "S" else word for word in argv]
+    assert cli.main(["inject", str(drive), *words]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_name_that_xml_cannot_hold_is_escaped(tmp_path: Path) -> None:
+    report = tmp_path / "r.xml"
+    write_junit(
+        report, "o2mon.replay", [JunitCase('a\x1b"<\udcff>.log', "x\x00y", "no & <b>", "P1")]
+    )
+    root = ElementTree.parse(report).getroot()
+    [[case]] = root
+    assert case.get("name") == 'a\\x1b"<\\udcff>.log'
+    assert case[0].get("message") == "no & <b>"
+    assert case[0].text == "x\\x00y"
