@@ -22,7 +22,7 @@ def drives(
     fault: tuple[str, float] | None = None,
     suffixes: Sequence[str] = ("parquet", "parquet", "parquet"),
 ) -> list[Path]:
-    """Write drives of ten minutes with the same effect or fault in each; return their paths."""
+    """Write drives of 400 s with the same effect or fault in each; return their paths."""
     return [
         write(
             Experiment(
@@ -31,7 +31,7 @@ def drives(
                 seed=seed + i,
                 effects=from_severities(dict([effect] if effect else [])),
                 fault=resolve(*fault) if fault else None,
-                duration_s=600.0,
+                duration_s=400.0,
             ),
             folder,
             suffix,

@@ -14,7 +14,6 @@ from training.gap.name.vehicle_mix import chain_of
 from training.gap.name.verdict import Naming
 from training.gap.response.regressors import delayed
 from training.greybox.chain import Constants
-from training.greybox.fit import drive as drives
 from training.greybox.fit.drive import ChainDrive
 
 
@@ -39,8 +38,13 @@ def test_drives_like_the_healthy_ones_have_no_gap() -> None:
     ("effect", "severity"),
     [("wall_film", 4.0), ("purge", 4.0), ("fuel_cut_tail", 8.0), ("manifold_filling", 8.0)],
 )
-def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str, severity: float) -> None:
-    # GIVEN drives with an effect well above the noise, in the plant's form
+def test_a_hidden_effect_is_named_and_the_gap_shrinks(
+    monkeypatch: pytest.MonkeyPatch, effect: str, severity: float
+) -> None:
+    # GIVEN drives with an effect well above the noise, in the plant's form, and where no signal
+    # comes near it, as for the film, a search for a formula that would fail: no name needs one
+    if effect == "wall_film":
+        monkeypatch.setattr("training.gap.name.naming.first_term", None)
     # WHEN it is looked for
     found = named(effect, severity)
     # THEN it is named, with constants and their uncertainty, and most of the gap is gone
@@ -53,12 +57,6 @@ def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str, severity: flo
     assert found.error.after**2 - found.error.floor**2 < 0.4 * gap
     assert found.trials.ranking[1].merit.win is not None
     assert found.trials.ranking[1].merit.win > 0.95
-
-
-def test_a_large_leak_is_named_with_a_warning_that_it_may_be_a_fault() -> None:
-    found = name(two_drives(2_200_160, ("exhaust_leak", 8.0)), known())
-    assert (found.verdict, [e.name for e in found.answer.effects]) == ("named", ["exhaust_leak"])
-    assert any("exhaust_leak may be a fault" in text for text in found.warnings)
 
 
 def test_a_small_leak_that_looks_like_a_rail_exponent_is_ambiguous_with_an_experiment() -> None:
@@ -78,17 +76,13 @@ def test_two_effects_at_once_are_named_one_after_the_other() -> None:
     assert found.error.after < 0.5 * found.error.before
 
 
-@pytest.mark.parametrize(
-    ("effect", "signal"),
-    [("battery_voltage", "battery_voltage_v"), ("intake_resonance", "engine_speed_rpm")],
-)
-def test_what_one_signal_explains_far_better_than_any_effect_is_unknown_and_gets_a_formula(
-    effect: str, signal: str
-) -> None:
-    found = name(two_drives(2_200_300, (effect, 4.0)), known())
+def test_what_one_signal_explains_far_better_than_any_effect_is_unknown_and_gets_a_formula() -> (
+    None
+):
+    found = name(two_drives(2_200_300, ("battery_voltage", 4.0)), known())
     assert found.verdict == "unknown_effect"
-    assert all(term.kind == "empirical" for term in found.answer.effects)
-    assert [term.name.split(":")[1] for term in found.answer.effects] == [signal]
+    (term,) = found.answer.effects
+    assert (term.kind, term.name.split(":")[1]) == ("empirical", "battery_voltage_v")
 
 
 def test_a_sensor_slow_from_the_start_is_suspected_and_nothing_is_added() -> None:
@@ -141,22 +135,6 @@ def test_an_effect_that_a_formula_clearly_beats_is_unknown_and_not_named() -> No
     assert found.verdict == "unknown_effect"
     assert {term.kind for term in found.answer.effects} == {"empirical"}
     assert next(iter(found.posterior)) == "unknown"
-
-
-def test_beside_a_name_that_no_signal_comes_near_no_formula_is_looked_for(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # GIVEN an effect of the library, and a search for a formula that would fail
-    monkeypatch.setattr("training.gap.name.naming.first_term", None)
-    # THEN its name does not need one
-    assert name(two_drives(2_200_140, ("wall_film", 4.0)), known()).verdict == "named"
-
-
-def test_a_sensor_slow_in_one_direction_may_be_made_so() -> None:
-    found = name(two_drives(2_200_181, fault=("slow_rich_to_lean", 0.6)), known())
-    assert found.verdict == "sensor_fault_suspected"
-    assert found.answer.suspected == "slow_rich_to_lean"
-    assert [c.name for c in found.answer.indistinguishable] == ["sensor_asymmetry"]
 
 
 def test_another_fuel_and_a_biased_sensor_are_each_said_to_look_like_the_other() -> None:
@@ -224,17 +202,17 @@ def test_an_error_far_above_that_of_healthy_drives_is_a_gap_though_nothing_fits_
     assert all(c.merit.score < c.merit.needed or c.merit.t < 3.0 for c in found.trials.ranking)
 
 
-@pytest.mark.parametrize(("explained", "named"), [(-0.1, False), (0.1, True)])
 def test_what_gains_where_functions_with_more_freedom_lose_is_no_name(
-    monkeypatch: pytest.MonkeyPatch, explained: float, named: bool
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # GIVEN drives on which an effect gains, and what the ceiling gains on the same blocks
-    monkeypatch.setattr("training.healthy.scoring.explained", lambda *_: explained)
+    # GIVEN drives on which an effect gains, and is named, and a ceiling that loses on their blocks
+    assert named("fuel_cut_tail", 8.0).verdict == "named"
+    monkeypatch.setattr("training.healthy.scoring.explained", lambda *_: -0.1)
     found = name(two_drives(2_200_140, ("fuel_cut_tail", 8.0)), known())
     best = found.trials.ranking[0]
     assert (best.name, best.merit.score > best.merit.needed) == ("fuel_cut_tail", True)
     # THEN the name needs both
-    assert (found.verdict == "named", bool(found.answer.effects)) == (named, named)
+    assert (found.verdict == "named", found.answer.effects) == (False, ())
 
 
 def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
@@ -277,32 +255,25 @@ def test_the_best_of_several_is_no_name_if_nothing_is_found_beside_it(
     assert (found.verdict, found.answer.effects) == ("ambiguous", two)
 
 
-def test_an_effect_beside_a_slow_sensor_is_said_with_the_suspicion() -> None:
+def test_a_sensor_slow_in_one_direction_may_be_made_so_and_an_effect_beside_it_is_said() -> None:
     slow = ("slow_rich_to_lean", 0.6)
     for effect, beside in ((None, []), (("wall_film", 4.0), ["wall_film"])):
         found = name(two_drives(2_200_181, effect, fault=slow), known(), steps=2)
         assert found.verdict == "sensor_fault_suspected"
+        assert found.answer.suspected == "slow_rich_to_lean"
+        assert [c.name for c in found.answer.indistinguishable] == [*beside, "sensor_asymmetry"]
         assert found.answer.effects == ()
         assert [c.name for c in found.answer.beside] == beside
 
 
-def test_a_candidate_without_its_signals_is_skipped_and_said_so() -> None:
-    fed = [
-        drives.make(
-            d.name,
-            d.period_s,
-            {k: v for k, v in d.signals.items() if k != "rail_pressure_mpa"},
-            1.0 / d.phi_measured.clip(0.07),
-        )
-        for d in two_drives(2_200_120)[:1]
-    ]
-    found = name(fed, known())
+def test_healthy_recordings_and_signals_that_are_missing_are_said() -> None:
+    # GIVEN a drive without rail pressure, and no healthy ones
+    (drive, _) = two_drives(2_200_120)
+    fewer = {k: v for k, v in drive.signals.items() if k != "rail_pressure_mpa"}
+    found = name([replace(drive, signals=fewer)], None, None)
+    # THEN the effect that needs it is left out, and no fault of the sensor stands in the ranking
     assert found.trials.skipped == {"rail_exponent": ("rail_pressure_mpa",)}
     assert "rail_exponent" not in [c.name for c in found.trials.ranking]
-
-
-def test_no_healthy_recordings_means_a_warning_and_no_fault_of_the_sensor_in_the_ranking() -> None:
-    found = name(two_drives(2_200_120)[:1], None, None)
     assert any("no healthy recordings" in text for text in found.warnings)
     assert any("no reference" in text for text in found.warnings)
     assert {c.kind for c in found.trials.ranking} == {"effect"}

@@ -219,6 +219,7 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     assert [each.name for each in withheld.effects] == ["exhaust_leak"]
     assert withheld.addition.effects == ()
     assert withheld.addition.path is None
+    assert "exhaust_leak may be a fault: add it only if" in " ".join(withheld.naming.warnings)
     assert any("--add exhaust_leak" in text for text in withheld.all_warnings)
     told = found(add=("exhaust_leak",))
     assert [each.name for each in told.addition.effects] == ["exhaust_leak"]
@@ -243,7 +244,7 @@ def test_a_slow_sensor_is_suspected_and_no_model_is_written(
     out = tmp_path / "gap"
     out.mkdir()
     (out / "model.onnx").write_text("of a run before, on other recordings")
-    assert run("--model", chain, *slow, "--healthy", *healthy, "--out", out) == 0
+    assert run("--model", chain, *slow, "--healthy", *healthy, "--out", out, "--force") == 0
     found = json.loads((out / "gap.json").read_text())
     assert found["verdict"] == "sensor_fault_suspected"
     assert found["effects"] == []
