@@ -29,7 +29,7 @@ from training.recordings.recording import Recording
 
 WHOLE = Study()
 TINY = [
-    *("--cases", "effect=1", "null=1", "--vehicles", "1", "--drives", "2", "--minutes", "4"),
+    *("--cases", "effect=1", "null=1", "--vehicles", "1", "--drives", "2", "--minutes", "3"),
     *("--jobs", "1"),
 ]
 
