@@ -29,9 +29,7 @@ TRAINING = (("wltc_3b", 1001), ("udds", 1002), ("us06", 1003), ("micro_trips", 1
 @pytest.fixture(scope="module")
 def training(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("training")
-    return [
-        write(Experiment(cycle=c, seed=s, duration_s=600.0), folder, "parquet") for c, s in TRAINING
-    ]
+    return [write(Experiment(c, seed=s, duration_s=600.0), folder, "parquet") for c, s in TRAINING]
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -33,11 +33,25 @@ from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
 
+def added_to(
+    material: Material, out: Path, *constants: ModelEffect, minutes: float = 0.0
+) -> tuple[Path | None, str, tuple[ModelEffect, ...]]:
+    """Add the film with the best of several constants, or train anew with it."""
+    return choice.add(
+        material,
+        out,
+        choices=[[each] for each in constants],
+        known=None,
+        start=fitted()[0],
+        options=GapOptions(retrain_minutes=minutes),
+    )
+
+
 def test_constants_that_fail_their_proof_are_left_out(
     base: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # GIVEN constants with which ONNX and numpy differ, as they may where roundings are amplified
-    chain, film = fitted()
+    _, film = fitted()
     other = ModelEffect.with_values("wall_film", [0.5 * film.values[0], *film.values[1:].tolist()])
     material = Material(base.path, gap_drives(), verify=gap_drives()[:1])
     right = network_parity.parity
@@ -50,9 +64,7 @@ def test_constants_that_fail_their_proof_are_left_out(
     monkeypatch.setattr(network_parity, "parity", parity)
     # WHEN the film is added THEN the others are taken, and no other file is left
     target = tmp_path / "model.onnx"
-    new, form, added = choice.add(
-        material, target, choices=[[film], [other]], known=None, start=chain, options=GapOptions()
-    )
+    new, form, added = added_to(material, target, film, other)
     assert new is not None
     assert added == (other,)
     assert form.startswith("beside the network")
@@ -60,14 +72,7 @@ def test_constants_that_fail_their_proof_are_left_out(
     # and with none that agrees nothing is
     monkeypatch.setattr(network_parity, "parity", _differ)
     with pytest.raises(ParityError, match="they differ"):
-        choice.add(
-            material,
-            tmp_path / "other.onnx",
-            choices=[[film]],
-            known=None,
-            start=chain,
-            options=GapOptions(),
-        )
+        added_to(material, tmp_path / "other.onnx", film)
     assert list(tmp_path.iterdir()) == [new]
 
 
@@ -75,19 +80,12 @@ def test_of_several_constants_those_that_predict_best_are_taken(
     base: FitResult, tmp_path: Path
 ) -> None:
     # GIVEN a film with constants that were fitted, and with others, in one form
-    chain, film = fitted()
+    _, film = fitted()
     far = ModelEffect.with_values("wall_film", [2.0 * film.values[0], *film.values[1:].tolist()])
     material = Material(base.path, gap_drives(), verify=gap_drives()[:1])
-    for choices in ([[far], [film]], [[film], [far]]):
+    for choices in ((far, film), (film, far)):
         # WHEN it is added THEN the better ones are taken, whichever come first
-        _, _, added = choice.add(
-            material,
-            tmp_path / "m.onnx",
-            choices=choices,
-            known=None,
-            start=chain,
-            options=GapOptions(),
-        )
+        _, _, added = added_to(material, tmp_path / "m.onnx", *choices)
         assert added == (film,)
     assert [each.name for each in tmp_path.iterdir()] == ["m.onnx"]
 
@@ -100,9 +98,9 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
     base: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trained: str, begins: str
 ) -> None:
     # GIVEN training that ends in a network that is worse or better than the effect beside the old
-    chain, film = fitted()
-    drives = gap_drives()
-    material, target = Material(base.path, drives, verify=drives[:1]), tmp_path / "m.onnx"
+    _, film = fitted()
+    drives, target = gap_drives(), tmp_path / "m.onnx"
+    material = Material(base.path, drives, verify=drives[:1])
     far, further = (
         ModelEffect.with_values("wall_film", [size * film.values[0], *film.values[1:].tolist()])
         for size in (1.2, 1.5)
@@ -110,14 +108,7 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
 
     def retrain(*given_as: Any, **__: object) -> tuple[HeldOut, ...]:
         values = film if trained == "near" else further
-        beside, _, _ = choice.add(
-            material,
-            tmp_path / "r" / "m.onnx",
-            choices=[[values]],
-            known=None,
-            start=chain,
-            options=GapOptions(),
-        )
+        beside, _, _ = added_to(material, tmp_path / "r" / "m.onnx", values)
         assert beside is not None
         beside.replace(given_as[4])
         beside.parent.rmdir()
@@ -125,19 +116,14 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
 
     monkeypatch.setattr(network, "retrain", retrain)
     # WHEN either may be taken
-    options = GapOptions(retrain_minutes=0.1)
-    new, form, _ = choice.add(
-        material, target, choices=[[far]], known=None, start=chain, options=options
-    )
+    new, form, _ = added_to(material, target, far, minutes=0.1)
     # THEN it is the better one, and the other's file is gone
     assert new == target
     assert form.startswith(begins)
     assert list(tmp_path.iterdir()) == [target]
     # and of one that fails its proof it is said
     monkeypatch.setattr(network, "retrain", _differ)
-    _, form, _ = choice.add(
-        material, target, choices=[[far]], known=None, start=chain, options=options
-    )
+    _, form, _ = added_to(material, target, far, minutes=0.1)
     assert form.startswith("beside the network")
     assert form.endswith("; not trained anew: they differ")
 
@@ -156,21 +142,14 @@ def test_a_network_that_follows_the_film_is_trained_anew_with_healthy_drives(
     blocks: list[HeldOut] = []
     monkeypatch.setattr(choice, "with_limits", limits)
     # GIVEN a network trained on drives with the film
-    chain, film = fitted()
+    _, film = fitted()
     follows = trained_on(gap_drives()[:2], tmp_path)
     own = Model.load(shipped_model()).card.limits
     update_card(follows.path, replace(follows.card, limits=own))
     material = Material(follows.path, gap_drives()[:2], healthy_drives(), verify=gap_drives()[2:])
     out = tmp_path / "m.onnx"
     # WHEN it may be trained anew, on healthy drives too, on which the film changes nothing
-    new, form, _ = choice.add(
-        material,
-        out,
-        choices=[[film]],
-        known=None,
-        start=chain,
-        options=GapOptions(retrain_minutes=0.1),
-    )
+    new, form, _ = added_to(material, out, film, minutes=0.1)
     # THEN it predicts far better what no fit saw
     assert new == out
     assert form.startswith("as one more input of the network, trained anew")
@@ -191,7 +170,7 @@ def test_the_old_model_is_judged_on_recordings_that_it_does_not_know(
     base: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, knows: bool
 ) -> None:
     # GIVEN constants from recordings on which the old network was trained, or not
-    chain, film = fitted()
+    _, film = fitted()
     fitted_to = (healthy_drives() if knows else gap_drives())[:2]
     unseen, seen = gap_drives()[2], healthy_drives()[2]
     material = Material(base.path, fitted_to, verify=[unseen, seen])
@@ -203,14 +182,7 @@ def test_the_old_model_is_judged_on_recordings_that_it_does_not_know(
 
     monkeypatch.setattr(choice, "_rmse", error)
     # WHEN old and new model are held against each other THEN it is on those that it does not know
-    choice.add(
-        material,
-        tmp_path / "m.onnx",
-        choices=[[film]],
-        known=None,
-        start=chain,
-        options=GapOptions(),
-    )
+    added_to(material, tmp_path / "m.onnx", film)
     assert judged == len(judged) * [(unseen,) if knows else fitted_to]
     assert len(judged) >= 2
 
