@@ -42,13 +42,12 @@ def test_no_announced_event_is_lost_by_a_kill_at_any_instant(tmp_path: Path) -> 
 
 
 def test_no_code_that_the_live_loop_has_told_is_lost_by_a_kill(tmp_path: Path) -> None:
-    assert loop_kills(tmp_path, 3, random.Random(2)) > 20
+    assert loop_kills(tmp_path, 2, random.Random(2)) > 20
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_kill_loses_at_most_a_minute_of_what_was_driven(tmp_path: Path, seed: int) -> None:
+def test_a_kill_loses_at_most_a_minute_of_what_was_driven(tmp_path: Path) -> None:
     # GIVEN a loop that is killed at a random instant of a drive in which no code changes
-    path, rng = tmp_path / "o2.db", random.Random(seed)
+    path, rng = tmp_path / "o2.db", random.Random(0)
     with subprocess.Popen(
         [sys.executable, "-m", LOOP, path, "1", "DRIVEN"],
         cwd=ROOT,

@@ -104,8 +104,9 @@ def test_a_pause_in_which_values_go_stale_ends_with_a_time_mark_in_the_recording
     assert judged(again) == judged(loop.result("pause"))
 
 
-@pytest.mark.parametrize("asleep_s", [5.0, 61.0, 8 * 3600.0])
-@pytest.mark.parametrize("stamps_go_on", [True, False])
+@pytest.mark.parametrize(
+    ("asleep_s", "stamps_go_on"), [(5.0, True), (61.0, True), (8 * 3600.0, True), (61.0, False)]
+)
 def test_a_machine_that_was_suspended_has_heard_nothing_and_misses_nothing(
     asleep_s: float, stamps_go_on: bool, tmp_path: Path
 ) -> None:
