@@ -5,8 +5,8 @@ of 17 bits, ranges of ten million multiplexer values. Only messages that a map u
 database may hold strange ones elsewhere.
 """
 
-import math
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -128,8 +128,11 @@ def _problems(message: Message, signal: Signal) -> Iterator[str]:
             "bytes of its message"
         )
     for what, value in (("factor", signal.scale), ("offset", signal.offset)):
-        if not math.isfinite(value):
-            yield f"has the {what} {value:g}, a finite number is wanted"
+        if not abs(value) <= sys.float_info.max:  # also NaN, and integers that no float holds
+            yield f"has the {what} {in_words(value)}, a finite number is wanted"
+    for what, limit in (("minimum", signal.minimum), ("maximum", signal.maximum)):
+        if isinstance(limit, int) and abs(limit) > sys.float_info.max:
+            yield f"has the {what} {in_words(limit)}, a number that a float holds is wanted"
     if signal.scale == 0:
         yield "has the factor 0, another number is wanted"
     if len(signal.multiplexer_ids or ()) > MOST_SWITCHES:

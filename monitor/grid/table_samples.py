@@ -1,11 +1,12 @@
 """Samples of tables: rows onto the sample grid, values outside their range as NaN."""
 
 from collections.abc import Iterator, Sequence
+from typing import Final
 
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.signals import plausible_range
+from monitor.base.signals import OUTPUT, plausible_range
 from monitor.base.types import (
     BoolArray,
     FloatArray,
@@ -14,6 +15,8 @@ from monitor.base.types import (
     Sample,
     SampleBlock,
 )
+from monitor.frames.profiles.profile import STOICH_AFR
+from monitor.frames.profiles.times import held
 from monitor.grid.block_assembler import assemble_arrays, check_grid
 from monitor.grid.tables import (
     DEFAULT_PERIOD_NS,
@@ -22,6 +25,8 @@ from monitor.grid.tables import (
     round_period_ns,
     uniform_period_ns,
 )
+
+READY: Final = "sensor_ready"
 
 
 def table_block(
@@ -35,13 +40,83 @@ def table_block(
     names : columns wanted, in this order
     period_ns : grid period; None uses a table that is uniform within 1 % sample for sample
     timeouts_ns : how long each may be held on a grid; default 0.5 s or three rows' time
-    Raises RecordingError if a column is missing or the period is impossible.
+    Raises RecordingError if a column is missing, the period is impossible or as ``check_unit``.
     """
     missing = [name for name in names if name not in table.names]
     if missing:
         raise RecordingError(f"{table.path}: has no column {', '.join(missing)}")
+    check_unit(table)
+    block = _on_grid(table, _held(table, names), names, period_ns, timeouts_ns)
+    if OUTPUT not in names or READY not in names:
+        return block
+    quality, column = block.quality.copy(), names.index(OUTPUT)
+    is_ready = block.values[:, names.index(READY)] > 0.0
+    # a ready sensor has a reading: the logger left it out
+    quality[is_ready & (quality[:, column] == Quality.INVALID), column] = Quality.GAP
+    return block._replace(quality=quality)
+
+
+def _held(table: Table, names: Sequence[str]) -> FloatArray:
+    """Return columns, (n, n_names), short blanks filled with the value before, which is counted.
+
+    A sensor that is not ready has no reading. The reader of a logger's file has held its values.
+    """
+    cells = table.values[:, [table.names.index(name) for name in names]]
+    if table.profile or not np.isnan(cells).any():
+        return cells
+    readings = [i for i, name in enumerate(names) if name == OUTPUT]
+    filled = held(cells, table.t_ns, readings)
+    if READY in table.names:
+        unready = ~(table.values[:, table.names.index(READY)] > 0.0)
+        for i in readings:
+            filled[unready, i] = cells[unready, i]
+    n_held = int((np.isnan(cells) & ~np.isnan(filled)).sum())
+    notes = table.notes  # a table is looked at more than once
+    notes.count("held_cells", max(0, n_held - notes.counts.get("held_cells", 0)))
+    return filled
+
+
+def check_unit(table: Table) -> None:
+    """Raise RecordingError if lambda's column can hold an air-fuel ratio or 1/lambda only.
+
+    A lambda is never above the AFR of the richest mixture throughout and on both sides of
+    stoichiometric AFR, and never below its range where fuel is cut and within it elsewhere.
+    """
+    if OUTPUT not in table.names:
+        return
+    reading = table.values[:, table.names.index(OUTPUT)]
+    known = reading[np.isfinite(reading)]
+    least, _ = plausible_range(OUTPUT)
+    where, wanted = f"{table.path}: {table.column_of(OUTPUT)}", f"as {OUTPUT}, lambda is wanted"
+    if len(known) and least * STOICH_AFR <= known.min() < STOICH_AFR < known.max():
+        raise RecordingError(
+            f"{where} is an air-fuel ratio ({known.min():.3g} to {known.max():.3g}) {wanted}: "
+            f"divide it by {STOICH_AFR}, factor = {1.0 / STOICH_AFR:.5f} in --columns"
+        )
+    if "fuel_cut" in table.names:
+        is_cut = table.values[:, table.names.index("fuel_cut")]
+        cut, rest = _known(reading, is_cut > 0.0), _known(reading, is_cut == 0.0)
+        if len(cut) and len(rest) and np.median(cut) < least <= np.median(rest):
+            raise RecordingError(
+                f"{where} falls to {np.median(cut):.3g} where fuel is cut: 1/lambda {wanted}"
+            )
+
+
+def _known(reading: FloatArray, rows: BoolArray) -> FloatArray:
+    """Return the readings of some rows that are numbers."""
+    return reading[rows & np.isfinite(reading)]
+
+
+def _on_grid(
+    table: Table,
+    cells: FloatArray,
+    names: Sequence[str],
+    period_ns: int | None,
+    timeouts_ns: Sequence[int] | None,
+) -> SampleBlock:
+    """Return a table's cells, (n, n_names), as they are if rows are uniform, else on a grid."""
     places = [table.names.index(name) for name in names]
-    values, quality = in_range(table.values[:, places], names)
+    values, quality = in_range(cells, names)
     pinned = None if table.pinned is None else table.pinned[:, places]
     own_ns = uniform_period_ns(table.t_ns)
     if own_ns is not None and (period_ns is None or abs(period_ns - own_ns) <= UNIFORM * own_ns):

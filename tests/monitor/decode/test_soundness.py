@@ -50,6 +50,8 @@ def pair(folder: Path, dbc: str, map_text: str = MAP.format("")) -> tuple[Path, 
         (database(length="99999999999"), "M has a size or place of '99999999999'"),
         (database(signal(scaling="1e400,0")), "S has the factor inf, a finite number is wanted"),
         (database(signal(scaling="1,-1e400")), "S has the offset -inf, a finite number"),
+        (database(signal(scaling=f"{'9' * 400},0")), "S has the factor 9999"),
+        (database(SOUND.replace("[0|0]", f"[0|{'9' * 400}]")), "S has the maximum 9999"),
         (database(signal(scaling="0,0")), "S has the factor 0, another number"),
         (
             database(signal("0|17@1-"), after="SIG_VALTYPE_ 100 S : 1;\n"),
