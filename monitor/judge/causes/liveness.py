@@ -24,6 +24,7 @@ _BY_QUALITY: Final[dict[int, Dead]] = {
     Quality.STALE: "stale",
     Quality.OFF_BUS: "stale",
     Quality.INVALID: "invalid",
+    Quality.GAP: "invalid",  # the log left it out
     Quality.OUT_OF_RANGE: "out_of_range",
 }
 _VALID: Final = CONDITIONS.index("measured_valid")
