@@ -16,7 +16,7 @@ from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples, whole
-from monitor.grid.table_samples import table_block
+from monitor.grid.table_samples import polled, table_block
 from monitor.grid.tables import BLANK, Table, is_table, read_table
 from monitor.grid.timeline import Timeline
 from monitor.judge.causes.causes import SignalSource
@@ -158,7 +158,7 @@ class RecordingReader:
             lambda: counters,
             sources,
             profile=table.profile,
-            notes=lambda: table.notes.lines,
+            notes=lambda: (*table.notes.lines, *polled(table)),
         )
 
 

@@ -78,3 +78,16 @@ def test_another_quantity_in_lambda_s_column_is_told_in_one_line_and_not_judged(
     assert told in line
     assert line.count("\n") == 1
     assert "P2" not in out
+
+
+def test_a_reading_that_is_polled_each_half_second_is_told(
+    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def poll(values: FloatArray, reading: int) -> None:
+        values[:, reading] = values[np.arange(len(values)) // 5 * 5, reading]
+
+    cli.main(["replay", str(written(poll))])
+    told = "lambda_measured changes every 0.5 s, rows come every 0.1 s: polled or held"
+    assert told in capsys.readouterr().out
+    cli.main(["replay", str(written(lambda *_: None))])
+    assert "polled" not in capsys.readouterr().out
