@@ -29,6 +29,7 @@ from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.verdicts.bosch import INPUTS, MASK, OUTPUT, RUNS, faulty, path_of, run_of
 from monitor.base import config, faults
 from monitor.judge.limits import Limits
+from monitor.judge.trust import Trust
 from monitor.model.step import Model
 from training import cli
 from training.limits.judging import Judged, judge_recordings
@@ -167,8 +168,11 @@ def model_of(
         yield path, columns
 
 
-def rows_of(split: str, verdicts: Sequence[RunVerdict]) -> Iterator[Row]:
-    """Yield a row for the healthy runs, for each fault and for all of them."""
+def rows_of(split: str, verdicts: Sequence[RunVerdict], trust: Trust) -> Iterator[Row]:
+    """Yield a row for the healthy runs, for each fault and for all of them.
+
+    trust : of the model, which says before which faults it will find
+    """
     totals: Counter[str] = Counter()
     for fault in dict.fromkeys(v.fault for v in verdicts):
         own = [v for v in verdicts if v.fault == fault]
@@ -184,6 +188,7 @@ def rows_of(split: str, verdicts: Sequence[RunVerdict]) -> Iterator[Row]:
         }
         names = Counter(v.named for v in own if v.named)
         told = ", ".join(f"{n} {k}" for n, k in names.items())
+        count["says it is tested"] = fault in (trust.found or {}) and fault not in trust.untested
         yield {"split": split, "fault": fault or "healthy"} | count | {"names": told}
         totals.update(count if fault else {})
     yield {"split": split, "fault": "all faults"} | dict(totals) | {"names": ""}
@@ -218,4 +223,4 @@ def main(argv: Sequence[str]) -> int:
             said = " ".join(v.named or ("SOUND" if v.sound_first else "-") for v in own)
             say(f"run {run}: fit {share:.0f} %, {on.sum()} samples: {said}")
             verdicts += own
-    return finish(args, list(rows_of(args.split, verdicts)))
+    return finish(args, list(rows_of(args.split, verdicts, limits.trust)))

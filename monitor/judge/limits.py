@@ -8,6 +8,7 @@ from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import ConfigError, ModelError
 from monitor.judge.fuel_cut.response import FuelCutReference
 from monitor.judge.response.region import Region
+from monitor.judge.trust import UNKNOWN, Trust
 from monitor.memory.reference import Reference
 from monitor.model.card import ModelCard
 
@@ -58,6 +59,7 @@ class Limits:
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
     region: Region | None = None  # of the inputs, outside of which a window is no evidence
     fuel_cut: FuelCutReference | None = None  # steps and levels of healthy fuel cuts
+    trust: Trust = UNKNOWN  # what the model finds and mistakes
 
     @property
     def gain_expected(self) -> float:
@@ -98,6 +100,7 @@ class Limits:
             offset_high=offset,
             region=Region.from_card(card.region, where, config.enable.range_ignored),
             fuel_cut=FuelCutReference.from_card(card.fuel_cut, where),
+            trust=Trust.from_card(card.trust, where),
         )
 
     def of_vehicle(self, reference: Reference, config: BiasConfig) -> "Limits":

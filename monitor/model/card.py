@@ -126,6 +126,8 @@ class ModelCard:
     fuel_cut: Mapping[str, Any] = field(default_factory=dict)
     # the logger's profile that was given to the fit, as its TOML tree; {} in older cards
     profile: Mapping[str, Any] = field(default_factory=dict)
+    # what the model finds and mistakes on drives that it has not seen; {} in older cards
+    trust: Mapping[str, Any] = field(default_factory=dict)
     # of all parts of the file but its metadata, entered by the writer; "" in older cards
     graph_sha256: str = field(default="", compare=False)
     schema: str = SCHEMA
@@ -174,6 +176,7 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
         "profile": {},
         "region": {},
         "fuel_cut": {},
+        "trust": {},
     } | data  # older cards lack them
     _keys(data, ModelCard, path, "model card")
     try:

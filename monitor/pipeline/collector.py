@@ -149,6 +149,7 @@ class Collector:
             "evidence": evidence_entry(monitor.decisions.evidence()),
             "enable": enable_shares(seen.held.tolist(), monitor.samples, monitor.unavailable),
             "limits": limits_entry(monitor.limits),
+            **({"trust": trust} if (trust := monitor.limits.trust.entry()) else {}),
             "counters": dict(counters),
             **({} if behind is None else {"catalyst": behind}),
         }

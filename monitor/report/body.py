@@ -8,6 +8,7 @@ from pathlib import PurePath
 from typing import Any
 
 from monitor.base.counts import counted
+from monitor.judge import trust
 from monitor.judge.causes.causes import Cause
 from monitor.pipeline.entry import fault_words
 from monitor.report import catalyst, evidence, fuel_cuts
@@ -30,6 +31,7 @@ from monitor.report.words import (
 )
 
 VERDICTS_WORST_FIRST = ("failed", "inconclusive", "passed")
+_ALL_PASSED = "Every test was completed and passed."
 OPEN_AT_FIRST = 4  # up to this number, all recordings are shown unfolded
 
 
@@ -177,7 +179,8 @@ def _passed(recording: Mapping[str, Any]) -> str:
     if is_catalyst_alone(recording):
         return f"{CATALYST_ALONE[0].upper()}{CATALYST_ALONE[1:]}."
     if cuts is None or cuts["verdict"] == "passed":
-        return "Every test was completed and passed."
+        left = recording.get("trust", {}).get("not_tested")
+        return "Every test that this model can do passed." if left else _ALL_PASSED
     return (
         "Every test that a verdict needs was completed and passed; "
         f"the fuel-cut response is {text(fuel_cuts.verdict(cuts))}."
@@ -185,7 +188,9 @@ def _passed(recording: Mapping[str, Any]) -> str:
 
 
 def _confidence(recording: Mapping[str, Any]) -> str:
-    return f"<p>Confidence: {text(confidence(recording))}.</p>"
+    known = trust.in_words(recording.get("trust"))
+    more = f"<p>{text(known[0].upper() + known[1:])}.</p>" if known else ""
+    return f"<p>Confidence: {text(confidence(recording))}.</p>{more}"
 
 
 def _causes(recording: Mapping[str, Any]) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from monitor.base.files.junit import JunitCase
+from monitor.judge import trust
 from monitor.judge.causes.causes import Cause
 from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import fault_words
@@ -27,7 +28,10 @@ def verdict_text(recording: Mapping[str, Any]) -> str:
         )
         return f"FAULT: {codes}"
     if not recording["not_judged"]:
-        return CATALYST_ALONE if is_catalyst_alone(recording) else "no fault"
+        if is_catalyst_alone(recording):
+            return CATALYST_ALONE
+        left = recording.get("trust", {}).get("not_tested")
+        return f"no fault, not tested: {', '.join(left)}" if left else "no fault"
     return f"not judged: {reason(recording)}"
 
 
@@ -98,6 +102,8 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
         f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
         f"{judged}; paper's rule failed {paper}"
     )
+    if known := trust.in_words(recording.get("trust")):
+        yield f"  {known}"
     yield from (f"  {line}" for line in fuel_cuts.lines(recording, in_detail=windows))
     if recording["not_judged"]:
         yield from (f"  {line}" for line in evidence.undecided(recording))

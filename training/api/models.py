@@ -42,7 +42,8 @@ class Fit:
     ) -> "Fit":
         """Complete the card of a new model by its recordings and return the fit."""
         path, held_out = outcome.path, outcome.held_out
-        card, warnings = complete(path, held_out, recordings, columns, progress)
+        unseen = outcome.unseen.unseen if isinstance(outcome, FitResult) else None
+        card, warnings = complete(path, held_out, recordings, columns, progress, unseen)
         return cls(card=card, outcome=outcome, warnings=(*outcome.warnings, *warnings))
 
     @property

@@ -161,6 +161,10 @@ def _print_measures(card: "ModelCard") -> None:
         _print_measure("held-out blocks, enabled samples", enabled, card)
     title = "held-out blocks, all samples, fuel cuts too" if differ else "held-out blocks"
     _print_measure(title, every, card)
+    from monitor.judge.trust import Trust, in_words
+
+    if known := in_words(Trust.from_card(card.trust, "").entry()):
+        print(known)
     if unseen := card.fit.get("unseen"):
         from training.narx.cross_fit import unseen_words
 

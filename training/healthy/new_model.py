@@ -11,6 +11,7 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.healthy.reference import set_reference
 from training.limits.decision_limits import MANY_WINDOWS, set_limits
+from training.limits.trust import Unseen, trust_of
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
 from training.recordings.recording import Recording
@@ -22,14 +23,18 @@ def complete(
     recordings: Sequence[Recording],
     columns: str | Path | None = None,
     progress: Callable[[str], None] = lambda _: None,
+    unseen: Callable[[ModelCard], Unseen] | None = None,
 ) -> tuple[ModelCard, tuple[str, ...]]:
     """Complete the card of the new model in ``path``; return it and warnings.
 
     held_out : blocks of the recordings that no training saw
+    unseen : models of the card's kind, each with drives that it has not seen; default: this one,
+        whose few constants a recording hardly moves
     columns : profile with which the recordings were read, so that the next log needs no option
     """
     _keep_profile(path, columns)
     warnings = _set_limits(path, held_out, recordings)
+    _set_trust(path, unseen or (lambda _: [(Model.load(path), recordings)]))
     card, doubt = set_reference(path, recordings, progress)
     return card, (*warnings, *([doubt] if doubt else []))
 
@@ -38,6 +43,14 @@ def _keep_profile(path: Path, columns: str | Path | None) -> None:
     if columns is not None and is_profile(path_of(Path(columns))):
         profile = tree_of(load_profile(path_of(Path(columns))))
         update_card(path, replace(Model.load(path).card, profile=profile))
+
+
+def _set_trust(path: Path, unseen: Callable[[ModelCard], Unseen]) -> None:
+    """Let a model with limits know what it finds and mistakes."""
+    card = Model.load(path).card
+    if card.limits:
+        trust = trust_of(unseen(card), card, config.load(), str(path))
+        update_card(path, replace(card, trust=trust))
 
 
 def _set_limits(

@@ -24,6 +24,7 @@ from training.limits.judging import Judged, judge_recordings, most_common_cause,
 from training.limits.paper_limits import PaperLimits, Residuals, choose, held_out
 from training.limits.response.response_limits import response_limits
 from training.limits.tolerance import CONFIDENCE, rate_bounds
+from training.limits.trust import trust_of
 from training.recordings.recording import Recording, check_each_once, sha256
 
 SCHEMA = "o2train.calibrate/1"
@@ -77,6 +78,7 @@ def calibrate(
     limits = Limits.from_card(card, config, str(path))
     response = response_limits(model, healthy, limits, config)
     card = replace(card, limits={**card.limits, **response})
+    card = replace(card, trust=trust_of([(model, healthy)], card, config, str(path)))
     limits = Limits.from_card(card, config, str(path))
     healthy_rows = _rows(healthy, good, model, limits, config)
     faulty_rows = _rows(faulty, bad, model, limits, config)

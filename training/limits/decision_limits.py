@@ -213,6 +213,7 @@ def with_limits(
         model.card,
         limits={**model.card.limits, **limits},
         region=region.to_card() if region else {},
+        trust={},  # what was counted with other limits no longer holds
     )
     card = with_fuel_cuts(card, judged, config)
     used = Limits.from_card(card, config, origin)

@@ -7,27 +7,30 @@ Source: Stone, Cross-validatory choice and assessment of statistical predictions
 Statistical Society B 36 (1974).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
-from monitor.model.step import to_model_units
-from training.narx.export import Network
-from training.narx.model_file import measures
+from monitor.model.card import ModelCard
+from monitor.model.step import Model, to_model_units
+from training.narx.export import Network, save
+from training.narx.model_file import measures, shape_of
 from training.narx.network import Spec
 from training.narx.search.stages import Trained, free_run, train
 from training.narx.search.structure import EPOCHS, HORIZONS, N_SAMPLES
 from training.narx.work import Work
+from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, Samples
 from training.recordings.samples.transforms import apply
 
-MOST_TWINS: Final = 10  # with more recordings, each twin misses several
+MOST_TWINS: Final = 4  # with more recordings, each twin misses several
 BLOCKS: Final = 5  # of a single recording, each missed by one twin
 
 
@@ -37,6 +40,13 @@ class Twin:
 
     network: Network
     rows: BoolArray  # (n,) of the samples
+
+    def model(self, card: ModelCard) -> Model:
+        """Return the twin as a model with the card of the whole training's, but its own shape."""
+        with TemporaryDirectory(prefix="o2-twin-") as folder:
+            path = Path(folder) / "twin.onnx"
+            save(path, self.network, replace(card, **shape_of(self.network)))
+            return Model.load(path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +67,22 @@ class CrossFit:
             if s.recording == number:
                 run[s.first : s.first + s.stop - s.start] = self.predicted[s.start : s.stop]
         return run
+
+    def unseen(self, card: ModelCard) -> Iterator[tuple[Model, list[Recording]]]:
+        """Yield each twin as a model with the parts of recordings that it did not see.
+
+        card : of the model whose twins these are
+        """
+        for twin in self.twins:
+            parts = []
+            for s in self.data.segments:
+                own = np.flatnonzero(twin.rows[s.start : s.stop])
+                if len(own):
+                    rows = slice(s.first + int(own[0]), s.first + int(own[-1]) + 1)
+                    whole = self.data.recordings[s.recording]
+                    values, quality = whole.values[rows], whole.quality[rows]
+                    parts.append(replace(whole, values=values, quality=quality))
+            yield twin.model(card), parts
 
     def to_card(self) -> dict[str, Any]:
         """Return the measures on enabled samples of all recordings together and of each.

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 LAGS, HIDDEN = 5, (8, 8)  # of the paper's network
 SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
-CROSS_FIT_SHARE = 0.2  # of the work is that of the twins
+CROSS_FIT_SHARE = 0.5  # of the work is that of the twins
 SHORT_SAMPLES, ROTATIONS = 5000, 4  # shorter recordings choose by several sets of held-out blocks
 STARTS, STARTS_SHORT = 3, 8  # trainings from different random weights
 ENDED_EARLY = "the wall limit ended the training early: it would end elsewhere on another machine"

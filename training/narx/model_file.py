@@ -139,23 +139,25 @@ def _card(
     checks: Mapping[str, Any],
     members: int,
 ) -> ModelCard:
-    return card_of(
-        data,
-        predicted,
-        kind="narx",
-        lags=network.spec.memory,
-        input_lag_start=network.spec.boxes[0][0],
-        layers=network.spec.hidden,
-        state=network.state_layout,
-        transforms=data.transforms,
-        structure={
+    shape = shape_of(network, members)
+    own = {"kind": "narx", "transforms": data.transforms, "checks": dict(checks)}
+    return card_of(data, predicted, **own, **shape)
+
+
+def shape_of(network: Network, members: int = 1) -> dict[str, Any]:
+    """Return the fields of a card that the shape of a network decides."""
+    return {
+        "lags": network.spec.memory,
+        "input_lag_start": network.spec.boxes[0][0],
+        "layers": network.spec.hidden,
+        "state": network.state_layout,
+        "structure": {
             "input_boxes": [list(box) for box in network.spec.boxes],
             "output_lags": network.spec.lags,
             "linear_path": network.spec.linear_path,
             "members": members,
         },
-        checks=dict(checks),
-    )
+    }
 
 
 def card_of(data: Prepared, predicted: FloatArray, **own: Any) -> ModelCard:

@@ -6,7 +6,7 @@ Results come in the order of time, one after the other.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, TypeVar
 
 from monitor.base.config import Config
 from monitor.base.foreign import ForeignError
@@ -40,6 +40,7 @@ from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import TestResult
 from monitor.memory.reference import Seen
 
+Finding = TypeVar("Finding", Response, Bias)
 CIRCUIT_TESTS: Final = (CIRCUIT, HEATER)
 
 
@@ -101,6 +102,8 @@ class Decisions:
 
     def activity(self, failed: bool, fault: str, t_ns: int) -> Sequence[Change]:
         """Take a judged stretch of the activity test."""
+        if failed and fault in self._limits.trust.untold:
+            return ()
         return self._counters.step("activity", failed=failed, fault=fault, also=(), t_ns=t_ns)
 
     def behind(self, test: str, claim: Claim, t_ns: int) -> Sequence[Change]:
@@ -131,8 +134,9 @@ class Decisions:
 
     def window(self, window: Window, facts: Facts) -> Iterator[WindowJudged | Change]:
         """Take a full window; yield its verdict, then the codes that it changes."""
-        response = self._unless_dead(facts.response, facts.moved)
-        bias = self._bias.judge(facts.offset, ignore=facts.no_evidence or self._may_be_dead)
+        response = self._told(self._unless_dead(facts.response, facts.moved))
+        ignore = facts.no_evidence or self._may_be_dead
+        bias = self._told(self._bias.judge(facts.offset, ignore=ignore))
         judged = self._judged(window, facts, response, bias)
         yield judged
         self.store.report(self._results(response, bias))
@@ -149,7 +153,8 @@ class Decisions:
 
     def cut(self, window: Window, facts: Facts) -> Iterator[CutJudged | Change]:
         """Take a full window around a fuel cut; yield its verdict, then the codes it changes."""
-        response, t_ns = self._unless_dead(facts.response, facts.moved), window.t_end_ns
+        response = self._told(self._unless_dead(facts.response, facts.moved))
+        t_ns = window.t_end_ns
         yield CutJudged(t_ns, facts.std, response.outcome, response.fault, response.statistics)
         self._suspicious |= response.outcome == "failed"
         yield from self._response_step(response, t_ns)
@@ -221,6 +226,12 @@ class Decisions:
         if self._may_be_dead:
             return replace(response, outcome="inconclusive", fault=None, also=())
         return response
+
+    def _told(self, found: Finding) -> Finding:
+        """Return a finding, unless its fault is one that the model mistakes for its own errors."""
+        if found.outcome == "failed" and found.fault in self._limits.trust.untold:
+            return replace(found, outcome="inconclusive", fault=None, also=())
+        return found
 
     def _judged(self, window: Window, facts: Facts, response: Response, bias: Bias) -> WindowJudged:
         """Return the window's verdict: the response rule's, or the bias rule's if only it fails."""

@@ -117,11 +117,11 @@ def test_faulty_sensors_are_found_and_the_figures_say_so(drives: Path, calibrate
     assert result["false_alarms"]["bound_drives"] <= RATE
 
 
-def test_only_limits_and_fuel_cuts_of_the_file_change(drives: Path, calibrated: Path) -> None:
+def test_only_limits_fuel_cuts_and_trust_of_the_file_change(drives: Path, calibrated: Path) -> None:
     before, after = (onnx.load(str(p)) for p in (drives / "model.onnx", calibrated))
     assert before.graph.SerializeToString() == after.graph.SerializeToString()
     old, new = (Model.load(p).card for p in (drives / "model.onnx", calibrated))
-    assert replace(new, limits=old.limits, fuel_cut=old.fuel_cut) == old
+    assert replace(new, limits=old.limits, fuel_cut=old.fuel_cut, trust=old.trust) == old
     assert new.fuel_cut["is_clipped"]
     assert new.limits["j_mu"] != old.limits["j_mu"]
     # older cards lack them

@@ -64,3 +64,23 @@ def test_the_card_names_the_worst_unseen_recording(tmp_path: Path) -> None:
     assert [each["path"] for each in unseen["recordings"]] == [f"drive{i}.csv" for i in (1, 2, 3)]
     assert min(unseen["recordings"], key=lambda r: r["fit_percent"])["path"] == "drive3.csv"
     assert unseen_words(unseen).endswith("(drive3.csv)")
+
+
+def test_a_twin_as_a_model_runs_as_it_did_in_the_training(tmp_path: Path) -> None:
+    options = FitOptions(lags=2, hidden=(3,), starts=1)
+    drives = plant(1, 1200), plant(2, 1200)
+    found = fit(source_of(*drives), tmp_path / "m.onnx", options)
+    for model, parts in found.unseen.unseen(found.card):
+        (drive,) = parts
+        number = int(drive.path.name[len("drive")]) - 1
+        run = found.unseen.of_recording(number)[: len(drive.values)]
+        u = drive.values[:, [drive.names.index(name) for name in found.card.input_names]]
+        model.reset(u[0])
+        phi, newest = np.empty(len(u)), model.card.state.output_start
+        for k, row in enumerate(u):
+            model.step(row)
+            phi[k] = model.state[0, newest]
+        both = np.isfinite(run)
+        both[:50] = False  # they begin from other histories
+        assert both.sum() > 1000
+        assert np.abs(phi - run)[both].max() < 1e-5

@@ -133,7 +133,7 @@ def test_a_short_record_of_a_nearly_linear_plant_gets_a_small_model(tmp_path: Pa
     u = np.repeat(rng.uniform(-1, 1, 60), 10)
     y = lfilter([0.2], [1.0, -0.8], u) + 0.2 * rng.standard_normal(600)
     source = FitSource([recording(u[:, None], y)], ["u0"], "y")
-    result = fit(source, tmp_path / "m.onnx", FitOptions(starts=1, budget_minutes=0.02))
+    result = fit(source, tmp_path / "m.onnx", FitOptions(starts=1, budget_minutes=0.03))
     largest = max(t.n_weights for t in result.tries)
     assert result.network.spec.n_weights < 0.6 * largest
     truth = lfilter([0.2], [1.0, -0.8], u)

@@ -4,22 +4,19 @@ The control loop has not seen these faults: in a car the controller would answer
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from monitor.base import config
 from monitor.base.config import Config
-from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import Fault
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.side_by_side import Judged
 from training.gap.inputs.roles import ACCEPTED
 from training.gap.verify.evidence import Count, Detection
-from training.greybox.fit.drive import OUTPUT
 from training.limits.decision_limits import whole, with_limits
 from training.limits.judging import judge_recordings
+from training.limits.trust import put_on
 from training.recordings.recording import Recording
 
 Judge = Callable[[Sequence[Recording]], list[Judged]]
@@ -38,14 +35,6 @@ def monitor_of(model: Model, accepted: Sequence[Recording] = ()) -> Judge:
         card = with_limits(model, accepted, whole(accepted), settings, ACCEPTED)[0]
     limits = Limits.from_card(card, settings, str(model.path))
     return lambda recordings: judge_recordings(recordings, model, limits, settings)
-
-
-def put_on(recording: Recording, fault: Fault) -> Recording:
-    """Return the recording as a faulty sensor would have read the same mixture."""
-    values, column = recording.values.copy(), recording.names.index(OUTPUT)
-    sensor = SensorFault(fault, recording.period_ns / 1e9)
-    values[:, column] = np.array(sensor.apply(values[:, column].tolist()))
-    return replace(recording, values=values)
 
 
 @dataclass(frozen=True, slots=True)

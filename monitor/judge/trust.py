@@ -1,0 +1,78 @@
+"""What a model finds, and what it mistakes, on drives of its vehicle that it has not seen.
+
+A model that follows its vehicle poorly makes faults of its own errors. Which ones, its card knows
+from the training: there it judged drives that it had not seen, as they were and with each fault put
+on. A fault that it saw in one of the healthy drives sets no code with this model, and one that it
+found in less than half of the others is not said to be absent.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from monitor.base.counts import counted
+from monitor.base.errors import ModelError
+
+LEAST_FOUND: Final = 0.5  # of the drives, for a fault to count as tested
+
+
+@dataclass(frozen=True, slots=True)
+class Trust:
+    """Counts of drives that the model had not seen."""
+
+    drives: int = 0  # judged; 0 where nothing is known, as of older models
+    found: Mapping[str, int] | None = None  # drives in which each fault that was put on set a code
+    false: Mapping[str, int] | None = None  # healthy drives in which a fault set a code
+
+    @classmethod
+    def from_card(cls, given: Mapping[str, Any], where: str) -> "Trust":
+        """Return the trust of a card; raises ModelError naming the file if it is none."""
+        if not given:
+            return cls()
+        try:
+            counts = ({str(k): int(n) for k, n in given[key].items()} for key in ("found", "false"))
+            return cls(int(given["drives"]), *counts)
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise ModelError(f"{where}: the model card's trust is no counts of drives") from None
+
+    @property
+    def untold(self) -> frozenset[str]:
+        """Return the faults that set no code with this model."""
+        return frozenset(self.false or ())
+
+    @property
+    def untested(self) -> tuple[str, ...]:
+        """Return the faults that this model cannot exclude."""
+        missed = [k for k, n in (self.found or {}).items() if n < LEAST_FOUND * self.drives]
+        return tuple(dict.fromkeys((*missed, *sorted(self.untold))))
+
+    def entry(self) -> dict[str, Any]:
+        """Return it for a result; {} where nothing is known."""
+        if not self.drives or self.found is None:
+            return {}
+        tested = [name for name in self.found if name not in self.untested]
+        return {
+            "drives": self.drives,
+            "faults": len(self.found),
+            "tested": len(tested),
+            "not_tested": list(self.untested),
+            "no_code": sorted(self.untold),
+        }
+
+
+def in_words(entry: Mapping[str, Any] | None) -> str:
+    """Return what a model finds and mistakes, "" where nothing is known.
+
+    >>> in_words({"drives": 4, "faults": 10, "tested": 8, "not_tested": ["gain_low", "transient"],
+    ...           "no_code": ["gain_low"]})
+    'on 4 drives it had not seen, this model finds 8 of 10 faults; not tested: gain_low, transient'
+    """
+    if not entry:
+        return ""
+    said = f"finds {entry['tested']} of {entry['faults']} faults"
+    if entry["not_tested"]:
+        said += f"; not tested: {', '.join(entry['not_tested'])}"
+    return f"on {counted(entry['drives'], 'drive')} it had not seen, this model {said}"
+
+
+UNKNOWN: Final = Trust()

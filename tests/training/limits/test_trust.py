@@ -1,0 +1,108 @@
+"""What a model finds and mistakes on drives it has not seen decides what it may say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.base import config
+from monitor.base.errors import ModelError
+from monitor.base.faults import resolve
+from monitor.judge.limits import Limits
+from monitor.judge.trust import Trust, in_words
+from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
+from tests.training.limits.test_still import healthy
+from training.limits.judging import judge
+from training.limits.trust import LIMIT_FAULTS, put_on, trust_of
+
+SETTINGS = config.load()
+MODEL = Model.load(shipped_model())
+CARD = replace(MODEL.card, trust={})
+LIMITS = Limits.from_card(CARD, SETTINGS, "shipped")
+NAMES = [name for name, _ in LIMIT_FAULTS]
+
+
+def codes(limits: Limits, fault: str) -> list[str]:
+    faulty = put_on(healthy(), resolve(fault, dict(LIMIT_FAULTS)[fault]))
+    return [dtc.fault for dtc in judge(faulty, MODEL, limits, SETTINGS).dtcs]
+
+
+@pytest.mark.parametrize("fault", ["gain_low", "biased_rich", "delay_rich_to_lean"])
+def test_a_fault_that_the_model_has_mistaken_sets_no_code(fault: str) -> None:
+    assert codes(LIMITS, fault) == [fault]
+    mistaken = replace(LIMITS, trust=Trust(10, dict.fromkeys(NAMES, 10), {fault: 1}))
+    assert fault not in codes(mistaken, fault)
+    # AND other faults are found as before
+    assert codes(mistaken, "slow_symmetric") == codes(LIMITS, "slow_symmetric")
+
+
+def test_a_good_model_finds_the_faults_and_mistakes_none() -> None:
+    found = trust_of([(MODEL, [healthy()])], CARD, SETTINGS, "shipped")
+    trust = Trust.from_card(found, "shipped")
+    assert trust.drives == 1
+    assert not trust.untold
+    assert in_words(trust.entry()).startswith("on 1 drive it had not seen, this model finds")
+    assert len(trust.untested) <= 1  # a drive of seven minutes
+
+
+def test_a_model_that_trusts_itself_too_much_learns_which_faults_it_mistakes() -> None:
+    # GIVEN a model that takes its errors for faults, and a drive that it predicts badly
+    names, drive = healthy().names, healthy()
+    values = drive.values.copy()
+    fuel = values[:, names.index("fuel_mass_mg")]
+    fuel *= 1.0 + 0.1 * np.sin(np.arange(len(fuel)) / 200.0)  # as an injector that nobody knows
+    other = replace(drive, values=values)
+    limits = {**CARD.limits}
+    for name, value in {"noise": 0.001, "offset_std": 0.001, "evidence": 1.0}.items():
+        limits[name] = replace(limits[name], value=value)
+    card = replace(CARD, limits=limits)
+    false = {
+        d.fault for d in judge(other, MODEL, Limits.from_card(card, SETTINGS, "m"), SETTINGS).dtcs
+    }
+    assert false
+    # WHEN its trust is counted on that drive
+    trust = trust_of([(MODEL, [other])], card, SETTINGS, "m")
+    # THEN the drive has none of these codes any more
+    sure = Limits.from_card(replace(card, trust=trust), SETTINGS, "m")
+    assert sure.trust.untold == false
+    assert not false & {dtc.fault for dtc in judge(other, MODEL, sure, SETTINGS).dtcs}
+
+
+def test_of_an_output_that_is_no_lambda_lags_and_gains_act_as_on_one() -> None:
+    # GIVEN a reading z that falls where phi rises, with the same movement as phi
+    drive, rng = healthy(), np.random.default_rng(1)
+    column = drive.names.index("lambda_measured")
+    phi = 1.0 + 0.01 * np.cumsum(rng.standard_normal(len(drive.values))) / 20.0
+    z = 3.0 - 7.0 * (phi - np.median(phi))
+
+    def reading(values: np.ndarray, fault: str, transform: str) -> np.ndarray:
+        table = drive.values.copy()
+        table[:, column] = values
+        put = put_on(replace(drive, values=table), resolve(fault, 0.5), transform=transform)
+        return put.values[:, column]
+
+    for fault in ("slow_rich_to_lean", "delay_lean_to_rich", "slow_symmetric"):
+        as_phi = 1.0 / reading(1.0 / phi, fault, "phi")
+        wanted = 3.0 - 7.0 * (as_phi - np.median(phi))
+        np.testing.assert_allclose(reading(z, fault, "none"), wanted, atol=1e-9)
+    halved = reading(z, "gain_low", "none")
+    np.testing.assert_allclose(halved - 3.0, 0.5 * (z - 3.0), atol=1e-9)
+
+
+@given(st.dictionaries(st.sampled_from(NAMES), st.integers(0, 9)), st.integers(1, 9))
+def test_a_fault_is_tested_if_it_was_found_often_enough_and_never_mistaken(
+    found: dict[str, int], drives: int
+) -> None:
+    found = {name: min(n, drives) for name, n in found.items()}
+    trust = Trust.from_card({"drives": drives, "found": found, "false": {"gain_low": 1}}, "m")
+    for name, n in found.items():
+        assert (name in trust.untested) == (name == "gain_low" or 2 * n < drives)
+
+
+@pytest.mark.parametrize("given", [{"drives": 3}, {"drives": 3, "found": [1], "false": {}}])
+def test_a_card_whose_trust_is_nonsense_is_refused_by_name(given: dict[str, object]) -> None:
+    with pytest.raises(ModelError, match=r"car\.onnx: the model card's trust"):
+        Trust.from_card(given, "car.onnx")
