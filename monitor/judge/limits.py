@@ -31,7 +31,6 @@ OPTIONAL: Final = (
     "noise_cut",
     "still_s",
     "still_end_s",
-    "movement",
 )
 
 
@@ -55,7 +54,6 @@ class Limits:
     noise_cut: float = 0.0  # like noise, in windows around fuel cuts, at least noise
     still_s: float = 0.0  # time for which the healthy reading may stand still, if it is long
     still_end_s: float = 0.0  # the same at the end of its range, where no signal tells a fuel cut
-    movement: float = 0.0  # reading over prediction in healthy drives; 0 if not known
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
     region: Region | None = None  # of the inputs, outside of which a window is no evidence
     fuel_cut: FuelCutReference | None = None  # steps and levels of healthy fuel cuts

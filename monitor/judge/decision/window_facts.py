@@ -18,7 +18,6 @@ from monitor.judge.residual import lambda_of, means_and_stds
 from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.claims import Noise
 from monitor.judge.response.movement import MovementRule
-from monitor.judge.response.movement_gain import MovementGain
 from monitor.judge.response.rule import Response, ResponseRule
 from monitor.judge.window import Window
 from monitor.memory.codes import CODES
@@ -56,13 +55,11 @@ class WindowFacts:
         self._stuck_range = config.plausibility.stuck_range
         self._window_s = config.window.n_samples * period_s
         noise = Noise(limits.noise, limits.noise_memory)
-        movement = MovementGain(config.response, limits.movement) if limits.movement else None
         rule = partial(
             ResponseRule,
             config=config.response,
             bank=hypotheses,
             period_s=period_s,
-            movement=movement,
             # a model errs for a whole manoeuvre: a window may decide, but not turn a decision over
             window_most=min(limits.evidence_window, config.response.evidence_window),
         )

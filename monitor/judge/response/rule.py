@@ -27,10 +27,8 @@ from monitor.judge.residual import means_and_stds, whitened
 from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.claims import UNRELATED, Noise, claims
 from monitor.judge.response.estimates import Estimates
-from monitor.judge.response.movement_gain import MovementGain
 
 Outcome = Literal["passed", "failed", "inconclusive"]
-WEAK = "gain_low"
 EDGES = ("rich_to_lean", "lean_to_rich")
 _WINDOWS = 8  # regressed at once: what fits into the processor's cache
 
@@ -62,7 +60,6 @@ class ResponseRule:
         predicts steps early or late, which then look like a delay. Where no window may decide, the
         timing is unsure, and a sensor is called sound only if it were so ``timing_s`` slower, too
     gain_reference : this vehicle's healthy gain, which the gains of the claims are relative to
-    movement : the gain by the reading's movement, without which no sensor is called weak
     shares : a rule on other windows of the same drive, to whose evidence this one's adds; a drive
         has one gain relative to the references
     """
@@ -76,7 +73,6 @@ class ResponseRule:
         evidence_weight: float = 1.0,
         gain_reference: float = 1.0,
         window_most: float = math.inf,
-        movement: MovementGain | None = None,
         shares: "ResponseRule | None" = None,
     ) -> None:
         self._config, self._noise = config, noise
@@ -85,8 +81,7 @@ class ResponseRule:
         self._window_most = window_most
         self._claims, self._n_columns = claims(config, bank), len(bank)
         self._columns = np.array([c.column for c in self._claims])
-        self._gain_reference, self._movement = gain_reference, movement
-        self._adds_movement = shares is None
+        self._gain_reference = gain_reference
         self._gain_low = np.array([c.gain_low for c in self._claims])
         self._gain_high = np.array([c.gain_high for c in self._claims])
         names = np.array([c.fault for c in self._claims])
@@ -111,8 +106,6 @@ class ResponseRule:
         n, known = len(self._claims), self._config.gain_known
         self._evidence.fill(0.0)
         self._gain_sums.fill(known)
-        if self._movement:
-            self._movement.reset()
         self._of_level = np.zeros(n)  # part of the evidence that ``weigh_level`` has added
         self._drive_sums = np.zeros((3, n))  # like gain sums and evidence, but nothing fades
         self.windows = 0  # that were not ignored
@@ -134,13 +127,7 @@ class ResponseRule:
             name = self._claims[i].hypothesis.fault
             if leads[name] < 0.0:
                 leads[name] = max(leads[name], min(float(evidence[i] - surely), 0.0))
-        if not self._may_be_weak:
-            leads[WEAK] = min(leads[WEAK], 0.0)
         return leads
-
-    @property
-    def _may_be_weak(self) -> bool:
-        return self._movement is None or self._movement.is_weak
 
     @property
     def drive_gain(self) -> float:
@@ -211,22 +198,19 @@ class ResponseRule:
 
     def _summed(
         self, usable: BoolArray, moments: FloatArray, n_new: int
-    ) -> tuple[FloatArray, FloatArray, list[bool]]:
+    ) -> tuple[FloatArray, FloatArray]:
         """Return evidence, (w, n_claims), and gain sums, (w, 2, n_claims), after each window.
 
-        Last comes whether the sensor may be weak.
         n_new : whitened samples of a window
         """
         evidence = np.empty((len(usable), len(self._claims)))
         gain_sums = np.empty((len(usable), 2, len(self._claims)))
-        may_be_weak = []
         rest = iter(moments)
         for now, sums, is_usable in zip(evidence, gain_sums, usable.tolist(), strict=True):
             if is_usable:
                 self._add(next(rest), n_new)
             now[:], sums[:] = self._evidence, self._gain_sums
-            may_be_weak.append(self._may_be_weak)
-        return evidence, gain_sums, may_be_weak
+        return evidence, gain_sums
 
     def _add(self, moments: FloatArray, n_new: int) -> None:
         """Add a window's moments, (3, n_claims), to gains and evidence."""
@@ -241,9 +225,6 @@ class ResponseRule:
         evidence += log_likelihood
         # a long healthy time must not outweigh the fault that follows it (Page's test)
         np.maximum(evidence, evidence.max() - self._config.evidence_most, out=evidence)
-        if self._movement and self._adds_movement:
-            predicted = moments[0, 0] / self._gain_reference**2
-            self._movement.add(float(moments[2, 0]), float(predicted))
         self._drive_sums[:2] += weighted
         self._drive_sums[2] += log_likelihood
 
@@ -274,7 +255,6 @@ class ResponseRule:
         excitation: FloatArray,
         evidence: FloatArray,
         gain_sums: FloatArray,
-        may_be_weak: Sequence[bool],
     ) -> list[Response]:
         faulty = evidence.take(self._faults, 1)
         fault = faulty.argmax(axis=1)
@@ -295,8 +275,7 @@ class ResponseRule:
             name: str | None = None
             also: tuple[str, ...] = ()
             likeliest = int(self._faults[fault[i]])
-            is_possible = may_be_weak[i] or self._claims[likeliest].fault != WEAK
-            if is_usable and gap >= self._config.evidence_fail and is_possible:
+            if is_usable and gap >= self._config.evidence_fail:
                 outcome, name = "failed", self._claims[likeliest].fault
                 also = self._alike(evidence[i], likeliest)
             elif is_usable and sound_gap >= self._config.evidence_pass:

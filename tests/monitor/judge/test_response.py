@@ -21,7 +21,6 @@ from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.response.bank import DIRECTIONS, build
 from monitor.judge.response.claims import Noise
-from monitor.judge.response.movement_gain import MovementGain
 from monitor.judge.response.rule import Response, ResponseRule
 from monitor.memory.codes import CODES
 from tests.helpers.examples import inputs
@@ -143,7 +142,6 @@ def healthy_noise() -> Noise:
 def new_rule(
     gain_reference: float = 1.0,
     window_most: float = math.inf,
-    movement: MovementGain | None = None,
 ) -> ResponseRule:
     return ResponseRule(
         CONFIG,
@@ -152,7 +150,6 @@ def new_rule(
         PERIOD_S,
         gain_reference=gain_reference,
         window_most=window_most,
-        movement=movement,
     )
 
 
@@ -261,29 +258,6 @@ def test_a_slow_and_weak_sensor_has_the_code_of_the_transient_fault(seed: int) -
     failed = failed_only(verdicts(lambda u: weak(0.7)(slow("symmetric", 0.6)(u)), seed))
     assert {CODES[v.fault] for v in failed if v.fault} == {CODES["transient"]}
     assert all("transient" in (v.fault, *v.also) for v in failed[-5:])
-
-
-def test_a_reading_that_moves_as_a_sound_one_s_is_not_weak_though_the_prediction_errs() -> None:
-    # GIVEN a sound sensor, and a prediction that moves by 0.9 of the mixture's movement in error
-    measured, predicted = drive(healthy, 3)
-    predicted = predicted + 0.9 * (drive(healthy, 53)[1] - 1.0)
-    # WHEN the gain is that of least squares alone THEN the sensor is called weak
-    assert judge(measured, predicted, new_rule())[-1].fault == "gain_low"
-    # WHEN the reading must move less, too THEN it is not, and the rule says that it does not know
-    rule = new_rule(movement=MovementGain(CONFIG, 1.0))
-    found = judge(measured, predicted, rule)
-    assert {v.outcome for v in found} == {"inconclusive"}
-    assert rule.odds["gain_low"] == 0.0
-
-
-@pytest.mark.parametrize("reference", [1.0, 0.8])
-def test_a_reading_that_moves_less_is_that_of_a_weak_sensor(reference: float) -> None:
-    measured, predicted = drive(weak(0.5), 3)
-    movement = MovementGain(CONFIG, reference)
-    rule = new_rule(reference, movement=movement)
-    found = judge(measured, predicted / reference, rule)
-    assert found[-1].fault == "gain_low"
-    assert "passed" not in {v.outcome for v in found}
 
 
 def test_a_weak_sensors_gain_is_estimated() -> None:

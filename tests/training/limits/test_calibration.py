@@ -125,7 +125,7 @@ def test_only_limits_fuel_cuts_and_trust_of_the_file_change(drives: Path, calibr
     assert new.fuel_cut["is_clipped"]
     assert new.limits["j_mu"] != old.limits["j_mu"]
     # older cards lack them
-    learned = {"evidence", "evidence_window", "gain_model", "movement", "still_s", "still_end_s"}
+    learned = {"evidence", "evidence_window", "gain_model", "still_s", "still_end_s"}
     learned |= {"evidence_cut", "gain_cut", "noise_cut"}
     assert new.limits.keys() == old.limits.keys() | learned
     assert 0.0 < new.limits["evidence_cut"].value <= 0.75

@@ -64,36 +64,17 @@ def test_more_recordings_allow_a_larger_worst_one() -> None:
     assert rules._scale([0.1] * 9 + [12.0]) > 2.0 * np.mean([0.1] * 9 + [12.0])
 
 
-def test_recordings_of_which_one_looks_weak_ask_for_the_movement(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # GIVEN healthy drives, whose gains differ little, or so much that one would be called weak
-    model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
-    needed = []
-    for gains in ([1.0, 0.95, 1.1], [1.0, 0.6, 1.1]):
-        rest = iter(gains * 2)  # those around fuel cuts come after those of the windows
-        monkeypatch.setattr(rules, "_last_gain", lambda _windows, rest=rest: next(rest))
-        # WHEN the limits are set
-        found = rules.response_limits(model, [drive] * 3, LIMITS, CONFIG)
-        needed.append(found["movement"].value > 0.0)
-    # THEN a weak sensor must move less, too, where the gain says little
-    assert needed == [False, True]
-
-
-def test_one_recording_has_bound_windows_and_its_movement_is_known() -> None:
+def test_one_recording_has_bound_windows() -> None:
     # GIVEN a healthy drive that the model follows well
     model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
     # WHEN limits are set on it alone, and on it twice
     alone = rules.response_limits(model, [drive], LIMITS, CONFIG)
     several = rules.response_limits(model, [drive, drive], LIMITS, CONFIG)
     trained = rules.response_limits(model, [drive, drive], LIMITS, CONFIG, seen=True)
-    # THEN alone its windows are bound, and a weak sensor must move less, too
+    # THEN alone its windows are bound
     assert alone["evidence_window"].value < CONFIG.response.evidence_fail
-    assert alone["movement"].value == pytest.approx(1.0, abs=0.1)
     assert several["evidence_window"].value > CONFIG.response.evidence_fail
-    assert several["movement"].value == 0.0
     # THEN recordings that trained the model count as one
-    assert trained["movement"].value == pytest.approx(alone["movement"].value, rel=1e-6)
     assert trained["evidence_window"].value == alone["evidence_window"].value
 
 
@@ -118,7 +99,7 @@ def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
     # WHEN the limits are set THEN they are those of the drive alone
     alone = rules.response_limits(model, [drive], LIMITS, CONFIG)
     beside = rules.response_limits(model, [drive, short, short, short], LIMITS, CONFIG)
-    for name in ("gain_model", "evidence", "evidence_window", "movement", "evidence_cut"):
+    for name in ("gain_model", "evidence", "evidence_window", "evidence_cut"):
         assert beside[name].value == alone[name].value, name
     assert rules._most_evidence(model, [short], LIMITS, CONFIG) == [0.0]
 
@@ -126,8 +107,8 @@ def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
 def test_an_earlier_calibration_does_not_change_the_next_one() -> None:
     # GIVEN a card that an earlier calibration gave a large error around cuts, and long stillness
     model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
-    earlier = replace(LIMITS, noise_cut=1.0, movement=1.0, still_s=100.0, still_end_s=100.0)
+    earlier = replace(LIMITS, noise_cut=1.0, still_s=100.0, still_end_s=100.0)
     # WHEN its limits are set anew THEN they are those of a card without any
-    fresh = replace(LIMITS, noise_cut=0.0, movement=0.0)
+    fresh = replace(LIMITS, noise_cut=0.0)
     found = [rules.response_limits(model, [drive, drive], own, CONFIG) for own in (earlier, fresh)]
     assert found[0] == found[1]

@@ -13,7 +13,6 @@ from monitor.model.card import Limit
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged, WindowJudged
 from training.limits.judging import Judged, judge_recordings
-from training.limits.response.movement import movement_of
 from training.limits.response.stillness import still_limits
 from training.recordings.recording import Recording
 
@@ -45,14 +44,13 @@ def response_limits(
 
     One recording with windows shows neither how the gain spreads nor the errors that a model has
     for a whole other drive, least of all the recording that trained it; and recordings of which one
-    would be called weak show that the gain says little. Then windows are bound in any case, and the
-    reading of a weak sensor must also move less.
+    would be called weak show that the gain says little. Then windows are bound in any case.
 
     limits : of the windows; what an earlier calibration says of the response does not count
     seen : the other limits are of windows that trained the model; the same holds for it
     """
     where = f"{len(recordings)} healthy recordings"
-    limits = replace(limits, noise_cut=0.0, movement=0.0, still_s=0.0, still_end_s=0.0)
+    limits = replace(limits, noise_cut=0.0, still_s=0.0, still_end_s=0.0)
     full = config.response.evidence_weight
     plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
     unbound = 2.0 * config.response.evidence_most  # beyond that of the settings
@@ -68,10 +66,6 @@ def response_limits(
     if is_blind or _scale(most) > PROMISED:
         used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
         used, _ = _calmed(model, recordings, used, "evidence", config)
-    movement = 0.0
-    if is_blind:
-        windows = [window for each in judged for window in each.windows]
-        movement = movement_of(windows, model.card.transform, limits.noise_memory)
     found = {
         "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
         "evidence": Limit(used.evidence, "-", _origin(most, where)),
@@ -80,13 +74,6 @@ def response_limits(
             "-",
             f"half of a code's evidence where {where} show more evidence of a fault than noise "
             "would, or not how gains differ, else only that of the settings",
-        ),
-        "movement": Limit(
-            movement,
-            "-",
-            f"spread of the reading over that of the prediction in {where}"
-            if is_blind
-            else f"not needed, {where} show how gains differ, and none looks weak",
         ),
     }
     found |= still_limits(recordings, model.card, config)
