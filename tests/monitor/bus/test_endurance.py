@@ -12,7 +12,8 @@ def test_memory_is_flat_while_the_loop_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("monitor.bus.judging.KEEP", 3)  # windows, soon reached
-    points = soak(LOG, hours=0.07, every_h=0.01, folder=tmp_path, trace=True)
+    monkeypatch.setattr("monitor.judge.causes.observation._BATCH", 8)  # samples, else 2048
+    points = soak(LOG, hours=0.051, every_h=0.01, folder=tmp_path, trace=True)
     assert points[-1].windows > 10
     assert not any(point.codes for point in points)
     # the first stretch fills what is kept; after it not 100 bytes a second may stay
