@@ -53,7 +53,7 @@ def of_rows(rows: Sequence[Row], windows: Sequence[Row], seconds: dict[str, floa
     """
     began_s = time.process_time()
     tables = [
-        _parquet(pl.DataFrame(content, schema=columns.schema(wanted)))
+        _parquet(pl.DataFrame([*map(_encodable, content)], schema=columns.schema(wanted)))
         for content, wanted in ((rows, columns.RECORDINGS), (windows, columns.WINDOWS))
     ]
     return Done(
@@ -70,6 +70,12 @@ def of_rows(rows: Sequence[Row], windows: Sequence[Row], seconds: dict[str, floa
 
 def _concatenated(parts: Sequence[bytes]) -> bytes:
     return _parquet(pl.concat(pl.read_parquet(io.BytesIO(part)) for part in parts))
+
+
+def _encodable(row: Row) -> Row:
+    """Return a row whose texts show bytes of file names that are not UTF-8 as escapes."""
+    texts = {key: value for key, value in row.items() if isinstance(value, str)}
+    return row | {k: text.encode("utf-8", "backslashreplace").decode() for k, text in texts.items()}
 
 
 def _parquet(table: pl.DataFrame) -> bytes:

@@ -1,5 +1,6 @@
 """A fleet judged: the verdicts of a replay, memory over a vehicle's drives, bad files, resuming."""
 
+import os
 import re
 import shutil
 import signal
@@ -161,6 +162,14 @@ def test_a_bad_file_is_a_row_with_its_reason(tmp_path: Path, folder: Path) -> No
         assert reason in failed[name]["error"]
         assert failed[name]["windows"] is None
     assert set(windows["path"]) == {str(bad / "good.parquet")}
+
+
+def test_a_name_that_is_not_utf_8_is_a_row_with_the_byte_as_an_escape(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for name in ("a.csv", os.fsdecode(b"b\xff.csv")):
+        (tmp_path / "in" / name).write_text("time_s,lambda_measured\n0,1\n")
+    found, _ = judged([str(tmp_path / "in")], tmp_path / "out.parquet")
+    assert [Path(path).name for path in found["path"]] == ["a.csv", r"b\udcff.csv"]
 
 
 def test_recordings_are_found_by_folder_pattern_and_manifest(folder: Path, tmp_path: Path) -> None:
