@@ -71,6 +71,11 @@ class Verdict:
         return tuple(Cause(**each) for each in self.entry["not_judged"] or ())
 
     @property
+    def tests(self) -> dict[str, str]:
+        """Return by test whether it ``passed``, ``failed`` or is ``undecided``."""
+        return dict(self.entry.get("tests", {}))
+
+    @property
     def evidence(self) -> dict[str, Evidence]:
         """Return by fault how far the response test is from a decision."""
         return {fault: Evidence(**each) for fault, each in self.entry["evidence"].items()}

@@ -144,6 +144,7 @@ class Collector:
             "fault_flag": monitor.store.fault_flag,
             "completed": monitor.completed,
             "not_judged": not_judged(why),
+            "tests": monitor.outcomes,
             **({"windows_fuel_cut": self._n_cuts} if monitor.limits.evidence_cut else {}),
             **({"fuel_cut_response": fuel_cuts_entry(cuts)} if cuts.cuts else {}),
             "evidence": evidence_entry(monitor.decisions.evidence()),

@@ -155,6 +155,12 @@ class SensorMonitor:
         behind = self.catalyst.supported
         return tuple(t for t in self.decisions.unfinished if t not in BEHIND or t in behind)
 
+    @property
+    def outcomes(self) -> dict[str, str]:
+        """Return of each test of this vehicle whether it failed, passed or is undecided."""
+        left = set(self.decisions.unfinished) - set(self.unfinished)
+        return {test: own for test, own in self.decisions.outcomes.items() if test not in left}
+
     def prefailed(self) -> dict[str, int]:
         """Return the codes that are about to fail, with the counters of their tests, 1 to 126."""
         return self.decisions.prefailed()

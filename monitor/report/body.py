@@ -26,6 +26,7 @@ from monitor.report.words import (
     meaning,
     names,
     seconds,
+    tests,
     verdict_counts,
     verdict_of,
 )
@@ -125,6 +126,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
             "Windows",
             f"{n['passed']} passed, {n['failed']} failed, {n['inconclusive']} inconclusive",
         ),
+        *([("Tests", text(told))] if (told := tests(recording)) else []),
         ("Paper’s rule", f"failed in {counted(n['paper'], 'window')}"),
         *_limits(recording.get("limits", {})),
         *_memory(recording.get("memory")),

@@ -10,7 +10,7 @@ from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import fault_words
 from monitor.pipeline.events import Counted, CutJudged, CycleStarted, DtcChanged, Happening, RuleOff
 from monitor.report import evidence, fuel_cuts
-from monitor.report.words import CATALYST_ALONE, advice, is_catalyst_alone
+from monitor.report.words import CATALYST_ALONE, advice, is_catalyst_alone, tests
 
 COUNTS: Final = {
     "ignition_cycle": "an ignition cycle is counted",
@@ -106,6 +106,8 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
         yield f"  {known}"
     yield from (f"  {line}" for line in fuel_cuts.lines(recording, in_detail=windows))
     if recording["not_judged"]:
+        if told := tests(recording):
+            yield f"  {told}"
         yield from (f"  {line}" for line in evidence.undecided(recording))
     if not recording["fault_flag"]:
         for d in recording["dtcs"]:  # of the monitor itself

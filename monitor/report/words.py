@@ -137,6 +137,20 @@ def amount(evidence: Mapping[str, Any]) -> str:
     return f"{words} the evidence a decision needs"
 
 
+def tests(recording: Mapping[str, Any]) -> str:
+    """Return which tests failed, passed and are undecided, "" where none of them ran.
+
+    >>> tests({"tests": {"response": "passed", "bias": "passed", "activity": "undecided"}})
+    'passed: response, bias; undecided: activity'
+    """
+    found: Mapping[str, str] = recording.get("tests", {})
+    groups = {
+        outcome: [test for test, own in found.items() if own == outcome]
+        for outcome in ("failed", "passed", "undecided")
+    }
+    return "; ".join(f"{outcome}: {', '.join(own)}" for outcome, own in groups.items() if own)
+
+
 def seconds(dtc: Mapping[str, Any]) -> str:
     """Return the time of a code, empty if it has none."""
     return "" if dtc.get("t_s") is None else f"{dtc['t_s']:.1f} s"

@@ -94,6 +94,17 @@ class Decisions:
             if (TESTS[test] and test not in decided) or (test == "response" and self._may_be_dead)
         )
 
+    @property
+    def outcomes(self) -> dict[str, str]:
+        """Return of each test that sets codes whether it failed, passed or is undecided."""
+        found = {}
+        for test in (*OF_VEHICLE, *self._rules):
+            if test in self._counters.decided and test not in self.unfinished:
+                found[test] = "failed" if self._counters.failed(test) else "passed"
+            elif test in self.unfinished:
+                found[test] = "undecided"
+        return found
+
     def matured(self, result: TickResult, t_ns: int) -> list[Change]:
         """Take the last of so many alike results in a row; those before it are not needed."""
         return self._counters.mature(

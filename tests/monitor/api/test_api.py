@@ -18,6 +18,7 @@ from monitor import Code, Monitor, O2Error, OxygenSensorMonitor, load_model, rep
 from monitor.base.files.json_text import rounded
 from monitor.cli import main
 from monitor.grid.tables import read_table
+from monitor.report.lines import print_recording
 from tests.conftest import ROOT
 
 LATE = ROOT / "replay_logs" / "delay_symmetric_micro_trips_v108_s112.blf"
@@ -127,6 +128,24 @@ def test_a_listener_hears_a_bus_fall_silent_by_its_ticks() -> None:
         clock.set(end_s + 0.5 * k)
         listener.tick()
     assert "U0100" in [code.code for code in told]
+
+
+def test_an_undecided_test_hides_neither_what_failed_nor_what_passed() -> None:
+    # GIVEN a late sensor, and the same drive cut off before the response test decides
+    tests = replay(LATE).tests
+    clock = Clock()
+    listener = OxygenSensorMonitor(monotonic_s=clock)
+    for message in messages()[: len(messages()) * 7 // 10]:
+        clock.set(message.timestamp)
+        listener.on_message_received(message)
+    short = listener.verdict
+    # THEN every test says how it ended
+    assert tests.pop("response") == "failed"
+    assert set(tests.values()) == {"passed"}
+    assert not short.is_judged
+    assert short.tests["response"] == "undecided"
+    assert short.tests["range"] == "passed"
+    assert "  passed: communication, range" in "\n".join(print_recording(short.entry))
 
 
 def test_an_error_of_the_user_s_function_ends_no_notifier(
