@@ -189,8 +189,7 @@ def with_limits(
 
     Short recordings, whose test blocks hold fewer than 10 windows, give those of the blocks that
     chose the weights, too, and the limits say so; no weight was fitted to either. If these are too
-    few, all windows of the recordings count: those of a chain, which has a few constants, as any
-    others, those of a network, which errs less where it was trained, as those of one recording.
+    few, all windows of the recordings count.
     The joint region of the inputs is that of all windows of the recordings, for a network. The
     healthy gain is the median over the recordings. The weight of evidence falls until a code is
     improbable in another healthy drive.
@@ -217,8 +216,7 @@ def with_limits(
     )
     card = with_fuel_cuts(card, judged, config)
     used = Limits.from_card(card, config, origin)
-    seen = origin == ALL_OF_A_NETWORK
-    response = response_limits(model, recordings, used, config, seen=seen)
+    response = response_limits(model, recordings, used, config)
     return replace(card, limits={**card.limits, **response}), sum(map(len, drives))
 
 

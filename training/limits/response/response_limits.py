@@ -18,7 +18,6 @@ from training.recordings.recording import Recording
 
 CODE_PROBABILITY = 0.003  # at most, of a code's evidence in a healthy drive like the recordings
 PROMISED = 1.0  # mean of a healthy drive's largest evidence, if the errors are the noise supposed
-LEAST_GAINS = 2  # of recordings, that show how gains differ
 WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
 STEPS = (0.5, 0.8)  # of a weight that is still too large, at least and at most
 LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
@@ -29,8 +28,6 @@ def response_limits(
     recordings: Sequence[Recording],
     limits: Limits,
     config: Config,
-    *,
-    seen: bool = False,
 ) -> dict[str, Limit]:
     """Return the healthy gains, the weights of evidence and how long the reading may stand still.
 
@@ -42,12 +39,7 @@ def response_limits(
     any. A coarse or clipped reading that stands still in healthy recordings is given more time
     before it is stuck.
 
-    One recording with windows shows neither how the gain spreads nor the errors that a model has
-    for a whole other drive, least of all the recording that trained it; and recordings of which one
-    would be called weak show that the gain says little. Then windows are bound in any case.
-
     limits : of the windows; what an earlier calibration says of the response does not count
-    seen : the other limits are of windows that trained the model; the same holds for it
     """
     where = f"{len(recordings)} healthy recordings"
     limits = replace(limits, noise_cut=0.0, still_s=0.0, still_end_s=0.0)
@@ -58,12 +50,10 @@ def response_limits(
     judged = judge_recordings(recordings, model, plain, config)
     gains = [gain for each in judged if (gain := _last_gain(each.windows)) is not None]
     gain = _healthy_gain(gains, config)
-    looks_weak = min(gains, default=gain) <= config.response.gain_weak_max * gain
-    is_blind = seen or len(gains) < LEAST_GAINS or looks_weak
     used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
     used = replace(used, evidence_window=unbound)
     most = _most_evidence(model, recordings, used, config)
-    if is_blind or _scale(most) > PROMISED:
+    if _scale(most) > PROMISED:
         used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
         used, _ = _calmed(model, recordings, used, "evidence", config)
     found = {
@@ -73,7 +63,7 @@ def response_limits(
             used.evidence_window,
             "-",
             f"half of a code's evidence where {where} show more evidence of a fault than noise "
-            "would, or not how gains differ, else only that of the settings",
+            "would, else only that of the settings",
         ),
     }
     found |= still_limits(recordings, model.card, config)
