@@ -46,6 +46,11 @@ class Trust:
         missed = [k for k, n in (self.found or {}).items() if n < LEAST_FOUND * self.drives]
         return tuple(dict.fromkeys((*missed, *sorted(self.untold))))
 
+    @property
+    def is_blind(self) -> bool:
+        """Return whether the model is known to find no fault at all."""
+        return bool(self.found) and set(self.found or ()) <= set(self.untested)
+
     def entry(self) -> dict[str, Any]:
         """Return it for a result; {} where nothing is known."""
         if not self.drives or self.found is None:

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.config import Config
+from monitor.base.counts import counted
 from monitor.base.signals import BY_NAME
 from monitor.base.types import Quality
 from monitor.judge import enable
@@ -96,7 +97,7 @@ def causes(seen: Observed, asked: Asked, judgement: Judgement | None = None) -> 
         found = [each for each in found if each.condition != "fuel_cut_recovered"]
     found = grave or found
     if judgement.unfinished and (not found or judgement.windows >= ENOUGH_WINDOWS):
-        evidence = _evidence(seen, judgement)
+        evidence = _evidence(seen, asked, judgement)
         found = [*grave, *evidence] if grave else [*evidence, *found]
     return [*_of_cuts(judgement), *found, *_dead(seen, asked)]
 
@@ -279,8 +280,12 @@ def _still_inputs(seen: Observed, asked: Asked, found: Sequence[Cause]) -> list[
     return result
 
 
-def _evidence(seen: Observed, judgement: Judgement) -> list[Cause]:
+def _evidence(seen: Observed, asked: Asked, judgement: Judgement) -> list[Cause]:
     """Return why tests have no decision though most samples could be judged."""
+    if asked.limits and asked.limits.trust.is_blind:
+        drives = counted(asked.limits.trust.drives, "drive")
+        advice = f"on {drives} it had not seen, the model finds no fault: train on more drives"
+        return [Cause("response", None, None, "model", f"{advice}, unlike each other")]
     n, excited = judgement.windows, judgement.excited
     tests = ", ".join(judgement.unfinished)
     had = f"{seen.enabled * seen.period_s:.0f} s could be judged"

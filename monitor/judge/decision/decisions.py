@@ -88,10 +88,11 @@ class Decisions:
     def unfinished(self) -> tuple[str, ...]:
         """Return the tests that have reached no decision, of those that set codes."""
         decided = self._counters.decided
+        is_open = self._may_be_dead or self._limits.trust.is_blind
         return tuple(
             test
             for test in OF_VEHICLE
-            if (TESTS[test] and test not in decided) or (test == "response" and self._may_be_dead)
+            if (TESTS[test] and test not in decided) or (test == "response" and is_open)
         )
 
     @property

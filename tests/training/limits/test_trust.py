@@ -1,6 +1,7 @@
 """What a model finds and mistakes on drives it has not seen decides what it may say."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,13 +11,15 @@ from hypothesis import strategies as st
 from monitor.base import config
 from monitor.base.errors import ModelError
 from monitor.base.faults import resolve
+from monitor.cli import main
 from monitor.judge.limits import Limits
 from monitor.judge.trust import Trust, in_words
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.training.limits.test_still import healthy
+from tests.training.limits.test_still import LOG, healthy
 from training.limits.judging import judge
 from training.limits.trust import LIMIT_FAULTS, put_on, trust_of
+from training.narx.export import update_card
 
 SETTINGS = config.load()
 MODEL = Model.load(shipped_model())
@@ -69,6 +72,18 @@ def test_a_model_that_trusts_itself_too_much_learns_which_faults_it_mistakes() -
     sure = Limits.from_card(replace(card, trust=trust), SETTINGS, "m")
     assert sure.trust.untold == false
     assert not false & {dtc.fault for dtc in judge(other, MODEL, sure, SETTINGS).dtcs}
+
+
+def test_a_model_that_finds_no_fault_judges_no_response(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    blind = tmp_path / "blind.onnx"
+    counts = {"drives": 6, "found": dict.fromkeys(NAMES, 2), "false": {}}
+    update_card(shipped_model(), replace(CARD, trust=counts), blind)
+    assert main(["replay", str(LOG), "--model", str(blind)]) == 3
+    said = capsys.readouterr().out
+    assert "not judged: response: on 6 drives it had not seen, the model finds no fault" in said
+    assert "passed: bias, activity, communication, range, ready; undecided: response" in said
 
 
 def test_of_an_output_that_is_no_lambda_lags_and_gains_act_as_on_one() -> None:
