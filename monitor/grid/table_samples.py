@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
+from monitor.base.runs import runs
 from monitor.base.signals import OUTPUT, plausible_range
 from monitor.base.types import (
     BoolArray,
@@ -78,13 +79,18 @@ def polled(table: Table) -> tuple[str, ...]:
 def _held(table: Table, names: Sequence[str]) -> FloatArray:
     """Return columns, (n, n_names), short blanks filled with the value before, which is counted.
 
-    A sensor that is not ready has no reading. The reader of a logger's file has held its values.
+    A blank that is too long to be filled, or never ends, stays whole. A sensor that is not ready has
+    no reading. The reader of a logger's file has held its values.
     """
     cells = table.values[:, [table.names.index(name) for name in names]]
     if table.profile or not np.isnan(cells).any():
         return cells
     readings = [i for i, name in enumerate(names) if name == OUTPUT]
     filled = held(cells, table.t_ns, readings)
+    for i in range(len(names)):
+        for begin, end in runs(np.isnan(cells[:, i])):
+            if end == len(cells) or np.isnan(filled[begin:end, i]).any():
+                filled[begin:end, i] = np.nan
     if READY in table.names:
         unready = ~(table.values[:, table.names.index(READY)] > 0.0)
         for i in readings:

@@ -208,17 +208,19 @@ def test_blank_cells_are_not_valid(tmp_path: Path, name: str) -> None:
 
 
 def test_a_uniform_table_is_used_sample_for_sample_at_its_own_period(tmp_path: Path) -> None:
-    path = table(tmp_path, "time_s,lambda_measured\n5,1\n5.05,0.2\n5.1,\n5.15,1.5\n")
+    path = table(tmp_path, "time_s,lambda_measured\n5,0.2\n5.05,1\n5.1,\n5.15,1.5\n5.2,\n")
     samples = list(table_samples(read_table(path), ["lambda_measured"]))
-    assert [s.index for s in samples] == [0, 1, 2, 3]
-    assert [s.t_ns for s in samples] == [5_000_000_000 + k * 50_000_000 for k in range(4)]
+    assert [s.index for s in samples] == [0, 1, 2, 3, 4]
+    assert [s.t_ns for s in samples] == [5_000_000_000 + k * 50_000_000 for k in range(5)]
+    # a blank between two values holds the first, one at the end has none
     assert [s.quality[0] for s in samples] == [
-        Quality.GOOD,
         Quality.OUT_OF_RANGE,
-        Quality.INVALID,
         Quality.GOOD,
+        Quality.GOOD,
+        Quality.GOOD,
+        Quality.INVALID,
     ]
-    np.testing.assert_array_equal([s.values[0] for s in samples], [1, math.nan, math.nan, 1.5])
+    np.testing.assert_array_equal([s.values[0] for s in samples], [math.nan, 1, 1, 1.5, math.nan])
 
 
 def test_a_table_with_gaps_is_brought_onto_the_grid(tmp_path: Path) -> None:
