@@ -50,7 +50,8 @@ fast: venv
 properties: venv ## the property tests with ten times as many inputs, other ones in each run
 	O2_INPUTS=2 $(VENV)/bin/python -m pytest -q -n 2 --dist loadscope --no-loadscope-reorder -m hypothesis
 
-examples: venv ## run every example, also the long ones (ten minutes)
+examples: venv ## run every example, also the long ones (ten minutes, on an idle machine)
+	cd examples/firmware && CAN_INTERFACE=udp_multicast CAN_CHANNEL=239.74.163.2 ../../$(VENV)/bin/python -m pytest -q
 	@for each in first_verdict listen_on_a_bus fleet_in_dask train_and_compare find_a_missing_effect; do \
 	  echo "== examples/$$each.py"; $(VENV)/bin/python examples/$$each.py || exit 1; done
 

@@ -79,8 +79,8 @@ def polled(table: Table) -> tuple[str, ...]:
 def _held(table: Table, names: Sequence[str]) -> FloatArray:
     """Return columns, (n, n_names), short blanks filled with the value before, which is counted.
 
-    A blank that is too long to be filled, or never ends, stays whole. A sensor that is not ready has
-    no reading. The reader of a logger's file has held its values.
+    A blank that is too long to be filled, or never ends, stays whole. A sensor that is not ready
+    has no reading. The reader of a logger's file has held its values.
     """
     cells = table.values[:, [table.names.index(name) for name in names]]
     if table.profile or not np.isnan(cells).any():

@@ -67,8 +67,9 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     spec, members = result.network.spec, result.starts[result.best].members
     one = replace(spec, hidden=tuple(n // members for n in spec.hidden))  # one committee member
     same = [t for t in result.starts if t.spec == one and t.members == 1]
-    best = min(same, key=lambda t: t.score)
-    seed = task.settings.seed + SEED_STEP * same.index(best)  # gives the same initial weights
+    number = min(range(len(same)), key=lambda i: same[i].score)
+    best = same[number]
+    seed = task.settings.seed + SEED_STEP * number  # gives the same initial weights
     limit_minutes = max(task.settings.budget_minutes, 0.1) / 5
     one_step = train(task.data, one, seed, Work.of_minutes(limit_minutes), horizons=())
     widened = committee(one, members * [one_step.weights])[1]  # the same network, at full width
