@@ -70,14 +70,14 @@ def in_words(entry: Mapping[str, Any] | None) -> str:
 
     >>> in_words({"drives": 4, "faults": 10, "tested": 8, "not_tested": ["gain_low", "transient"],
     ...           "no_code": ["gain_low"]})
-    'on 4 drives it had not seen, this model finds 8 of 10 faults; not tested: gain_low, transient'
+    'tried on 4 drives, this model finds 8 of 10 faults; not tested: gain_low, transient'
     """
     if not entry:
         return ""
     said = f"finds {entry['tested']} of {entry['faults']} faults"
     if entry["not_tested"]:
         said += f"; not tested: {', '.join(entry['not_tested'])}"
-    return f"on {counted(entry['drives'], 'drive')} it had not seen, this model {said}"
+    return f"tried on {counted(entry['drives'], 'drive')}, this model {said}"
 
 
 UNKNOWN: Final = Trust()

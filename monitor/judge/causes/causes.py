@@ -284,7 +284,7 @@ def _evidence(seen: Observed, asked: Asked, judgement: Judgement) -> list[Cause]
     """Return why tests have no decision though most samples could be judged."""
     if asked.limits and asked.limits.trust.is_blind:
         drives = counted(asked.limits.trust.drives, "drive")
-        advice = f"on {drives} it had not seen, the model finds no fault: train on more drives"
+        advice = f"tried on {drives}, the model finds no fault: train on more drives"
         return [Cause("response", None, None, "model", f"{advice}, unlike each other")]
     n, excited = judgement.windows, judgement.excited
     tests = ", ".join(judgement.unfinished)

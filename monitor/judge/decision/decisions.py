@@ -98,13 +98,11 @@ class Decisions:
     @property
     def outcomes(self) -> dict[str, str]:
         """Return of each test that sets codes whether it failed, passed or is undecided."""
-        found = {}
+        found = dict.fromkeys(self.unfinished, "undecided")
         for test in (*OF_VEHICLE, *self._rules):
-            if test in self._counters.decided and test not in self.unfinished:
+            if test in self._counters.decided and test not in found:
                 found[test] = "failed" if self._counters.failed(test) else "passed"
-            elif test in self.unfinished:
-                found[test] = "undecided"
-        return found
+        return {test: found[test] for test in (*OF_VEHICLE, *self._rules) if test in found}
 
     def matured(self, result: TickResult, t_ns: int) -> list[Change]:
         """Take the last of so many alike results in a row; those before it are not needed."""

@@ -47,7 +47,7 @@ def test_a_good_model_finds_the_faults_and_mistakes_none() -> None:
     trust = Trust.from_card(found, "shipped")
     assert trust.drives == 1
     assert not trust.untold
-    assert in_words(trust.entry()).startswith("on 1 drive it had not seen, this model finds")
+    assert in_words(trust.entry()).startswith("tried on 1 drive, this model finds")
     assert len(trust.untested) <= 1  # a drive of seven minutes
 
 
@@ -82,7 +82,7 @@ def test_a_model_that_finds_no_fault_judges_no_response(
     update_card(shipped_model(), replace(CARD, trust=counts), blind)
     assert main(["replay", str(LOG), "--model", str(blind)]) == 3
     said = capsys.readouterr().out
-    assert "not judged: response: on 6 drives it had not seen, the model finds no fault" in said
+    assert "not judged: response: tried on 6 drives, the model finds no fault" in said
     assert "passed: bias, activity, communication, range, ready; undecided: response" in said
 
 
