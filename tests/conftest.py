@@ -52,6 +52,7 @@ MARKS = {
         "monitor/pipeline/test_vehicles.py",
     ),
     "thorough": (
+        "monitor/controller/test_same_verdicts.py",
         "monitor/decode/test_block_decoder.py",
         "monitor/frames/test_blf_blocks.py",
         "monitor/mapping",

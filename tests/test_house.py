@@ -9,7 +9,7 @@ from tests.house import ROOT, over, sizes
 ENTRIES = 14  # at most on one level
 QUIET = {"__init__.py", "__main__.py", "__pycache__", "py.typed"}
 # One room for each layer of the import contract: their order is the reader's map.
-ROOMS = {"monitor": 15, "tests/monitor": 15}
+ROOMS = {"monitor": 16, "tests/monitor": 16}
 
 
 def test_no_level_of_the_house_has_more_entries_than_a_reader_can_hold() -> None:

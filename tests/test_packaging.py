@@ -80,6 +80,7 @@ def test_the_installed_packages_are_imported_from_where_they_were_installed(
         ("monitor/report/static", "*"),
         ("monitor/report/static/uplot", "*"),
         ("monitor/bus/live/static", "*"),
+        ("monitor/controller/templates", "*"),
         ("training/dyno/cycles", "*.csv"),
         ("share/bash-completion/completions", "*"),
     ],

@@ -14,6 +14,7 @@ COMMANDS: Final = {
     "inject": "put faults into an engine's frames, or into a log",
     "dtc": "read and clear trouble codes",
     "map": "propose a signal map for a CAN database",
+    "export-c": "write the monitor as C for a controller",
 }
 
 

@@ -51,7 +51,7 @@ def parser(
 
     text : description of the program
     package : has a module for each command, with its ``run`` and ``EXAMPLES``, or with ``add``,
-        which takes the command's parser
+        which takes the command's parser; that of export-c is ``export_c``
     helps : commands with one line of help each
     arguments : with None every command has its options
     """
@@ -66,7 +66,7 @@ def parser(
     for command, line in helps.items():
         added = commands.add_parser(command, help=line)
         if arguments is None or command == chosen:
-            module = import_module(f"{package}.{command}")
+            module = import_module(f"{package}.{command.replace('-', '_')}")
             getattr(module, "add", partial(add_module, module))(added)
             option_paths.add_force(added)
     return program

@@ -1,0 +1,1 @@
+"""The monitor as C for a controller: the same verdicts, from the same model and settings."""

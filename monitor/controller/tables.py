@@ -1,0 +1,472 @@
+"""Settings and model card as C: sizes and limits as macros, claims and limits as tables.
+
+Each number is computed as the Python rule computes it; the tests compare the verdicts of both.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.base.signals import unit_of
+from monitor.base.types import BoolArray
+from monitor.controller.network import literal, vector
+from monitor.judge import bias, enable
+from monitor.judge.counters import ticks_to_mature
+from monitor.judge.decision.window_facts import LAMBDA_LEAST
+from monitor.judge.electrical import heater
+from monitor.judge.electrical.plausibility import STRETCHES_OF_A_CODE
+from monitor.judge.electrical.readiness import ENGINE, READY
+from monitor.judge.enable import CONDITIONS, NO_CUT, Enable
+from monitor.judge.fuel_cut import air_pressure
+from monitor.judge.fuel_cut.air_pressure import PORE_KPA
+from monitor.judge.fuel_cut.cuts import LEVEL
+from monitor.judge.fuel_cut.response import LATEST, FuelCutReference, HealthyCuts
+from monitor.judge.limits import Limits
+from monitor.judge.response import bank
+from monitor.judge.response.claims import UNRELATED, Noise, claims
+from monitor.judge.response.region import counted
+from monitor.memory.codes import CODES, TEST_OF, TESTS
+from monitor.model.card import ModelCard
+from monitor.model.step import PHI_MAX
+
+TESTS_INSIDE: Final = ("response", "bias", "activity", "communication", "range", "ready")
+# signals beside the model's that rules look at, where the controller has them
+FURTHER: Final = tuple(
+    dict.fromkeys((*enable.SIGNALS, ENGINE, READY, heater.DUTY, air_pressure.SIGNAL))
+)
+FAULTS_INSIDE: Final = ("", *(fault for test in TESTS_INSIDE for fault in TESTS[test]))
+CODES_INSIDE: Final = tuple(
+    dict.fromkeys(code for fault in FAULTS_INSIDE[1:] for code in CODES[fault])
+)
+_KINDS: Final = ("SURELY", "BARELY", "FAULTY", "UNRELATED")  # of claims
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """All that the tables are made from.
+
+    without : signals that the controller does not have
+    """
+
+    card: ModelCard
+    limits: Limits
+    config: Config
+    without: Sequence[str] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the signals of a sample: the model's inputs, its output, then the others."""
+        own = (*self.card.input_names, self.card.output.name)
+        return (*own, *(n for n in FURTHER if n not in own and n not in self.without))
+
+    @property
+    def period_s(self) -> float:
+        """Return the sample period in s."""
+        return self.card.period_ns * 1e-9
+
+    def samples(self, seconds: float) -> int:
+        """Return a time in samples."""
+        return round(seconds / self.period_s)
+
+    @property
+    def air(self) -> HealthyCuts | None:
+        """Return the healthy level in air, None where fuel cuts tell nothing of the gain."""
+        known = self.limits.fuel_cut.healthy if self.limits.fuel_cut else {}
+        return known.get(LEVEL) if "fuel_cut" in self.names else None
+
+
+def header(source: Source) -> str:
+    """Return ``o2_tables.h``."""
+    lines = [
+        '/* Sizes, names, settings and limits, generated from settings and card by "o2-monitor". */'
+    ]
+    lines += ["#ifndef O2_TABLES_H", "#define O2_TABLES_H", "", "#include <stdbool.h>"]
+    lines += ["#include <stdint.h>", "", "/* signals of a sample */"]
+    for i, name in enumerate(source.names):
+        lines.append(f"#define O2_{name.upper()} {i}U /* {unit_of(name) or '-'} */")
+    lines.append(f"#define O2_N_SIGNALS {len(source.names)}U")
+    lines.append(f"#define O2_OUTPUT {len(source.card.inputs)}U /* {source.card.output.name} */")
+    lines += _numbered("enable conditions", "OK", CONDITIONS, is_bit=True)
+    lines += _numbered("tests", "TEST", TESTS_INSIDE)
+    lines += _numbered("faults", "FAULT", FAULTS_INSIDE[1:], first=1)
+    lines += ["#define O2_SOUND 0U", f"#define O2_N_FAULTS {len(FAULTS_INSIDE)}U"]
+    lines += _numbered("codes", "CODE", CODES_INSIDE)
+    lines += [f"#define O2_{kind} {i}U" for i, kind in enumerate(_KINDS)]
+    lines += ["", "/* sizes */"]
+    lines += [f"#define O2_{name} {value}U" for name, value in _sizes(source).items()]
+    lines += ["", "/* settings and limits */"]
+    lines += [f"#define O2_{n} {_shown(v)} /* {unit} */" for n, v, unit in _numbers(source)]
+    return "\n".join([*lines, _TYPES, ""])
+
+
+def _numbered(
+    what: str, prefix: str, names: Sequence[str], *, first: int = 0, is_bit: bool = False
+) -> list[str]:
+    places = enumerate(names, first)
+    lines = [
+        f"#define O2_{prefix}_{n.upper()} {f'0x{1 << i:04X}' if is_bit else i}U" for i, n in places
+    ]
+    return ["", f"/* {what} */", *lines]
+
+
+def _shown(value: float | bool) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value}U" if isinstance(value, int) else literal(value)
+
+
+def _sizes(source: Source) -> dict[str, int]:
+    card, response, region = source.card, source.config.response, source.limits.region
+    hypotheses = bank.build(response)
+    period_s, cuts = source.period_s, source.config.fuel_cut
+    return {
+        "N_INPUTS": len(card.inputs),
+        "N_STATE": card.state.size,
+        "N_LAGS": card.lags,
+        "STATE_OUTPUT": card.state.output_start,
+        "N_WINDOW": source.config.window.n_samples,
+        "N_LAG": len(response.lags_s),
+        "N_DELAY": len(response.delays_s),
+        "N_COLUMNS": len(hypotheses) + 1,
+        "N_CLAIMS": len(claims(response, hypotheses)),
+        "N_PAST": int(max(_steps(s, period_s) for s in response.delays_s)) + 1,
+        "N_RANGES": len(_conditions(source).ranges),
+        "N_RECOVERIES": len(_recoveries(source)),
+        "SECOND": max(round(1.0 / period_s), 1),
+        "N_TESTS": len(TESTS_INSIDE),
+        "N_CODES": len(CODES_INSIDE),
+        "N_COURSE": bias.MOST,
+        "N_POINTS": 0 if region is None else len(region.points),
+        "N_COUNTED": 0 if region is None else sum(counted(region.names, region.ignored)) // 2,
+        "N_AIR": int(source.air is not None),
+        "N_LEVEL": max(source.samples(cuts.level_s), 1),
+        "N_CUTS": LATEST,
+        "AHEAD": math.ceil(response.lead_s / period_s),
+        "AHEAD_BACK": int(response.lead_s > 0.0),
+    }
+
+
+def _numbers(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+    """Yield name, value and unit of each setting and limit."""
+    card, limits, config = source.card, source.limits, source.config
+    yield "PERIOD_NS", card.period_ns, "ns"
+    yield "PHI", int(card.transform == "phi"), "1: the model works on phi = 1/lambda"
+    yield "PHI_MOST", PHI_MAX, "phi"
+    yield "OUTPUT_LOW", card.output_limits[0], "model unit"
+    yield "OUTPUT_HIGH", card.output_limits[1], "model unit"
+    yield from _of_conditions(source)
+    yield from _of_response(source)
+    yield from _of_movement(source)
+    yield from _of_bias(limits, config)
+    yield from _of_electrical(source)
+    yield from _of_cuts(source)
+    yield "COUNT_FAIL", config.debounce.response_fail, "steps of a counter for a failed window"
+    yield "COUNT_PASS", config.debounce.response_pass, "steps for a passed one"
+    fail, passed = ticks_to_mature(config.debounce, source.period_s)
+    yield "TICKS_FAIL", fail, "samples"
+    yield "TICKS_PASS", passed, "samples"
+
+
+def _of_conditions(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+    yield "ENABLED", _least_mask(enable.ENABLED), "conditions"
+    yield "BURNING", _least_mask(enable.BURNING), "conditions with which a live sensor moves"
+    yield "AROUND_CUT", _least_mask(enable.AROUND_FUEL_CUT), "conditions that no fuel cut breaks"
+    yield "JUDGES_CUTS", source.limits.evidence_cut > 0.0, "windows around fuel cuts"
+    yield "NO_CUT", NO_CUT, "share of a tick with fuel cut"
+    yield "PURGE_OPEN", source.config.enable.purge_open_percent, "%"
+    yield "PURGE_STEP", source.config.enable.purge_step_percent, "%"
+
+
+def _of_response(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+    limits, response = source.limits, source.config.response
+    lead = response.lead_s / source.period_s
+    yield "AHEAD_PART", math.ceil(lead) - lead, "of a sample"
+    yield "LEAST_MEASURED", LAMBDA_LEAST, "output's unit"
+    yield "NOISE_MEMORY", limits.noise_memory, "correlation of neighbouring samples"
+    yield "GAIN_MODEL", limits.gain_model, "measurement over prediction"
+    yield "GAIN_CUT", limits.gain_cut, "measurement over prediction"
+    yield "GAIN_KNOWN", response.gain_known, "information on the gain"
+    yield "GAIN_MEMORY", response.gain_memory, "kept per window"
+    yield "EVIDENCE_FAIL", response.evidence_fail, "log odds"
+    yield "EVIDENCE_PASS", response.evidence_pass, "log odds"
+    yield "EVIDENCE_MOST", response.evidence_most, "log odds"
+    yield "EVIDENCE_WINDOW", min(limits.evidence_window, response.evidence_window), "log odds"
+    yield "LEVEL_WINDOW", response.evidence_window, "log odds"
+    yield "REGION_MOST", math.inf if limits.region is None else limits.region.most, "distance"
+
+
+def _of_movement(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+    limits, movement = source.limits, source.config.movement
+    needed, memory = source.config.response.evidence_fail, limits.noise_memory
+    hold = max(source.samples(movement.hold_s), movement.hold_samples) - 1
+    yield "MOVEMENT_GAIN", movement.gain_least, "gain of the weakest live sensor"
+    yield "ERROR_SHARE", movement.error_share, "healthy residual variances"
+    yield "QUANTUM_VAR", movement.quantum**2, "phi squared"
+    yield "STILL_SHARE", movement.still_share, "healthy residual variances"
+    yield "MOVEMENT_BOUND", needed * movement.bound, "log odds"
+    yield "MOVEMENT_DOUBT", movement.doubt, "log odds"
+    yield "INDEPENDENT", (1.0 - memory) / (1.0 + memory), "part of the samples"
+    yield "HOLD", int(hold), "equal neighbours"
+    yield "NO_HOLD", movement.no_hold, "log odds"
+    yield "RANGE_END", source.card.output.maximum, "output's unit"
+    end = source.card.output.maximum if limits.still_end_s else math.inf
+    yield "STILL_END", end, "output's unit"
+
+
+def _of_bias(limits: Limits, config: Config) -> Iterator[tuple[str, float | bool, str]]:
+    own = config.bias
+    yield "BIAS_CERTAINTY", own.certainty, "standard deviations"
+    yield "BIAS_MEMORY", own.memory, "kept per window"
+    yield "BIAS_WINDOWS", int(own.n_windows), "windows"
+    yield "OFFSET_STD", limits.offset_std, "output's unit"
+    yield "SHARED", own.variance_shared, "part of the variance"
+    yield "COURSE_LEAST", bias.LEAST, "means"
+    yield "COURSE_EDGE", bias.EDGE, "means"
+    yield "COURSE_RISE", bias.RISE, "standard deviations"
+
+
+def _of_electrical(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+    own, output, limits = source.config.plausibility, source.card.output, source.limits
+    names, samples = source.names, source.samples
+    is_phi = source.card.transform == "phi"
+    yield "STEP_MOST", source.config.bias.fuel_span_lambda if is_phi else math.inf, "output's unit"
+    still = max(samples(max(own.stuck_s, limits.still_s / STRETCHES_OF_A_CODE)), 2)
+    rest_s = max(own.fuel_cut_most_s, limits.still_end_s)
+    dwelt = output.percentile_0_1 - output.minimum <= own.stuck_range
+    may_be_cold = dwelt and not {ENGINE, READY} & set(names)
+    yield "STUCK_RANGE", own.stuck_range, "output's unit"
+    yield "STUCK_BAND", own.stuck_band_at_one, "output's unit"
+    yield "STILL", int(still), "samples"
+    yield "RESTS", math.ceil(rest_s / (still * source.period_s)), "stretches"
+    yield "COLD", output.minimum if may_be_cold else -math.inf, "output's unit"
+    yield "SATURATED", math.inf if "fuel_cut" in names else output.maximum, "output's unit"
+    yield "RUNNING_RPM", own.engine_running_rpm, "1/min"
+    yield "FIRST_MOVE", samples(own.first_move_s), "samples"
+    yield "START_PATIENCE", samples(own.start_patience_s), "samples"
+    patience_s = own.not_ready_s if READY in names else own.first_move_s
+    yield "NOT_READY_PATIENCE", samples(patience_s), "samples"
+    yield "HEATER_FULL_PERCENT", own.heater_full_percent, "%"
+    yield "HEATER_FULL", samples(own.heater_full_s), "samples"
+    yield "HEATER_REGULATED", samples(own.heater_regulated_s), "samples"
+
+
+def _of_cuts(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+    own, air = source.config.fuel_cut, source.air or HealthyCuts(0.0, 0.0, 0.0)
+    reference = source.limits.fuel_cut or FuelCutReference()
+    pressure = reference.pressure
+    least_s = max(own.least_s, own.level_after_s)
+    after = next(n for n in range(10**6) if n * source.period_s >= least_s)
+    yield "LEVEL_AFTER", after, "samples of a fuel cut"
+    yield "CUT_RETURN", source.samples(own.return_s), "samples"
+    yield "CUT_MOST", source.samples(source.config.plausibility.fuel_cut_most_s), "samples"
+    yield "LEVEL_IS_MOST", reference.is_clipped, "the gain may be less than the level says"
+    yield "AIR_MEAN", air.mean, "phi"
+    yield "AIR_VAR", air.std**2, "phi squared, of a cut"
+    yield "AIR_DRIVE_VAR", air.drive_std**2, "phi squared, of a drive"
+    yield "HUMIDITY_SPREAD", own.humidity_spread, "part of the level"
+    yield "PRESSURE_SPREAD", own.pressure_spread, "part of the level"
+    yield "KNOWS_PRESSURE", pressure is not None, "how the level depends on the pressure"
+    yield "PORE_KPA", PORE_KPA, "kPa"
+    yield "AIR_KPA", 1.0 if pressure is None else pressure.kpa, "kPa"
+    yield "AIR_SHARE", 0.0 if pressure is None else pressure.share, "of the dependence"
+    yield "AIR_SHARE_STD", 0.0 if pressure is None else pressure.share_std, "of the dependence"
+
+
+def _least_mask(holds: BoolArray) -> int:
+    """Return the conditions that a table over masks of conditions wants."""
+    return int(np.flatnonzero(holds)[0])
+
+
+def _conditions(source: Source) -> Enable:
+    return Enable.of(source.config.enable, source.names, source.card)
+
+
+def _recoveries(source: Source) -> list[tuple[int, int]]:
+    """Return the bit of each condition that recovers, and its samples; least first."""
+    settings = enable.settings_for(source.config.enable, source.card)
+    return [
+        (1 << i, enable._samples(settings, each.recovery, source.period_s))
+        for i, each in enumerate(enable.TABLE)
+        if each.recovery
+    ]
+
+
+def _steps(seconds: float, period_s: float) -> float:
+    return round(seconds / period_s, 9)
+
+
+def tables(source: Source) -> str:
+    """Return ``o2_tables.c``."""
+    limits, response = source.limits, source.config.response
+    late = [_steps(s, source.period_s) for s in response.delays_s]
+    share = [literal(1.0 - math.exp(-source.period_s / s)) for s in response.lags_s]
+    untold = limits.trust.untold
+    low, high = literal(limits.offset_low), literal(limits.offset_high)
+    texts = {
+        "signal": [f'"{name}"' for name in source.names],
+        "fault": [f'"{name or "sound"}"' for name in FAULTS_INSIDE],
+        "code": [f'"{name}"' for name in CODES_INSIDE],
+    }
+    own = {
+        "float o2_lag_share[O2_N_LAG]": share,
+        "uint16_t o2_late_steps[O2_N_DELAY]": [f"{int(n)}U" for n in late],
+        "float o2_late_part[O2_N_DELAY]": [literal(n - int(n)) for n in late],
+        "o2_rule o2_rules[2]": _rules(source),
+        "o2_claim o2_claims[O2_N_CLAIMS]": _claims(source),
+        "o2_range o2_ranges[O2_N_RANGES]": [
+            f"{{O2_OK_{r.condition.upper()}, O2_{r.signal.upper()}, "
+            f"{literal(r.low)}, {_bound(r.high)}}}"
+            for r in _conditions(source).ranges
+        ],
+        "o2_recovery o2_recoveries[O2_N_RECOVERIES]": [
+            f"{{0x{bit:04X}U, {n}U}}" for bit, n in _recoveries(source)
+        ],
+        "o2_fault o2_faults[O2_N_FAULTS]": [_fault(name, name in untold) for name in FAULTS_INSIDE],
+        "uint8_t o2_code_tests[O2_N_CODES]": [
+            f"0x{sum(1 << i for i, t in enumerate(TESTS_INSIDE) if _can_set(t, code)):02X}U"
+            for code in CODES_INSIDE
+        ],
+    }
+    parts = [
+        '/* Generated from settings and model card by "o2-monitor". */\n#include "o2_monitor.h"\n'
+    ]
+    parts.append("#include <math.h>\n")
+    for declaration, values in (own | _region(source)).items():
+        kind, name = declaration.split(" ")
+        parts.append(vector(kind, name, values, is_shared=True))
+    for what, values in texts.items():
+        parts.append(vector("char *const", f"o2_{what}_names[]", values, is_shared=True))
+    parts.append(f"const o2_vehicle o2_any_vehicle = {{{low}, {high}, 1.0f, true}};\n")
+    return "\n".join(parts)
+
+
+def _bound(high: float) -> str:
+    """Return an upper bound; the largest number below a limit stays below it as a float."""
+    is_below = high < NO_CUT == np.nextafter(high, np.inf)
+    return literal(float(np.nextafter(np.float32(NO_CUT), np.float32(0.0))) if is_below else high)
+
+
+def _can_set(test: str, code: str) -> bool:
+    return any(code in CODES[fault] for fault in TESTS[test])
+
+
+def _fault(name: str, is_untold: bool) -> str:
+    codes = sum(1 << CODES_INSIDE.index(code) for code in CODES[name]) if name else 0
+    test = f"O2_TEST_{TEST_OF[name].upper()}" if name else "255U"
+    return f"{{0x{codes:04X}UL, {test}, {_shown(is_untold)}}}"
+
+
+def _rules(source: Source) -> list[str]:
+    """Return the rule on enabled windows, then that on windows around fuel cuts."""
+    limits, config = source.limits, source.config
+    needed, found = config.response.evidence_fail, []
+    n_whole = config.window.n_samples
+    stds = limits.noise, max(limits.noise, limits.noise_cut)
+    weights = limits.evidence, limits.evidence_cut
+    for n, std, weight in zip((n_whole, n_whole // 2), stds, weights, strict=True):
+        least = config.response.noise_least * Noise(std, limits.noise_memory).innovation_var
+        dead_most = needed * min(n / max(limits.still_s / source.period_s, n), 0.5)
+        own = least, min(weight, config.response.evidence_weight), std**2, dead_most
+        found.append(f"{{{n}U, {', '.join(map(literal, own))}}}")
+    return found
+
+
+def _claims(source: Source) -> list[str]:
+    response, limits = source.config.response, source.limits
+    errs = min(limits.evidence_window, response.evidence_window) < response.evidence_fail
+    found = []
+    for each in claims(response, bank.build(response)):
+        kind = "SURELY" if each.fault == "" else "FAULTY"
+        if each.fault == "" and errs and each.hypothesis.near_limit:
+            kind = "BARELY"
+        if each.fault == UNRELATED:
+            kind = "UNRELATED"
+        name = f"O2_FAULT_{each.fault.upper()}" if kind == "FAULTY" else "O2_SOUND"
+        column = f"{each.column}U, O2_{kind}, {name}"
+        found.append(f"{{{column}, {literal(each.gain_low)}, {literal(each.gain_high)}}}")
+    return found
+
+
+def _region(source: Source) -> dict[str, list[str]]:
+    """Return the tables of the region in which the model was learned; {} without one."""
+    region = source.limits.region
+    if region is None:
+        return {}
+    counts = counted(region.names, region.ignored)[: len(region.names)]
+    scale = region.scale.reshape(2, -1)[:, counts]
+    points = region.points.reshape(len(region.points), 2, -1)[:, :, counts]
+
+    def rows(array: Any) -> str:
+        return f"{{{', '.join(literal(x) for x in array)}}}"
+
+    return {
+        "uint8_t o2_counted[O2_N_COUNTED]": [f"{i}U" for i in np.flatnonzero(counts)],
+        "float o2_region_scale[2][O2_N_COUNTED]": [rows(x) for x in scale],
+        "float o2_points[O2_N_POINTS][2][O2_N_COUNTED]": [
+            f"{{{', '.join(rows(x) for x in point)}}}" for point in points
+        ],
+    }
+
+
+_TYPES: Final = """
+/* the rule on a kind of windows */
+typedef struct {
+    uint16_t n;      /* samples */
+    float least_var; /* least innovation variance */
+    float weight;    /* part of the samples that count as independent */
+    float noise_var; /* of the healthy residual */
+    float dead_most; /* most that a window says of a sensor that does not move, log odds */
+} o2_rule;
+
+/* a sensor of the bank with a gain in a range */
+typedef struct {
+    uint8_t column;
+    uint8_t kind;
+    uint8_t fault;
+    float gain_low;
+    float gain_high;
+} o2_claim;
+
+typedef struct {
+    uint16_t condition;
+    uint8_t signal;
+    float low;
+    float high;
+} o2_range;
+
+typedef struct {
+    uint16_t condition;
+    uint16_t samples; /* that it stays broken */
+} o2_recovery;
+
+typedef struct {
+    uint32_t codes;
+    uint8_t test;
+    bool is_untold; /* the model mistakes its own errors for it */
+} o2_fault;
+
+extern const float o2_lag_share[O2_N_LAG];
+extern const uint16_t o2_late_steps[O2_N_DELAY];
+extern const float o2_late_part[O2_N_DELAY];
+extern const o2_rule o2_rules[2];
+extern const o2_claim o2_claims[O2_N_CLAIMS];
+extern const o2_range o2_ranges[O2_N_RANGES];
+extern const o2_recovery o2_recoveries[O2_N_RECOVERIES];
+extern const o2_fault o2_faults[O2_N_FAULTS];
+extern const uint8_t o2_code_tests[O2_N_CODES];
+extern const char *const o2_signal_names[];
+extern const char *const o2_fault_names[];
+extern const char *const o2_code_names[];
+#if O2_N_POINTS > 0
+extern const uint8_t o2_counted[O2_N_COUNTED];
+extern const float o2_region_scale[2][O2_N_COUNTED];
+extern const float o2_points[O2_N_POINTS][2][O2_N_COUNTED];
+#endif
+
+void o2_model_step(const float u[], float state[], float *predicted);
+
+#endif"""

@@ -1,0 +1,145 @@
+"""The exported C monitor, compiled and run, beside the Python monitor's verdicts on the same samples."""
+
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.base.types import FloatArray, Quality, SampleBlock
+from monitor.controller.tables import CODES_INSIDE, Source
+from monitor.judge.limits import Limits
+from monitor.pipeline.replay import Setup
+from monitor.pipeline.side_by_side import Judged, judge_all
+
+DRIVER = Path(__file__).with_name("c_driver.c")
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror")
+OUTCOMES = ("passed", "failed", "inconclusive")
+KINDS = ("", "window", "cut")
+
+
+class Verdict(NamedTuple):
+    """A window's verdict."""
+
+    k: int  # last sample
+    kind: str
+    outcome: str
+    fault: str
+    evidence: float
+
+
+class Said(NamedTuple):
+    """What a monitor says of one drive."""
+
+    verdicts: list[Verdict]
+    codes: list[tuple[int, str, str, int]]  # sample, code, fault that set it, status byte
+    enabled: int  # samples
+    predicted: float  # sum over the samples
+    fault_flag: bool
+
+
+def compiled(folder: Path, out: Path, compiler: str = "gcc", options: Sequence[str] = ()) -> Path:
+    """Return the driver, compiled with an exported monitor."""
+    files = [*sorted(folder.glob("o2_*.c")), DRIVER]
+    call = [compiler, *STRICT, *(options or ("-O2",)), f"-I{folder}", "-o", out, *files, "-lm"]
+    subprocess.run(call, check=True)
+    return out
+
+
+def source_of(setup: Setup) -> Source:
+    """Return what an export of the setup is made from."""
+    return Source(setup.model.card, setup.limits, setup.config)
+
+
+def rows(block: SampleBlock, names: Sequence[str], source: Source) -> FloatArray:
+    """Return samples as the C monitor takes them, the quality as the last column."""
+    found = np.full((len(block.t_ns), len(source.names) + 1), np.nan, dtype=np.float32)
+    for i, name in enumerate(source.names):
+        if name in names:
+            found[:, i] = block.values[:, names.index(name)]
+    found[:, -1] = block.quality[:, names.index(source.card.output.name)]
+    return found
+
+
+def samples(drive: FloatArray, source: Source) -> SampleBlock:
+    """Return rows as samples of Python: a value of the model that is not finite is not valid."""
+    n, own = len(drive), len(source.card.inputs) + 1
+    values = drive[:, :-1].astype(np.float64)
+    values[:, :own][~np.isfinite(values[:, :own])] = np.nan
+    quality = np.where(np.isnan(values), Quality.INVALID, Quality.GOOD).astype(np.uint8)
+    quality[:, own - 1] = drive[:, -1]
+    t_ns = np.arange(n, dtype=np.int64) * source.card.period_ns
+    return SampleBlock(np.arange(n, dtype=np.int64), t_ns, values, quality)
+
+
+def in_c(program: Sequence[Path | str], drives: Sequence[FloatArray]) -> list[Said]:
+    """Return the C monitor's verdicts on drives, rows of ``rows``."""
+    parts = [np.uint32(len(d)).tobytes() + d.astype("<f4").tobytes() for d in drives]
+    given = b"".join(parts) + bytes(4)
+    done = subprocess.run(program, input=given, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    return said_by(done.stdout.decode())
+
+
+def said_by(text: str) -> list[Said]:
+    """Return what the driver printed."""
+    found, verdicts, codes = list[Said](), list[Verdict](), []
+    for kind, *words in map(str.split, text.splitlines()):
+        if kind == "w":
+            k, which, outcome, fault, evidence = words
+            fault = "" if fault == "sound" else fault
+            own = KINDS[int(which)], OUTCOMES[int(outcome)], fault, float(evidence)
+            verdicts.append(Verdict(int(k), *own))
+        elif kind == "c":
+            k, code, fault, status = words
+            codes.append((int(k), code, "" if fault == "sound" else fault, int(status)))
+        else:
+            enabled, predicted, flag = words
+            own_codes = sorted(codes)
+            found.append(Said(verdicts, own_codes, int(enabled), float(predicted), flag == "1"))
+            verdicts, codes = [], []
+    return found
+
+
+def in_python(
+    blocks: Sequence[SampleBlock], names: Sequence[str], setup: Setup, limits: Limits | None = None
+) -> list[Said]:
+    """Return the Python monitor's verdicts on recordings."""
+    own = limits or setup.limits
+    judged = judge_all(blocks, names, setup.model, own, setup.config, keep_banks=False)
+    return [_said(block, each) for block, each in zip(blocks, judged, strict=True)]
+
+
+def _said(block: SampleBlock, judged: Judged) -> Said:
+    at = {t_ns: k for k, t_ns in enumerate(block.t_ns.tolist())}
+    verdicts = [
+        Verdict(at[w.window.t_end_ns], "window", w.outcome, w.fault or "", w.statistics.response[1])
+        for w in judged.windows
+    ]
+    verdicts += [
+        Verdict(at[c.t_ns], "cut", c.outcome, c.fault or "", c.statistics.evidence)
+        for c in judged.cuts
+    ]
+    codes = [
+        (at[c.t_ns], c.dtc.code, c.dtc.fault, int(c.dtc.status))
+        for c in judged.changes
+        if c.dtc.code in CODES_INSIDE
+    ]
+    flag = any(dtc.code in CODES_INSIDE for dtc in judged.dtcs)
+    enabled, predicted = int(judged.enabled.sum()), float(np.nansum(judged.predicted))
+    return Said(sorted(verdicts), sorted(codes), enabled, predicted, flag)
+
+
+def differences(python: Said, c: Said, tolerance: float = 0.01) -> list[str]:
+    """Return in words where two monitors say different things; [] where they agree."""
+    found = []
+    for a, b in zip(python.verdicts, c.verdicts, strict=False):
+        if a[:4] != b[:4] or not abs(a.evidence - b.evidence) <= tolerance:
+            found.append(f"window {a}, in C {b}")
+    for what in ("codes", "enabled", "fault_flag"):
+        if getattr(python, what) != getattr(c, what):
+            found.append(f"{what} {getattr(python, what)}, in C {getattr(c, what)}")
+    if len(python.verdicts) != len(c.verdicts):
+        found.append(f"{len(python.verdicts)} windows, in C {len(c.verdicts)}")
+    return found
