@@ -1,4 +1,4 @@
-"""The exported C monitor, compiled and run, beside the Python monitor's verdicts on the same samples."""
+"""The exported C monitor, compiled and run, beside the Python monitor on the same samples."""
 
 import subprocess
 from collections.abc import Sequence
@@ -137,9 +137,11 @@ def differences(python: Said, c: Said, tolerance: float = 0.01) -> list[str]:
     for a, b in zip(python.verdicts, c.verdicts, strict=False):
         if a[:4] != b[:4] or not abs(a.evidence - b.evidence) <= tolerance:
             found.append(f"window {a}, in C {b}")
-    for what in ("codes", "enabled", "fault_flag"):
-        if getattr(python, what) != getattr(c, what):
-            found.append(f"{what} {getattr(python, what)}, in C {getattr(c, what)}")
+    found += [
+        f"{what} {getattr(python, what)}, in C {getattr(c, what)}"
+        for what in ("codes", "enabled", "fault_flag")
+        if getattr(python, what) != getattr(c, what)
+    ]
     if len(python.verdicts) != len(c.verdicts):
         found.append(f"{len(python.verdicts)} windows, in C {len(c.verdicts)}")
     return found

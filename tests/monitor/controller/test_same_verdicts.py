@@ -41,5 +41,5 @@ def test_every_window_and_code_of_a_replay_log_is_the_same_in_c(
     drive = RecordingReader(setup.bus_map, setup.model.card).read(ROOT / "replay_logs" / name)
     (python,) = c_monitor.in_python([drive.block], drive.names, setup)
     given = c_monitor.rows(drive.block, drive.names, c_monitor.source_of(setup))
-    (c,) = c_monitor.in_c([driver, *"-0.065 0.065 1 0".split()], [given])
+    (c,) = c_monitor.in_c([driver, "-0.065", "0.065", "1", "0"], [given])
     assert c_monitor.differences(python, c) == []

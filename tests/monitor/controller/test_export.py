@@ -1,0 +1,95 @@
+"""The exported C compiles everywhere without a warning, and its network is the model's."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor import cli
+from monitor.base.files.outputs import is_own
+from monitor.controller import graph, network
+from monitor.controller.export import FILES
+from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
+from tests.helpers.models.c_monitor import STRICT
+
+COMPILERS = ("gcc", "clang")
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("c") / "o2c"
+    assert cli.main(["export-c", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_it_compiles_without_a_warning_and_judges_a_table(
+    compiler: str, exported: Path, tmp_path: Path
+) -> None:
+    if not shutil.which(compiler):
+        pytest.skip(f"needs {compiler}")
+    files, out = sorted(exported.glob("*.c")), tmp_path / "example"
+    subprocess.run([compiler, *STRICT, "-O1", "-o", out, *files, "-lm"], check=True)
+    # GIVEN a table in which the engine runs and the sensor's reading is frozen
+    table = tmp_path / "frozen.csv"
+    names = ["lambda_measured", "engine_speed_rpm", "sensor_ready", "fuel_cut"]
+    table.write_text(",".join(names) + "\n" + "1.0,2000,1,0\n" * 250)
+    # WHEN the example judges it
+    said = subprocess.run([out, table], capture_output=True, text=True, check=False)
+    # THEN the code of a frozen sensor is pending after two stretches of 10 s
+    assert said.returncode == 1
+    assert "19.90 s code P0134 stuck_at_one status 27" in said.stdout
+
+
+def test_its_files_are_replaced_but_never_another_program_s(exported: Path) -> None:
+    assert {path.name for path in exported.iterdir() if path.suffix} == set(FILES)
+    assert all(is_own(exported / name) for name in FILES)
+    assert cli.main(["export-c", "--out", str(exported)]) == 0
+    own = exported / "o2_model.c"
+    before = own.read_text()
+    own.write_text("int my_own;\n")
+    assert cli.main(["export-c", "--out", str(exported)]) == 2
+    assert cli.main(["export-c", "--out", str(exported), "--force"]) == 0
+    assert own.read_text() == before
+
+
+@pytest.mark.parametrize("name", ["lambda_measured", "maf_kg_h", "no_such_signal"])
+def test_a_signal_that_the_model_needs_cannot_be_left_out(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["export-c", "--out", str(tmp_path), "--without", name]) == 2
+    assert f"--without {name}: wanted some of " in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
+def test_the_network_predicts_as_the_runtime_does(exported: Path, tmp_path: Path) -> None:
+    # GIVEN random inputs in and beyond the trained ranges
+    model, main = Model.load(shipped_model()), tmp_path / "main.c"
+    channels = model.card.inputs
+    low, high = (np.array([getattr(c, end) for c in channels]) for end in ("minimum", "maximum"))
+    share = np.random.default_rng(1).uniform(-0.2, 1.2, (500, len(low)))
+    u = (low + share * (high - low)).astype(np.float32)
+    # WHEN both predict step by step from an empty state
+    main.write_text(
+        '#include "o2_tables.h"\n#include <stdio.h>\nint main(void) { float u[O2_N_INPUTS], y;\n'
+        "  static float s[O2_N_STATE]; while (fread(u, sizeof(u), 1U, stdin) == 1U) {\n"
+        "    o2_model_step(u, s, &y); (void)fwrite(&y, sizeof(y), 1U, stdout); } return 0; }\n"
+    )
+    out = tmp_path / "step"
+    files = [main, exported / "o2_model.c"]
+    subprocess.run(["gcc", *STRICT, f"-I{exported}", "-o", out, *files, "-lm"], check=True)
+    done = subprocess.run([out], input=u.tobytes(), capture_output=True, check=True)
+    # THEN they agree to some units in the last place
+    wanted = [model.step(each) for each in u]
+    assert np.frombuffer(done.stdout, np.float32) == pytest.approx(wanted, rel=2e-5)
+
+
+def test_a_graph_with_an_operator_of_its_own_is_refused_by_name() -> None:
+    from monitor.base.errors import ModelError
+
+    node = graph.GraphNode("Erf", ["u"], ["lambda_hat"])
+    with pytest.raises(ModelError, match=r"odd\.onnx: its graph has Erf in a form"):
+        network.step_code(graph.ModelGraph([node], {}), "lambda_hat", 1, 1, "odd.onnx")
