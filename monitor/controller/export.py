@@ -12,7 +12,7 @@ from monitor.base.config import Config
 from monitor.base.errors import ConfigError, UsageError
 from monitor.base.files.outputs import write_text
 from monitor.controller import graph, network
-from monitor.controller.tables import FURTHER, Source, header, tables
+from monitor.controller.tables import FURTHER, ExportSource, header, tables
 from monitor.judge.limits import Limits
 from monitor.model.card import USUAL_PREDICTION, prediction_name
 from monitor.model.step import Model
@@ -43,7 +43,7 @@ def export(model: Model, config: Config, out: Path, without: Sequence[str] = ())
     if config.rules.active:
         raise ConfigError(f"the rule {config.rules.active[0]} of a plug-in is not written in C")
     limits = Limits.from_card(model.card, config, str(model.path))
-    source = Source(model.card, limits, config, without)
+    source = ExportSource(model.card, limits, config, without)
     prediction = prediction_name(model.card.output.name)
     found = graph.read(model.path)
     if not any(prediction in node.outputs for node in found.nodes):

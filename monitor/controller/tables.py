@@ -46,7 +46,7 @@ _KINDS: Final = ("SURELY", "BARELY", "FAULTY", "UNRELATED")  # of claims
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class ExportSource:
     """All that the tables are made from.
 
     without : signals that the controller does not have
@@ -79,7 +79,7 @@ class Source:
         return known.get(LEVEL) if "fuel_cut" in self.names else None
 
 
-def header(source: Source) -> str:
+def header(source: ExportSource) -> str:
     """Return ``o2_tables.h``."""
     lines = [
         '/* Sizes, names, settings and limits, generated from settings and card by "o2-monitor". */'
@@ -119,7 +119,7 @@ def _shown(value: float | bool) -> str:
     return f"{value}U" if isinstance(value, int) else literal(value)
 
 
-def _sizes(source: Source) -> dict[str, int]:
+def _sizes(source: ExportSource) -> dict[str, int]:
     card, response, region = source.card, source.config.response, source.limits.region
     hypotheses = bank.build(response)
     period_s, cuts = source.period_s, source.config.fuel_cut
@@ -150,7 +150,7 @@ def _sizes(source: Source) -> dict[str, int]:
     }
 
 
-def _numbers(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+def _numbers(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
     """Yield name, value and unit of each setting and limit."""
     card, limits, config = source.card, source.limits, source.config
     yield "PERIOD_NS", card.period_ns, "ns"
@@ -171,7 +171,7 @@ def _numbers(source: Source) -> Iterator[tuple[str, float | bool, str]]:
     yield "TICKS_PASS", passed, "samples"
 
 
-def _of_conditions(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+def _of_conditions(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
     yield "ENABLED", _least_mask(enable.ENABLED), "conditions"
     yield "BURNING", _least_mask(enable.BURNING), "conditions with which a live sensor moves"
     yield "AROUND_CUT", _least_mask(enable.AROUND_FUEL_CUT), "conditions that no fuel cut breaks"
@@ -181,7 +181,7 @@ def _of_conditions(source: Source) -> Iterator[tuple[str, float | bool, str]]:
     yield "PURGE_STEP", source.config.enable.purge_step_percent, "%"
 
 
-def _of_response(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+def _of_response(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
     limits, response = source.limits, source.config.response
     lead = response.lead_s / source.period_s
     yield "AHEAD_PART", math.ceil(lead) - lead, "of a sample"
@@ -199,7 +199,7 @@ def _of_response(source: Source) -> Iterator[tuple[str, float | bool, str]]:
     yield "REGION_MOST", math.inf if limits.region is None else limits.region.most, "distance"
 
 
-def _of_movement(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+def _of_movement(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
     limits, movement = source.limits, source.config.movement
     needed, memory = source.config.response.evidence_fail, limits.noise_memory
     hold = max(source.samples(movement.hold_s), movement.hold_samples) - 1
@@ -229,7 +229,7 @@ def _of_bias(limits: Limits, config: Config) -> Iterator[tuple[str, float | bool
     yield "COURSE_RISE", bias.RISE, "standard deviations"
 
 
-def _of_electrical(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+def _of_electrical(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
     own, output, limits = source.config.plausibility, source.card.output, source.limits
     names, samples = source.names, source.samples
     is_phi = source.card.transform == "phi"
@@ -254,7 +254,7 @@ def _of_electrical(source: Source) -> Iterator[tuple[str, float | bool, str]]:
     yield "HEATER_REGULATED", samples(own.heater_regulated_s), "samples"
 
 
-def _of_cuts(source: Source) -> Iterator[tuple[str, float | bool, str]]:
+def _of_cuts(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
     own, air = source.config.fuel_cut, source.air or HealthyCuts(0.0, 0.0, 0.0)
     reference = source.limits.fuel_cut or FuelCutReference()
     pressure = reference.pressure
@@ -281,11 +281,11 @@ def _least_mask(holds: BoolArray) -> int:
     return int(np.flatnonzero(holds)[0])
 
 
-def _conditions(source: Source) -> Enable:
+def _conditions(source: ExportSource) -> Enable:
     return Enable.of(source.config.enable, source.names, source.card)
 
 
-def _recoveries(source: Source) -> list[tuple[int, int]]:
+def _recoveries(source: ExportSource) -> list[tuple[int, int]]:
     """Return the bit of each condition that recovers, and its samples; least first."""
     settings = enable.settings_for(source.config.enable, source.card)
     return [
@@ -299,7 +299,7 @@ def _steps(seconds: float, period_s: float) -> float:
     return round(seconds / period_s, 9)
 
 
-def tables(source: Source) -> str:
+def tables(source: ExportSource) -> str:
     """Return ``o2_tables.c``."""
     limits, response = source.limits, source.config.response
     late = [_steps(s, source.period_s) for s in response.delays_s]
@@ -360,7 +360,7 @@ def _fault(name: str, is_untold: bool) -> str:
     return f"{{0x{codes:04X}UL, {test}, {_shown(is_untold)}}}"
 
 
-def _rules(source: Source) -> list[str]:
+def _rules(source: ExportSource) -> list[str]:
     """Return the rule on enabled windows, then that on windows around fuel cuts."""
     limits, config = source.limits, source.config
     needed, found = config.response.evidence_fail, []
@@ -375,7 +375,7 @@ def _rules(source: Source) -> list[str]:
     return found
 
 
-def _claims(source: Source) -> list[str]:
+def _claims(source: ExportSource) -> list[str]:
     response, limits = source.config.response, source.limits
     errs = min(limits.evidence_window, response.evidence_window) < response.evidence_fail
     found = []
@@ -391,7 +391,7 @@ def _claims(source: Source) -> list[str]:
     return found
 
 
-def _region(source: Source) -> dict[str, list[str]]:
+def _region(source: ExportSource) -> dict[str, list[str]]:
     """Return the tables of the region in which the model was learned; {} without one."""
     region = source.limits.region
     if region is None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.base.types import FloatArray, Quality, SampleBlock
-from monitor.controller.tables import CODES_INSIDE, Source
+from monitor.controller.tables import CODES_INSIDE, ExportSource
 from monitor.judge.limits import Limits
 from monitor.pipeline.replay import Setup
 from monitor.pipeline.side_by_side import Judged, judge_all
@@ -47,12 +47,12 @@ def compiled(folder: Path, out: Path, compiler: str = "gcc", options: Sequence[s
     return out
 
 
-def source_of(setup: Setup) -> Source:
+def source_of(setup: Setup) -> ExportSource:
     """Return what an export of the setup is made from."""
-    return Source(setup.model.card, setup.limits, setup.config)
+    return ExportSource(setup.model.card, setup.limits, setup.config)
 
 
-def rows(block: SampleBlock, names: Sequence[str], source: Source) -> FloatArray:
+def rows(block: SampleBlock, names: Sequence[str], source: ExportSource) -> FloatArray:
     """Return samples as the C monitor takes them, the quality as the last column."""
     found = np.full((len(block.t_ns), len(source.names) + 1), np.nan, dtype=np.float32)
     for i, name in enumerate(source.names):
@@ -62,7 +62,7 @@ def rows(block: SampleBlock, names: Sequence[str], source: Source) -> FloatArray
     return found
 
 
-def samples(drive: FloatArray, source: Source) -> SampleBlock:
+def samples(drive: FloatArray, source: ExportSource) -> SampleBlock:
     """Return rows as samples of Python: a value of the model that is not finite is not valid."""
     n, own = len(drive), len(source.card.inputs) + 1
     values = drive[:, :-1].astype(np.float64)
