@@ -94,12 +94,6 @@ def test_a_rule_is_judged_on_the_drives_on_which_it_has_something_to_look_at() -
     assert found["nothing to look at"] == 1
 
 
-def test_a_part_of_the_rows_makes_a_report_too() -> None:
-    for part in ([], [a_row(0.06)], [a_row(0.4, kind="wrong")], [a_row(0.4, kind="second")]):
-        page = tables.report(CatalystMatrix(), part).as_page({"code_sha256": "0" * 64})
-        assert f"{len(part)} simulated drives" in page
-
-
 def test_a_target_is_missed_by_one_drive_too_many() -> None:
     rows = [a_row(0.06)] * 98 + [a_row(0.06, faults={})] * 2
     assert tables.assess(rows)[0].met is False

@@ -23,7 +23,7 @@ from benchmarks.studies.sensor.severities import ELECTRICAL, SEVERITIES, beyond_
 from benchmarks.studies.tables import Row
 from benchmarks.studies.targets import Target
 from monitor.base import config
-from monitor.base.errors import RecordingError, UsageError
+from monitor.base.errors import UsageError
 from monitor.base.faults import LIMIT_SEVERITY
 from training.dyno import ecu
 
@@ -41,16 +41,9 @@ SMALL = replace(
 )
 
 
-def test_a_matrix_is_planned_alike_every_time_and_by_its_seed() -> None:
-    assert trials(DEVELOPMENT) == trials(DEVELOPMENT)
-    assert reference_drives(DEVELOPMENT) == reference_drives(DEVELOPMENT)
-    other = trials(replace(DEVELOPMENT, seed=SEED + 100_000))
-    pairs = zip(trials(DEVELOPMENT), other, strict=True)
-    assert not any(a.conditions == b.conditions for a, b in pairs)
-
-
 def test_the_whole_plan_is_large_enough_for_every_target() -> None:
     planned = trials(DEVELOPMENT)
+    assert planned == trials(DEVELOPMENT)
     healthy = [t for t in planned if t.kind == "healthy"]
     assert len(planned) >= 5000
     assert len(healthy) >= tables.HEALTHY_DRIVES
@@ -161,45 +154,31 @@ def test_the_command_drives_a_small_matrix_and_reports_it(
     assert main(small(tmp_path)) == 0
 
 
-@pytest.mark.parametrize(
-    ("error", "raised", "words"),
-    [
-        (ValueError("no road"), RuntimeError, r"trial 0 \(us06, vehicle 2000, ref.*no road"),
-        (RecordingError("it needs boost_kpa"), RecordingError, "needs boost_kpa"),
-    ],
-)
-def test_a_drive_that_fails_is_named_and_the_users_error_stays_his(
-    error: Exception, raised: type[Exception], words: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_drive_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: Any) -> Any:
-        raise error
+        raise ValueError("no road")
 
     monkeypatch.setattr(run, "samples", broken)
     model = Path("monitor/model/shipped.onnx").resolve()
     (chunk,) = run.chunks(SMALL, model).values()
-    with pytest.raises(raised, match=words):
+    with pytest.raises(RuntimeError, match=r"trial 0 \(us06, vehicle 2000, ref.*no road"):
         run._rows(run.Bench(model, config.load()), chunk)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--faults", "rusty"], "fault 'rusty' is unknown"),
-        (["--faults", "gain_low=1.5"], "wanted below 1"),
-        (["--cycles", "nowhere"], "cycle 'nowhere' is unknown"),
-        (["--ambients", "damp"], "ambient 'damp' is unknown"),
-        (["--vehicles", "0"], "--vehicles is at least 1"),
-        (["--first-vehicle", "1"], "vehicle 1 has trained the model"),
-    ],
-)
 def test_what_cannot_be_driven_is_said_in_one_line(
-    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*small(tmp_path / "m"), *options]) == 2
-    error = capsys.readouterr().err
-    assert said in error
-    assert len(error.splitlines()) == 1
-    assert not (tmp_path / "m").exists()
+    for options, said in (
+        ("--faults rusty", "fault 'rusty' is unknown"),
+        ("--faults gain_low=1.5", "wanted below 1"),
+        ("--cycles nowhere", "cycle 'nowhere' is unknown"),
+        ("--ambients damp", "ambient 'damp' is unknown"),
+        ("--first-vehicle 1", "vehicle 1 has trained the model"),
+    ):
+        assert main([*small(tmp_path / "m"), *options.split()]) == 2
+        (error,) = capsys.readouterr().err.splitlines()
+        assert said in error
+        assert not (tmp_path / "m").exists()
 
 
 def row(number: int, fault: str = "", severity: float | None = None, **changes: Any) -> Row:

@@ -17,4 +17,4 @@ def setup() -> replay.Setup:
 @pytest.fixture(scope="session")
 def late_sensor() -> list[Frame]:
     (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
-    return list(read_frames(log))[: 200 * 150]
+    return list(read_frames(log))[: 200 * 70]

@@ -43,7 +43,7 @@ from tests.helpers.bus.played_bus import played_on
 @pytest.fixture(scope="module")
 def late_sensor() -> list[Frame]:
     (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
-    return list(read_frames(log))[: 200 * 120]
+    return list(read_frames(log))[: 200 * 70]
 
 
 @pytest.fixture(scope="module")
@@ -128,14 +128,6 @@ def test_the_screen_is_drawn_four_times_a_second_at_most(loop: Loop) -> None:
     # AND what is left is a clean line
     screen.close()
     assert stream.getvalue().endswith("\r\x1b[K")
-
-
-def test_lines_stand_above_the_screen(loop: Loop) -> None:
-    stream = io.StringIO()
-    out = Out(stream)
-    out.draw("state")
-    out.say("line")
-    assert stream.getvalue() == "\r\x1b[Kstate\r\x1b[Kline\nstate"
 
 
 def test_every_line_of_json_has_its_schema_and_is_finite(loop: Loop) -> None:
@@ -230,11 +222,6 @@ def test_a_manager_that_does_not_watch_hears_no_watchdog(
     assert heard(manager) == ["READY=1", "STATUS=well"]
     assert own.due_s == 10.0
     own.close()
-
-
-@pytest.mark.parametrize("environment", [{}, {"NOTIFY_SOCKET": ""}, {"NOTIFY_SOCKET": "vsock:2:1"}])
-def test_outside_a_service_nobody_is_notified(environment: dict[str, str]) -> None:
-    assert Watchdog.of(lambda: "well", environment) is None
 
 
 def test_a_manager_that_is_gone_ends_nothing(manager: socket.socket, tmp_path: Path) -> None:

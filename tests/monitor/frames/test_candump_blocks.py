@@ -23,9 +23,7 @@ from tests.helpers.logs.read_outcome import (
     frames_of_line,
     outcome,
     streamed,
-    synthetic,
 )
-from training.recordings.files.can_log import write_log
 
 
 def in_chunks(path: Path, chunk_bytes: int) -> Outcome:
@@ -161,19 +159,6 @@ def test_a_line_with_any_one_byte_changed_is_read_rightly_or_left_to_the_streami
     assert n_plain > 10 * len(form)  # digits change, and letters of the channel
 
 
-def test_times_are_rounded_as_the_streaming_reader_rounds_them() -> None:
-    rng = np.random.default_rng(5)
-    times_us = [
-        *rng.integers(0, 2**32 * 10**6, 3000).tolist(),
-        *rng.integers(2**32 * 10**6, 9_199_999_999_999_999, 3000).tolist(),
-        *(10**k - 1 for k in range(1, 16)),
-    ]
-    lines = [f"({t // 10**6}.{t % 10**6:06d}) can0 123#".encode() for t in times_us]
-    found = parsed(lines)
-    assert_as_streamed(lines, found)
-    assert found.plain[:3000].all()
-
-
 def test_a_mark_too_few_or_too_many_is_left_to_the_streaming_reader() -> None:
     marked = [b"##1", b"#1#", b"# 00", b"#00#", b"#00 #", b"##", b"###", b"#", b" #", b""]
     lines = [b"(1.000000) can0 123" + end for end in marked]
@@ -198,19 +183,6 @@ def test_damaged_gzip_gives_the_frames_before_and_the_error_of_the_streaming_rea
     for kept in (whole, whole[:-cut]):
         path.write_bytes(kept or b"\0")
         assert in_chunks(path, 200) == streamed(path)
-
-
-@pytest.mark.parametrize("byte", range(100, 40_000, 3_700))
-def test_gzip_damaged_far_from_its_beginning_gives_the_same_frames(
-    tmp_path: Path, byte: int
-) -> None:
-    path = tmp_path / "long.log.gz"
-    write_log(path, synthetic(3_000))
-    whole = bytearray(path.read_bytes())
-    assert len(whole) > 40_000
-    whole[byte] ^= 0x55
-    path.write_bytes(whole)
-    assert in_chunks(path, 30_000) == streamed(path)
 
 
 def test_gzip_with_a_damaged_block_gives_the_frames_that_were_unpacked_before(

@@ -168,22 +168,6 @@ def test_a_log_of_two_buses_is_refused_unless_one_is_chosen(tmp_path: Path) -> N
         list(read_blocks(path, channels=Channels("can7", [0xC2])))
 
 
-def test_an_asc_log_of_canoe_with_rare_lines_gives_every_frame(tmp_path: Path) -> None:
-    path, counters = tmp_path / "drive.asc", LogCounters()
-    path.write_text(
-        "date Mon Dec 6 11:21:13 am 2021\nbase hex  no internal events logged\n// version 7.1.0\n"
-        "   0.004192 1  C2              Rx   d 8 63 0F FB 0E 11 00 80 38\n"
-        "   0.005000 CANFD Start of measurement\n"
-        "   0.006000 1  J1939TP FEE3p 6 0 0 - Rx d 3 80 43 4F\n"
-        "   0.007000 1  C2              Rx   d D 01 02 03 04 05 06 07 08\n"
-    )
-    assert [f.data.hex() for f in read_frames(path, counters)] == [
-        "630ffb0e11008038",
-        "0102030405060708",
-    ]
-    assert counters.notes == []
-
-
 def test_answers_of_29_bits_are_decoded_as_those_of_11(tmp_path: Path) -> None:
     # GIVEN the same answers of an engine under both identifiers, and one of its gearbox
     bus_map = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])

@@ -20,9 +20,7 @@ from tests.conftest import ROOT
 from tests.helpers.examples import inputs
 from tests.helpers.logs.read_outcome import (
     START_NS,
-    python_can_reads,
     read_at_once,
-    streamed,
     synthetic,
 )
 from training.recordings.files.can_log import broadcast, write_log
@@ -53,23 +51,6 @@ def test_every_format_gives_the_frames_that_python_can_reads(folder: Path, suffi
     found = read_at_once(folder / f"drive{suffix}")
     assert found[0] == by_python_can(folder / f"drive{suffix}")
     assert found[2] is None
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_every_format_cut_short_gives_the_frames_before_and_an_error(
-    folder: Path, tmp_path: Path, suffix: str
-) -> None:
-    whole = (folder / f"drive{suffix}").read_bytes()
-    all_frames = read_at_once(folder / f"drive{suffix}")[0]
-    path = tmp_path / f"cut{suffix}"
-    for cut in np.random.default_rng(3).integers(1, len(whole), 12).tolist():
-        path.write_bytes(whole[:cut])
-        found = read_at_once(path)
-        if suffix.startswith(".log"):
-            assert found == streamed(path)
-            assert found[0][:-1] == all_frames[: len(found[0])][:-1]
-        if suffix == ".blf":
-            assert found == python_can_reads(path)
 
 
 MESSAGE = st.builds(

@@ -53,13 +53,6 @@ def test_every_log_format_gives_the_frames_it_was_given(
     assert (counters.frames, counters.skipped) == (len(drive.t_ns), 0)
 
 
-@pytest.mark.parametrize("suffix", [".log", ".blf", ".csv", ".mf4"])
-def test_formats_with_absolute_time_keep_it(
-    folder: Path, drive: EncodedFrames, suffix: str
-) -> None:
-    assert next(read_frames(folder / f"drive{suffix}")).t_ns == START_NS
-
-
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_log_that_was_cut_short_is_read_as_far_as_it_goes_and_says_so(
     folder: Path, tmp_path: Path, suffix: str
@@ -266,16 +259,6 @@ def test_of_rows_with_the_same_time_the_last_counts(tmp_path: Path) -> None:
     got = read_table(table(tmp_path, "time_s,x\n0,1\n0,2\n0.1,3\n0.1,4\n0.2,5\n"))
     assert got.values[:, 0].tolist() == [2.0, 4.0, 5.0]
     assert got.notes.counts == {"repeated_times": 2}
-
-
-def test_missing_tables_and_columns_are_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="No such file"):
-        read_table(tmp_path / "missing.csv")
-    with pytest.raises(RecordingError, match="No such file"):
-        read_table(tmp_path / "drive.parquet")
-    got = read_table(table(tmp_path, "time_s,x\n0,1\n"))
-    with pytest.raises(RecordingError, match="has no column y, z"):
-        list(table_samples(got, ["x", "y", "z"]))
 
 
 def test_a_truncated_gzipped_table_is_refused(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """The paper's rule and the bias rule."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,12 +9,6 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.judge.bias import BiasRule, paper_failed
-from monitor.judge.decision.decisions import Decisions
-from monitor.judge.findings import WindowJudged
-from monitor.judge.limits import NO_LIMITS
-from monitor.judge.response.bank import build
-from monitor.judge.window import Window
-from monitor.memory.dtc_store import DtcStore
 
 # The paper's rule
 
@@ -102,26 +95,11 @@ def test_a_manoeuvre_in_which_the_model_errs_by_far_is_no_bias(step_most: float)
     assert max(each.offset for each in found) > 0.4
 
 
-def test_a_single_far_window_is_no_bias() -> None:
-    rule = new_rule()
-    outcomes = [rule.judge(mean).outcome for mean in (0.0, 0.0, 0.0, 0.15, 0.0, 0.0)]
-    assert outcomes == ["inconclusive", "inconclusive", "passed", "passed", "passed", "passed"]
-
-
 def test_an_ignored_window_is_no_bias() -> None:
     rule = new_rule()
     for _ in range(5):
         assert rule.judge(1.0, ignore=True).outcome == "inconclusive"
     assert [rule.judge(0.0).outcome for _ in range(3)] == ["inconclusive"] * 2 + ["passed"]
-
-
-def test_after_a_reset_the_bias_rule_waits_again() -> None:
-    rule = new_rule()
-    for _ in range(4):
-        last = rule.judge(0.1)
-    assert last.fault == "biased_lean"
-    rule.reset()
-    assert rule.judge(0.1).outcome == "inconclusive"
 
 
 def stepping_rule() -> BiasRule:
@@ -153,39 +131,3 @@ def test_an_offset_that_goes_is_no_new_one() -> None:
     rule = stepping_rule()
     faults = {rule.judge(mean).fault for mean in 20 * [0.06] + 40 * [0.0]}
     assert faults == {None}
-
-
-def test_an_offset_fails_without_a_verdict_on_the_response() -> None:
-    # GIVEN a mixture that hardly moves
-    settings, n = config.load(), 50
-    limits = replace(NO_LIMITS, offset_low=-LIMIT, offset_high=LIMIT, offset_std=STD, noise=0.01)
-    store = DtcStore()
-    store.start_driving_cycle()
-    decisions = Decisions(
-        limits=limits,
-        config=settings,
-        hypotheses=build(settings.response),
-        transform="phi",
-        end=math.inf,
-        period_s=0.1,
-        store=store,
-    )
-    # WHEN the reading is 0.2 lean
-    measured = 1.2 + np.random.default_rng(1).normal(0.0, 0.01, (20, n))
-    windows = [
-        Window(
-            index=i,
-            t_start_ns=i * n,
-            t_end_ns=(i + 1) * n - 1,
-            measured=each,
-            predicted=np.ones(n),
-            bank=np.ones((n, len(build(settings.response)))),
-            inputs=np.zeros((n, 1)),
-        )
-        for i, each in enumerate(measured)
-    ]
-    # THEN the offset alone decides
-    facts = decisions.facts(windows)
-    found = [e for w, f in zip(windows, facts, strict=True) for e in decisions.window(w, f)]
-    last = [each for each in found if isinstance(each, WindowJudged)][-1]
-    assert (last.outcome, last.fault) == ("failed", "biased_lean")

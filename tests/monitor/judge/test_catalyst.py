@@ -9,7 +9,6 @@ import pytest
 from benchmarks.studies.second import brick as second_catalyst
 from monitor.base import config
 from monitor.base.types import FloatArray
-from monitor.judge.catalyst.bank import CatalystBank, Members
 from monitor.judge.catalyst.rule import CatalystRule
 from monitor.judge.catalyst.watch import NEEDED, WIDE, BehindResult, CatalystMonitor
 
@@ -132,19 +131,6 @@ def test_a_wide_range_sensor_behind_the_catalyst_tells_what_it_stores(
     # and its circuit is left to other tests
     assert {r.test for r in results} <= {"catalyst", "downstream", "balance", "bias"}
     assert "downstream_circuit" not in monitor.supported
-
-
-def test_the_lag_of_the_upstream_sensor_is_taken_off_the_gas_that_enters() -> None:
-    rise = np.linspace(-0.02, 0.02, 50)
-    slope = (rise[1] - rise[0]) / PERIOD_S
-    monitor = CatalystMonitor(SETTINGS, NAMES, PERIOD_S)
-    lagging = rise - SETTINGS.upstream_lag_s * slope
-    found = monitor._entering(lagging[1:], lagging[:1])
-    np.testing.assert_allclose(found, rise[1:], atol=1e-12)
-    # and the edges of a fuel cut weigh alike, the first sample nothing
-    edges = monitor._entering(np.array([0.01, 0.9, 0.01]), np.array([np.nan]))
-    most = SETTINGS.upstream_lag_most_phi
-    np.testing.assert_allclose(edges, [0.01, 0.9 + most, 0.01 - most])
 
 
 @pytest.mark.parametrize("lag_s", [1.5, 3.0])
@@ -272,15 +258,3 @@ def test_a_cold_brick_is_not_judged() -> None:
     running = np.ones(len(values), dtype=np.bool_)
     assert {r.test for r in monitor.push(values, running)} == {"downstream_circuit"}
     assert monitor.entry()["segments"] == 0  # type: ignore[index]
-
-
-def test_every_member_keeps_its_oxygen_between_empty_and_full() -> None:
-    members = Members(SETTINGS, PERIOD_S)
-    bank, rng = CatalystBank(members), np.random.default_rng(2)
-    x = np.clip(rng.standard_normal(400) * 0.3, -0.3, 1.0)
-    for volts in bank.push(x, rng.uniform(0.0, 120.0, 400)):
-        assert np.isfinite(volts).all()
-        assert volts.min() > 0.0
-        assert volts.max() < 1.0
-        assert (bank._filling >= 0.0).all()
-        assert (bank._filling <= 1.0).all()

@@ -181,21 +181,6 @@ def test_a_condition_whose_signal_is_not_provided_is_listed_and_never_blocks(sig
     assert blocking(bench.settle()) == set()
 
 
-def test_without_any_context_only_the_models_own_conditions_block() -> None:
-    bench = Bench(("air_mass_mg", "lambda_controller", "lambda_measured"))
-    assert set(CONDITIONS) - set(bench.subject.unavailable) == {
-        "inputs_valid",
-        "measured_valid",
-        "model_settled",
-        "trained_range",
-    }
-    assert blocking(bench.settle()) == set()
-
-
-def test_with_every_signal_nothing_is_unavailable() -> None:
-    assert Bench().subject.unavailable == ()
-
-
 @pytest.mark.parametrize("condition", [c for c in BREAKS if c not in ("trained_range",)])
 def test_a_provided_signal_that_is_not_valid_blocks(condition: str) -> None:
     bench = Bench()
@@ -329,12 +314,6 @@ def test_a_slow_change_of_purge_that_follows_the_load_does_not_block() -> None:
         assert blocking(bench.step(purge_duty_percent=20.0 + k * per_sample)) == set()
 
 
-def test_purge_that_is_open_from_the_first_sample_is_no_step() -> None:
-    bench = Bench()
-    for _ in range(SETTLE):
-        assert blocking(bench.step()) == {"model_settled"}
-
-
 # Blocks
 
 NUMBER = st.sampled_from([math.nan, 0.0, 1e-4, 0.5, 1.0, 1.1, 5.0, 20.0, 55.0, 90.0, 130.0, 1000.0])
@@ -420,15 +399,3 @@ def test_windows_are_runs_of_consecutive_enabled_samples_and_do_not_overlap(
         np.testing.assert_array_equal(window.bank[:, 0], window.measured)
         np.testing.assert_array_equal(window.bank[:, 1], -window.measured)
     assert (subject.completed, subject.discarded) == (len(expected), discarded)
-
-
-def test_one_disabled_sample_costs_the_window_begun() -> None:
-    windows, subject = fill([True] * 49 + [False] + [True] * 50, 50)
-    assert [w.measured[0] for w in windows] == [50.0]
-    assert subject.discarded == 1
-
-
-def test_a_window_keeps_its_values_when_the_next_is_filled() -> None:
-    windows, _ = fill([True] * 20, 10)
-    assert windows[0].measured.tolist() == list(range(10))
-    assert windows[1].measured.tolist() == list(range(10, 20))

@@ -80,11 +80,6 @@ def test_only_a_long_cut_shows_a_level_and_a_short_one_shows_nothing() -> None:
     assert cuts[0].seen[LEVEL].measured == pytest.approx(AIR, abs=1e-3)
 
 
-def test_a_cut_that_moves_neither_reading_nor_prediction_shows_no_edge() -> None:
-    flat = stretch()._replace(measured=np.full(200, 1.0))
-    assert all(set(cut.seen) <= {LEVEL} for cut in cuts_of(flat, CONFIG.fuel_cut, PERIOD_S, LEAST))
-
-
 @pytest.mark.parametrize("size", [1, 7, 64, 200])
 def test_the_cuts_do_not_depend_on_blocks(size: int) -> None:
     whole, found = stretch(delay_s=0.4), []

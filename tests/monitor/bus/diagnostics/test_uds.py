@@ -9,10 +9,8 @@ from hypothesis import strategies as st
 
 from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.identifiers import IDENTIFIERS
-from monitor.bus.diagnostics.parameters import bitmap, unsigned
 from monitor.bus.diagnostics.reports import dtc_bytes
 from monitor.judge import enable
-from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import Ratio
 from tests.conftest import ROOT
@@ -112,15 +110,6 @@ def test_extended_data_counts_failing_healing_and_ageing() -> None:
     assert ask("19 06 21 95 00 06") == "7f 19 31"
 
 
-def test_a_code_that_fails_in_this_driving_cycle_counts_it() -> None:
-    vehicle = Vehicle()
-    vehicle.store.fail("gain_low", 0)
-    assert (ask("19 06 2A 00 00 01", vehicle) or "").endswith("01 01")
-    assert Status.FAILED_THIS_CYCLE in next(
-        d.status for d in vehicle.store.all if d.code == "P2A00"
-    )
-
-
 def test_the_ratio_of_a_code_is_that_of_its_test() -> None:
     vehicle = Vehicle()
     assert Ratio("bias", 4, 5) in vehicle.store.ratios
@@ -176,19 +165,6 @@ def test_windows_and_samples_are_counted_and_the_last_verdict_is_told() -> None:
     verdict = struct.pack(">Bff", 1, 0.25, 0.5).hex(" ")
     assert ask("22 FD 08", vehicle) == "62 fd 08 " + verdict
     assert ask("22 FD 09", vehicle) == "62 fd 09 00 00 00 02 00 00 00 01"
-
-
-def test_a_number_just_beyond_a_bitmap_is_announced() -> None:
-    assert bitmap({0x21}, 0x00) == bytes.fromhex("00000001")
-    assert bitmap({0x20}, 0x00) == bytes.fromhex("00000001")
-    assert bitmap({0x21}, 0x20) == bytes.fromhex("80000000")
-    assert bitmap({0x20}, 0x20) is None
-    assert bitmap(set(), 0x00) == bytes(4)
-    assert bitmap({0x01}, 0x01) is None
-
-
-def test_counters_stay_at_their_end() -> None:
-    assert [unsigned(value, 1)[0] for value in (254.6, 255.0, 255.9, 1e9)] == [255] * 4
 
 
 def test_before_the_first_sample_values_are_not_numbers() -> None:

@@ -124,16 +124,6 @@ def test_a_code_about_to_fail_has_its_counter() -> None:
     assert [(d.id, d.fault_counter) for d in found.dtcs] == [(SLOW, 64)]
 
 
-def test_identifiers_hold_the_parameters_of_j1979() -> None:
-    vehicle = Vehicle(1500.0)
-    listed = bytes.fromhex((ask("22 F4 00", vehicle) or "").replace(" ", ""))[3:]
-    supported = int.from_bytes(listed, "big")
-    for pid in (0x01, 0x05, 0x0C, 0x1C):  # own parameters, and those of the signals
-        assert supported >> (32 - pid) & 1
-        assert (ask(f"22 F4 {pid:02X}", vehicle) or "").startswith(f"62 f4 {pid:02x}")
-    assert not supported >> (32 - 0x0D) & 1  # no speed among the signals
-
-
 def test_each_parameter_is_answered_if_it_is_listed_and_only_then() -> None:
     # GIVEN a vehicle with engine speed, lambda and coolant temperature
     vehicle = Vehicle(1500.0)

@@ -82,10 +82,6 @@ def crc(frame: Frame) -> int:
     return crc8(bytes([frame.can_id & 0xFF]) + frame.data[:7])
 
 
-def test_the_crc_of_this_test_has_the_check_value_of_the_standard() -> None:
-    assert crc8(b"123456789") == 0x4B
-
-
 @pytest.mark.parametrize(
     ("code", "number"),
     [
@@ -101,15 +97,6 @@ def test_the_crc_of_this_test_has_the_check_value_of_the_standard() -> None:
 )
 def test_a_trouble_code_is_its_two_bytes(code: str, number: int) -> None:
     assert dtc_number(code) == number
-
-
-@given(st.sampled_from("PCBU"), st.integers(0, 3), st.integers(0, 0xFFF))
-def test_every_trouble_code_can_be_read_back(letter: str, digit: int, rest: int) -> None:
-    number = dtc_number(f"{letter}{digit}{rest:03X}")
-    assert 0 <= number <= 0xFFFF
-    assert f"{'PCBU'[number >> 14]}{number >> 12 & 3}{number & 0xFFF:03X}" == (
-        f"{letter}{digit}{rest:03X}"
-    )
 
 
 def test_without_a_fault_the_status_says_so() -> None:
@@ -154,14 +141,6 @@ def test_a_fault_sets_the_flag_and_is_told_with_its_status(fault: str) -> None:
     said = decoded(only(stand.transmitter(), tick(0)))
     assert said["WarningLamp"] == 1
     assert Status(said["DtcStatus"]) & Status.CONFIRMED
-
-
-def test_of_several_codes_the_first_to_fail_is_told() -> None:
-    stand = Stand()
-    stand.store.fail("slow_symmetric", 50)
-    stand.store.fail("signal_missing", 20)
-    said = decoded(only(stand.transmitter(), tick(0)))
-    assert (said["Dtc"], said["DtcCount"]) == (0xC100, 2)
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ STATUS = {200, 400, 403, 404, 405, 421, 431, 503}
 
 @pytest.fixture(scope="module")
 def late_sensor() -> list[Frame]:
-    return frames_of("delay_rich_to_lean", 150)
+    return frames_of("delay_rich_to_lean", 80)
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def test_a_drive_is_told_in_four_messages_a_second_with_all_it_needs(
     assert sink.is_closed
     assert [c["name"] for c in first["conditions"]] == list(CONDITIONS)
     assert first["channel"] == "vcan0"
-    assert 150 * 4 * 0.9 < len(sink.lines) < 150 * 4 * 1.1
+    assert 80 * 4 * 0.9 < len(sink.lines) < 80 * 4 * 1.1
     samples = [s for m in sink.messages for s in m["samples"]]
     assert abs(len(samples) - player.pipeline.monitor.samples) <= 1
     times = [t for t, *_ in samples]
@@ -94,7 +94,7 @@ def test_a_drive_is_told_in_four_messages_a_second_with_all_it_needs(
     assert times[1] - times[0] == pytest.approx(100.0)
     windows = [w for m in sink.messages for w in m["windows"]]
     assert [w["index"] for w in windows] == list(range(len(windows)))
-    assert len(windows) >= 5
+    assert len(windows) >= 4
     assert {"lag_rich_to_lean_s", "dead_time_rich_to_lean_s", "gain", "offset"} <= set(
         windows[-1]["statistics"]
     )
@@ -267,7 +267,7 @@ def test_a_server_that_was_killed_is_started_again_and_its_page_shows_the_drive(
         assert player.server.pid != killed
         assert until(lambda: httpx.get(player.url, timeout=30.0).status_code == 200)
         # and is told all that a page needs, and what is judged from now on
-        player.push(late_sensor[6000 * n : 6000 * n + 2000])
+        player.push(late_sensor[5000 * n : 5000 * n + 2000])
         player.feed.due_s = -math.inf
         state: dict[str, Any] = {}
         end_s = time.monotonic() + 30.0
@@ -372,10 +372,10 @@ def test_odd_requests_bring_neither_errors_nor_growth(
     player.push(late_sensor[:2000])
     assert until(lambda: httpx.get(player.url).status_code == 200)
     port, seen = player.server.address.port, set()
-    for _ in range(300):  # what is loaded and cached once
+    for _ in range(200):  # what is loaded and cached once
         ask(port, request(rng))
     before_kb = rss_kb(player.server.pid)
-    for _ in range(1200):
+    for _ in range(600):
         seen.update(ask(port, request(rng)))
     assert seen >= {200, 400, 404, 405, 421}
     assert seen <= STATUS

@@ -226,8 +226,10 @@ def test_values_move_with_the_drive_and_hold_still_on_request(
         assert page.locator("#spans [aria-pressed=true]").inner_text() == "10 min"
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", [LAPTOP, PHONE, (320, 640), (820, 1180)])
+@pytest.mark.parametrize(
+    ("size", "scheme"),
+    [(LAPTOP, "light"), (PHONE, "dark"), ((320, 640), "light"), ((820, 1180), "dark")],
+)
 def test_the_page_fits_every_screen_and_scheme(
     browser: Browser, drive: Player, size: tuple[int, int], scheme: str
 ) -> None:

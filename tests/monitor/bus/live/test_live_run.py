@@ -105,13 +105,6 @@ def test_a_page_that_others_can_reach_is_warned_of(
     assert lines[1] == "warning: everyone who reaches 0.0.0.0 can read the live page"
 
 
-def test_an_address_that_is_none_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["run", "-i", "virtual", "-c", CHANNEL, "--live", "here:there"])
-    assert ended.value.code == 2
-    assert "here:there: HOST:PORT is wanted" in capsys.readouterr().err
-
-
 def test_a_bus_that_cannot_be_opened_leaves_no_server_behind(port: int) -> None:
     run = ["run", "-i", "socketcan", "-c", "no_such_bus", "--live", str(port)]
     assert cli.main(run) == 2

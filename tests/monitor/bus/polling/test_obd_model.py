@@ -19,7 +19,7 @@ from training.dyno.simulation import Experiment, simulate
 
 PAIR = (dbc.path("obd2.dbc"), dbc.path("obd2.toml"))
 BUS = ["--dbc", str(PAIR[0]), "--map", str(PAIR[1])]
-DURATION_S = 450.0
+DURATION_S = 400.0
 
 
 def polled(setup: replay.Setup, seed: int, log: Path) -> dict[str, object]:

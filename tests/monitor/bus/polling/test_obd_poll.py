@@ -1,7 +1,6 @@
 """Polling by OBD-II, against an ECU on can-isotp."""
 
 import argparse
-import doctest
 import itertools
 
 import numpy as np
@@ -13,7 +12,6 @@ import dbc
 from monitor.base.command_line import signature
 from monitor.base.errors import SignalMapError, UsageError
 from monitor.base.types import Frame
-from monitor.bus.polling import answer
 from monitor.bus.polling.answer import EcuAddress, Reassembly, values_of
 from monitor.bus.polling.pids import BITMAPS, wanted
 from monitor.bus.polling.poller import ObdPoller
@@ -262,12 +260,6 @@ def test_after_silence_the_bitmaps_are_read_again() -> None:
     assert talk.polled == {0x0C, 0x0D}
 
 
-def test_bitmaps_beyond_what_is_mapped_are_not_read() -> None:
-    talk = Conversation(steady_ecu(supported=(*SUPPORTED, 0x7F, 0xA6))).run(3.0)
-    assert talk.asked[:3] == [(0x00,), (0x20,), (0x40,)]
-    assert all(pid % 0x20 for request in talk.asked[3:] for pid in request)
-
-
 def test_of_two_parameters_for_one_signal_only_the_first_is_asked_for() -> None:
     talk = Conversation(steady_ecu(supported=(*SUPPORTED, 0x24))).run(3.0)
     assert talk.polled & {0x24, 0x34} == {0x24}
@@ -304,14 +296,6 @@ def test_what_a_longer_answer_says_comes_at_the_time_of_its_last_frame() -> None
     assert all(f.can_id == 0x7E8 and f.data[1] == 0x41 for f in made)
 
 
-def test_no_value_counts_twice() -> None:
-    # GIVEN three PIDs of a byte each, whose answer fits one frame that shows the first by itself
-    talk = Conversation(steady_ecu(supported=(0x05, 0x0B, 0x0D))).run(5.0)
-    n = len(talk.asked) - 1
-    for name in ("coolant_temperature_degc", "manifold_pressure_kpa", "vehicle_speed_km_h"):
-        assert len(talk.values[name]) in (n, n - 1), name
-
-
 def test_a_map_without_obd_signals_is_refused() -> None:
     ecu = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
     with pytest.raises(SignalMapError, match=r"o2_ecu\.toml: nothing to ask for by OBD-II"):
@@ -322,17 +306,6 @@ def test_a_map_without_obd_signals_is_refused() -> None:
 def test_an_identifier_that_is_no_request_is_refused(request_id: int) -> None:
     with pytest.raises(UsageError, match="no identifier of an OBD-II request"):
         EcuAddress.of(request_id)
-
-
-def test_its_examples_run() -> None:
-    ran = doctest.testmod(answer)
-    assert ran.attempted > 1
-    assert not ran.failed
-
-
-def test_the_gear_box_can_be_asked_too() -> None:
-    assert EcuAddress.of(0x7E1) == EcuAddress(0x7E1, 0x7E1, 0x7E9)
-    assert EcuAddress.of(0x18DA18F1) == EcuAddress(0x18DA18F1, 0x18DA18F1, 0x18DAF118, True)
 
 
 @inputs(300)
