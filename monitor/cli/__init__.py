@@ -11,6 +11,7 @@ COMMANDS: Final = {
     "replay": "judge recorded drives",
     "run": "judge a live bus",
     "check": "say which signals are there",
+    "doctor": "say what is wrong with a bus, and what to do",
     "inject": "put faults into an engine's frames, or into a log",
     "dtc": "read and clear trouble codes",
     "map": "propose a signal map for a CAN database",

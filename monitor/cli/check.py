@@ -3,14 +3,12 @@
 import argparse
 import time
 import tomllib
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames
-from monitor.base.command_line.signature import add_command
 from monitor.base.errors import UsageError
 from monitor.base.signals import OUTPUT
 from monitor.cli.options import (
@@ -20,7 +18,7 @@ from monitor.cli.options import (
     ObdOptions,
     Seconds,
     SetupOptions,
-    bus_name,
+    bus_address,
     obd_poller,
     open_bus,
     say,
@@ -29,7 +27,7 @@ from monitor.cli.options import (
 
 if TYPE_CHECKING:
     from monitor.base.types import FrameBlock
-    from monitor.bus.link.port import BusHealth, Port
+    from monitor.bus.link.port import BusHealth
     from monitor.bus.polling.poller import ObdPoller
     from monitor.pipeline.replay import Setup
 
@@ -59,17 +57,8 @@ class CheckOptions(SetupOptions, ColumnNames, ObdOptions):
     seconds: Seconds = 5.0
 
 
-def add(parser: argparse.ArgumentParser) -> None:
-    """Make the parser that of ``o2mon check``."""
-    from monitor.frames.text.python_can import import_without_mdf
-
-    import_without_mdf()
-    add_command(parser, run, EXAMPLES)
-
-
 def run(args: CheckOptions) -> int:
     """Say which signals are there."""
-    from monitor.bus.link.port import BusHealth, Port
     from monitor.decode.log_blocks import log_blocks
     from monitor.frames.blocks import LogCounters
     from monitor.grid.tables import is_table
@@ -81,7 +70,7 @@ def run(args: CheckOptions) -> int:
         return _write_profile(args.log, args.write_profile)
     if args.log and is_table(args.log):
         return _check_table(args, args.log)
-    if not (args.log or bus_name(args.bus) or _configured()):
+    if not (args.log or any(bus_address(args.bus))):
         raise UsageError(
             "nothing to check: give a LOG (CAN log, table or a logger's file such as .msl, .mlg, "
             ".csv) or a bus (-i INTERFACE -c CHANNEL, for example -i socketcan -c can0)"
@@ -92,12 +81,11 @@ def run(args: CheckOptions) -> int:
     if args.log:
         result = check(log_blocks(args.log, setup.bus_map, log), setup.bus_map)
     else:
-        with open_bus(args.bus) as bus:
-            poller = obd_poller(args, setup.bus_map) if args.obd else None
-            health = BusHealth()
-            result = check(_listen(Port(bus, health), args.seconds, poller), setup.bus_map)
-            if poller:
-                _say_polled(poller, health)
+        poller = obd_poller(args, setup.bus_map) if args.obd else None
+        block, health = heard(args.bus, args.seconds, poller)
+        result = check([block], setup.bus_map)
+        if poller:
+            _say_polled(poller, health)
     for line in result.lines():
         say(line)
     for note in log.notes:
@@ -131,16 +119,6 @@ def _say_causes(log: Path, setup: "Setup") -> None:
     reader = RecordingReader(setup.bus_map, card, setup.columns)
     for cause in held_up(reader.open(log), card, setup.config):
         say(f"would hold up a verdict: {cause.in_words}")
-
-
-def _configured() -> bool:
-    """Return whether the environment or can.conf names a bus."""
-    from can.util import load_config
-
-    try:
-        return bool(load_config().get("interface"))
-    except Exception:  # python-can raises errors of several kinds where nothing is configured
-        return False
 
 
 def _check_table(args: CheckOptions, log: Path) -> int:
@@ -180,25 +158,30 @@ def _write_profile(log: Path | None, out: Path) -> int:
     return 0
 
 
-def _listen(port: "Port", seconds: float, poller: "ObdPoller | None") -> "Iterator[FrameBlock]":
-    """Yield the received frames and the frames that the poller makes from answers.
+def heard(
+    bus: argparse.Namespace, seconds: float, poller: "ObdPoller | None" = None
+) -> "tuple[FrameBlock, BusHealth]":
+    """Return what a bus brings: the frames with those that the poller makes, and its health.
 
     seconds : time to listen
     """
-    from monitor.frames.blocks import block_of, frames_of
+    from monitor.bus.link.port import BusHealth, Port
+    from monitor.frames.blocks import block_of, frames_of, joined
 
-    until_s = time.monotonic() + seconds
-    while (now_s := time.monotonic()) < until_s:
-        due_s = until_s
-        if poller:
-            for request in poller.work(now_s):
+    health, blocks = BusHealth(), [block_of([])]
+    with open_bus(bus) as opened:
+        port = Port(opened, health)
+        until_s = time.monotonic() + seconds
+        while (now_s := time.monotonic()) < until_s:
+            for request in poller.work(now_s) if poller else ():
                 port.send(request)
-            due_s = min(poller.due_s, until_s)
-        block = port.receive(max(due_s - now_s, 0.0))
-        if poller:
-            frames = ((frame, *poller.receive(frame)) for frame in frames_of(block))
-            block = block_of([each for group in frames for each in group])
-        yield block
+            due_s = min(poller.due_s, until_s) if poller else until_s
+            block = port.receive(max(due_s - now_s, 0.0))
+            if poller:
+                frames = ((frame, *poller.receive(frame)) for frame in frames_of(block))
+                block = block_of([each for group in frames for each in group])
+            blocks.append(block)
+    return joined(blocks), health
 
 
 def _say_polled(poller: "ObdPoller", health: "BusHealth") -> None:

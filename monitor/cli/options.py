@@ -45,6 +45,9 @@ def hexadecimal(text: str) -> int:
 
 def add_bus(parser: argparse.ArgumentParser) -> None:
     """Add python-can's bus options."""
+    from monitor.frames.text.python_can import import_without_mdf
+
+    import_without_mdf()
     from can.cli import add_bus_arguments
 
     add_bus_arguments(parser)
@@ -209,6 +212,18 @@ def bus_name(args: argparse.Namespace) -> str:
     """Return interface and channel of the options, without those that are left out."""
     parts = (getattr(args, name, None) for name in ("interface", "channel"))
     return " ".join(str(part) for part in parts if part)
+
+
+def bus_address(args: argparse.Namespace) -> tuple[str, str]:
+    """Return interface and channel of the options, else of the environment or can.conf, else ""."""
+    from can.util import load_config
+
+    try:
+        config = dict(load_config())
+    except Exception:  # python-can raises errors of several kinds where nothing is configured
+        config = {}
+    interface, channel = (getattr(args, n, None) or config.get(n) for n in ("interface", "channel"))
+    return str(interface or ""), str(channel or "")
 
 
 def open_bus(args: argparse.Namespace) -> "can.BusABC":

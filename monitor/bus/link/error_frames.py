@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import Literal
+from typing import Final, Literal
 
 State = Literal["active", "warning", "passive", "bus off"]
+_ACKNOWLEDGE: Final = (0x19, 0x1B)  # byte 3 of a protocol error: the slot, its delimiter
 
 
 class ErrorClass(IntFlag):
@@ -49,10 +50,11 @@ def error_frame(can_id: int, data: bytes) -> ErrorFrame:
     data : bytes of the frame; missing bytes count as 0
     """
     about = CanController(data[1]) if len(data) > 1 and can_id & ErrorClass.CONTROLLER else None
+    is_protocol = bool(can_id & ErrorClass.PROTOCOL) and len(data) > 3
     return ErrorFrame(
         _state(ErrorClass(can_id & 0x1FF), about),
         about is not None and bool(about & CanController.RX_OVERFLOW),
-        bool(can_id & ErrorClass.NO_ACKNOWLEDGE),
+        bool(can_id & ErrorClass.NO_ACKNOWLEDGE) or (is_protocol and data[3] in _ACKNOWLEDGE),
     )
 
 

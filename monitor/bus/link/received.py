@@ -59,7 +59,7 @@ class MessageReader:
         remote, before = 0, self._datagrams.malformed
         until_s = self._now_s() + wait_s
         is_first = True
-        while len(frames) < MESSAGES:
+        while len(frames) + len(errors) + remote < MESSAGES:
             try:
                 message = self._bus.recv(max(until_s - self._now_s(), 0.0))
                 frame = None if message is None else frame_of(message)

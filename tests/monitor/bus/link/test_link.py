@@ -18,6 +18,7 @@ from monitor.bus.link.connection import FIRST_TRY_S, LAST_TRY_S
 from monitor.bus.link.datagrams import MOST
 from monitor.bus.link.error_frames import error_frame
 from monitor.bus.link.port import BusHealth, Port
+from monitor.bus.link.received import MESSAGES
 from monitor.bus.link.recorder import message_of
 from monitor.bus.link.socketcan import (
     BEHIND_S,
@@ -478,3 +479,12 @@ def test_an_interface_that_reads_nothing_but_errors_is_lost() -> None:
     for _ in range(MOST + 1):
         bench.port.receive(0.1)
     assert (bench.health.malformed, bench.health.losses) == (MOST, 1)
+
+
+def test_a_storm_of_error_frames_gives_the_loop_back() -> None:
+    # GIVEN a bus at a wrong bit rate, on which error frames come without end
+    errors = [can.Message(is_error_frame=True) for _ in range(3 * MESSAGES)]
+    bench = Bench(FailingBus(errors))
+    # WHEN the port looks once THEN it comes back with a part of them
+    bench.port.receive(0.1)
+    assert bench.health.error_frames == MESSAGES
