@@ -73,7 +73,7 @@ def of_vehicle(vehicle: int, layout: EngineLayout, seconds: float) -> list[dict[
     made = tables.tables(fit.fit(subject), axes, config.defaults())
     degc = [float(np.nanmean(r.column("manifold_temperature_degc"))) for r in recordings]
     true = {t.key: t for t in truth.tables(own, axes, float(np.mean(degc)))}
-    return [c for t in made for c in _cells(t, true[t.key], vehicle, layout)]
+    return [c for t in made if t.key in true for c in _cells(t, true[t.key], vehicle, layout)]
 
 
 def _cells(

@@ -11,6 +11,8 @@ from monitor.base.errors import UsageError
 from training.api.parameters import TableParameters
 from training.cli.options import Folder, GridOptions, load_all
 
+WIDENED = 1.05  # of which a line is worth telling
+
 if TYPE_CHECKING:
     from training.recordings.ecu_table import EcuTable, TableAxes
     from training.recordings.recording import Recording
@@ -47,7 +49,7 @@ def run(args: TablesCommand) -> int:
     Raises RecordingError or UsageError (exit code 2).
     """
     from training.cli.console.share_bar import Share
-    from training.ecu_tables import config, files, fit, page, signals, tables
+    from training.ecu_tables import balance, config, files, fit, msq, page, signals, tables
     from training.recordings.recording import check_each_once
     from training.recordings.start import start_text
 
@@ -71,9 +73,20 @@ def run(args: TablesCommand) -> int:
         {"path": str(r.path), "sha256": r.sha256, "start": start_text(r.begin_ns)}
         for r in recordings
     ]
-    files.write_files(args.out, made, recordings=sources)
-    page.write_report(args.out / "report.html", fitted, made, names)
-    for line in summary(made, beside):
+    steady = fitted.parameters.fuel
+    notes = {
+        "the logs' steady balance": balance.balance_text(steady, absolute=subject.absolute_air)
+        if steady is not None and subject.has_pulse
+        else "",
+        "the tune's injectors": msq.injectors_text(args.axes, args.displacement_l, args.cylinders)
+        if args.axes is not None
+        else "",
+        "samples left out": signals.rejected_text(subject.drives),
+    }
+    notes = {what: text for what, text in notes.items() if text}
+    files.write_files(args.out, made, recordings=sources, notes=notes)
+    page.write_report(args.out / "report.html", fitted, made, names, notes)
+    for line in [*summary(made, beside), *(f"{what}: {text}" for what, text in notes.items())]:
         print(line)
     print(f"{args.out / 'report.html'}: {subject.samples} usable samples, {subject.air.value}")
     return 0
@@ -123,5 +136,8 @@ def summary(made: "list[EcuTable]", rough: "list[EcuTable]") -> list[str]:
             told += f", {good.min():.3g} to {good.max():.3g} {table.unit}".rstrip(" -")
         left = more.get(table.key, 0) - len(good)
         told += f"; {left} more with wide intervals: --rough" if left > 0 else ""
+        if table.widened > WIDENED:
+            told += f"; the logs disagree: intervals {table.widened:.2g} times as wide"
+        told += "" if len(good) else f"; {table.reasons()}"
         lines.append(f"{table.key}: {told}")
     return lines

@@ -13,11 +13,10 @@ class TablesConfig:
     """Numbers that decide the content of a cell."""
 
     z90: float  # half width of a 90 % interval in standard deviations
+    air_scale: float  # standard deviation of the logarithm of the air estimate's scale
     least_s: float  # usable samples nearest to a cell, below which it is blank
     widest: Mapping[str, float]  # table → relative half width from which a cell is blank
     bluntest: Mapping[str, float]  # table → half width in its unit from which a cell is blank
-    small: Mapping[str, float]  # table → upper bound below which a cell is told all the same
-    small_widest: float  # relative half width from which a small cell is blank, too
     widening: Mapping[str, Mapping[str, float]]  # kind of air, table → factor on the deviation
 
     def factor(self, table: str, air: Air) -> float:
@@ -32,11 +31,10 @@ def defaults() -> TablesConfig:
     read = ShippedSettings("training.ecu_tables").values()
     return TablesConfig(
         z90=read["interval"]["z90"],
+        air_scale=read["interval"]["air_scale"],
         least_s=read["cell"]["least_s"],
         widest=read["widest"],
         bluntest=read["bluntest"],
-        small=read["small"],
-        small_widest=read["cell"]["small_widest"],
         widening=read["widening"],
     )
 

@@ -1,7 +1,7 @@
 """The drive that would fill blank cells: which speeds, loads, temperatures and voltages, how long.
 
-Only cells next to visited ones are asked for: a car that never came near 6,000 rpm at 20 kPa may
-not be able to.
+Only loads between visited ones of the same speed are asked for: a car that never came to 20 kPa at
+7,000 rpm may not be able to.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,9 @@ def _operating_points(table: EcuTable, period_s: float) -> list[Leg]:
     """Return one leg per speed with the loads that lack samples."""
     speed, load = table.axes
     seconds = table.samples * period_s
-    lacking = _reachable(table.samples > 0) & np.isnan(table.estimate)
+    visited = table.samples > 0
+    below, above = (np.maximum.accumulate(v, axis=1) for v in (visited, visited[:, ::-1]))
+    lacking = below & above[:, ::-1] & np.isnan(table.estimate)
     legs = []
     for i, rpm in enumerate(speed.values):
         at = np.flatnonzero(lacking[i])
@@ -50,10 +52,6 @@ def _operating_points(table: EcuTable, period_s: float) -> list[Leg]:
         missing = float(np.maximum(WANTED_S - seconds[i, at], 5.0).sum())
         legs.append(Leg(f"{rpm:g} rpm at {loads} {load.unit}", missing, f"{len(at)} cells"))
     return legs
-
-
-def _reachable(visited: BoolArray) -> BoolArray:
-    return np.asarray(binary_dilation(visited, np.ones((3, 3), dtype=bool)))
 
 
 def _elsewhere(tables: Sequence[EcuTable], period_s: float) -> list[Leg]:

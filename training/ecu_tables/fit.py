@@ -8,13 +8,14 @@ holds when the residual is not quite white.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from scipy.signal import lfilter
 
 from monitor.base.types import BoolArray, FloatArray
+from training.ecu_tables.balance import balance
 from training.ecu_tables.fields import KNOTS, grid_over
 from training.ecu_tables.parameters import SCALARS, Parameters
 from training.ecu_tables.prediction import PredictionCase, reading, sensitivities
@@ -26,16 +27,14 @@ MOVE_SCALE: Final = 0.15  # phi: a move at which a sample's weight is halved
 AIR_MOVE_SCALE: Final = 0.3  # logarithm of the air, the same
 OUTLIER: Final = 3.0  # sigma
 STEPS: Final = 15
-DELAYS_S: Final = (0.08, 0.15, 0.25, 0.4, 0.6, 0.9)  # starts, at the median flow
+PIPES_S: Final = (0.02, 0.1, 0.4)  # starts: time in the pipe at the median flow
 PARTS: Final = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step that are tried
 BLOCK_S: Final = 15.0
 GAIN_LEAST: Final = 0.05  # of the logarithm of the likelihood that a further step should gain
-RATIO_LEAST: Final = 1e-3
 ROUGH_KNOTS: Final = 2
-ROUGH_STEPS: Final = 4
+ROUGH_STEPS: Final = 6
 ROUGH_SHARE: Final = 0.4  # of the time
 FILM_LOG_ODDS: Final = (-1.5, -4.0)  # starts: a wet wall and a dry one
-DEAD_LOG_MS: Final = (-0.1, -1.1)  # starts: 0.9 and 0.33 ms
 
 Report = Callable[[float, float], None]  # share done, scale of the residual in phi
 
@@ -53,6 +52,7 @@ class FittedTables:
     covariance: FloatArray  # (size, size)
     sigma: float  # of the whitened residual in phi
     cases: tuple[PredictionCase, ...]
+    alone: tuple["FittedTables", ...] = ()  # the same of each log, or of the halves of a single one
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,16 +70,24 @@ class _Noise:
 
 
 def fit(subject: TableSubject, report: Report = _nobody) -> FittedTables:
-    """Return the fit of all tables of one vehicle.
+    """Return the fit of all tables of one vehicle, and the same fit of each log alone.
 
     report : is told the share done, 0 to 1, and the scale of the whitened residual in phi
     """
+    logs = subject.logs()
+    share = 1.0 / (1 + len(logs))
+    parts = [_part(report, k * share, (k + 1) * share) for k in range(1 + len(logs))]
+    alone = tuple(_fit(log, part) for log, part in zip(logs, parts[1:], strict=True))
+    return replace(_fit(subject, parts[0]), alone=alone)
+
+
+def _fit(subject: TableSubject, report: Report) -> FittedTables:
     first = _rough(subject, report)
     p = _parameters(subject, KNOTS)
     cases = tuple(PredictionCase.of(d, p) for d in subject.drives)
     x = p.mean()
-    x[: len(SCALARS)] = first.x[: len(SCALARS)]
-    x, noise = _descent(p, x, cases, STEPS, _Progress(report, ROUGH_SHARE, 1.0))
+    x[: len(SCALARS)] = first[: len(SCALARS)]
+    x, noise = _descent(p, x, cases, STEPS, _part(report, ROUGH_SHARE, 1.0))
     prior = p.precision()
     normal, _, blocks = _equations(p, x, cases, noise)
     inverse = np.linalg.inv(normal + prior)
@@ -87,57 +95,42 @@ def fit(subject: TableSubject, report: Report = _nobody) -> FittedTables:
     return FittedTables(p, x, inverse @ (blocks + prior) @ inverse, noise.sigma, cases)
 
 
-class _Progress(NamedTuple):
-    """Tells how much of a part of the work is done, as a share of the whole."""
-
-    report: Report
-    begin: float
-    end: float
-
-    def part(self, done: float, sigma: float) -> None:
-        """Tell that a share ``done`` of this part is done."""
-        self.report(self.begin + (self.end - self.begin) * done, sigma)
+def _part(report: Report, begin: float, end: float) -> Report:
+    """Return the report of a part of the work, whose share runs from ``begin`` to ``end``."""
+    return lambda done, sigma: report(begin + (end - begin) * done, sigma)
 
 
-class _Rough(NamedTuple):
-    """A start after a few steps: its parameters, and minus the logarithm of its likelihood."""
-
-    x: FloatArray
-    cost: float
-
-
-def _rough(subject: TableSubject, report: Report) -> _Rough:
+def _rough(subject: TableSubject, report: Report) -> FloatArray:
     """Return the likeliest start after a few steps on a coarse grid and the longest drive.
 
-    A wet and a dry wall and short and long dead times explain a drive nearly alike from afar,
-    and the descent does not cross from one to the other.
+    A wet and a dry wall and short and long pipes explain a drive nearly alike from afar, and the
+    descent does not cross from one to the other.
     """
     p = _parameters(subject, ROUGH_KNOTS)
     longest = max(subject.drives, key=lambda d: int(d.usable.sum()))
     cases = (PredictionCase.of(longest, p),)
-    dead = DEAD_LOG_MS if subject.has_pulse else DEAD_LOG_MS[:1]
-    starts = [(film, log_ms) for film in FILM_LOG_ODDS for log_ms in dead]
+    flow = float(np.median(cases[0].point.flow_kg_h[longest.usable]))
+    starts = [(film, pipe_s) for film in FILM_LOG_ODDS for pipe_s in PIPES_S]
     share = ROUGH_SHARE / len(starts)
     found = []
-    for k, (film, log_ms) in enumerate(starts):
+    for k, (film, pipe_s) in enumerate(starts):
         x = p.mean()
-        x[p.at["film"]], x[p.at["dead_ms"]] = film, log_ms
-        x = _with_delay(p, x, cases)
-        progress = _Progress(report, k * share, (k + 1) * share)
-        x, noise = _descent(p, x, cases, ROUGH_STEPS, progress)
+        x[p.at["film"]], x[p.at["delay_flow"]] = film, np.log(pipe_s * flow)
+        x, noise = _descent(p, x, cases, ROUGH_STEPS, _part(report, k * share, (k + 1) * share))
         off = x - p.mean()
         cost = _deviance(p, x, cases, noise) + 0.5 * float(off @ p.precision() @ off)
-        found.append(_Rough(x, cost))
-    return min(found, key=lambda rough: rough.cost)
+        found.append((cost, x))
+    return min(found, key=lambda costed: costed[0])[1]
 
 
 def _parameters(subject: TableSubject, knots: int) -> Parameters:
     rpm = [d.rpm[d.usable] for d in subject.drives]
-    return Parameters(subject, grid_over(rpm, [d.load[d.usable] for d in subject.drives], knots))
+    p = Parameters(subject, grid_over(rpm, [d.load[d.usable] for d in subject.drives], knots))
+    return replace(p, fuel=balance(p))
 
 
 def _descent(
-    p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...], steps: int, progress: _Progress
+    p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...], steps: int, report: Report
 ) -> tuple[FloatArray, _Noise]:
     """Return the parameters after at most so many Gauss-Newton steps, and the noise at them."""
     prior = p.precision()
@@ -150,24 +143,8 @@ def _descent(
             break
         x = _descend(p, x, step=step, cases=cases, noise=noise, prior=prior)
         noise = _noise(p, x, cases)
-        progress.part((k + 1) / steps, noise.sigma)
+        report((k + 1) / steps, noise.sigma)
     return x, noise
-
-
-def _with_delay(p: Parameters, start: FloatArray, cases: tuple[PredictionCase, ...]) -> FloatArray:
-    """Return the start with the gain by the median and the best of a few delays."""
-    best, least = start, np.inf
-    flow = np.median(np.concatenate([c.point.flow_kg_h[c.drive.usable] for c in cases]))
-    for seconds in DELAYS_S:
-        x = start.copy()
-        x[p.at["delay_flow"]] = np.log(seconds * flow)
-        for _ in range(2):
-            ratio = [np.median(reading(p, x, c) / np.maximum(c.drive.phi, 0.1)) for c in cases]
-            x[p.at["flow"]] -= np.log(max(float(np.median(ratio)), RATIO_LEAST))
-        cost = _deviance(p, x, cases, _noise(p, x, cases))
-        if cost < least:
-            best, least = x, cost
-    return best
 
 
 def _deviance(

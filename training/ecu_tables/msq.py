@@ -1,4 +1,4 @@
-"""Axes of an ECU's own tables from a TunerStudio tune (.msq, XML).
+"""Axes of an ECU's own tables, and its injectors, from a TunerStudio tune (.msq, XML).
 
 TunerStudio writes every table axis as a ``constant`` with a name of the firmware. The first pair
 of the list that the tune holds is taken: a lambda delay table's own axes, else those of the fuel
@@ -12,6 +12,7 @@ from typing import Final
 from xml.parsers import expat
 
 from monitor.base.errors import UsageError
+from training.greybox.chain import STOICHIOMETRIC
 
 PAIRS: Final = (
     ("lambdaDelayRpmBins", "lambdaDelayLoadBins"),
@@ -23,6 +24,9 @@ PAIRS: Final = (
     ("rpm_table1", "map_table1"),
     ("rpmBins8", "mapBins8"),
 )
+AIR_MG_PER_L: Final = 1184.0  # at 21 °C and 100 kPa, for which reqFuel holds
+PETROL_MG_PER_CM3: Final = 745.0
+BATTERY_V: Final = 13.2  # at which injOpen holds, where battFac is its slope
 LARGEST: Final = 64  # values of one axis
 MOST_BYTES: Final = 50_000_000
 
@@ -42,6 +46,33 @@ def read_axes(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
         f"{path}: no axes of speed and load; known are {known}; the tune has "
         f"{', '.join(bins[:8]) or 'no axes'}"
     )
+
+
+def injectors_text(path: Path, displacement_l: float | None, cylinders: int) -> str:
+    """Return flow and dead time at 14 V that the tune states, "" if it states neither.
+
+    Names of MegaSquirt and Speeduino (reqFuel, injOpen, battFac) and of rusEFI (injector_flow).
+    """
+    values = {name: _numbers(text) for name, text in _constants(path).items()}
+    stated = {name: v[0] for name, v in values.items() if len(v) == 1 and v[0] > 0.0}
+    told = []
+    if "reqFuel" in stated and displacement_l is not None:
+        charge_mg = displacement_l / cylinders * AIR_MG_PER_L
+        per_ms = charge_mg / stated.get("stoich", STOICHIOMETRIC) / stated["reqFuel"]
+        told.append(f"flow {per_ms:.3g} mg/ms (reqFuel {stated['reqFuel']:g} ms)")
+    if "injector_flow" in stated:
+        told.append(f"flow {stated['injector_flow'] * PETROL_MG_PER_CM3 / 6e4:.3g} mg/ms")
+    if "injOpen" in stated:
+        dead_ms = stated["injOpen"] + stated.get("battFac", 0.0) * (BATTERY_V - 14.0)
+        told.append(f"dead time {dead_ms:.3g} ms (injOpen {stated['injOpen']:g} ms)")
+    return ", ".join(told)
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.replace('"', " ").split()]
+    except ValueError:
+        return []
 
 
 def _constants(path: Path) -> dict[str, str]:
@@ -93,12 +124,9 @@ class _Reader:
 
 
 def _axis(path: Path, name: str, text: str) -> tuple[float, ...]:
-    try:
-        values = [float(word) for word in text.replace('"', " ").split()]
-    except ValueError:
-        raise UsageError(
-            f"{path}: {name} holds {text.strip()[:40]!r}, numbers are wanted"
-        ) from None
+    values = _numbers(text)
+    if not values:
+        raise UsageError(f"{path}: {name} holds {text.strip()[:40]!r}, numbers are wanted")
     rising = all(a < b for a, b in pairwise(values))
     if not 2 <= len(values) <= LARGEST or not rising or not values[-1] < float("inf"):
         raise UsageError(

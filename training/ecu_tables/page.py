@@ -1,6 +1,6 @@
 """The page of the tables: heat maps with bounds and blank cells, and the drive that fills them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +17,7 @@ from training.recordings.ecu_table import EcuTable
 
 TITLES: Final = {
     "lambda_delay": "Lambda delay: dead time from injection to sensor",
+    "lambda_delay_cycles": "Lambda delay in engine cycles",
     "lambda_lag": "Lambda lag: time constants of exhaust mixing and sensor together",
     "wall_film_fraction": "Wall film: fraction of the fuel that wets the wall",
     "wall_film_time": "Wall film: time constant of evaporation",
@@ -24,7 +25,12 @@ TITLES: Final = {
     "injector_flow_scale": "Injector flow",
     "sensor_lag": "The sensor's own lag over exhaust flow",
 }
-SHOWN: Final = {"s": (1000.0, "ms", 0), "-": (100.0, "%", 1), "ms": (1.0, "ms", 2)}
+SHOWN: Final = {
+    "s": (1000.0, "ms", 0),
+    "-": (100.0, "%", 1),
+    "ms": (1.0, "ms", 2),
+    "cycles": (1.0, "cycles", 2),
+}
 PLAIN: Final = (1.0, "mg/ms", 2)
 AXES: Final = {
     "battery_voltage_v": "battery voltage [V]",
@@ -33,9 +39,16 @@ AXES: Final = {
 
 
 def write_report(
-    path: Path, fitted: FittedTables, tables: Sequence[EcuTable], names: Sequence[str]
+    path: Path,
+    fitted: FittedTables,
+    tables: Sequence[EcuTable],
+    names: Sequence[str],
+    notes: Mapping[str, str],
 ) -> None:
-    """Write the page; figures are embedded, nothing is loaded from elsewhere."""
+    """Write the page; figures are embedded, nothing is loaded from elsewhere.
+
+    notes : what → text, to stand beside the tables
+    """
     subject = fitted.parameters.subject
     period_s = subject.drives[0].period_s
     filled = {t.key: int(np.isfinite(t.estimate).sum()) for t in tables}
@@ -53,6 +66,7 @@ def write_report(
         minutes=subject.samples * period_s / 60.0,
         sigma=fitted.sigma,
         recordings=names,
+        notes=notes,
         seconds=lambda t: float(t.samples.sum()) * period_s,
     )
     write_text(path, text)

@@ -55,7 +55,7 @@ SCALARS: Final = (
     Scalar("time_cold", 0.7, 0.4),
     Scalar("time_load", -0.2, 0.3),
     Scalar("time_speed", -0.2, 0.3),
-    Scalar("span", 1.0, 0.01),  # of the sensor about phi 1
+    Scalar("span", 1.0, 0.2),  # of the reading about phi 1: an air that errs in time weakens it
 )
 FUEL: Final = ("flow", "dead_ms", "dead_exponent")
 AIR: Final = ("filling", "meter", "charge_s")
@@ -68,8 +68,16 @@ FILM_TIME: Final = ("time", "time_cold", "time_load", "time_speed")
 SPAN: Final = ("span",)
 FIRST: Final = tuple(n[0] for n in (FUEL, AIR, FILM, FILM_TIME, DELAY, HEAT, MIXING, SENSOR, SPAN))
 FIELDS: Final = ("gain", "delay", "lag", "share", "tau")
-FIELD_SD: Final = {"gain": 0.02, "delay": 0.15, "lag": 0.12, "share": 0.15, "tau": 0.12}
+FIELD_SD: Final = {"gain": 0.05, "delay": 0.15, "lag": 0.12, "share": 0.15, "tau": 0.12}
 GAIN_SD_WITHOUT_VE: Final = 0.15
+
+
+class Balance(NamedTuple):
+    """Logarithms of flow and of dead time in ms, and the exponent of the dead time."""
+
+    mean: FloatArray  # (3,)
+    covariance: FloatArray  # (3, 3)
+    seconds: float  # of steady samples
 
 
 @dataclass(frozen=True)
@@ -78,6 +86,7 @@ class Parameters:
 
     subject: TableSubject
     grid: Grid
+    fuel: Balance | None = None  # of flow and dead time, which else have their priors
 
     @cached_property
     def at(self) -> dict[str, slice]:
@@ -97,6 +106,8 @@ class Parameters:
         """Return the prior's mean."""
         x = np.zeros(self.size)
         x[: len(SCALARS)] = [s.mean for s in SCALARS]
+        if self.fuel is not None:
+            x[: len(FUEL)] = self.fuel.mean
         return x
 
     def precision(self) -> FloatArray:
@@ -104,6 +115,8 @@ class Parameters:
         full = np.zeros((self.size, self.size))
         for k, s in enumerate(SCALARS):
             full[k, k] = s.sd**-2.0
+        if self.fuel is not None:
+            full[: len(FUEL), : len(FUEL)] = np.linalg.inv(self.fuel.covariance)
         for name in FIELDS:
             sd = FIELD_SD[name]
             if name == "gain" and self.subject.air is Air.SPEED_DENSITY:
@@ -164,9 +177,15 @@ def mixing_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> Floa
 
 def sensor_s(p: Parameters, x: FloatArray, flow_kg_h: FloatArray) -> FloatArray:
     """Return the lag of the sensor in s."""
-    share = p.value(x, "sensor_flow")
+    share = min(max(p.value(x, "sensor_flow"), 0.0), 1.0)
     falls = np.sqrt(FLOW_REFERENCE_KG_H / flow_kg_h)
     return np.asarray(np.exp(p.value(x, "sensor_s")) * (1.0 + share * (falls - 1.0)))
+
+
+def lag_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+    """Return the lags of mixing and sensor together in s."""
+    sensor = sensor_s(p, x, at.flow_kg_h) * np.exp(field)
+    return np.asarray(mixing_s(p, x, at, field) + sensor)
 
 
 def film_share(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:

@@ -160,11 +160,10 @@ def _pipe_s(flow: FloatArray, volume: FloatArray, period_s: float) -> FloatArray
 def injected_mg(p: Parameters, x: FloatArray, d: TableDrive) -> FloatArray:
     """Return the injected fuel per stroke (n,) in mg."""
     flow = np.exp(p.value(x, "flow"))
-    if d.pulse_ms is None:
-        assert d.fuel_mg is not None
-        return np.asarray(flow * d.command * d.fuel_mg)
-    opened = np.maximum(d.pulse_ms - laws.dead_ms(p, x, d.volts), 0.0)
-    return np.asarray(flow * d.command * d.pressure * np.where(d.pulse_ms > 0.0, opened, 0.0))
+    if not p.subject.has_pulse:
+        return np.asarray(flow * d.command * d.commanded)
+    opened = np.maximum(d.commanded - laws.dead_ms(p, x, d.volts), 0.0)
+    return np.asarray(flow * d.command * d.pressure * np.where(d.commanded > 0.0, opened, 0.0))
 
 
 def air_mg(p: Parameters, x: FloatArray, d: TableDrive) -> FloatArray:

@@ -5,8 +5,9 @@ stroke as broadcast, else speed density from the manifold pressure, else the air
 filling of the manifold.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Final, NamedTuple
 
@@ -25,6 +26,7 @@ KG_H_PER_MG_RPM: Final = 60.0e-6 / 2.0  # kg/h of one cylinder with 1 mg per str
 WARM_DEGC: Final = 88.0
 MANIFOLD_DEGC: Final = 35.0
 VOLTS: Final = 14.0
+RPM_LEAST: Final = 300.0
 PHI_LEAST: Final = 0.70  # below it the gas is that of fuel cut, or the sensor at its end
 PHI_MOST: Final = 1.45
 ACROSS_S: Final = 0.3  # half of the window over which the mixture's move is taken
@@ -53,8 +55,7 @@ class TableDrive:
     cylinders: int
     rpm: FloatArray
     load: FloatArray  # in the unit of the load axis
-    pulse_ms: FloatArray | None  # 0 in fuel cut
-    fuel_mg: FloatArray | None  # per stroke, where there is no pulse width
+    commanded: FloatArray  # pulse width in ms, else fuel in mg per stroke; 0 in fuel cut
     volts: FloatArray
     pressure: FloatArray  # square root of the fuel pressure over its reference
     air: FloatArray  # mg per stroke, smooth; the air meter's flow per speed before the manifold
@@ -62,11 +63,17 @@ class TableDrive:
     cold: FloatArray  # 0 warm, 1 at 28 °C
     phi: FloatArray  # measured, 1 / lambda
     usable: BoolArray
+    rejected: Mapping[str, int]  # why → samples
     move: FloatArray  # range of phi within 0.3 s, which bounds what can be predicted
     air_move: FloatArray  # range of the air's logarithm in the last second, for the same reason
 
     def __len__(self) -> int:
         return len(self.rpm)
+
+    def part(self, which: slice) -> "TableDrive":
+        """Return some of the samples."""
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
+        return replace(self, **{k: v[which] for k, v in arrays.items() if np.ndim(v)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +93,15 @@ class TableSubject:
     def samples(self) -> int:
         """Return the number of usable samples."""
         return int(sum(int(d.usable.sum()) for d in self.drives))
+
+    def logs(self) -> list["TableSubject"]:
+        """Return each drive alone, the two halves of a single one."""
+        drives = self.drives
+        if len(drives) == 1:
+            usable = np.cumsum(drives[0].usable)
+            middle = int(np.searchsorted(usable, usable[-1] / 2))
+            drives = (drives[0].part(slice(0, middle)), drives[0].part(slice(middle, None)))
+        return [replace(self, drives=(d,)) for d in drives if d.usable.any()]
 
 
 def load_of(recordings: Sequence[Recording]) -> str:
@@ -122,6 +138,8 @@ def subject_of(
         )
     size = _Size(displacement_l or LITRES, cylinders)
     drives = tuple(_drive(r, air, load, has_pulse, size) for r in recordings)
+    if not any(d.usable.any() for d in drives):
+        raise RecordingError(f"{recordings[0].path}: no usable sample: {rejected_text(drives)}")
     return TableSubject(
         drives=drives,
         air=air,
@@ -132,6 +150,14 @@ def subject_of(
         has_coolant=_in_all(recordings, "coolant_temperature_degc"),
         absolute_air=air in (Air.STROKE, Air.METER) or displacement_l is not None,
     )
+
+
+def rejected_text(drives: Sequence[TableDrive]) -> str:
+    """Return how many samples were left out, the commonest reason first."""
+    total: Counter[str] = Counter()
+    for drive in drives:
+        total.update(drive.rejected)
+    return ", ".join(f"{number} where {why}" for why, number in total.most_common() if number)
 
 
 def _in_all(recordings: Sequence[Recording], name: str) -> bool:
@@ -174,11 +200,17 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> T
     volts = held.get("battery_voltage_v", np.full(len(rpm), VOLTS))
     rail = held.get("rail_pressure_mpa")
     known = [rpm, charge, fuel, load_values, volts, coolant]
-    usable = np.isfinite(np.column_stack([*known, phi])).all(axis=1)
-    usable &= (phi > PHI_LEAST) & (phi < PHI_MOST) & (rpm > 300.0)
-    usable &= ~_stuck(phi, round(2.0 / period_s))
-    if "sensor_ready" in r.known:
-        usable &= held["sensor_ready"] > 0.5
+    rejected = {
+        "a signal has no value": ~np.isfinite(np.column_stack([*known, phi])).all(axis=1),
+        "the engine stands": ~(rpm > RPM_LEAST),
+        "the sensor is not ready": held.get("sensor_ready", np.ones(len(rpm))) <= 0.5,
+        "lambda stands still for 2 s": _stuck(phi, round(2.0 / period_s)),
+        "lambda is that of fuel cut or of the sensor's end": ~(
+            (phi > PHI_LEAST) & (phi < PHI_MOST)
+        ),
+    }
+    usable = ~np.any(list(rejected.values()), axis=0)
+    first = np.argmax([*rejected.values(), usable], axis=0)
     filled = [_filled(values) for values in known]
     half = round(AIR_ACROSS_S / 2.0 / period_s)
     raw = np.maximum(filled[1], 10.0)
@@ -187,10 +219,9 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> T
         name=r.path.name,
         period_s=period_s,
         cylinders=size.cylinders,
-        rpm=np.maximum(filled[0], 300.0),
+        rpm=np.maximum(filled[0], RPM_LEAST),
         load=filled[3],
-        pulse_ms=filled[2] if has_pulse else None,
-        fuel_mg=None if has_pulse else filled[2],
+        commanded=filled[2],
         volts=np.clip(_smooth(filled[4], _odd(VOLTS_S / period_s)), 6.0, 18.0),
         pressure=np.ones(len(rpm))
         if rail is None
@@ -200,6 +231,7 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> T
         cold=np.maximum(WARM_DEGC - filled[5], 0.0) / 60.0,
         phi=_filled(phi),
         usable=usable,
+        rejected={why: int((first == k).sum()) for k, why in enumerate(rejected)},
         move=_range(_filled(phi), round(ACROSS_S / period_s)),
         air_move=_before(_range(np.log(np.maximum(filled[1], 10.0)), half), half),
     )

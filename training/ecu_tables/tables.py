@@ -7,14 +7,13 @@ table that stands in the settings: it was set on simulated vehicles of its own.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.ecu_tables import parameters as laws
 from training.ecu_tables.config import TablesConfig
-from training.ecu_tables.fields import Weights
 from training.ecu_tables.fit import FittedTables
 from training.ecu_tables.parameters import Parameters, Point
 from training.ecu_tables.signals import WARM_DEGC
@@ -29,6 +28,12 @@ from training.recordings.ecu_table import (
 
 Quantity = Callable[[FloatArray], FloatArray]  # parameters → value of each cell, above 0
 STEP: Final = 1e-4
+LAWS: Final = {  # table → field, law
+    "lambda_delay": ("delay", laws.delay_s),
+    "lambda_lag": ("lag", laws.lag_s),
+    "wall_film_fraction": ("share", laws.film_share),
+    "wall_film_time": ("tau", laws.film_time_s),
+}
 FILM_LEAST: Final = 0.04  # fraction below which no time constant can be told
 
 
@@ -49,125 +54,77 @@ def _joined(fitted: FittedTables, of: Callable[..., FloatArray]) -> FloatArray:
     return np.concatenate([of(c)[c.drive.usable] for c in fitted.cases])
 
 
+class _Law(NamedTuple):
+    """What a table holds: the value of each cell, and the cell of each sample."""
+
+    name: str
+    unit: str
+    axes: tuple[Axis, ...]
+    cells: Quantity
+    at: IntArray | tuple[IntArray, ...]
+    counted: BoolArray | None = None
+    coolant: CoolantBand | None = None
+
+
+class _Cells(NamedTuple):
+    """The cells of a table, flat: logarithm, its variance by the samples, and the samples."""
+
+    log: FloatArray
+    variance: FloatArray
+    samples: IntArray
+    seconds: FloatArray
+
+
 def tables(fitted: FittedTables, axes: TableAxes, config: TablesConfig) -> list[EcuTable]:
     """Return all tables that the vehicle's signals allow."""
-    samples = CellSamples(fitted)
-    return [
-        *over_operation(fitted, axes, samples, config),
-        *of_injectors(fitted, axes, samples, config),
-        _sensor_lag(fitted, axes, samples, config),
-    ]
-
-
-def over_operation(
-    fitted: FittedTables, axes: TableAxes, samples: CellSamples, config: TablesConfig
-) -> list[EcuTable]:
-    """Return delay, lag and wall film over speed and load."""
-    p = fitted.parameters
-    over = (axes.speed, axes.load)
-    at = (axes.speed.nearest(samples.rpm), axes.load.nearest(samples.load))
+    laws_of = [_laws(f, axes) for f in (fitted, *fitted.alone)]
     made = []
-    for name, quantity in (("lambda_delay", _delay), ("lambda_lag", _lag)):
-        point = _nodes(axes, samples, at, 0.0)
-        weights = p.grid.weights(point.rpm, point.load)
-        made.append(
-            _table(
-                name,
-                "s",
-                axes=over,
-                fitted=fitted,
-                cells=quantity(p, point, weights),
-                at=at,
-                samples=samples,
-                config=config,
-            )
-        )
-    bands = COOLANT_BANDS if p.subject.has_coolant else COOLANT_BANDS[-1:]
-    for band in bands:
-        inside = (samples.degc >= band.low_degc) & (samples.degc < band.high_degc)
-        cold = max(WARM_DEGC - band.at_degc, 0.0) / 60.0
+    for law, *alone in zip(*laws_of, strict=True):
+        logs = [_cells(a, f, config) for a, f in zip(alone, fitted.alone, strict=True)]
+        made.append(_table(law, _cells(law, fitted, config), logs, config))
+    delay = next(t for t in made if t.name == "lambda_delay")
+    return [*_without_film(made), _in_cycles(delay)]
+
+
+def _laws(fitted: FittedTables, axes: TableAxes) -> list[_Law]:
+    """Return delay, lag and wall film over speed and load, the injectors, the sensor's lag."""
+    p, samples = fitted.parameters, CellSamples(fitted)
+    at = (axes.speed.nearest(samples.rpm), axes.load.nearest(samples.load))
+
+    def law(name: str, unit: str, cold: float, *counted: Any) -> _Law:
         point = _nodes(axes, samples, at, cold)
         weights = p.grid.weights(point.rpm, point.load)
-        for name, unit, quantity in (
-            ("wall_film_fraction", "-", _share),
-            ("wall_film_time", "s", _time),
-        ):
-            cells = quantity(p, point, weights)
-            made.append(
-                _table(
-                    name,
-                    unit,
-                    axes=over,
-                    fitted=fitted,
-                    cells=cells,
-                    at=at,
-                    samples=samples,
-                    config=config,
-                    counted=inside,
-                    band=band,
-                )
-            )
-    return _without_film(made)
+        field, of = LAWS[name]
+        cells = lambda x: of(p, x, point, weights.apply(x[p.at[field]]))  # noqa: E731
+        return _Law(name, unit, (axes.speed, axes.load), cells, at, *counted)
+
+    made = [law("lambda_delay", "s", 0.0), law("lambda_lag", "s", 0.0)]
+    for band in COOLANT_BANDS if p.subject.has_coolant else COOLANT_BANDS[-1:]:
+        inside = (samples.degc >= band.low_degc) & (samples.degc < band.high_degc)
+        cold = max(WARM_DEGC - band.at_degc, 0.0) / 60.0
+        made.append(law("wall_film_fraction", "-", cold, inside, band))
+        made.append(law("wall_film_time", "s", cold, inside, band))
+    flow, at_flow = np.asarray(axes.exhaust_flow.values), axes.exhaust_flow.nearest(samples.flow)
+    lag = _Law(
+        "sensor_lag", "s", (axes.exhaust_flow,), lambda x: laws.sensor_s(p, x, flow), (at_flow,)
+    )
+    return [*made, *_of_injectors(p, axes, samples), lag]
 
 
-def of_injectors(
-    fitted: FittedTables, axes: TableAxes, samples: CellSamples, config: TablesConfig
-) -> list[EcuTable]:
+def _of_injectors(p: Parameters, axes: TableAxes, samples: CellSamples) -> list[_Law]:
     """Return dead time and flow scale of the injectors, none without a pulse width."""
-    p = fitted.parameters
     if not p.subject.has_pulse:
         return []
-    volts = np.asarray(axes.volts.values)
-    at = (axes.volts.nearest(samples.volts),)
-    made = [
-        _table(
-            "injector_dead_time",
-            "ms",
-            axes=(axes.volts,),
-            fitted=fitted,
-            cells=lambda x: laws.dead_ms(p, x, volts),
-            at=at,
-            samples=samples,
-            config=config,
-            counted=np.full(len(samples.rpm), p.subject.has_volts),
-        )
-    ]
-    if p.subject.absolute_air:
-        made.append(
-            _table(
-                "injector_flow_scale",
-                "mg/ms",
-                axes=(axes.pressure(direct=p.subject.has_rail),),
-                fitted=fitted,
-                cells=lambda x: np.exp(x[p.at["flow"]]),
-                at=(np.zeros(len(samples.rpm), dtype=np.int64),),
-                samples=samples,
-                config=config,
-            )
-        )
-    return made
-
-
-def _sensor_lag(
-    fitted: FittedTables, axes: TableAxes, samples: CellSamples, config: TablesConfig
-) -> EcuTable:
-    p, axis = fitted.parameters, axes.exhaust_flow
-    flow = np.asarray(axis.values)
-    at = (axis.nearest(samples.flow),)
-
-    def cells(x: FloatArray) -> FloatArray:
-        return laws.sensor_s(p, x, flow)
-
-    return _table(
-        "sensor_lag",
-        "s",
-        axes=(axis,),
-        fitted=fitted,
-        cells=cells,
-        at=at,
-        samples=samples,
-        config=config,
+    volts, at = np.asarray(axes.volts.values), axes.volts.nearest(samples.volts)
+    known = np.full(len(at), p.subject.has_volts)
+    dead = _Law(
+        "injector_dead_time", "ms", (axes.volts,), lambda x: laws.dead_ms(p, x, volts), (at,), known
     )
+    pressure = axes.pressure(direct=p.subject.has_rail)
+    flow = _Law(
+        "injector_flow_scale", "mg/ms", (pressure,), lambda x: np.exp(x[p.at["flow"]]), (0 * at,)
+    )
+    return [dead, flow] if p.subject.absolute_air else [dead]
 
 
 def _nodes(axes: TableAxes, samples: CellSamples, at: tuple[IntArray, ...], cold: float) -> Point:
@@ -183,72 +140,73 @@ def _nodes(axes: TableAxes, samples: CellSamples, at: tuple[IntArray, ...], cold
     return Point(rpm, load, flow, np.full(len(rpm), cold))
 
 
-def _delay(p: Parameters, at: Point, weights: Weights) -> Quantity:
-    return lambda x: laws.delay_s(p, x, at, weights.apply(x[p.at["delay"]]))
-
-
-def _lag(p: Parameters, at: Point, weights: Weights) -> Quantity:
-    def cells(x: FloatArray) -> FloatArray:
-        field = weights.apply(x[p.at["lag"]])
-        sensor = laws.sensor_s(p, x, at.flow_kg_h) * np.exp(field)
-        return np.asarray(laws.mixing_s(p, x, at, field) + sensor)
-
-    return cells
-
-
-def _share(p: Parameters, at: Point, weights: Weights) -> Quantity:
-    return lambda x: laws.film_share(p, x, at, weights.apply(x[p.at["share"]]))
-
-
-def _time(p: Parameters, at: Point, weights: Weights) -> Quantity:
-    return lambda x: laws.film_time_s(p, x, at, weights.apply(x[p.at["tau"]]))
-
-
-def _table(
-    name: str,
-    unit: str,
-    axes: tuple[Axis, ...],
-    fitted: FittedTables,
-    cells: Quantity,
-    at: tuple[IntArray, ...],
-    samples: CellSamples,
-    config: TablesConfig,
-    counted: BoolArray | None = None,
-    band: CoolantBand | None = None,
-) -> EcuTable:
-    """Return a table; bounds are symmetric in the logarithm, for all values are above 0.
-
-    An estimate whose upper bound is small is told, however wide the interval is as a ratio: a film
-    of at most 5 % says that there is almost none. Its lower bound is 0. An interval as wide as
-    the prior's comes from no data, however small its bound is. A delay that is known as a ratio,
-    but not within what an ECU can use, is blank, too.
-    """
-    shape = tuple(len(a.values) for a in axes)
-    flat = np.ravel_multi_index(at, shape)
-    chosen = np.ones(len(flat), dtype=bool) if counted is None else counted
+def _cells(law: _Law, fitted: FittedTables, config: TablesConfig) -> _Cells:
+    """Return the cells by one fit; the variance holds what the air does not tell of the flow."""
+    shape = tuple(len(a.values) for a in law.axes)
+    samples = CellSamples(fitted)
+    flat = np.ravel_multi_index(law.at, shape)
+    chosen = np.ones(len(flat), dtype=bool) if law.counted is None else law.counted
     number = np.bincount(flat[chosen], minlength=int(np.prod(shape)))
     seconds = np.bincount(flat[chosen], samples.seconds[chosen], minlength=len(number))
-    value = cells(fitted.x)
-    air = fitted.parameters.subject.air
-    log_sd = _log_sd(fitted, cells) * config.factor(name, air)
-    half = config.z90 * log_sd
-    wide = half > np.log1p(config.widest[name])
-    wide |= value * np.expm1(half) > config.bluntest.get(name, np.inf)
-    small = wide & (value * np.exp(half) < config.small.get(name, 0.0))
-    small &= half < np.log1p(config.small_widest)
-    silent = (seconds < config.least_s) | (wide & ~small)
-    estimate = np.where(silent, np.nan, value)
-    low = np.where(silent, np.nan, np.where(small, 0.0, value * np.exp(-half)))
-    high = estimate * np.exp(half)
+    factor = config.factor(law.name, fitted.parameters.subject.air)
+    variance = (_log_sd(fitted, law.cells) * factor) ** 2
+    if law.name == "injector_flow_scale":
+        variance += config.air_scale**2
+    return _Cells(np.log(law.cells(fitted.x)), variance, number, np.asarray(seconds, float))
+
+
+def between_logs(whole: _Cells, logs: Sequence[_Cells], least_s: float) -> FloatArray:
+    """Return the variance between logs of each cell's logarithm (n_cells,).
+
+    It is what the logs' own estimates differ from that of all by, beyond their own variances, by
+    moments (DerSimonian and Laird, Controlled Clinical Trials 7, 1986); the larger one of the
+    table's and the cell's own. A cell that fewer than two logs saw has the table's.
+    """
+    if not logs:
+        return np.zeros(len(whole.log))
+    seen = np.stack([c.seconds >= least_s for c in logs])
+    variance = np.stack([c.variance for c in logs])
+    weight = np.where(seen & (seen.sum(axis=0) > 1), 1.0 / variance, 0.0)
+    excess = weight * ((np.stack([c.log for c in logs]) - whole.log) ** 2 - variance)
+    least = np.finfo(float).tiny
+    own = excess.sum(axis=0) / np.maximum(weight.sum(axis=0), least)
+    return np.maximum(np.maximum(own, excess.sum() / max(float(weight.sum()), least)), 0.0)
+
+
+def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfig) -> EcuTable:
+    """Return a table; bounds are symmetric in the logarithm, for all values are above 0.
+
+    A delay that is known as a ratio, but not within what an ECU can use, is blank, too.
+    """
+    value = np.exp(whole.log)
+    variance = whole.variance + between_logs(whole, logs, config.least_s)
+
+    def wide(half: FloatArray) -> BoolArray:
+        blunt = value * np.expm1(half) > config.bluntest.get(law.name, np.inf)
+        return np.asarray(blunt | (half > np.log1p(config.widest[law.name])))
+
+    half, alike = config.z90 * np.sqrt(variance), config.z90 * np.sqrt(whole.variance)
+    blank = {
+        "not driven": whole.samples == 0,
+        f"less than {config.least_s:g} s": whole.seconds < config.least_s,
+        "the interval is too wide": wide(alike),
+        "the logs disagree": wide(half),
+    }
+    kept = ~np.any(list(blank.values()), axis=0)
+    first = np.argmax([*blank.values(), kept], axis=0)
+    shape = tuple(len(a.values) for a in law.axes)
+    estimate = np.where(kept, value, np.nan).reshape(shape)
     return EcuTable(
-        name=name,
-        unit=unit,
-        axes=axes,
-        estimate=estimate.reshape(shape),
-        low=low.reshape(shape),
-        high=high.reshape(shape),
-        samples=number.reshape(shape),
-        coolant=band,
+        name=law.name,
+        unit=law.unit,
+        axes=law.axes,
+        estimate=estimate,
+        low=estimate * np.exp(-half).reshape(shape),
+        high=estimate * np.exp(half).reshape(shape),
+        samples=whole.samples.reshape(shape),
+        coolant=law.coolant,
+        blank={why: int((first == k).sum()) for k, why in enumerate(blank)},
+        widened=float(np.median((half / alike)[kept])) if kept.any() else 1.0,
     )
 
 
@@ -272,9 +230,17 @@ def _without_film(made: Sequence[EcuTable]) -> list[EcuTable]:
 
 def _masked(table: EcuTable, kept: BoolArray) -> EcuTable:
     """Return the table with blank cells where it is not kept."""
-    return replace(
-        table,
-        estimate=np.where(kept, table.estimate, np.nan),
-        low=np.where(kept, table.low, np.nan),
-        high=np.where(kept, table.high, np.nan),
-    )
+    dry = int((np.isfinite(table.estimate) & ~kept).sum())
+    blank = {**table.blank, "there may be no film": dry}
+    return _scaled(replace(table, blank=blank), np.where(kept, 1.0, np.nan))
+
+
+def _in_cycles(delay: EcuTable) -> EcuTable:
+    """Return the delay in engine cycles of two revolutions."""
+    per_s = np.asarray(delay.axes[0].values)[:, None] / 120.0
+    return _scaled(replace(delay, name="lambda_delay_cycles", unit="cycles"), per_s)
+
+
+def _scaled(table: EcuTable, by: FloatArray) -> EcuTable:
+    values = {name: getattr(table, name) * by for name in ("estimate", "low", "high")}
+    return replace(table, **values)

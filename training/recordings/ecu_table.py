@@ -1,7 +1,7 @@
 """Tables over axes, as an engine control unit holds them, with bounds and samples of each cell."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -85,12 +85,19 @@ class EcuTable:
     high: FloatArray
     samples: IntArray
     coolant: CoolantBand | None = None
+    blank: Mapping[str, int] = field(default_factory=dict)  # why → cells
+    widened: float = 1.0  # factor by which the logs' disagreement widens the intervals, median
 
     @property
     def key(self) -> str:
         """Return the name with the band of the coolant, as files are named."""
         band = self.coolant
         return self.name if band is None else f"{self.name}_{band.at_degc:.0f}degc"
+
+    def reasons(self) -> str:
+        """Return why cells are blank, with their numbers, the commonest first."""
+        blank = sorted(self.blank.items(), key=lambda item: -item[1])
+        return ", ".join(f"{why}: {cells}" for why, cells in blank if cells)
 
     def document(self) -> dict[str, Any]:
         """Return the table as JSON holds it, null where nothing was measured."""
@@ -104,6 +111,8 @@ class EcuTable:
             "low": nulls(self.low),
             "high": nulls(self.high),
             "samples": self.samples.tolist(),
+            "blank": {why: cells for why, cells in self.blank.items() if cells},
+            "widened": round(self.widened, 3),
         }
 
 

@@ -4,8 +4,6 @@ import io
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -17,15 +15,17 @@ from training.cli.console.share_bar import Share
 from training.dyno.engine import EngineLayout, dead_time_ms, engine
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
+from training.ecu_tables.balance import balance, balance_text
 from training.ecu_tables.config import defaults
+from training.ecu_tables.drive_plan import plan
 from training.ecu_tables.fields import grid_over
 from training.ecu_tables.files import csv, tuner_studio
 from training.ecu_tables.fit import fit
-from training.ecu_tables.msq import read_axes
+from training.ecu_tables.msq import injectors_text, read_axes
 from training.ecu_tables.parameters import Parameters, point_of
 from training.ecu_tables.prediction import PredictionCase, air_mg, reading, sensitivities
-from training.ecu_tables.signals import Air, subject_of
-from training.ecu_tables.tables import _table, tables
+from training.ecu_tables.signals import subject_of
+from training.ecu_tables.tables import _Cells, _Law, _table, tables
 from training.recordings.ecu_table import EcuTable, axes_of
 from training.recordings.recording import load
 
@@ -167,6 +167,10 @@ def test_a_log_becomes_tables_with_bounds_and_blank_cells(
     assert np.isnan(estimate[samples < 100]).all()
     assert (low[filled] < estimate[filled]).all() and (estimate[filled] < high[filled]).all()
     assert "drive that fills" in (out / "report.html").read_text()
+    cycles = document["tables"][names.index("lambda_delay_cycles")]
+    per_s = np.array(delay["axes"][0]["values"])[:, None] / 120.0
+    np.testing.assert_allclose(np.array(cycles["estimate"], float), estimate * per_s, rtol=1e-5)
+    assert document["notes"]["the logs' steady balance"].startswith("dead time ")
 
 
 def test_a_log_without_fuel_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -175,6 +179,18 @@ def test_a_log_without_fuel_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
     path.write_text(f"time_s,engine_speed_rpm,lambda_measured,manifold_pressure_kpa\n{rows}\n")
     assert main(["tables", str(path), "--out", str(tmp_path / "out")]) == 2
     assert "injector_pulse_width_ms or fuel_mass_mg" in capsys.readouterr().err
+
+
+def test_a_log_without_a_usable_sample_is_refused_with_the_reasons(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "standing.csv"
+    rows = "\n".join(f"{0.05 * k:.2f},{0 if k < 120 else 800},1.7,40,3" for k in range(200))
+    head = "time_s,engine_speed_rpm,lambda_measured,manifold_pressure_kpa,injector_pulse_width_ms"
+    path.write_text(f"{head}\n{rows}\n")
+    assert main(["tables", str(path), "--out", str(tmp_path / "out")]) == 2
+    told = "no usable sample: 120 where the engine stands, 80 where lambda stands still"
+    assert told in capsys.readouterr().err
 
 
 def test_the_truth_has_the_form_of_the_tables(tmp_path: Path) -> None:
@@ -241,47 +257,108 @@ def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
     assert abs(dead.estimate[dead.axes[0].values.index(14.0)] - true[0]) < 0.05
 
 
-def cell(name: str, value: float, log_sd: float) -> tuple[float, float]:
-    """Return estimate and lower bound of a table's only cell, 20 s of samples."""
-    subject = SimpleNamespace(air=Air.METER)
-    fitted = SimpleNamespace(
-        x=np.log([value]),
-        covariance=np.array([[log_sd**2]]),
-        parameters=SimpleNamespace(subject=subject),
+def cells(value: float, log_sd: float, seconds: float = 20.0) -> _Cells:
+    """Return a table's only cell as one log, or all of them, tell it."""
+    return _Cells(
+        np.log([value]), np.array([log_sd**2]), np.array([400], np.int64), np.array([seconds])
     )
+
+
+def cell(name: str, whole: _Cells, *logs: _Cells) -> EcuTable:
+    """Return a table of one cell."""
     axis = axes_of("manifold_pressure_kpa", (800.0,), (30.0,))
-    made = _table(
-        name,
-        "-",
-        (axis.speed, axis.load),
-        cast(Any, fitted),
-        cells=np.exp,
-        at=(np.zeros(400, np.int64), np.zeros(400, np.int64)),
-        samples=cast(Any, SimpleNamespace(seconds=np.full(400, 0.05))),
-        config=replace(defaults(), widening={"meter": {name: 1.0}}),
-    )
-    return float(made.estimate[0, 0]), float(made.low[0, 0])
+    return _table(_Law(name, "-", (axis.speed, axis.load), np.exp, ()), whole, logs, defaults())
 
 
 @pytest.mark.parametrize(
-    ("log_sd", "told", "low"),
-    [(0.1, True, 0.004), (0.7, True, 0.0), (1.2, False, np.nan)],
+    ("name", "value", "log_sd", "told"),
+    [
+        ("lambda_delay", 0.1, 0.06, True),
+        ("lambda_delay", 0.3, 0.06, False),  # known within a tenth, not within what an ECU needs
+        ("wall_film_fraction", 0.012, 0.7, False),  # 1.2 % and perhaps 4 % is no answer
+    ],
 )
-def test_next_to_no_film_is_told_if_its_interval_is_small(
-    log_sd: float, told: bool, low: float
+def test_a_cell_that_is_not_known_within_what_an_ecu_needs_is_blank(
+    name: str, value: float, log_sd: float, told: bool
 ) -> None:
-    # WHEN the cell of a film of half a percent is written, known within a factor
-    estimate, bound = cell("wall_film_fraction", 0.005, log_sd)
-    # THEN it is told, from zero on where it may be dry, and blank where it may be wet
-    assert np.isfinite(estimate) == told
-    np.testing.assert_allclose(bound, low, atol=5e-4)
+    table = cell(name, cells(value, log_sd))
+    assert np.isfinite(table.estimate).all() == told
+    assert table.reasons() == ("" if told else "the interval is too wide: 1")
 
 
-@pytest.mark.parametrize(("delay_s", "told"), [(0.1, True), (0.3, False)])
-def test_a_delay_that_is_not_known_within_what_an_ecu_needs_is_blank(
-    delay_s: float, told: bool
-) -> None:
-    # GIVEN delays that are known within a tenth: of 100 ms within 10, of 300 ms within 30
-    estimate, _ = cell("lambda_delay", delay_s, 0.06)
-    # THEN only the first one is told
-    assert np.isfinite(estimate) == told
+def test_logs_that_agree_leave_the_interval_and_logs_that_disagree_widen_it() -> None:
+    # GIVEN a flow that all logs together know within 3 %
+    whole = cells(3.0, 0.03)
+    # WHEN each log alone tells the same, or 8 % less and more
+    alike = cell("injector_flow_scale", whole, cells(2.97, 0.05), cells(3.03, 0.05))
+    apart = cell("injector_flow_scale", whole, cells(2.77, 0.03), cells(3.25, 0.03))
+    # THEN only the second interval is wider, and holds both logs
+    assert alike.widened == 1.0
+    assert apart.widened > 1.5
+    assert apart.low[0, 0] < 2.77 and apart.high[0, 0] > 3.25
+
+
+def test_a_cell_whose_logs_exclude_each_other_is_blank_and_says_so() -> None:
+    table = cell("injector_flow_scale", cells(2.1, 0.03), cells(3.0, 0.03), cells(1.5, 0.03))
+    assert np.isnan(table.estimate).all()
+    assert table.reasons() == "the logs disagree: 1"
+
+
+def test_a_log_that_hardly_saw_a_cell_has_no_say_in_it() -> None:
+    short = cells(0.3, 0.03, seconds=2.0)
+    assert cell("lambda_delay", cells(0.1, 0.06), cells(0.1, 0.06), short).widened == 1.0
+
+
+def test_the_steady_balance_tells_flow_and_dead_time_where_moves_are_weak(tmp_path: Path) -> None:
+    # GIVEN steps of the pulse width of which a lagging air estimate lets only half arrive
+    pulse_ms = np.repeat([2.0, 3.0, 5.0, 8.0, 4.0, 2.5, 6.0, 3.5], 200)
+    wobble = 0.05 * np.sin(np.arange(len(pulse_ms)))
+    air_mg = 3.0 * (pulse_ms - 0.9) * 14.5
+    t_s, volts = 0.05 * np.arange(len(pulse_ms)), np.full(len(pulse_ms), 14.0)
+    moves = [1.0 - 0.5 * wobble, pulse_ms * (1.0 + wobble)]
+    rows = np.column_stack([t_s, 1500 + 100 * pulse_ms, *moves, air_mg, 10 * pulse_ms, volts])
+    path = tmp_path / "steps.csv"
+    names = "time_s,engine_speed_rpm,lambda_measured,injector_pulse_width_ms,air_mass_mg"
+    head = f"{names},manifold_pressure_kpa,battery_voltage_v"
+    np.savetxt(path, rows, "%.6g", ",", header=head, comments="")
+    subject = subject_of([load(path)])
+    # WHEN the level of the mixture is taken over seconds
+    d = subject.drives[0]
+    found = balance(Parameters(subject, grid_over([d.rpm], [d.load])))
+    # THEN it tells the injectors within its interval, and a text says so
+    half = 1.645 * np.sqrt(np.diag(found.covariance))
+    true = np.log([3.0 * 14.5 / 14.7, 0.9])
+    assert (np.abs(found.mean[:2] - true) < np.minimum(half[:2], 0.1)).all()
+    assert balance_text(found, absolute=True).startswith("flow 2.9")
+
+
+@pytest.mark.parametrize(
+    ("constants", "told"),
+    [
+        (
+            {"reqFuel": 12.5, "injOpen": 1.3, "battFac": 0.2},
+            "flow 2.58 mg/ms (reqFuel 12.5 ms), dead time 1.14 ms (injOpen 1.3 ms)",
+        ),
+        ({"injector_flow": 240.0}, "flow 2.98 mg/ms"),
+        ({}, ""),
+    ],
+)
+def test_a_tune_tells_its_injectors(tmp_path: Path, constants: dict[str, float], told: str) -> None:
+    tune = tmp_path / "t.msq"
+    lines = "".join(f'<constant name="{name}">{v}</constant>' for name, v in constants.items())
+    tune.write_text(TUNE.replace("</page>", f"{lines}</page>"))
+    assert injectors_text(tune, 1.6, 4) == told
+
+
+def test_the_drive_plan_asks_for_no_load_beyond_the_visited_ones() -> None:
+    # GIVEN delays of a speed driven at 30 and 80 kPa, and one driven at 80 kPa alone, all blank
+    axes = axes_of("manifold_pressure_kpa", (2000.0, 7000.0), (20.0, 30.0, 50.0, 80.0, 100.0))
+    samples = np.array([[0, 9, 0, 9, 0], [0, 0, 0, 9, 0]])
+    blank = np.full(samples.shape, np.nan)
+    bounds = {"estimate": blank, "low": blank, "high": blank, "samples": samples}
+    table = EcuTable(name="lambda_delay", unit="s", axes=(axes.speed, axes.load), **bounds)
+    # WHEN a drive is planned, THEN it fills what lies between, and asks for nothing else
+    assert {leg.place for leg in plan([table], 0.1)} == {
+        "2000 rpm at 30, 50, 80 kPa",
+        "7000 rpm at 80 kPa",
+    }

@@ -1,0 +1,110 @@
+"""The steady balance of the pulse widths: flow and dead time of the injectors without dynamics.
+
+Over seconds of steady air the measured fuel is the injected fuel, whatever wall, pipe and sensor
+do, so the level of the mixture tells flow and dead time. The fit of the moves takes them from here:
+an air estimate that errs in time weakens every move, and moves alone then tell a smaller injector.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.ndimage import uniform_filter1d
+
+from monitor.base.types import FloatArray, IntArray
+from training.ecu_tables.parameters import FUEL, Balance, Parameters
+from training.ecu_tables.prediction import air_mg, injected_mg
+from training.ecu_tables.signals import TableDrive
+from training.greybox.chain import STOICHIOMETRIC
+
+STEADY_S: Final = 2.0  # over which mixture and command are averaged
+AIR_MOVE: Final = 0.1  # logarithm of the air within a second
+BLOCK_S: Final = 5.0  # after which the error of a steady mixture is another one
+OUTLIER: Final = 3.0  # sigma
+SIGMA_LEAST: Final = 0.005
+STEPS: Final = 12
+MOST: Final = 0.3  # of one step
+STEP: Final = 1e-5
+Z90: Final = 1.645
+
+
+@dataclass(frozen=True, slots=True)
+class _Steady:
+    """The steady samples of a drive."""
+
+    drive: TableDrive
+    window: int  # samples
+    at: IntArray
+
+    @staticmethod
+    def of(drive: TableDrive) -> "_Steady":
+        window = max(round(STEADY_S / drive.period_s), 1)
+        steady = drive.usable & (drive.air_move < AIR_MOVE) & (drive.commanded > 0.0)
+        share = uniform_filter1d(steady.astype(float), window)
+        return _Steady(drive, window, np.flatnonzero(share > 1.0 - 1e-9))
+
+    def excess(self, p: Parameters, x: FloatArray) -> FloatArray:
+        """Return the logarithm of the measured over the injected fuel (n,)."""
+        air = air_mg(p, x, self.drive)
+        fuel = (self.drive.phi * air / STOICHIOMETRIC, injected_mg(p, x, self.drive))
+        measured, injected = (uniform_filter1d(f, self.window)[self.at] for f in fuel)
+        return np.asarray(np.log(np.maximum(measured, 1e-3) / np.maximum(injected, 1e-3)))
+
+
+def balance(p: Parameters) -> Balance:
+    """Return flow and dead time by robust least squares, with the covariance of whole blocks.
+
+    The error of the air over speed and load is estimated with them, so it is in the covariance.
+    """
+    drives = [_Steady.of(d) for d in p.subject.drives]
+    fuel = slice(len(FUEL))
+    which = [fuel, p.at["gain"]]
+    mean = np.concatenate([p.mean()[w] for w in which])
+    prior = np.asarray(block_diag(*(p.precision()[w, w] for w in which)))
+
+    def excess(x: FloatArray) -> FloatArray:
+        full = p.mean()
+        full[fuel] = x[fuel]
+        return np.concatenate([d.excess(p, full) for d in drives]) - gain @ x[len(FUEL) :]
+
+    period_s = drives[0].drive.period_s
+    weights = [p.grid.weights(d.drive.rpm[d.at], d.drive.load[d.at]) for d in drives]
+    gain = np.concatenate([w.dense(p.grid.size) for w in weights])
+    size = round(BLOCK_S / period_s)
+    places = [np.stack([np.full(len(d.at), k), d.at // size]) for k, d in enumerate(drives)]
+    _, block = np.unique(np.concatenate(places, axis=1), axis=1, return_inverse=True)
+    blocks = np.eye(block.max(initial=-1) + 1)[block]
+    if len(blocks.T) <= len(FUEL):
+        return Balance(mean[fuel], np.asarray(np.linalg.inv(prior[fuel, fuel]), float), 0.0)
+    x = mean.copy()
+    x[0] += np.median(excess(mean))
+    for _ in range(STEPS):
+        e = excess(x)
+        sigma = 1.4826 * float(np.median(np.abs(e))) + SIGMA_LEAST
+        moved = [excess(x + STEP * unit) for unit in np.eye(len(mean))[: len(FUEL)]]
+        slopes = np.concatenate([(e - np.stack(moved)) / STEP, gain.T])
+        weighted = slopes / (1.0 + (e / (OUTLIER * sigma)) ** 2) / sigma**2 / drives[0].window
+        normal = weighted @ slopes.T + prior
+        step = np.linalg.solve(normal, weighted @ e - prior @ (x - mean))
+        x = x + np.clip(step, -MOST, MOST)
+    sums = (weighted * e) @ blocks
+    few = len(blocks.T) / (len(blocks.T) - len(FUEL))
+    inverse = np.linalg.inv(normal)
+    covariance = inverse @ (few * sums @ sums.T + prior) @ inverse
+    return Balance(x[fuel], np.asarray(covariance[fuel, fuel], float), len(block) * period_s)
+
+
+def balance_text(fitted: Balance, *, absolute: bool) -> str:
+    """Return flow and dead time with their 90 % intervals, "" if no mixture was steady.
+
+    absolute : the air is in milligrams, so the flow has a scale
+    """
+    if not fitted.seconds:
+        return ""
+    half = Z90 * np.sqrt(np.diag(fitted.covariance))
+    both = [np.exp(fitted.mean + sign * half) for sign in (0.0, -1.0, 1.0)]
+    flow, dead = ([f"{v[k]:.3g}" for v in both] for k in (0, 1))
+    told = f"flow {flow[0]} mg/ms ({flow[1]} to {flow[2]}), " if absolute else ""
+    told += f"dead time {dead[0]} ms ({dead[1]} to {dead[2]}) at 14 V"
+    return f"{told}, from {fitted.seconds:.0f} steady seconds"
