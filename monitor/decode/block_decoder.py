@@ -125,6 +125,7 @@ class _MessageDecoder:
         self.counts: Counter[str] = Counter()  # by the names of ``MessageCounters``
         self._sender = Sender(plan.address) if plan.any_source else None
         self._last: NDArray[np.uint64] | None = None  # (1,) of the last frame that was sound
+        self._ranges: dict[str, float] = {}  # range signal → what it told last
 
     def rows_of(self, key: NDArray[np.uint32]) -> IntArray:
         """Return which frames are of this message, (m,) ascending; their keys are (n,)."""
@@ -150,7 +151,7 @@ class _MessageDecoder:
                 payloads = Payloads(plan.message, data)
         if plan.is_plain:
             (group,) = plan.groups
-            return [Decoded(rows, group.channels, self._values(group, payloads))]
+            return [Decoded(rows, group.channels, self._values(group, payloads, {}))]
         return self._multiplexed(rows, length, payloads)
 
     def _keep(
@@ -182,13 +183,25 @@ class _MessageDecoder:
     def _multiplexed(self, rows: IntArray, length: Bytes, payloads: Payloads) -> list[Decoded]:
         """Return a part for each group of channels; a frame too short for one is not used."""
         alive, used = np.ones(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
-        signals = {s.name: s for group in self.plan.groups for s, _ in group.conditions}
+        tested = [
+            *(group.conditions for group in self.plan.groups),
+            *(c for _, c in self.plan.ranges),
+        ]
+        signals = {s.name: s for conditions in tested for s, _ in conditions}
         raw = {name: payloads.raw(signal) for name, signal in signals.items()}
+
+        def carrying(conditions: Sequence[tuple[Signal, tuple[int, ...]]]) -> BoolArray:
+            each = [np.logical_or.reduce([raw[s.name] == i for i in ids]) for s, ids in conditions]
+            return np.asarray(np.logical_and.reduce([alive, *each]))
+
+        most = {}
+        for signal, conditions in self.plan.ranges:
+            tells = carrying(conditions)
+            used |= tells
+            most[signal.name] = self._held(signal, tells, payloads)
         found: list[tuple[Group, BoolArray]] = []
         for group in self.plan.groups:
-            carries = alive
-            for signal, ids in group.conditions:
-                carries = carries & np.logical_or.reduce([raw[signal.name] == i for i in ids])
+            carries = carrying(group.conditions)
             if carries.any():
                 short = carries & (length < group.n_bytes)
                 self.counts["length"] += int(np.count_nonzero(short))
@@ -197,13 +210,33 @@ class _MessageDecoder:
                 found.append((group, carries))
         self.counts["other"] += int(np.count_nonzero(alive & ~used))
         places = [(group, np.flatnonzero(carries & alive)) for group, carries in found]
-        return [Decoded(rows[i], g.channels, self._values(g, payloads.at(i))) for g, i in places]
+        return [
+            Decoded(
+                rows[i],
+                g.channels,
+                self._values(g, payloads.at(i), {name: m[i] for name, m in most.items()}),
+            )
+            for g, i in places
+        ]
 
-    def _values(self, group: Group, payloads: Payloads) -> FloatArray:
+    def _held(self, signal: Signal, tells: BoolArray, payloads: Payloads) -> FloatArray:
+        """Return what a range signal told last at each frame, (n,), 0 before it told anything."""
+        told = payloads.raw(signal) * float(signal.scale) + float(signal.offset)
+        last = np.maximum.accumulate(np.where(tells, np.arange(1, len(tells) + 1), 0))
+        held = np.concatenate([[self._ranges.get(signal.name, 0.0)], told])[last]
+        self._ranges[signal.name] = float(held[-1]) if len(held) else 0.0
+        return np.asarray(held)
+
+    def _values(
+        self, group: Group, payloads: Payloads, most: Mapping[str, FloatArray]
+    ) -> FloatArray:
         values = np.empty((len(group.readers), len(payloads)))
         with np.errstate(all="ignore"):
             for reader, row in zip(group.readers, values, strict=True):
-                missing, outside = reader.read(payloads, row)
+                range_of = reader.range
+                missing, outside = reader.read(
+                    payloads, row, most.get(range_of.name) if range_of else None
+                )
                 self.counts["not_available"] += missing
                 self.counts["out_of_range"] += outside
         return values

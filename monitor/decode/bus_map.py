@@ -44,6 +44,7 @@ class BusChannel:
     integrity: Integrity
     dbc: Path
     map_path: Path
+    range: Signal | None = None  # tells the highest value of the signal, 0 the database's
     any_source: bool = False  # its message is known by the parameter group, whoever sends it
 
 
@@ -187,17 +188,21 @@ def _channel(
     soundness.check_message(dbc, message)
     integrity = signal_map.integrity_of(mapped.message)
     present = [signal.name for signal in message.signals]
-    for wanted in (mapped.signal, integrity.counter, integrity.checksum):
+    for wanted in (mapped.signal, mapped.range, integrity.counter, integrity.checksum):
         if wanted and wanted not in present:
             like = _alike(wanted, present)
             place = f"signal {mapped.message}.{wanted}, which {dbc} lacks"
             raise SignalMapError(f"{where} {place}{like}")
         if wanted:
             soundness.check_signal(dbc, message, wanted)
+    signal = message.get_signal_by_name(mapped.signal)
+    if mapped.range and not signal.maximum:
+        raise SignalMapError(f"{where} range, and {mapped.signal} of {dbc} has no highest value")
     return BusChannel(
         mapped=mapped,
         message=message,
-        signal=message.get_signal_by_name(mapped.signal),
+        signal=signal,
+        range=message.get_signal_by_name(mapped.range) if mapped.range else None,
         integrity=integrity,
         dbc=dbc,
         map_path=signal_map.path,

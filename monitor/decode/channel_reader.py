@@ -14,19 +14,26 @@ class ChannelReader:
     def __init__(self, channel: BusChannel) -> None:
         self._signal, self._scaled = channel.signal, scaling(channel)
         self._missing = not_available_raw(channel)
-        if channel.signal.is_float:
-            self._low, self._high = plausible_range(channel)
-        else:
+        self.range = channel.range
+        self._low, self._high = plausible_range(channel)
+        if not channel.signal.is_float:
             self._bottom, self._top = plausible_raw(channel)
 
-    def read(self, payloads: Payloads, out: FloatArray) -> tuple[int, int]:
+    def read(
+        self, payloads: Payloads, out: FloatArray, most: FloatArray | None = None
+    ) -> tuple[int, int]:
         """Fill ``out``, (n,), NaN where not available and inf where out of range.
 
+        most : (n,) highest value in the database's unit, 0 where it is the database's
         Returns how many are not available and how many out of range.
         """
         raw = payloads.raw(self._signal)
-        out[:] = self._scaled(raw.astype(np.float64))
-        if self._signal.is_float:
+        by_range = most is not None and bool(most.any())
+        number = raw.astype(np.float64)
+        if most is not None and by_range:
+            number *= np.where(most > 0.0, most / float(self._signal.maximum or 1.0), 1.0)
+        out[:] = self._scaled(number)
+        if self._signal.is_float or by_range:
             good = np.isfinite(out) & (self._low <= out) & (out <= self._high)
             missing = np.zeros(len(out), dtype=np.bool_)
         else:

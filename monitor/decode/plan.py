@@ -53,9 +53,12 @@ class Plan:
         self.algorithm = integrity.algorithm
         self.checksum = _checksum_byte(channel) if integrity.checksum else -1
         self.counter = message.get_signal_by_name(integrity.counter) if integrity.counter else None
+        ranges = {c.range.name: c.range for _, c in members if c.range is not None}
+        self.ranges = [(s, _tested(message, multiplexing(message, s))) for s in ranges.values()]
         groups: dict[Conditions, list[Member]] = {}
         for member in members:
-            groups.setdefault(multiplexing(member[1]), []).append(member)
+            conditions = multiplexing(message, member[1].signal)
+            groups.setdefault(conditions, []).append(member)
         self.groups = [
             Group(message, conditions, group)
             for conditions, group in sorted(groups.items(), key=lambda item: len(item[0]))
@@ -95,19 +98,22 @@ class Group:
     """Channels of a message that come under the same multiplexer values."""
 
     def __init__(self, message: Message, conditions: Conditions, members: Sequence[Member]) -> None:
-        self.conditions = [(message.get_signal_by_name(name), ids) for name, ids in conditions]
+        self.conditions = _tested(message, conditions)
         self.channels = tuple(index for index, _ in members)
         self.readers = [ChannelReader(channel) for _, channel in members]
         self.n_bytes = max(last_byte(message, channel.signal) for _, channel in members) + 1
 
 
-def multiplexing(channel: BusChannel) -> Conditions:
-    """Return the multiplexer values under which the frame carries the channel, outermost first."""
+def _tested(message: Message, conditions: Conditions) -> list[tuple[Signal, tuple[int, ...]]]:
+    return [(message.get_signal_by_name(name), ids) for name, ids in conditions]
+
+
+def multiplexing(message: Message, signal: Signal) -> Conditions:
+    """Return the multiplexer values under which the frame carries the signal, outermost first."""
     found: list[tuple[str, tuple[int, ...]]] = []
-    signal = channel.signal
     while signal.multiplexer_signal is not None:
         found.append((signal.multiplexer_signal, tuple(signal.multiplexer_ids or ())))
-        signal = channel.message.get_signal_by_name(signal.multiplexer_signal)
+        signal = message.get_signal_by_name(signal.multiplexer_signal)
     return tuple(reversed(found))
 
 

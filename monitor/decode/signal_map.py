@@ -11,6 +11,8 @@ A map is a TOML file beside a DBC::
     [messages.NAME]                  # the same keys for one message; "" switches a check off
     [signals]                        # canonical = factor * signal + offset
     lambda_measured = { message = "M", signal = "S", factor = 1.0, offset = 0.0, timeout_s = 0.3 }
+                                     # range = "R": a signal of the same message that tells the
+                                     # highest value of S; 0, or none yet, leaves the database's
     [optional]                       # as [signals], of a sensor that not every vehicle has: silence
                                      # of a message with such signals alone is no fault
     [catalyst]
@@ -62,6 +64,7 @@ class MappedSignal:
     offset: float = 0.0
     timeout_s: float = DEFAULT_TIMEOUT_S  # a value older than this is stale
     is_optional: bool = False  # not every vehicle sends it
+    range: str = ""  # signal of the same message that tells the highest value of this one
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +211,8 @@ class _MapReader:
             place = f"{where}.{name}"
             self._check_name(name, where)
             entry = self._table(table, name)
-            self._known(entry, place, {"message", "signal", "factor", "offset", "timeout_s"})
+            keys = {"message", "signal", "factor", "offset", "timeout_s", "range"}
+            self._known(entry, place, keys)
             timeout_s = self._number(entry, "timeout_s", place, DEFAULT_TIMEOUT_S)
             factor = self._number(entry, "factor", place, 1.0)
             if not 0.0 < timeout_s <= LONGEST_TIMEOUT_S or factor == 0.0:
@@ -223,6 +227,7 @@ class _MapReader:
                 factor=factor,
                 offset=self._number(entry, "offset", place, 0.0),
                 timeout_s=timeout_s,
+                range=self._text(entry, "range", place) if "range" in entry else "",
             )
         return result
 

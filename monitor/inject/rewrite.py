@@ -57,7 +57,7 @@ class SignalWriter:
         self._missing = not_available_raw(channel)
         self._conditions = [
             (PayloadField(channel, name), frozenset(values))
-            for name, values in multiplexing(channel)
+            for name, values in multiplexing(channel.message, channel.signal)
         ]
         bits = self._field.bits
         low, high = (

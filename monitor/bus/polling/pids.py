@@ -18,6 +18,7 @@ ANSWER_ID: Final = 0x7E8  # the engine's answers, ISO 15765-4
 HEADER_BYTES: Final = 3  # of an answer in a single frame: length, service, PID
 MULTIPLEXER: Final = "Pid"
 BITMAPS: Final = (0x00, 0x20, 0x40, 0x60, 0x80, 0xA0, 0xC0)  # PIDs that tell which of the
+RANGE_TIMEOUT_S: Final = 600.0  # a range is a constant of the ECU; asked for first and seldom
 BITMAP_BYTES: Final = 4  # next 32 PIDs are supported, SAE J1979
 
 
@@ -26,7 +27,7 @@ class ObdParameter:
     """One request item, which carries one or several mapped signals."""
 
     pids: tuple[int, ...]  # alternatives; the first supported one is used
-    names: tuple[str, ...]  # canonical names of the signals
+    names: tuple[str, ...]  # canonical names of the signals, none for ranges of other PIDs
     timeout_s: float  # shortest timeout of its signals
 
 
@@ -38,6 +39,11 @@ def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[ObdParameter, ...]:
     """
     channels = {name: bus_map.channels[name] for name in bus_map.sources(names)}
     groups: dict[tuple[int, ...], list[BusChannel]] = {}
+    ranges = {
+        pids: ObdParameter(pids, (), RANGE_TIMEOUT_S)
+        for c in channels.values()
+        if c.range is not None and (pids := _pids(c.message, c.range))
+    }
     for channel in channels.values():
         pids = _pids(channel.message, channel.signal)
         if pids:
@@ -48,7 +54,7 @@ def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[ObdParameter, ...]:
             f"{maps}: nothing to ask for by OBD-II; signals multiplexed by {MULTIPLEXER} in the "
             f"message 0x{ANSWER_ID:X} are wanted, as in obd2.dbc and obd2.toml"
         )
-    return tuple(
+    signals = (
         ObdParameter(
             pids,
             tuple(c.mapped.name for c in group),
@@ -56,6 +62,7 @@ def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[ObdParameter, ...]:
         )
         for pids, group in groups.items()
     )
+    return (*ranges.values(), *signals)
 
 
 def lengths(bus_map: BusMap, parameters: Iterable[ObdParameter]) -> Mapping[int, int]:

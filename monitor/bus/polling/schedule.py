@@ -118,10 +118,10 @@ class Schedule:
         lacks = []
         for parameter in self._parameters:
             pid = next((pid for pid in parameter.pids if pid in self._supported), None)
-            if pid is None:
+            if pid is None and parameter.names:
                 pids = "/".join(map(_shown, parameter.pids))
                 lacks.append(f"{' '.join(parameter.names)} ({pids})")
-            else:
+            elif pid is not None:
                 self.timeouts_s[pid] = parameter.timeout_s
         polled = " ".join(map(_shown, self.timeouts_s)) or "nothing"
         self._say(

@@ -143,6 +143,23 @@ def test_obd_responses_are_told_apart_by_parameter(payload: str, expected: Value
 # Any frames of any layout, as cantools reads them
 
 
+@pytest.mark.parametrize("cut", range(1, 7))
+def test_an_answer_to_pid_4f_sets_the_range_of_what_follows(cut: int) -> None:
+    # GIVEN lambda and pressure before, between and after ranges of 4 and 510 kPa, and of 0
+    ranges = ["06414F0400003300", "06414F0000000000"]
+    lambdas, pressure = "0641344000800000", "03410B6400000000"
+    frames = [
+        Frame(0, 0x7E8, False, bytes.fromhex(text))
+        for text in (lambdas, ranges[0], lambdas, pressure, ranges[1], lambdas, pressure)
+    ]
+    # WHEN they come in two blocks
+    subject = Decoding(OBD, ["lambda_measured", "manifold_pressure_kpa"])
+    values = [v for v in in_blocks(subject, frames, [cut]) if v]
+    # THEN each value has the range that was told last, none being the standard one
+    assert [next(iter(v.values())) for v in values] == pytest.approx([0.5, 1.0, 200.0, 0.5, 100.0])
+    assert subject.decoder.counters["OBD_Response"].other == 0
+
+
 def raw_of(message: Message, signal: Signal, data: bytes) -> int | float:
     """Return what cantools reads of one signal, unscaled."""
     raw = decode_data(

@@ -45,13 +45,32 @@ def test_the_lengths_of_all_parameters_follow_from_the_database() -> None:
     assert len(asked) > 16
     for pid in asked & J1979.keys():
         assert LENGTHS[pid] == J1979[pid][0], f"{pid:02X}"
-    assert asked - J1979.keys() == {0x59}
-    assert LENGTHS[0x59] == 2
+    assert asked - J1979.keys() == {0x4F, 0x50, 0x59}
+    assert (LENGTHS[0x4F], LENGTHS[0x50], LENGTHS[0x59]) == (4, 4, 2)
 
 
 def test_every_mapped_value_arrives_as_the_ecu_has_it() -> None:
     talk = Conversation(steady_ecu()).run(5.0)
     assert_as_the_ecu_has_it(talk)
+
+
+def test_ranges_of_the_ecu_are_asked_for_first_and_scale_its_values(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # GIVEN an ECU that sends lambda up to 4, pressure up to 510 kPa and air up to 1310.7 g/s
+    ranges = {0x4F: (4, lambda _: 0x04000033), 0x50: (4, lambda _: 0x83000000)}
+    halved = {pid: (J1979[pid][0], lambda r, of=J1979[pid][1]: of(r) / 2) for pid in (0x0B, 0x44)}
+    air = {0x10: (2, lambda r: r["maf_kg_h"] / 3.6 * 100 * 655.35 / 1310)}
+    for pid, of in {**ranges, **halved, **air}.items():
+        monkeypatch.setitem(J1979, pid, of)
+    monkeypatch.setitem(STEADY, "manifold_pressure_kpa", 46.0)
+    # WHEN it is polled
+    talk = Conversation(steady_ecu(supported=(0x0B, 0x10, 0x44, 0x4F, 0x50))).run(5.0)
+    # THEN every value is the ECU's
+    assert talk.asked[3][:2] == (0x4F, 0x50)
+    assert set(talk.values["manifold_pressure_kpa"]) == {46.0}
+    assert set(talk.values["lambda_target"]) == {1.0}
+    assert talk.values["maf_kg_h"][0] == pytest.approx(39.6, rel=1e-3)
 
 
 def test_bitmaps_come_first_and_only_what_is_supported_and_mapped_is_asked_for() -> None:
@@ -87,7 +106,7 @@ def test_the_sensor_behind_the_catalyst_is_asked_for_on_demand() -> None:
 def test_a_value_of_two_parameters_comes_from_the_one_that_the_engine_has(
     name: str, supported: tuple[int, ...], asked: int
 ) -> None:
-    (parameter,) = wanted(OBD, [name])
+    *_, parameter = wanted(OBD, [name])
     schedule = Schedule([parameter])
     for bitmap in BITMAPS[:2]:
         assert schedule.choose(0.0) == (bitmap,)
@@ -147,7 +166,7 @@ def test_a_parameter_that_is_announced_but_never_answered_does_not_hold_up_the_o
     ecu._data = lambda pid, now_s: b"" if pid == 0x23 else own(pid, now_s)  # type: ignore[method-assign]
     talk = Conversation(ecu).run(60.0)
     assert 0x23 not in talk.polled
-    assert len(talk.polled) == len(PARAMETERS) - 1
+    assert len(talk.polled) == sum(bool(each.names) for each in PARAMETERS) - 1
     assert [len(request) for request in talk.asked[-20:]] == [6] * 20
 
 
