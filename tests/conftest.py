@@ -48,6 +48,7 @@ MARKS = {
         "training/limits",
         "training/narx",
         "training/study",
+        "monitor/cli/test_log_doctor.py",
         "monitor/pipeline/test_acceptance.py",
         "monitor/pipeline/test_vehicles.py",
     ),

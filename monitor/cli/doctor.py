@@ -1,18 +1,23 @@
-"""``o2mon doctor``: say what is wrong with a bus, and what to do about it."""
+"""``o2mon doctor``: say what is wrong with a bus or a sensor, and what to do about it."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
+from monitor.base.command_line import option_paths as paths
+from monitor.base.command_line.parameters import ColumnNames
 from monitor.base.counts import counted
 from monitor.base.errors import UsageError
 from monitor.cli.check import heard
 from monitor.cli.options import (
+    LOGS,
     NOT_JUDGED,
     Bus,
     Seconds,
     SetupOptions,
     bus_address,
+    positive,
     say,
     set_up,
 )
@@ -25,33 +30,52 @@ EXAMPLES = """examples:
   o2mon doctor -i socketcan -c can0
   o2mon doctor -i socketcan -c can0 --dbc engine.dbc --map engine.toml --seconds 10
   sudo o2mon doctor -i socketcan -c can0 --scan          which bit rate?
+  o2mon doctor friday.msl --healthy monday.msl tuesday.msl wednesday.msl
+  o2mon doctor friday.msl --model doctor/car.onnx --out friday
 
-exit code: 0 nothing wrong was found, 3 something was, 2 the bus cannot be used"""
+exit code: 0 nothing wrong was found, 3 something was, 2 the bus cannot be used; with LOG that of
+o2mon replay"""
+_LOG = {"help": f"{LOGS}; without it, a bus"}
 SCAN_S = 1.0  # at each bit rate
 NO_SCAN = "--scan needs a SocketCAN interface with a bit rate; elsewhere its driver's tool sets it"
 
 
 @dataclass(frozen=True, kw_only=True)
-class DoctorOptions(SetupOptions):
+class DoctorOptions(SetupOptions, ColumnNames):
     """Options of a diagnosis.
 
+    healthy : logs of the same car with a sensor that you trust: o2train fits a model to them
+    out : folder for the page of LOG, the model and the tables
+    budget : work of the fit in minutes
     seconds : time to listen, in s
     scan : try the usual bit rates, listen-only, as root, then restore the interface; other programs
         that use it hear nothing meanwhile
     """
 
+    log: Annotated[Sequence[Path], paths.read, "LOG", _LOG] = field(default=(), kw_only=False)
+    healthy: Annotated[Sequence[Path], paths.read, "LOG"] = ()
+    out: Annotated[Path, paths.folder, "DIR"] = Path("doctor")
+    budget: Annotated[float, positive, "MIN"] = 10.0
     bus: Bus
     seconds: Seconds = 5.0
     scan: bool = False
 
 
 def run(args: DoctorOptions) -> int:
-    """Listen to a bus and say what is wrong with it, a sentence each, and what to do.
+    """Listen to a bus and say what is wrong with it, a sentence each, and what to do. It sends
+    nothing. What is asked: bit rate and error counters of the interface, error frames, missing
+    acknowledgement, the messages of the map with their rates, two senders of one message, the
+    values of the signals.
 
-    It sends nothing. What is asked: bit rate and error counters of the interface, error frames,
-    missing acknowledgement, the messages of the map with their rates, two senders of one message,
-    the values of the signals.
+    With LOG: check it, fit a model to healthy logs or take one, judge the sensor, estimate tables
+    for the ECU, and write one page. Each step is a command that is printed.
     """
+    if args.log:
+        if getattr(args.bus, "interface", None):
+            raise UsageError("give either a LOG or a bus (-i, -c), not both")
+        from monitor.cli.log_doctor import diagnosed
+
+        return diagnosed(args)
     from monitor.bus.bench.findings import of_interface
 
     interface = _interface(args)
@@ -71,8 +95,11 @@ def _interface(args: DoctorOptions) -> "Interface | None":
     from monitor.bus.bench.interface import Interface
 
     name, channel = bus_address(args.bus)
-    if not name or (name == "socketcan" and not channel):
-        raise UsageError("no bus: give -i INTERFACE -c CHANNEL, for example -i socketcan -c can0")
+    if args.healthy or not name or (name == "socketcan" and not channel):
+        raise UsageError(
+            "nothing to examine: give a LOG, or a bus (-i INTERFACE -c CHANNEL, for example "
+            "-i socketcan -c can0)"
+        )
     found = Interface.of(channel) if name == "socketcan" else None
     told = found.in_words if found else "its bit rate cannot be asked"
     say(f"bus       {name} {channel}: {told}")

@@ -4,7 +4,7 @@ import argparse
 import errno
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -185,9 +185,16 @@ def set_up(
 
 
 def write_outputs(
-    args: JudgeOptions, setup: "Setup", recordings: list[dict[str, Any]], traces: list[Any]
+    args: JudgeOptions,
+    setup: "Setup",
+    recordings: list[dict[str, Any]],
+    traces: list[Any],
+    steps: Mapping[str, str] | None = None,
 ) -> None:
-    """Write the JSON and HTML that the options name; raises UsageError if that fails."""
+    """Write the JSON and HTML that the options name; raises UsageError if that fails.
+
+    steps : commands that led to the result, with their output
+    """
     from monitor.base.files.json_text import write_json
     from monitor.pipeline.replay import result_of
     from monitor.report.model_facts import model_info, predicted_quantity
@@ -204,6 +211,7 @@ def write_outputs(
             title="Oxygen sensor monitor",
             model_info=model_info(setup),
             output=predicted_quantity(setup),
+            steps=steps,
         )
         say(f"report: {args.html}")
 

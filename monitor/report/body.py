@@ -37,7 +37,11 @@ OPEN_AT_FIRST = 4  # up to this number, all recordings are shown unfolded
 
 
 def body(
-    title: str, recordings: Sequence[Mapping[str, Any]], model_info: Mapping[str, str], output: str
+    title: str,
+    recordings: Sequence[Mapping[str, Any]],
+    model_info: Mapping[str, str],
+    output: str,
+    steps: Mapping[str, str],
 ) -> str:
     """Return the page's body without data and script."""
     simulated = [r for r in recordings if is_simulated(r)]
@@ -56,7 +60,7 @@ def body(
     return (
         f"<header><h1>{text(title)}</h1>{_lead(recordings)}{note}</header>\n<main>\n"
         f"{_summary(recordings)}\n"
-        f"{sections}\n{_model(model_info, recordings)}\n</main>"
+        f"{sections}\n{_model(model_info, recordings)}\n{_steps(steps)}\n</main>"
     )
 
 
@@ -356,6 +360,15 @@ def _model(model_info: Mapping[str, str], recordings: Sequence[Mapping[str, Any]
         return ""
     facts = [(text(key), text(value)) for key, value in model_info.items()]
     return f'<section class="model"><h2>Model</h2>{term_list(facts)}</section>'
+
+
+def _steps(steps: Mapping[str, str]) -> str:
+    """Return the commands that led to the result, with their output, "" if there were none."""
+    parts = (
+        f"<details><summary><code>{text(command)}</code></summary><pre>{text(said)}</pre></details>"
+        for command, said in steps.items()
+    )
+    return f"<section><h2>Steps</h2>{''.join(parts)}</section>" if steps else ""
 
 
 def _words(name: str) -> str:

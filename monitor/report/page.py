@@ -39,12 +39,14 @@ def write_report(
     title: str,
     model_info: Mapping[str, str],
     output: str = "lambda",
+    steps: Mapping[str, str] | None = None,
 ) -> None:
     """Write the page for a result of ``o2mon.replay/1``.
 
     traces : one per recording of the result; an empty trace gives no plots
     model_info : facts of the model card to show, in this order
     output : quantity that the model predicts; lambda is plotted from 0.7 to 1.3 at most
+    steps : commands that led to the result, with their output
     Raises ValueError if the numbers of traces and recordings differ, OSError as ``open``.
     """
     recordings = [
@@ -69,7 +71,7 @@ def write_report(
         style_hash=_hash(style),
         style=style,
         script=script,
-        body=body(title, recordings, model_info, output),
+        body=body(title, recordings, model_info, output, steps or {}),
         data="\n".join(
             f'<script type="application/json" id="series-{i}">{_json(item)}</script>'
             for i, item in enumerate(embedded)

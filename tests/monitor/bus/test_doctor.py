@@ -269,4 +269,4 @@ def test_what_cannot_be_asked_is_said(can0: Path, capsys: pytest.CaptureFixture[
     said = capsys.readouterr().err.splitlines()
     assert "--scan needs a SocketCAN interface with a bit rate" in said[0]
     assert "no interface can7" in said[1]
-    assert "give -i INTERFACE -c CHANNEL" in said[2]
+    assert "give a LOG, or a bus" in said[2]

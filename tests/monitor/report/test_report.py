@@ -339,7 +339,7 @@ def test_a_page_does_not_claim_that_undecided_fuel_cuts_passed() -> None:
         "findings": {name: finding | {"verdict": "inconclusive", "std": 0.118}},
     }
     passed, left_open = (
-        body.body("drives", [recording() | {"fuel_cut_response": cuts}], {}, "lambda")
+        body.body("drives", [recording() | {"fuel_cut_response": cuts}], {}, "lambda", {})
         for cuts in (decided, undecided)
     )
     assert "Every test was completed and passed." in passed

@@ -1,0 +1,70 @@
+"""``o2mon doctor LOG…``: the commands of a diagnosis one after the other, and one page.
+
+The steps run as programs of their own, because the runtime knows nothing of ``o2train``; where its
+libraries are not installed, it says so, and the electrical tests need no model of the car.
+"""
+
+import shlex
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from monitor.base.errors import UsageError
+from monitor.cli.options import NOT_JUDGED, JudgeOptions, say, set_up, write_outputs
+
+if TYPE_CHECKING:
+    from monitor.cli.doctor import DoctorOptions
+
+Words = list[str | Path]
+_MODULES = {"o2mon": "monitor.cli", "o2train": "training.cli"}
+
+
+def diagnosed(args: "DoctorOptions") -> int:
+    """Fit a model or take one, check the logs, judge, estimate tables; return the exit code."""
+    from monitor.pipeline.replay import exit_code, replay_all
+    from monitor.report.lines import print_recording
+
+    args.out.mkdir(parents=True, exist_ok=True)
+    reading: Words = ["--profile", args.columns] if args.columns else []
+    reading += [word for dbc, map in args.pairs for word in ("--dbc", dbc, "--map", map)]
+    model = args.model
+    steps: dict[str, str] = {}
+    if args.healthy and model is None:
+        model = args.out / "car.onnx"
+        words: Words = [*args.healthy, "--out", model, "--budget", f"{args.budget:g}", *reading]
+        steps |= _step("o2train", "fit", *words)
+    elif model is None:
+        say("no --healthy logs and no --model: only the sensor's electrical state is judged")
+    of_model: Words = ["--model", model] if model else []
+    for log in args.log:
+        steps |= _step("o2mon", "check", log, *of_model, *reading)
+    setup = set_up(replace(args, model=model), args.columns)
+    judged = list(replay_all(args.log, setup, trace=True))
+    words = [*(args.healthy or args.log), "--out", args.out / "tables", *reading]
+    steps |= _step("o2train", "tables", *words, may_fail=True)
+    recordings, traces = [each for each, _ in judged], [trace for _, trace in judged]
+    for recording in recordings:
+        say("\n".join(print_recording(recording)))
+    write_outputs(JudgeOptions(html=args.out / "report.html"), setup, recordings, traces, steps)
+    return exit_code(recordings)
+
+
+def _step(program: str, *words: str | Path, may_fail: bool = False) -> dict[str, str]:
+    """Run a command and print it and what it says; return both.
+
+    may_fail : its errors are a part of what it says
+    Raises UsageError if it fails, behind its own message.
+    """
+    name, said = shlex.join([program, *map(str, words)]), ""
+    call = [sys.executable, "-m", _MODULES[program], *map(str, words)]
+    errors = subprocess.STDOUT if may_fail else None
+    say(f"$ {name}")
+    with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=errors, text=True) as running:
+        for line in running.stdout or ():
+            said += line
+            say(f"  {line.rstrip()}")
+    if running.returncode not in (0, NOT_JUDGED) and not may_fail:
+        raise UsageError(f"the step failed: {name}")
+    return {name: said}
