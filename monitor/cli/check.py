@@ -75,8 +75,7 @@ def run(args: CheckOptions) -> int:
             "nothing to check: give a LOG (CAN log, table or a logger's file such as .msl, .mlg, "
             ".csv) or a bus (-i INTERFACE -c CHANNEL, for example -i socketcan -c can0)"
         )
-    channel = getattr(args.bus, "channel", None) if args.log else None
-    setup = set_up(args, args.columns, obd=args.obd, judges=False, channel=channel or "")
+    setup = set_up(args, args.columns, obd=args.obd, judges=False)
     log = LogCounters()
     if args.log:
         result = check(log_blocks(args.log, setup.bus_map, log), setup.bus_map)

@@ -59,7 +59,7 @@ def _add_buses(parser: argparse.ArgumentParser) -> None:
 class InjectOptions(SetupOptions, ColumnNames):
     """Options of an injection.
 
-    log : CAN log, table or log of a tuning tool instead of buses
+    log : CAN log, table or log of a tuning tool instead of buses; -c names one of several in it
     out : log to write, of a table .csv
     fault : fault to inject, times in s after the first frame; may repeat
     scenario : files with faults and expectations; several are judged one after the other
@@ -86,7 +86,8 @@ def run(args: InjectOptions) -> int:
     """Put faults into an engine's frames, or into a log."""
     from monitor.inject.expected import case, compare, table
 
-    if args.log and (bus_name(args.bus) or "to_channel" in args.bus or args.duration):
+    buses = getattr(args.bus, "interface", None) or "to_channel" in args.bus or args.duration
+    if args.log and buses:
         raise UsageError("give either a LOG or two buses (-i, -c, --to-channel), not both")
     if args.log and not (args.out or args.check):
         raise UsageError("nothing to do with LOG: give --out, or --scenario and --assert")

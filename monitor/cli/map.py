@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import Input, Nothing, Number
+from monitor.base.command_line.parameters import Input, LogChannel, Nothing, Number
 from monitor.cli.options import NOT_JUDGED, say
 
 EXAMPLES = """examples:
@@ -24,6 +24,7 @@ def run(
     *,
     out: Annotated[Path | None, paths.written, "MAP.toml"] = None,
     log: Input | None = None,
+    of: LogChannel,
     cylinders: Number = 4,
     nothing: Nothing = False,
 ) -> int:
@@ -46,7 +47,9 @@ def run(
     if cylinders < 1:
         raise UsageError("--cylinders is at least 1")
     database, notes = read_database(dbc)
-    text, proposals = make_map(database, dbc, log=log, cylinders=cylinders, notes=notes)
+    text, proposals = make_map(
+        database, dbc, log=log, channel=of.channel, cylinders=cylinders, notes=notes
+    )
     tell = say if out or nothing else _tell_apart
     if out is None:
         say(text.rstrip("\n"))

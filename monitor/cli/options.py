@@ -165,13 +165,13 @@ def set_up(
     *,
     obd: bool = False,
     judges: bool = True,
-    channel: str = "",
 ) -> "Setup":
     """Load the files of the options; raises O2Error if one is unusable.
 
+    Beside a LOG, the channel of the options is that of a log that holds several buses.
+
     obd : whether the default of database and map is that of OBD-II
     judges : whether the model must have decision limits
-    channel : of logs that hold several buses
     """
     import dbc
     from monitor.base import config
@@ -181,7 +181,9 @@ def set_up(
     if obd and not pairs:
         pairs = [(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))]
     loaded = config.load(args.config)
-    return replay.set_up(args.model, pairs, loaded, columns, judges=judges, channel=channel)
+    named = args if hasattr(args, "channel") else getattr(args, "bus", None)
+    channel = getattr(named, "channel", None) if getattr(args, "log", None) else None
+    return replay.set_up(args.model, pairs, loaded, columns, judges=judges, channel=channel or "")
 
 
 def write_outputs(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import ColumnNames, Output, Quiet
+from monitor.base.command_line.parameters import ColumnNames, LogChannel, Output, Quiet
 from monitor.cli.options import LOGS, JudgeOptions, say, set_up, warn, write_outputs
 from monitor.cli.sinks import SinkOptions, written_sinks
 
@@ -23,17 +23,15 @@ exit code: 0 judged and no fault, 1 a fault code is pending or confirmed, 2 unus
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayOptions(JudgeOptions, ColumnNames, SinkOptions):
+class ReplayOptions(JudgeOptions, ColumnNames, LogChannel, SinkOptions):
     """Options of a replay.
 
-    channel : of a log that holds several buses, the one that is meant
     windows : print every window
     junit : write JUnit XML for a CI server: one test for each drive
     quiet : print nothing per recording
     """
 
     log: Annotated[Sequence[Path], paths.read, "LOG", {"help": LOGS}] = field(kw_only=False)
-    channel: Annotated[str, "NAME"] = ""
     windows: bool = False
     junit: Output = None
     quiet: Quiet = False
@@ -48,7 +46,7 @@ def run(args: ReplayOptions) -> int:
     from monitor.pipeline.replay import exit_code, replay_all
     from monitor.report.lines import case, print_recording
 
-    setup = set_up(args, args.columns, channel=args.channel)
+    setup = set_up(args, args.columns)
     memory = Memory(args.memory, hold=True) if args.memory else None
     if memory and memory.condition.says:
         warn(memory.condition.says)

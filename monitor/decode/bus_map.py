@@ -125,9 +125,10 @@ def read_database(path: Path) -> tuple[Database, tuple[str, ...]]:
     return database, notes
 
 
-def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
+def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]], channel: str = "") -> BusMap:
     """Return the signals that the pairs of DBC and signal map provide together.
 
+    channel : of logs that hold several buses, before that of a map
     Raises SignalMapError naming map, DBC and signal where they do not fit each other.
     """
     paths: tuple[Pair, ...] = tuple((Path(dbc), Path(map_path)) for dbc, map_path in pairs)
@@ -169,7 +170,7 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
         names=tuple(names),
         optional=further,
         catalyst_position=position,
-        log_channel=log_channel,
+        log_channel=channel or log_channel,
         notes=tuple(notes),
     )
 

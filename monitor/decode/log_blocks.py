@@ -4,11 +4,12 @@ An engine with 29-bit diagnostics answers OBD requests as 18DAF1xx, xx its addre
 Such an answer has the bytes of one under 7E8, which maps name.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+from cantools.database.can import Message
 
 from monitor.base.types import FrameBlock
 from monitor.decode.bus_map import BusMap
@@ -29,10 +30,14 @@ def log_blocks(
 
     Raises RecordingError, too, if a mapped identifier is on two channels and none is chosen.
     """
-    messages = (channel.message for channel in bus_map.channels.values())
-    keys = {m.frame_id | (EXTENDED if m.is_extended_frame else 0) for m in messages}
+    keys = keys_of(channel.message for channel in bus_map.channels.values())
     blocks = read_blocks(path, counters, Channels(bus_map.log_channel, keys))
     return _standard(blocks) if _ANSWER in keys and _ANSWER_29 | _ENGINE not in keys else blocks
+
+
+def keys_of(messages: Iterable[Message]) -> set[int]:
+    """Return the keys of the messages' frames."""
+    return {m.frame_id | (EXTENDED if m.is_extended_frame else 0) for m in messages}
 
 
 def _standard(blocks: Iterator[FrameBlock]) -> Iterator[FrameBlock]:

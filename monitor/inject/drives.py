@@ -6,6 +6,8 @@ from pathlib import Path
 
 from monitor.base.errors import UsageError
 from monitor.base.types import Frame
+from monitor.decode.log_blocks import keys_of
+from monitor.frames.channels import Channels
 from monitor.frames.logs import read_frames
 from monitor.grid.tables import Table, is_table
 from monitor.inject.expected import FrameJudge, Recording, fresh_memory
@@ -65,7 +67,9 @@ def _log_drive(
         keep_counters=scenario.keep_counters,
     )
     judge = FrameJudge(setup, memory) if memory else None
-    frames = injector.stream(read_frames(log))
+    bus_map = setup.bus_map
+    keys = keys_of(channel.message for channel in bus_map.channels.values())
+    frames = injector.stream(read_frames(log, None, Channels(bus_map.log_channel, keys)))
     frames = _seen(frames, judge.push) if judge else frames
     n = write_log(out, frames) if out else sum(1 for _ in frames)
     for line in injector.counts.lines():

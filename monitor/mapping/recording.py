@@ -128,6 +128,8 @@ def observe(
     decoder, first_ns, n = _decoder(channels, dbc), None, 0
     for whole in blocks:
         block = chosen(whole, slice(0, MOST_FRAMES - n))
+        if not len(block.t_ns):
+            continue
         n += len(block.t_ns)
         first_ns = block.t_ns[0] if first_ns is None else first_ns
         for plan in decoder.plans.values():

@@ -8,7 +8,9 @@ from typing import Final
 from cantools.database.can import Database
 
 from monitor.decode.checksum import ALGORITHMS
+from monitor.decode.log_blocks import keys_of
 from monitor.decode.signal_map import LONGEST_TIMEOUT_S
+from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks
 from monitor.judge.causes.causes import timeout_of
 from monitor.mapping.candidates import MapCandidate, cycle_ms, ranked
@@ -27,17 +29,22 @@ def make_map(
     dbc: Path,
     *,
     log: Path | None = None,
+    channel: str = "",
     cylinders: int = 4,
     notes: Sequence[str] = (),
 ) -> tuple[str, Proposals]:
     """Return the text of the map that is proposed, and the proposals.
 
     log : CAN log of a drive that the proposals are checked with
+    channel : of a log that holds several buses
     notes : what of the database could not be read as it stands
     Raises RecordingError if the log cannot be read.
     """
     candidates = ranked(database)
-    observed = observe(read_blocks(log), candidates, dbc, database) if log else None
+    observed = None
+    if log:
+        channels = Channels(channel, keys_of(database.messages))
+        observed = observe(read_blocks(log, None, channels), candidates, dbc, database)
     if observed:
         candidates = observed.reranked(candidates)
     proposals = propose(candidates, cylinders)

@@ -80,8 +80,7 @@ def set_up(
     """
     loaded = model if isinstance(model, Model) else Model.load(model or shipped_model())
     own = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
-    bus_map = load_pairs(pairs or own)
-    bus_map = replace(bus_map, log_channel=channel or bus_map.log_channel)
+    bus_map = load_pairs(pairs or own, channel)
     is_bare = not judges and not loaded.card.limits
     limits = NO_LIMITS if is_bare else Limits.from_card(loaded.card, config, str(loaded.path))
     return Setup(loaded, limits, config.with_catalyst(bus_map.catalyst_position), bus_map, columns)

@@ -14,6 +14,7 @@ def load_recordings(
     *,
     period_s: float | None = None,
     buses: Pairs | None = None,
+    channel: str = "",
     columns: str | Path | None = None,
     of_model: Mapping[str, Any] | None = None,
 ) -> list[Recording]:
@@ -23,6 +24,7 @@ def load_recordings(
         them (dict of arrays, polars or pandas frame); or recordings, which are passed on
     period_s : sample period; default 0.1 s for CAN logs, the table's own for tables
     buses : pairs of DBC and signal map for CAN logs; default the project's own ECU
+    channel : of logs that hold several buses
     columns : columns map or profile for tables
     of_model : profile in a model's card, for a logger's file that it fits
     Raises RecordingError, UsageError or SignalMapError naming the file and what is wrong.
@@ -39,7 +41,8 @@ def load_recordings(
         if isinstance(one, Recording):
             return one
         if isinstance(one, str | Path):
-            return load(one, period_s=period_s, pairs=buses, columns=columns, of_model=of_model)
+            how: dict[str, Any] = {"columns": columns, "of_model": of_model}
+            return load(one, period_s=period_s, pairs=buses, channel=channel, **how)
         return of_columns(one, f"recording {number}", period_s)
 
     found = [read(number, one, period_s) for number, one in enumerate(several)]

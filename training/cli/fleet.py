@@ -86,7 +86,8 @@ def run(args: FleetCommand) -> int:
         partitions.check(args.partitioned)
         written = (*written, args.partitioned)
     jobs = args.n_jobs
-    bench = Bench.of(args.model, config.load(args.config), args.pairs or None, args.columns)
+    settings = config.load(args.config)
+    bench = Bench.of(args.model, settings, args.pairs or None, args.columns, args.channel)
     drives = drives_of(args.recordings, args.vehicle, written)
     errors = faults = 0
     with tqdm(total=len(drives), unit="drive", disable=args.nothing or None) as bar:

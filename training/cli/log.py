@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import Input
-from training.cli.options import Length, ReadOptions
+from monitor.base.command_line.parameters import BusFiles, ColumnNames, Input
+from training.cli.options import Length
 
 EXAMPLES = """examples:
   o2train log drive.csv --out drive.log
@@ -18,7 +18,8 @@ def run(
     *,
     out: Annotated[Path, paths.written],
     start: Length | None = None,
-    reading: ReadOptions,
+    bus: BusFiles,
+    names: ColumnNames,
 ) -> int:
     """Write the frames that an ECU with these signals would send.
 
@@ -41,9 +42,9 @@ def run(
 
     if start is not None and not 0.0 <= start < LATEST_S:
         raise UsageError(f"--start {start:g}: seconds from 0 to {LATEST_S:g} are wanted")
-    read = read_table(table, reading.columns)
+    read = read_table(table, names.columns)
     check_rows(table, read.t_ns)
-    bus_map = load_pairs(reading.pairs or default_pairs())
+    bus_map = load_pairs(bus.pairs or default_pairs())
     values = {name: read.values[:, i] for i, name in enumerate(read.names)}
     start_ns = None if start is None else round(start * 1e6) * 1000
     frames = broadcast(bus_map, read.t_ns, values, start_ns)

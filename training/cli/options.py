@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import BusFiles, ColumnNames, Number, Recordings
+from monitor.base.command_line.parameters import (
+    BusFiles,
+    ColumnNames,
+    LogChannel,
+    Number,
+    Recordings,
+)
 from monitor.base.errors import UsageError
 
 if TYPE_CHECKING:
@@ -29,7 +35,7 @@ SomeRecordings = Annotated[Recordings, {"help": FORMATS}]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadOptions(BusFiles, ColumnNames):
+class ReadOptions(BusFiles, ColumnNames, LogChannel):
     """How recordings are read."""
 
 
@@ -107,6 +113,7 @@ def load_all(
         list(given),
         period_s=period_s,
         buses=args.pairs or None,
+        channel=args.channel,
         columns=args.columns,
         of_model=Model.load(model).card.profile if model else None,
     )

@@ -37,6 +37,7 @@ def run(
         signals,
         period_s=reading.period,
         pairs=reading.pairs or None,
+        channel=reading.channel,
         columns=reading.columns,
     )
     tell_notes([found])

@@ -39,6 +39,7 @@ class Bench:
     pairs: tuple[tuple[File, File], ...]  # pairs of DBC and signal map
     columns: File | None = None  # columns map
     root: Path = Path()  # folder that relative paths of recordings refer to
+    channel: str = ""  # of logs that hold several buses
 
     @classmethod
     def of(
@@ -47,11 +48,13 @@ class Bench:
         config: Config,
         pairs: Sequence[tuple[Path, Path]] | None = None,
         columns: Path | None = None,
+        channel: str = "",
     ) -> "Bench":
         """Return the bench with the contents of these files.
 
         pairs : pairs of DBC and signal map; None is the project's ECU
         columns : columns map for tables
+        channel : of logs that hold several buses
         Raises ModelError, ConfigError or SignalMapError if a file cannot be used.
         """
         pair_paths = [(Path(a), Path(b)) for a, b in pairs or default_pairs()]
@@ -65,11 +68,13 @@ class Bench:
             tuple((_file(a), _file(b)) for a, b in pair_paths),
             None if columns is None else _file(columns),
             Path.cwd(),
+            channel,
         )
 
     def identity(self) -> dict[str, Any]:
         """Return digests of model, settings, maps and code; equal digests give equal results."""
-        files = {"bus": self.pairs, "columns": self.columns}
+        bus = (self.pairs, self.channel) if self.channel else self.pairs
+        files = {"bus": bus, "columns": self.columns}
         return {
             "model": self.model[0],
             "model_sha256": places.sha256_of(self.model[1]),
@@ -129,7 +134,7 @@ def _made(bench: Bench) -> Tools:
             (_lay(Path(folder) / f"{i}.dbc", a), _lay(Path(folder) / f"{i}.toml", b))
             for i, (a, b) in enumerate(bench.pairs)
         ]
-        bus_map = load_pairs(laid)
+        bus_map = load_pairs(laid, bench.channel)
     kept = columns = None
     if bench.columns is not None:
         kept = _Folder()

@@ -82,6 +82,7 @@ def load(
     *,
     period_s: float | None = None,
     pairs: Pairs | None = None,
+    channel: str = "",
     columns: str | Path | None = None,
     of_model: Mapping[str, Any] | None = None,
 ) -> Recording:
@@ -90,6 +91,7 @@ def load(
     names : the signals to read, in this order; None for all of them
     period_s : grid period; None is 100 ms for logs and a table's own if it is uniform
     pairs : pairs of DBC and signal map for logs, default the project's own ECU
+    channel : of logs that hold several buses, before that of a signal map
     columns : columns map or profile for tables, columns map for measurement files
     of_model : tree of the profile in a model's card, for a logger's file that it fits
     Raises RecordingError or SignalMapError naming the file and what is wrong.
@@ -109,7 +111,7 @@ def load(
         profile, notes = table.profile, table.notes.lines
         got, period_ns, block = _from_table(table, wanted, period_ns)
     else:
-        bus_map = load_pairs(default_pairs() if pairs is None else pairs)
+        bus_map = load_pairs(default_pairs() if pairs is None else pairs, channel)
         got, period_ns = wanted or bus_map.names, period_ns or DEFAULT_PERIOD_NS
         log = LogCounters()
         block = log_block(path, bus_map, got, period_ns, log)

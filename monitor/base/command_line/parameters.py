@@ -40,6 +40,16 @@ class BusFiles:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LogChannel:
+    """Which frames of a log are read.
+
+    channel : of a log that holds several buses, the one that is meant
+    """
+
+    channel: Annotated[str, "NAME"] = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ColumnNames:
     """Which column of a table is which signal.
 

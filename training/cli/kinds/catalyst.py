@@ -1,7 +1,7 @@
 """The part of ``o2train fit --kind greybox`` for a catalyst and its downstream sensor."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from training.cli.kinds.fit_command import FitCommand
 
@@ -46,7 +46,8 @@ def _load(path: Path, args: FitCommand) -> "Recording":
         bus_map = load_pairs(pairs)
         there = {*bus_map.names, *bus_map.optional}
         names = [name for name in (*NEEDED, "catalyst_temperature_degc") if name in there]
-    return load(path, names, period_s=args.period, pairs=pairs, columns=args.columns)
+    how: dict[str, Any] = {"channel": args.channel, "columns": args.columns}
+    return load(path, names, period_s=args.period, pairs=pairs, **how)
 
 
 def _print(out: Path, fitted: "FittedCatalyst") -> None:
