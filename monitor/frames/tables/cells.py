@@ -16,8 +16,12 @@ WORDS: Final = dict.fromkeys(("true", "on", "yes", "active", "high", "ok"), 1.0)
     ("false", "off", "no", "inactive", "low"), 0.0
 )
 
-# h:m:s or m:s, with a date before it or not
-_CLOCK: Final = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)\s*([ap]m)?", re.I)
+# h:m:s or m:s, with or without a date before it and an offset from UTC after it
+_CLOCK: Final = re.compile(
+    r"(?:(.*\S)[T ] ?)?(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)\s*(?:([ap]m)\s*)?"
+    r"(?:Z|([+-]\d\d):?(\d\d)?)?",
+    re.I,
+)
 _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
 
 Parse = Callable[[str], float]
@@ -83,22 +87,19 @@ def clock(text: str) -> float:
 
     NaN if it is none.
 
-    >>> clock("25:36.7"), clock("16:37:18.5"), clock("1970-01-02 00:00:01")
+    >>> clock("25:36.7"), clock("16:37:18.5"), clock("1970-01-02T02:00:01+02:00")
     (1536.7, 59838.5, 86401.0)
     """
-    text = text.strip()
-    day, _, rest = text.replace("T", " ").rpartition(" ")
-    if rest.casefold() in ("am", "pm"):
-        day, _, rest = day.rpartition(" ")
-        rest += text[-2:]
-    match = _CLOCK.fullmatch(rest.rstrip("Zz"))
+    match = _CLOCK.fullmatch(text.strip())
     if match is None:
         return math.nan
-    hours, minutes, seconds = match[1] or 0, match[2], match[3].replace(",", ".")
-    value = HOUR_S * int(hours) + 60.0 * int(minutes) + float(seconds)
-    if match[4]:
-        value = value % (DAY_S / 2) + (DAY_S / 2 if match[4].casefold() == "pm" else 0.0)
-    return value + (_day_s(day.strip()) if day.strip() else 0.0)
+    day, hours, minutes, seconds, half, ahead, further = match.groups()
+    value = HOUR_S * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
+    if half:
+        value = value % (DAY_S / 2) + (DAY_S / 2 if half.casefold() == "pm" else 0.0)
+    if day and ahead:
+        value -= HOUR_S * int(ahead) + 60.0 * int(f"{ahead[0]}{further or 0}")
+    return value + (_day_s(day) if day else 0.0)
 
 
 def _day_s(text: str) -> float:
@@ -115,7 +116,7 @@ def wrap_s(text: str) -> float:
     rest = text.strip().replace("T", " ")
     if re.match(r".*\d[-/.]\w+[-/.]\d.* ", rest):
         return 0.0
-    return DAY_S if rest.count(":") == 2 else HOUR_S
+    return DAY_S if rest.count(":") >= 2 else HOUR_S
 
 
 def of_words(words: tuple[str, ...]) -> Parse:

@@ -5,10 +5,11 @@ none. Sources: the tools' documentation and logs, and the formats that SavvyCAN 
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -22,6 +23,8 @@ from monitor.frames.text.candump import WANTED, frame_of_line
 _HEAD_BYTES: Final = 1 << 14
 _CLASSIC: Final = 8
 _DAY_S: Final = 86_400.0
+_KVASER_EXTENDED: Final = 4
+_KVASER_NO_DATA: Final = 0x21  # remote frame, error frame
 _STANDARD: Final = 0x7FF  # largest identifier of 11 bits
 
 
@@ -127,6 +130,28 @@ LAYOUTS: Final = (
         time_s=float,
     ),
     TextLayout(
+        tool="Kvaser CSV",
+        begins=re.compile(r"^Time,Channel,ID,Flags,DLC,Data0,.*,Counter\b", _ANY | re.M),
+        frame=re.compile(
+            r"(?P<time>\d+\.\d+),(?P<channel>\d+),(?P<id>(?:0x)?[0-9a-f]+),(?P<flags>\d+),"
+            r"(?P<length>\d+)(?P<data>(?:,(?:(?:0x)?[0-9a-f]{1,3})?)*)(?:,.*)?", _ANY,
+        ),
+        other=re.compile(r"Time,.*", _ANY),
+        time_s=float,
+    ),
+    TextLayout(
+        tool="Vehicle Spy",
+        begins=re.compile(r"^Line,Abs Time ?\(Sec\),.*,Arb ID,", _ANY | re.M),
+        frame=re.compile(
+            r"\d+,(?P<time>-?\d+(?:\.\d+)?),[^,]*,[^,]*,(?:(?P<error>T)|F?),[^,]*,"
+            r"(?:\"[^\"]*\"|[^,]*),(?P<channel>[^,]*),[^,]*,(?P<id>[0-9a-f]+),"
+            r"(?:(?P<remote>T\b)|[^,]*),(?:(?P<ext>T)|F)"
+            r"(?P<data>(?:,(?:[0-9a-f]{2})?){8})(?:,.*)?", _ANY,
+        ),
+        other=re.compile(r"[a-z,].*", _ANY),
+        time_s=float,
+    ),
+    TextLayout(
         tool="CRTD (OVMS)",
         begins=re.compile(r"^\d+\.\d+ \d*(?:C[A-Z]{2}\b|[RT](?:11|29) )", re.M),
         frame=re.compile(
@@ -171,7 +196,8 @@ LAYOUTS: Final = (
 )  # fmt: skip
 # what is known and not read: how it begins, and the tool that converts it
 UNREAD: Final = (
-    (re.compile(r"Vehicle Spy|^Line,Abs Time\(Sec\),", re.M), "Vehicle Spy", "SavvyCAN"),
+    (re.compile(r"Vehicle Spy|^Line,Abs Time\(Sec\),", re.M),
+     "Vehicle Spy without arbitration identifiers", "Vehicle Spy's own export"),
     (re.compile(r"^# Logger type: CL\d000", re.M), "a CLX000 logger", "its CLX000 converters"),
     (re.compile(r"^Time[^,;\n]*[,;](?:CAN )?(?:Channel|ID|Identifier)[,;]", _ANY | re.M),
      "frames as CSV", "SavvyCAN or python-can's can_logconvert"),
@@ -186,6 +212,7 @@ class LayoutFound(NamedTuple):
     layout: TextLayout | None = None
     encoding: str = "utf-8"
     base: int = 16  # of identifiers and data
+    deltas: bool = False  # each time is counted from the frame before
 
 
 def layout_of(path: Path) -> LayoutFound:
@@ -202,21 +229,30 @@ def layout_of(path: Path) -> LayoutFound:
     text = head.decode(encoding, errors="replace").replace("\r\n", "\n").lstrip("\ufeff")
     for layout in LAYOUTS:
         if layout.begins.search(text):
-            return LayoutFound(layout, encoding, _base(layout, text))
+            rows = list(filter(None, map(layout.frame.fullmatch, text.splitlines())))
+            base = 10 if "***DEC***" in text or _is_decimal(layout, rows) else 16
+            return LayoutFound(layout, encoding, base, _are_deltas(layout, rows))
     for begins, tool, converter in UNREAD:
         if begins.search(text):
             raise RecordingError(f"a CAN log, {tool}: not read, convert it with {converter}")
     return LayoutFound(encoding=encoding)
 
 
-def _base(layout: TextLayout, text: str) -> int:
-    """Return the base of the numbers: decimal where the header or a long byte says so."""
-    if "***DEC***" in text:
-        return 10
-    if layout.tool != "Kvaser CanKing":
-        return 16
-    rows = filter(None, map(layout.frame.fullmatch, text.splitlines()))
-    return 10 if any(len(byte) > 2 for row in rows for byte in row["data"].split()) else 16
+def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
+    """Return whether a Kvaser tool writes decimal numbers: bytes of three digits, no letters."""
+    if not layout.tool.startswith("Kvaser"):
+        return False
+    words = [re.split(r"[\s,]+", f"{row['id']} {row['data']}") for row in rows]
+    letters = any(re.search("[a-fx]", " ".join(row), re.I) for row in words)
+    return not letters and any(len(byte) > 2 for row in words for byte in row[1:])
+
+
+def _are_deltas(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
+    """Return whether the times of candump -td: they begin with 0, as with -tz, and fall, too."""
+    if layout is not LAYOUTS[0]:
+        return False
+    times_s = [layout.time_s(row["time"]) for row in rows]
+    return times_s[:1] == [0.0] and any(b < a for a, b in pairwise(times_s))
 
 
 def frames_of_lines(
@@ -240,7 +276,7 @@ def frames_of_lines(
                     if layout.other.fullmatch(line.rstrip()):
                         continue
                     raise ValueError(line)
-                time_s = layout.time_s(match["time"])
+                time_s = layout.time_s(match["time"]) + (before_s if found.deltas else 0.0)
                 if layout.wraps and time_s + late_s < before_s - _DAY_S / 2:
                     late_s += _DAY_S
                 before_s = time_s + late_s
@@ -261,6 +297,10 @@ def _frame(groups: dict[str, str | None], time_s: float, base: int) -> Frame | N
     """Return the frame of a line's groups, None for a remote or error frame."""
     if groups.get("remote") or groups.get("error"):
         return None
+    flags = groups.get("flags") or ""
+    bits = int(flags) if flags.isdecimal() else 0  # of Kvaser
+    if bits & _KVASER_NO_DATA:
+        return None
     text = (groups["data"] or "").replace(";", " ").replace(",", " ").split()
     if len(text) == 1 and len(text[0]) > 3 and "x" not in text[0]:  # without spaces
         text = re.findall("..", text[0])
@@ -271,5 +311,5 @@ def _frame(groups: dict[str, str | None], time_s: float, base: int) -> Frame | N
     data = bytes(int(byte, base) for byte in text[:length])
     if len(data) < length or length > MAX_BYTES or not abs(time_s) < LATEST_S or can_id >> 29:
         raise ValueError("no CAN frame")
-    is_extended = bool(groups.get("ext")) or can_id > _STANDARD
+    is_extended = bool(groups.get("ext") or bits & _KVASER_EXTENDED) or can_id > _STANDARD
     return Frame(round(time_s * 1e6) * 1000, can_id, is_extended, data)

@@ -83,7 +83,18 @@ def test_clocks_with_and_without_hours_and_dates() -> None:
     assert clock("07.03.2026 00:00:01") == clock("03/07/2026 00:00:01") == day + 1.0
     assert clock("7-Mar-2026 00:00:02.5") == day + 2.5
     assert clock("2026-03-07T00:00:03Z") == day + 3.0
+    assert clock("2026-03-07T02:00:03.5+02:00") == clock("2026-03-06 19:00:03.5 -0500") == day + 3.5
     assert np.isnan(clock("14.7"))
+
+
+def test_times_go_on_where_the_offset_from_utc_changes(tmp_path: Path) -> None:
+    hours = ["02:59:59.5+02:00", "02:59:59.7+02:00", "02:59:59.9+02:00", "02:00:00.1+01:00"]
+    path = tmp_path / "a.csv"
+    path.write_text("Time,A\n" + "".join(f"2026-10-25T{h},{k}\n" for k, h in enumerate(hours)))
+    raw = open_delimited(path)
+    assert raw.columns[0].kind == "clock"
+    (block,) = raw.read([Wanted(0)], Notes())
+    np.testing.assert_allclose(np.diff(block[:, 0]), 0.2, atol=1e-6)
 
 
 def test_a_log_that_ends_in_a_row_is_read_to_that_row_and_says_so(tmp_path: Path) -> None:

@@ -16,6 +16,9 @@ from monitor.frames.logs import read_blocks, read_frames
 from monitor.grid.tables import is_table
 from monitor.report.check import check
 
+SPY = "Line,Abs Time(Sec),Rel Time (Sec),Status,Er,Tx,Description,Network,Node"
+BYTES = "B1,B2,B3,B4,B5,B6,B7,B8,Value,Trigger,Signals"
+KVASER = "Time,Channel,ID,Flags,DLC,Data0,Data1,Data2,Data3,Data4,Data5,Data6,Data7,Counter"
 # one log per tool: 2 frames of 11 bits and one of 29, 10 ms apart; then what is no frame
 TOOLS = {
     "console.log": """ (1700000000.000000)  can0  0C2   [8]  01 02 03 04 05 06 07 A8
@@ -58,6 +61,38 @@ TOOLS = {
  0    000000C2         8  01  02  03  04  05  06  07  A8       0.000000 R
  0    000000C3         2  11  22                               0.010000 R
  0    18FEF100 X       1  FF                                   0.020000 T
+""",
+    "zero.log": """ (000.000000)  can0  0C2   [8]  01 02 03 04 05 06 07 A8
+ (000.010000)  can0  0C3   [2]  11 22
+ (000.020000)  can0  18FEF100   [1]  FF
+ (000.020000)  can0  0C2   [0]  remote request
+""",
+    "delta.log": """ (000.000000)  can0  0C2   [8]  01 02 03 04 05 06 07 A8
+ (000.010000)  can0  0C3   [2]  11 22
+ (000.010000)  can0  18FEF100   [1]  FF
+ (000.002000)  can0  0C2   [0]  remote request
+""",
+    "memorator.csv": f"""{KVASER},AbsTime
+0.500000,1,194,2,8,1,2,3,4,5,6,7,168,1,2023-11-14
+0.510000,1,195,2,2,17,34,,,,,,,2,2023-11-14
+0.520000,1,419361024,4,1,255,,,,,,,,3,2023-11-14
+0.530000,1,194,3,8,,,,,,,,,4,2023-11-14
+""",
+    "memorator_hex.csv": f"""{KVASER}
+0.500000,1,C2,2,8,01,02,03,04,05,06,07,A8,1
+0.510000,1,C3,2,2,11,22,,,,,,,2
+0.520000,1,18FEF100,4,1,FF,,,,,,,,3
+""",
+    "spy.csv": f"""Vehicle Spy 3 Bus Traffic File
+Save Date,1/2/2023
+ISO8601 Timestamp,2023-01-02T13:00:47.000019
+
+{SPY},Arb ID,Remote,Xtd,{BYTES}
+{SPY},PT,Trgt,Src,{BYTES}
+1,2550.368,0.0,67371008,F,F,"HS CAN, $C2",HS CAN,,C2,F,F,01,02,03,04,05,06,07,A8,,,
+2,2550.378,0.01,67371008,F,T,HS CAN $C3,HS CAN,,C3,F,F,11,22,,,,,,,,,
+3,2550.388,0.01,67371008,F,F,HS CAN,HS CAN,,18FEF100,F,T,FF,,,,,,,,,,
+4,2550.389,0.001,67371008,F,F,HS CAN $C2,HS CAN,,C2,T,F,,,,,,,,,,,
 """,
     "drive.crtd": """1700000000.000000 CXX OVMS trace
 1700000000.000000 1R11 0C2 01 02 03 04 05 06 07 A8
@@ -134,8 +169,8 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("Vehicle Spy Message History\nLine,Abs Time(Sec)\n", "Vehicle Spy: not read, convert it"),
-        ("Time,Channel,ID,Flags,DLC,Data0\n0.1,0,0C2,,1,FF\n", "frames as CSV: not read"),
+        ("Vehicle Spy Message History\nLine,Abs Time(Sec)\n", "not read, convert it with Vehicle"),
+        ("Time,Channel,ID,Length\n0.1,0,0C2,1,FF\n", "frames as CSV: not read"),
         ("  can0  0C2   [2]  11 22\n", "candump without times"),
     ],
 )
