@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.signals import unit_of
+from monitor.base.signals import plausible_range, unit_of
 from monitor.base.types import BoolArray
 from monitor.controller.network import literal, vector
 from monitor.judge import bias, enable
@@ -207,8 +207,8 @@ def _of_movement(source: ExportSource) -> Iterator[tuple[str, float | bool, str]
     yield "ERROR_SHARE", movement.error_share, "healthy residual variances"
     yield "QUANTUM_VAR", movement.quantum**2, "phi squared"
     yield "STILL_SHARE", movement.still_share, "healthy residual variances"
-    yield "MOVEMENT_BOUND", needed * movement.bound, "log odds"
-    yield "MOVEMENT_DOUBT", movement.doubt, "log odds"
+    yield "MOVEMENT_BOUND", movement.bound, "decisions"
+    yield "MOVEMENT_DOUBT", movement.doubt / needed, "decisions"
     yield "INDEPENDENT", (1.0 - memory) / (1.0 + memory), "part of the samples"
     yield "HOLD", int(hold), "equal neighbours"
     yield "NO_HOLD", movement.no_hold, "log odds"
@@ -305,7 +305,7 @@ def tables(source: ExportSource) -> str:
     late = [_steps(s, source.period_s) for s in response.delays_s]
     share = [literal(1.0 - math.exp(-source.period_s / s)) for s in response.lags_s]
     untold = limits.trust.untold
-    low, high = literal(limits.offset_low), literal(limits.offset_high)
+    offsets = f"{literal(limits.offset_low)}, {literal(limits.offset_high)}"
     texts = {
         "signal": [f'"{name}"' for name in source.names],
         "fault": [f'"{name or "sound"}"' for name in FAULTS_INSIDE],
@@ -321,6 +321,10 @@ def tables(source: ExportSource) -> str:
             f"{{O2_OK_{r.condition.upper()}, O2_{r.signal.upper()}, "
             f"{literal(r.low)}, {_bound(r.high)}}}"
             for r in _conditions(source).ranges
+        ],
+        "o2_bounds o2_plausible[O2_N_SIGNALS]": [
+            f"{{{literal(low)}, {literal(high)}}}"
+            for low, high in map(plausible_range, source.names)
         ],
         "o2_recovery o2_recoveries[O2_N_RECOVERIES]": [
             f"{{0x{bit:04X}U, {n}U}}" for bit, n in _recoveries(source)
@@ -340,7 +344,7 @@ def tables(source: ExportSource) -> str:
         parts.append(vector(kind, name, values, is_shared=True))
     for what, values in texts.items():
         parts.append(vector("char *const", f"o2_{what}_names[]", values, is_shared=True))
-    parts.append(f"const o2_vehicle o2_any_vehicle = {{{low}, {high}, 1.0f, true}};\n")
+    parts.append(f"const o2_vehicle o2_any_vehicle = {{{offsets}, 1.0f, true}};\n")
     return "\n".join(parts)
 
 
@@ -439,6 +443,11 @@ typedef struct {
 } o2_range;
 
 typedef struct {
+    float low;
+    float high;
+} o2_bounds;
+
+typedef struct {
     uint16_t condition;
     uint16_t samples; /* that it stays broken */
 } o2_recovery;
@@ -455,6 +464,7 @@ extern const float o2_late_part[O2_N_DELAY];
 extern const o2_rule o2_rules[2];
 extern const o2_claim o2_claims[O2_N_CLAIMS];
 extern const o2_range o2_ranges[O2_N_RANGES];
+extern const o2_bounds o2_plausible[O2_N_SIGNALS];
 extern const o2_recovery o2_recoveries[O2_N_RECOVERIES];
 extern const o2_fault o2_faults[O2_N_FAULTS];
 extern const uint8_t o2_code_tests[O2_N_CODES];

@@ -55,11 +55,11 @@ static uint16_t conditions_of(o2_monitor *m, const o2_sample *sample)
 {
     uint16_t held = O2_ENABLED;
     for (uint16_t i = 0U; i < O2_N_INPUTS; i++) {
-        if (!isfinite(sample->value[i])) {
+        if (isnan(sample->value[i])) {
             held &= (uint16_t)~(O2_OK_INPUTS_VALID | O2_OK_MODEL_SETTLED);
         }
     }
-    if (!isfinite(sample->value[O2_OUTPUT])) {
+    if (isnan(sample->value[O2_OUTPUT])) {
         held &= (uint16_t)~O2_OK_MEASURED_VALID;
     }
     for (uint16_t i = 0U; i < O2_N_RANGES; i++) {
@@ -391,7 +391,7 @@ static void add_level(o2_monitor *m, float level, float kpa)
         sum += m->level[i] / (float)m->n_levels;
         sum_kpa += m->pressure_kpa[i] / (float)m->n_levels;
     }
-    if (O2_KNOWS_PRESSURE && isfinite(sum_kpa)) {
+    if (O2_KNOWS_PRESSURE && (!isnan(sum_kpa))) {
         float beyond = log_current(sum_kpa) - log_current(O2_AIR_KPA);
         span *= expf(O2_AIR_SHARE * beyond);
         spread = O2_AIR_SHARE_STD * fabsf(beyond);
@@ -435,7 +435,7 @@ static void follow_cuts(o2_monitor *m, const o2_sample *sample, bool usable)
     float x = sample->value[O2_OUTPUT];
     bool is_cut = in_fuel_cut(sample);
     bool is_near = false;
-    bool is_known = isfinite(sample->value[O2_FUEL_CUT]) && ((x > 0.0f) || !O2_PHI);
+    bool is_known = (!isnan(sample->value[O2_FUEL_CUT])) && ((x > 0.0f) || !O2_PHI);
     m->since_cut = is_cut ? 0U : counted(m->since_cut);
     is_near = m->since_cut <= O2_CUT_RETURN;
     if (usable && is_known && is_near) {
@@ -612,8 +612,26 @@ void o2_init(o2_monitor *m, const o2_vehicle *vehicle)
     begin_still(m);
 }
 
-void o2_step(o2_monitor *m, const o2_sample *sample, o2_result *result)
+/* Return a sample without values that no such signal has: they are not valid. */
+static o2_sample plausible(const o2_sample *given)
 {
+    o2_sample found = *given;
+    for (uint16_t i = 0U; i < O2_N_SIGNALS; i++) {
+        float x = found.value[i];
+        if (!(isfinite(x) && (x >= o2_plausible[i].low) && (x <= o2_plausible[i].high))) {
+            found.value[i] = NAN;
+            if ((i == O2_OUTPUT) && ((found.quality == O2_GOOD) || (found.quality == O2_PINNED))) {
+                found.quality = isnan(x) ? O2_INVALID : O2_OUT_OF_RANGE;
+            }
+        }
+    }
+    return found;
+}
+
+void o2_step(o2_monitor *m, const o2_sample *given, o2_result *result)
+{
+    const o2_sample own = plausible(given);
+    const o2_sample *sample = &own;
     uint16_t conditions = conditions_of(m, sample);
     bool running = engine_runs(sample);
     bool moved = has_moved(m, sample, running);

@@ -98,7 +98,7 @@ typedef struct {
     float pressure_kpa[O2_N_CUTS];
     uint8_t n_pending;
     uint8_t n_levels;
-    /* movement */
+    /* movement, in decisions */
     float dead;
     float holds;
     bool may_be_dead;

@@ -140,52 +140,58 @@ static float beside(const o2_monitor *m, uint16_t n, uint16_t column)
 
 /* ---- response rule: evidence for each claim about the sensor ---- */
 
-/* Moments of every sensor's whitened reading x and of the rest r = y - x, at the gain expected:
- * the small error of a fitting sensor is no difference of large sums, so float is enough. */
+/* Moments of every sensor's whitened reading x, at the gain expected, with the measurement y and of
+ * the rest y - x. The error of a sensor of any gain follows from those that are near: it is no small
+ * difference of large sums, so float is enough. */
 typedef struct {
+    float yy;
     float xx[O2_N_COLUMNS];
-    float xr[O2_N_COLUMNS];
+    float xy[O2_N_COLUMNS];
     float rr[O2_N_COLUMNS];
 } o2_moments;
 
-static void regressed(const o2_monitor *m, const o2_rule *rule, float gain, const float y[],
-                      o2_moments *s)
+/* Walk through the window's whitened readings: once for their means, once for the moments. */
+static void walk(const o2_monitor *m, const o2_rule *rule, float gain, const float y[],
+                 float mean[O2_N_COLUMNS], o2_moments *s)
 {
     float before[O2_N_COLUMNS];
     float x[O2_N_COLUMNS];
-    float sum[O2_N_COLUMNS];
     float lag[3][O2_N_LAG];
     uint16_t n_new = (uint16_t)(rule->n - O2_AHEAD - 1U);
     const float *now = window_of(m, rule->n);
-    float middle = 0.0f;
-    for (uint16_t k = 0U; k < rule->n; k++) {
-        middle += now[k];
-    }
-    middle *= (1.0f - O2_NOISE_MEMORY) / (float)rule->n;
     (void)memcpy(lag, m->lag_begin, sizeof(lag));
-    (void)memset(s, 0, sizeof(*s));
-    (void)memset(sum, 0, sizeof(sum));
     slow_step(lag, now[0]);
     readings(now, lag, before);
     for (uint16_t k = 0U; k < n_new; k++) {
         slow_step(lag, now[k + 1U]);
         readings(&now[k + 1U], lag, x);
         for (uint16_t c = 0U; c < O2_N_COLUMNS; c++) {
-            float part = gain * ((x[c] - (O2_NOISE_MEMORY * before[c])) - middle);
-            float rest = y[k] - part;
-            sum[c] += part;
-            s->xx[c] += part * part;
-            s->xr[c] += part * rest;
-            s->rr[c] += rest * rest;
+            float part = gain * (x[c] - (O2_NOISE_MEMORY * before[c]));
             before[c] = x[c];
+            if (s == NULL) {
+                mean[c] += part / (float)n_new;
+            } else {
+                part -= mean[c];
+                s->xx[c] += part * part / (float)n_new;
+                s->xy[c] += part * y[k] / (float)n_new;
+                s->rr[c] += square_of(y[k] - part) / (float)n_new;
+            }
         }
     }
-    for (uint16_t c = 0U; c < O2_N_COLUMNS; c++) { /* y has no mean, the others lose theirs */
-        float own = square_of(sum[c]) / (float)n_new;
-        s->xx[c] = (s->xx[c] - own) / (float)n_new;
-        s->xr[c] = (s->xr[c] + own) / (float)n_new;
-        s->rr[c] = (s->rr[c] - own) / (float)n_new;
+}
+
+static void regressed(const o2_monitor *m, const o2_rule *rule, float gain, const float y[],
+                      o2_moments *s)
+{
+    float mean[O2_N_COLUMNS];
+    uint16_t n_new = (uint16_t)(rule->n - O2_AHEAD - 1U);
+    (void)memset(mean, 0, sizeof(mean));
+    (void)memset(s, 0, sizeof(*s));
+    for (uint16_t k = 0U; k < n_new; k++) {
+        s->yy += square_of(y[k]) / (float)n_new;
     }
+    walk(m, rule, gain, y, mean, NULL);
+    walk(m, rule, gain, y, mean, s);
 }
 
 static float gain_of(const o2_monitor *m, uint16_t c)
@@ -195,8 +201,10 @@ static float gain_of(const o2_monitor *m, uint16_t c)
 
 static float error_var(const o2_moments *s, uint16_t column, float gain, float least)
 {
-    float beyond = gain - 1.0f;
-    float found = s->rr[column] - (beyond * ((2.0f * s->xr[column]) - (beyond * s->xx[column])));
+    bool is_weak = gain < 0.5f;
+    float beyond = is_weak ? gain : (gain - 1.0f);
+    float xy = is_weak ? s->xy[column] : (s->xy[column] - s->xx[column]);
+    float found = (is_weak ? s->yy : s->rr[column]) - (beyond * ((2.0f * xy) - (beyond * s->xx[column])));
     return fmaxf(found, 0.0f) + least;
 }
 
@@ -245,7 +253,7 @@ static void add_window(o2_monitor *m, const o2_rule *rule, float gain, const flo
         uint16_t column = o2_claims[c].column;
         float part = (float)n_new / error_var(&s, column, gain_of(m, c), rule->least_var);
         m->sxx[c] = (O2_GAIN_MEMORY * m->sxx[c]) + (part * s.xx[column]);
-        m->sxy[c] = (O2_GAIN_MEMORY * m->sxy[c]) + (part * (s.xx[column] + s.xr[column]));
+        m->sxy[c] = (O2_GAIN_MEMORY * m->sxy[c]) + (part * s.xy[column]);
         said[c] = -0.5f * rule->weight * (float)n_new *
                   logf(error_var(&s, column, gain_of(m, c), rule->least_var));
         best = fmaxf(best, said[c]);
@@ -388,13 +396,13 @@ static void judge_movement(o2_monitor *m, const o2_rule *rule, const float phi[]
         float predicted = variance(now, rule->n);
         float dead = dead_ratio(variance(phi, rule->n), predicted, rule, around_cut);
         float held = around_cut ? 0.0f : hold_ratio(phi, now, predicted, rule);
-        m->dead = limited(m->dead + dead, -O2_EVIDENCE_FAIL, O2_MOVEMENT_BOUND);
-        m->holds = limited(m->holds + held, 0.0f, O2_MOVEMENT_BOUND);
+        m->dead = limited(m->dead + (dead / O2_EVIDENCE_FAIL), -1.0f, O2_MOVEMENT_BOUND);
+        m->holds = limited(m->holds + (held / O2_EVIDENCE_FAIL), 0.0f, O2_MOVEMENT_BOUND);
     }
     m->may_be_dead = fmaxf(m->dead, m->holds) >= O2_MOVEMENT_DOUBT;
-    if (fmaxf(m->dead, m->holds) >= O2_EVIDENCE_FAIL) {
+    if (fmaxf(m->dead, m->holds) >= 1.0f) {
         facts->outcome = O2_FAILED;
-        facts->fault = (m->dead >= O2_EVIDENCE_FAIL) ? O2_FAULT_NO_ACTIVITY : O2_FAULT_INTERMITTENT;
+        facts->fault = (m->dead >= 1.0f) ? O2_FAULT_NO_ACTIVITY : O2_FAULT_INTERMITTENT;
     } else if (m->may_be_dead) {
         facts->outcome = O2_INCONCLUSIVE;
         facts->fault = O2_SOUND;

@@ -84,19 +84,18 @@ class MovementRule:
         return self._summed(dead, np.zeros(len(dead)), no_evidence)
 
     def _summed(self, dead: FloatArray, holds: FloatArray, no_evidence: BoolArray) -> list[Moved]:
-        """Add the evidence of windows, (w,); return the finding after each."""
-        found = []
-        bound = self._needed * self._config.bound
-        for each, held, skip in zip(
-            dead.tolist(), holds.tolist(), no_evidence.tolist(), strict=True
-        ):
+        """Add the evidence of windows, (w,); return the finding after each.
+
+        The sums count decisions: a window counts half of one at most, and halves have no rounding.
+        """
+        found, needed, bound = [], self._needed, self._config.bound
+        each = zip((dead / needed).tolist(), (holds / needed).tolist(), no_evidence, strict=True)
+        for gone, held, skip in each:
             if not skip:
-                self._dead = min(max(self._dead + each, -self._needed), bound)
+                self._dead = min(max(self._dead + gone, -1.0), bound)
                 self._holds = min(max(self._holds + held, 0.0), bound)
-            fault = DEAD if self._dead >= self._needed else None
-            if fault is None and self._holds >= self._needed:
-                fault = HOLDS
-            found.append(Moved(fault, self._dead, self._holds))
+            fault = DEAD if self._dead >= 1.0 else HOLDS if self._holds >= 1.0 else None
+            found.append(Moved(fault, self._dead * needed, self._holds * needed))
         return found
 
     def dead_ratios(

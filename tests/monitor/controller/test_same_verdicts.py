@@ -2,18 +2,26 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.files import manifest
 from monitor.controller.export import export
+from monitor.memory.reference import Reference
 from monitor.pipeline.recordings import RecordingReader
 from monitor.pipeline.replay import Setup, set_up
 from tests.conftest import ROOT
+from tests.helpers.examples import inputs
 from tests.helpers.models import c_monitor
+from tests.helpers.models.broken_samples import drive_of
 
 NAMES = sorted(manifest.load(ROOT / "replay_logs"))
+ANY = ("-0.065", "0.065", "1", "0")  # offsets and gain of any vehicle, in a recording
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 
 
@@ -41,5 +49,55 @@ def test_every_window_and_code_of_a_replay_log_is_the_same_in_c(
     drive = RecordingReader(setup.bus_map, setup.model.card).read(ROOT / "replay_logs" / name)
     (python,) = c_monitor.in_python([drive.block], drive.names, setup)
     given = c_monitor.rows(drive.block, drive.names, c_monitor.source_of(setup))
-    (c,) = c_monitor.in_c([driver, "-0.065", "0.065", "1", "0"], [given])
+    (c,) = c_monitor.in_c([driver, *ANY], [given])
     assert c_monitor.differences(python, c) == []
+
+
+@pytest.fixture(scope="module")
+def logs(setup: Setup) -> list[Any]:
+    reader, source = RecordingReader(setup.bus_map, setup.model.card), c_monitor.source_of(setup)
+    drives = [reader.read(ROOT / "replay_logs" / name) for name in NAMES if "micro" in name]
+    return [c_monitor.rows(drive.block, drive.names, source) for drive in drives[::3]]
+
+
+@pytest.fixture(scope="module")
+def checked_driver(exported: Path) -> Path:
+    """Give a driver that ends with an error at any undefined behaviour."""
+    options = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    return c_monitor.compiled(exported, exported / "checked", options=options)
+
+
+@inputs(100)
+@given(seed=st.integers(0, 2**32 - 1))
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value):RuntimeWarning")
+def test_broken_samples_do_no_harm_and_are_judged_alike(
+    seed: int, setup: Setup, logs: list[Any], checked_driver: Path
+) -> None:
+    # GIVEN pieces of drives with faults, values out of range, infinite or not valid
+    random, source = np.random.default_rng(seed), c_monitor.source_of(setup)
+    drives = [drive_of(random, logs, source.names) for _ in range(8)]
+    # WHEN both monitors judge them
+    python = [
+        said
+        for drive in drives
+        for said in c_monitor.in_python([c_monitor.samples(drive, source)], source.names, setup)
+    ]
+    # THEN they say the same; a name may differ where two faults explain a window alike
+    for a, b in zip(python, c_monitor.in_c([checked_driver, *ANY], drives), strict=True):
+        found = c_monitor.differences(a, b)
+        assert found == [] or c_monitor.differs_in_name_alone(a, b), found
+
+
+def test_the_vehicle_s_reference_is_an_input(setup: Setup, driver: Path) -> None:
+    # GIVEN a sound sensor in a vehicle whose reference knows other offsets and a stronger gain
+    name = next(each for each in NAMES if each.startswith("healthy_micro"))
+    drive = RecordingReader(setup.bus_map, setup.model.card).read(ROOT / "replay_logs" / name)
+    own = setup.limits.of_vehicle(Reference(0.09, 0.1, 1.1, 5), setup.config.bias)
+    (python,) = c_monitor.in_python([drive.block], drive.names, setup, own)
+    # WHEN the C monitor gets that reference
+    given = c_monitor.rows(drive.block, drive.names, c_monitor.source_of(setup))
+    reference = [str(own.offset_low), str(own.offset_high), str(own.gain), "0"]
+    (c,) = c_monitor.in_c([driver, *reference], [given])
+    # THEN it finds the same offset that this vehicle never had
+    assert c_monitor.differences(python, c) == []
+    assert any(fault == "biased_rich" for _, _, fault, _ in c.codes)
