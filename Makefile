@@ -3,6 +3,7 @@
 PYTHON  ?= python3
 VENV    := .venv
 DEMO    := .venv-demo
+SPACE   := $(subst ,, )
 PIP     := --quiet --disable-pip-version-check --no-compile
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
@@ -33,12 +34,17 @@ vcan: $(DEMO)/.installed ## play a drive with a fault into a virtual CAN bus, ju
 	  $(DEMO)/bin/pip install --quiet --disable-pip-version-check -c constraints.txt '.[multicast]'
 	@$(DEMO)/bin/python examples/virtual_bus.py
 
-test: venv system ## every check: style, types, imports, all tests
+KINDS   := kernel browser trains thorough waits
+$(if $(filter-out $(KINDS),$(WITHOUT)),$(error WITHOUT="$(WITHOUT)": some of $(KINDS) are wanted))
+
+test: venv system ## every check: style, types, imports, all tests; WITHOUT="browser kernel" leaves tests out
 	@$(MAKE) --no-print-directory -j 2 lint whole
+	@test -z "$(WITHOUT)" || echo "== NOT TESTED, as WITHOUT=\"$(WITHOUT)\" says: $(WITHOUT)"
 
 whole: venv
 	$(VENV)/bin/python -m compileall -q monitor training dbc # once, not in each process that tests start
-	$(VENV)/bin/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder --durations 20 # one of three waits for a bus
+	$(VENV)/bin/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder --durations 20 \
+	  -m '$(if $(WITHOUT),not $(subst $(SPACE), and not ,$(strip $(WITHOUT))))' # one of three waits for a bus
 
 check: venv ## style, types, imports and the fast tests
 	@$(MAKE) --no-print-directory -j 2 lint fast
@@ -172,5 +178,5 @@ python:
 # are skipped, or fail if O2_REQUIRE_VCAN=1. Those of the live page need Debian's chromium, and fail
 # without it if O2_REQUIRE_BROWSER=1.
 system:
-	@sh tests/vcan/install.sh
-	@sh tests/helpers/install_browser.sh
+	@case " $(WITHOUT) " in *" kernel "*) ;; *) sh tests/vcan/install.sh ;; esac
+	@case " $(WITHOUT) " in *" browser "*) ;; *) sh tests/helpers/install_browser.sh ;; esac

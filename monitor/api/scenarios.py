@@ -11,6 +11,7 @@ import numpy as np
 from monitor.api.recordings import Buses, set_up
 from monitor.api.verdict import Verdict
 from monitor.base.errors import UsageError
+from monitor.base.types import Shown
 from monitor.inject.drives import play
 from monitor.inject.expected import compare, table
 from monitor.inject.scenario import Expectation, Scenario, load, parse_fault
@@ -19,7 +20,7 @@ from monitor.pipeline.collector import Trace
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class ScenarioResult:
+class ScenarioResult(Shown):
     """The verdicts on the drives of a scenario, and what is asserted of them."""
 
     scenario: Scenario
@@ -45,9 +46,10 @@ class ScenarioResult:
         codes = self.verdict.codes
         return {each.code: None if each.t_s is None else each.t_s - begin_s for each in codes}
 
-    def __repr__(self) -> str:
-        """Return the verdicts, for the message of a failed ``assert``."""
-        return "; ".join(map(str, self.verdicts))
+    @property
+    def facts(self) -> dict[str, object]:
+        """Return the verdict on each drive, also for the message of a failed ``assert``."""
+        return {f"drive {n}": each for n, each in enumerate(map(str, self.verdicts), 1)}
 
     def assert_met(self) -> Self:
         """Return the result if every ``[[expect]]`` of the scenario is met.

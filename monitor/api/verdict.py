@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Literal
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from monitor.base.errors import UsageError
 from monitor.base.files.json_text import rounded
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import BoolArray, FloatArray, Shown
 from monitor.judge.causes.causes import Cause
 from monitor.judge.findings import Evidence
 from monitor.pipeline.collector import Trace
@@ -32,16 +32,24 @@ class Code:
     also: tuple[str, ...] = ()  # other names that the evidence does not rule out
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+@dataclass(frozen=True, slots=True, repr=False)
+class Verdict(Shown):
     """The monitor's verdict on one drive.
 
     ``entry`` is the drive's entry in ``recordings`` of ``o2mon.replay/1`` (docs/reference/json.md);
     the properties read it.
     """
 
-    entry: Mapping[str, Any] = field(repr=False)
-    series: Trace = field(repr=False)  # on the model's grid; empty unless it was asked for
+    entry: Mapping[str, Any]
+    series: Trace  # on the model's grid; empty unless it was asked for
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Return recording, verdict, enabled samples and windows."""
+        e = self.entry
+        enabled = f"{e['enabled_samples']} of {e['samples']} samples"
+        told = {"verdict": verdict_text(e), "enabled": enabled, "windows": len(e["windows"])}
+        return {"recording": self.path} | told
 
     @property
     def path(self) -> str:

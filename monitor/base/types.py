@@ -1,6 +1,8 @@
 """The values that pass through the monitor, in the order of the data."""
 
+from collections.abc import Mapping
 from enum import IntEnum
+from html import escape
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +12,26 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 QualityArray = NDArray[np.uint8]
 BoolArray = NDArray[np.bool_]
+
+
+class Shown:
+    """A result that says what is in it: in one line, in a notebook as a table."""
+
+    __slots__ = ()
+
+    @property
+    def facts(self) -> Mapping[str, object]:
+        """Return what is in it, by name, in words and numbers."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        """Return the facts on one line."""
+        return f"<{type(self).__name__} {', '.join(f'{k}: {v}' for k, v in self.facts.items())}>"
+
+    def _repr_html_(self) -> str:
+        cells = ((escape(str(key)), escape(str(value))) for key, value in self.facts.items())
+        rows = "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in cells)
+        return f"<table><caption>{type(self).__name__}</caption>{rows}</table>"
 
 
 class Frame(NamedTuple):

@@ -85,12 +85,8 @@ def run(args: CheckOptions) -> int:
         result = check([block], setup.bus_map)
         if poller:
             _say_polled(poller, health)
-    for line in result.lines():
-        say(line)
-    for note in log.notes:
-        say(f"log: {note}")
-    for note in setup.bus_map.notes:
-        say(f"database: {note}")
+    notes = [*(f"log: {n}" for n in log.notes), *(f"database: {n}" for n in setup.bus_map.notes)]
+    say("\n".join([*result.lines(), *notes]))
     missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
     _say_verdict(missing, result.stale)
     if args.log and not missing:
@@ -125,14 +121,11 @@ def _check_table(args: CheckOptions, log: Path) -> int:
 
     if args.model is None and is_of_logger(log, args.columns):
         result = check_table(log, args.columns)
-        for line in result.lines():
-            say(line)
-        say(advice(result))
+        say("\n".join([*result.lines(), advice(result)]))
         return NOT_JUDGED if result.missing([OUTPUT]) or result.is_output_pinned else 0
     setup = set_up(args, args.columns, obd=args.obd, judges=False)
     result = check_table(log, args.columns, setup.model.card)
-    for line in result.lines():
-        say(line)
+    say("\n".join(result.lines()))
     missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
     _say_verdict(missing, [])
     if not missing:

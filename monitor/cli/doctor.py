@@ -37,7 +37,6 @@ exit code: 0 nothing wrong was found, 3 something was, 2 the bus cannot be used;
 o2mon replay"""
 _LOG = {"help": f"{LOGS}; without it, a bus"}
 SCAN_S = 1.0  # at each bit rate
-NO_SCAN = "--scan needs a SocketCAN interface with a bit rate; elsewhere its driver's tool sets it"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +110,7 @@ def _scan(args: DoctorOptions, interface: "Interface | None") -> "Iterator[BusFi
     from monitor.bus.bench.findings import BusFinding
 
     if interface is None or interface.kind != "can":
-        raise UsageError(NO_SCAN)
+        raise UsageError("--scan needs a SocketCAN interface with a bit rate")
 
     def is_right(bitrate: int) -> bool:
         health = heard(args.bus, SCAN_S)[1]

@@ -8,11 +8,14 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.grid.tables import TIME, Table, make_table
 
+_TIMES = (TIME, "time", "timestamp")
+
 
 def table_of(columns: Any, name: str) -> Table:
     """Return columns of equal length, ``time_s`` among them, as a table.
 
-    columns : dict of arrays, or a frame of polars or pandas; masked values are blank
+    columns : dict of arrays, or a frame of polars or pandas; masked values are blank. The time may
+        also be called Time or Timestamp, and be dates
     name : of the table in messages
     Raises RecordingError if there is no ``time_s``, or a column is not one of numbers.
     """
@@ -20,13 +23,16 @@ def table_of(columns: Any, name: str) -> Table:
     if not hasattr(columns, "__getitem__") or isinstance(columns, str | bytes):
         raise RecordingError(f"{path}: {type(columns).__name__}, columns by name are wanted")
     names = [str(each) for each in getattr(columns, "columns", columns)]
-    if TIME not in names:
+    time = next((each for each in names if each.casefold() in _TIMES), None)
+    if time is None:
         raise RecordingError(f"{path}: no column {TIME}, there are {', '.join(names)}")
-    names.sort(key=lambda each: each != TIME)
+    names.sort(key=lambda each: each != time)
     arrays = []
     for each in names:
         try:
             column = columns[each]
+            if each == time and np.asarray(column).dtype.kind == "M":
+                column = (np.asarray(column) - np.datetime64(0, "us")) / np.timedelta64(1, "s")
             if np.asarray(column).dtype.kind in "cmM":  # complex, or times of any unit
                 raise TypeError
             mask = np.ma.getmaskarray(column) if isinstance(column, np.ma.MaskedArray) else False
@@ -35,4 +41,4 @@ def table_of(columns: Any, name: str) -> Table:
             raise RecordingError(f"{path}: column {each}: numbers are wanted") from None
     if any(array.ndim != 1 or len(array) != len(arrays[0]) for array in arrays):
         raise RecordingError(f"{path}: columns of one length and one dimension are wanted")
-    return make_table(path, names, np.column_stack(arrays), None)
+    return make_table(path, [TIME, *names[1:]], np.column_stack(arrays), None)

@@ -15,7 +15,7 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from monitor.base.errors import ModelError
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import BoolArray, FloatArray, Shown
 from monitor.model import model_file
 from monitor.model.card import USUAL_PREDICTION, ModelCard, prediction_name
 
@@ -68,7 +68,7 @@ class _Binding:
         self.next_state = next_state
 
 
-class Model:
+class Model(Shown):
     """The model on ``batch`` vehicles side by side, one by default.
 
     Inputs must be finite; the caller replaces stale and invalid signals.
@@ -121,6 +121,13 @@ class Model:
     def with_batch(self, batch: int) -> "Model":
         """Return the same model with a new state for ``batch`` vehicles."""
         return Model(self._session, self.card, batch, path=self.path, sha256=self.sha256)
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Return file, kind, inputs, output and period."""
+        card, inputs = self.card, " ".join(self.card.input_names)
+        told = {"output": card.output.name, "period": f"{card.period_ns / 1e9:g} s"}
+        return {"file": self.path, "kind": card.kind, "inputs": inputs} | told
 
     @property
     def state(self) -> Float32Array:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
-from monitor.base.counts import counted
+from monitor.base.counts import counted, duration
 from monitor.judge import trust
 from monitor.judge.causes.causes import Cause
 from monitor.pipeline.entry import fault_words
@@ -19,7 +19,6 @@ from monitor.report.words import (
     VERDICTS,
     advice,
     confidence,
-    duration,
     has_model,
     is_catalyst_alone,
     is_simulated,

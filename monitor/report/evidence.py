@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-from monitor.report.words import amount, duration
+from monitor.base.counts import duration
+from monitor.report.words import amount
 
 DECIDED: Final = ("found", "excluded")
 

@@ -53,11 +53,6 @@ def verdict_counts(recording: Mapping[str, Any]) -> dict[str, int]:
     return counts | {"paper": sum(bool(w["paper_failed"]) for w in windows)}
 
 
-def duration(seconds: float) -> str:
-    """Return a duration in seconds or minutes."""
-    return f"{seconds:.0f}\u00a0s" if seconds < 120 else f"{seconds / 60:.1f}\u00a0min"
-
-
 class Advice(NamedTuple):
     """What a fault does to the car, its likely causes, likeliest first, and what to check next."""
 

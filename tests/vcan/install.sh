@@ -14,6 +14,7 @@ complete() { for tool in $tools; do command -v "$tool" >/dev/null || return 1; d
 complete && exit 0
 
 if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+    echo "apt-get installs $packages for the tests; make test WITHOUT=kernel does without"
     export DEBIAN_FRONTEND=noninteractive
     # shellcheck disable=SC2086  # one word per package
     apt-get install -y -qq --no-install-recommends $packages >/dev/null 2>&1 && exit 0

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from monitor.base.errors import UsageError
 from monitor.base.signals import OUTPUT
+from monitor.base.types import Shown
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.api.recordings import Given, load_recordings
@@ -24,8 +25,8 @@ from training.recordings.samples.input_choice import choose_inputs
 FitOutcome = FitResult | GreyboxResult
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fit:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Fit(Shown):
     """A fitted model: its file, its card with limits and healthy reference, and its training."""
 
     card: ModelCard
@@ -50,6 +51,14 @@ class Fit:
     def path(self) -> Path:
         """Return the model file."""
         return self.outcome.path
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Return file, kind, inputs, correlation on held-out samples, warnings."""
+        correlation = self.card.fit["test"]["correlation"]
+        told = {"correlation": f"{correlation:.3f}", "warnings": len(self.warnings)}
+        inputs = " ".join(self.card.input_names)
+        return {"file": self.path, "kind": self.card.kind, "inputs": inputs} | told
 
     def to_dict(self) -> dict[str, Any]:
         """Return path, kind, inputs, errors on held-out samples, limits and warnings."""
@@ -117,11 +126,17 @@ def fit(
     return Fit.of(outcome, drives, columns)
 
 
-@dataclass(frozen=True, slots=True)
-class Evaluation:
+@dataclass(frozen=True, slots=True, repr=False)
+class Evaluation(Shown):
     """The errors of a model on recordings; ``entry`` is ``o2train.evaluate/1``."""
 
     entry: Mapping[str, Any]
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Return the RMSE on each recording."""
+        unit = self.entry["unit"].replace("-", "")
+        return {each["path"]: f"RMSE {each['rmse']:.4g} {unit}".strip() for each in self.recordings}
 
     @property
     def recordings(self) -> list[Mapping[str, Any]]:

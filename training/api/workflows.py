@@ -1,10 +1,11 @@
 """Find the effect that a model lacks, and estimate an ECU's tables."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from monitor.base.types import Shown
 from monitor.model.step import Model
 from training.api.parameters import GapParameters, LoadAxis, TableParameters
 from training.api.recordings import Given, load_recordings
@@ -20,12 +21,20 @@ from training.recordings.recording import Pairs, Recording, check_each_once
 LOADS = {"kpa": "manifold_pressure_kpa", "mg": "air_mass_mg", None: None}
 
 
-@dataclass(frozen=True, slots=True)
-class Gap:
+@dataclass(frozen=True, slots=True, repr=False)
+class Gap(Shown):
     """The findings of the gap workflow; ``entry`` is ``o2train.gap/1`` (docs/reference/json.md)."""
 
     entry: Mapping[str, Any]
-    result: Result = field(repr=False)
+    result: Result
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Return verdict, effects, RMSE before and after, and the new model."""
+        rmse = {when: self.entry[f"rmse_{when}"] for when in ("before", "after")}
+        told = {f"RMSE {when}": f"{each:.4g}" for when, each in rmse.items() if each is not None}
+        effects = " ".join(self.effects) or "none"
+        return {"verdict": self.verdict, "effects": effects, **told, "model": self.model}
 
     @property
     def verdict(self) -> str:

@@ -5,6 +5,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base.command_line.verbosity import LOG
 from training.cli.kinds import catalyst, greybox
 from training.cli.kinds.fit_command import FitCommand
 from training.cli.options import inputs_of, load_all
@@ -41,9 +42,8 @@ def run(args: FitCommand) -> int:
 
     Raises UsageError or RecordingError (exit code 2).
     """
-    from tqdm import tqdm
-
     from training.api.models import Fit
+    from training.cli.console.progress import Progress
     from training.narx.fit import FitResult
     from training.narx.page.fit_verdict import fit_verdict
     from training.recordings.recording import check_each_once
@@ -54,14 +54,9 @@ def run(args: FitCommand) -> int:
     recordings = load_all(args, args.recordings, args.period)
     check_each_once(recordings)
     outcome = _narx(args, recordings) if args.kind == "narx" else greybox.fit(args, recordings)
-    with tqdm(unit="step", leave=False, disable=args.nothing or None) as bar:
-
-        def progress(text: str) -> None:
-            bar.set_description_str(text)
-            bar.update()
-
-        fitted = Fit.of(outcome, recordings, args.columns, progress)
-    _print_limits(fitted.card)
+    with Progress(StringIO() if args.nothing else None, unit="step") as bar:
+        fitted = Fit.of(outcome, recordings, args.columns, bar.step)
+    _tell_limits(fitted.card)
     for warning in fitted.warnings:
         print(f"o2train: warning: {warning}", file=sys.stderr)
     if isinstance(outcome, FitResult):
@@ -132,9 +127,9 @@ def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
         return fit(source, args.out, options)
 
 
-def _print_limits(card: "ModelCard") -> None:
+def _tell_limits(card: "ModelCard") -> None:
     for name, limit in card.limits.items():
-        print(f"limit {name}: {limit.value:.4g} {limit.unit} ({limit.origin})")
+        LOG.info("limit %s: %.4g %s (%s)", name, limit.value, limit.unit, limit.origin)
     if learned := card.reference.get("gap"):
         print(f"healthy reference of o2train gap: {len(learned['recordings'])} recordings")
 

@@ -4,6 +4,7 @@ import argparse
 import gc
 import sys
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -82,8 +83,7 @@ def run(args: GapCommand) -> int:
     from monitor.frames.text.python_can import import_without_mdf
 
     import_without_mdf()
-    from tqdm import tqdm
-
+    from training.cli.console.progress import Progress
     from training.gap.inputs.roles import Material, options_of
     from training.gap.pages import gap_page
     from training.gap.pages.verdict_words import cautions
@@ -103,13 +103,8 @@ def run(args: GapCommand) -> int:
     )
     args.out.mkdir(parents=True, exist_ok=True)
     learned = cached("healthy", _vehicle(material))
-    with tqdm(unit="step", leave=False, disable=args.nothing or None) as bar:
-
-        def progress(text: str) -> None:
-            bar.set_description_str(text)
-            bar.update()
-
-        result = investigate(material, args.out, options, learned=learned, progress=progress)
+    with Progress(StringIO() if args.nothing else None, unit="step") as bar:
+        result = investigate(material, args.out, options, learned=learned, progress=bar.step)
     if result.addition.path is None:  # an earlier run may have left a model
         (args.out / NEW_MODEL).unlink(missing_ok=True)
     for warning in cautions(result):

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from monitor.base.types import FloatArray, IntArray
+from monitor.base.types import FloatArray, IntArray, Shown
 
 SCHEMA: Final = "o2train.tables/1"
 MG_PER_STROKE, KPA = "air_mass_mg", "manifold_pressure_kpa"
@@ -73,8 +73,8 @@ class TableAxes:
         return Axis("fuel_pressure_relative", "-", (1.0,))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EcuTable:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class EcuTable(Shown):
     """Estimate, 90 % bounds and samples of each cell; NaN where nothing was measured."""
 
     name: str
@@ -87,6 +87,14 @@ class EcuTable:
     coolant: CoolantBand | None = None
     blank: Mapping[str, int] = field(default_factory=dict)  # why → cells
     widened: float = 1.0  # factor by which the logs' disagreement widens the intervals, median
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Return name, axes, filled cells and their range."""
+        good = self.estimate[np.isfinite(self.estimate)]
+        told: dict[str, object] = {"cells": f"{good.size} of {self.estimate.size}"}
+        told |= {"range": f"{good.min():.3g} to {good.max():.3g} {self.unit}"} if good.size else {}
+        return {"table": self.key, "axes": " × ".join(axis.name for axis in self.axes)} | told
 
     @property
     def key(self) -> str:

@@ -14,10 +14,11 @@ from typing import Any, Final
 import numpy as np
 
 import dbc
+from monitor.base.counts import duration
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import source_of
 from monitor.base.signals import BY_NAME
-from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock
+from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock, Shown
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.decode.log_blocks import log_blocks
@@ -39,8 +40,8 @@ ROWS_APART_MOST_S: Final = 60.0  # in the median
 DEFAULT_PAIR: Final = ("o2_ecu.dbc", "o2_ecu.toml")
 
 
-@dataclass(frozen=True, slots=True)
-class Recording:
+@dataclass(frozen=True, slots=True, repr=False)
+class Recording(Shown):
     """One drive on one grid."""
 
     path: Path
@@ -53,6 +54,13 @@ class Recording:
     profile: str = ""  # of a logger's file
     notes: tuple[str, ...] = ()  # oddities of a table, in words
     begin_ns: int = 0  # time of the first sample on the clock of the file
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Return file, length, period and signals."""
+        n, period_s = len(self.t_s), self.period_ns / 1e9
+        size = f"{n} of {period_s:g} s, {duration(n * period_s)}"
+        return {"file": self.path, "samples": size, "signals": " ".join(self.names)}
 
     @property
     def read_sha256(self) -> str:

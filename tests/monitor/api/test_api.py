@@ -5,6 +5,7 @@ import logging
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -179,6 +180,18 @@ def test_a_notifier_feeds_the_listener_and_closes_its_memory(tmp_path: Path) -> 
     verdict = replay(LATE, memory=memory)  # nobody holds it any more
     assert verdict.entry["memory"]["state"] == "ok"
     assert verdict.has_fault
+
+
+def test_a_result_says_what_is_in_it_on_a_line_and_in_a_notebook() -> None:
+    verdict = replay(LATE)
+    told = repr(verdict)
+    assert told.startswith(f"<Verdict recording: {LATE}, verdict: FAULT: P015A")
+    assert told.endswith(f" of {verdict.entry['samples']} samples, windows: 42>")
+    assert "<th>windows</th><td>42</td>" in verdict._repr_html_()
+    odd = replace(verdict, entry={**verdict.entry, "path": "<script>"})
+    assert "<script>" not in odd._repr_html_()
+    assert "kind: narx, inputs: air_mass_mg fuel_mass_mg" in repr(load_model())
+    assert dir(monitor) == monitor.__all__
 
 
 def test_a_result_is_plain_data() -> None:

@@ -31,7 +31,8 @@ def test_a_late_sensor_has_its_code_and_the_time_to_its_detection(late: Scenario
     assert time_s == late.verdict.codes[0].t_s - 20.0  # type: ignore[operator]
     assert 10.0 < time_s < 30.0
     assert late.assert_codes("P015A", state="pending", within_s=30.0) is late
-    assert repr(late) == f"{late.verdict.path}: FAULT: P015A delay_rich_to_lean (pending, 38 s)"
+    assert repr(late) == f"<ScenarioResult drive 1: {late.verdict}>"
+    assert "FAULT: P015A delay_rich_to_lean (pending, 38 s)" in str(late.verdict)
 
 
 @pytest.mark.parametrize(

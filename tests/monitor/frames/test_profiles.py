@@ -143,6 +143,19 @@ def test_every_shipped_profile_is_recognised_by_its_own_columns(tmp_path: Path) 
             assert found.name == name, each
 
 
+@pytest.mark.parametrize("name", ["Time", "timestamp"])
+def test_a_table_of_canonical_names_may_have_dates(tmp_path: Path, name: str) -> None:
+    own, dated = tmp_path / "own.csv", tmp_path / "dated.csv"
+    own.write_text("time_s,lambda_measured,engine_speed_rpm\n0,1.1,800\n0.5,0.9,900\n1,1,950\n")
+    first = "2026-01-02T03:04:0"
+    rows = [f"{first}5.0,1.1,800", f"{first}5.5,0.9,900", f"{first}6.0,1,950"]
+    dated.write_text("\n".join([f"{name},lambda_measured,engine_speed_rpm", *rows]) + "\n")
+    wanted, found = read_table(own), read_table(dated)
+    np.testing.assert_array_equal(found.t_ns - found.t_ns[0], wanted.t_ns)
+    for each in wanted.names:
+        np.testing.assert_array_equal(column(found, each), column(wanted, each))
+
+
 def test_haltech_logs_describe_their_channels_before_the_rows(tmp_path: Path) -> None:
     channels = {
         "RPM": ("EngineSpeed", 2000),

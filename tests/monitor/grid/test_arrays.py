@@ -31,3 +31,17 @@ def test_a_masked_value_is_blank() -> None:
     column = np.ma.MaskedArray([1.0, 2.0, 3.0, 4.0], [False, True, False, False])
     table = table_of({"time_s": T_S, "speed": column}, "arrays")
     assert np.isnan(table.values[:, 0]).tolist() == [False, True, False, False]
+
+
+@pytest.mark.parametrize("name", ["Time", "timestamp", "time_s"])
+def test_dates_are_times_in_any_unit(name: str) -> None:
+    dates = np.datetime64("2026-01-02T03:04:05", "ms") + (T_S * 1000.0).astype("timedelta64[ms]")
+    table = table_of({"speed": T_S, name: dates}, "arrays")
+    assert table.names == ("speed",)
+    assert (table.t_ns - table.t_ns[0]).tolist() == [0, 100_000_000, 200_000_000, 300_000_000]
+
+
+def test_a_date_that_is_missing_is_refused() -> None:
+    dates = np.array(["2026-01-02", "NaT"], dtype="datetime64[s]")
+    with pytest.raises(RecordingError, match="time_s is not a number"):
+        table_of({"Time": dates, "speed": T_S[:2]}, "arrays")

@@ -14,6 +14,7 @@ from training import estimate_tables, evaluate, find_gap, fit, load_recordings
 from training.cli import main
 from training.healthy import new_model
 from training.limits.decision_limits import MANY_WINDOWS
+from training.recordings.ecu_table import Axis, EcuTable
 from training.recordings.files.table_files import write_table
 
 INPUTS = ("fuel", "air")
@@ -42,6 +43,9 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert told["inputs"] == list(INPUTS)
     assert told["fit"]["test"]["correlation"] > 0.9
     assert json.loads(json.dumps(told)) == told
+    assert repr(fitted).startswith(
+        f"<Fit file: {out}, kind: narx, inputs: fuel air, correlation: 0"
+    )
     fitted.write_report(out.with_suffix(".html"))
     assert "fuel" in out.with_suffix(".html").read_text()
     return out
@@ -54,6 +58,7 @@ def test_a_model_of_arrays_is_evaluated_as_by_the_command(model: Path, tmp_path:
     assert main(["evaluate", "--model", str(model), str(path), "--json", str(out)]) == 0
     told = json.loads(out.read_text())
     read = evaluate(model, path)
+    assert repr(read) == f"<Evaluation {path}: RMSE {told['recordings'][0]['rmse']:.4g}>"
     assert read.to_dict() == told
     of_arrays = evaluate(model, drive).recordings[0]
     assert of_arrays["rmse"] == pytest.approx(told["recordings"][0]["rmse"], rel=1e-6)
@@ -73,6 +78,7 @@ def test_a_gap_is_looked_for_in_any_output(model: Path, tmp_path: Path) -> None:
     gap = find_gap(model, wrong, tmp_path / "gap", healthy=[drive_of(8), drive_of(9)])
     assert gap.verdict != "no_gap"
     assert gap.model is None
+    assert repr(gap).startswith(f"<Gap verdict: {gap.verdict}, effects: ")
     gap.write_report(tmp_path / "gap.html")
     assert json.loads(json.dumps(gap.to_dict()))["verdict"] == gap.verdict
 
@@ -94,7 +100,20 @@ def test_what_cannot_be_used_is_named(call: object, says: str, tmp_path: Path) -
         call(tmp_path)
 
 
+def test_recordings_and_tables_say_what_is_in_them() -> None:
+    (recording,) = load_recordings(drive_of(1))
+    told = "<Recording file: recording 0, samples: 2100 of 0.1 s, 3.5\xa0min, signals: fuel air"
+    assert repr(recording) == f"{told} {OUTPUT}>"
+    cells = np.array([[0.1, np.nan]])
+    axes = Axis("speed", "", (1.0,)), Axis("load", "", (1.0, 2.0))
+    bounds = {"low": cells, "high": cells, "samples": np.ones((1, 2), dtype=int)}
+    table = EcuTable(name="delay", unit="s", axes=axes, estimate=cells, **bounds)
+    told = "<EcuTable table: delay, axes: speed × load, cells: 1 of 2, range: 0.1 to 0.1 s>"
+    assert repr(table) == told
+
+
 def test_public_names_are_there() -> None:
+    assert dir(training) == training.__all__
     for name in training.__all__:
         assert getattr(training, name).__doc__
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):

@@ -208,7 +208,7 @@ def test_time_outside_closed_loop_is_a_warning(good: Recording) -> None:
     closed = np.zeros(6000)
     closed[:2000] = 1.0
     result = check([recording(engine() | {"closed_loop": closed})], INPUTS, "lean", hidden=(5,))
-    assert "200 s, 33 %" in only(result, "closed loop", "warning")
+    assert "3.33\xa0min, 33 %" in only(result, "closed loop", "warning")
     assert "do not say" in only(check([good], INPUTS, "lean", hidden=(5,)), "closed loop", "ok")
 
 

@@ -2,7 +2,7 @@
 
 import io
 
-from training.cli.console.progress import LINE_S
+from training.cli.console.progress import LINE_S, Progress
 from training.cli.console.progress_bar import Bar
 from training.narx.search.stages import EPOCHS
 
@@ -54,3 +54,11 @@ def test_the_time_left_follows_the_pace_and_never_exceeds_the_budget() -> None:
         assert abs(bar.left_s - 0.1 * rest) < 1e-6
         clock.now_s = 700.0
         assert bar.left_s == 0.0
+
+
+def test_steps_of_unknown_length_are_lines_where_there_is_no_terminal() -> None:
+    clock, out = Clock(), io.StringIO()
+    with Progress(out, clock, unit="step") as bar:
+        for clock.now_s, text in ((1.0, "naming"), (40.0, "adding"), (50.0, "verifying")):
+            bar.step(text)
+    assert out.getvalue() == "o2train: adding\n"

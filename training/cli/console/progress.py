@@ -42,6 +42,12 @@ class Progress:
         """Return the time since the beginning in s."""
         return self._clock_s() - self._began_s
 
+    def step(self, text: str) -> None:
+        """Show a further step of work whose length nobody knows."""
+        self._bar.set_description_str(text)
+        self._bar.update()
+        self.tell(f"o2train: {text}")
+
     def tell(self, line: str) -> None:
         """Print a line if there is no terminal and the last line is long enough ago."""
         now_s = self._clock_s()

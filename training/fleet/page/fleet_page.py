@@ -123,7 +123,8 @@ def _confidence(found: Figures) -> str:
 
 def _extent(found: Figures) -> str:
     text = (
-        f"{found['drives']:,} recordings of {found['vehicles']:,} vehicles: {found['judged']:,} "
+        f"{counted(found['drives'], 'drive')} of {counted(found['vehicles'], 'vehicle')}: "
+        f"{found['judged']:,} "
         f"judged, {found['errors']:,} could not be; {found['hours']:,.1f} h of driving, of which "
         f"{found['enabled_hours']:,.1f} h may be judged, {found['windows']:,} windows. "
         f"{found['with_code']['events']:,} recordings end with a code."

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from monitor.base.counts import duration
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
@@ -107,8 +108,8 @@ def check_long(drives: Sequence[ChainDrive | Comparison], role: str) -> None:
     seconds = sum(float(d.scored.sum()) * d.period_s for d in drives)
     if seconds < LIMITS.scored_min_s:
         raise RecordingError(
-            f"{_names(drives)}: {seconds:.0f} s of {role} recordings can be scored in all, "
-            f"{LIMITS.scored_min_s:.0f} s are wanted, better several recordings of ten minutes"
+            f"{_names(drives)}: {duration(seconds)} of {role} recordings can be scored in all, "
+            f"{duration(LIMITS.scored_min_s)} are wanted, better several recordings of ten minutes"
         )
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from monitor.base.counts import counted
+from monitor.base.counts import counted, duration
 from training.pages.figure import drawing
 from training.pages.page import page, part
 
@@ -94,7 +94,7 @@ def _headline(result: dict[str, Any]) -> str:
     simulated = sum(r["source"] == "simulated" for r in recordings)
     text = (
         f"{counted(len(recordings), 'recording')}, {sum(r['samples'] for r in recordings)} samples "
-        f"of {', '.join(f'{p:g}' for p in periods)} s, {seconds:.6g} s"
+        f"of {', '.join(f'{p:g}' for p in periods)} s, {duration(seconds)}"
     )
     return f"{text}, {simulated} simulated" if simulated else text
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.base.counts import counted
+from monitor.base.counts import counted, duration
 from monitor.base.types import FloatArray
 from training.limits.decision_limits import MANY_WINDOWS
 from training.narx.network import Spec
@@ -144,16 +144,16 @@ def enough(
     else:
         findings = [DataFinding("ok", "samples", text)]
     wanted_s = GROUP * MANY_WINDOWS * WINDOW * period_s
-    text = f"{seconds:.4g} s usable"
+    text = f"{duration(seconds)} usable"
     if output_transform(output) != "phi":
         findings.append(DataFinding("ok", "duration", text))
     elif seconds < GROUP * BLOCK_S:
-        text += f", at least {GROUP * BLOCK_S:g} s are wanted to hold out whole blocks"
+        text += f", at least {duration(GROUP * BLOCK_S)} are wanted to hold out whole blocks"
         findings.append(DataFinding("warning", "duration", text))
     elif data.enabled * period_s < wanted_s:
         text += (
-            f", {data.enabled * period_s:.0f} s in the enabled region; {wanted_s:.0f} s are wanted "
-            f"for limits that rest on {MANY_WINDOWS} held-out windows"
+            f", {duration(data.enabled * period_s)} in the enabled region; {duration(wanted_s)} "
+            f"are wanted for limits that rest on {MANY_WINDOWS} held-out windows"
         )
         findings.append(DataFinding("warning", "duration", text))
     else:
@@ -168,8 +168,8 @@ def closed_loop(recordings: Sequence[Recording], data: Usable) -> list[DataFindi
         text = "the recordings do not say when the loop was closed: every sample counts alike"
         return [DataFinding("ok", "closed loop", text)]
     share = data.enabled / max(data.samples, 1)
-    seconds = data.enabled * recordings[0].period_ns / 1e9
-    text = f"{seconds:.0f} s, {100 * share:.0f} % of the usable samples (by {', '.join(recorded)})"
+    enabled = duration(data.enabled * recordings[0].period_ns / 1e9)
+    text = f"{enabled}, {100 * share:.0f} % of the usable samples (by {', '.join(recorded)})"
     if share < CLOSED_LOOP:
         text += f"; {100 * CLOSED_LOOP:g} % are wanted, the rest weighs little in the training"
         return [DataFinding("warning", "closed loop", text)]

@@ -119,7 +119,7 @@ def test_a_recording_that_is_too_short_is_refused(
     short = table(tmp_path, 5, n=1500)
     line = refused(capsys, "--model", chain, short, "--healthy", *drives, "--out", tmp_path / "gap")
     assert "drive_5.csv: " in line
-    assert "300 s are wanted" in line
+    assert "5 min are wanted" in line
 
 
 def test_recordings_without_excitation_are_refused(
