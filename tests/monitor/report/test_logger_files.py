@@ -156,7 +156,7 @@ def test_replay_of_a_logger_s_file_without_a_model_of_its_own_says_what_to_do(
     assert cli.main(["replay", str(torque(tmp_path / "still.csv", **lambda_, **flow))]) == 3
     assert "(column Mass Air Flow Rate(g/s) is blank, or 0 throughout)" in capsys.readouterr().out
     assert cli.main(["replay", str(path), "--profile", "toque"]) == 2
-    assert "no profile toque: a file or one of bluedriver, canonical, cobb" in capsys.readouterr().err
+    assert "no profile toque: a file or one of bluedriver, canonical" in capsys.readouterr().err
 
 
 def test_parquet_is_judged_where_a_library_is_there_and_says_how_to_get_one(
