@@ -9,9 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import binary_dilation
 
-from monitor.base.types import BoolArray
 from training.recordings.ecu_table import EcuTable
 
 WANTED_S: Final = 40.0  # usable seconds that fill most cells
@@ -63,14 +61,10 @@ def _elsewhere(tables: Sequence[EcuTable], period_s: float) -> list[Leg]:
             place = f"a drive with coolant at {band.low_degc:g} to {band.high_degc:g} °C"
             legs.append(Leg(place, WANTED_S * 4, f"wall film at {band.at_degc:g} °C"))
         if table.name == "injector_dead_time":
-            blank = np.isnan(table.estimate) & _reachable_line(table.samples > 0)
+            blank = np.isnan(table.estimate) & (table.samples > 0)
             volts = ", ".join(f"{v:g}" for v in np.asarray(table.axes[0].values)[blank])
             if volts:
                 place = f"idle with loads switched on and off until the voltage is {volts} V"
                 seconds = float(blank.sum()) * WANTED_S
                 legs.append(Leg(place, seconds, "injector dead time"))
     return legs
-
-
-def _reachable_line(visited: BoolArray) -> BoolArray:
-    return np.asarray(binary_dilation(visited, np.ones(3, dtype=bool)))

@@ -39,10 +39,6 @@ FILM_LOG_ODDS: Final = (-1.5, -4.0)  # starts: a wet wall and a dry one
 Report = Callable[[float, float], None]  # share done, scale of the residual in phi
 
 
-def _nobody(_share: float, _sigma: float) -> None:
-    """Tell nobody."""
-
-
 @dataclass(frozen=True, slots=True)
 class FittedTables:
     """Parameters of the tables with their covariance."""
@@ -69,7 +65,7 @@ class _Noise:
         )
 
 
-def fit(subject: TableSubject, report: Report = _nobody) -> FittedTables:
+def fit(subject: TableSubject, report: Report = lambda _share, _sigma: None) -> FittedTables:
     """Return the fit of all tables of one vehicle, and the same fit of each log alone.
 
     report : is told the share done, 0 to 1, and the scale of the whitened residual in phi

@@ -188,15 +188,24 @@ def lag_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatAr
     return np.asarray(mixing_s(p, x, at, field) + sensor)
 
 
-def film_share(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
-    """Return the fraction of the fuel that wets the wall."""
-    odds = p.value(x, "film") + _law(p, x, "film", at) + field
+def film_odds(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+    """Return the log odds of the fraction of the fuel that wets the wall."""
+    return np.asarray(p.value(x, "film") + _law(p, x, "film", at) + field)
+
+
+def share_of(odds: FloatArray) -> FloatArray:
+    """Return the fraction of these log odds, at most ``SHARE_MOST``."""
     return np.asarray(SHARE_MOST / (1.0 + np.exp(-odds)))
 
 
-def film_time_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
-    """Return the time constant of the film in s."""
-    level = (p.value(x, "time") + _law(p, x, "time", at) + field - LOG_TIME) / LOG_TIME_SPAN
+def film_level(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+    """Return the logarithm of the film's time constant as if it had no limits, scaled."""
+    free = p.value(x, "time") + _law(p, x, "time", at) + field
+    return np.asarray((free - LOG_TIME) / LOG_TIME_SPAN)
+
+
+def time_of(level: FloatArray) -> FloatArray:
+    """Return the film's time constant of a level in s."""
     return np.asarray(np.exp(LOG_TIME + LOG_TIME_SPAN * np.tanh(level)))
 
 

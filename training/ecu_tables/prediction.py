@@ -93,10 +93,10 @@ def _valve(
     d, at = case.drive, case.point
 
     def share(y: FloatArray) -> FloatArray:
-        return laws.film_share(p, y, at, fields["share"])
+        return laws.share_of(laws.film_odds(p, y, at, fields["share"]))
 
     def log_time(y: FloatArray) -> FloatArray:
-        return np.asarray(np.log(laws.film_time_s(p, y, at, fields["tau"])))
+        return np.asarray(np.log(laws.time_of(laws.film_level(p, y, at, fields["tau"]))))
 
     return Valve(
         fuel=injected_mg(p, x, d),

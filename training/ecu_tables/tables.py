@@ -26,14 +26,15 @@ from training.recordings.ecu_table import (
     TableAxes,
 )
 
-Quantity = Callable[[FloatArray], FloatArray]  # parameters → value of each cell, above 0
+Quantity = Callable[[FloatArray], FloatArray]  # parameters → each cell on its free scale
 STEP: Final = 1e-4
 LAWS: Final = {  # table → field, law
     "lambda_delay": ("delay", laws.delay_s),
     "lambda_lag": ("lag", laws.lag_s),
-    "wall_film_fraction": ("share", laws.film_share),
-    "wall_film_time": ("tau", laws.film_time_s),
+    "wall_film_fraction": ("share", laws.film_odds),
+    "wall_film_time": ("tau", laws.film_level),
 }
+LINKS: Final = {"wall_film_fraction": laws.share_of, "wall_film_time": laws.time_of}  # else exp
 FILM_LEAST: Final = 0.04  # fraction below which no time constant can be told
 
 
@@ -67,9 +68,9 @@ class _Law(NamedTuple):
 
 
 class _Cells(NamedTuple):
-    """The cells of a table, flat: logarithm, its variance by the samples, and the samples."""
+    """The cells of a table, flat: on the free scale, its variance by the samples, the samples."""
 
-    log: FloatArray
+    free: FloatArray
     variance: FloatArray
     samples: IntArray
     seconds: FloatArray
@@ -95,7 +96,11 @@ def _laws(fitted: FittedTables, axes: TableAxes) -> list[_Law]:
         point = _nodes(axes, samples, at, cold)
         weights = p.grid.weights(point.rpm, point.load)
         field, of = LAWS[name]
-        cells = lambda x: of(p, x, point, weights.apply(x[p.at[field]]))  # noqa: E731
+
+        def cells(x: FloatArray) -> FloatArray:
+            value = of(p, x, point, weights.apply(x[p.at[field]]))
+            return value if name in LINKS else np.log(value)
+
         return _Law(name, unit, (axes.speed, axes.load), cells, at, *counted)
 
     made = [law("lambda_delay", "s", 0.0), law("lambda_lag", "s", 0.0)]
@@ -105,9 +110,8 @@ def _laws(fitted: FittedTables, axes: TableAxes) -> list[_Law]:
         made.append(law("wall_film_fraction", "-", cold, inside, band))
         made.append(law("wall_film_time", "s", cold, inside, band))
     flow, at_flow = np.asarray(axes.exhaust_flow.values), axes.exhaust_flow.nearest(samples.flow)
-    lag = _Law(
-        "sensor_lag", "s", (axes.exhaust_flow,), lambda x: laws.sensor_s(p, x, flow), (at_flow,)
-    )
+    of_flow = lambda x: np.log(laws.sensor_s(p, x, flow))  # noqa: E731
+    lag = _Law("sensor_lag", "s", (axes.exhaust_flow,), of_flow, (at_flow,))
     return [*made, *_of_injectors(p, axes, samples), lag]
 
 
@@ -117,13 +121,10 @@ def _of_injectors(p: Parameters, axes: TableAxes, samples: CellSamples) -> list[
         return []
     volts, at = np.asarray(axes.volts.values), axes.volts.nearest(samples.volts)
     known = np.full(len(at), p.subject.has_volts)
-    dead = _Law(
-        "injector_dead_time", "ms", (axes.volts,), lambda x: laws.dead_ms(p, x, volts), (at,), known
-    )
+    of_volts = lambda x: np.log(laws.dead_ms(p, x, volts))  # noqa: E731
+    dead = _Law("injector_dead_time", "ms", (axes.volts,), of_volts, (at,), known)
     pressure = axes.pressure(direct=p.subject.has_rail)
-    flow = _Law(
-        "injector_flow_scale", "mg/ms", (pressure,), lambda x: np.exp(x[p.at["flow"]]), (0 * at,)
-    )
+    flow = _Law("injector_flow_scale", "mg/ms", (pressure,), lambda x: x[p.at["flow"]], (0 * at,))
     return [dead, flow] if p.subject.absolute_air else [dead]
 
 
@@ -149,41 +150,45 @@ def _cells(law: _Law, fitted: FittedTables, config: TablesConfig) -> _Cells:
     number = np.bincount(flat[chosen], minlength=int(np.prod(shape)))
     seconds = np.bincount(flat[chosen], samples.seconds[chosen], minlength=len(number))
     factor = config.factor(law.name, fitted.parameters.subject.air)
-    variance = (_log_sd(fitted, law.cells) * factor) ** 2
+    variance = _variance(fitted, law.cells) * factor**2
     if law.name == "injector_flow_scale":
         variance += config.air_scale**2
-    return _Cells(np.log(law.cells(fitted.x)), variance, number, np.asarray(seconds, float))
+    return _Cells(law.cells(fitted.x), variance, number, np.asarray(seconds, float))
 
 
 def between_logs(whole: _Cells, logs: Sequence[_Cells], least_s: float) -> FloatArray:
-    """Return the variance between logs of each cell's logarithm (n_cells,).
+    """Return the variance between logs of each cell on its free scale (n_cells,).
 
     It is what the logs' own estimates differ from that of all by, beyond their own variances, by
     moments (DerSimonian and Laird, Controlled Clinical Trials 7, 1986); the larger one of the
     table's and the cell's own. A cell that fewer than two logs saw has the table's.
     """
     if not logs:
-        return np.zeros(len(whole.log))
+        return np.zeros(len(whole.free))
     seen = np.stack([c.seconds >= least_s for c in logs])
     variance = np.stack([c.variance for c in logs])
     weight = np.where(seen & (seen.sum(axis=0) > 1), 1.0 / variance, 0.0)
-    excess = weight * ((np.stack([c.log for c in logs]) - whole.log) ** 2 - variance)
+    excess = weight * ((np.stack([c.free for c in logs]) - whole.free) ** 2 - variance)
     least = np.finfo(float).tiny
     own = excess.sum(axis=0) / np.maximum(weight.sum(axis=0), least)
     return np.maximum(np.maximum(own, excess.sum() / max(float(weight.sum()), least)), 0.0)
 
 
 def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfig) -> EcuTable:
-    """Return a table; bounds are symmetric in the logarithm, for all values are above 0.
+    """Return a table; bounds are symmetric on the free scale: the logarithm, for a film without the
+    limits that the law sets to its value.
 
     A delay that is known as a ratio, but not within what an ECU can use, is blank, too.
     """
-    value = np.exp(whole.log)
+    link = LINKS.get(law.name, np.exp)
+    value = link(whole.free)
     variance = whole.variance + between_logs(whole, logs, config.least_s)
 
     def wide(half: FloatArray) -> BoolArray:
-        blunt = value * np.expm1(half) > config.bluntest.get(law.name, np.inf)
-        return np.asarray(blunt | (half > np.log1p(config.widest[law.name])))
+        low, high = link(whole.free - half), link(whole.free + half)
+        ratio = np.maximum(high / value, value / low)
+        blunt = high - value > config.bluntest.get(law.name, np.inf)
+        return np.asarray(blunt | (ratio > 1.0 + config.widest[law.name]))
 
     half, alike = config.z90 * np.sqrt(variance), config.z90 * np.sqrt(whole.variance)
     blank = {
@@ -195,14 +200,17 @@ def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfi
     kept = ~np.any(list(blank.values()), axis=0)
     first = np.argmax([*blank.values(), kept], axis=0)
     shape = tuple(len(a.values) for a in law.axes)
-    estimate = np.where(kept, value, np.nan).reshape(shape)
+    sides = (
+        np.where(kept, link(whole.free + by), np.nan).reshape(shape) for by in (0, -half, half)
+    )
+    estimate, low, high = sides
     return EcuTable(
         name=law.name,
         unit=law.unit,
         axes=law.axes,
         estimate=estimate,
-        low=estimate * np.exp(-half).reshape(shape),
-        high=estimate * np.exp(half).reshape(shape),
+        low=low,
+        high=high,
         samples=whole.samples.reshape(shape),
         coolant=law.coolant,
         blank={why: int((first == k).sum()) for k, why in enumerate(blank)},
@@ -210,16 +218,15 @@ def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfi
     )
 
 
-def _log_sd(fitted: FittedTables, cells: Quantity) -> FloatArray:
-    """Return the standard deviation of each cell's logarithm (n_cells,)."""
-    base = np.log(cells(fitted.x))
+def _variance(fitted: FittedTables, cells: Quantity) -> FloatArray:
+    """Return the variance of each cell on its free scale (n_cells,)."""
+    base = cells(fitted.x)
     slopes = np.empty((len(base), len(fitted.x)))
     for k in range(len(fitted.x)):
         moved = fitted.x.copy()
         moved[k] += STEP
-        slopes[:, k] = (np.log(cells(moved)) - base) / STEP
-    variance = np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+        slopes[:, k] = (cells(moved) - base) / STEP
+    return np.maximum(np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes), 0.0)
 
 
 def _without_film(made: Sequence[EcuTable]) -> list[EcuTable]:

@@ -22,10 +22,10 @@ from training.ecu_tables.fields import grid_over
 from training.ecu_tables.files import csv, tuner_studio
 from training.ecu_tables.fit import fit
 from training.ecu_tables.msq import injectors_text, read_axes
-from training.ecu_tables.parameters import Parameters, point_of
+from training.ecu_tables.parameters import SHARE_MOST, Parameters, point_of
 from training.ecu_tables.prediction import PredictionCase, air_mg, reading, sensitivities
 from training.ecu_tables.signals import subject_of
-from training.ecu_tables.tables import _Cells, _Law, _table, tables
+from training.ecu_tables.tables import LINKS, _Cells, _Law, _table, tables
 from training.recordings.ecu_table import EcuTable, axes_of
 from training.recordings.recording import load
 
@@ -266,6 +266,9 @@ def cells(value: float, log_sd: float, seconds: float = 20.0) -> _Cells:
 
 def cell(name: str, whole: _Cells, *logs: _Cells) -> EcuTable:
     """Return a table of one cell."""
+    if name in LINKS:  # on the scale of odds
+        share = np.exp(whole.free)
+        whole = whole._replace(free=np.log(share / (SHARE_MOST - share)))
     axis = axes_of("manifold_pressure_kpa", (800.0,), (30.0,))
     return _table(_Law(name, "-", (axis.speed, axis.load), np.exp, ()), whole, logs, defaults())
 
@@ -276,6 +279,7 @@ def cell(name: str, whole: _Cells, *logs: _Cells) -> EcuTable:
         ("lambda_delay", 0.1, 0.06, True),
         ("lambda_delay", 0.3, 0.06, False),  # known within a tenth, not within what an ECU needs
         ("wall_film_fraction", 0.012, 0.7, False),  # 1.2 % and perhaps 4 % is no answer
+        ("wall_film_fraction", 0.8, 2.0, False),  # near the law's limit, it may as well be 0.3
     ],
 )
 def test_a_cell_that_is_not_known_within_what_an_ecu_needs_is_blank(
