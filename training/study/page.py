@@ -41,6 +41,7 @@ def report(parts: Parts, warnings: list[str]) -> str:
         verdict=choice["reason"],
         confidence=_confidence(choice),
         warnings=warnings,
+        n_warnings=len(warnings),
         parts=parts,
         say=words,
         sections=[section(name, parts) for name in SECTIONS],
