@@ -27,6 +27,7 @@ STEPS: Final = 12
 MOST: Final = 0.3  # of one step
 STEP: Final = 1e-5
 Z90: Final = 1.645
+WIDENING: Final = 1.8  # of the deviations: with it, 90 % of 20 simulated cars are within bounds
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +92,7 @@ def balance(p: Parameters) -> Balance:
     sums = (weighted * e) @ blocks
     few = len(blocks.T) / (len(blocks.T) - len(FUEL))
     inverse = np.linalg.inv(normal)
-    covariance = inverse @ (few * sums @ sums.T + prior) @ inverse
+    covariance = WIDENING**2 * inverse @ (few * sums @ sums.T + prior) @ inverse
     return Balance(x[fuel], np.asarray(covariance[fuel, fuel], float), len(block) * period_s)
 
 
