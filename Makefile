@@ -8,7 +8,7 @@ PIP     := --quiet --disable-pip-version-check --no-compile
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo vcan test whole check fast properties examples docs test-docs dist lint venv lock system bench matrix model calibration study replay_logs clean python
+.PHONY: help demo vcan test whole check fast properties examples docs pictures test-docs dist lint venv lock system bench matrix model calibration study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -64,6 +64,9 @@ examples: venv ## run every example, also the long ones (ten minutes, on an idle
 docs: venv ## the documentation as a site, build/site/index.html; needs no network, fails at a warning
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict
 	@echo "open build/site/index.html, or with search: python3 -m http.server 8000 -d build/site"
+
+pictures: venv ## take the pictures of the pages in the documentation anew (some minutes, needs chromium)
+	PYTHONPATH=. $(VENV)/bin/python docs/site/pictures.py
 
 test-docs: venv ## run every command of the documentation (some minutes)
 	$(VENV)/bin/python -m tests.helpers.run_documentation

@@ -16,10 +16,10 @@ function places(step) {
   return n;
 }
 
-/** A time before the newest sample. */
-function back(seconds) {
+/** A time before the newest sample, in the unit of an axis that spans so many seconds. */
+function back(seconds, span) {
   const s = Math.round(seconds);
-  return s === 0 ? "now" : s % 60 === 0 ? `−${s / 60} min` : `−${s} s`;
+  return s === 0 ? "now" : span > 60 ? `−${s / 60} min` : `−${s} s`;
 }
 
 export class Plots {
@@ -154,7 +154,7 @@ export class Plots {
       scales: { x: { time: false, range: () => [this.c.begin, this.c.end] }, y: { range: axis.range } },
       axes: [
         { stroke: ink, font, grid, ticks, size: axis.xlabels ? 24 : 6, gap: 4, splits: () => this.times(),
-          values: (u, splits) => splits.map((t) => (axis.xlabels ? back(this.c.end - t) : "")) },
+          values: (u, splits) => splits.map((t) => (axis.xlabels ? back(this.c.end - t, this.span) : "")) },
         { stroke: ink, font, grid, ticks, size: 58, gap: 4, space: 26,
           values: (u, splits, i, space, step) => splits.map((v) => digits(v, places(step))) },
       ],
