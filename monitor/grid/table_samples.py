@@ -57,25 +57,6 @@ def table_block(
     return block._replace(quality=quality)
 
 
-def polled(table: Table) -> tuple[str, ...]:
-    """Return in words that lambda's column repeats each value over several rows, as polls do.
-
-    Values that change by chance stand for one row more often than for any other number of rows.
-    """
-    if OUTPUT not in table.names or uniform_period_ns(table.t_ns) is None:
-        return ()
-    reading = table.values[:, table.names.index(OUTPUT)]
-    changes = np.flatnonzero(np.diff(reading[np.isfinite(reading)]))
-    n_rows = int(np.bincount(np.diff(changes)).argmax()) if len(changes) > 1 else 1
-    if n_rows < 2:
-        return ()
-    row_s = (table.t_ns[-1] - table.t_ns[0]) / 1e9 / (len(table.t_ns) - 1)
-    return (
-        f"{table.column_of(OUTPUT)} changes every {n_rows * row_s:.3g} s, rows come every "
-        f"{row_s:.3g} s: polled or held; only a model of such logs tells a slow or late sensor",
-    )
-
-
 def _held(table: Table, names: Sequence[str]) -> FloatArray:
     """Return columns, (n, n_names), short blanks filled with the value before, which is counted.
 

@@ -35,6 +35,7 @@ class Timeline:
         self._decoder = decoder
         self._pause_ns = min(decoder.timeouts_ns)  # no value goes stale in a shorter pause
         self._newest_ns: int | None = None  # of the believed times
+        self._first_ns = 0
         self._shift_ns = 0  # believed time is the frame's time less this
         self._recent = RecentFrames()
         self._waiting: FrameBlock | None = None  # frames that need those behind them
@@ -45,12 +46,23 @@ class Timeline:
             yield from self.push(block)
         yield from self.finish()
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return in words that a log's times step all the time, for half of it at least."""
+        steps = self.counters.clock_steps + self.counters.log_gaps
+        if not steps or 2 * steps * self._pause_ns <= (self._newest_ns or 0) - self._first_ns:
+            return ()
+        return (
+            f"its times step {steps} times: frames written in batches; log the times at which "
+            "they are received",
+        )
+
     def push(self, block: FrameBlock) -> Sequence[FrameBlock]:
         """Take the next frames; return those whose times are decided."""
         if len(block.t_ns) == 0:
             return ()
         if self._newest_ns is None:
-            self._newest_ns = int(block.t_ns[0])
+            self._newest_ns = self._first_ns = int(block.t_ns[0])
         if self._waiting is None and self._is_calm(block.t_ns):
             if self._shift_ns:
                 block = block._replace(t_ns=block.t_ns - wrapped(self._shift_ns))

@@ -128,6 +128,8 @@ class ModelCard:
     profile: Mapping[str, Any] = field(default_factory=dict)
     # what the model finds and mistakes on drives that it has not seen; {} in older cards
     trust: Mapping[str, Any] = field(default_factory=dict)
+    # how often each input's and the output's values change, and how far they are apart
+    times: Mapping[str, Any] = field(default_factory=dict)  # {} in older cards
     # of all parts of the file but its metadata, entered by the writer; "" in older cards
     graph_sha256: str = field(default="", compare=False)
     schema: str = SCHEMA
@@ -177,6 +179,7 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
         "region": {},
         "fuel_cut": {},
         "trust": {},
+        "times": {},
     } | data  # older cards lack them
     _keys(data, ModelCard, path, "model card")
     try:
@@ -206,12 +209,27 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
             "fuel_cut",
         ):
             data[name] = dict(data[name])
+        data["times"] = _times(data["times"])
         for name in ("residual_mean", "residual_std"):
             data[name] = float(data[name])
     except (TypeError, ValueError, AttributeError, OverflowError) as error:
         raise ModelError(f"{path}: the model card has a value of the wrong type: {error}") from None
     _check(data, path)
     return ModelCard(**data)
+
+
+def _times(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the times of columns; raises ValueError, TypeError or AttributeError."""
+    if not given:
+        return {}
+    every = {str(name): float(s) for name, s in given.get("every_s", {}).items()}
+    apart = {
+        f"{first} {second}": (float(low), float(high))
+        for (first, second), (low, high) in (
+            (pair.split(), span) for pair, span in given.get("apart_s", {}).items()
+        )
+    }
+    return {"every_s": every, "apart_s": apart}
 
 
 def _refused(constant: str) -> Any:

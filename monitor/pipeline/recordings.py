@@ -16,7 +16,8 @@ from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples, whole
-from monitor.grid.table_samples import polled, table_block
+from monitor.grid.column_times import unlike
+from monitor.grid.table_samples import table_block
 from monitor.grid.tables import BLANK, Table, is_table, read_table
 from monitor.grid.timeline import Timeline
 from monitor.judge.causes.causes import SignalSource
@@ -123,7 +124,7 @@ class RecordingReader:
             counters=counters,
             sources=self._sources,
             is_live=lambda: assembler.is_live,
-            notes=lambda: tuple(log.notes),
+            notes=lambda: (*log.notes, *timeline.notes),
         )
 
     def _table_file(self, path: Path) -> OpenRecording:
@@ -149,6 +150,7 @@ class RecordingReader:
                 f"{self._card.period_ns / 1e9:g} s; log faster, or {OTHER_MODEL}"
             )
         block = table_block(table, table.names, self._card.period_ns)
+        self._check_times(table, block)
         counters = table_counts(table, block, self._card)
         sources = {name: SignalSource(table.column_of(name)) for name in table.names}
         return OpenRecording(
@@ -158,8 +160,19 @@ class RecordingReader:
             lambda: counters,
             sources,
             profile=table.profile,
-            notes=lambda: (*table.notes.lines, *polled(table)),
+            notes=lambda: table.notes.lines,
         )
+
+    def _check_times(self, table: Table, block: SampleBlock) -> None:
+        """Raise CoarseTableError if the columns are written at other times than the model knows."""
+        card = self._card
+        names = (*card.input_names, card.output.name)
+        places = [table.names.index(name) for name in names]
+        period_s = card.period_ns / 1e9
+        if card.times and (how := unlike(card.times, block.values[:, places], names, period_s)):
+            raise CoarseTableError(
+                f"{table.path}: {how}; log all of them each time, or {OTHER_MODEL}"
+            )
 
 
 def table_of_model(path: Path, columns: Path | None, card: ModelCard) -> Table:

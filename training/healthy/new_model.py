@@ -4,9 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from monitor.base import config
 from monitor.base.errors import RecordingError
 from monitor.frames.profiles.profile import is_profile, load_profile, path_of, tree_of
+from monitor.grid.column_times import column_times, merged
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.healthy.reference import set_reference
@@ -33,6 +36,7 @@ def complete(
     columns : profile with which the recordings were read, so that the next log needs no option
     """
     _keep_profile(path, columns)
+    _keep_times(path, recordings)
     warnings = _set_limits(path, held_out, recordings)
     _set_trust(path, unseen or (lambda _: [(Model.load(path), recordings)]))
     card, doubt = set_reference(path, recordings, progress)
@@ -43,6 +47,22 @@ def _keep_profile(path: Path, columns: str | Path | None) -> None:
     if columns is not None and is_profile(path_of(Path(columns))):
         profile = tree_of(load_profile(path_of(Path(columns))))
         update_card(path, replace(Model.load(path).card, profile=profile))
+
+
+def _keep_times(path: Path, recordings: Sequence[Recording]) -> None:
+    """Let the card know when the logger writes the columns.
+
+    How the reading is apart from the inputs is what the monitor judges, and so is what the ECU
+    makes of the reading.
+    """
+    card, of_reading = Model.load(path).card, config.load().enable.range_ignored
+    names = (*card.input_names, card.output.name)
+    of_drives = (
+        column_times(np.column_stack([*map(each.column, names)]), names, card.period_ns / 1e9)
+        for each in recordings
+    )
+    times = merged(of_drives, {*card.input_names} - {*of_reading})
+    update_card(path, replace(card, times=times))
 
 
 def _set_trust(path: Path, unseen: Callable[[ModelCard], Unseen]) -> None:

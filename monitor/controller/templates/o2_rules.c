@@ -111,11 +111,25 @@ static float unoriented(float phi)
 #endif
 }
 
-/* Return the window's mean of the measurement against one sensor of the bank. */
+static float median_of(float x[], uint16_t n)
+{
+    for (uint16_t k = 1U; k < n; k++) {
+        float own = x[k];
+        uint16_t to = k;
+        while ((to > 0U) && (x[to - 1U] > own)) {
+            x[to] = x[to - 1U];
+            to--;
+        }
+        x[to] = own;
+    }
+    return 0.5f * (x[(n - 1U) / 2U] + x[n / 2U]);
+}
+
+/* Return the window's median of the measurement against one sensor of the bank. */
 static float beside(const o2_monitor *m, uint16_t n, uint16_t column)
 {
     const float *now = window_of(m, n);
-    float sum = 0.0f;
+    float apart[O2_N_WINDOW];
     float lag = 0.0f;
     uint16_t slow = (column > 0U) ? (uint16_t)(column - 1U) : 0U;
     uint16_t late = (column >= (uint16_t)LATE) ? (uint16_t)(column - (uint16_t)LATE) : 0U;
@@ -133,9 +147,9 @@ static float beside(const o2_monitor *m, uint16_t n, uint16_t column)
         } else {
             /* the prediction itself */
         }
-        sum += m->measured[k] - unoriented(reading);
+        apart[k] = m->measured[k] - unoriented(reading);
     }
-    return sum / (float)n;
+    return median_of(apart, n);
 }
 
 /* ---- response rule: evidence for each claim about the sensor ---- */

@@ -7,7 +7,7 @@
 typedef struct {
     float mean;
     float std;
-    float offset; /* mean of the measurement against the likeliest sensor, output's unit */
+    float offset; /* median of the measurement against the likeliest sensor, output's unit */
     float evidence;
     uint8_t outcome;
     uint8_t fault;

@@ -2,7 +2,8 @@
 
 - Low: shorted to ground, the voltage stays below what a switching sensor shows in gas that is not
   lean.
-- High: shorted to the supply, it stays above what any switching sensor shows.
+- High: shorted to the supply, or with an offset, it is above what any switching sensor shows, and
+  shows no lean gas between.
 - Inactive: an open circuit rests at the ECU's own voltage. A live sensor behind any catalyst turns
   lean once more oxygen has entered than the catalyst can store.
 - Heater: the ECU heats at full duty and the sensor wakes late, or the duty that was regulated
@@ -42,7 +43,7 @@ class _Stretch:
     """For how long, in s, something has held without a break."""
 
     low: float = 0.0
-    high: float = 0.0
+    high: float = 0.0  # without a lean reading between
     rest: float = 0.0  # near the ECU's own voltage
     lively: float = 0.0
     full: float = 0.0  # heater at full duty
@@ -113,7 +114,10 @@ class RearCircuit:
         config, step_s, held = self._config, self._period_s, self._for_s
         is_lean, is_hot = x > config.circuit_lean_phi, run_s > config.circuit_after_s
         apart = abs(v - MID_V)
-        held.high = held.high + step_s if v > config.circuit_high_v else 0.0
+        if v > config.circuit_high_v:
+            held.high += step_s
+        elif v < config.lean_v:
+            held.high = 0.0
         if v >= config.circuit_low_v:
             held.low = 0.0
         elif is_hot and not is_lean:

@@ -177,14 +177,14 @@ class WindowFacts:
     def _offset(
         self, measured: FloatArray, banks: Sequence[FloatArray], responses: Sequence[Response]
     ) -> FloatArray:
-        """Return each window's mean of the measurement against the likeliest sensor, (w,).
+        """Return each window's median of the measurement against the likeliest sensor, (w,).
 
-        A sensor slow or late on one edge rectifies the modulation, which shifts its mean.
+        A sensor slow or late on one edge rectifies the modulation, which shifts its mean; a few
+        readings that jump to an end of the range shift no median.
         """
         likeliest = [bank[:, each.column] for bank, each in zip(banks, responses, strict=True)]
         beside = measured - lambda_of(np.array(likeliest), self._transform)
-        offset: FloatArray = np.add.reduce(beside, axis=1) / beside.shape[1]
-        return offset
+        return np.asarray(np.median(beside, axis=1))
 
     def _orient(self, measured: FloatArray) -> FloatArray:
         if self._transform == "phi":

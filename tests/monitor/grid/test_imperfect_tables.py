@@ -5,13 +5,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from monitor import cli
+from monitor.base.signals import plausible_range
 from monitor.base.types import FloatArray
+from monitor.grid.column_times import column_times, merged, unlike
 from training.recordings.recording import load
 
 DRIVE = Path(__file__).resolve().parents[3] / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 Change = Callable[[FloatArray], FloatArray]
+NAMES = load(DRIVE).names
+
+
+def held(rows: int) -> Change:
+    return lambda values: values[np.arange(len(values)) // rows * rows]
+
+
+def late(rows: int) -> Change:
+    return lambda values: np.concatenate([values[:rows], values[:-rows]])
 
 
 @pytest.fixture(scope="module")
@@ -80,14 +93,65 @@ def test_another_quantity_in_lambda_s_column_is_told_in_one_line_and_not_judged(
     assert "P2" not in out
 
 
-def test_a_reading_that_is_polled_each_half_second_is_told(
+@pytest.mark.parametrize(
+    ("names", "change", "told"),
+    [
+        (("lambda_measured",), held(10), "lambda_measured changes every 1 s, the model needs it"),
+        (("fuel_mass_mg",), held(3), "fuel_mass_mg changes every 0.3 s, the model needs it"),
+        (("fuel_mass_mg", "air_mass_mg"), late(1), "s later against manifold_pressure_kpa than in"),
+    ],
+)
+def test_columns_that_the_logger_writes_at_other_times_are_named_and_no_response_is_judged(
+    names: tuple[str, ...],
+    change: Change,
+    told: str,
+    written: Callable[..., Path],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def other_times(values: FloatArray, _: int) -> None:
+        for place in [NAMES.index(name) for name in names]:
+            values[:, place] = change(values[:, place])
+
+    assert cli.main(["replay", str(written(other_times))]) == 3
+    said = capsys.readouterr().out
+    assert "not judged: response: " in said
+    assert told in said
+
+
+def test_readings_that_jump_to_the_end_of_the_range_now_and_then_make_no_offset(
     written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def poll(values: FloatArray, reading: int) -> None:
-        values[:, reading] = values[np.arange(len(values)) // 5 * 5, reading]
+    def spikes(values: FloatArray, reading: int) -> None:
+        hit = np.random.default_rng(1).random(len(values)) < 0.01
+        values[hit, reading] = plausible_range("lambda_measured")[1]
 
-    cli.main(["replay", str(written(poll))])
-    told = "lambda_measured changes every 0.5 s, rows come every 0.1 s: polled or held"
-    assert told in capsys.readouterr().out
-    cli.main(["replay", str(written(lambda *_: None))])
-    assert "polled" not in capsys.readouterr().out
+    assert cli.main(["replay", str(written(spikes))]) == 0
+    assert "windows: 29 passed" in capsys.readouterr().out  # as of the whole table
+
+
+def test_what_is_usual_for_a_logger_is_no_other_time() -> None:
+    # GIVEN a logger that writes a slow column each second and the second one 0.2 s late
+    fast = np.cumsum(np.random.default_rng(2).normal(size=2000))
+    values = np.column_stack([fast, late(2)(fast), held(10)(fast)])
+    own = column_times(values, ("a", "b", "c"), 0.1)
+    known = merged([own], {"a", "b"})
+    # WHEN its next log comes THEN nothing is told; a column more or less late is
+    assert unlike(known, values, ("a", "b", "c"), 0.1) == ""
+    values[:, 1] = late(3)(fast)
+    assert unlike(known, values, ("a", "b", "c"), 0.1) == (
+        "b comes 0.1 s later against a than in the recordings that trained the model"
+    )
+
+
+@given(
+    step=st.sampled_from([1e-6, 0.01, 0.1]),
+    rows=st.integers(1, 8),
+    seed=st.integers(0, 1000),
+)
+def test_a_column_s_interval_is_how_often_it_is_written_not_how_coarse(
+    step: float, rows: int, seed: int
+) -> None:
+    moving = np.cumsum(np.random.default_rng(seed).normal(size=3000))
+    values = held(rows)(np.round(moving / step) * step)
+    every_s = column_times(values[:, np.newaxis], ("a",), 0.1)["every_s"]["a"]
+    assert every_s == pytest.approx(0.1 * rows)

@@ -56,6 +56,12 @@ def test_a_voltage_that_no_gas_explains_is_a_fault_of_the_circuit(
     assert at * PERIOD_S < start_s + 100.0
 
 
+def test_a_voltage_with_an_offset_of_its_ground_is_a_fault_of_the_circuit() -> None:
+    drive = a_drive()
+    drive["volts"] += 0.4  # 0.48 V in air, up to 1.15 V in rich gas
+    assert (CIRCUIT, "downstream_high") in {(test, fault) for _, test, fault in decided(drive)}
+
+
 def test_a_sensor_that_reads_nothing_in_long_fuel_cuts_is_not_shorted() -> None:
     drive = a_drive()
     drive["volts"] = np.where(drive["x"] > 0.5, 0.0, drive["volts"])

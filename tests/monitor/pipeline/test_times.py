@@ -23,7 +23,9 @@ from benchmarks.damage.fuzz_times import (
 )
 from monitor.base import config
 from monitor.base.types import FrameBlock
+from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import chosen, joined
+from monitor.grid.timeline import Timeline
 from monitor.pipeline import replay
 from tests.helpers.logs.bad_logs import LAMBDA_ID
 from tests.helpers.logs.batch_logs import MS
@@ -153,6 +155,16 @@ def test_a_clock_that_steps_with_every_frame_sets_no_code(
     wrong = DRIVE._replace(t_ns=DRIVE.t_ns + steps * round(step_s * S))
     found = replayed(wrong, SETUP if has_counters else BARE)
     assert (found.codes, found.cycles) == ((), 0)
+
+
+def test_a_log_written_in_batches_of_half_a_second_is_told() -> None:
+    in_batches = DRIVE._replace(t_ns=BEGIN_NS + (DRIVE.t_ns - BEGIN_NS) // (S // 2) * (S // 2))
+    for frames, told in ((in_batches, "frames written in batches"), (DRIVE, "")):
+        timeline = Timeline(BlockDecoder(SETUP.bus_map, SETUP.bus_map.names))
+        for _ in timeline.blocks([frames]):
+            pass
+        assert told in "".join(timeline.notes)
+        assert bool(timeline.notes) == bool(told)
 
 
 @pytest.mark.parametrize("rate", [20.0, 130.0, 400.0])

@@ -174,10 +174,8 @@ def test_a_model_too_poor_to_judge_its_own_healthy_car_says_so(
     assert got.exit_code == 3
     assert got.recording["dtcs"] == []
     assert got.recording["samples"] > 19_000
-    windows = got.recording["windows"]
-    assert len(windows) > 100
-    excited = sum(w["excited"] for w in windows)
-    assert f"in {excited} of {len(windows)} windows the prediction moves clearly" in got.out
+    assert len(got.recording["windows"]) > 100
+    assert "not judged: response: tried on 6 drives, the model finds no fault" in got.out
     assert "engine_speed held 62 % of the time: engine_speed_rpm is below 950 1/min" in got.out
 
 
