@@ -274,7 +274,7 @@ class Tally:
         return {
             **self._about,
             "healthy": n["healthy"], "with a code": n["healthy with code"],
-            "judged": n["healthy judged"], "faulty": n["faulty"],
+            "false": n["healthy misnamed"], "judged": n["healthy judged"], "faulty": n["faulty"],
             "found": n["faulty with code"], "named": n["named"],
             "codes": " ".join(f"{k}:{v}" for k, v in self._codes.most_common()) or "none",
             "most said": next((k for k, _ in self._why.most_common(1)), "")[:60],
