@@ -8,10 +8,10 @@ PIP     := --quiet --disable-pip-version-check --no-compile
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo vcan test whole check fast properties examples docs pictures test-docs dist lint venv lock system bench matrix model calibration study replay_logs clean python
+.PHONY: help demo vcan test whole check fast c-target properties examples docs pictures test-docs dist lint venv lock system bench matrix model calibration study replay_logs clean python
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z_-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: $(DEMO)/.installed ## replay a healthy and a faulty drive, write demo/report.html
 	@test -n "$(HEALTHY)" -a -n "$(FAULTY)" || { echo "replay_logs/ has no healthy_* and delay_rich_to_lean_* log" >&2; exit 2; }
@@ -52,6 +52,9 @@ check: venv ## style, types, imports and the fast tests
 fast: venv
 	$(VENV)/bin/python -m pytest -q -n 2 --dist loadscope --no-loadscope-reorder \
 	  -m 'not kernel and not browser and not trains and not thorough and not waits'
+
+c-target: venv ## the monitor as C on a Cortex-M4F: flash, RAM, stack, two drives in an emulator
+	$(VENV)/bin/python -m pytest -q -s -rs tests/monitor/controller/test_on_the_core.py
 
 properties: venv ## the property tests with ten times as many inputs, other ones in each run
 	O2_INPUTS=2 $(VENV)/bin/python -m pytest -q -n 2 --dist loadscope --no-loadscope-reorder -m hypothesis

@@ -53,6 +53,8 @@ MARKS = {
         "monitor/pipeline/test_vehicles.py",
     ),
     "thorough": (
+        "monitor/controller/test_misra.py",
+        "monitor/controller/test_on_the_core.py",
         "monitor/controller/test_same_verdicts.py",
         "monitor/decode/test_block_decoder.py",
         "monitor/frames/test_blf_blocks.py",

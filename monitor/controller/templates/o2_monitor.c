@@ -10,6 +10,16 @@
 #define PASSED_COUNT (-128)
 #define FRESH (O2_NOT_COMPLETED_SINCE_CLEAR | O2_NOT_COMPLETED_THIS_CYCLE)
 
+/* Return a signal oriented like phi = 1/lambda, which rises from lean to rich. */
+static float phi_of(float x)
+{
+#if O2_PHI
+    return 1.0f / x;
+#else
+    return -x;
+#endif
+}
+
 static uint16_t counted(uint16_t x)
 {
     return (x < UINT16_MAX) ? (uint16_t)(x + 1U) : x;
@@ -51,33 +61,38 @@ static bool purge_stays(o2_monitor *m, const o2_sample *sample)
 #endif
 }
 
+static uint16_t without(uint16_t held, uint16_t broken)
+{
+    return (uint16_t)(held & (broken ^ 0xFFFFU));
+}
+
 static uint16_t conditions_of(o2_monitor *m, const o2_sample *sample)
 {
     uint16_t held = O2_ENABLED;
     for (uint16_t i = 0U; i < O2_N_INPUTS; i++) {
-        if (isnan(sample->value[i])) {
-            held &= (uint16_t)~(O2_OK_INPUTS_VALID | O2_OK_MODEL_SETTLED);
+        if (isnan(sample->value[i]) != 0) {
+            held = without(held, O2_OK_INPUTS_VALID | O2_OK_MODEL_SETTLED);
         }
     }
-    if (isnan(sample->value[O2_OUTPUT])) {
-        held &= (uint16_t)~O2_OK_MEASURED_VALID;
+    if (isnan(sample->value[O2_OUTPUT]) != 0) {
+        held = without(held, O2_OK_MEASURED_VALID);
     }
     for (uint16_t i = 0U; i < O2_N_RANGES; i++) {
         float x = sample->value[o2_ranges[i].signal];
         if (!((x >= o2_ranges[i].low) && (x <= o2_ranges[i].high))) {
-            held &= (uint16_t)~o2_ranges[i].condition;
+            held = without(held, o2_ranges[i].condition);
         }
     }
     if ((sample->quality == O2_PINNED) && !in_fuel_cut(sample)) {
-        held &= (uint16_t)~O2_OK_TRAINED_RANGE;
+        held = without(held, O2_OK_TRAINED_RANGE);
     }
     if (!purge_stays(m, sample)) {
-        held &= (uint16_t)~O2_OK_PURGE_STEADY;
+        held = without(held, O2_OK_PURGE_STEADY);
     }
     for (uint16_t i = 0U; i < O2_N_RECOVERIES; i++) {
         m->since[i] = ((held & o2_recoveries[i].condition) != 0U) ? counted(m->since[i]) : 0U;
         if (m->since[i] < o2_recoveries[i].samples) {
-            held &= (uint16_t)~o2_recoveries[i].condition;
+            held = without(held, o2_recoveries[i].condition);
         }
     }
     return held;
@@ -293,7 +308,7 @@ static void test_communication(o2_monitor *m, const o2_sample *sample, bool read
 static void test_signal(o2_monitor *m, const o2_sample *sample, bool moved, o2_result *result)
 {
     uint8_t q = sample->quality;
-    bool ready = (q != O2_INVALID) && moved;
+    bool ready = false;
     bool gone = false;
     bool missing = false;
     if (q == O2_GAP) { /* nobody knows how long the signal paused, and whether it came */
@@ -301,8 +316,10 @@ static void test_signal(o2_monitor *m, const o2_sample *sample, bool moved, o2_r
         return;
     }
 #ifdef O2_SENSOR_READY
-    gone = isnan(sample->value[O2_SENSOR_READY]);
-    ready = gone ? (q != O2_INVALID) : (sample->value[O2_SENSOR_READY] > 0.0f);
+    gone = isnan(sample->value[O2_SENSOR_READY]) != 0;
+    ready = gone ? ((q != O2_INVALID) && moved) : (sample->value[O2_SENSOR_READY] > 0.0f);
+#else
+    ready = (q != O2_INVALID) && moved;
 #endif
     missing = (q == O2_STALE) || (q == O2_OFF_BUS) || ((q == O2_INVALID) && gone);
     test_communication(m, sample, ready, missing, result);
@@ -368,7 +385,7 @@ static float log_current(float kpa)
     return logf(kpa / (O2_PORE_KPA + kpa));
 }
 
-static void add_level(o2_monitor *m, float level, float kpa)
+static void take_level(o2_monitor *m, float level, float kpa)
 {
     float sum = 0.0f;
     float sum_kpa = 0.0f;
@@ -403,7 +420,7 @@ static void add_level(o2_monitor *m, float level, float kpa)
 
 static float middle_level(const o2_monitor *m)
 {
-    float sorted[O2_N_LEVEL];
+    float sorted[O2_N_LEVEL] = {0};
     for (uint16_t i = 0U; i < O2_N_LEVEL; i++) {
         uint16_t at = i;
         while ((at > 0U) && (sorted[at - 1U] > m->air[i])) {
@@ -447,7 +464,7 @@ static void follow_cuts(o2_monitor *m, const o2_sample *sample, bool usable)
             m->cut_counts = (m->cut > 0U) ? m->cut_counts : (m->stretch > 0U);
             m->cut++;
             (void)memmove(&m->air[0], &m->air[1], (O2_N_LEVEL - 1U) * sizeof(m->air[0]));
-            m->air[O2_N_LEVEL - 1U] = O2_PHI ? (1.0f / x) : -x;
+            m->air[O2_N_LEVEL - 1U] = phi_of(x);
         } else {
             end_cut(m);
         }
@@ -462,9 +479,9 @@ static void follow_cuts(o2_monitor *m, const o2_sample *sample, bool usable)
     end_cut(m);
     for (uint8_t i = 0U; i < m->n_pending; i++) {
 #ifdef O2_AMBIENT_PRESSURE_KPA
-        add_level(m, m->pending[i], sample->value[O2_AMBIENT_PRESSURE_KPA]);
+        take_level(m, m->pending[i], sample->value[O2_AMBIENT_PRESSURE_KPA]);
 #else
-        add_level(m, m->pending[i], NAN);
+        take_level(m, m->pending[i], NAN);
 #endif
     }
     m->n_pending = 0U;
@@ -508,7 +525,7 @@ static void predict(o2_monitor *m, const o2_sample *sample, bool is_valid, o2_re
     }
     o2_model_step(sample->value, m->state, &result->predicted);
     if (begins) {
-        o2_bank_begin(m, O2_PHI ? (1.0f / result->predicted) : -result->predicted);
+        o2_bank_begin(m, phi_of(result->predicted));
     }
 }
 
@@ -612,30 +629,34 @@ void o2_init(o2_monitor *m, const o2_vehicle *vehicle)
     begin_still(m);
 }
 
-/* Return a sample without values that no such signal has: they are not valid. */
-static o2_sample plausible(const o2_sample *given)
+/* Copy a sample without values that no such signal has: they are not valid. */
+static void plausible(const o2_sample *given, o2_sample *found)
 {
-    o2_sample found = *given;
+    *found = *given;
     for (uint16_t i = 0U; i < O2_N_SIGNALS; i++) {
-        float x = found.value[i];
+        float x = found->value[i];
         if (!(isfinite(x) && (x >= o2_plausible[i].low) && (x <= o2_plausible[i].high))) {
-            found.value[i] = NAN;
-            if ((i == O2_OUTPUT) && ((found.quality == O2_GOOD) || (found.quality == O2_PINNED))) {
-                found.quality = isnan(x) ? O2_INVALID : O2_OUT_OF_RANGE;
+            found->value[i] = NAN;
+            if ((i == O2_OUTPUT) && ((found->quality == O2_GOOD) || (found->quality == O2_PINNED))) {
+                found->quality = isnan(x) ? O2_INVALID : O2_OUT_OF_RANGE;
             }
         }
     }
-    return found;
 }
 
 void o2_step(o2_monitor *m, const o2_sample *given, o2_result *result)
 {
-    const o2_sample own = plausible(given);
+    o2_sample own;
     const o2_sample *sample = &own;
-    uint16_t conditions = conditions_of(m, sample);
-    bool running = engine_runs(sample);
-    bool moved = has_moved(m, sample, running);
-    bool is_valid = holds(conditions, O2_OK_INPUTS_VALID);
+    uint16_t conditions = 0U;
+    bool running = false;
+    bool moved = false;
+    bool is_valid = false;
+    plausible(given, &own);
+    conditions = conditions_of(m, sample);
+    running = engine_runs(sample);
+    moved = has_moved(m, sample, running);
+    is_valid = holds(conditions, O2_OK_INPUTS_VALID);
     (void)memset(result, 0, sizeof(*result));
     result->predicted = NAN;
     result->conditions = conditions;
@@ -646,7 +667,7 @@ void o2_step(o2_monitor *m, const o2_sample *given, o2_result *result)
     predict(m, sample, is_valid, result);
     if (is_valid) {
         bool is_full = fill(m, sample, kind_of(conditions));
-        o2_bank_step(m, O2_PHI ? (1.0f / result->predicted) : -result->predicted);
+        o2_bank_step(m, phi_of(result->predicted));
         if (is_full) {
             judge(m, result);
         }

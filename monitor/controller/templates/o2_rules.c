@@ -4,8 +4,8 @@
 #include <math.h>
 #include <string.h>
 
-enum { N_HISTORY = O2_N_PAST + O2_N_WINDOW };
-enum { LATE = 1 + (3 * O2_N_LAG) }; /* first column with a dead time */
+#define N_HISTORY (O2_N_PAST + O2_N_WINDOW)
+#define LATE (1U + (3U * O2_N_LAG)) /* first column with a dead time */
 
 static float square_of(float x)
 {
@@ -59,7 +59,7 @@ static float late_reading(const float *now, uint16_t which, uint8_t direction)
 
 void o2_bank_begin(o2_monitor *m, float phi)
 {
-    for (uint16_t i = 0U; i < (uint16_t)N_HISTORY; i++) {
+    for (uint16_t i = 0U; i < N_HISTORY; i++) {
         m->phi[i] = phi;
     }
     for (uint8_t d = 0U; d < 3U; d++) {
@@ -71,15 +71,15 @@ void o2_bank_begin(o2_monitor *m, float phi)
 
 void o2_bank_step(o2_monitor *m, float phi)
 {
-    (void)memmove(&m->phi[0], &m->phi[1], ((size_t)N_HISTORY - 1U) * sizeof(m->phi[0]));
-    m->phi[N_HISTORY - 1] = phi;
+    (void)memmove(&m->phi[0], &m->phi[1], (N_HISTORY - 1U) * sizeof(m->phi[0]));
+    m->phi[N_HISTORY - 1U] = phi;
     slow_step(m->lag, phi);
 }
 
 /* Return the samples of the window just filled. */
 static const float *window_of(const o2_monitor *m, uint16_t n)
 {
-    return &m->phi[(uint16_t)N_HISTORY - n];
+    return &m->phi[N_HISTORY - n];
 }
 
 /* Fill in what every sensor of the bank reads at a sample; lag : behind it. */
@@ -132,8 +132,8 @@ static float beside(const o2_monitor *m, uint16_t n, uint16_t column)
     float apart[O2_N_WINDOW];
     float lag = 0.0f;
     uint16_t slow = (column > 0U) ? (uint16_t)(column - 1U) : 0U;
-    uint16_t late = (column >= (uint16_t)LATE) ? (uint16_t)(column - (uint16_t)LATE) : 0U;
-    bool is_slow = (column > 0U) && (column < (uint16_t)LATE);
+    uint16_t late = (column >= LATE) ? (uint16_t)(column - LATE) : 0U;
+    bool is_slow = (column > 0U) && (column < LATE);
     if (is_slow) {
         lag = m->lag_begin[slow / O2_N_LAG][slow % O2_N_LAG];
     }
@@ -142,7 +142,7 @@ static float beside(const o2_monitor *m, uint16_t n, uint16_t column)
         if (is_slow) {
             lag = slowed(lag, now[k], o2_lag_share[slow % O2_N_LAG], (uint8_t)(slow / O2_N_LAG));
             reading = lag;
-        } else if (column >= (uint16_t)LATE) {
+        } else if (column >= LATE) {
             reading = late_reading(&now[k], late % O2_N_DELAY, (uint8_t)(late / O2_N_DELAY));
         } else {
             /* the prediction itself */
@@ -563,7 +563,7 @@ static bool drifts(const o2_monitor *m)
 
 static float middle_of(const float course[], uint16_t n)
 {
-    float sorted[O2_N_COURSE];
+    float sorted[O2_N_COURSE] = {0};
     for (uint16_t i = 0U; i < n; i++) {
         uint16_t at = i;
         while ((at > 0U) && (sorted[at - 1U] > course[i])) {
@@ -598,14 +598,15 @@ static float stepped(const o2_monitor *m)
         total += bounded(m->course[i], middle - O2_STEP_MOST, middle + O2_STEP_MOST);
     }
     for (uint16_t k = 1U; k <= (uint16_t)(n - O2_COURSE_EDGE); k++) {
+        float left = (float)n - (float)k;
         float own = (1.0f - O2_SHARED) / (float)m->course_each *
-                    ((1.0f / (float)k) + (1.0f / (float)(n - k)));
+                    ((1.0f / (float)k) + (1.0f / left));
         float before = 0.0f;
         float after = 0.0f;
         float sure = 0.0f;
         sum += bounded(m->course[k - 1U], middle - O2_STEP_MOST, middle + O2_STEP_MOST);
         before = sum / (float)k;
-        after = (total - sum) / (float)(n - k);
+        after = (total - sum) / left;
         sure = (fabsf(after - before) - O2_STEP_MOST) /
                (O2_OFFSET_STD * sqrtf((2.0f * O2_SHARED) + own));
         if ((k >= O2_COURSE_EDGE) && (sure > surest)) {

@@ -21,7 +21,6 @@ from tests.helpers.models import c_monitor
 from tests.helpers.models.broken_samples import drive_of
 
 NAMES = sorted(manifest.load(ROOT / "replay_logs"))
-ANY = ("-0.065", "0.065", "1", "0")  # offsets and gain of any vehicle, in a recording
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 
 
@@ -49,7 +48,7 @@ def test_every_window_and_code_of_a_replay_log_is_the_same_in_c(
     drive = RecordingReader(setup.bus_map, setup.model.card).read(ROOT / "replay_logs" / name)
     (python,) = c_monitor.in_python([drive.block], drive.names, setup)
     given = c_monitor.rows(drive.block, drive.names, c_monitor.source_of(setup))
-    (c,) = c_monitor.in_c([driver, *ANY], [given])
+    (c,) = c_monitor.in_c([driver, *c_monitor.ANY], [given])
     assert c_monitor.differences(python, c) == []
 
 
@@ -83,7 +82,7 @@ def test_broken_samples_do_no_harm_and_are_judged_alike(
         for said in c_monitor.in_python([c_monitor.samples(drive, source)], source.names, setup)
     ]
     # THEN they say the same; a name may differ where two faults explain a window alike
-    for a, b in zip(python, c_monitor.in_c([checked_driver, *ANY], drives), strict=True):
+    for a, b in zip(python, c_monitor.in_c([checked_driver, *c_monitor.ANY], drives), strict=True):
         found = c_monitor.differences(a, b)
         assert found == [] or c_monitor.differs_in_name_alone(a, b), found
 
