@@ -32,6 +32,9 @@ class Verdict(NamedTuple):
     evidence: float
 
 
+NO_VERDICT = Verdict(0, "", "", "", 0.0)
+
+
 class Said(NamedTuple):
     """What a monitor says of one drive."""
 
@@ -130,14 +133,16 @@ def _said(block: SampleBlock, judged: Judged) -> Said:
         Verdict(k, kind, each.outcome, each.fault or "", own.evidence)
         for k, kind, each, own in found
     ]
-    codes = [
-        (at[c.t_ns], c.dtc.code, c.dtc.fault, int(c.dtc.status))
+    codes = {  # what a sample leaves behind
+        (at[c.t_ns], c.dtc.code): (c.dtc.fault, int(c.dtc.status))
         for c in judged.changes
         if c.dtc.code in CODES_INSIDE
-    ]
+    }
     flag = any(dtc.code in CODES_INSIDE for dtc in judged.dtcs)
     enabled, predicted = int(judged.enabled.sum()), float(np.nansum(judged.predicted))
-    return Said(sorted(verdicts), sorted(codes), enabled, predicted, flag)
+    return Said(
+        sorted(verdicts), sorted((*k, *v) for k, v in codes.items()), enabled, predicted, flag
+    )
 
 
 def differences(python: Said, c: Said) -> list[str]:
@@ -159,5 +164,5 @@ def differences(python: Said, c: Said) -> list[str]:
 def differs_in_name_alone(python: Said, c: Said) -> bool:
     """Return whether the first window that differs has a name that its data do not tell apart."""
     pairs = zip(python.verdicts, c.verdicts, strict=False)
-    a, b = next((a, b) for a, b in pairs if a[:4] != b[:4])
+    a, b = next(((a, b) for a, b in pairs if a[:4] != b[:4]), (NO_VERDICT, NO_VERDICT))
     return a[:3] == b[:3] and abs(a.evidence - b.evidence) <= TOLERANCE and a.evidence >= 11.0
