@@ -1,6 +1,7 @@
 """The C monitor says of every replay log and of random samples what the Python monitor says."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from tests.helpers.models import c_monitor
 from tests.helpers.models.broken_samples import drive_of
 
 NAMES = sorted(manifest.load(ROOT / "replay_logs"))
+Pair = tuple[c_monitor.Said, c_monitor.Said]
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 
 
@@ -66,23 +68,36 @@ def checked_driver(exported: Path) -> Path:
     return c_monitor.compiled(exported, exported / "checked", options=options)
 
 
+@pytest.fixture(scope="module")
+def both(setup: Setup, logs: list[Any], checked_driver: Path) -> Callable[[int], list[Pair]]:
+    """Give a function that lets both monitors judge the random drives of a seed."""
+    source = c_monitor.source_of(setup)
+
+    def judged(seed: int) -> list[Pair]:
+        random = np.random.default_rng(seed)
+        drives = [drive_of(random, logs, source.names) for _ in range(5)]
+        python = [
+            said
+            for drive in drives
+            for said in c_monitor.in_python([c_monitor.samples(drive, source)], source.names, setup)
+        ]
+        return list(
+            zip(python, c_monitor.in_c([checked_driver, *c_monitor.ANY], drives), strict=True)
+        )
+
+    return judged
+
+
 @inputs(100)
 @given(seed=st.integers(0, 2**32 - 1))
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value):RuntimeWarning")
 def test_broken_samples_do_no_harm_and_are_judged_alike(
-    seed: int, setup: Setup, logs: list[Any], checked_driver: Path
+    seed: int, both: Callable[[int], list[Pair]]
 ) -> None:
     # GIVEN pieces of drives with faults, values out of range, infinite or not valid
-    random, source = np.random.default_rng(seed), c_monitor.source_of(setup)
-    drives = [drive_of(random, logs, source.names) for _ in range(8)]
     # WHEN both monitors judge them
-    python = [
-        said
-        for drive in drives
-        for said in c_monitor.in_python([c_monitor.samples(drive, source)], source.names, setup)
-    ]
     # THEN they say the same; a name may differ where two faults explain a window alike
-    for a, b in zip(python, c_monitor.in_c([checked_driver, *c_monitor.ANY], drives), strict=True):
+    for a, b in both(seed):
         found = c_monitor.differences(a, b)
         assert found == [] or c_monitor.differs_in_name_alone(a, b), found
 
