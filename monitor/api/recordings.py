@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from monitor.api.verdict import Verdict
 from monitor.base import config as settings
+from monitor.base.errors import UsageError
 from monitor.grid.arrays import table_of
 from monitor.grid.tables import checked_columns
 from monitor.memory.store import Memory
@@ -32,6 +33,13 @@ def load_model(path: str | Path | None = None) -> Model:
     return Model.load(path or replays.shipped_model())
 
 
+def path_of(given: str | Path) -> Path:
+    """Return the path of a file; raises UsageError for one that no system has."""
+    if "\0" in str(given):
+        raise UsageError(f"{str(given)!r}: a path holds no NUL")
+    return Path(given)
+
+
 def set_up(
     model: str | Path | Model | None = None,
     buses: Buses = (),
@@ -41,9 +49,9 @@ def set_up(
     """Return model, settings and signals for judging; parameters as in ``replay``."""
     return replays.set_up(
         model if isinstance(model, Model) else load_model(model),
-        [(Path(dbc), Path(signal_map)) for dbc, signal_map in buses],
-        settings.load(Path(config) if config else None),
-        checked_columns(Path(columns)) if columns else None,
+        [(path_of(dbc), path_of(signal_map)) for dbc, signal_map in buses],
+        settings.load(path_of(config) if config else None),
+        checked_columns(path_of(columns)) if columns else None,
     )
 
 
@@ -78,10 +86,10 @@ def replay(
     (True, ['P0134'])
     """
     setup = set_up(model, buses, columns, config)
-    held = Memory(Path(memory), hold=True) if memory else None
+    held = Memory(path_of(memory), hold=True) if memory else None
     with closing(held) if held else nullcontext():
         if isinstance(recording, str | Path):
-            entry, trace = replays.replay(Path(recording), setup, held, trace=series)
+            entry, trace = replays.replay(path_of(recording), setup, held, trace=series)
         else:
             reader = RecordingReader(setup.bus_map, setup.model.card)
             opened = reader.table(table_of(recording, ARRAYS))

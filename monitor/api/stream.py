@@ -8,7 +8,7 @@ from typing import Final, Self
 
 import can
 
-from monitor.api.recordings import Buses, set_up
+from monitor.api.recordings import Buses, path_of, set_up
 from monitor.api.verdict import Verdict
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
@@ -50,7 +50,7 @@ class Monitor:
         series: bool = False,
     ) -> None:
         self.setup = set_up(model, buses, None, config)
-        self._memory = Memory(Path(memory), hold=True) if memory else None
+        self._memory = Memory(path_of(memory), hold=True) if memory else None
         self.notes: list[str] = []  # about the fault memory
         self.judging = Judging(self.setup, self._memory, trace=series, say=self.notes.append)
         self._gathered: list[Frame] = []  # of the open tick

@@ -145,9 +145,11 @@ class RecordingReader:
             raise MissingSignalsError(f"{table.path}: {needs(lacking, table.names)}")
         step_ns = float(np.median(np.diff(table.t_ns))) if len(table.t_ns) > 1 else 0.0
         if step_ns > COARSE * self._card.period_ns:
+            ms = 1.0 / COARSE < step_ns / 1000 / self._card.period_ns < COARSE
+            remedy = "is its time in ms? s are wanted" if ms else f"log faster, or {OTHER_MODEL}"
             raise CoarseTableError(
                 f"{table.path}: samples every {step_ns / 1e9:.3g} s, the model needs them every "
-                f"{self._card.period_ns / 1e9:g} s; log faster, or {OTHER_MODEL}"
+                f"{self._card.period_ns / 1e9:g} s; {remedy}"
             )
         block = table_block(table, table.names, self._card.period_ns)
         self._check_times(table, block)

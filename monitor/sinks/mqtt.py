@@ -17,6 +17,7 @@ from monitor.sinks.record import Record, Tags, json_of
 
 TIMEOUT_S: Final = 5.0
 KEEPALIVE_S: Final = 30
+PACKET_MOST: Final = 1_000_000  # bytes of a packet from the broker, which has little to tell
 QOS: Final = 1  # at least once: the broker confirms every message
 PASSWORD: Final = "MQTT_PASSWORD"  # variable of the environment
 TOPIC: Final = "o2mon"
@@ -76,7 +77,16 @@ class Mqtt:
                 refusals.append(str(code))
             answered.set()
 
-        client = Client(CallbackAPIVersion.VERSION2)
+        class Bounded(Client):
+            """A client that ends the connection at a packet that could fill the memory."""
+
+            def _sock_recv(self, bufsize: int) -> bytes:
+                if bufsize > PACKET_MOST:
+                    raise ConnectionError(f"a packet of {bufsize} bytes from the broker")
+                found: bytes = super()._sock_recv(bufsize)
+                return found
+
+        client = Bounded(CallbackAPIVersion.VERSION2)
         client.max_inflight_messages_set(1000)
         client.connect_timeout = TIMEOUT_S
         client.on_connect = on_connect

@@ -80,6 +80,14 @@ def test_arrays_that_cannot_be_judged_are_named(
         replay(columns)
 
 
+def test_times_in_milliseconds_and_a_path_that_no_system_has_are_told() -> None:
+    ones = {name: np.ones(1200) for name in (*load_model().card.input_names, "lambda_measured")}
+    with pytest.raises(O2Error, match=r"samples every 100 s.*is its time in ms\? s are wanted"):
+        replay({"time_s": np.arange(1200) * 100.0, **ones})
+    with pytest.raises(O2Error, match="a path holds no NUL"):
+        replay("drive\0.csv")
+
+
 def test_frames_one_by_one_give_the_codes_of_the_log() -> None:
     with Monitor(series=True) as live:
         for message in messages():

@@ -9,7 +9,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -192,6 +192,33 @@ def test_a_port_without_a_broker_is_refused_at_once() -> None:
     with pytest.raises(OSError, match="refused"):
         sink.write([code(1)])
     sink.close()
+
+
+def test_a_broker_that_sends_more_than_memory_may_hold_is_cut_off() -> None:
+    # GIVEN a server that takes the connection and announces a message of 256 MB
+    said = b"\x20\x02\x00\x00" + b"\x30\xff\xff\xff\x7f" + b"x" * 4096
+    ended = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            taken, _ = server.accept()
+            with taken, suppress(ConnectionError):
+                taken.recv(4096)
+                taken.sendall(said)
+                while taken.recv(4096):
+                    pass
+            ended.set()
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        sink = Mqtt(urlsplit(f"mqtt://127.0.0.1:{server.getsockname()[1]}"), {})
+        # WHEN something is to be told THEN the connection ends, and is said to have
+        with pytest.raises(OSError, match="connection is lost"):
+            for i in range(3):
+                sink.write([code(i)])
+        assert ended.wait(2.0)
+        thread.join()
+        sink.close()
 
 
 def certificate(folder: Path) -> tuple[Path, Path]:
