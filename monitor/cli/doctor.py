@@ -79,8 +79,7 @@ def run(args: DoctorOptions) -> int:
 
     interface = _interface(args)
     found = [*_scan(args, interface)] if args.scan else []
-    if interface:
-        found = found or [*of_interface(interface)]
+    found = found or [*(of_interface(interface) if interface else ())]
     found = found or [*_listened(args, interface)]
     for number, each in enumerate(found, 1):
         say("\n   -> ".join([f"{number}. {each.lines[0]}", each.lines[1]]))

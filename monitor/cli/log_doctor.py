@@ -29,6 +29,7 @@ def diagnosed(args: "DoctorOptions") -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     reading: Words = ["--profile", args.columns] if args.columns else []
     reading += [word for dbc, map in args.pairs for word in ("--dbc", dbc, "--map", map)]
+    reading += ["--channel", args.bus.channel] if getattr(args.bus, "channel", None) else []
     model = args.model
     steps: dict[str, str] = {}
     if args.healthy and model is None:

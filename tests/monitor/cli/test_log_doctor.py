@@ -52,10 +52,10 @@ def no_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_training_a_model_judges_and_no_table_is_made(
     tmp_path: Path, capfd: Output
 ) -> None:
-    call = ["doctor", str(LATE), "--model", str(SHIPPED), "--out", str(tmp_path / "out")]
-    assert main(call) == 1
+    call = ["doctor", str(LATE), "--channel", "1", "--model", str(SHIPPED)]
+    assert main([*call, "--out", str(tmp_path / "out")]) == 1
     said = capfd.readouterr().out
-    assert "  o2train: torch is not installed" in said
+    assert said.count("--channel 1\n  ") == 2 and "  o2train: torch is not installed" in said
     assert "FAULT: P015A delay_symmetric" in said
     assert "torch is not installed" in (tmp_path / "out" / "report.html").read_text()
 
