@@ -4,7 +4,7 @@ Reading it here costs no library; ``graph_bounds`` has checked the same bytes be
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.model import model_file
+from monitor.model.graph_bounds import Node, node_of
 from monitor.model.protobuf import Parts, content, number, numbers, text
 
 _GRAPH: Final = 7  # field of ModelProto
@@ -21,20 +22,10 @@ _OWN: Final = {4: "<f4", 10: "<f8"}
 
 
 @dataclass(frozen=True, slots=True)
-class GraphNode:
-    """One operator."""
-
-    kind: str = ""
-    inputs: list[str] = field(default_factory=list)
-    outputs: list[str] = field(default_factory=list)
-    whole: dict[str, int] = field(default_factory=dict)  # attributes that are whole numbers
-
-
-@dataclass(frozen=True, slots=True)
 class ModelGraph:
     """Operators in the order in which they run, and the constants they use."""
 
-    nodes: list[GraphNode]
+    nodes: list[Node]
     constants: dict[str, NDArray[Any]]
 
 
@@ -48,28 +39,11 @@ def read(path: Path) -> ModelGraph:
             continue
         for each in parts.fields(content(part)):
             if each.number == 1:
-                found.nodes.append(_node(content(each), parts))
+                found.nodes.append(node_of(content(each), parts))
             elif each.number == 5:
                 name, values = _constant(content(each), parts)
                 found.constants[name] = values
     return found
-
-
-def _node(node: memoryview, parts: Parts) -> GraphNode:
-    kind, inputs, outputs, whole = "", list[str](), list[str](), dict[str, int]()
-    for part in parts.fields(node):
-        match part.number:
-            case 1:
-                inputs.append(text(part))
-            case 2:
-                outputs.append(text(part))
-            case 4:
-                kind = text(part)
-            case 5:
-                own = {f.number: f for f in parts.fields(content(part))}
-                if 3 in own:
-                    whole[text(own[1])] = number(own[3])
-    return GraphNode(kind, inputs, outputs, whole)
 
 
 def _constant(tensor: memoryview, parts: Parts) -> tuple[str, NDArray[Any]]:

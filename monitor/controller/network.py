@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.errors import ModelError
-from monitor.controller.graph import GraphNode, ModelGraph
+from monitor.controller.graph import ModelGraph
+from monitor.model.graph_bounds import Node
 
 # operator → C expression of its inputs
 _ELEMENTWISE: Final[dict[str, str]] = {
@@ -130,13 +131,13 @@ def step_code(graph: ModelGraph, prediction: str, n_inputs: int, n_state: int, n
     )
 
 
-def _emitter(kind: str) -> Callable[[_Code, GraphNode], None] | None:
+def _emitter(kind: str) -> Callable[[_Code, Node], None] | None:
     if kind in _ELEMENTWISE:
         return _elementwise
     return {"Gemm": _gemm, "Concat": _concat, "Slice": _slice}.get(kind)
 
 
-def _elementwise(code: _Code, node: GraphNode) -> None:
+def _elementwise(code: _Code, node: Node) -> None:
     names = [code.use(name) for name in node.inputs]
     widths = [code.widths[name] for name in node.inputs]
     width = max(widths)
@@ -147,7 +148,7 @@ def _elementwise(code: _Code, node: GraphNode) -> None:
     code.loop(width, f"{out}[i] = {_ELEMENTWISE[node.kind].format(*at)};")
 
 
-def _gemm(code: _Code, node: GraphNode) -> None:
+def _gemm(code: _Code, node: Node) -> None:
     if not node.whole.get("transB") or node.whole.get("transA"):
         raise ValueError(node.kind)
     rows, columns = code.constant(node.inputs[1]).shape
@@ -162,7 +163,7 @@ def _gemm(code: _Code, node: GraphNode) -> None:
     )
 
 
-def _concat(code: _Code, node: GraphNode) -> None:
+def _concat(code: _Code, node: Node) -> None:
     names = [code.use(name) for name in node.inputs]
     widths = [code.widths[name] for name in node.inputs]
     out, at = code.result(node.outputs[0], sum(widths)), 0
@@ -171,7 +172,7 @@ def _concat(code: _Code, node: GraphNode) -> None:
         at += width
 
 
-def _slice(code: _Code, node: GraphNode) -> None:
+def _slice(code: _Code, node: Node) -> None:
     begin, end = (int(code.constant(name).item()) for name in node.inputs[1:3])
     source = code.use(node.inputs[0])
     begin, end, _ = slice(begin, end).indices(code.widths[node.inputs[0]])

@@ -48,7 +48,7 @@ def check_graph_bounds(graph: memoryview, parts: Parts) -> None:
     for field in parts.fields(graph):
         match field.number:
             case 1:
-                nodes.append(_node(content(field), parts))
+                nodes.append(node_of(content(field), parts))
             case 5:
                 name, shape = _tensor(content(field), parts)
                 shapes[name] = shape
@@ -109,7 +109,8 @@ def _matrix(shape: Shape) -> Shape:
     return (1,) * (2 - len(shape)) + shape
 
 
-def _node(node: memoryview, parts: Parts) -> Node:
+def node_of(node: memoryview, parts: Parts) -> Node:
+    """Return a node of a graph; raises ValueError if no model has its like."""
     found = Node("", [], [], {})
     for field in parts.fields(node):
         match field.number:

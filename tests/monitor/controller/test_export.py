@@ -11,6 +11,7 @@ from monitor import cli
 from monitor.base.files.outputs import is_own
 from monitor.controller import graph, network
 from monitor.controller.export import FILES
+from monitor.model.graph_bounds import Node
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.models.c_monitor import STRICT
@@ -90,6 +91,6 @@ def test_the_network_predicts_as_the_runtime_does(exported: Path, tmp_path: Path
 def test_a_graph_with_an_operator_of_its_own_is_refused_by_name() -> None:
     from monitor.base.errors import ModelError
 
-    node = graph.GraphNode("Erf", ["u"], ["lambda_hat"])
+    node = Node("Erf", ["u"], ["lambda_hat"], {})
     with pytest.raises(ModelError, match=r"odd\.onnx: its graph has Erf in a form"):
         network.step_code(graph.ModelGraph([node], {}), "lambda_hat", 1, 1, "odd.onnx")
