@@ -133,6 +133,7 @@ def _sizes(source: ExportSource) -> dict[str, int]:
         "N_DELAY": len(response.delays_s),
         "N_COLUMNS": len(hypotheses) + 1,
         "N_CLAIMS": len(claims(response, hypotheses)),
+        "N_GAINS": len(_gains(source)),
         "N_PAST": int(max(_steps(s, period_s) for s in response.delays_s)) + 1,
         "N_RANGES": len(_conditions(source).ranges),
         "N_RECOVERIES": len(_recoveries(source)),
@@ -317,6 +318,9 @@ def tables(source: ExportSource) -> str:
         "float o2_late_part[O2_N_DELAY]": [literal(n - int(n)) for n in late],
         "o2_rule o2_rules[2]": _rules(source),
         "o2_claim o2_claims[O2_N_CLAIMS]": _claims(source),
+        "o2_bounds o2_gains[O2_N_GAINS]": [
+            f"{{{literal(low)}, {literal(high)}}}" for low, high in _gains(source)
+        ],
         "o2_range o2_ranges[O2_N_RANGES]": [
             f"{{O2_OK_{r.condition.upper()}, O2_{r.signal.upper()}, "
             f"{literal(r.low)}, {_bound(r.high)}}}"
@@ -379,10 +383,16 @@ def _rules(source: ExportSource) -> list[str]:
     return found
 
 
+def _gains(source: ExportSource) -> list[tuple[float, float]]:
+    """Return the ranges of gains that claims have."""
+    found = claims(source.config.response, bank.build(source.config.response))
+    return sorted({(each.gain_low, each.gain_high) for each in found})
+
+
 def _claims(source: ExportSource) -> list[str]:
     response, limits = source.config.response, source.limits
     errs = min(limits.evidence_window, response.evidence_window) < response.evidence_fail
-    found = []
+    found, ranges = [], _gains(source)
     for each in claims(response, bank.build(response)):
         kind = "SURELY" if each.fault == "" else "FAULTY"
         if each.fault == "" and errs and each.hypothesis.near_limit:
@@ -390,8 +400,8 @@ def _claims(source: ExportSource) -> list[str]:
         if each.fault == UNRELATED:
             kind = "UNRELATED"
         name = f"O2_FAULT_{each.fault.upper()}" if kind == "FAULTY" else "O2_SOUND"
-        column = f"{each.column}U, O2_{kind}, {name}"
-        found.append(f"{{{column}, {literal(each.gain_low)}, {literal(each.gain_high)}}}")
+        at = ranges.index((each.gain_low, each.gain_high))
+        found.append(f"{{{each.column}U, O2_{kind}, {name}, {at}U}}")
     return found
 
 
@@ -417,6 +427,11 @@ def _region(source: ExportSource) -> dict[str, list[str]]:
 
 
 _TYPES: Final = """
+typedef struct {
+    float low;
+    float high;
+} o2_bounds;
+
 /* the rule on a kind of windows */
 typedef struct {
     uint16_t n;      /* samples */
@@ -431,8 +446,7 @@ typedef struct {
     uint8_t column;
     uint8_t kind;
     uint8_t fault;
-    float gain_low;
-    float gain_high;
+    uint8_t gains; /* its range in o2_gains */
 } o2_claim;
 
 typedef struct {
@@ -441,11 +455,6 @@ typedef struct {
     float low;
     float high;
 } o2_range;
-
-typedef struct {
-    float low;
-    float high;
-} o2_bounds;
 
 typedef struct {
     uint16_t condition;
@@ -463,6 +472,7 @@ extern const uint16_t o2_late_steps[O2_N_DELAY];
 extern const float o2_late_part[O2_N_DELAY];
 extern const o2_rule o2_rules[2];
 extern const o2_claim o2_claims[O2_N_CLAIMS];
+extern const o2_bounds o2_gains[O2_N_GAINS];
 extern const o2_range o2_ranges[O2_N_RANGES];
 extern const o2_bounds o2_plausible[O2_N_SIGNALS];
 extern const o2_recovery o2_recoveries[O2_N_RECOVERIES];

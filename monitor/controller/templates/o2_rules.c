@@ -172,6 +172,7 @@ static void walk(const o2_monitor *m, const o2_rule *rule, float gain, const flo
     float x[O2_N_COLUMNS];
     float lag[3][O2_N_LAG];
     uint16_t n_new = (uint16_t)(rule->n - O2_AHEAD - 1U);
+    float each = 1.0f / (float)n_new;
     const float *now = window_of(m, rule->n);
     (void)memcpy(lag, m->lag_begin, sizeof(lag));
     slow_step(lag, now[0]);
@@ -183,12 +184,12 @@ static void walk(const o2_monitor *m, const o2_rule *rule, float gain, const flo
             float part = gain * (x[c] - (O2_NOISE_MEMORY * before[c]));
             before[c] = x[c];
             if (s == NULL) {
-                mean[c] += part / (float)n_new;
+                mean[c] += part * each;
             } else {
                 part -= mean[c];
-                s->xx[c] += part * part / (float)n_new;
-                s->xy[c] += part * y[k] / (float)n_new;
-                s->rr[c] += square_of(y[k] - part) / (float)n_new;
+                s->xx[c] += part * part * each;
+                s->xy[c] += part * y[k] * each;
+                s->rr[c] += square_of(y[k] - part) * each;
             }
         }
     }
@@ -210,7 +211,8 @@ static void regressed(const o2_monitor *m, const o2_rule *rule, float gain, cons
 
 static float gain_of(const o2_monitor *m, uint16_t c)
 {
-    return limited(m->sxy[c] / m->sxx[c], o2_claims[c].gain_low, o2_claims[c].gain_high);
+    const o2_bounds *range = &o2_gains[o2_claims[c].gains];
+    return limited(m->sxy[c] / m->sxx[c], range->low, range->high);
 }
 
 static float error_var(const o2_moments *s, uint16_t column, float gain, float least)
@@ -316,8 +318,9 @@ static uint16_t report(const o2_monitor *m, bool counts, o2_facts *facts)
 
 static float level_says(uint16_t c, float gain, float std)
 {
-    float most = O2_LEVEL_IS_MOST ? INFINITY : o2_claims[c].gain_high;
-    float apart = (gain - limited(gain, o2_claims[c].gain_low, most)) / std;
+    const o2_bounds *range = &o2_gains[o2_claims[c].gains];
+    float most = O2_LEVEL_IS_MOST ? INFINITY : range->high;
+    float apart = (gain - limited(gain, range->low, most)) / std;
     return fmaxf(-0.5f * square_of(apart), -O2_LEVEL_WINDOW);
 }
 

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(
     bool(MISSING),
     reason="apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm",
 )
-FLASH, RAM, STACK = 16_000, 4_096, 3_072  # bytes
+FLASH, RAM, STACK = 15_500, 4_096, 3_072  # bytes
 HERTZ = 80e6  # of the core that the budget is for
 
 
