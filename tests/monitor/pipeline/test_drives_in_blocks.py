@@ -39,12 +39,14 @@ def drives() -> tuple[list[SampleBlock], tuple[str, ...]]:
     """Three healthy drives of different lengths and some with a fault in the loop."""
     found = [
         simulated(Experiment(cycle, vehicle=7 + k, seed=9200 + k, conditions=WARM, duration_s=s))
-        for k, (cycle, s) in enumerate((("hwfet", 300.0), ("udds", 500.0), ("us06", 400.0)))
+        for k, (cycle, s) in enumerate((("hwfet", 300.0), ("udds", 400.0), ("us06", 300.0)))
     ]
     for k, name in enumerate(("slow_symmetric", "stuck_lean", "signal_missing", "out_of_range")):
         fault = faults.resolve(name)
         begin_s = 60.0 if fault.missing else 0.0
-        drive = Experiment("hwfet", seed=9210 + k, conditions=WARM, fault=fault)
+        drive = Experiment(
+            "hwfet", seed=9210 + k, conditions=WARM, fault=fault, duration_s=240.0
+        )
         found.append(simulated(replace(drive, fault_start_s=begin_s)))
     return [block for block, _ in found], found[0][1]
 
@@ -58,8 +60,8 @@ def test_simulated_drives_with_the_shipped_model_are_judged_alike(
     for block, got in zip(blocks, judged, strict=True):
         assert_same(streamed(block, names, limits=limits, store=fresh()), got)
     # there was something to compare
-    assert sum(len(j.windows) for j in judged) > 100
-    assert sum(len(j.cuts) for j in judged) > 20
+    assert sum(len(j.windows) for j in judged) > 60
+    assert sum(len(j.cuts) for j in judged) > 8
     assert any(w.excited for j in judged for w in j.windows)
     assert {"out_of_range", "signal_missing"} <= {d.fault for j in judged for d in j.dtcs}
     assert any(j.completed for j in judged)

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[3]
 DRIVE = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 
 
-@pytest.mark.parametrize("pause_s", [0.9, 4.0, 12.0, 55.0])
+@pytest.mark.parametrize("pause_s", [0.9, 12.0])
 def test_a_table_of_a_healthy_drive_with_a_pause_gets_no_code(
     pause_s: float, tmp_path: Path
 ) -> None:
@@ -31,7 +31,7 @@ def test_a_table_of_a_healthy_drive_with_a_pause_gets_no_code(
     assert judged["windows_interrupted"] >= 1
 
 
-@pytest.mark.parametrize("every", [2, 5, 10])
+@pytest.mark.parametrize("every", [2, 10])
 def test_a_table_with_rows_further_apart_than_the_model_s_samples_is_not_judged_by_it(
     every: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -43,12 +43,6 @@ def test_what_enters_and_does_not_leave_is_stored(
         assert 0.0 <= x_out * np.sign(x_in) <= abs(x_in)
 
 
-def test_at_15_g_s_and_lambda_1_03_a_catalyst_stores_a_tenth_of_a_gram_each_second() -> None:
-    own = downstream.piece(1)._replace(capacity_g=1.5)
-    cells_g = np.zeros(catalyst.CELLS)
-    for _ in range(400):
-        catalyst.store(cells_g, 1.0 - 1.0 / 1.03, 15.0, 0.0025, 1.5, own.release_half, own, 1.0)
-    assert cells_g.sum() == pytest.approx(0.1, rel=0.05)
 
 
 @cache
@@ -151,30 +145,10 @@ def test_an_active_test_steps_the_target_until_the_sensor_has_switched() -> None
     assert (volts[ends] > 0.5).mean() > 0.5
 
 
-def test_without_a_fuel_cut_on_overrun_there_is_none() -> None:
-    weather = conditions(2)._replace(overrun_cut=0.0)
-    drive = Experiment(cycle="udds", vehicle=3, seed=2, duration_s=300.0, conditions=weather)
-    assert not simulate(drive)["fuel_cut"].any()
 
 
-def test_a_cold_brick_stores_nothing() -> None:
-    own = downstream.piece(1)
-    cells_g = np.zeros(catalyst.CELLS)
-    lit = catalyst.activity(20.0)
-    x = catalyst.store(cells_g, 0.03, 15.0, 0.01, 0.2, own.release_half, own, lit)
-    assert x == pytest.approx(0.03, rel=1e-3)
 
 
-def test_hot_rich_gas_takes_sulphur_away_and_lean_or_cool_gas_does_not() -> None:
-    def left(degc: float, x_in: float) -> float:
-        blocked = 0.3
-        for _ in range(6000):  # a minute
-            blocked = catalyst._sulphur(blocked, degc, x_in)
-        return blocked
-
-    assert left(750.0, 0.02) == 0.3
-    assert left(450.0, -0.02) == pytest.approx(0.3, rel=0.01)
-    assert 0.2 < left(750.0, -0.02) < 0.27
 
 
 def test_a_wide_range_sensor_behind_the_catalyst_reads_lambda_and_no_voltage() -> None:

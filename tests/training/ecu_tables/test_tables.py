@@ -226,20 +226,6 @@ def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) ->
     np.testing.assert_allclose(ratio, 1.5)
 
 
-def test_a_charge_of_a_moment_ago_is_fitted(tmp_path: Path) -> None:
-    # GIVEN a pressure that rises by 20 % per second, read 10 ms after the charge it stands for
-    layout = EngineLayout("port", "speed_density")
-    experiment = Experiment(cycle="micro_trips", duration_s=30.0, layout=layout)
-    subject = subject_of([load(write(experiment, tmp_path, "csv", 0.05))])
-    d = subject.drives[0]
-    p = Parameters(subject, grid_over([d.rpm], [d.load]))
-    t_s = np.arange(len(d)) * d.period_s
-    drive = replace(d, air=200.0 * np.exp(0.2 * t_s))
-    # WHEN the charge is taken 10 ms ago
-    x = p.mean()
-    x[p.at["charge_s"]] = 0.01
-    # THEN it is that of the pressure 10 ms before
-    np.testing.assert_allclose(air_mg(p, x, drive), 200.0 * np.exp(0.2 * (t_s - 0.01)))
 
 
 def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:

@@ -178,11 +178,6 @@ def test_an_input_that_hardly_moves_is_a_warning() -> None:
     assert "ignition changes 2 times" in only(result, "excitation", "warning")
 
 
-def test_a_slow_ramp_is_not_taken_for_constant() -> None:
-    columns = engine() | {"ignition": np.linspace(20.0, 90.0, 6000)}
-    result = check([recording(columns)], INPUTS, "lean", hidden=(5,))
-    assert "constant" not in levels(result)
-    assert result["excitation"][2]["moves"] == 5999
 
 
 def test_an_input_that_is_constant_where_the_others_are_valid_is_an_error() -> None:
@@ -234,13 +229,6 @@ def test_the_same_file_twice_is_a_warning(good: Recording) -> None:
     assert "copy.csv" in only(result, "repeated file", "warning")
 
 
-def test_variance_inflation_is_that_of_two_correlated_variables() -> None:
-    rng = np.random.default_rng(8)
-    a, b, c = rng.standard_normal((3, 20000))
-    factors = variance_inflation(np.column_stack([a, 0.9 * a + np.sqrt(0.19) * b, c]))
-    assert factors[0] == pytest.approx(1 / 0.19, rel=0.05)  # r is 0.9
-    assert factors[2] == pytest.approx(1.0, rel=0.01)
-    assert collinear(np.column_stack([a, b, c]), "abc")[1] == []
 
 
 def write_csv(path: Path, columns: dict[str, FloatArray]) -> Path:
@@ -279,6 +267,3 @@ def test_an_unusable_file_ends_with_2_and_the_error_stands_last(
     assert shown.err.splitlines()[-1].startswith("o2train: not usable: 1 error")
 
 
-def test_the_page_escapes_names(good: Recording) -> None:
-    result = check([good], ("<b>",), "lean")
-    assert "<b>" not in as_page(result).split("<body>")[1]

@@ -137,16 +137,6 @@ def test_further_starts_are_trained_while_none_forgets(
     assert any("differ by up to 1 after 50 samples" in each for each in found.warnings)
 
 
-def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:
-    results = [
-        fit(
-            source_of(plant(1, 600)),
-            tmp_path / f"{i}.onnx",
-            FitOptions(lags=2, hidden=(2,), starts=1, seed=5),
-        )
-        for i in range(2)
-    ]
-    assert np.array_equal(results[0].network.weights, results[1].network.weights)
 
 
 def test_evaluate_scores_free_run_and_one_step_after_the_washout(fitted: FitResult) -> None:
@@ -187,10 +177,6 @@ def test_a_gap_in_the_inputs_restarts_the_free_run(fitted: FitResult) -> None:
     assert figures["samples"] == 2500 - 7 - 10 - 2 * 3
 
 
-def test_enabled_figures_are_null_without_enable_conditions(fitted: FitResult) -> None:
-    drive = plant(9)
-    bare = recording_of({name: drive.column(name) for name in NAMES[:3]})
-    assert evaluate(fitted.path, [bare])["recordings"][0]["enabled"] is None
 
 
 def test_a_recording_that_does_not_fit_the_model_is_named(fitted: FitResult) -> None:

@@ -57,15 +57,6 @@ def test_bands_of_an_input_without_effect_hold_under_coloured_noise() -> None:
     assert np.mean(naive) < 0.2
 
 
-def test_the_bands_hold_the_true_response() -> None:
-    u, y = two_inputs(6000, 11, noise=0.2)
-    pulse = np.zeros(50)
-    pulse[10] = 1.0
-    true = continuous(pulse, -0.5, [0.3, 1.0], 0.21)[10:40]
-    found = impulse_response([(u, y)], 30)
-    inside = np.abs(found.response[1] - true) < BAND * found.standard_error[1]
-    assert inside.mean() > 0.85
-    assert np.abs(found.response[1] - true).max() < 0.03
 
 
 def test_no_regressor_reaches_across_a_gap() -> None:
@@ -141,12 +132,6 @@ def test_subspace_finds_order_and_poles_over_several_recordings() -> None:
     )
 
 
-def test_a_state_space_model_starts_rightly_far_from_zero() -> None:
-    # GIVEN signals in physical units, levels many times their spread
-    u, y = two_inputs(3000, 6)
-    u, y = 1e5 * (u + 30.0), 300.0 + 0.01 * y
-    model = subspace(triangle([(u[:2000], y[:2000])], 20, 20), 20, 6).models[5]
-    assert fit_percent(y[2020:], model.simulate(u[2000:], y[2000:2020])[20:]) > 80.0
 
 
 def test_output_error_beats_arx_in_free_run_under_output_noise() -> None:
@@ -209,8 +194,3 @@ def test_output_error_never_diverges(seed: int) -> None:
     assert np.abs(run[-5000:]).max() < 1e4 * np.abs(records[0][1]).max()
 
 
-def test_a_short_noisy_beginning_does_not_spoil_the_free_run() -> None:
-    u, y = two_inputs(1200, 5, noise=0.0)
-    model = OutputError(fit_arx([(u, y)], 4, 10, 0))
-    spoilt = y[:25] + 0.3 * RNG(0).standard_normal(25)
-    assert fit_percent(y[60:], model.simulate(u, spoilt)[60:]) > 90.0

@@ -144,16 +144,6 @@ def test_weights_that_are_not_finite_cost_nan_in_free_run() -> None:
     assert np.isnan(loop.cost(np.full(spec.n_weights, np.nan)))
 
 
-def test_the_scaled_jacobian_is_the_complex_step_of_the_prediction() -> None:
-    spec, rng = Spec(2, lags=3, hidden=(5, 4)), RNG(21)
-    weights, x = initial_weights(spec, rng), rng.normal(size=(30, spec.n_regressors))
-    scale, step = rng.uniform(0.5, 2.0, 30), 1e-30
-    J = jacobian(spec, weights, x, scale)[1]
-    for k in range(spec.n_weights):
-        ahead = weights.astype(complex)
-        ahead[k] += 1j * step
-        by_step = np.imag(forward(spec, ahead, x)) / step  # type: ignore[arg-type]
-        assert np.allclose(J[:, k], scale * by_step, rtol=1e-12, atol=1e-14)
 
 
 def whole(spec: Spec, samples: Samples) -> Pieces:

@@ -233,25 +233,8 @@ def test_columns_that_a_map_does_not_name_keep_their_own_names(tmp_path: Path) -
         load(tmp_path / "t.parquet", columns=columns)
 
 
-def test_a_table_in_windows_own_encoding_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "t.csv"
-    path.write_bytes("time_s,Öltemp °C,lambda_measured\n0,80,1\n0.1,81,1.01\n".encode("cp1252"))
-    found = load(path)
-    assert found.names == ("Öltemp °C", "lambda_measured")
-    np.testing.assert_allclose(found.column("Öltemp °C"), [80.0, 81.0])
 
 
-def test_semicolons_tabs_quotes_and_decimal_commas_are_read(tmp_path: Path) -> None:
-    path = tmp_path / "t.csv"
-    for text in (
-        "time_s;lambda_measured\n0,0;1,0\n0,1;1,01\n",
-        '"time_s"\t"lambda_measured"\n"0,0"\t"1,0"\n"0,1"\t"1,01"\n',
-        '"time_s","lambda_measured"\n"0.0","1.0"\n"0.1","1.01"\n',
-    ):
-        path.write_text(text)
-        found = load(path)
-        assert found.period_ns == 100_000_000
-        np.testing.assert_allclose(found.column("lambda_measured"), [1.0, 1.01])
 
 
 def test_a_log_of_other_frames_than_the_map_s_is_refused(tmp_path: Path) -> None:

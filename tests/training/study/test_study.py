@@ -264,13 +264,6 @@ def test_other_drives_are_scaled_as_the_training_was(drives: dict[str, Path]) ->
     np.testing.assert_allclose(again.samples.y[inside], data.samples.y[inside])
 
 
-def test_a_late_sensor_reads_what_it_read_before(drives: dict[str, Path]) -> None:
-    data = scaled_as(
-        prepare([load(drives["morning"])], ["valve", "leak"], "level_m"), [load(drives["test"])]
-    )
-    late = put_on("delay_symmetric", data)
-    delay = round(0.6 / PERIOD_S)
-    np.testing.assert_allclose(late[delay:], data.samples.y[:-delay], atol=1e-9)
 
 
 def test_a_missing_signal_is_named_and_compared_with_nothing(

@@ -138,13 +138,6 @@ def test_the_reference_arx_is_the_best_free_run_of_the_grid(plants: list[Stretch
     assert error < 0.05**2 * 1.5  # near the noise
 
 
-def test_a_few_hundred_samples_are_enough_for_small_orders() -> None:
-    stretch = two_inputs(300, 1)
-    result = linear(
-        [stretch], [two_inputs(200, 2)], [two_inputs(200, 3)], ["a", "b"], "y", period_s=PERIOD_S
-    )
-    assert result["largest_order"] == 10
-    assert result["models"][result["best"]]["fit_percent"] > 70.0
 
 
 def test_bad_input_is_refused_with_one_clear_line(plants: list[Stretch]) -> None:

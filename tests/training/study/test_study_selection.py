@@ -143,13 +143,6 @@ def test_every_set_of_inputs_gets_the_same_samples_and_blocks() -> None:
     assert np.isfinite(drive.values[0]).all()  # the recording itself is as it was
 
 
-def test_what_is_not_needed_for_training_tests() -> None:
-    drive = nonlinear_drive(4, 60_000)
-    sets = [InputSet("a", ("speed",))]
-    (tried,) = try_sets([drive], sets, "y", seed=0, budget_minutes=0.003, jobs=1)
-    role = tried.data.role
-    assert 15_000 < (role == Role.TRAIN).sum() < 24_000
-    assert (role == Role.TEST).sum() > 36_000
 
 
 def test_leaving_out_what_matters_is_worse_and_what_does_not_is_not(
@@ -218,23 +211,8 @@ def test_a_fault_reaches_the_prediction_only_through_the_controller(
     assert max(v for (name, _), v in share.items() if name == "controller exact") > 0.1
 
 
-def test_the_exact_controller_is_the_recorded_one() -> None:
-    drive = closed_loop_drive(8, 800)
-    sets = [InputSet("blurred", LAMBDA_INPUTS), InputSet("exact", LAMBDA_INPUTS, exact=True)]
-    blurred, exact = (
-        t.data
-        for t in try_sets([drive], sets, "lambda_measured", seed=0, budget_minutes=0.003, jobs=1)
-    )
-    assert np.array_equal(exact.samples.u, exact_inputs(exact))
-    train = blurred.role == Role.TRAIN
-    moved = np.abs(blurred.samples.u - exact_inputs(blurred)).max(axis=1) > 1e-9
-    assert moved[train].mean() > 0.9 and not moved[~train].any()
 
 
-def test_the_section_says_what_the_controller_costs_and_gains(chosen: dict[str, Any]) -> None:
-    page = section("selection", {"selection": chosen})
-    for words in ("Leaving lambda_controller out", "denominator of the air-fuel ratio"):
-        assert words in page
 
 
 def test_a_constant_candidate_is_refused_by_name() -> None:
@@ -244,6 +222,3 @@ def test_a_constant_candidate_is_refused_by_name() -> None:
         select(drive, ("speed", "load"), "y", minutes=0.02)
 
 
-def test_a_budget_too_short_for_one_epoch_is_an_error() -> None:
-    with pytest.raises(UsageError, match="budget of 4e-10 min"):
-        select(nonlinear_drive(1, 900), ("speed", "load"), "y", minutes=1e-9)

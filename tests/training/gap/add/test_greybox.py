@@ -266,12 +266,6 @@ def test_a_named_effect_in_the_file_makes_the_gap_smaller_on_a_drive_no_fit_saw(
     assert off[1] < 0.6 * off[0]
 
 
-def test_the_register_holds_the_longest_dead_time(base: Path, tmp_path: Path) -> None:
-    old = Greybox.of(Model.load(base).card)
-    card = add(base, [DELAY], tmp_path / "m.onnx", ranges=ranges_of(), recordings=FIT)
-    assert Greybox.of(card).register * PERIOD_S >= 3.0
-    assert old.register * PERIOD_S < 1.0
-    assert card.lags >= Greybox.of(card).register
 
 
 def test_the_monitor_runs_the_extended_model(base: Path, tmp_path: Path) -> None:
@@ -295,53 +289,6 @@ def test_the_monitor_runs_the_extended_model(base: Path, tmp_path: Path) -> None
     assert np.abs(windows[1]).mean() > 2.0 * np.abs(windows[0]).mean()
 
 
-def test_two_chains_can_stand_in_one_graph(base: Path) -> None:
-    # GIVEN a chain with effects and one without, on the same signals
-    without = Greybox.of(Model.load(base).card)
-    card = replace(Model.load(base).card)
-    film = graph_effect(FILM, PERIOD_S, ("engine_speed_rpm",))
-    with_film = replace(without, effects=(film, film))
-    graph = Graph()
-    signals = {n: graph.take("u", i, i + 1, f"signal_{n}") for i, n in enumerate(without.inputs)}
-    phis = []
-    for i, each in enumerate((with_film, without)):
-        phi, parts = chain_nodes(graph.part(f"chain{i}_"), each, signals, f"state{i}")
-        graph.add("Concat", parts, f"next{i}", axis=1)
-        phis.append(phi)
-    graph.add("Sub", phis, "difference")
-    sizes = {
-        "u": len(card.inputs),
-        "state0": with_film.state_layout.size,
-        "state1": without.state_layout.size,
-    }
-    ends = [
-        helper.make_tensor_value_info(n, TensorProto.FLOAT, ["batch", k]) for n, k in sizes.items()
-    ]
-    outs = [
-        helper.make_tensor_value_info(n, TensorProto.FLOAT, ["batch", None])
-        for n in ("difference", "next0", "next1")
-    ]
-    onnx = helper.make_model(
-        helper.make_graph(graph.nodes, "two", ends, outs, graph.constants),
-        opset_imports=[helper.make_opsetid("", 17)],
-        ir_version=8,
-    )
-    # WHEN both run freely
-    session = InferenceSession(onnx.SerializeToString())
-    u = np.column_stack([plain().signals[n] for n in without.inputs])
-    u = np.clip(u, without.u_low, without.u_high)[:, None].astype(np.float32)
-    states = [np.zeros((1, sizes[f"state{i}"]), np.float32) for i in range(2)]
-    found = []
-    for x in (*[u[0]] * 50, *u[:2000]):
-        values = session.run(None, {"u": x, "state0": states[0], "state1": states[1]})
-        found.append(values[0].item())
-        states = values[1:]
-    # THEN their difference is that of the arrays
-    drive = seen(card, plain())
-    twice, alone = (
-        reading(drive, without.constants, [FILM.effect] * n, [FILM.values] * n) for n in (2, 0)
-    )
-    np.testing.assert_allclose(found[50:], (twice - alone)[:2000], atol=TOLERANCE)
 
 
 def test_what_cannot_be_added_is_refused(base: Path, tmp_path: Path) -> None:

@@ -64,13 +64,6 @@ def test_the_free_run_in_phi_is_that_of_evaluate() -> None:
         assert np.abs(read - 1.0 / free)[scored].max() < 1e-6
 
 
-def test_recordings_side_by_side_are_bit_for_bit_those_alone() -> None:
-    recordings = [drive("wltc_3b", 2_020_101), drive("us06", 2_020_102, duration_s=200.0)]
-    prediction._memory.clear()
-    together = predicted_phi(shipped_model(), recordings)
-    for recording, phi in zip(recordings, together, strict=True):
-        prediction._memory.clear()  # each run is computed anew
-        assert np.array_equal(predicted_phi(shipped_model(), [recording])[0], phi)
 
 
 def test_the_free_run_goes_on_over_inputs_that_are_missing() -> None:

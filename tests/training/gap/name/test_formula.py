@@ -115,12 +115,6 @@ def test_arrays_and_graph_of_a_growing_formula_agree() -> None:
     graph_agrees(effect_of(growing(name, "engine_speed_rpm", 2000.0, 1000.0)))
 
 
-def test_a_growing_formula_reads_as_one() -> None:
-    name = name_of("rail_pressure_mpa", "factor", 10.0, 4.0)
-    assert formula(growing(name, "engine_speed_rpm", 2000.0, 1000.0), [1.0, 2.0, 0.5]) == (
-        "mixture × (1 + (+ 1 % + 0.5 % per unit of (rail_pressure_mpa - 10))"
-        " × (1 +0.0005 per unit of (engine_speed_rpm - 2000)))"
-    )
 
 
 def test_a_formula_reads_as_one() -> None:

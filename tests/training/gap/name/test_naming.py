@@ -239,20 +239,6 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
     assert chain_of(found, Constants()).terms == film.fit.terms
 
 
-def test_the_best_of_several_is_no_name_if_nothing_is_found_beside_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # GIVEN a first step that goes on with the better of two, and a second that finds nothing
-    driven = two_drives(2_200_140, ("wall_film", 4.0))
-    film, *others = named("wall_film", 4.0).trials.ranking
-    two = (film, next(c for c in others if c.kind == "effect"))
-    steps = iter(
-        [StepOutcome("named", (film, *others), best=two), StepOutcome("no_gap", tuple(others))]
-    )
-    monkeypatch.setattr("training.gap.name.steps.step", lambda *_, **__: next(steps))
-    # WHEN two steps are asked for, THEN either may be there
-    found = name(driven, known(), steps=2)
-    assert (found.verdict, found.answer.effects) == ("ambiguous", two)
 
 
 def test_a_sensor_slow_in_one_direction_may_be_made_so_and_an_effect_beside_it_is_said() -> None:
@@ -281,6 +267,3 @@ def test_healthy_recordings_and_signals_that_are_missing_are_said() -> None:
     assert found.base.shift is None
 
 
-def test_no_drive_is_refused() -> None:
-    with pytest.raises(RecordingError, match="at least one"):
-        name([], None, Constants())

@@ -313,14 +313,6 @@ def test_the_page_says_how_sure_it_is_beside_the_verdict() -> None:
     assert "Confidence: of all hypotheses, 97 % for wall film, 2 % for no gap; the best" in first
 
 
-@pytest.mark.parametrize(("likeliest", "is_said"), [("none", True), ("wall_film", False)])
-def test_no_probability_speaks_against_the_headline_that_there_is_no_gap(
-    likeliest: str, is_said: bool
-) -> None:
-    found = made("no_gap")
-    weighed = replace(found.naming, posterior={likeliest: 0.9, "purge": 0.1})
-    page = gap_page.as_page(replace(found, naming=weighed))
-    assert ("of all hypotheses" in page) is is_said
 
 
 def test_where_are_the_regimes_in_which_the_excess_is_dense() -> None:
@@ -516,22 +508,8 @@ def test_an_old_model_that_takes_the_gap_for_a_fault_is_no_measure() -> None:
     assert unquiet.harm is None
 
 
-def test_fewer_false_alarms_are_no_loss() -> None:
-    before, after = Count(4, 4, 4, 0, ("gain_low",)), Count(4, 4, 0, 0, ())
-    quieter = replace(verified(), alarms=Detection("", None, before, after))
-    assert ">lost<" not in gap_page.as_page(replace(made("named"), verified=quieter))
 
 
-def test_a_bias_that_the_gap_itself_had_helped_to_find_is_told_apart() -> None:
-    own = verified()
-    whole = replace(own.overall, mean_before=0.0180, mean_after=0.0020)
-    counts = (Count(4, 4, 3, 3, ()), Count(4, 4, 1, 1, ()))
-    for fault, words in (
-        ("biased_rich", "the gap itself read 0.0160 in phi to that side and is gone."),
-        ("biased_lean", "in 1 with the new one."),
-    ):
-        lost = replace(own, overall=whole, faults=(Detection(fault, 0.1, *counts),))
-        assert words in gap_page.as_page(replace(made("named"), verified=lost))
 
 
 def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_some() -> None:
@@ -548,10 +526,6 @@ def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_
     assert "and all of what exceeds the error on healthy recordings is gone" in page
 
 
-def test_an_error_that_is_no_gap_stands_beside_that_on_healthy_recordings() -> None:
-    own = replace(verified(None), healthy=replace(error("healthy", "", None), before=0.0205))
-    page = gap_page.as_page(replace(made("no_gap"), verified=own))
-    assert "is 0.0210 RMS in phi (0.0205 on healthy ones), the noise floor 0.0102" in page
 
 
 def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
@@ -560,11 +534,5 @@ def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
     assert "<td>scavenging</td><td>manifold_pressure_kpa</td>" in what
 
 
-def test_a_constant_at_its_bound_says_so() -> None:
-    at_most = LIBRARY["purge"].parameters[0].high
-    page = gap_page.as_page(added(ModelEffect.with_values("purge", [at_most])))
-    assert "-2 to 8, reached" in page
 
 
-def test_the_same_result_gives_the_same_page() -> None:
-    assert gap_page.as_page(made("named")) == gap_page.as_page(made("named"))

@@ -123,10 +123,6 @@ def test_without_a_new_model_there_are_the_old_ones_figures_alone(
     assert (found.rate_before, found.rate_after) == (1.0, None)
 
 
-def test_the_same_model_twice_is_neither_better_nor_worse(models: tuple[Path, Path]) -> None:
-    found = verify(models[0], models[0], held_out(), chain=Constants(), faults=())
-    assert found.overall.after == found.overall.before
-    assert not any(e.worse or e.better for e in found.regimes)
 
 
 def slow_noise(seed: int, n: int) -> FloatArray:
@@ -237,10 +233,3 @@ def test_a_model_without_limits_is_verified_without_the_monitor(
     assert "the model card has no limit" in found.notes[0]
 
 
-def test_rates_count_all_drives() -> None:
-    counts = [Count(4, 4, 4, 1, ()), Count(4, 2, 2, 1, ())]
-    assert rate(counts) == 0.75
-    assert rate(counts, "named") == 0.25
-    assert rate([]) is None
-    assert Detection("gain_low", 0.6, *counts).lost
-    assert not Detection("gain_low", 0.6, *reversed(counts)).lost
