@@ -91,7 +91,9 @@ def test_what_is_driven_is_written_once_a_minute_and_at_the_end(
     told = Told()
     with closing(Memory(tmp_path / "o2.db")) as memory:
         setup = set_up(None, [], load())
-        recording, _ = run_on(islice(read_frames(log), 200 * 200), setup, memory=memory, attachments=[told])
+        recording, _ = run_on(
+            islice(read_frames(log), 200 * 200), setup, memory=memory, attachments=[told]
+        )
         last_s = memory.load().counts.engine_run_since_clear_s
     assert not recording["dtcs"]
     gaps_s = [b - a for a, b in pairwise(written_s)]

@@ -44,9 +44,7 @@ def drives() -> tuple[list[SampleBlock], tuple[str, ...]]:
     for k, name in enumerate(("slow_symmetric", "stuck_lean", "signal_missing", "out_of_range")):
         fault = faults.resolve(name)
         begin_s = 60.0 if fault.missing else 0.0
-        drive = Experiment(
-            "hwfet", seed=9210 + k, conditions=WARM, fault=fault, duration_s=240.0
-        )
+        drive = Experiment("hwfet", seed=9210 + k, conditions=WARM, fault=fault, duration_s=240.0)
         found.append(simulated(replace(drive, fault_start_s=begin_s)))
     return [block for block, _ in found], found[0][1]
 

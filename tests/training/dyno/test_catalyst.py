@@ -13,7 +13,6 @@ from monitor.base.types import FloatArray
 from tests.helpers.examples import inputs
 from training.dyno import catalyst, downstream, ecu
 from training.dyno.simulation import Experiment, simulate
-from training.dyno.vehicle import conditions
 
 WARM_S = 300.0
 
@@ -41,8 +40,6 @@ def test_what_enters_and_does_not_leave_is_stored(
         assert (cells_g >= 0.0).all()
         assert (cells_g <= usable / catalyst.CELLS * (1.0 + 1e-12)).all()
         assert 0.0 <= x_out * np.sign(x_in) <= abs(x_in)
-
-
 
 
 @cache
@@ -143,12 +140,6 @@ def test_an_active_test_steps_the_target_until_the_sensor_has_switched() -> None
     ends = np.flatnonzero(rich[:-1] & (target[1:] < -0.015))
     assert len(ends) >= 2
     assert (volts[ends] > 0.5).mean() > 0.5
-
-
-
-
-
-
 
 
 def test_a_wide_range_sensor_behind_the_catalyst_reads_lambda_and_no_voltage() -> None:

@@ -190,8 +190,6 @@ def test_every_cycle_can_be_driven(cycle: str) -> None:
     assert signals["closed_loop"].mean() > 0.4
 
 
-
-
 @pytest.mark.parametrize("duration_s", [0.0, -5.0])
 def test_a_duration_that_is_not_positive_is_an_error(duration_s: float) -> None:
     with pytest.raises(UsageError, match="duration"):

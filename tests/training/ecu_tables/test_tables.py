@@ -226,8 +226,6 @@ def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) ->
     np.testing.assert_allclose(ratio, 1.5)
 
 
-
-
 def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
     # GIVEN a car whose drive is explained nearly as well by a wet wall and a long dead time
     layout = EngineLayout("direct", "speed_density")

@@ -26,8 +26,6 @@ def _phi_change(name: str, *parameters: float, **changed: FloatArray) -> FloatAr
     return simulate(after, PERIOD_S) - simulate(before, PERIOD_S)
 
 
-
-
 @pytest.mark.parametrize("effect", ALL, ids=lambda e: e.name)
 def test_an_effect_of_no_size_changes_nothing(effect: Effect) -> None:
     signals = plain_signals()
@@ -141,8 +139,6 @@ def test_a_filling_runner_leans_nothing_in_the_mean_and_enriches_on_rising_charg
     rising = np.concatenate([[0.0], np.diff(before.air_mg)]) > 5.0
     assert (after.air_mg - before.air_mg)[rising].max() < 0.0
     assert abs(change.mean()) < 1e-3
-
-
 
 
 def test_warm_walls_scavenging_and_pulsation_act_where_their_physics_says() -> None:

@@ -13,7 +13,7 @@ from training.dyno import vehicle
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.gap.verify.verification import verify
-from training.greybox.chain import Constants, base_path, settled, simulate
+from training.greybox.chain import base_path, settled, simulate
 from training.greybox.charge.map import INPUTS
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import reference
@@ -31,9 +31,6 @@ from training.recordings.recording import Recording, load
 
 PERIOD_S = 0.1
 VEHICLE = 2001
-TRUE = Constants(
-    gain=1.01, dead_time_s=0.17, dead_time_revolutions=1.5, mixing_s=0.05, sensor_s=0.12, span=0.95
-)
 
 
 def drive(folder: Path, cycle: str, seed: int) -> Recording:

@@ -12,7 +12,7 @@ from tests.helpers.drives.recordings import recording_of
 from training.cli import main
 from training.limits.data_check.check import check
 from training.limits.data_check.findings import as_page, as_text
-from training.limits.data_check.measures import collinear, coverage, excitation, variance_inflation
+from training.limits.data_check.measures import coverage, excitation
 from training.recordings.recording import Recording
 
 INPUTS = ("speed", "load", "ignition")
@@ -178,8 +178,6 @@ def test_an_input_that_hardly_moves_is_a_warning() -> None:
     assert "ignition changes 2 times" in only(result, "excitation", "warning")
 
 
-
-
 def test_an_input_that_is_constant_where_the_others_are_valid_is_an_error() -> None:
     columns = engine()
     columns["ignition"][:4000] = 3.0
@@ -229,8 +227,6 @@ def test_the_same_file_twice_is_a_warning(good: Recording) -> None:
     assert "copy.csv" in only(result, "repeated file", "warning")
 
 
-
-
 def write_csv(path: Path, columns: dict[str, FloatArray]) -> Path:
     table = np.column_stack([0.1 * np.arange(len(columns["lean"])), *columns.values()])
     rows = [",".join(["time_s", *columns])]
@@ -265,5 +261,3 @@ def test_an_unusable_file_ends_with_2_and_the_error_stands_last(
     assert code == 2
     assert "broken.csv" in shown.out
     assert shown.err.splitlines()[-1].startswith("o2train: not usable: 1 error")
-
-

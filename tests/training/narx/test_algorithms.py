@@ -11,8 +11,8 @@ from scipy.stats import multivariate_normal
 
 from monitor.base.types import FloatArray
 from training.narx.algorithms.bayes import minimise_bayesian
-from training.narx.algorithms.gradient import Differentiable, descend
 from training.narx.algorithms.gradient import GradientOptions as Descent
+from training.narx.algorithms.gradient import descend
 from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import OneStep
 from training.narx.algorithms.scaled_conjugate import ScaledConjugateOptions as Conjugate
@@ -127,8 +127,6 @@ def test_scaled_conjugate_gradient_needs_few_steps_where_the_steepest_descent_cr
     assert descent.score > 1e-3
 
 
-
-
 def test_the_momentum_step_is_the_documented_one() -> None:
     # GIVEN a parabola and a rate at which nothing overshoots
     bowl = Bowl(np.array([2.0]))
@@ -211,8 +209,6 @@ def test_bayesian_regularisation_does_not_overfit_where_levenberg_marquardt_does
     assert 10 < regular.effective_weights < 0.6 * spec.n_weights
 
 
-
-
 @pytest.mark.parametrize("method", [descend, minimise_scaled_conjugate])
 def test_an_error_that_is_not_finite_at_the_start_is_refused(
     method: Callable[..., object],
@@ -233,5 +229,3 @@ def test_a_deadline_in_the_past_stops_every_method_before_the_first_step() -> No
     ):
         assert outcome.stop == "budget"
         assert np.array_equal(outcome.weights, start)
-
-

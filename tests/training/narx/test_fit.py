@@ -137,8 +137,6 @@ def test_further_starts_are_trained_while_none_forgets(
     assert any("differ by up to 1 after 50 samples" in each for each in found.warnings)
 
 
-
-
 def test_evaluate_scores_free_run_and_one_step_after_the_washout(fitted: FitResult) -> None:
     drive = plant(9)
     result = evaluate(fitted.path, [drive])
@@ -175,8 +173,6 @@ def test_a_gap_in_the_inputs_restarts_the_free_run(fitted: FitResult) -> None:
     drive.values[1000:1010, 0] = np.nan
     figures = evaluate(fitted.path, [drive])["recordings"][0]
     assert figures["samples"] == 2500 - 7 - 10 - 2 * 3
-
-
 
 
 def test_a_recording_that_does_not_fit_the_model_is_named(fitted: FitResult) -> None:

@@ -57,8 +57,6 @@ def test_bands_of_an_input_without_effect_hold_under_coloured_noise() -> None:
     assert np.mean(naive) < 0.2
 
 
-
-
 def test_no_regressor_reaches_across_a_gap() -> None:
     # GIVEN two stretches at different levels and the regressors written out one by one
     rng = RNG(3)
@@ -132,8 +130,6 @@ def test_subspace_finds_order_and_poles_over_several_recordings() -> None:
     )
 
 
-
-
 def test_output_error_beats_arx_in_free_run_under_output_noise() -> None:
     # GIVEN a continuous second-order plant whose sensor alone is noisy
     def stretch(seed: int) -> Stretch:
@@ -192,5 +188,3 @@ def test_output_error_never_diverges(seed: int) -> None:
     run = model.simulate(rng.standard_normal((20_000, 2)), records[0][1][:20])
     assert np.isfinite(run).all()
     assert np.abs(run[-5000:]).max() < 1e4 * np.abs(records[0][1]).max()
-
-

@@ -144,8 +144,6 @@ def test_weights_that_are_not_finite_cost_nan_in_free_run() -> None:
     assert np.isnan(loop.cost(np.full(spec.n_weights, np.nan)))
 
 
-
-
 def whole(spec: Spec, samples: Samples) -> Pieces:
     """All samples as one piece."""
     n = len(samples.y)

@@ -233,10 +233,6 @@ def test_columns_that_a_map_does_not_name_keep_their_own_names(tmp_path: Path) -
         load(tmp_path / "t.parquet", columns=columns)
 
 
-
-
-
-
 def test_a_log_of_other_frames_than_the_map_s_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "other.log"
     path.write_text("".join(f"({0.01 * i:.2f}) can0 7A1#0011\n" for i in range(100)))

@@ -103,8 +103,6 @@ def test_unrelated_signals_stay_below_the_coherence_limit() -> None:
     assert 0.0 < beyond.mean() < 0.12
 
 
-
-
 def test_every_outlier_is_counted_with_its_reason() -> None:
     # GIVEN an engine speed with three spikes, two impossible values and a gap of ten samples
     speed = 2000.0 + 200.0 * np.sin(np.arange(3000) / 50.0)
@@ -177,15 +175,11 @@ def test_the_filter_takes_the_line_and_leaves_the_rest() -> None:
     assert Filter.against([4.4, 4.8], 0.1).kind == "lowpass"
 
 
-
-
 def test_short_holes_are_bridged_and_long_ones_part_stretches() -> None:
     u = red_noise(1, 1000)
     u[[100, 101, 500, 501, 502, 503]] = np.nan
     pairs, _ = linear_records([recording({"u": u, "y": red_noise(2, 1000)})], "y", "u")
     assert [len(y) for _, y in pairs] == [500, 496]
-
-
 
 
 def test_constant_and_missing_signals_are_refused_by_name() -> None:
@@ -196,7 +190,3 @@ def test_constant_and_missing_signals_are_refused_by_name() -> None:
         linear_records([drive], "y", "speed")
     with pytest.raises(RecordingError, match="no stretch of 60 samples"):
         linear_records([recording({"u": red_noise(1, 50), "y": red_noise(2, 50)})], "y", "u")
-
-
-
-

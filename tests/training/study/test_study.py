@@ -25,7 +25,7 @@ from training.recordings.samples.preparation import prepare
 from training.study.choice import decide
 from training.study.free_runs import WINDOW, FreeRun, scaled_as
 from training.study.page import section
-from training.study.sensor import against_sensor, put_on, residuals
+from training.study.sensor import against_sensor, residuals
 from training.study.task import Settings, Task
 
 SIGNALS = ["--inputs", "valve", "leak", "--output", "level_m"]
@@ -262,8 +262,6 @@ def test_other_drives_are_scaled_as_the_training_was(drives: dict[str, Path]) ->
     np.testing.assert_allclose(again.samples.u, data.samples.u)
     inside = np.abs(again.samples.y) < 0.9 * np.abs(data.scaling.y_scaled_limits).min()
     np.testing.assert_allclose(again.samples.y[inside], data.samples.y[inside])
-
-
 
 
 def test_a_missing_signal_is_named_and_compared_with_nothing(

@@ -138,8 +138,6 @@ def test_the_reference_arx_is_the_best_free_run_of_the_grid(plants: list[Stretch
     assert error < 0.05**2 * 1.5  # near the noise
 
 
-
-
 def test_bad_input_is_refused_with_one_clear_line(plants: list[Stretch]) -> None:
     u, y = plants[0]
     broken = u.copy()

@@ -1,11 +1,6 @@
 """The NARX study: its models, figures and words; its jobs stored, killed, on a cluster."""
 
 import json
-import pickle
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +10,6 @@ import pytest
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
-from tests.helpers.dask_cluster import cluster
 from tests.helpers.drives.recordings import recording_of
 from tests.helpers.drives.tanks import TANK_PERIOD_S, leaking_tank
 from training.narx.network import Spec, initial_weights
@@ -133,8 +127,6 @@ def test_thinning_keeps_whole_blocks_of_all_recordings(data: Prepared, n_samples
     assert min(shares) > 0.5 * max(shares)
 
 
-
-
 def test_no_scored_sample_has_lags_in_another_recording(data: Prepared) -> None:
     spec = Spec(2, lags=4, hidden=(3,))
     begins = np.array([s.start for s in data.segments])
@@ -196,8 +188,6 @@ def test_every_algorithm_learns_and_its_start_is_reproducible(
     assert one["one_step"]["validate"]["all"]["r"] > 0.8
 
 
-
-
 def test_the_best_model_is_tuned_and_stored_with_its_weights(
     data: Prepared, result: dict[str, Any], folder: Path
 ) -> None:
@@ -213,8 +203,6 @@ def test_the_best_model_is_tuned_and_stored_with_its_weights(
     assert spec.lags == FEW[tuned["number"] - 1].lags
     score = free_run_score(data, spec, weights)
     assert score == pytest.approx(tuned["after"]["validation_score"], rel=1e-4)
-
-
 
 
 def test_the_section_shows_every_model_and_says_which_coincide(result: dict[str, Any]) -> None:
@@ -289,18 +277,6 @@ def test_a_finished_job_is_not_repeated_and_other_settings_are(
     assert len(list(folder.iterdir())) > len(before)
 
 
-
-
-
-
-
-
-
-
 def test_a_half_written_job_does_not_count_as_finished(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text('{"x": 1')
     assert stored(tmp_path / "a.json") is None
-
-
-
-

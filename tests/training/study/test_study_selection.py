@@ -16,9 +16,9 @@ from tests.helpers.drives.recordings import recording_of
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.recordings.recording import Recording, load
-from training.recordings.samples.preparation import Role, enabled_rows
+from training.recordings.samples.preparation import enabled_rows
 from training.study.page import section
-from training.study.selection.input_sets import InputSet, aligned, exact_inputs, try_sets
+from training.study.selection.input_sets import InputSet, aligned, try_sets
 from training.study.selection.selection import CANDIDATES, candidates, pca, selection
 from training.study.selection.transparency import estimate_controller
 from training.study.task import Settings, Task
@@ -143,8 +143,6 @@ def test_every_set_of_inputs_gets_the_same_samples_and_blocks() -> None:
     assert np.isfinite(drive.values[0]).all()  # the recording itself is as it was
 
 
-
-
 def test_leaving_out_what_matters_is_worse_and_what_does_not_is_not(
     left_out: dict[str, Any],
 ) -> None:
@@ -211,14 +209,8 @@ def test_a_fault_reaches_the_prediction_only_through_the_controller(
     assert max(v for (name, _), v in share.items() if name == "controller exact") > 0.1
 
 
-
-
-
-
 def test_a_constant_candidate_is_refused_by_name() -> None:
     columns = {n: nonlinear_drive(1, 300).column(n) for n in ("speed", "load", "y")}
     drive = recording(columns | {"load": np.full(300, 2.0)})
     with pytest.raises(RecordingError, match="load is constant"):
         select(drive, ("speed", "load"), "y", minutes=0.02)
-
-

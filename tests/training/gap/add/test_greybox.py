@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from onnx import TensorProto, helper
-from onnxruntime import InferenceSession
 
 from monitor import cli
 from monitor.base.errors import ModelError
@@ -16,7 +14,6 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from tests.helpers.gap.gap_drives import PERIOD_S
 from tests.helpers.gap.gap_graphs import FIT, driven, fitted, plain, ranges_of, recording
 from tests.helpers.gap.gap_simulated import known, simulated, two_drives
 from training.dyno.recording_files import write
@@ -29,11 +26,10 @@ from training.greybox.effects import ALL, LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.case import reading
 from training.greybox.fit.drive import ChainDrive
-from training.greybox.graph.chain_graph import Greybox, build, chain_nodes
-from training.greybox.graph.effect import graph_effect
+from training.greybox.graph.chain_graph import Greybox, build
 from training.greybox.graph.effect_parity import TOLERANCE, made_inputs
 from training.greybox.model import fit_greybox
-from training.narx.export import Graph, update_card
+from training.narx.export import update_card
 
 MOVED = Constants(
     gain=1.01, dead_time_s=0.17, dead_time_revolutions=1.6, mixing_s=0.05, sensor_s=0.12, span=0.96
@@ -266,8 +262,6 @@ def test_a_named_effect_in_the_file_makes_the_gap_smaller_on_a_drive_no_fit_saw(
     assert off[1] < 0.6 * off[0]
 
 
-
-
 def test_the_monitor_runs_the_extended_model(base: Path, tmp_path: Path) -> None:
     # GIVEN a drive as a table, a model with decision limits, and it with effects
     experiment = Experiment(cycle="micro_trips", seed=2_000_002, vehicle=2001)
@@ -287,8 +281,6 @@ def test_the_monitor_runs_the_extended_model(base: Path, tmp_path: Path) -> None
     # THEN both judge the drive, and effects that this vehicle has not make the residuals larger
     assert min(map(len, windows)) > 60
     assert np.abs(windows[1]).mean() > 2.0 * np.abs(windows[0]).mean()
-
-
 
 
 def test_what_cannot_be_added_is_refused(base: Path, tmp_path: Path) -> None:

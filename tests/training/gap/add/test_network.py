@@ -38,7 +38,6 @@ from training.narx.fit import FitResult
 from training.narx.network import Spec
 from training.narx.network import simulate as run_network
 from training.narx.search.starts import committee
-from training.recordings import prediction
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, prepare
@@ -62,8 +61,6 @@ def test_the_free_run_in_phi_is_that_of_evaluate() -> None:
         read = 1.0 / from_model_units("phi", phi)
         assert scored.sum() > 0.9 * len(phi)
         assert np.abs(read - 1.0 / free)[scored].max() < 1e-6
-
-
 
 
 def test_the_free_run_goes_on_over_inputs_that_are_missing() -> None:

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -50,15 +49,9 @@ def roles(
 CARD = Model.load(shipped_model()).card
 
 
-
-
 def test_a_recording_given_twice_is_refused() -> None:
     with pytest.raises(RecordingError, match=r"same bytes.*\(RECORDING\)"):
         suitability.check_files(roles([recording(1), recording(2), recording(1)]), CARD, "m.onnx")
-
-
-
-
 
 
 def test_air_per_stroke_may_come_from_air_meter_and_speed_and_speed_from_both_others() -> None:
@@ -66,8 +59,6 @@ def test_air_per_stroke_may_come_from_air_meter_and_speed_and_speed_from_both_ot
     assert suitability.lacking([recording(1, without=["engine_speed_rpm"])]) == {}
     neither = recording(1, without=["engine_speed_rpm", "maf_kg_h"])
     assert suitability.lacking([neither]) == {"engine_speed_rpm": ["drive_1.csv"]}
-
-
 
 
 def test_an_effect_whose_signal_healthy_recordings_lack_is_warned_of() -> None:
@@ -83,10 +74,6 @@ def test_an_effect_whose_signal_healthy_recordings_lack_is_warned_of() -> None:
         )
         == []
     )
-
-
-
-
 
 
 def test_a_model_that_hardly_follows_its_own_vehicle_is_warned_of() -> None:

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from monitor.base.types import FloatArray
 from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from tests.helpers.gap.gap_simulated import known, two_drives
-from training.gap.name.formulas.description import ANSWERS, TERMS_MOST, Description, describe
+from training.gap.name.formulas.description import ANSWERS, Description, describe
 from training.gap.name.formulas.feature_words import _WORDS, words_of
 from training.gap.name.formulas.signal_functions import functions_of
 from training.greybox.chain import Constants, Path, base_path, simulate
@@ -56,8 +56,6 @@ def volts_and_speed(path: Path, signals: dict[str, FloatArray]) -> Path:
     return replace(volts(path, signals), factor=path.factor * factor)
 
 
-
-
 def simulated(effect: str) -> Description:
     return describe(base_state(two_drives(2_200_300, (effect, 4.0)), known(), known().base))
 
@@ -95,8 +93,6 @@ def test_two_parts_of_a_formula_are_found_one_after_the_other() -> None:
     assert all(term.words in found.sentence for term in found.terms)
 
 
-
-
 def test_an_injector_s_voltage_is_described_though_no_effect_of_the_library_has_it() -> None:
     # GIVEN the plant's injectors giving 0.28 mg per volt less, inside the control loop
     found = simulated("battery_voltage")
@@ -121,8 +117,6 @@ def test_vapour_from_the_oil_is_described_as_what_it_cannot_be_told_from() -> No
     assert 0.4 < term.share < 0.9
     assert len(term.or_else) == 2
     assert "as fuel" in term.text
-
-
 
 
 def test_every_plain_function_has_its_words_and_no_words_lie_idle() -> None:

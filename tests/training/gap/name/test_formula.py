@@ -115,8 +115,6 @@ def test_arrays_and_graph_of_a_growing_formula_agree() -> None:
     graph_agrees(effect_of(growing(name, "engine_speed_rpm", 2000.0, 1000.0)))
 
 
-
-
 def test_a_formula_reads_as_one() -> None:
     name = name_of("rail_pressure_mpa", "slow", 10.0, 4.0)
     assert formula(name, [1.0, 2.0, 1.5]) == (

@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from monitor.base.errors import RecordingError
 from tests.helpers.gap.gap_simulated import known, two_drives
 from training.gap.name.decision import StepOutcome
 from training.gap.name.naming import name
@@ -239,8 +238,6 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
     assert chain_of(found, Constants()).terms == film.fit.terms
 
 
-
-
 def test_a_sensor_slow_in_one_direction_may_be_made_so_and_an_effect_beside_it_is_said() -> None:
     slow = ("slow_rich_to_lean", 0.6)
     for effect, beside in ((None, []), (("wall_film", 4.0), ["wall_film"])):
@@ -265,5 +262,3 @@ def test_healthy_recordings_and_signals_that_are_missing_are_said() -> None:
     assert {c.kind for c in found.trials.ranking} == {"effect"}
     assert found.base is not None
     assert found.base.shift is None
-
-

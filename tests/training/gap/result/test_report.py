@@ -313,8 +313,6 @@ def test_the_page_says_how_sure_it_is_beside_the_verdict() -> None:
     assert "Confidence: of all hypotheses, 97 % for wall film, 2 % for no gap; the best" in first
 
 
-
-
 def test_where_are_the_regimes_in_which_the_excess_is_dense() -> None:
     # GIVEN an excess of 100 in 1,000 samples, 60 of it in 300 samples at edges
     whole = error("all", "all scored samples", None)
@@ -508,10 +506,6 @@ def test_an_old_model_that_takes_the_gap_for_a_fault_is_no_measure() -> None:
     assert unquiet.harm is None
 
 
-
-
-
-
 def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_some() -> None:
     healthy = replace(error("healthy", "healthy recordings", 0.0300), before=0.0110)
     own = replace(verified(), healthy=healthy)
@@ -526,13 +520,7 @@ def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_
     assert "and all of what exceeds the error on healthy recordings is gone" in page
 
 
-
-
 def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
     page = page_of("no_gap")
     what = page[page.index('id="what"') : page.index('id="where"')]
     assert "<td>scavenging</td><td>manifold_pressure_kpa</td>" in what
-
-
-
-

@@ -19,7 +19,7 @@ from training.gap.add.addition import Addition
 from training.gap.inputs.roles import FAULTS
 from training.gap.verify.detection import put_on
 from training.gap.verify.error_regimes import compare
-from training.gap.verify.evidence import Count, Detection, rate
+from training.gap.verify.evidence import Count
 from training.gap.verify.verification import verify
 from training.gap.workflow import delivered
 from training.greybox.chain import Constants, base_path, simulate
@@ -121,8 +121,6 @@ def test_without_a_new_model_there_are_the_old_ones_figures_alone(
     assert found.closed is None
     assert all(e.change_low is None and not e.worse and not e.better for e in found.regimes)
     assert (found.rate_before, found.rate_after) == (1.0, None)
-
-
 
 
 def slow_noise(seed: int, n: int) -> FloatArray:
@@ -231,5 +229,3 @@ def test_a_model_without_limits_is_verified_without_the_monitor(
     assert found.faults == ()
     assert found.rate_before is None
     assert "the model card has no limit" in found.notes[0]
-
-
