@@ -76,6 +76,7 @@ def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) 
     """Return a point after every so many hours of bus time."""
     bus = Played(laps(list(read_frames(log)), hours * 3600.0))
     points: list[SoakPoint] = []
+    gc.freeze()  # what is loaded does not grow
     with ExitStack() as stack, closing(Memory(folder / "o2.db")) as memory, bus:
         loop = bus.loop = Loop(
             bus,
