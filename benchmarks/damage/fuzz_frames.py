@@ -145,8 +145,7 @@ def fuzz(
     """
     rng, drive = random.Random(seed), list(islice(read_frames(log), n))
     play = strange_times if mad_clock else messages
-    made = 0
-    sizes: list[float] = []
+    made, sizes = 0, list[float]()
     gc.freeze()  # what is loaded does not grow
 
     def metered() -> Iterator[can.Message]:

@@ -104,9 +104,8 @@ def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) 
                     gc.collect()
                     traced = tracemalloc.get_traced_memory()[0] / 1e3 if trace else 0.0
                     codes = tuple(dtc.code for dtc in monitor.store.active)
-                    point = SoakPoint(now_s / 3600.0, rss_mb(), traced, self._windows, codes)
-                    points.append(point)
-                    print(json.dumps(asdict(point)), file=sys.stderr)
+                    points.append(SoakPoint(now_s / 3600.0, rss_mb(), traced, self._windows, codes))
+                    print(json.dumps(asdict(points[-1])), file=sys.stderr)
                 return ()
 
         loop.attachments.append(Gauge(monitor, loop.health, loop.collector, out))
