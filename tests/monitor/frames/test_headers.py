@@ -140,19 +140,6 @@ def test_what_is_no_measurement_is_not_proposed(
     assert signal not in tomllib.loads(out.read_text())["signals"]
 
 
-@pytest.mark.parametrize(
-    ("unit", "factor"), [("g/stk", 1000.0), ("mg/stk", 1.0), ("g/cyl", 1000.0), ("mg", 1.0)]
-)
-def test_masses_per_stroke_are_converted(tmp_path: Path, unit: str, factor: float) -> None:
-    path = tmp_path / "drive.csv"
-    path.write_text(
-        f"Time,RPM,Airmass ({unit})\n"
-        + rows(lambda i: f"{i / 10},{RPM[i]},{(200 + i) / factor:.5f}")
-    )
-    table, _ = proposed(path)
-    np.testing.assert_allclose(values(table, "air_mass_mg"), [200 + i for i in ROWS], atol=0.01)
-
-
 def test_a_counter_of_rows_is_no_time(tmp_path: Path) -> None:
     path = tmp_path / "frames.csv"
     path.write_text(

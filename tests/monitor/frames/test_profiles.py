@@ -497,17 +497,3 @@ def test_a_profile_to_edit_does_not_take_phi_for_lambda(tmp_path: Path) -> None:
     assert any(line.startswith('engine_speed_rpm = "RPM"') for line in lines)
     assert not any(line.startswith("lambda_") for line in lines)
     assert any(line.startswith('# "Phi"') for line in lines)
-
-
-def test_a_profile_to_edit_says_how_fuel_cuts_may_be_taken_from_the_pressure(
-    tmp_path: Path,
-) -> None:
-    cells = {"Time": D["t_s"], "RPM": D["rpm"], "MAP": D["map_kpa"], "AFR": D["afr"]}
-    log = write_text_table(tmp_path / "drive.csv", cells)
-    assert "# overrun_below_kpa = 22.0   # below that of idle; 0: never" in proposed(
-        open_table(log)
-    )
-    with_pulse = write_text_table(tmp_path / "pulse.csv", cells | {"PW": D["pw_ms"]})
-    lines = list(proposed(open_table(with_pulse)))
-    assert "# injector_mg_per_ms = 3" in lines
-    assert not any("overrun" in line for line in lines)

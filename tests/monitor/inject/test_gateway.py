@@ -17,7 +17,7 @@ from can.interfaces.virtual import VirtualBus
 from monitor import cli
 from monitor.base.errors import BusError
 from monitor.base.types import Frame
-from monitor.bus.link.connection import LAST_TRY_S, Connection
+from monitor.bus.link.connection import Connection
 from monitor.bus.link.recorder import message_of
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import BUS_STATE_ID, codes_cleared, is_own
@@ -171,21 +171,6 @@ def test_a_gateway_does_not_pass_on_its_own_frames_where_it_hears_them() -> None
     assert next(gateway.lines()) == "1 frames from the ECU, 1 passed on"
 
 
-def test_a_gateway_that_cannot_open_an_interface_again_says_so() -> None:
-    class Broken(VirtualBus):
-        def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-            raise can.CanOperationError("network is down")
-
-    with (
-        Broken(channel="b-ecu") as ecu,
-        can.Bus(interface="virtual", channel="b-other") as other,
-        pytest.raises(BusError, match="network is down"),
-    ):
-        Gateway(Side(Connection(ecu)), Side(Connection(other)), Injector(OWN, [])).run(
-            duration_s=1.0
-        )
-
-
 class Loose(VirtualBus):
     """An interface that can be pulled out."""
 
@@ -298,17 +283,6 @@ def test_a_gateway_passes_frames_again_after_an_interface_was_gone(which: str) -
         assert list(bench.gateway.lines())[2:] == [f"{which}: lost 1 time, back 1 time"]
 
 
-def test_a_lost_interface_is_tried_with_growing_waits() -> None:
-    with LooseBench() as bench:
-        bench.pull_out("other")
-        bench.run(60.0)
-        assert len(bench.said) == 1
-        bench.is_there = True
-        bench.run(LAST_TRY_S + 0.1)
-        assert len(bench.opened["other"]) == 2
-        assert len(bench.said) == 2
-
-
 def test_the_judge_is_told_that_the_gateway_itself_is_off_a_bus() -> None:
     # GIVEN an ECU that has been heard
     with LooseBench() as bench:
@@ -362,14 +336,13 @@ def test_between_two_buses_what_goes_out_is_judged_when_a_signal_ends_it(
     assert ("NOT MET" in capsys.readouterr().out) is bool(exit_code)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_gateway_ends_cleanly_on_a_signal(number: signal.Signals) -> None:
+def test_a_gateway_ends_cleanly_on_a_signal() -> None:
     command = "-m monitor.cli inject -i virtual -c a --to-channel b --fault gain_low"
     argv, pipe = [sys.executable, *command.split()], subprocess.PIPE
     with subprocess.Popen(argv, stdout=pipe, stderr=pipe, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "virtual a to virtual b: gain_low=0.5\n"
-        process.send_signal(number)
+        process.send_signal(signal.SIGTERM)
         out, err = process.communicate(timeout=10)
     assert (process.returncode, err) == (0, "")
     assert out.splitlines()[0] == "0 frames from the ECU, 0 passed on"

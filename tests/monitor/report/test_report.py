@@ -258,16 +258,6 @@ def test_simulated_recordings_are_called_so(tmp_path: Path) -> None:
     assert "No fault (simulated)." in every
 
 
-def test_only_a_few_recordings_are_unfolded(tmp_path: Path) -> None:
-    few = [recording(f"{i}.log") for i in range(body.OPEN_AT_FIRST)]
-    many = [*few, recording("last.log")]
-    for recordings, unfolded in ((few, len(few)), (many, 0)):
-        details = written(tmp_path, *recordings).of("details")
-        shown = [a for a in details if a["class"] == "recording"]
-        assert len(shown) == len(recordings)
-        assert sum("open" in a for a in shown) == unfolded
-
-
 def test_a_recording_without_series_or_windows_is_reported(tmp_path: Path) -> None:
     none = np.empty(0)
     empty = Trace(none, none, none, none.astype(bool), none.astype(bool))

@@ -270,12 +270,6 @@ def test_recordings_in_a_remote_file_system_are_judged_alike(
     assert rows[1:].select(same).equals(local[0][:4].select(same))
 
 
-def test_processes_side_by_side_give_the_same(
-    folder: Path, local: tuple[pl.DataFrame, pl.DataFrame], tmp_path: Path
-) -> None:
-    assert_alike(judged([str(folder)], tmp_path / "two.parquet", jobs=2), local)
-
-
 def test_threads_of_one_worker_do_not_disturb_each_other(
     folder: Path, local: tuple[pl.DataFrame, pl.DataFrame]
 ) -> None:

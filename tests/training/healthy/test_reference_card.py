@@ -29,7 +29,7 @@ from training.greybox.fit.drive import from_recording
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.model import fit_greybox
 from training.healthy import base, yardstick
-from training.healthy.behaviour import Healthy, as_shown, columns
+from training.healthy.behaviour import Healthy, as_shown
 from training.healthy.card import KEY, from_card, known_of, store, to_card
 from training.healthy.reference import set_reference
 from training.narx.export import update_card
@@ -280,13 +280,6 @@ def test_a_reference_of_other_code_is_left_out_with_a_warning(
 
 def with_reference(stored: dict[str, Any]) -> ModelCard:
     return replace(Model.load(shipped_model()).card, reference={KEY: stored})
-
-
-def test_every_column_of_a_drive_can_be_checked(chain: Path) -> None:
-    (driven,) = base.drives_of(chain, recordings(2_313_000)[:1])
-    stored = to_card(known(), recordings(2_310_000, HEALTHY))
-    assert set(stored["columns"]) == set(columns(driven, known().base))
-    assert min(stored["size"]) > 1e-6
 
 
 def test_a_card_without_a_reference_says_nothing() -> None:

@@ -71,22 +71,6 @@ def test_every_report_of_codes_is_answered_or_refused(subfunction: int) -> None:
         assert found == bytes((0x7F, 0x19, 0x12))
 
 
-def test_numerator_and_denominator_of_a_code_are_its_extended_record() -> None:
-    vehicle = Vehicle()
-    request = ReadDTCInformation.make_request(
-        Subfunction.reportDTCExtendedDataRecordByDTCNumber,
-        dtc=SLOW,
-        extended_data_record_number=5,
-    )
-    found = answer(bytes(request.get_payload()), False, vehicle.state)
-    response = Response.from_payload(found)
-    read = ReadDTCInformation.interpret_response(
-        response, Subfunction.reportDTCExtendedDataRecordByDTCNumber, extended_data_size=4
-    )
-    (record,) = read.service_data.dtcs[0].extended_data
-    assert (record.record_number, record.raw_data) == (0x05, bytes((0, 3, 0, 5)))
-
-
 def test_a_code_has_its_first_and_its_latest_freeze_frame(tmp_path: Path) -> None:
     # GIVEN a code that failed at 1000 and again at 3000 rpm, stored and loaded again
     store = DtcStore()

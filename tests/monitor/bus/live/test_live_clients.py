@@ -134,15 +134,6 @@ def test_a_client_that_asks_nothing_is_cut_off(server: Running) -> None:
         assert slow.recv(100) == b""
 
 
-def test_a_connection_serves_one_request(server: Running) -> None:
-    both = b"HEAD / HTTP/1.1\r\nHost: localhost\r\n\r\n" * 2
-    with connect(server.port, both) as client:
-        seen = b""
-        while read := client.recv(4096):
-            seen += read
-        assert seen.count(b"HTTP/1.1 200") == 1
-
-
 def test_a_stream_is_not_cut_off_while_nothing_happens(server: Running) -> None:
     with connect(server.port, EVENTS) as client:
         assert until(lambda: server.hub.streams == 1)
