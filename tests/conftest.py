@@ -1,6 +1,7 @@
 """What all tests share: one thread per numeric library, property test profile, shared data."""
 
 import atexit
+import gc
 import os
 import shutil
 import signal
@@ -91,6 +92,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             if any(place.startswith(name) or name in fixtures for name in names):
                 item.add_marker(mark)
     items.sort(key=_rank)
+
+
+def pytest_collection_finish() -> None:
+    """Let no collection of garbage walk what the tests have imported."""
+    gc.freeze()
 
 
 class OneWorkerPerFile(LoadScopeScheduling):
