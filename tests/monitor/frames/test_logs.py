@@ -255,12 +255,6 @@ def test_a_table_that_cannot_be_is_refused_by_line(tmp_path: Path, text: str, me
     assert str(path) in str(caught.value)
 
 
-def test_of_rows_with_the_same_time_the_last_counts(tmp_path: Path) -> None:
-    got = read_table(table(tmp_path, "time_s,x\n0,1\n0,2\n0.1,3\n0.1,4\n0.2,5\n"))
-    assert got.values[:, 0].tolist() == [2.0, 4.0, 5.0]
-    assert got.notes.counts == {"repeated_times": 2}
-
-
 def test_a_truncated_gzipped_table_is_refused(tmp_path: Path) -> None:
     path = table(tmp_path, "time_s,x\n" + "".join(f"{k},{k * 7}\n" for k in range(500)), "t.csv.gz")
     path.write_bytes(path.read_bytes()[:-40])

@@ -518,9 +518,3 @@ def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_
     less = replace(own, healthy=replace(healthy, before=0.0130))
     page = gap_page.as_page(replace(made("named"), verified=less))
     assert "and all of what exceeds the error on healthy recordings is gone" in page
-
-
-def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
-    page = page_of("no_gap")
-    what = page[page.index('id="what"') : page.index('id="where"')]
-    assert "<td>scavenging</td><td>manifold_pressure_kpa</td>" in what
