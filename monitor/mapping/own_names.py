@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from functools import lru_cache
 from typing import Final
 
 from cantools.database.can import Message, Signal
@@ -16,17 +17,26 @@ def own_name(message: Message, signal: Signal) -> str:
 
     A part is set off by an underscore; the last part always stays.
     """
-    parts = [each.name.split("_") for each in message.signals]
-    own = signal.name.split("_")
+    begins, coded = _beginnings(message)
+    own, most = signal.name.split("_"), MOST * len(message.signals)
     place = 0
-    while len(parts) >= FEW and place < len(own) - 1:
-        there = [p[place] for p in parts if len(p) > place + 1 and p[:place] == own[:place]]
-        part, count = Counter(there).most_common(1)[0]
-        if part != own[place] or count < MOST * len(parts):
+    while len(message.signals) >= FEW and place < len(own) - 1:
+        if begins[tuple(own[: place + 1])] < most:
             break
         place += 1
     if 0 < place < len(own) - 1 and _CODE.fullmatch(own[place]):
-        coded = [p for p in parts if p[:place] == own[:place] and len(p) > place + 1]
-        if sum(bool(_CODE.fullmatch(p[place])) for p in coded) >= MOST * len(parts):
-            place += 1
+        place += coded[tuple(own[:place])] >= most
     return "_".join(own[place:])
+
+
+@lru_cache(maxsize=64)
+def _beginnings(message: Message) -> tuple[Counter[tuple[str, ...]], Counter[tuple[str, ...]]]:
+    """Return how many names begin with some parts, and with some parts and a running number."""
+    begins: Counter[tuple[str, ...]] = Counter()
+    coded: Counter[tuple[str, ...]] = Counter()
+    for each in message.signals:
+        parts = each.name.split("_")
+        for n in range(1, len(parts)):
+            begins[tuple(parts[:n])] += 1
+            coded[tuple(parts[: n - 1])] += bool(_CODE.fullmatch(parts[n - 1]))
+    return begins, coded
