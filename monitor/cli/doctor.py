@@ -113,10 +113,8 @@ def _scan(args: DoctorOptions, interface: "Interface | None") -> "Iterator[BusFi
 
     def is_right(bitrate: int) -> bool:
         health = heard(args.bus, SCAN_S)[1]
-        frames, errors = (
-            counted(health.frames, "frame"),
-            counted(health.error_frames, "error frame"),
-        )
+        frames = counted(health.frames, "frame")
+        errors = counted(health.error_frames, "error frame")
         say(f"          {bitrate / 1000:g} kbit/s: {frames}, {errors}")
         return health.frames > health.error_frames
 
@@ -131,6 +129,7 @@ def _scan(args: DoctorOptions, interface: "Interface | None") -> "Iterator[BusFi
 def _listened(args: DoctorOptions, interface: "Interface | None") -> "Iterator[BusFinding]":
     """Listen, say what was seen, and yield what is wrong."""
     from monitor.bus.bench import findings
+    from monitor.pipeline.names import lacking_names
     from monitor.report.check import check
 
     setup = set_up(args, judges=False)
@@ -150,8 +149,7 @@ def _listened(args: DoctorOptions, interface: "Interface | None") -> "Iterator[B
     whose = " and ".join(dbc.name for dbc, _ in setup.bus_map.pairs)
     whose += "" if args.pairs else " (the project's own ECU: no --dbc and --map are given)"
     yield from findings.of_messages(seen, block, result, whose)
-    card = setup.model.card
-    missing = result.missing((*card.input_names, card.output.name)) if args.model else []
-    if missing := [name for name in missing if name not in {n for m in seen for n in m.names}]:
-        facts = {"names": ", ".join(missing), "model": setup.model_path.name}
+    provided = (*setup.bus_map.names, *(each.name for each in result.signals))
+    if args.model and (lacking := lacking_names(setup.model.card, provided)):
+        facts = {"names": ", ".join(lacking), "model": setup.model_path.name}
         yield findings.BusFinding("model", facts)

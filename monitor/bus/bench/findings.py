@@ -203,9 +203,8 @@ def _of_signals(result: CheckResult, explained: set[str]) -> Iterator[BusFinding
             continue
         missing, outside = signal.invalid, signal.out_of_range
         name = "not_available" if missing > outside else "implausible" if outside else "late"
-        yield BusFinding(
-            name, {"name": signal.name, "verdict": verdict, "n": max(missing, outside)}
-        )
+        facts = {"name": signal.name, "verdict": verdict, "n": max(missing, outside)}
+        yield BusFinding(name, facts)
 
 
 def in_hex(key: int) -> str:

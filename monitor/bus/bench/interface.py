@@ -42,13 +42,8 @@ class Interface:
                 f"no interface {name}: is the adapter plugged in (dmesg, ip link)? for a virtual "
                 f"bus: sudo ip link add dev {name} type vcan; sudo ip link set {name} up"
             ) from None
-        except (
-            OSError,
-            ValueError,
-            LookupError,
-            subprocess.TimeoutExpired,
-        ):  # no ip(8), or one without JSON
-            return None
+        except (OSError, ValueError, LookupError, subprocess.TimeoutExpired):
+            return None  # no ip(8), or one without JSON
         info = link.get("linkinfo", {})
         data, timing = info.get("info_data", {}), info.get("info_data", {}).get("bittiming", {})
         counts = data.get("berr_counter", {}) | info.get("info_xstats", {})

@@ -20,26 +20,28 @@ from monitor.bus.link.error_frames import error_frame
 from monitor.bus.link.port import BusHealth
 from monitor.bus.link.recorder import message_of
 from monitor.cli import main
-from monitor.decode.bus_map import load_pairs
+from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.frames.blocks import block_of
+from monitor.pipeline.replay import shipped_model
 from training.recordings.files.can_log import broadcast
 
 BUS_MAP = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
+RUSEFI = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])
 FOREIGN = [Frame(k * 20_000_000, 0x123, False, bytes([k % 256, 1])) for k in range(150)]
 REAL = Interface("can0", "can", True, 500_000, "0.875", True, "error-active")
 
 
-def ecu(**changes: float) -> list[Frame]:
-    """Three seconds of the project's ECU, each message at its stated rate."""
+def ecu(bus_map: BusMap = BUS_MAP, **changes: float) -> list[Frame]:
+    """Three seconds of an ECU, each message at its stated rate."""
     t_ns = np.arange(0, 3_000_000_000, 10_000_000)
     usual = {"manifold_pressure_kpa": 50.0, "ambient_pressure_kpa": 98.0, "battery_voltage_v": 13.5}
-    values = {name: np.full(len(t_ns), 1.0) for name in BUS_MAP.channels}
+    values = {name: np.full(len(t_ns), 1.0) for name in bus_map.channels}
     values |= {name: np.full(len(t_ns), value) for name, value in (usual | changes).items()}
-    return list(broadcast(BUS_MAP, t_ns, values).frames())
+    return list(broadcast(bus_map, t_ns, values).frames())
 
 
-def identifier(message: str) -> int:
-    channels = BUS_MAP.channels.values()
+def identifier(message: str, bus_map: BusMap = BUS_MAP) -> int:
+    channels = bus_map.channels.values()
     return next(c.message.frame_id for c in channels if c.message.name == message)
 
 
@@ -109,6 +111,23 @@ def test_a_missing_message_is_named_with_its_signals_and_nothing_else_is(doctor:
     assert code == 3
     assert "1. ECU_Fuel (0C1) never came, so these are missing: fuel_mass_mg, rail" in said
     assert "2. " not in said
+
+
+def test_a_map_lacks_only_what_neither_its_messages_nor_its_derived_signals_provide(
+    doctor: Doctor, tmp_path: Path
+) -> None:
+    # GIVEN rusEFI without the message from which the fuel per stroke is derived, and two maps
+    lacking, text = identifier("BASE6", RUSEFI), dbc.path("rusefi.toml").read_text()
+    frames = [f for f in ecu(RUSEFI) if f.can_id != lacking]
+    part = tmp_path / "part.toml"
+    part.write_text("".join(line for line in text.splitlines(True) if "FpHigh" not in line))
+    # WHEN the doctor knows the model
+    options = ["--dbc", str(dbc.path("rusefi.dbc")), "--model", str(shipped_model()), "--map"]
+    whole, lacks = (doctor(frames, *options, str(m))[1] for m in (dbc.path("rusefi.toml"), part))
+    # THEN the message is at fault, and the map only where it is
+    assert f"1. BASE6 ({lacking:03X}) never came" in whole
+    assert "The map provides" not in whole
+    assert "The map provides no rail_pressure_mpa, which shipped.onnx needs." in lacks
 
 
 def test_a_message_with_29_bits_in_place_of_11_is_told(doctor: Doctor) -> None:
@@ -239,8 +258,7 @@ class RatedBus(can.BusABC):
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         time.sleep(0.001)
-        data = {"arbitration_id": 0x123, "is_extended_id": False, "is_error_frame": True}
-        return can.Message(**data | {"is_error_frame": not self.is_right}), False
+        return can.Message(arbitration_id=0x123, is_error_frame=not self.is_right), False
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         raise AssertionError("the doctor sends nothing")
