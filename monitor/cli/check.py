@@ -3,6 +3,7 @@
 import argparse
 import time
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from monitor.bus.link.port import BusHealth
     from monitor.bus.polling.poller import ObdPoller
     from monitor.pipeline.replay import Setup
+    from monitor.report.check import CheckResult
+    from monitor.report.check_table import TableCheck
 
 EXAMPLES = """examples:
   o2mon check drive.log
@@ -87,20 +90,22 @@ def run(args: CheckOptions) -> int:
             _say_polled(poller, health)
     notes = [*(f"log: {n}" for n in log.notes), *(f"database: {n}" for n in setup.bus_map.notes)]
     say("\n".join([*result.lines(), *notes]))
+    return _concluded(result, setup, args.log, result.stale)
+
+
+def _concluded(
+    result: "CheckResult | TableCheck", setup: "Setup", log: Path | None, stale: Sequence[str] = ()
+) -> int:
+    """Say whether the model has its signals, and what else holds up a verdict; return the code."""
     missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
-    _say_verdict(missing, result.stale)
-    if args.log and not missing:
-        _say_causes(args.log, setup)
-    return NOT_JUDGED if missing else 0
-
-
-def _say_verdict(missing: list[str], stale: list[str]) -> None:
     if missing:
         say(f"missing for the model: {', '.join(missing)}")
-    elif stale:
-        say(f"the model has every signal, but stale at times: {', '.join(stale)}")
-    else:
-        say("the model has all it needs")
+        return NOT_JUDGED
+    held = f"every signal, but stale at times: {', '.join(stale)}" if stale else "all it needs"
+    say(f"the model has {held}")
+    if log:
+        _say_causes(log, setup)
+    return 0
 
 
 def _say_causes(log: Path, setup: "Setup") -> None:
@@ -126,13 +131,10 @@ def _check_table(args: CheckOptions, log: Path) -> int:
     setup = set_up(args, args.columns, obd=args.obd, judges=False)
     result = check_table(log, args.columns, setup.model.card)
     say("\n".join(result.lines()))
-    missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
-    _say_verdict(missing, [])
-    if not missing:
-        _say_causes(log, setup)
-    elif own := rename(result.table):
+    code = _concluded(result, setup, log)
+    if code and (own := rename(result.table)):
         say(own)
-    return NOT_JUDGED if missing else 0
+    return code
 
 
 def _write_profile(log: Path | None, out: Path) -> int:
