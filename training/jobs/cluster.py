@@ -159,16 +159,17 @@ def _shipment(name: str, archive: bytes) -> Any:
             if process == (gethostname(), os.getpid()):
                 return  # a worker thread of the command itself, whose code is ours
             # beside the folders of this machine's workers, so that numba compiles once for all
-            path = Path(worker.local_directory).parent / f"{name}.zip"
+            own = Path(worker.local_directory)
+            path = own.with_name(f"{name}.zip")
             if not path.exists():
-                begun = path.with_name(f"{self.name}.begun")
+                begun = own.with_name(f"{self.name}-{own.name}.begun")  # others begin one, too
                 begun.write_bytes(self.archive)
                 begun.replace(path)
             self.root = str(path)
             sys.path[:] = [self.root, *(each for each in sys.path if each != self.root)]
             for module, loaded in list(sys.modules.items()):
-                own = str(getattr(loaded, "__file__", None) or path).startswith(self.root)
-                if module.split(".")[0] in ours and not own:
+                is_own = str(getattr(loaded, "__file__", None) or path).startswith(self.root)
+                if module.split(".")[0] in ours and not is_own:
                     del sys.modules[module]  # an installed or an earlier version
             importlib.invalidate_caches()
 
