@@ -121,13 +121,13 @@ def test_columns_that_the_logger_writes_at_other_times_are_named_and_no_response
 def test_an_input_far_outside_of_the_model_s_training_is_named(
     written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def thrice(values: FloatArray, _: int) -> None:
-        values[:, NAMES.index("rail_pressure_mpa")] *= 3.0
+    def hotter(values: FloatArray, _: int) -> None:
+        values[:, NAMES.index("manifold_temperature_degc")] += 40.0
 
-    assert cli.main(["replay", str(written(thrice))]) == 3
+    assert cli.main(["replay", str(written(hotter))]) == 3
     said = capsys.readouterr().out
     assert "not judged: trained_range held " in said
-    assert "rail_pressure_mpa is above " in said
+    assert "manifold_temperature_degc is above " in said
 
 
 def test_readings_that_jump_to_the_end_of_the_range_now_and_then_make_no_offset(
