@@ -45,9 +45,15 @@ class Said(NamedTuple):
     fault_flag: bool
 
 
-def compiled(folder: Path, out: Path, compiler: str = "gcc", options: Sequence[str] = ()) -> Path:
-    """Return the driver, compiled with an exported monitor."""
-    files = [*sorted(folder.glob("o2_*.c")), DRIVER]
+def compiled(
+    folder: Path,
+    out: Path,
+    compiler: str = "gcc",
+    options: Sequence[str] = (),
+    program: Sequence[Path] = (DRIVER,),
+) -> Path:
+    """Return a program, the driver unless another is named, compiled with an exported monitor."""
+    files = [*sorted(folder.glob("o2_*.c")), *program]
     call = [compiler, *STRICT, *(options or ("-O2",)), f"-I{folder}", "-o", out, *files, "-lm"]
     subprocess.run(call, check=True)
     return out

@@ -1,0 +1,38 @@
+"""The example in C beside ``o2mon run`` on one bus sends the same flags at the same samples."""
+
+import json
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.helpers.bus import on_can
+from tests.vcan.guest import Finished
+from tests.vcan.test_socketcan import ROOT, recording_of, stretch, write_log
+
+LENGTH_S = 33.0  # the code is there after 30 s
+START_AND_END_S = 240.0  # boot, imports and shutdown, on one slow CPU that others use too
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
+def test_the_example_sets_the_flag_at_the_sample_at_which_the_monitor_sets_it(
+    run_with_vcan: Callable[..., Finished], tmp_path: Path
+) -> None:
+    # GIVEN the begin of a faulty drive, and the example built for this machine
+    log, program = tmp_path / "played.log", on_can.compiled_in(tmp_path / "o2c")
+    write_log(log, stretch(recording_of("delay_rich_to_lean"), 0.0, LENGTH_S))
+    # WHEN it is played into vcan0, where both listen
+    out = tmp_path / "sent.json"
+    command = [sys.executable, str(ROOT / "tests" / "vcan" / "two_monitors.py"), log, program, out]
+    finished = run_with_vcan(command, ROOT, timeout_s=LENGTH_S + START_AND_END_S, n_buses=2)
+    assert finished.returncode == 0, finished.stdout
+    by_python, in_c = (list(map(bytes.fromhex, p)) for p in json.loads(out.read_text()).values())
+    # THEN the kernel stamps a frame once for all sockets, so both have the same samples: the flag
+    # is set at the same one, and every status before and after it says the same
+    assert on_can.first_flag(by_python) is not None
+    assert on_can.first_flag(in_c) == on_can.first_flag(by_python)
+    n = min(len(by_python), len(in_c))
+    assert abs(len(by_python) - len(in_c)) <= 1
+    assert in_c[:n] == by_python[:n]
