@@ -42,3 +42,12 @@ def statuses(program: Path, frames: Sequence[can.Message]) -> list[bytes]:
 def first_flag(payloads: Sequence[bytes]) -> int | None:
     """Return the first sample whose status carries the fault flag."""
     return next((k for k, payload in enumerate(payloads) if payload[0] & FLAG), None)
+
+
+def without_share(payload: bytes) -> tuple[int, int]:
+    """Return a status without EnabledPercent and the checksum over it.
+
+    Behind a pause the loop judges several ticks at once, and each tells the share at their end.
+    """
+    whole = int.from_bytes(payload, "little")
+    return whole & (1 << 36) - 1, whole >> 52 & 15
