@@ -41,8 +41,8 @@ def test_it_sends_the_status_frames_of_the_live_loop_on_a_faulty_drive(
 def test_broken_frames_late_frames_and_pauses_do_to_it_what_they_do_to_the_live_loop(
     setup: Setup, program: Path
 ) -> None:
-    # GIVEN a drive with wrong checksums, repeated frames, values that are not available or out of
-    # range, frames that come late, and pauses of which one is longer than the grid bears
+    # GIVEN a drive with wrong checksums, counters that stand, values that are not available or out
+    # of range, frames that come late, and pauses of which one is longer than the grid bears
     frames = damaged(drive("delay_rich_to_lean", 60.0))
     sent = statuses_of_the_loop(frames, setup)
     assert on_can.first_flag(sent), "the drive sets no flag, so none is compared"
@@ -60,7 +60,10 @@ def drive(fault: str, length_s: float) -> list[can.Message]:
         frames = list(reader)
     for frame in frames:
         frame.timestamp = round(frame.timestamp, 6)
-    return [frame for frame in frames if frame.timestamp < frames[0].timestamp + length_s]
+    end_s = frames[0].timestamp + length_s
+    found = [frame for frame in frames if frame.timestamp < end_s]
+    found[-1].timestamp = round(end_s, 6)  # at the very end of a tick, which it does not close
+    return found
 
 
 def statuses_of_the_loop(frames: list[can.Message], setup: Setup) -> list[bytes]:
@@ -69,7 +72,7 @@ def statuses_of_the_loop(frames: list[can.Message], setup: Setup) -> list[bytes]
 
 
 def damaged(frames: list[can.Message]) -> list[can.Message]:
-    rng, found, shift_s = random.Random(1), list[can.Message](), 0.0
+    rng, found, shift_s, last = random.Random(1), list[can.Message](), 0.0, bytearray()
     for k, frame in enumerate(frames):
         shift_s += {4000: 0.45, 7000: 3.0, 10000: 70.0}.get(k, 0.0)
         frame.timestamp = round(frame.timestamp + shift_s, 6)
@@ -84,5 +87,11 @@ def damaged(frames: list[can.Message]) -> list[can.Message]:
             frame.data[:4] = b"\xff\xff\xff\xff" if k % 2 else bytes(4)
             own = "crc8_sae_j1850_id", frame.arbitration_id, bytes(frame.data), 7
             frame.data[7] = payload_checksum(*own)
+        if frame.arbitration_id == LAMBDA_ID:
+            if 5000 < k < 5600:  # its counter stands
+                frame.data = last
+            last = bytearray(frame.data)
+            if 8000 < k < 8600:  # its checksum is wrong
+                frame.data[7] ^= 1
         found.append(frame)
     return found
