@@ -28,6 +28,9 @@ from monitor.grid.tables import (
 )
 
 READY: Final = "sensor_ready"
+AIR: Final = ("air_mass_mg", "maf_kg_h", "engine_speed_rpm")
+CYLINDERS: Final = (2, 16)  # of an engine whose sensor is judged
+RUNNING_RPM: Final = 500.0
 
 
 def table_block(
@@ -83,11 +86,12 @@ def _held(table: Table, names: Sequence[str]) -> FloatArray:
 
 
 def check_unit(table: Table) -> None:
-    """Raise RecordingError if lambda's column can hold an air-fuel ratio or 1/lambda only.
+    """Raise RecordingError if lambda's or an air column can hold another quantity only.
 
     A lambda is never above the AFR of the richest mixture throughout and on both sides of
     stoichiometric AFR, and never below its range where fuel is cut and within it elsewhere.
     """
+    _check_air(table)
     if OUTPUT not in table.names:
         return
     reading = table.values[:, table.names.index(OUTPUT)]
@@ -106,6 +110,25 @@ def check_unit(table: Table) -> None:
             raise RecordingError(
                 f"{where} falls to {np.median(cut):.3g} where fuel is cut: 1/lambda {wanted}"
             )
+
+
+def _check_air(table: Table) -> None:
+    """Raise RecordingError if air per stroke, air flow and speed are those of no four-stroke."""
+    if not set(AIR) <= set(table.names):
+        return
+    per_stroke_mg, flow_kg_h, speed_rpm = (table.values[:, table.names.index(n)] for n in AIR)
+    is_running = (speed_rpm >= RUNNING_RPM) & (per_stroke_mg > 0.0) & np.isfinite(flow_kg_h)
+    if np.count_nonzero(is_running) < len(table.t_ns) / 10:
+        return
+    # a stroke of each cylinder every second turn: 60 / 2 / 1e6 kg/h for 1 mg and 1 rpm
+    each = flow_kg_h[is_running] / (3e-5 * per_stroke_mg[is_running] * speed_rpm[is_running])
+    cylinders = float(np.median(each))
+    if not CYLINDERS[0] - 0.5 < cylinders < CYLINDERS[1] + 0.5:
+        raise RecordingError(
+            f"{table.path}: {table.column_of(AIR[1])} and {table.column_of(AIR[0])} are those of "
+            f"{cylinders:.2g} cylinders: one is in another unit than {AIR[1]} and {AIR[0]} say "
+            "(an air flow in g/s: factor = 3.6 in --columns)"
+        )
 
 
 def _known(reading: FloatArray, rows: BoolArray) -> FloatArray:

@@ -130,6 +130,16 @@ def test_an_input_far_outside_of_the_model_s_training_is_named(
     assert "manifold_temperature_degc is above " in said
 
 
+def test_an_air_flow_in_g_s_is_refused_because_no_engine_has_one_cylinder_and_a_tenth(
+    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def in_g_s(values: FloatArray, _: int) -> None:
+        values[:, NAMES.index("maf_kg_h")] /= 3.6
+
+    assert cli.main(["replay", str(written(in_g_s))]) == 2
+    assert "are those of 1.1 cylinders" in capsys.readouterr().err
+
+
 def test_readings_that_jump_to_the_end_of_the_range_now_and_then_make_no_offset(
     written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
