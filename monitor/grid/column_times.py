@@ -114,5 +114,5 @@ def _apart(columns: Mapping[str, FloatArray], period_s: float) -> Iterator[tuple
         peak = int(alike.argmax())
         if alike[peak] >= ALIKE and 0 < peak < 2 * most:
             before, top, behind = alike[peak - 1 : peak + 2].tolist()
-            bend = before - 2.0 * top + behind
-            yield f"{a} {b}", (peak - most + 0.5 * (before - behind) / bend) * period_s
+            if bend := before - 2.0 * top + behind:  # else the top is flat and tells no shift
+                yield f"{a} {b}", (peak - most + 0.5 * (before - behind) / bend) * period_s

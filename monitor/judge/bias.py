@@ -44,7 +44,7 @@ def bounded(
     chapter 4). The healthy limits are learned from windows that count for the same.
 
     low, high : healthy offsets, in the unit of the means
-    window_std : of one window's mean
+    window_std : of one window's offset
     """
     most = config.certainty * window_std
     found: FloatArray = np.clip(means, low - most, high + most)
@@ -123,7 +123,7 @@ class Course:
 
 
 class BiasRule:
-    """A fading mean of the residual against the offsets that are healthy.
+    """A fading mean of the windows' offsets against those that are healthy.
 
     It fails when the mean is outside them by ``certainty`` of its own standard deviations, so a
     large offset is found after few windows and a small one after many. A part of a window's
@@ -135,7 +135,7 @@ class BiasRule:
     times of a change: Basseville and Nikiforov, Detection of Abrupt Changes, section 2.4).
 
     low, high : healthy offsets, output's unit
-    window_std : of one window's mean, output's unit
+    window_std : of one window's offset, output's unit
     step_most : largest step of a healthy offset within a drive, output's unit
     """
 
