@@ -6,6 +6,7 @@ A TunerStudio table has no blank cells, so a blank cell is 0 there: no delay, la
 import io
 import json
 from collections.abc import Sequence
+from csv import writer
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from monitor.base.files.outputs import write_text
 from monitor.base.types import FloatArray
-from training.recordings.ecu_table import EcuTable, document
+from training.recordings.ecu_table import EcuTable, document, nulls
 
 NAMESPACE: Final = "http://www.EFIAnalytics.com/:table"
 BLANK: Final = 0.0
@@ -35,19 +36,21 @@ def write_files(folder: Path, tables: Sequence[EcuTable], **more: Any) -> list[P
 
 
 def csv(table: EcuTable) -> str:
-    """Return one line per cell: its place, estimate, bounds and samples; blank cells are empty."""
-    names = [axis.name for axis in table.axes]
+    """Return one line per cell: its place, estimate, bounds, samples, and where it was driven.
+
+    ``log`` and ``at_s`` tell the longest stay; blank cells are empty.
+    """
     out = io.StringIO()
-    out.write(",".join([*names, f"{table.name} [{table.unit}]", "low", "high", "samples"]) + "\n")
+    lines = writer(out, lineterminator="\n")
+    names = [axis.name for axis in table.axes]
+    held = f"{table.name} [{table.unit}]"
+    lines.writerow([*names, held, "low", "high", "samples", "log", "at_s"])
     for at in np.ndindex(table.estimate.shape):
         place = [f"{axis.values[k]:g}" for axis, k in zip(table.axes, at, strict=True)]
-        values = [_text(float(v[at])) for v in (table.estimate, table.low, table.high)]
-        out.write(",".join([*place, *values, str(int(table.samples[at]))]) + "\n")
+        values = [nulls(v[at]) for v in (table.estimate, table.low, table.high)]
+        stay = [table.log[at], nulls(table.at_s[at])] if table.log.size else ["", ""]
+        lines.writerow([*place, *values, table.samples[at], *stay])
     return out.getvalue()
-
-
-def _text(value: float) -> str:
-    return "" if np.isnan(value) else f"{value:.6g}"
 
 
 def tuner_studio(table: EcuTable) -> str:

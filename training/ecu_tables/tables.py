@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.ecu_tables import parameters as laws
@@ -49,6 +50,22 @@ class CellSamples:
         self.degc = WARM_DEGC - 60.0 * _joined(fitted, lambda c: c.drive.cold)
         self.seconds = _joined(fitted, lambda c: np.full(len(c.drive), c.drive.period_s))
         self.per_load = self.flow / self.rpm / np.maximum(self.load, 1.0)
+        self.at_s = _joined(fitted, lambda c: np.arange(len(c.drive)) * c.drive.period_s)
+        n_of = [int(c.drive.usable.sum()) for c in fitted.cases]
+        self.log = np.repeat([c.drive.name for c in fitted.cases], n_of)
+
+    def stays(self, cell: IntArray, n_cells: int) -> tuple[NDArray[np.str_], FloatArray]:
+        """Return the log and the time of the longest stay in each cell, "" and NaN if none.
+
+        cell : (n,) number of each sample's cell, ``n_cells`` for none
+        """
+        log, at_s = np.full(n_cells + 1, "", self.log.dtype), np.full(n_cells + 1, np.nan)
+        goes_on = (np.diff(cell) == 0) & (self.log[1:] == self.log[:-1])
+        goes_on &= np.diff(self.at_s) < 1.5 * self.seconds[1:]
+        begins = np.flatnonzero(np.concatenate([[True], ~goes_on]))
+        rising = begins[np.argsort(np.diff([*begins, len(cell)]), kind="stable")]
+        log[cell[rising]], at_s[cell[rising]] = self.log[rising], self.at_s[rising]
+        return log[:-1], at_s[:-1]
 
 
 def _joined(fitted: FittedTables, of: Callable[..., FloatArray]) -> FloatArray:
@@ -74,6 +91,8 @@ class _Cells(NamedTuple):
     variance: FloatArray
     samples: IntArray
     seconds: FloatArray
+    log: NDArray[np.str_]
+    at_s: FloatArray
 
 
 def tables(fitted: FittedTables, axes: TableAxes, config: TablesConfig) -> list[EcuTable]:
@@ -153,7 +172,8 @@ def _cells(law: _Law, fitted: FittedTables, config: TablesConfig) -> _Cells:
     variance = _variance(fitted, law.cells) * factor**2
     if law.name == "injector_flow_scale":
         variance += config.air_scale**2
-    return _Cells(law.cells(fitted.x), variance, number, np.asarray(seconds, float))
+    stays = samples.stays(np.where(chosen, flat, len(number)), len(number))
+    return _Cells(law.cells(fitted.x), variance, number, np.asarray(seconds, float), *stays)
 
 
 def between_logs(whole: _Cells, logs: Sequence[_Cells], least_s: float) -> FloatArray:
@@ -214,6 +234,8 @@ def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfi
         samples=whole.samples.reshape(shape),
         coolant=law.coolant,
         blank={why: int((first == k).sum()) for k, why in enumerate(blank)},
+        log=whole.log.reshape(shape),
+        at_s=whole.at_s.reshape(shape),
         widened=float(np.median((half / alike)[kept])) if kept.any() else 1.0,
     )
 

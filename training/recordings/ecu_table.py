@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.base.types import FloatArray, IntArray, Shown
 
@@ -75,7 +76,11 @@ class TableAxes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class EcuTable(Shown):
-    """Estimate, 90 % bounds and samples of each cell; NaN where nothing was measured."""
+    """Estimate, 90 % bounds and samples of each cell; NaN where nothing was measured.
+
+    ``log`` and ``at_s``, where known, are log and begin of the longest stay in each cell, "" and
+    NaN where nobody drove.
+    """
 
     name: str
     unit: str
@@ -86,6 +91,8 @@ class EcuTable(Shown):
     samples: IntArray
     coolant: CoolantBand | None = None
     blank: Mapping[str, int] = field(default_factory=dict)  # why → cells
+    log: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, np.str_))
+    at_s: FloatArray = field(default_factory=lambda: np.empty(0))
     widened: float = 1.0  # factor by which the logs' disagreement widens the intervals, median
 
     @property
@@ -119,6 +126,8 @@ class EcuTable(Shown):
             "low": nulls(self.low),
             "high": nulls(self.high),
             "samples": self.samples.tolist(),
+            "log": self.log.tolist(),
+            "at_s": nulls(self.at_s),
             "blank": {why: cells for why, cells in self.blank.items() if cells},
             "widened": round(self.widened, 3),
         }

@@ -84,7 +84,7 @@ def test_a_table_file_has_speed_across_load_upwards_and_zero_where_nothing_was_m
         ["300", "200", "150"],
         ["250", "0", "100"],
     ]
-    assert csv(table).splitlines()[4] == "1600,60,,,,1"
+    assert csv(table).splitlines()[4] == "1600,60,,,,1,,"
     assert table.document()["estimate"][1] == [0.2, None]
 
 
@@ -171,6 +171,14 @@ def test_a_log_becomes_tables_with_bounds_and_blank_cells(
     per_s = np.array(delay["axes"][0]["values"])[:, None] / 120.0
     np.testing.assert_allclose(np.array(cycles["estimate"], float), estimate * per_s, rtol=1e-5)
     assert document["notes"]["the logs' steady balance"].startswith("dead time ")
+    # a cell tells where in the log the car stayed in it longest
+    at_s = np.array(delay["at_s"], dtype=float)
+    assert (np.isfinite(at_s) == (samples > 0)).all()
+    assert ((np.array(delay["log"]) == drive.name) == (samples > 0)).all()
+    rpm = load(drive).column("engine_speed_rpm")[np.round(at_s[samples > 0] / 0.05).astype(int)]
+    speeds = np.array(delay["axes"][0]["values"])
+    nearest = np.abs(rpm[:, None] - speeds).argmin(axis=1)
+    assert (nearest == np.nonzero(samples)[0]).all()
 
 
 def test_a_log_without_fuel_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
