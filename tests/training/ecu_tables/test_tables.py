@@ -251,9 +251,8 @@ def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
 
 def cells(value: float, log_sd: float, seconds: float = 20.0) -> _Cells:
     """Return a table's only cell as one log, or all of them, tell it."""
-    return _Cells(
-        np.log([value]), np.array([log_sd**2]), np.array([400], np.int64), np.array([seconds])
-    )
+    number, stay = np.array([400], np.int64), (np.array(["a.csv"]), np.zeros(1))
+    return _Cells(np.log([value]), np.array([log_sd**2]), number, np.array([seconds]), *stay)
 
 
 def cell(name: str, whole: _Cells, *logs: _Cells) -> EcuTable:
