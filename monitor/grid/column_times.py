@@ -28,7 +28,7 @@ def column_times(values: FloatArray, names: Sequence[str], period_s: float) -> d
     later than a, least and most, s
     """
     columns = dict(zip(names, values.T, strict=True))
-    every = {name: round(_every(column) * period_s, 4) for name, column in columns.items()}
+    every = {name: round(interval(column) * period_s, 4) for name, column in columns.items()}
     apart = dict(_apart(columns, period_s))
     return {"every_s": every, "apart_s": {pair: [round(s, 4)] * 2 for pair, s in apart.items()}}
 
@@ -79,8 +79,8 @@ def unlike(
     )
 
 
-def _every(column: FloatArray) -> float:
-    """Return after how many samples a column's value changes at the earliest, 1 if unknown.
+def interval(column: FloatArray) -> float:
+    """Return after how many samples a column (n,) changes at the earliest, 1 if unknown.
 
     The step of a quantised signal that creeps tells nothing, so only larger changes are looked at.
     """

@@ -55,14 +55,20 @@ class FittedTables:
 class _Noise:
     """Whitening filter and scale of the residual."""
 
-    filter: FloatArray  # (order + 1,), first is 1
+    filter: FloatArray  # (order * every + 1,), first is 1, 0 between updates of the reading
     sigma: float
+
+    @staticmethod
+    def of(own: FloatArray, every: int) -> "_Noise":
+        """Return the noise whose value follows from (order,) of its earlier ones, so far apart."""
+        spread = np.zeros((len(own), every))
+        spread[:, -1] = -own
+        return _Noise(np.concatenate([[1.0], spread.ravel()]), 1.0)
 
     def kept(self, usable: BoolArray) -> BoolArray:
         """Return the samples whose whole filter lies on usable ones."""
-        return np.asarray(
-            lfilter(np.ones(len(self.filter)), [1.0], usable.astype(float)) > len(self.filter) - 0.5
-        )
+        taps = (self.filter != 0.0).astype(float)
+        return np.asarray(lfilter(taps, [1.0], usable.astype(float)) > taps.sum() - 0.5)
 
 
 def fit(subject: TableSubject, report: Report = lambda _share, _sigma: None) -> FittedTables:
@@ -158,20 +164,21 @@ def _scale(case: PredictionCase) -> FloatArray:
 
 def _noise(p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...]) -> _Noise:
     """Return the whitening filter of the residuals by weighted least squares."""
-    order = min(max(round(AR_S / cases[0].drive.period_s), 2), AR_MOST)
+    every = max(c.drive.every for c in cases)
+    order = min(max(round(AR_S / cases[0].drive.period_s / every), 2), AR_MOST)
     normal, slope = np.zeros((order, order)), np.zeros(order)
     for case in cases:
         e = case.drive.phi - reading(p, x, case)
-        kept = _Noise(np.ones(order + 1), 1.0).kept(case.drive.usable)
-        at = np.flatnonzero(kept)
-        late = np.stack([e[at - k] for k in range(1, order + 1)], axis=1)
+        at = np.flatnonzero(_Noise.of(np.ones(order), every).kept(case.drive.usable))
+        late = np.stack([e[at - k * every] for k in range(1, order + 1)], axis=1)
         w = _scale(case)[at] ** -2.0
         normal += late.T @ (late * w[:, None])
         slope += late.T @ (e[at] * w)
-    a = np.linalg.solve(normal + 1e-9 * np.trace(normal) * np.eye(order), slope)
-    plain = _Noise(np.concatenate([[1.0], -a]), 1.0)
+    plain = _Noise.of(
+        np.linalg.solve(normal + 1e-9 * np.trace(normal) * np.eye(order), slope), every
+    )
     white = np.concatenate([_white(p, x, c, plain)[plain.kept(c.drive.usable)] for c in cases])
-    return _Noise(plain.filter, float(1.4826 * np.median(np.abs(white))))
+    return replace(plain, sigma=float(1.4826 * np.median(np.abs(white))))
 
 
 def _white(p: Parameters, x: FloatArray, case: PredictionCase, noise: _Noise) -> FloatArray:

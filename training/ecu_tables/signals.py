@@ -15,6 +15,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
+from monitor.grid.column_times import interval
 from training.recordings.ecu_table import KPA, MG_PER_STROKE
 from training.recordings.recording import Recording
 
@@ -52,6 +53,7 @@ class TableDrive:
 
     name: str
     period_s: float
+    every: int  # samples between two updates of the reading
     cylinders: int
     rpm: FloatArray
     load: FloatArray  # in the unit of the load axis
@@ -195,6 +197,7 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> T
         fuel = np.where(held["fuel_cut"] > 0.5, 0.0, fuel)
     with np.errstate(divide="ignore"):
         phi = 1.0 / r.column("lambda_measured")
+    every = max(round(interval(phi)), 1)
     load_values = held[KPA] if load == KPA else charge
     coolant = held.get("coolant_temperature_degc", np.full(len(rpm), WARM_DEGC))
     volts = held.get("battery_voltage_v", np.full(len(rpm), VOLTS))
@@ -205,6 +208,7 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> T
         "the engine stands": ~(rpm > RPM_LEAST),
         "the sensor is not ready": held.get("sensor_ready", np.ones(len(rpm))) <= 0.5,
         "lambda stands still for 2 s": _stuck(phi, round(2.0 / period_s)),
+        "lambda is repeated until its next update": _repeated(phi, every),
         "lambda is that of fuel cut or of the sensor's end": ~(
             (phi > PHI_LEAST) & (phi < PHI_MOST)
         ),
@@ -218,6 +222,7 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> T
     return TableDrive(
         name=r.path.name,
         period_s=period_s,
+        every=every,
         cylinders=size.cylinders,
         rpm=np.maximum(filled[0], RPM_LEAST),
         load=filled[3],
@@ -279,6 +284,14 @@ def _stuck(phi: FloatArray, samples: int) -> BoolArray:
     length = np.zeros(len(phi), dtype=np.int64)
     length[starts] = ends - starts
     return np.asarray(length[change] >= samples)
+
+
+def _repeated(phi: FloatArray, every: int) -> BoolArray:
+    """Return where a reading is repeated (n,), as that of a sensor on CAN in a faster log."""
+    changes = np.concatenate([[True], phi[1:] != phi[:-1]])
+    at = np.arange(len(phi))
+    age = at - np.maximum.accumulate(np.where(changes, at, 0))
+    return np.asarray(age % every > 0)
 
 
 def _smooth(values: FloatArray, samples: int) -> FloatArray:

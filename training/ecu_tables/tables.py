@@ -48,7 +48,9 @@ class CellSamples:
         self.flow = _joined(fitted, lambda c: c.point.flow_kg_h)
         self.volts = _joined(fitted, lambda c: c.drive.volts)
         self.degc = WARM_DEGC - 60.0 * _joined(fitted, lambda c: c.drive.cold)
-        self.seconds = _joined(fitted, lambda c: np.full(len(c.drive), c.drive.period_s))
+        self.seconds = _joined(
+            fitted, lambda c: np.full(len(c.drive), c.drive.every * c.drive.period_s)
+        )
         self.per_load = self.flow / self.rpm / np.maximum(self.load, 1.0)
         self.at_s = _joined(fitted, lambda c: np.arange(len(c.drive)) * c.drive.period_s)
         n_of = [int(c.drive.usable.sum()) for c in fitted.cases]

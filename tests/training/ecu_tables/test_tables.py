@@ -12,6 +12,7 @@ import pytest
 from monitor.base.errors import UsageError
 from training.cli import main
 from training.cli.console.share_bar import Share
+from training.dyno import truth
 from training.dyno.engine import EngineLayout, dead_time_ms, engine
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
@@ -27,7 +28,7 @@ from training.ecu_tables.prediction import PredictionCase, air_mg, reading, sens
 from training.ecu_tables.signals import subject_of
 from training.ecu_tables.tables import LINKS, _Cells, _Law, _table, tables
 from training.recordings.ecu_table import EcuTable, axes_of
-from training.recordings.recording import load
+from training.recordings.recording import load, write_table
 
 TUNE = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <msq xmlns="http://www.msefi.com/:msq"><page number="0">
@@ -247,6 +248,27 @@ def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
     dead = made["injector_dead_time"]
     true = dead_time_ms(engine(216, layout), np.array([14.0]))
     assert abs(dead.estimate[dead.axes[0].values.index(14.0)] - true[0]) < 0.05
+
+
+def test_a_reading_that_is_updated_seldomer_than_logged_tells_the_true_lag(tmp_path: Path) -> None:
+    # GIVEN a log with rows each 50 ms, whose sensor sends a new value each 200 ms
+    layout = EngineLayout("direct", "maf")
+    experiment = Experiment(cycle="wltc_3b", vehicle=211, seed=12, duration_s=400.0, layout=layout)
+    log = load(write(experiment, tmp_path, "csv", 0.05))
+    values = log.values.copy()
+    held = values[:, log.names.index("lambda_measured")]
+    held[:] = held[np.arange(len(held)) // 4 * 4]
+    write_table(tmp_path / "held.csv", log.t_s, log.names, values)
+    # WHEN its tables are estimated
+    subject = subject_of([load(tmp_path / "held.csv")])
+    axes = axes_of(subject.load)
+    lag = next(t for t in tables(fit(subject), axes, defaults()) if t.name == "lambda_lag")
+    # THEN nearly all intervals, nine of ten by their claim, hold the true lag
+    true = next(t for t in truth.tables(experiment.engine, axes, 25.0) if t.name == "lambda_lag")
+    filled = np.isfinite(lag.estimate)
+    assert filled.sum() >= 5
+    held_true = (lag.low <= true.estimate) & (true.estimate <= lag.high)
+    assert held_true[filled].mean() >= 0.8
 
 
 def cells(value: float, log_sd: float, seconds: float = 20.0) -> _Cells:
