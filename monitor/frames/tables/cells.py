@@ -3,7 +3,8 @@
 import math
 import re
 from collections.abc import Callable
-from datetime import datetime, timezone
+from contextlib import suppress
+from datetime import UTC, datetime
 from typing import Final
 
 from monitor.frames.tables.raw_table import DAY_S, HOUR_S
@@ -82,33 +83,58 @@ def is_no_value(text: str) -> bool:
     return text.strip().casefold() in NO_VALUE
 
 
-def clock(text: str) -> float:
-    """Return the seconds of a clock time, since midnight, the hour, or 1970 with a date.
+class ColumnClock:
+    """A column's clock times; days are read in the order that makes the smallest steps.
 
-    NaN if it is none.
+    >>> clock = ColumnClock()
+    >>> clock("12/11/2026 23:59:59") - clock("13/11/2026 00:00:00")
+    -1.0
+    """
+
+    def __init__(self) -> None:
+        self._day, self._day_s = "", 0.0
+
+    def __call__(self, text: str) -> float:
+        """Return the seconds of a cell, since midnight, the hour, or 1970 with a date; or NaN."""
+        match = _CLOCK.fullmatch(text.strip())
+        if match is None:
+            return math.nan
+        day, hours, minutes, seconds, half, ahead, further = match.groups()
+        value = HOUR_S * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
+        if half:
+            value = value % (DAY_S / 2) + (DAY_S / 2 if half.casefold() == "pm" else 0.0)
+        if day and ahead:
+            value -= HOUR_S * int(ahead) + 60.0 * int(f"{ahead[0]}{further or 0}")
+        if day and day != self._day:
+            self._turn(day)
+        return value + (self._day_s if day else 0.0)
+
+    def _turn(self, day: str) -> None:
+        before, after = _readings(self._day), _readings(day)
+        steps = [after[form] - before[form] for form in after if form in before]
+        if steps:
+            self._day_s += min(steps, key=abs)
+        else:
+            self._day_s = next(iter(after.values()), 0.0)
+        self._day = day
+
+
+def _readings(day: str) -> dict[str, float]:
+    """Return the seconds since 1970 by each form of a date that fits."""
+    found = {}
+    for form in _DATES:
+        with suppress(ValueError):
+            found[form] = datetime.strptime(day, form).replace(tzinfo=UTC).timestamp()
+    return found
+
+
+def clock(text: str) -> float:
+    """Return the seconds of a single cell, as ``ColumnClock`` does.
 
     >>> clock("25:36.7"), clock("16:37:18.5"), clock("1970-01-02T02:00:01+02:00")
     (1536.7, 59838.5, 86401.0)
     """
-    match = _CLOCK.fullmatch(text.strip())
-    if match is None:
-        return math.nan
-    day, hours, minutes, seconds, half, ahead, further = match.groups()
-    value = HOUR_S * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
-    if half:
-        value = value % (DAY_S / 2) + (DAY_S / 2 if half.casefold() == "pm" else 0.0)
-    if day and ahead:
-        value -= HOUR_S * int(ahead) + 60.0 * int(f"{ahead[0]}{further or 0}")
-    return value + (_day_s(day) if day else 0.0)
-
-
-def _day_s(text: str) -> float:
-    for form in _DATES:
-        try:
-            return datetime.strptime(text, form).replace(tzinfo=timezone.utc).timestamp()  # noqa: UP017
-        except ValueError:
-            continue
-    return 0.0
+    return ColumnClock()(text)
 
 
 def wrap_s(text: str) -> float:

@@ -15,8 +15,8 @@ from monitor.base.types import FloatArray
 from monitor.frames.blocks import DAMAGED_SHARE
 from monitor.frames.bounds import open_text
 from monitor.frames.tables.cells import (
+    ColumnClock,
     Parse,
-    clock,
     exact_number,
     is_plain,
     number,
@@ -137,7 +137,7 @@ def _parser(dialect: Dialect, wanted: Wanted) -> Parse:
     if wanted.words:
         return of_words(wanted.words)
     if dialect.columns[wanted.column].kind == "clock":
-        return clock
+        return ColumnClock()
     return number_with_comma if dialect.decimal_comma else number
 
 

@@ -87,6 +87,21 @@ def test_clocks_with_and_without_hours_and_dates() -> None:
     assert np.isnan(clock("14.7"))
 
 
+@pytest.mark.parametrize("days", [("12/11/2026", "13/11/2026"), ("11/12/2026", "12/12/2026")])
+def test_dates_with_the_day_first_go_on_over_midnight(
+    tmp_path: Path, days: tuple[str, str]
+) -> None:
+    # the first date alone may as well begin with its month
+    path = tmp_path / "log.csv"
+    times = [f"{days[0]} 23:59:{s}" for s in (57, 58, 59)] + [
+        f"{days[1]} 00:00:0{s}" for s in range(6)
+    ]
+    rows = [f"{time},{800 + n}" for n, time in enumerate(times)]
+    path.write_text("Time,rpm\n" + "\n".join(rows) + "\n")
+    (block,) = open_delimited(path).read([Wanted(0)], Notes())
+    assert np.diff(block[:, 0]).tolist() == [1.0] * 8
+
+
 def test_times_go_on_where_the_offset_from_utc_changes(tmp_path: Path) -> None:
     hours = ["02:59:59.5+02:00", "02:59:59.7+02:00", "02:59:59.9+02:00", "02:00:00.1+01:00"]
     path = tmp_path / "a.csv"
