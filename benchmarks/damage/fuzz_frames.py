@@ -182,7 +182,7 @@ def fuzz(
 
 def main(argv: Sequence[str]) -> int:
     """Fuzz with frames, then with times; return 1 if a code came or something was detached."""
-    options = fuzz_options(__name__, __doc__, 1_000_000, 1000)
+    options = fuzz_options(__name__, __doc__, 1_000_000, 5000)
     options.add_argument("--sound", action="store_true", help="with right checksums by chance")
     args = options.parse_args(argv)
     whole = {

@@ -223,7 +223,7 @@ LARGE_MB = 500.0
 
 def main(argv: Sequence[str]) -> int:
     """Count the outcomes; return 1 if one of them is an error."""
-    args = fuzz_options(__name__, __doc__, 10_000, 100).parse_args(argv)
+    args = fuzz_options(__name__, __doc__, 10_000, 400).parse_args(argv)
     draw, good = random.Random(args.seed), shipped_model().read_bytes()
     outcomes = Outcomes()
     with tempfile.TemporaryDirectory() as folder:

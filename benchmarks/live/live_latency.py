@@ -212,7 +212,7 @@ def measure(side: str, due: Sequence[Due], args: argparse.Namespace) -> Row:
 
 def main(argv: Sequence[str]) -> int:
     """Measure each side under each load."""
-    options = BenchmarkOptions(__name__, __doc__, seconds=3.0, load=[4000])
+    options = BenchmarkOptions(__name__, __doc__, seconds=1.0, load=[4000])
     options.add_argument("--seconds", type=float, default=30.0, help="of each run")
     options.add_argument("--load", type=int, nargs="+", default=LOADS, help="frames/s")
     options.add_argument("--record", action="store_true", help="the project records as well")

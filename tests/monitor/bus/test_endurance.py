@@ -1,10 +1,9 @@
-"""Short runs of what the benchmark ``soak`` and the benchmark ``fuzz_frames`` do at length."""
+"""A short run of what the benchmark ``soak`` does at length."""
 
 from pathlib import Path
 
 import pytest
 
-from benchmarks.damage.fuzz_frames import fuzz
 from benchmarks.live.soak import LOG, soak
 
 
@@ -19,16 +18,3 @@ def test_memory_is_flat_while_the_loop_runs(
     # the first stretch fills what is kept; after it not 100 bytes a second may stay
     stretch_s = 3600 * (points[-1].bus_h - points[2].bus_h)
     assert points[-1].traced_kb - points[2].traced_kb < 0.1 * stretch_s
-
-
-def test_random_and_mutated_frames_make_no_code_and_end_nothing() -> None:
-    found = fuzz(6_000, seed=7)
-    assert found.frames == 6_000
-    assert found.samples > 100
-    assert (found.codes, found.detached) == ((), 0)
-
-
-def test_a_mad_clock_ends_nothing() -> None:
-    found = fuzz(500, seed=3, mad_clock=True)
-    assert found.samples > 0
-    assert found.detached == 0

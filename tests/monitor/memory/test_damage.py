@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from benchmarks.damage.fuzz_memory import (
-    attacks,
     content,
     contents,
     damaged,
@@ -26,7 +25,6 @@ from monitor.memory.reference import Reference
 from monitor.memory.store import Memory
 from tests.conftest import ROOT
 
-DAMAGES = 45  # of each kind of file set; the benchmark fuzz_memory does 10,000
 Files = dict[str, bytes]
 
 
@@ -47,22 +45,6 @@ def damage(path: Path, data: bytes | None = None, of: slice = slice(2)) -> None:
     """Cut the files of a memory off, or write something else into them."""
     for file in Block(path).files[of]:
         file.write_bytes(file.read_bytes()[:900] if data is None else data)
-
-
-@pytest.mark.parametrize("kind", ["closed", "killed"])
-def test_whatever_is_damaged_nothing_is_silent_and_no_start_fails(
-    tmp_path: Path, kept: dict[str, Files], kind: str
-) -> None:
-    # GIVEN a memory with codes and a reference
-    wholes = contents(kept[kind], tmp_path / "folder")
-    assert all(saved.dtcs and reference.drives == 1 for saved, reference in wholes)
-    # WHEN bits flip, sectors are lost or files are cut off, in one file or in both
-    seen = [
-        outcome(files, tmp_path / "folder", wholes)
-        for files, _ in attacks(kept[kind], random.Random(5), DAMAGES)
-    ]
-    # THEN each start gives back everything, or says that it is lost and puts the files aside
-    assert set(seen) == {"repaired", "lost"}
 
 
 def test_damage_of_one_file_is_always_repaired(tmp_path: Path, kept: dict[str, Files]) -> None:

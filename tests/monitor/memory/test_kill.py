@@ -1,4 +1,4 @@
-"""What was announced outlives a kill at any instant; a full or read-only disk ends no judging."""
+"""What was announced outlives a kill; a full or read-only disk ends no judging."""
 
 import errno
 import json
@@ -27,22 +27,9 @@ from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
 from monitor.pipeline.replay import set_up
 from tests.conftest import ROOT
 from tests.helpers.bus.played_bus import Ear, run_on
-from tests.helpers.memory.kills import assert_sound, kills, loaded, loop_kills
+from tests.helpers.memory.kills import assert_sound, loaded
 
-KILLS = 120
 LOOP = "tests.helpers.memory.loop_on_memory"
-
-
-def test_no_announced_event_is_lost_by_a_kill_at_any_instant(tmp_path: Path) -> None:
-    happened = kills(tmp_path / "o2.db", KILLS, random.Random(1))
-    # and there was something to lose
-    assert min(happened[what] for what in ("fail", "pass", "clear", "cycle")) > 5
-    assert sum(happened[what] for what in ("fail", "pass", "clear", "cycle")) > KILLS
-    assert happened["nothing announced"] > 0
-
-
-def test_no_code_that_the_live_loop_has_told_is_lost_by_a_kill(tmp_path: Path) -> None:
-    assert loop_kills(tmp_path, 2, random.Random(2)) > 20
 
 
 def test_a_kill_loses_at_most_a_minute_of_what_was_driven(tmp_path: Path) -> None:

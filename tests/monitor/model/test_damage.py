@@ -1,13 +1,12 @@
 """Damaged and hostile model files: refused in one line, whichever bit has changed."""
 
-import random
 import time
 from pathlib import Path
 
 import onnx
 import pytest
 
-from benchmarks.damage.fuzz_models import card_of, damaged, hostile, outcome, with_card_text
+from benchmarks.damage.fuzz_models import card_of, hostile, outcome, with_card_text
 from monitor.base.errors import ModelError
 from monitor.cli import main
 from monitor.model import model_file
@@ -17,15 +16,7 @@ from tests.conftest import ROOT
 from training.narx.export import update_card
 
 GOOD = shipped_model().read_bytes()
-DAMAGES = 400  # the benchmark fuzz_models does 10,000
 HOSTILE = dict(hostile(GOOD))
-
-
-def test_no_damage_of_a_model_file_is_judged_with(tmp_path: Path) -> None:
-    draw = random.Random(3)
-    seen = {outcome(damaged(GOOD, draw), GOOD, tmp_path / "m.onnx") for _ in range(DAMAGES)}
-    assert "refused" in seen
-    assert seen <= {"refused", "untouched", "harmless"}
 
 
 def test_every_bit_of_weights_and_limits_counts(tmp_path: Path) -> None:

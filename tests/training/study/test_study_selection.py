@@ -96,7 +96,7 @@ def healthy_drive(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 @pytest.fixture(scope="module")
 def chosen() -> dict[str, Any]:
     """Selection on a drive in closed loop, after a round through JSON."""
-    result = select(closed_loop_drive(1), LAMBDA_INPUTS, "lambda_measured", seed=1)
+    result = select(closed_loop_drive(1, 1200), LAMBDA_INPUTS, "lambda_measured", 1, 0.05)
     return json.loads(json.dumps(result, allow_nan=False))  # type: ignore[no-any-return]
 
 
