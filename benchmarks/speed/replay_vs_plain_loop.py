@@ -102,7 +102,7 @@ def measure(path: Path, drive_s: float, rounds: int, folder: Path) -> list[Row]:
 
 def main(argv: Sequence[str]) -> int:
     """Compare on both logs; return 1 if the base is not 50 times as fast on the full bus."""
-    options = BenchmarkOptions(__name__, __doc__, seconds=30.0, rounds=1)
+    options = BenchmarkOptions(__name__, __doc__, seconds=60.0, rounds=1)
     options.add_argument("--seconds", type=float, default=2700.0, help="of the full bus")
     options.add_argument("--rounds", type=int, default=3)
     args = options.parse_args(argv)
