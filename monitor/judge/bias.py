@@ -101,25 +101,26 @@ class Course:
         return abs(slope) * n > RISE * window_std and line < step
 
     def step(
-        self, most: float, window_std: float, config: BiasConfig
-    ) -> tuple[float, float, float]:
-        """Return the surest step of the offset: its means before and after, and how sure it is.
+        self, most: float, healthy: float, window_std: float, config: BiasConfig
+    ) -> tuple[float, float]:
+        """Return the surest step of the offset away from the healthy one, and how sure it is.
 
-        most : size of a healthy step
+        most, healthy : size of a healthy step, healthy offset
         Sure is in standard deviations of the step's size, beyond ``most``. A window counts for no
         more than it would take to be a step alone, from the drive's median.
         """
         n = len(self._means)
         if n < LEAST or max(self._means) - min(self._means) <= most:
-            return 0.0, 0.0, -math.inf
+            return 0.0, -math.inf
         middle = float(np.median(self._means))
         sums = np.cumsum(bounded(self._means, middle - most, middle + most, window_std, config))
         k, shared = np.arange(EDGE, n - EDGE + 1), config.variance_shared
         before, after = sums[k - 1] / k, (sums[-1] - sums[k - 1]) / (n - k)
         own = (1.0 - shared) / self._each * (1.0 / k + 1.0 / (n - k))
         sure = (np.abs(after - before) - most) / (window_std * np.sqrt(2.0 * shared + own))
+        sure[np.abs(after - healthy) <= np.abs(before - healthy)] = -math.inf
         i = int(sure.argmax())
-        return float(before[i]), float(after[i]), float(sure[i])
+        return float(after[i] - before[i]), float(sure[i])
 
 
 class BiasRule:
@@ -201,7 +202,6 @@ class BiasRule:
         """Return the step of an offset that began within the drive, 0 without one."""
         if not math.isfinite(self._step_most):
             return 0.0
-        before, after, sure = self._course.step(self._step_most, self._window_std, self._config)
-        middle = 0.5 * (self._low + self._high)
-        is_away = abs(after - middle) > abs(before - middle)
-        return after - before if is_away and sure > self._config.certainty else 0.0
+        healthy, std = 0.5 * (self._low + self._high), self._window_std
+        step, sure = self._course.step(self._step_most, healthy, std, self._config)
+        return step if sure > self._config.certainty else 0.0

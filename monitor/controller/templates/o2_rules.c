@@ -587,7 +587,8 @@ static float stepped(const o2_monitor *m)
     float total = 0.0f;
     float sum = 0.0f;
     float surest = -INFINITY;
-    float found[2] = {0.0f, 0.0f};
+    float found = 0.0f;
+    float healthy = 0.5f * (m->vehicle.offset_low + m->vehicle.offset_high);
     float middle = 0.0f;
     for (uint16_t i = 0U; i < n; i++) {
         high = fmaxf(high, m->course[i]);
@@ -612,17 +613,13 @@ static float stepped(const o2_monitor *m)
         after = (total - sum) / left;
         sure = (fabsf(after - before) - O2_STEP_MOST) /
                (O2_OFFSET_STD * sqrtf((2.0f * O2_SHARED) + own));
-        if ((k >= O2_COURSE_EDGE) && (sure > surest)) {
+        if ((k >= O2_COURSE_EDGE) && (sure > surest) &&
+            (fabsf(after - healthy) > fabsf(before - healthy))) {
             surest = sure;
-            found[0] = before;
-            found[1] = after;
+            found = after - before;
         }
     }
-    middle = 0.5f * (m->vehicle.offset_low + m->vehicle.offset_high);
-    if ((surest > O2_BIAS_CERTAINTY) && (fabsf(found[1] - middle) > fabsf(found[0] - middle))) {
-        return found[1] - found[0];
-    }
-    return 0.0f;
+    return (surest > O2_BIAS_CERTAINTY) ? found : 0.0f;
 }
 
 static uint8_t named_bias(const o2_monitor *m, bool is_lean)
