@@ -23,7 +23,7 @@ from monitor.base.types import BoolArray, FloatArray
 class Region:
     """Learned points, thinned so that each healthy one lies near one that is kept."""
 
-    names: tuple[str, ...]  # inputs whose means, then whose spreads, make a point
+    names: tuple[str, ...]  # the model's first inputs, whose means, then spreads, make a point
     scale: FloatArray  # (n,) unit of each coordinate
     points: FloatArray  # (m, n) in these units
     most: float  # distance from the nearest point beyond which a window counts no longer
@@ -32,10 +32,12 @@ class Region:
     def beyond(self, inputs: FloatArray) -> FloatArray:
         """Return the distance of windows from the region over ``most``, (w,).
 
-        inputs : (w, n, n_inputs) of the windows' samples
+        inputs : (w, n, n_inputs) of the windows' samples; those of effects that were added to the
+            model after the region was learned come last and do not count
         """
         counts = counted(self.names, self.ignored)
-        scaled, points = (points_of(inputs) / self.scale)[:, counts], self.points[:, counts]
+        own = points_of(inputs[:, :, : len(self.names)])
+        scaled, points = (own / self.scale)[:, counts], self.points[:, counts]
         apart = [np.square(points - each).sum(axis=1).min() for each in scaled]
         return np.asarray(np.sqrt(apart) / self.most, dtype=np.float64)
 

@@ -45,13 +45,14 @@ def drive(
     effect: tuple[str, float] | None = None,
     duration_s: float = 400.0,
     coolant_degc: float | None = None,
+    of_vehicle: int = VEHICLE,
 ) -> Recording:
     """Return a recording as the monitor's grid sees it, the plant's own effect inside the loop."""
     weather = vehicle.conditions(seed)
     start_degc = weather.coolant_start_degc if coolant_degc is None else coolant_degc
     experiment = Experiment(
         cycle=cycle,
-        vehicle=VEHICLE,
+        vehicle=of_vehicle,
         seed=seed,
         effects=from_severities(dict([effect] if effect else [])),
         duration_s=duration_s,

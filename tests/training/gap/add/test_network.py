@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from monitor.base import config
 from monitor.base.errors import ModelError, RecordingError, UsageError
 from monitor.base.signals import NARX_INPUTS, OUTPUT
 from monitor.base.types import FloatArray
+from monitor.judge.limits import Limits
+from monitor.judge.response.region import Region
 from monitor.model.card import ModelCard
 from monitor.model.step import Model, from_model_units
 from monitor.pipeline.replay import shipped_model
@@ -29,11 +32,13 @@ from tests.helpers.gap.gap_networks import (
 from training.gap.add.network import add, retrain
 from training.gap.add.network_graph import AS_INPUT, DIFFERENCE, TO_OUTPUT, network_of
 from training.gap.add.network_training import old_weights, spec_of, with_difference
+from training.greybox.effects import ALL
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import from_recording
 from training.greybox.graph.chain_difference import ChainDifference
 from training.limits.evaluation import predict
-from training.narx.export import Network, save
+from training.limits.judging import judge_recordings
+from training.narx.export import Network, save, update_card
 from training.narx.fit import FitResult
 from training.narx.network import Spec
 from training.narx.network import simulate as run_network
@@ -267,6 +272,31 @@ def test_a_start_in_the_middle_of_a_drive_is_forgotten(base: FitResult, extended
             apart.append(abs(1.0 / late.step(inputs) - 1.0 / whole))
     assert max(apart) > 0.003
     assert max(apart[300:]) < 0.001
+
+
+@pytest.mark.parametrize("of_vehicle", [2011, 2012])
+def test_a_network_that_knows_its_region_is_judged_in_it_with_any_effect_of_the_library(
+    base: FitResult, tmp_path: Path, of_vehicle: int
+) -> None:
+    # GIVEN a network with decision limits and the region of its own inputs, far from every drive
+    usual, settings = Model.load(shipped_model()).card.limits, config.load()
+    n = 2 * len(base.card.inputs)
+    region = Region(base.card.input_names, np.ones(n), np.full((1, n), 1e6), most=1.0).to_card()
+    path = tmp_path / "base.onnx"
+    path.write_bytes(base.path.read_bytes())
+    update_card(path, replace(base.card, limits=usual, region=region))
+    driven = drive("us06", 2_020_140, duration_s=200.0, of_vehicle=of_vehicle)
+    for effect in ALL:
+        # WHEN an effect is added, of which several read signals that the network does not
+        added = ModelEffect.with_values(effect.name, [p.start[0] for p in effect.parameters])
+        out = tmp_path / f"{effect.name}.onnx"
+        add(path, [added], CHAIN, out, ranges=ranges(driven), recordings=FIT)
+        # THEN the monitor judges with it, and the region is that of the network's inputs
+        model = Model.load(out)
+        limits = Limits.from_card(model.card, settings, effect.name)
+        (judged,) = judge_recordings([driven], model, limits, settings)
+        assert judged.windows
+        assert all((w.statistics.region_beyond or 0.0) > 1.0 for w in judged.windows)
 
 
 def test_a_further_effect_is_added_to_a_model_that_has_one(
