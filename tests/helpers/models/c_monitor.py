@@ -144,6 +144,11 @@ def _said(block: SampleBlock, judged: Judged) -> Said:
         for c in judged.changes
         if c.dtc.code in CODES_INSIDE
     }
+    before: dict[str, tuple[str | None, int]] = {}
+    for (k, code), told in list(codes.items()):
+        if before.get(code) == told:  # only the faults beside it changed, which C does not tell
+            del codes[k, code]
+        before[code] = told
     flag = any(dtc.code in CODES_INSIDE for dtc in judged.dtcs)
     enabled, predicted = int(judged.enabled.sum()), float(np.nansum(judged.predicted))
     return Said(
