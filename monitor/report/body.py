@@ -24,6 +24,7 @@ from monitor.report.words import (
     is_simulated,
     meaning,
     names,
+    passed_beside,
     seconds,
     tests,
     verdict_counts,
@@ -398,7 +399,7 @@ def _why(recording: Mapping[str, Any]) -> str:
     """Return why there is no code: the first cause if the drive was not judged."""
     causes = recording["not_judged"]
     if causes:
-        return text(Cause(**causes[0]).in_words)
+        return text(passed_beside(recording) + Cause(**causes[0]).in_words)
     if is_catalyst_alone(recording):
         return CATALYST_ALONE
     cuts = recording.get("fuel_cut_response")

@@ -10,7 +10,7 @@ from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import fault_words
 from monitor.pipeline.events import Counted, CutJudged, CycleStarted, DtcChanged, Happening, RuleOff
 from monitor.report import evidence, fuel_cuts
-from monitor.report.words import CATALYST_ALONE, advice, is_catalyst_alone, tests
+from monitor.report.words import CATALYST_ALONE, advice, is_catalyst_alone, passed_beside, tests
 
 COUNTS: Final = {
     "ignition_cycle": "an ignition cycle is counted",
@@ -32,7 +32,7 @@ def verdict_text(recording: Mapping[str, Any]) -> str:
             return CATALYST_ALONE
         left = recording.get("trust", {}).get("not_tested")
         return f"no fault, not tested: {', '.join(left)}" if left else "no fault"
-    return f"not judged: {reason(recording)}"
+    return f"{passed_beside(recording)}not judged: {reason(recording)}"
 
 
 def verdict_lines(recording: Mapping[str, Any]) -> list[str]:
@@ -41,7 +41,7 @@ def verdict_lines(recording: Mapping[str, Any]) -> list[str]:
     if recording["fault_flag"] or not causes or not recording["samples"]:
         return [verdict_text(recording)]
     first, *others = (Cause(**cause).in_words for cause in causes)
-    return [f"not judged: {first}", *others]
+    return [f"{passed_beside(recording)}not judged: {first}", *others]
 
 
 def _when(dtc: Mapping[str, Any]) -> str:

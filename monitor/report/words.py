@@ -6,6 +6,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any, Final, NamedTuple
 
+from monitor.memory.codes import CONTINUOUS
 from monitor.report import catalyst
 
 VERDICTS = {  # class: symbol, words
@@ -130,6 +131,18 @@ def amount(evidence: Mapping[str, Any]) -> str:
     share = abs(evidence["log_odds"]) / evidence["needed"]
     words = f"{share:.1f} times" if share >= 1.0 else f"{100.0 * share:.0f}\u00a0% of"
     return f"{words} the evidence a decision needs"
+
+
+def passed_beside(recording: Mapping[str, Any]) -> str:
+    """Return which tests passed beside one that is not decided, but for those of the wiring.
+
+    >>> passed_beside({"tests": {"range": "passed", "bias": "passed", "response": "undecided"}})
+    'no fault in bias; '
+    """
+    tested = {k: v for k, v in recording.get("tests", {}).items() if k not in CONTINUOUS}
+    passed = [test for test, own in tested.items() if own == "passed"]
+    is_part = passed and "undecided" in tested.values()
+    return f"no fault in {', '.join(passed)}; " if is_part else ""
 
 
 def tests(recording: Mapping[str, Any]) -> str:

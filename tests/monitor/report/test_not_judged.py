@@ -108,6 +108,8 @@ def test_a_drive_without_a_verdict_names_the_column_at_fault(
     assert words in got.out  # in the text
     assert words.replace("'", "&#x27;") in got.page  # and on the page
     assert got.recording["not_judged"][0]["held_share"] < 0.1
+    is_part = got.recording["tests"]["response"] == "undecided"  # it hides no test that passed
+    assert ("no fault in activity; not judged" in got.out) == is_part
 
 
 def noisy(data: Columns) -> None:
