@@ -38,7 +38,7 @@ rail_pressure_mpa = { column = "baro_kpa", factor = 0.003 }
 """
 ME7 = 'engine_speed_rpm = "rpm"\nthrottle_percent = "tps_pct"\nlambda_measured = "lambda"\n'
 INPUTS = ("engine_speed_rpm", "manifold_pressure_kpa", "throttle_percent", "pw_ms")
-SMALL = ("--lags", "4", "--hidden", "6", "--starts", "1", "--budget", "0.1")
+SMALL = ("--lags", "4", "--hidden", "6", "--starts", "1")
 Rows = list[list[str]]
 
 
@@ -72,24 +72,14 @@ def me7(vehicles: Path) -> Path:
     return vehicles / "me7_zeitronix.csv.gz"
 
 
-def fitted(out: Path, recording: Path, columns: Path | None, *names: str) -> Path:
+def fitted(
+    out: Path, recording: Path, columns: Path | None, *names: str, budget: str = "0.02"
+) -> Path:
     """Return a small model of the recording."""
     mapped = ["--columns", str(columns)] if columns else []
-    code = training_cli.main(
-        [
-            "fit",
-            str(recording),
-            *mapped,
-            "--inputs",
-            *names[:-1],
-            "--output",
-            names[-1],
-            "--out",
-            str(out),
-            *SMALL,
-        ]
-    )
-    assert code == 0
+    signals = ["--inputs", *names[:-1], "--output", names[-1], "--out", str(out)]
+    size = [*SMALL, "--budget", budget]
+    assert training_cli.main(["fit", str(recording), *mapped, *signals, *size]) == 0
     return out
 
 
@@ -185,7 +175,7 @@ def test_a_model_that_takes_its_healthy_car_for_weak_names_no_fault(
     # the battery channel is garbled and leaves a model of few samples
     names = ("engine_speed_rpm", "manifold_pressure_kpa", "battery_voltage_v", "pw_ms")
     columns = folder / "mx5.toml"
-    model = fitted(folder / "garbled.onnx", mx5, columns, *names, "lambda_measured")
+    model = fitted(folder / "garbled.onnx", mx5, columns, *names, "lambda_measured", budget="0.1")
     assert "evidence of a fault" in Model.load(model).card.limits["evidence"].origin
     got = replayed(mx5, model, columns)
     assert got.recording["dtcs"] == []
@@ -205,7 +195,8 @@ def test_a_cold_sensor_is_not_stuck_where_nothing_says_that_the_engine_stands(
     mx5: Path, folder: Path, replayed: Callable[..., Replayed]
 ) -> None:
     begin = edited(mx5, folder / "begin.csv", lambda _, rows: rows[: len(rows) // 3])
-    model = fitted(folder / "own.onnx", begin, None, "rpm", "map_kpa", "tps_pct", "pw_ms", "lambda")
+    names = ("rpm", "map_kpa", "tps_pct", "pw_ms", "lambda")
+    model = fitted(folder / "own.onnx", begin, None, *names, budget="0.1")
     got = replayed(begin, model)
     assert got.exit_code == 3
     assert got.recording["dtcs"] == []
