@@ -3,8 +3,9 @@
     python bench.py LOG SCENARIO FOLDER
 
 Shortly before the log ends a UDS tester on vcan1 and an OBD tester on vcan0, behind the gateway,
-ask for codes, and a browser fetches the live page. FOLDER then holds run.json of the monitor,
-inject.txt of the gateway and clients.json of what they were told. Runs where both buses are up.
+ask for codes, and a browser fetches the live page. FOLDER then holds run.json and recorded.log of
+the monitor, inject.txt of the gateway and clients.json of what they were told. Runs where both
+buses are up.
 """
 
 import argparse
@@ -18,11 +19,12 @@ from pathlib import Path
 
 import can
 import isotp
-from play_and_monitor import wait_until_listening
+from listening import wait_until_listening
 from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 
 O2MON = [sys.executable, "-m", "monitor.cli"]
+SOCKETCAN = ("-i", "socketcan", "-c")
 REQUEST_ID, RESPONSE_ID = 0x7E1, 0x7E9
 PAGE = "http://127.0.0.1:8765/"
 ASK_BEFORE_END_S = 18.0
@@ -38,43 +40,11 @@ def main() -> int:
         parser.add_argument(name, type=Path)
     options = parser.parse_args()
     folder: Path = options.folder
-    monitor = [
-        *O2MON,
-        "run",
-        "-i",
-        "socketcan",
-        "-c",
-        "vcan1",
-        "--transmit",
-        "--live",
-        PAGE[7:-1],
-        "--quiet",
-        "--json",
-        str(folder / "run.json"),
-    ]
-    gateway = [
-        *O2MON,
-        "inject",
-        "-i",
-        "socketcan",
-        "-c",
-        "vcan0",
-        "--to-channel",
-        "vcan1",
-        "--scenario",
-        str(options.scenario),
-        "--assert",
-    ]
-    player = [
-        sys.executable,
-        "-m",
-        "can.player",
-        "-i",
-        "socketcan",
-        "-c",
-        "vcan0",
-        str(options.log),
-    ]
+    monitor = [*O2MON, "run", *SOCKETCAN, "vcan1", "--transmit", "--live", PAGE[7:-1], "--quiet"]
+    monitor += ["--json", str(folder / "run.json"), "--record", str(folder / "recorded.log")]
+    gateway = [*O2MON, "inject", *SOCKETCAN, "vcan0", "--to-channel", "vcan1", "--assert"]
+    gateway += ["--scenario", str(options.scenario)]
+    player = [sys.executable, "-m", "can.player", *SOCKETCAN, "vcan0", str(options.log)]
     returncodes = {}
     with (
         (folder / "run.txt").open("wb") as said,

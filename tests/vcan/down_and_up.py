@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 
 import can
-from play_and_monitor import n_receivers, wait_until_listening
+from listening import n_receivers, wait_until_listening
 
 CHECK = [sys.executable, "-m", "tests.vcan.check_obd"]
 MONITOR = ["-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--json-lines"]

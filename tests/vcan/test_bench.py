@@ -4,23 +4,25 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from obd import decoders
 
 import dbc
 from monitor.base.types import Frame
+from monitor.cli import main
 from monitor.decode.bus_map import load_pairs
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
 from monitor.inject.rewrite import writers
 from tests.vcan.guest import Finished
-from tests.vcan.test_socketcan import codes, only_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 BENCH = ROOT / "tests" / "vcan" / "bench.py"
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 FROM_S, LENGTH_S = 10.0, 36.0  # the code is there after 15 s
 THINNED = (0xC0, 0xC1, 0xC2)  # from 50 to 25 frames/s each, so that both buses carry 250
+PASSED = (0xC0, 0xC1, 0xC8, 0x1A0, 0x2A0, 0x2A1)  # of the ECU, without lambda
 START_AND_END_S = 240.0  # boot, imports and shutdown, on one slow CPU that others use too
 
 SCENARIO = """
@@ -49,11 +51,21 @@ def test_a_fault_put_in_between_two_buses_is_found_and_told_to_testers_and_brows
     assert finished.returncode == 0, finished.stdout
     assert json.loads(finished.stdout.splitlines()[-1]) == {"player": 0, "gateway": 0, "monitor": 0}
     # THEN the monitor on vcan1 has the code and no other, and so has the gateway's own judge
-    recording = only_recording(tmp_path / "run.json")
-    assert codes(recording) == [("P015A", "delay_rich_to_lean", "pending")]
+    live = only_recording(tmp_path / "run.json")
+    codes = [(dtc["code"], dtc["fault"], dtc["state"]) for dtc in live["dtcs"]]
+    assert codes == [("P015A", "delay_rich_to_lean", "pending")]
     table = (tmp_path / "inject.txt").read_text()
     assert "P015A pending within 60 s  P015A pending (delay_rich_to_lean) after" in table
     assert " 0 not sent, 0 error frames" in table
+    # AND no frame was lost, and what was recorded replays to exactly what the monitor said
+    recorded = tmp_path / "recorded.log"
+    assert untouched(recorded) == untouched(log)
+    report = tmp_path / "again.json"
+    assert main(["replay", str(recorded), "--json", str(report)]) == 1
+    again = only_recording(report)
+    assert live["windows"], "nothing was judged, so nothing was compared"
+    assert live["windows"] == again["windows"]
+    assert live["dtcs"] == again["dtcs"]
     # AND a UDS tester, an OBD tester behind the gateway, and the live page say the same
     told = json.loads((tmp_path / "clients.json").read_text())
     assert [(code[:4], status & 0x0F) for code, status in told["uds"].items()] == [("015A", 0x07)]
@@ -66,6 +78,16 @@ def test_a_fault_put_in_between_two_buses_is_found_and_told_to_testers_and_brows
     assert shown["channel"] == "socketcan vcan1"
     assert shown["health"]["timestamps"] == "kernel"
     assert len(shown["samples"]) > 150
+
+
+def only_recording(report: Path) -> dict[str, Any]:
+    (recording,) = json.loads(report.read_text(encoding="utf-8"))["recordings"]
+    return dict(recording)
+
+
+def untouched(log: Path) -> list[tuple[int, bytes]]:
+    """Return what the frames of the ECU say that the gateway only passes on, in order."""
+    return [(f.can_id, f.data) for f in read_frames(log) if f.can_id in PASSED]
 
 
 def stretch(frames: list[Frame]) -> list[Frame]:

@@ -6,11 +6,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import can
 import pytest
 
+from tests.conftest import ROOT
 from tests.helpers.bus import on_can
 from tests.vcan.guest import Finished
-from tests.vcan.test_socketcan import ROOT, recording_of, stretch, write_log
 
 LENGTH_S = 33.0  # the code is there after 30 s
 START_AND_END_S = 240.0  # boot, imports and shutdown, on one slow CPU that others use too
@@ -22,7 +23,13 @@ def test_the_example_sets_the_flag_at_the_sample_at_which_the_monitor_sets_it(
 ) -> None:
     # GIVEN the begin of a faulty drive, and the example built for this machine
     log, program = tmp_path / "played.log", on_can.compiled_in(tmp_path / "o2c")
-    write_log(log, stretch(recording_of("delay_rich_to_lean"), 0.0, LENGTH_S))
+    (drive,) = (ROOT / "replay_logs").glob("delay_rich_to_lean_*")
+    with can.LogReader(drive) as reader, can.CanutilsLogWriter(log) as writer:
+        frames = list(reader)
+        for frame in frames:
+            frame.channel = "vcan0"
+            if frame.timestamp < frames[0].timestamp + LENGTH_S:
+                writer.on_message_received(frame)
     # WHEN it is played into vcan0, where both listen
     out = tmp_path / "sent.json"
     command = [sys.executable, str(ROOT / "tests" / "vcan" / "two_monitors.py"), log, program, out]

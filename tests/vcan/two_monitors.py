@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import can
-from play_and_monitor import n_receivers, wait_until_listening
+from listening import n_receivers, wait_until_listening
 
 STATUS = [{"can_id": 0x5C0, "can_mask": 0x7FF, "extended": False}]
 O2MON = [sys.executable, "-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--transmit"]

@@ -15,9 +15,6 @@ from benchmarks.studies.workflow.plan import Part
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from training.cli import main as o2train
-from training.dyno.recording_files import write
-from training.dyno.simulation import Experiment
 from training.gap.inputs import suitability
 from training.gap.inputs.roles import GapOptions, Material
 from training.gap.result import Result
@@ -228,12 +225,6 @@ def test_what_an_extended_model_has_is_asked_of_healthy_drives_that_show_it(
         assert as_shown(drives, start) is drives
 
 
-def test_drives_like_the_healthy_ones_get_no_name(chain: Path, tmp_path: Path) -> None:
-    found = asked(chain, recordings(2_313_000), tmp_path)
-    assert found.verdict == "no_gap"
-    assert found.addition.path is None
-
-
 def test_a_network_has_the_reference_of_the_chain_and_keeps_it(tmp_path: Path) -> None:
     # GIVEN a network of another vehicle, with this vehicle's reference
     network = tmp_path / "network.onnx"
@@ -301,25 +292,3 @@ def test_too_few_recordings_teach_nothing_and_say_so(chain: Path, tmp_path: Path
     assert warning is not None
     assert "2 of 3 recordings can be used, 3 are wanted" in warning
     assert "s can be scored" in warning
-
-
-def test_fit_leaves_a_reference_in_the_card(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    files = [
-        write(
-            Experiment(cycle=c, vehicle=VEHICLE, seed=2_314_000 + i, duration_s=300.0),
-            tmp_path,
-            "parquet",
-        )
-        for i, c in enumerate(("wltc_3b", "micro_trips", "us06"))
-    ]
-    out = tmp_path / "chain.onnx"
-    assert o2train(["fit", *map(str, files), "--kind", "greybox", "--out", str(out)]) == 0
-    assert "healthy reference of o2train gap: 3 recordings" in capsys.readouterr().out
-    card = Model.load(out).card
-    assert card.reference[KEY]["recordings"] == [file.name for file in files]
-    assert {"derived", KEY} <= set(card.reference)
-    read, _ = from_card(card)
-    assert read is not None
-    assert set(read.surplus) >= {"wall_film", "biased"}

@@ -1,6 +1,5 @@
 """Effects in the grey-box graph: they are their numpy forms, and the monitor runs them."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -8,18 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor import cli
 from monitor.base.errors import ModelError
 from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap.gap_graphs import FIT, driven, fitted, plain, ranges_of, recording
-from tests.helpers.gap.gap_simulated import known, simulated, two_drives
-from training.dyno.recording_files import write
-from training.dyno.simulation import Experiment
 from training.gap.add.greybox import ChainVehicle, add
-from training.gap.name.naming import name as named
 from training.greybox.chain import Constants
 from training.greybox.charge.map import INPUTS as CHARGE_INPUTS
 from training.greybox.effects import ALL, LIBRARY
@@ -42,7 +37,10 @@ PURGE = ModelEffect.with_values("purge", [1.5])
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return fitted(tmp_path_factory.mktemp("base") / "base.onnx")
+    path = fitted(tmp_path_factory.mktemp("base") / "base.onnx")
+    limits = Model.load(shipped_model()).card.limits
+    update_card(path, replace(Model.load(path).card, limits=limits))
+    return path
 
 
 def run(file: Path, drive: ChainDrive) -> FloatArray:
@@ -241,46 +239,6 @@ def test_effects_act_on_whatever_charge_the_chain_has(
         [e.values for e in every],
     )
     assert np.abs(run(out, driven()) - expected)[card.lags :].max() < TOLERANCE
-
-
-def test_a_named_effect_in_the_file_makes_the_gap_smaller_on_a_drive_no_fit_saw(
-    base: Path, tmp_path: Path
-) -> None:
-    # GIVEN drives of a vehicle with a wall film in the plant's form, and its name
-    drives = two_drives(2_200_140, ("wall_film", 4.0))
-    found = named(drives, known())
-    vehicle = ChainVehicle.of(known(), Greybox.of(Model.load(base).card), drives)
-    assert [e.name for e in found.answer.effects] == ["wall_film"]
-    # WHEN it is added with the constants it was found with, and without it
-    fresh = simulated("wltc_3b", 2_200_153, ("wall_film", 4.0))
-    off = []
-    for i, effects in enumerate(([], [e.model_effect() for e in found.answer.effects])):
-        out = tmp_path / f"{i}.onnx"
-        add(base, effects, out, ranges=ranges_of(), recordings=FIT, vehicle=vehicle)
-        off.append(np.mean((run(out, fresh) - fresh.phi_measured)[fresh.scored] ** 2))
-    # THEN the model with it is nearer to the measurement
-    assert off[1] < 0.6 * off[0]
-
-
-def test_the_monitor_runs_the_extended_model(base: Path, tmp_path: Path) -> None:
-    # GIVEN a drive as a table, a model with decision limits, and it with effects
-    experiment = Experiment(cycle="micro_trips", seed=2_000_002, vehicle=2001)
-    table, old, out = write(experiment, tmp_path, "csv"), tmp_path / "o.onnx", tmp_path / "m.onnx"
-    old.write_bytes(base.read_bytes())
-    limits = Model.load("monitor/model/shipped.onnx").card.limits
-    update_card(old, replace(Model.load(base).card, limits=limits))
-    assert add(old, [FILM, PURGE, TAIL], out, ranges=ranges_of(), recordings=FIT).limits == limits
-    windows = []
-    for model in (old, out):
-        report = tmp_path / "report.json"
-        code = cli.main(["replay", str(table), "--model", str(model), "--json", str(report)])
-        assert code in {0, 1}
-        found = json.loads(report.read_text())["recordings"][0]
-        assert found["enabled_samples"] > 1000
-        windows.append(np.array([w["mean"] for w in found["windows"]]))
-    # THEN both judge the drive, and effects that this vehicle has not make the residuals larger
-    assert min(map(len, windows)) > 60
-    assert np.abs(windows[1]).mean() > 2.0 * np.abs(windows[0]).mean()
 
 
 def test_what_cannot_be_added_is_refused(base: Path, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from monitor.model.step import Model
 from tests.helpers.gap.gap_files import drives, run
 from training import cli
 from training.gap import workflow
-from training.gap.add import choice, greybox
+from training.gap.add import choice
 from training.gap.add.addition import withheld_effects
 from training.gap.inputs.roles import GapOptions, Material
 from training.gap.workflow import investigate
@@ -23,7 +23,8 @@ from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import ChainDrive
 from training.healthy import base, yardstick
 from training.healthy.behaviour import Healthy
-from training.recordings.recording import Recording, load
+from training.healthy.card import KEY, from_card
+from training.recordings.recording import load
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -64,6 +65,17 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Drives with a wall film, one of them as a CAN log."""
     folder = tmp_path_factory.mktemp("film")
     return drives(folder, 2_800_041, ("wall_film", 4.0), suffixes=("parquet", "log", "csv.gz"))
+
+
+def test_fit_leaves_a_reference_of_the_healthy_vehicle_in_the_card(
+    chain: Path, healthy: list[Path]
+) -> None:
+    card = Model.load(chain).card
+    assert card.reference[KEY]["recordings"] == [path.name for path in healthy]
+    assert {"derived", KEY} <= set(card.reference)
+    read, _ = from_card(card)
+    assert read is not None
+    assert set(read.surplus) >= {"wall_film", "biased"}
 
 
 class Stopped:
@@ -171,30 +183,6 @@ def test_the_model_that_is_looked_at_is_not_written_over(
     assert run("--model", new, *film, "--healthy", *healthy, "--out", named.out) == 2
     assert f"{new}: is read, too" in capsys.readouterr().err
     assert new.read_bytes() == before
-
-
-def test_the_new_model_can_be_extended_again(
-    named: Stopped, film: list[Path], tmp_path: Path
-) -> None:
-    # GIVEN the model with the wall film
-    old = named.out / "model.onnx"
-    recording = load(film[0])
-    (drive,) = base.drives_of(old, [recording])
-    ranges = {name: (float(x.min()), float(x.max())) for name, x in drive.signals.items()}
-    # WHEN another effect is added to it
-    more = ModelEffect.with_values("injector_offset", [0.2])
-    greybox.add(old, [more], tmp_path / "both.onnx", ranges=ranges, recordings=())
-    # THEN the file has both, and reads otherwise
-    both = Model.load(tmp_path / "both.onnx").card.effects
-    assert [each["name"] for each in both] == ["wall_film", "injector_offset"]
-    assert abs(_mean_phi(tmp_path / "both.onnx", recording) - _mean_phi(old, recording)) > 1e-3
-
-
-def _mean_phi(model: Path, recording: Recording) -> float:
-    from training.recordings.prediction import predicted_phi
-
-    (phi,) = predicted_phi(model, [recording])
-    return float(phi.mean())
 
 
 def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
