@@ -29,6 +29,7 @@ SECTIONS: Final = {
     "against_sensor": ("sensor", ""),
     "faulty": ("sensor", ""),
     "steady": ("steady", "Steady training, transient use"),
+    "effort": ("effort", "How much driving a calibration takes"),
 }
 
 

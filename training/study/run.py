@@ -20,6 +20,7 @@ from training.limits.data_check.findings import verdict
 from training.recordings.samples.preparation import ENABLE_COLUMNS
 from training.study import choice, page
 from training.study.baselines import baselines, beside
+from training.study.effort import effort
 from training.study.narx.study import narx_study
 from training.study.preparation import preparation
 from training.study.results import public, store, stored
@@ -73,6 +74,7 @@ STEPS = (
         "sensor", "model against sensor, healthy and faulty", against_sensor, "shipped", True
     ),
     StudyStep("steady", "steady training, transient use", steady, whole=True, skips=BAD_DATA),
+    StudyStep("effort", "driving that a calibration takes", effort, whole=True, skips=BAD_DATA),
 )
 
 

@@ -35,7 +35,7 @@ SMALL = [
 ]
 PARTS = [
     *("check", "preparation", "selection", "linear", "narx", "free", "choice", "shipped"),
-    *("beside", "sensor", "steady"),
+    *("beside", "sensor", "steady", "effort"),
 ]
 
 
@@ -138,6 +138,15 @@ def test_steady_training_sees_less_of_the_transients(result: dict[str, Any]) -> 
     assert abs(steady["samples"] - mixed["samples"]) < 0.1 * mixed["samples"]
 
 
+def test_the_effort_is_told_for_parts_of_the_driving_up_to_all_of_it(
+    result: dict[str, Any],
+) -> None:
+    parts = result["effort"]["parts"]
+    assert [part["minutes"] for part in parts] == [5.0, 10.0, 12.5]
+    assert all(0 <= part["found"] <= part["put_on"] for part in parts)
+    assert parts[-1]["put_on"] > 0 or parts[-1]["why"]
+
+
 def test_the_report_stands_alone(result: dict[str, Any], command: list[str]) -> None:
     text = (Path(command[-1]) / "report.html").read_text()
     shown = re.sub(r"data:image/svg\+xml;base64,[^\"]*", "", text)
@@ -145,8 +154,8 @@ def test_the_report_stands_alone(result: dict[str, Any], command: list[str]) -> 
     assert "://" not in shown and "<script" not in shown and "nan" not in shown.split()
     for target in re.findall(r'href="#([^"]+)"', shown):
         assert f'id="{target}"' in shown
-    assert shown.count("<h2") == 13
-    for asked in ("How good", "Better than a linear", "paper's rule find faults", "data enough"):
+    assert shown.count("<h2") == 14
+    for asked in ("How good", "Better than a linear", "paper's rule find", "much driving", "data enough"):
         assert asked in shown[: shown.index("<table")]
     for warning in result["warnings"]:
         assert warning.split("<")[0][:40] in shown
