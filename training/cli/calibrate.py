@@ -5,6 +5,7 @@ from json import dumps
 from typing import Annotated
 
 from monitor.base.command_line.parameters import Output, Recordings, SettingsFile
+from monitor.base.command_line.verbosity import LOG
 from training.cli.options import ModelPath, NewModel, Page, ReadOptions, load_all
 
 EXAMPLES = """examples:
@@ -25,6 +26,7 @@ def run(
     healthy: Recordings,
     faulty: Recordings = (),
     false_alarms: Annotated[float, "RATE"] = 0.01,
+    emission_limit: Annotated[float | None, "TIMES"] = None,
     out: NewModel | None = None,
     settings: SettingsFile,
     reading: ReadOptions,
@@ -41,6 +43,9 @@ def run(
     faulty : recordings with a sensor fault at the limit severity (default: none)
     false_alarms : highest accepted false-alarm rate of the paper's rule per healthy window, above 0
         and below 0.5
+    emission_limit : propose limits of lag, dead time and gain: severities from which a simulated
+        car with a catalyst emits so many times as much as with a sound sensor, for example 1.5;
+        takes two minutes
     out : model file to write (default: the file of --model is changed)
     json : write the limits and all figures as JSON
     report : write an HTML report
@@ -65,6 +70,10 @@ def run(
         false_alarms,
         config.load(settings.config),
     )
+    if emission_limit is not None:
+        from training.dyno.tailpipe import proposal
+
+        result["emissions"] = proposal(emission_limit, lambda name: LOG.info("emissions: %s", name))
     update_card(model, card, goal)
     for warning in result["warnings"]:
         print(f"o2train: warning: {warning}", file=sys.stderr)

@@ -64,6 +64,7 @@ class Mixture(NamedTuple):
     downstream_heater: FloatArray  # duty, 0 to 1
     brick_degc: FloatArray
     downstream_reading: FloatArray  # of a wide-range sensor, as -x
+    tailpipe_x: FloatArray  # of the gas behind the catalyst; above 0 it is lean
 
 
 @numba.njit(cache=True)
@@ -318,7 +319,7 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
     exhaust, control = _Exhaust(0, 1.0, 1.0, 0.0, 1.0), _Control(1.0, 0.0, 0.0)
     uego, slow, phase, since_cut, lambda_read = 1.0, 1.0, 0.0, 10.0, np.nan
     stoichiometric = STOICHIOMETRIC_AIR_FUEL - 5.7 * e.ethanol
-    behind = np.empty((4, len(rear_noise)))
+    behind = np.empty((5, len(rear_noise)))
     cells_g, ring = np.zeros(catalyst.CELLS), np.full(catalyst.RING, 0.5)
     brick = _begin_brick(rear, rear_warm)
     for k in range(n):
@@ -421,6 +422,7 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
             )
             behind[0, k], behind[1, k], behind[2, k] = brick.volts, brick.heater, brick.degc
             behind[3, k] = brick.reading + catalyst.WIDE_NOISE * rear_noise[k]
+            behind[4, k] = brick.x_out
     return Mixture(
         fuel_ecu_mg=out[0],
         lambda_measured=out[1],
@@ -433,6 +435,7 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
         downstream_heater=behind[1],
         brick_degc=behind[2],
         downstream_reading=behind[3],
+        tailpipe_x=behind[4],
     )
 
 

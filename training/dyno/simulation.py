@@ -68,7 +68,19 @@ def simulate(experiment: Experiment) -> dict[str, FloatArray]:
 
     Raises UsageError for an unknown cycle or a duration that is not positive.
     """
-    key = [0x0_2, 3, experiment.seed, experiment.vehicle]
+    air, fuel, conditions = driven(experiment)
+    duty_percent = _heater_percent(experiment, air)
+    rng = np.random.default_rng([*_key(experiment), 4])
+    signals = _canonical(air, fuel, duty_percent, conditions, rng)
+    if experiment.downstream:
+        signals |= _behind(fuel, wide=experiment.wide_downstream)
+    own = experiment.engine
+    return signals if own is None else signals | _logged(own, air, fuel)
+
+
+def driven(experiment: Experiment) -> tuple[SimulatedDrive, Mixture, Conditions]:
+    """Return air side, mixture and conditions of the drive; raises as ``simulate``."""
+    key = _key(experiment)
     trace = cycles.load(experiment.cycle, np.random.default_rng(key), experiment.duration_s)
     piece = experiment.piece or vehicle.piece(experiment.vehicle)
     conditions = experiment.conditions or vehicle.conditions(experiment.seed)
@@ -94,11 +106,11 @@ def simulate(experiment: Experiment) -> dict[str, FloatArray]:
         rear_rng=np.random.default_rng([*key, 6]) if experiment.downstream else None,
         linear=experiment.linear_reading,
     )
-    duty_percent = _heater_percent(experiment, air)
-    signals = _canonical(air, fuel, duty_percent, conditions, np.random.default_rng([*key, 4]))
-    if experiment.downstream:
-        signals |= _behind(fuel, wide=experiment.wide_downstream)
-    return signals if own is None else signals | _logged(own, air, fuel)
+    return air, fuel, conditions
+
+
+def _key(experiment: Experiment) -> list[int]:
+    return [0x0_2, 3, experiment.seed, experiment.vehicle]
 
 
 def _rear(experiment: Experiment, c: Conditions) -> downstream.Downstream:

@@ -1,6 +1,6 @@
 """Text and page of a calibration."""
 
-from typing import Any
+from typing import Any, Final
 
 from matplotlib.figure import Figure
 
@@ -8,6 +8,8 @@ from monitor.base.counts import counted
 from training.pages.figure import drawing
 from training.pages.numbers import with_unit
 from training.pages.page import page
+
+EMISSIONS: Final = "tailpipe above {limit:g} times that with a sound sensor ({source}):"
 
 
 def as_text(result: dict[str, Any]) -> str:
@@ -29,7 +31,21 @@ def as_text(result: dict[str, Any]) -> str:
     if result["detection"]:
         lines.append(detection(result))
     lines.append(monitor(result))
+    if told := result.get("emissions"):
+        rows = (f"  {', '.join(row)}" for row in emissions(told))
+        own = ", ".join(f"{key} = {value:g}" for key, value in told["response"].items())
+        lines += [EMISSIONS.format(**told), *rows, f"settings that follow, [response]: {own}"]
     return "\n".join(lines)
+
+
+def emissions(told: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Return each fault, the severity at which the emissions cross the limit, and the pollutant."""
+    return [
+        (name, f"from {each['severity']:.2g} {each['unit'].strip('-')}".strip(), each["pollutant"])
+        if each["severity"]
+        else (name, "not reached", "-")
+        for name, each in told["faults"].items()
+    ]
 
 
 def sentence(result: dict[str, Any]) -> str:
@@ -139,6 +155,7 @@ def as_page(result: dict[str, Any]) -> str:
         drives={kind: [cells(row) for row in result[kind]] for kind in ("healthy", "faulty")},
         detection=detection(result) if result["detection"] else "",
         monitor=monitor(result),
+        emissions=emissions(result["emissions"]) if "emissions" in result else [],
         windows=_window_figure(result),
     )
 

@@ -13,7 +13,7 @@ from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.model.step import Model
 from training.limits.decision_limits import set_limits
-from training.limits.trust import trust_of
+from training.limits.trust import MOST_DRIVES, trust_of
 from training.narx.fit import FitOptions, FitSource, fit
 from training.recordings.recording import Recording
 from training.study.task import Parts, Task, source
@@ -31,10 +31,14 @@ def effort(task: Task, _: Parts) -> dict[str, Any]:
     if not task.test:
         raise RecordingError("no held-out drives of the healthy vehicle (--test)")
     rows = [_found(task, part) for part in _parts(task.recordings)]
-    enough = (r for r in rows if r["put_on"] and r["found"] >= WANTED * r["put_on"])
+    enough = None  # from which on all longer parts suffice, too
+    for row in reversed(rows):
+        if not row["put_on"] or row["false"] or row["found"] < WANTED * row["put_on"]:
+            break
+        enough = row
     return {
         "parts": rows,
-        "enough": next((row for row in enough if not row["false"]), None),
+        "enough": enough,
         "source": source((*task.recordings, *task.test)),
     }
 
@@ -78,6 +82,6 @@ def _found(task: Task, part: list[Recording]) -> dict[str, Any]:
     found = trust.get("found", {})
     return row | {
         "found": sum(found.values()),
-        "put_on": len(found) * trust.get("drives", 0),
+        "put_on": len(found) * len(task.test[:MOST_DRIVES]),
         "false": sum(trust.get("false", {}).values()),
     }

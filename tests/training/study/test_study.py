@@ -155,7 +155,13 @@ def test_the_report_stands_alone(result: dict[str, Any], command: list[str]) -> 
     for target in re.findall(r'href="#([^"]+)"', shown):
         assert f'id="{target}"' in shown
     assert shown.count("<h2") == 14
-    for asked in ("How good", "Better than a linear", "paper's rule find", "much driving", "data enough"):
+    for asked in (
+        "How good",
+        "Better than a linear",
+        "paper's rule find",
+        "much driving",
+        "data enough",
+    ):
         assert asked in shown[: shown.index("<table")]
     for warning in result["warnings"]:
         assert warning.split("<")[0][:40] in shown
