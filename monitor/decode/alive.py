@@ -49,7 +49,7 @@ class AliveCounters:
             elif pause_ns is None or counter.would_tell(begin, at, pause_ns, self._t_ns):
                 n_on += 1
                 bits_on += counter.bits
-        if bits_on >= SURE_BITS and 2 * n_missed < n_on:
+        if bits_on >= SURE_BITS and not n_missed:
             return "went on"
         return "missed" if n_missed > n_on else "unknown"
 
