@@ -20,13 +20,13 @@ from training.limits.data_check.findings import verdict
 from training.recordings.samples.preparation import ENABLE_COLUMNS
 from training.study import choice, page
 from training.study.baselines import baselines, beside
-from training.study.effort import effort
+from training.study.driving.effort import effort
+from training.study.driving.steady import steady_against_mixed as steady
 from training.study.narx.study import narx_study
 from training.study.preparation import preparation
 from training.study.results import public, store, stored
 from training.study.selection.selection import selection
 from training.study.sensor import against_sensor
-from training.study.steady import steady_against_mixed as steady
 from training.study.task import Parts, Task, source
 
 SCHEMA = "o2train.study/1"

@@ -1,0 +1,1 @@
+"""Catalyst, downstream sensor and tailpipe of the simulated car."""

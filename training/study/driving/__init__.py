@@ -1,0 +1,1 @@
+"""How the driving that trains a model changes what it can do."""
