@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.outcome import BenchmarkOptions, Row, finish, say
-from training.dyno import truth
 from training.dyno.engine import INJECTIONS, METERINGS, EngineLayout
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
+from training.dyno.truth import tables as truth
 from training.ecu_tables import config, fit, signals, tables
 from training.recordings.ecu_table import EcuTable, axes_of
 from training.recordings.recording import load

@@ -71,7 +71,7 @@ def run(
         config.load(settings.config),
     )
     if emission_limit is not None:
-        from training.dyno.behind.tailpipe import proposal
+        from training.dyno.truth.tailpipe import proposal
 
         result["emissions"] = proposal(emission_limit, lambda name: LOG.info("emissions: %s", name))
     update_card(model, card, goal)

@@ -176,8 +176,8 @@ def _write_truth(experiment: "Experiment", args: SimulateCommand, out: Path) -> 
     import numpy as np
 
     from training.cli.tables import axes_for
-    from training.dyno import truth
     from training.dyno.simulation import simulate
+    from training.dyno.truth import tables as truth
     from training.recordings.ecu_table import KPA, MG_PER_STROKE, document
 
     engine = experiment.engine

@@ -12,7 +12,7 @@ import numpy as np
 from monitor.base import faults
 from monitor.base.faults import Fault
 from monitor.base.types import FloatArray
-from training.dyno.behind import catalyst, downstream
+from training.dyno import catalyst, downstream
 from training.dyno.cycles import STEP_S
 from training.dyno.drive import SimulatedDrive
 from training.dyno.effects import Effects

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.files import manifest
-from training.dyno import ecu, logger
-from training.dyno.behind import downstream
+from training.dyno import downstream, ecu, logger
 from training.dyno.simulation import Experiment, simulate
 from training.recordings.files.can_log import write_log
 from training.recordings.recording import sha256, write_table

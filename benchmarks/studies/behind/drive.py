@@ -19,8 +19,7 @@ from monitor.judge.catalyst.watch import BehindResult, CatalystMonitor
 from monitor.judge.decision.decisions import CIRCUIT_TESTS
 from monitor.memory.codes import CODES
 from monitor.memory.debounce import PASSED, Debounce
-from training.dyno import ecu, effects
-from training.dyno.behind import downstream
+from training.dyno import downstream, ecu, effects
 from training.dyno.simulation import Experiment, simulate
 from training.dyno.vehicle import conditions, piece
 

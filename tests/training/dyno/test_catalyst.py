@@ -11,8 +11,7 @@ from monitor.base import downstream_faults
 from monitor.base.errors import UsageError
 from monitor.base.types import FloatArray
 from tests.helpers.examples import inputs
-from training.dyno import ecu
-from training.dyno.behind import catalyst, downstream
+from training.dyno import catalyst, downstream, ecu
 from training.dyno.simulation import Experiment, simulate
 
 WARM_S = 300.0

@@ -12,10 +12,10 @@ import pytest
 from monitor.base.errors import UsageError
 from training.cli import main
 from training.cli.console.share_bar import Share
-from training.dyno import truth
 from training.dyno.engine import EngineLayout, dead_time_ms, engine
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
+from training.dyno.truth import tables as truth
 from training.ecu_tables.balance import balance, balance_text
 from training.ecu_tables.config import defaults
 from training.ecu_tables.drive_plan import plan

@@ -50,7 +50,7 @@ def as_page(result: dict[str, Any]) -> str:
 
 def section(result: dict[str, Any]) -> str:
     """Return the findings as a section of another page."""
-    return part("study/check.html", verdict=verdict(result), **_view(result))
+    return part("data_check.html", verdict=verdict(result), **_view(result))
 
 
 def _reason(result: dict[str, Any]) -> str:

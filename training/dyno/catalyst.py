@@ -24,8 +24,8 @@ import numba
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.dyno.behind.downstream import Brick, Downstream
 from training.dyno.cycles import STEP_S
+from training.dyno.downstream import Brick, Downstream
 
 CELLS: Final = 5
 SUBSTEPS: Final = 4  # of a 10 ms step: at full flow a cell of 6 mg fills within 2 ms

@@ -1,1 +1,0 @@
-"""Catalyst, downstream sensor and tailpipe of the simulated car."""

@@ -1,0 +1,1 @@
+"""What only a simulation knows: the tables of its engine, and what its catalyst lets pass."""
