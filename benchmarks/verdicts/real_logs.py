@@ -35,7 +35,6 @@ import numpy as np
 from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from monitor.base.config import load as load_config
 from monitor.base.errors import O2Error
-from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
 from monitor.base.signals import OUTPUT
 from monitor.grid.tables import Table, is_table, read_table
@@ -45,6 +44,7 @@ from training.cli import main as o2train
 from training.limits.judging import judge
 from training.recordings.recording import Recording, load
 from training.recordings.samples.preparation import pinned_rows
+from training.recordings.sensor_fault import faulty_readings
 
 FAULTS: Final = (
     *("slow_symmetric", "slow_rich_to_lean", "slow_lean_to_rich"),
@@ -122,8 +122,8 @@ def faulty(recording: Recording, name: str) -> Recording:
     at_end = pinned_rows(recording, OUTPUT)
     readings = np.flatnonzero(np.isfinite(healthy) & ~at_end)
     begin = int(readings[len(readings) // 3])
-    fault = SensorFault(resolve(name), recording.period_ns / 1e9)
-    values[begin:, place] = fault.apply(healthy[begin:].tolist())
+    period_s = recording.period_ns / 1e9
+    values[begin:, place] = faulty_readings(resolve(name), healthy[begin:], period_s)
     values[at_end, place] = healthy[at_end]
     return replace(recording, values=values)
 

@@ -36,7 +36,6 @@ from benchmarks.studies.sensor.conditions import ageing
 from benchmarks.studies.sensor.plan import MOST_ETHANOL
 from benchmarks.studies.sensor.run import judge_drives, learn
 from monitor.base import config, faults
-from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import LIMIT_SEVERITY
 from monitor.base.signals import OUTPUT
 from monitor.base.types import FloatArray, SampleBlock
@@ -46,6 +45,7 @@ from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.side_by_side import Judged
+from training.recordings.sensor_fault import faulty_readings
 
 CONFIG: Final = config.load()
 TRAINING_DRIVES: Final = 5
@@ -85,7 +85,7 @@ def columns(vehicle: int, case: SensorCase) -> dict[str, FloatArray]:
     own = {"ethanol": 100.0 * float(ethanol), "purge": PURGE}
     sent = broadcast(vehicle, seed, own, sensor, length_s, Form.of(vehicle))
     if fault and not case.in_loop:
-        read = SensorFault(fault, PERIOD_S).apply(sent[OUTPUT].tolist())
+        read = faulty_readings(fault, sent[OUTPUT], PERIOD_S)
         sent[OUTPUT] = np.minimum(read, LEANEST)
     times = np.arange(len(sent[OUTPUT]), dtype=np.float64)
     return {"time_s": PERIOD_S * times} | sent

@@ -1,51 +1,10 @@
-"""Sensor faults on streams of lambda readings, at even and at uneven times."""
+"""Sensor faults on streams of lambda readings at uneven times, such as those of frames on a bus."""
 
 import math
 import random
 from collections import deque
-from collections.abc import Iterable
 
 from monitor.base.faults import DROP_OUT_S, Fault, aged, lag_step, one_sided
-
-
-class SensorFault:
-    """A fault on a stream of lambda readings, behind the control loop.
-
-    Communication faults (not_ready, signal_missing) read NaN here.
-    """
-
-    def __init__(self, fault: Fault, period_s: float) -> None:
-        self._fault = fault
-        self._period_s = period_s
-        self._history: deque[float] = deque(maxlen=round(fault.delay_s / period_s) + 1)
-        self._x = self._last = math.nan
-        self._n = -1
-
-    def push(self, lambda_healthy: float) -> float:
-        """Return the faulty reading in lambda; NaN stays NaN, values of 0 and below stay."""
-        reading = self._followed(lambda_healthy)
-        if _is_none(reading):
-            return reading
-        self._n += not _is_none(lambda_healthy)
-        self._last = _aged(self._fault, reading, self._last, self._n * self._period_s)
-        return self._last
-
-    def _followed(self, lambda_healthy: float) -> float:
-        fault = self._fault
-        at_once = _at_once(fault, lambda_healthy)
-        if at_once is not None:
-            return at_once
-        phi = 1.0 / lambda_healthy
-        self._history.append(phi)
-        phi = one_sided(phi, self._history[0], fault.delay_direction)
-        if math.isnan(self._x):
-            self._x = phi
-        self._x = lag_step(self._x, phi, fault.tau_rising_s, fault.tau_falling_s, self._period_s)
-        return _reading(fault, self._x)
-
-    def apply(self, lambda_healthy: Iterable[float]) -> list[float]:
-        """Return the faulty readings of a whole series."""
-        return [self.push(value) for value in lambda_healthy]
 
 
 def _at_once(fault: Fault, lambda_healthy: float) -> float | None:
@@ -80,10 +39,10 @@ def _aged(fault: Fault, reading: float, last: float, t_s: float) -> float:
 
 
 class TimedSensorFault:
-    """A fault on readings at uneven times, such as those of frames on a bus.
+    """A fault on readings at uneven times, behind the control loop.
 
-    At even times it reads the same as ``SensorFault``. Phi is interpolated linearly between
-    readings, so a dead time need not be a whole number of periods.
+    Phi is interpolated linearly between readings, so a dead time need not be a whole number of
+    periods. Communication faults (not_ready, signal_missing) read NaN here.
     """
 
     def __init__(self, fault: Fault) -> None:

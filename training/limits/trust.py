@@ -12,16 +12,15 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import Fault, resolve
 from monitor.base.signals import OUTPUT
-from monitor.base.types import FloatArray
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.limits.judging import judge_recordings
 from training.limits.repeated_model import RepeatedModel
 from training.recordings.recording import Recording
+from training.recordings.sensor_fault import faulty_readings
 
 # the limit severities of the project's targets; of an offset twice that, because without a fault
 # memory a drive does not know its vehicle's own offset
@@ -75,19 +74,15 @@ def put_on(
     An output that is not lambda falls where phi rises; the gain acts around its median.
     """
     values, column = recording.values.copy(), recording.names.index(output)
-    sensor, own = SensorFault(fault, recording.period_ns / 1e9), values[:, column]
+    own, period_s = values[:, column], recording.period_ns / 1e9
     if transform == "phi":
-        values[:, column] = _read(sensor, own)
+        values[:, column] = faulty_readings(fault, own, period_s)
     else:
         middle = float(np.nanmedian(own))
         small = 0.1 / max(float(np.nanmax(np.abs(own - middle))), 1e-9)  # keeps phi near 1
-        phi = 1.0 / _read(sensor, 1.0 / (1.0 - small * (own - middle)))
+        phi = 1.0 / faulty_readings(fault, 1.0 / (1.0 - small * (own - middle)), period_s)
         values[:, column] = middle + (1.0 - phi) / small
     return replace(recording, values=values)
-
-
-def _read(sensor: SensorFault, lambda_healthy: FloatArray) -> FloatArray:
-    return np.array(sensor.apply(lambda_healthy.tolist()))
 
 
 def _begin(recording: Recording) -> Recording:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import UsageError
-from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
 from monitor.base.files import manifest
 from monitor.base.types import FloatArray
@@ -20,6 +19,7 @@ from training.jobs.json_tree import plain
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role
 from training.recordings.samples.rows import runs
+from training.recordings.sensor_fault import faulty_readings
 from training.study.choice import chosen
 from training.study.free_runs import WINDOW, FreeRun, as_in_use, judged_on, scaled_as
 from training.study.task import Parts, Task, source
@@ -142,8 +142,8 @@ def put_on(name: str, data: Prepared) -> FloatArray:
     for s in data.segments:
         own = y[s.start : s.stop] + shift
         lam = 1.0 / np.maximum(own, 1.0 / 16.0) if phi else 1.0 / own
-        read = SensorFault(resolve(name), data.period_ns / 1e9).apply(lam.tolist())
-        result[s.start : s.stop] = 1.0 / np.array(read) - shift
+        read = faulty_readings(resolve(name), lam, data.period_ns / 1e9)
+        result[s.start : s.stop] = 1.0 / read - shift
     if not np.isfinite(result).all():
         raise UsageError(f"fault {name} cannot be put on this output")
     return data.scaling.scale_y(result)

@@ -4,7 +4,6 @@ import numpy as np
 
 from benchmarks.studies.sensor.plan import Trial
 from monitor.base import faults
-from monitor.base.fault_streams import SensorFault
 from monitor.base.types import SampleBlock
 from monitor.decode.bus_map import BusMap
 from training.dyno import ecu
@@ -12,6 +11,7 @@ from training.dyno.cycles import STEP_S
 from training.dyno.effects import Effects
 from training.dyno.mixture import LAMBDA_MAX
 from training.dyno.simulation import Experiment, simulate
+from training.recordings.sensor_fault import faulty_readings
 
 MISSING_FROM_S = 60.0  # until then the message comes
 
@@ -37,7 +37,7 @@ def samples(trial: Trial, bus_map: BusMap, period_ns: int) -> SampleBlock:
         )
     )
     if fault is not None and trial.placement == "after":
-        read = SensorFault(fault, STEP_S).apply(signals["lambda_measured"].tolist())
+        read = faulty_readings(fault, signals["lambda_measured"], STEP_S)
         signals["lambda_measured"] = np.minimum(read, LAMBDA_MAX)
     rng = np.random.default_rng([0x0_2, 5, trial.seed, trial.vehicle])
     return ecu.samples(ecu.broadcast(signals, bus_map, rng, inside, start_s), bus_map, period_ns)

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from monitor.base import config, downstream_faults
 from monitor.base.errors import UsageError
-from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import NAMES, TRANSIENT_GAIN, Fault, combine, lag_step, resolve
 from monitor.judge.response.bank import DIRECTIONS, build
 from monitor.memory.codes import CODES
 from tests.helpers.examples import inputs
 from tests.helpers.models.bank import readings
+from training.recordings.sensor_fault import faulty_readings
 
 PERIOD_S = 0.1
 CLOSE = 1e-12
@@ -26,8 +26,7 @@ delays = st.integers(1, 25)  # samples
 
 def read(fault: Fault, phi: list[float], period_s: float = PERIOD_S) -> np.ndarray:
     """What the faulty sensor reads of a healthy phi, as phi."""
-    sensor = SensorFault(fault, period_s)
-    return 1.0 / np.array(sensor.apply(1.0 / value for value in phi))
+    return 1.0 / faulty_readings(fault, 1.0 / np.array(phi), period_s)
 
 
 # Definitions
@@ -110,8 +109,8 @@ def test_a_weak_sensor_shrinks_phi_around_one(phi: list[float], gain: float) -> 
 @given(phis, st.floats(0.001, 0.3))
 def test_a_biased_sensor_is_off_in_lambda(phi: list[float], offset: float) -> None:
     healthy = 1.0 / np.array(phi)
-    lean = np.array(SensorFault(resolve("biased_lean", offset), PERIOD_S).apply(healthy))
-    rich = np.array(SensorFault(resolve("biased_rich", offset), PERIOD_S).apply(healthy))
+    lean = faulty_readings(resolve("biased_lean", offset), healthy, PERIOD_S)
+    rich = faulty_readings(resolve("biased_rich", offset), healthy, PERIOD_S)
     np.testing.assert_allclose(lean, healthy + offset, rtol=CLOSE)
     np.testing.assert_allclose(rich, healthy - offset, rtol=CLOSE, atol=CLOSE)
 
@@ -135,12 +134,13 @@ def test_the_transient_fault_is_slow_and_weak_together(phi: list[float], tau_s: 
     ],
 )
 def test_a_stuck_sensor_reads_one_value(name: str, severity: float | None, reads: float) -> None:
-    assert SensorFault(resolve(name, severity), PERIOD_S).apply([0.8, 1.0, 1.3]) == [reads] * 3
+    got = faulty_readings(resolve(name, severity), [0.8, 1.0, 1.3], PERIOD_S)
+    assert got.tolist() == [reads] * 3
 
 
 @pytest.mark.parametrize("name", ["not_ready", "heater", "signal_missing"])
 def test_a_sensor_that_says_nothing_reads_nan(name: str) -> None:
-    got = SensorFault(resolve(name), PERIOD_S).apply([0.8, 1.0, 1.3])
+    got = faulty_readings(resolve(name), [0.8, 1.0, 1.3], PERIOD_S)
     assert all(math.isnan(value) for value in got)
 
 
@@ -148,7 +148,7 @@ def test_a_sensor_that_says_nothing_reads_nan(name: str) -> None:
 @inputs(15)
 @given(st.lists(st.one_of(st.floats(0.6, 2.0), st.just(math.nan)), max_size=40))
 def test_nan_stays_nan(name: str, healthy: list[float]) -> None:
-    got = SensorFault(resolve(name), PERIOD_S).apply(healthy)
+    got = faulty_readings(resolve(name), healthy, PERIOD_S)
     silent = name in ("not_ready", "heater", "signal_missing")
     assert [math.isnan(value) for value in got] == [silent or math.isnan(v) for v in healthy]
 
@@ -157,15 +157,14 @@ def test_nan_stays_nan(name: str, healthy: list[float]) -> None:
 @pytest.mark.parametrize("reading", [0.0, -1.0, math.inf])
 def test_a_reading_no_sensor_can_give_leaves_no_trace(name: str, reading: float) -> None:
     drive = [0.9, 1.1, 1.0, 0.95]
-    sensor = SensorFault(resolve(name), PERIOD_S)
-    disturbed = sensor.apply([*drive[:2], reading, *drive[2:]])
-    del disturbed[2]
-    np.testing.assert_array_equal(disturbed, SensorFault(resolve(name), PERIOD_S).apply(drive))
+    disturbed = faulty_readings(resolve(name), [*drive[:2], reading, *drive[2:]], PERIOD_S)
+    undisturbed = faulty_readings(resolve(name), drive, PERIOD_S)
+    np.testing.assert_array_equal(np.delete(disturbed, 2), undisturbed)
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n.startswith(("slow", "delay", "transient"))])
 def test_in_fuel_cut_the_sensor_reads_air_at_last(name: str) -> None:
-    got = SensorFault(resolve(name), PERIOD_S).apply([1.0] + [16.0] * 400)
+    got = faulty_readings(resolve(name), [1.0] + [16.0] * 400, PERIOD_S)
     weak = TRANSIENT_GAIN if name == "transient" else 1.0
     assert got[-1] == pytest.approx(1.0 / (1.0 + weak * (1.0 / 16.0 - 1.0)), rel=1e-9)
 
@@ -216,10 +215,10 @@ def test_combined_faults_do_what_all_parts_do(phi: list[float]) -> None:
     assert both is not None
     assert both.name == "slow_rich_to_lean+delay_lean_to_rich+biased_lean"
     # dead time, then lag, then offset, as the signal runs through the sensor
-    late = SensorFault(parts[1], PERIOD_S).apply([1.0 / value for value in phi])
-    slow = SensorFault(parts[0], PERIOD_S).apply(late)
-    expected = SensorFault(parts[2], PERIOD_S).apply(slow)
-    got = SensorFault(both, PERIOD_S).apply([1.0 / value for value in phi])
+    late = faulty_readings(parts[1], 1.0 / np.array(phi), PERIOD_S)
+    slow = faulty_readings(parts[0], late, PERIOD_S)
+    expected = faulty_readings(parts[2], slow, PERIOD_S)
+    got = faulty_readings(both, 1.0 / np.array(phi), PERIOD_S)
     np.testing.assert_allclose(got, expected, rtol=1e-9)
 
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.errors import SignalMapError, UsageError
-from monitor.base.fault_streams import DropOuts, NoiseFault, SensorFault, TimedSensorFault
+from monitor.base.fault_streams import DropOuts, NoiseFault, TimedSensorFault
 from monitor.base.faults import resolve
 from monitor.base.types import Frame
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
@@ -30,6 +30,7 @@ from tests.helpers.logs.injected_frames import (
     injected,
     lambda_frames,
 )
+from training.recordings.sensor_fault import faulty_readings
 
 readings = st.lists(st.floats(0.7, 1.4), min_size=2, max_size=60)
 
@@ -57,7 +58,7 @@ def test_at_even_times_a_fault_reads_as_defined(name: str, values: list[float]) 
     fault = resolve(name)
     timed = TimedSensorFault(fault)
     got = [timed.push(n * 20 * MS, value) for n, value in enumerate(values)]
-    np.testing.assert_allclose(got, SensorFault(fault, 0.02).apply(values), rtol=1e-12)
+    np.testing.assert_allclose(got, faulty_readings(fault, values, 0.02), rtol=1e-12)
 
 
 @given(st.lists(st.integers(1, 80), min_size=30, max_size=60), st.floats(0.1, 0.5))
@@ -100,7 +101,7 @@ def test_a_gain_is_read_from_the_frames_within_half_a_step(values: list[float]) 
     frames = lambda_frames(values)
     out = injected(frames, Injection("gain_low", 0.5))
     healthy = decoded(frames)
-    wanted = SensorFault(resolve("gain_low", 0.5), 0.02).apply(healthy)
+    wanted = faulty_readings(resolve("gain_low", 0.5), healthy, 0.02)
     np.testing.assert_allclose(decoded(out), wanted, atol=HALF_STEP)
     assert [frame.t_ns for frame in out] == [frame.t_ns for frame in frames]
 

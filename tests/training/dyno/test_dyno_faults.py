@@ -7,12 +7,12 @@ import pytest
 
 from benchmarks.studies.sensor.plan import NOT_AFTERWARDS
 from monitor.base import faults
-from monitor.base.fault_streams import SensorFault
 from tests.helpers.drives.simulated_drives import FAULT_DRIVE, SHORT, WARM, differs, driven, rms
 from training.dyno import cycles, drive, ecu, mixture, vehicle
 from training.dyno.effects import Effects
 from training.dyno.mixture import Mixture
 from training.dyno.simulation import Experiment
+from training.recordings.sensor_fault import faulty_readings
 
 STEP_S = cycles.STEP_S
 
@@ -57,7 +57,7 @@ def test_in_the_loop_a_fault_is_what_it_is_defined_to_be(name: str) -> None:
     got = plant(replace(FAULT_DRIVE, fault=fault))
     # WHEN the fault as defined is put onto it
     healthy_lambda = 1.0 / np.maximum(got.phi_sensor, 1e-9)  # in fuel cut noise crosses 0
-    expected = np.array(SensorFault(fault, STEP_S).apply(healthy_lambda))
+    expected = faulty_readings(fault, healthy_lambda, STEP_S)
     # THEN the ECU has read that; leaving out fuel cut, where its value ends, and the start
     inside = (expected < 12.0) & (np.arange(len(expected)) > 500)
     assert inside.mean() > 0.8

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from tests.helpers.drives.recordings import recording_of
@@ -17,6 +16,7 @@ from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.recordings.recording import Recording, load
 from training.recordings.samples.preparation import enabled_rows
+from training.recordings.sensor_fault import faulty_readings
 from training.study.page import section
 from training.study.selection.input_sets import InputSet, aligned, try_sets
 from training.study.selection.selection import CANDIDATES, candidates, pca, selection
@@ -179,7 +179,7 @@ def test_the_law_moves_as_the_simulated_vehicle_does_with_the_fault_in_its_loop(
     assert law is not None
     # WHEN the fault is put on the healthy reading and the law answers
     phi = 1.0 / healthy_drive.column("lambda_measured")
-    read = 1.0 / np.array(SensorFault(resolve(fault), 0.1).apply(1.0 / phi))
+    read = 1.0 / faulty_readings(resolve(fault), 1.0 / phi, 0.1)
     closed = np.isfinite(read) & enabled_rows(healthy_drive) & enabled_rows(faulty)
     answer = law.response(np.where(closed, read - phi, 0.0), closed)
     # THEN it moves as the simulated ECU's controller did, in shape and size

@@ -16,7 +16,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import polynomial
 from scipy import linalg, signal
 
-from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units, to_model_units
@@ -26,6 +25,7 @@ from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.preparation import Role, enabled_rows
 from training.recordings.samples.rows import runs
+from training.recordings.sensor_fault import faulty_readings
 from training.study.selection.input_sets import Tried, correlations, exact_inputs
 
 COMMAND = "lambda_target"
@@ -157,8 +157,8 @@ def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> dict[s
     change, extra = np.zeros(len(phi)), np.zeros(len(phi))
     for s in data.segments:
         rows = slice(s.start, s.stop)
-        sensor = SensorFault(resolve(fault, severity), data.period_ns / 1e9)
-        read = np.array(sensor.apply(from_model_units("phi", phi[rows])))
+        healthy = from_model_units("phi", phi[rows])
+        read = faulty_readings(resolve(fault, severity), healthy, data.period_ns / 1e9)
         change[rows] = to_model_units("phi", read) - phi[rows]
         extra[rows] = law.response(change[rows], data.enabled[rows])
     u = exact_inputs(data)

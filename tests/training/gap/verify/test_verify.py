@@ -8,7 +8,6 @@ import pytest
 from scipy.signal import lfilter
 
 from monitor.base import config
-from monitor.base.fault_streams import SensorFault
 from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from monitor.model.card import Limit
@@ -28,6 +27,7 @@ from training.greybox.model import fit_greybox
 from training.limits.decision_limits import set_limits
 from training.narx.export import update_card
 from training.recordings.recording import Recording
+from training.recordings.sensor_fault import faulty_readings
 
 NOISE = 0.001
 GAIN = 1.02  # of the vehicle with the gap: the old model was fitted at 1
@@ -155,7 +155,7 @@ def test_a_fault_is_put_on_the_reading_alone() -> None:
     drive.values[100:110, at] = np.nan
     fault = resolve("slow_symmetric", 0.5)
     faulty = put_on(drive, fault)
-    wanted = SensorFault(fault, PERIOD_S).apply(drive.values[:, at].tolist())
+    wanted = faulty_readings(fault, drive.values[:, at], PERIOD_S)
     np.testing.assert_array_equal(faulty.values[:, at], wanted)
     assert np.isnan(faulty.values[100:110, at]).all()
     others = [i for i in range(len(drive.names)) if i != at]
