@@ -76,18 +76,6 @@ def test_without_leave_nothing_is_sent_and_with_it_the_fault_flag_goes_out(
     assert last["Dtc"] == 0x015A
 
 
-def test_a_code_that_fails_again_in_the_next_driving_cycle_is_confirmed(
-    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
-) -> None:
-    states = []
-    for _ in range(2):
-        memory = Memory(tmp_path / "memory.db")
-        live, _ = run_on(late_sensor, setup, memory=memory)
-        memory.close()
-        states.append({d["code"]: d["state"] for d in live["dtcs"]})
-    assert states == [{"P015A": "pending"}, {"P015A": "confirmed"}]
-
-
 def test_a_bus_on_which_nothing_was_ever_heard_is_missed_too(setup: replay.Setup) -> None:
     live, _ = run_on([Pause(60.0)], setup)
     assert [d["code"] for d in live["dtcs"]] == ["U0100"]

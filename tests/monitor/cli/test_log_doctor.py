@@ -20,7 +20,7 @@ def test_a_model_is_fitted_to_healthy_logs_and_all_stands_on_one_page(
     # GIVEN a healthy drive and another one of the same car
     words = ["simulate", "--out", str(tmp_path), "--format", "csv", "--period", "0.1", "--quiet"]
     for seed in ("1", "2"):
-        assert o2train([*words, "--duration", "300", "--seed", seed]) == 0
+        assert o2train([*words, "--duration", "200", "--seed", seed]) == 0
     healthy, drive = sorted(map(str, tmp_path.glob("*.csv")))
     out = tmp_path / "doctor"
     # WHEN the doctor is asked THEN it prints the steps, which stand on the page of the verdict

@@ -90,30 +90,6 @@ def test_values_that_are_not_available_are_counted(drive: Path, tmp_path: Path) 
     assert recording["counters"]["not_available"] == pytest.approx(15 * 50, abs=2)
 
 
-def test_time_that_runs_backwards_is_counted_and_survived(drive: Path, tmp_path: Path) -> None:
-    def swap(frames: list[Frame]) -> list[Frame]:
-        early = [f._replace(t_ns=f.t_ns - 2_000_000_000) for f in frames[6000:6010]]
-        return [*frames[:6000], *early, *frames[6010:]]
-
-    # candump logs keep the order of their lines
-    recording = replayed(drive, tmp_path, swap)
-    assert recording["counters"]["outliers"] == 10
-    assert recording["samples"] == 599
-
-
-def test_a_gap_of_seconds_in_a_log_is_left_out_and_the_grid_begins_anew(
-    drive: Path, tmp_path: Path
-) -> None:
-    def gap(frames: list[Frame]) -> list[Frame]:
-        start = frames[0].t_ns + 30_000_000_000
-        return [f for f in frames if not start <= f.t_ns < start + 5_000_000_000]
-
-    recording = replayed(drive, tmp_path, gap)
-    assert recording["samples"] == pytest.approx(549, abs=2)
-    assert recording["enable"]["inputs_valid"] == pytest.approx(1.0, abs=0.01)
-    assert recording["counters"]["log_gaps"] == 1
-
-
 def test_a_message_that_stops_blocks_the_judgement_and_is_counted(
     drive: Path, tmp_path: Path
 ) -> None:
@@ -136,15 +112,6 @@ def test_a_value_out_of_range_is_counted_and_gives_its_code(drive: Path, tmp_pat
     recording = replayed(drive, tmp_path, every(1, LAMBDA_ID, implausible))
     assert recording["counters"]["out_of_range"] > 2900
     assert [(d["code"], d["fault"]) for d in recording["dtcs"]] == [("P2A00", "out_of_range")]
-
-
-def test_a_drive_too_short_to_be_judged_exits_with_3_and_says_why(
-    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = tmp_path / "short.log"
-    write_log(log, block(list(read_frames(drive))[:2000]))
-    assert cli.main(["replay", str(log)]) == 3
-    assert "not judged: " in capsys.readouterr().out
 
 
 def test_a_short_drive_does_not_heal_a_sensor_that_never_gets_ready(tmp_path: Path) -> None:

@@ -65,23 +65,6 @@ def test_simulated_drives_with_the_shipped_model_are_judged_alike(
     assert any(j.completed for j in judged)
 
 
-def test_a_fault_in_the_second_driving_cycle_is_confirmed_as_when_streaming(
-    drives: tuple[list[SampleBlock], tuple[str, ...]],
-) -> None:
-    # GIVEN fault memories that have seen a drive in which the sensor's frames end
-    blocks, names = drives
-    missing = blocks[5]
-    stores = [fresh(), fresh()]
-    for store in stores:
-        streamed(missing, names, store=store)
-        store.start_driving_cycle()
-    # WHEN the same happens again
-    (got,) = judge_all([missing], names, MODEL, LIMITS, SHIPPED, stores=[stores[0]])
-    assert_same(streamed(missing, names, store=stores[1]), got)
-    # THEN the code is confirmed
-    assert [dtc.state for dtc in got.dtcs] == ["confirmed"]
-
-
 def test_every_vehicle_is_judged_by_its_own_reference(
     drives: tuple[list[SampleBlock], tuple[str, ...]],
 ) -> None:
