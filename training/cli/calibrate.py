@@ -2,7 +2,7 @@
 
 import sys
 from json import dumps
-from typing import Annotated
+from typing import Annotated, Any
 
 from monitor.base.command_line.parameters import Output, Recordings, SettingsFile
 from monitor.base.command_line.verbosity import LOG
@@ -62,6 +62,7 @@ def run(
     goal = out or model
     if goal.suffix != ".onnx":
         raise UsageError(f"{goal}: a model file ends in .onnx")
+    emissions = {} if emission_limit is None else _emissions(emission_limit)
     period_s = Model.load(model).card.period_ns / 1e9
     card, result = calibrate(
         model,
@@ -70,10 +71,7 @@ def run(
         false_alarms,
         config.load(settings.config),
     )
-    if emission_limit is not None:
-        from training.dyno.truth.tailpipe import proposal
-
-        result["emissions"] = proposal(emission_limit, lambda name: LOG.info("emissions: %s", name))
+    result |= emissions
     update_card(model, card, goal)
     for warning in result["warnings"]:
         print(f"o2train: warning: {warning}", file=sys.stderr)
@@ -84,3 +82,9 @@ def run(
         write_text(report, as_page(result))
     print(f"limits written to {goal}")
     return 0
+
+
+def _emissions(limit: float) -> dict[str, Any]:
+    from training.dyno.truth.tailpipe import proposal
+
+    return {"emissions": proposal(limit, lambda name: LOG.info("emissions: %s", name))}
