@@ -11,7 +11,6 @@ from typing import Any, Literal, NamedTuple
 
 from monitor.base.config import BiasConfig, ProfileConfig
 from monitor.base.errors import RecordingError
-from monitor.memory import predecessor
 from monitor.memory.block import Block, StoredContent
 from monitor.memory.codes import CODES, LOST, is_known
 from monitor.memory.content import Content
@@ -75,7 +74,6 @@ class Memory:
         try:
             content = found.content or Content(set_aside=self._block.put_aside())
             self._block.write(content)
-            predecessor.remove_rest(self._block.files[0])
         except OSError as error:
             raise self._failed(error) from None
         return found._replace(content=content)
