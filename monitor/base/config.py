@@ -178,8 +178,6 @@ class CatalystConfig:
     inactive_most_s: float
     wake_most_s: float
     heater_start_s: float
-    heater_full_percent: float
-    heater_full_s: float
     position: str
     warm_degc: float
     warm_up_s: float
@@ -194,7 +192,6 @@ class CatalystConfig:
     evidence_weight: float
     evidence_segments: int
     evidence_most: float
-    evidence_alike: float
     interval_weight: float
     capacity_model: float
     follow_low: float
@@ -203,8 +200,6 @@ class CatalystConfig:
     follow_longest_s: float
     follow_gap_s: float
     follow_hysteresis_v: float
-    false_alarm_probability: float
-    miss_probability: float
 
     @property
     def close_coupled(self) -> bool:

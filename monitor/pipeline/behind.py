@@ -37,7 +37,7 @@ def judge_behind(
 
     store : fault memory, in which a driving cycle has begun
     """
-    activity = RearActivity(config.catalyst)
+    activity = RearActivity(config)
     _judge_circuit(table, store, config)
     if FRONT in table.names:
         _follow(table, activity, store, config)
@@ -71,7 +71,8 @@ def _judge_circuit(table: Table, store: DtcStore, config: Config) -> None:
     wanted = (VOLTAGE, FRONT, OUTPUT, CUT, ENGINE)
     block = table_block(table, [name for name in wanted if name in table.names])
     at = {name: block.values[:, i] for i, name in enumerate(n for n in wanted if n in table.names)}
-    n, own = len(block.t_ns), replace(config.catalyst, inactive_most_s=math.inf)
+    n = len(block.t_ns)
+    own = replace(config, catalyst=replace(config.catalyst, inactive_most_s=math.inf))
     if OUTPUT in at:
         x = 1.0 - 1.0 / at[OUTPUT]
     elif FRONT in at:

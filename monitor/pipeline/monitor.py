@@ -101,7 +101,7 @@ class SensorMonitor:
             still_end_s=limits.still_end_s,
             is_expected=is_live or bool(store.counts.sensor_heard),
         )
-        self.catalyst = CatalystMonitor(config.catalyst, names, period_s)
+        self.catalyst = CatalystMonitor(config, names, period_s)
         n_samples, n_hypotheses = config.window.n_samples, len(judge.hypotheses)
         self._windows = Windows(n_samples, n_hypotheses)
         # an edge of a fuel cut takes one to two seconds, and a cut is soon over

@@ -74,7 +74,7 @@ def judged(names: Sequence[str], values: FloatArray, settings: Config) -> dict[s
     ``faults`` : name that each test set; ``faults_s`` : when; ``passed_s`` : when each test first
     passed; ``decided`` and ``decided_s`` : the first decision on the catalyst
     """
-    monitor = CatalystMonitor(settings.catalyst, names, PERIOD_S)
+    monitor = CatalystMonitor(settings, names, PERIOD_S)
     running = np.ones(len(values), dtype=np.bool_)
     found = settled(monitor.push(values, running), settings.debounce)
     sides = (("failed", found["faults_s"]), ("passed", found["passed_s"]))

@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from monitor.base.config import CatalystConfig
+from monitor.base.config import Config
 from monitor.judge.catalyst.rule import CATALYST, Claim
 
 LEAN, RICH, BETWEEN = -1, 1, 0
@@ -35,11 +35,10 @@ class _Excursion:
 class RearActivity:
     """Counts excursions of the front sensor that the rear follows; samples come one by one."""
 
-    def __init__(self, config: CatalystConfig) -> None:
-        self._config = config
-        alpha, beta = config.false_alarm_probability, config.miss_probability
-        self.evidence_fail = math.log((1.0 - beta) / alpha)
-        self.evidence_pass = math.log((1.0 - alpha) / beta)
+    def __init__(self, settings: Config) -> None:
+        self._config = config = settings.catalyst
+        self.evidence_fail = settings.response.evidence_fail
+        self.evidence_pass = settings.response.evidence_pass
         low, sound = config.follow_low, config.follow_sound
         self._followed = math.log(low / sound)
         self._missed = math.log((1.0 - low) / (1.0 - sound))

@@ -18,7 +18,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from monitor.base.config import CatalystConfig
+from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.judge.catalyst.bank import MID_V, OXYGEN_IN_AIR
 
@@ -53,8 +53,9 @@ class _Stretch:
 class RearCircuit:
     """Judges circuit and heater sample by sample; samples come in blocks of any length."""
 
-    def __init__(self, config: CatalystConfig, period_s: float) -> None:
-        self._config, self._period_s = config, period_s
+    def __init__(self, settings: Config, period_s: float) -> None:
+        self._config, self._heater = settings.catalyst, settings.plausibility
+        self._period_s = period_s
         self.reset()
 
     def reset(self) -> None:
@@ -142,7 +143,7 @@ class RearCircuit:
             held.full = held.regulated = 0.0
             return
         self.heater_heard = True
-        is_full = duty >= config.heater_full_percent
+        is_full = duty >= self._heater.heater_full_percent
         held.full = held.full + step_s if is_full else 0.0
         is_regulated = not is_full and duty > 0.0 and run_s > config.wake_most_s
         held.regulated = held.regulated + step_s if is_regulated else 0.0
@@ -152,7 +153,7 @@ class RearCircuit:
         config, held = self._config, self._for_s
         is_late = bool(self._began_at_rest) and (self.awake_s or run_s) > config.wake_most_s
         is_slow_start = is_late and held.full >= config.heater_start_s
-        is_never_hot = self._was_regulated and held.full >= config.heater_full_s
+        is_never_hot = self._was_regulated and held.full >= self._heater.heater_full_s
         if is_slow_start or is_never_hot:
             yield HEATER, HEATER
         elif self.can_judge_heater and self.awake_s and (self._was_regulated or not is_late):

@@ -17,7 +17,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from monitor.base.config import CatalystConfig
+from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.catalyst.bank import LEAK, MID_V, STUCK, WEAK, CatalystBank, Members
 from monitor.judge.catalyst.estimate import Capacity, CapacityCurve, jackknife
@@ -45,16 +45,14 @@ class CatalystRule:
     wide : the downstream sensor is one of wide range
     """
 
-    def __init__(self, config: CatalystConfig, period_s: float, *, wide: bool = False) -> None:
-        self._config = config
+    def __init__(self, settings: Config, period_s: float, *, wide: bool = False) -> None:
+        self._config, self._odds = config, odds = settings.catalyst, settings.response
         self.members = members = Members(config, period_s)
         self._bank = CatalystBank(members, wide=wide)
         self._n_segment = max(round(config.segment_s / period_s), 1)
         self._n_settle = round(config.settle_s / period_s)
         self._weight = config.evidence_weight * period_s / config.memory_s
-        alpha, beta = config.false_alarm_probability, config.miss_probability
-        self.evidence_fail = math.log((1.0 - beta) / alpha)
-        self.evidence_pass = math.log((1.0 - alpha) / beta)
+        self.evidence_fail, self.evidence_pass = odds.evidence_fail, odds.evidence_pass
         capacity = members.capacity_g[:, 0]
         self._curve = CapacityCurve(np.log(capacity))
         margin = config.threshold_margin
@@ -208,7 +206,7 @@ class CatalystRule:
             each[fault] = np.logaddexp(each[fault], _sum(member))
         sound = np.logaddexp(each.pop(""), each.pop(LEAK, -math.inf))
         name = max(each, key=lambda fault: each[fault])
-        alike = self._config.evidence_alike
+        alike = self._odds.evidence_alike
         also = tuple(f for f in each if f != name and each[f] > each[name] - alike)
         return self._claim(float(each[name] - sound), name, also)
 
@@ -225,7 +223,7 @@ class CatalystRule:
             LEAK: _sum(leaking) if len(leaking) else -math.inf,
         }
         name = max(odds, key=lambda each: odds[each])
-        close = odds[name] - self._config.evidence_alike
+        close = odds[name] - self._odds.evidence_alike
         also = tuple(each for each, value in odds.items() if each != name and value > close)
         return self._claim(odds[name] - _sum(intact[:, :, self._sound_offset]), name, also)
 

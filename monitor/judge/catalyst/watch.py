@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from monitor.base.config import CatalystConfig
+from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.judge.catalyst.bank import LEAK, switching_volts
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER, CircuitResult, RearCircuit
@@ -76,7 +76,8 @@ class CatalystMonitor:
     names : signals of a sample
     """
 
-    def __init__(self, config: CatalystConfig, names: Sequence[str], period_s: float) -> None:
+    def __init__(self, settings: Config, names: Sequence[str], period_s: float) -> None:
+        self._settings, config = settings, settings.catalyst
         at = {name: i for i, name in enumerate(names)}
         has_upstream = all(name in at for name in UPSTREAM)
         self._rear = [at[name] for name in REAR if name in at]
@@ -85,7 +86,7 @@ class CatalystMonitor:
         self._brick = at.get("catalyst_temperature_degc")
         self._wide, self._duty = at.get(WIDE), at.get(DUTY)
         self._sensor, self._is_wide = 0, False  # column of the downstream sensor that is heard
-        self.circuit = RearCircuit(config, period_s)
+        self.circuit = RearCircuit(settings, period_s)
         self._config, self._period_s = config, period_s
         self._n_hold = round(config.hold_s / period_s)
         self._n_warm_up = round(config.warm_up_s / period_s)
@@ -128,7 +129,8 @@ class CatalystMonitor:
         self._sensor, self._is_wide = sensor, sensor == self._wide
         if self._is_wide:
             self._config = replace(self._config, switching_phi=self._config.wide_phi)
-        return CatalystRule(self._config, self._period_s, wide=self._is_wide)
+        settings = replace(self._settings, catalyst=self._config)
+        return CatalystRule(settings, self._period_s, wide=self._is_wide)
 
     def _heard(
         self, rule: CatalystRule, values: FloatArray, running: BoolArray

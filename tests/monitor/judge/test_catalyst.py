@@ -93,7 +93,7 @@ def wide_lambda(x: FloatArray, air_g_s: FloatArray, capacity_g: float, lag_s: fl
 def judged(
     values: FloatArray, block: int = 700, names: tuple[str, ...] = NAMES
 ) -> tuple[CatalystMonitor, list[BehindResult]]:
-    monitor = CatalystMonitor(SETTINGS, names, PERIOD_S)
+    monitor = CatalystMonitor(config.shipped(), names, PERIOD_S)
     results = []
     for first in range(0, len(values), block):
         own = values[first : first + block]
@@ -179,7 +179,8 @@ def test_the_offset_has_a_standard_error_from_the_spread_of_the_drive() -> None:
 )
 def test_a_longer_drive_makes_no_error_of_the_model_certain(segments: int, fades: bool) -> None:
     # GIVEN segments that all speak a little for the same wrong sensor
-    rule = CatalystRule(replace(SETTINGS, evidence_segments=segments), PERIOD_S)
+    own = replace(SETTINGS, evidence_segments=segments)
+    rule = CatalystRule(replace(config.shipped(), catalyst=own), PERIOD_S)
     wrong = rule._faults.index("downstream_slow_lean_to_rich")
     odds = []
     for _ in range(8 * 60):
@@ -219,7 +220,7 @@ def test_a_catalyst_of_other_equations_with_slow_reactions_is_judged_rightly(
     # GIVEN a plug of gas with rates of reaction, of which much passes at high flow
     own = second_catalyst.brick(1, capacity_g)
     values = second_catalyst.drive(1, 1, own)
-    monitor = CatalystMonitor(SETTINGS, second_catalyst.NAMES, PERIOD_S)
+    monitor = CatalystMonitor(config.shipped(), second_catalyst.NAMES, PERIOD_S)
     deque(monitor.push(values, np.ones(len(values), dtype=np.bool_)), maxlen=0)
     entry = monitor.entry()
     assert entry is not None
@@ -253,7 +254,7 @@ def test_without_the_voltage_there_is_nothing_to_judge() -> None:
 
 def test_a_cold_brick_is_not_judged() -> None:
     names = (*NAMES, "catalyst_temperature_degc")
-    monitor = CatalystMonitor(SETTINGS, names, PERIOD_S)
+    monitor = CatalystMonitor(config.shipped(), names, PERIOD_S)
     values = np.column_stack([a_drive(0.02), np.full(4200, 250.0)])
     running = np.ones(len(values), dtype=np.bool_)
     assert {r.test for r in monitor.push(values, running)} == {"downstream_circuit"}

@@ -12,7 +12,7 @@ SETTINGS = config.shipped().catalyst
 
 
 def judged(*, burning: bool = True, **drive: float | bool) -> RearActivity:
-    activity = RearActivity(SETTINGS)
+    activity = RearActivity(config.shipped())
     for t_s, front_v, rear_v in zip(*switching_drive(**drive), strict=True):  # type: ignore[arg-type]
         activity.push(t_s, front_v, rear_v, burning=burning)
     return activity
@@ -44,7 +44,7 @@ def test_a_sensor_that_is_later_than_transport_and_lag_never_makes_an_empty_can_
 
 
 def test_a_missing_value_ends_all_trials() -> None:
-    activity = RearActivity(SETTINGS)
+    activity = RearActivity(config.shipped())
     for t_s, front_v, rear_v in zip(*switching_drive(stores=False), strict=True):
         activity.push(t_s, front_v, math.nan if t_s % 0.6 < 0.1 else rear_v, burning=True)
     assert activity.trials == 0

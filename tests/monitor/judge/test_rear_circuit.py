@@ -30,7 +30,7 @@ def a_drive(minutes: float = 6.0) -> dict[str, FloatArray]:
 
 
 def decided(drive: dict[str, FloatArray], block: int = 1000) -> list[tuple[int, str, str]]:
-    circuit, found = RearCircuit(SETTINGS, PERIOD_S), []
+    circuit, found = RearCircuit(config.shipped(), PERIOD_S), []
     for begin in range(0, len(drive["volts"]), block):
         part = {name: values[begin : begin + block] for name, values in drive.items()}
         found += [(begin + r.at, r.test, r.fault) for r in circuit.push(**part)[0]]
@@ -115,6 +115,6 @@ def test_no_decision_depends_on_where_blocks_begin(block: int) -> None:
 def test_doubtful_voltages_are_kept_from_the_bank() -> None:
     drive = a_drive(3.0)
     drive["volts"][1000:] = 0.005
-    _, doubtful = RearCircuit(SETTINGS, PERIOD_S).push(**drive)
+    _, doubtful = RearCircuit(config.shipped(), PERIOD_S).push(**drive)
     assert not doubtful[300:1000].any()
     assert doubtful[1200:].all()

@@ -72,7 +72,7 @@ def test_a_voltage_that_mostly_rests_is_no_evidence_of_an_offset() -> None:
     sent = ecu.broadcast(signals, bus_map, np.random.default_rng(1124))
     block = ecu.samples(sent, bus_map, 100_000_000)
     # WHEN the catalyst is judged
-    monitor = CatalystMonitor(config.shipped().catalyst, ecu.names_of(sent, bus_map), 0.1)
+    monitor = CatalystMonitor(config.shipped(), ecu.names_of(sent, bus_map), 0.1)
     running = np.ones(len(block.values), dtype=np.bool_)
     deque(monitor.push(block.values, running), maxlen=0)
     entry = monitor.entry()
