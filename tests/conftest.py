@@ -67,7 +67,7 @@ MARKS = {
     "waits": (
         "monitor/bus",
         "monitor/inject/test_gateway.py",
-        "monitor/memory/test_kill.py",
+        "monitor/memory/test_disk.py",
         "monitor/sinks/test_broker.py",
         "test_packaging.py",
     ),

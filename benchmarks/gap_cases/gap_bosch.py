@@ -227,14 +227,17 @@ def main(argv: Sequence[str]) -> int:
     options.add_argument("--seeds", nargs="+", type=int, help="of other divisions and effects")
     options.add_argument("--effects", type=int, help="only the first so many of each division")
     args = options.parse_args(argv)
-    runs = {n: run_of(args.folder, 1, n) for n in RUNS[1]}
+    runs = {n: run_of(args.folder, 1, n) for n in RUNS[1][: 5 if args.smallest else None]}
     sets = [(NEW[0], NINE), *((group, ()) for group in NEW[1:])]
     if args.seeds:
         rngs = [np.random.default_rng(seed) for seed in args.seeds]
         sets = [(sorted(g.choice(RUNS[1], 5, replace=False).tolist()), drawn(g)) for g in rngs]
     nulls, answers = list[Row](), list[Row]()
     for group, effects in sets:
-        new, healthy = [runs[n] for n in group], [r for n, r in runs.items() if n not in group]
+        new, healthy = (
+            [runs[n] for n in group if n in runs],
+            [r for n, r in runs.items() if n not in group],
+        )
         for output in args.outputs:
             if len(nulls) == args.nulls:
                 break

@@ -1,20 +1,16 @@
-"""The live loop on a played bus with a fault memory, as a program: ``FILE DRIVES [FULL|DRIVEN]``.
+"""The live loop on a played bus with a fault memory, as a program: ``FILE DRIVES``.
 
-It prints ``ready``, for every event that is stored what the fault memory holds as JSON, every line
-that the loop says, and in the end the codes. With FULL the file system of the memory is filled up
-before the first frame. With DRIVEN it is one healthy drive, of which it prints with each sample for
-how many seconds the engine has run.
+It prints, for every event that is stored, what the fault memory holds as JSON.
 """
 
 import json
 import sys
-from contextlib import closing, suppress
+from contextlib import closing
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from monitor.base import config
-from monitor.bus.attachment import Attachment
 from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc_store import Saved
@@ -39,15 +35,6 @@ class Announcer(Ear):
             print(json.dumps({"told": held(saved)}), flush=True)
 
 
-class Odometer(Announcer):
-    """Prints what was driven, stored or not."""
-
-    def push(self, event: Event) -> None:
-        """Print the engine's running time."""
-        run_s = self.loop.pipeline.monitor.store.counts.engine_run_since_clear_s
-        print(json.dumps({"driven_s": run_s}), flush=True)
-
-
 def held(saved: Saved) -> list[Any]:
     """Return codes, counts and frames."""
     return [
@@ -59,18 +46,10 @@ def held(saved: Saved) -> list[Any]:
     ]
 
 
-def fill(folder: Path) -> None:
-    """Use up a file system."""
-    with suppress(OSError), (folder / "filler").open("wb", buffering=0) as file:
-        while file.write(bytes(512)) == 512:
-            pass
-
-
-def main(path: Path, drives: int, announcer: Announcer, *, is_full: bool) -> None:
+def main(path: Path, drives: int) -> None:
     """Run the loop."""
-    is_healthy = isinstance(announcer, Odometer)
-    (log,) = Path("replay_logs").glob(f"{'healthy_micro' if is_healthy else 'delay_rich_to'}_*.blf")
-    drive = list(read_frames(log))[: None if is_healthy else DRIVE]
+    (log,) = Path("replay_logs").glob("delay_rich_to_*.blf")
+    drive = list(read_frames(log))[:DRIVE]
     length_ns = drive[-1].t_ns - drive[0].t_ns + PAUSE_NS
     later = (
         [frame._replace(t_ns=frame.t_ns + i * length_ns) for frame in drive] for i in range(drives)
@@ -78,24 +57,18 @@ def main(path: Path, drives: int, announcer: Announcer, *, is_full: bool) -> Non
     bus = PlayedBus(chain.from_iterable(later))
     setup = replay.set_up(None, [], config.load())
     with closing(Memory(path, hold=True)) as memory, bus:
-        hooked: list[Attachment] = [announcer]
+        announcer = Announcer()
         loop = announcer.loop = Loop(
             bus,
             setup,
             memory=memory,
-            attachments=hooked,
+            attachments=[announcer],
             monotonic_s=lambda: bus.now_s,
-            say=lambda line: print(line, flush=True),
+            say=lambda line: print(line, file=sys.stderr),
         )
         bus.stop = loop.stop
-        if is_full:
-            fill(path.parent)
-        print("ready", flush=True)
         loop.run()
-        codes = {d.code: d.state for d in loop.pipeline.monitor.store.active}
-        print(json.dumps({"codes": codes, "errors": loop.health.memory_errors}), flush=True)
 
 
 if __name__ == "__main__":
-    told = Odometer() if "DRIVEN" in sys.argv else Announcer()
-    main(Path(sys.argv[1]), int(sys.argv[2]), told, is_full="FULL" in sys.argv)
+    main(Path(sys.argv[1]), int(sys.argv[2]))

@@ -16,7 +16,6 @@ import pytest
 
 import monitor
 from monitor import Code, Monitor, O2Error, OxygenSensorMonitor, load_model, replay
-from monitor.base.files.json_text import rounded
 from monitor.cli import main
 from monitor.grid.tables import read_table
 from monitor.report.lines import print_recording
@@ -200,11 +199,6 @@ def test_a_result_says_what_is_in_it_on_a_line_and_in_a_notebook() -> None:
     assert "<script>" not in odd._repr_html_()
     assert "kind: narx, inputs: air_mass_mg fuel_mass_mg" in repr(load_model())
     assert dir(monitor) == monitor.__all__
-
-
-def test_a_result_is_plain_data() -> None:
-    verdict = replay(LATE)
-    assert json.loads(json.dumps(verdict.to_dict())) == rounded(dict(verdict.entry))
 
 
 def test_the_version_is_said_before_any_library_is_loaded() -> None:

@@ -92,14 +92,6 @@ def test_a_rear_sensor_on_one_side_passes_no_catalyst(tmp_path: Path) -> None:
     assert "on one side only" in cause["advice"]
 
 
-def test_a_second_driving_cycle_confirms_the_code_and_freezes_its_signals(tmp_path: Path) -> None:
-    table, memory = a_table(tmp_path, stores=False), str(tmp_path / "memory.db")
-    replayed(table, tmp_path, "--memory", memory)
-    _, recording = replayed(table, tmp_path, "--memory", memory)
-    assert [d["state"] for d in recording["dtcs"]] == ["confirmed"]
-    assert cli.main(["dtc", "freeze-frame", "--memory", memory]) == 0
-
-
 def test_the_capacity_stands_among_the_results_of_the_tests(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

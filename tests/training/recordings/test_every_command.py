@@ -1,4 +1,4 @@
-"""Every command that takes a recording takes the logs of tuning tools, in each format."""
+"""Every command that takes a recording takes the logs of tuning tools, text and binary."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -59,24 +59,7 @@ def mlg(path: Path, seed: int) -> Path:
     return write_mlg(path.with_suffix(".mlg"), fields, cells, c["Time"], info='"MS2/Extra"')
 
 
-def romraider(path: Path, seed: int) -> Path:
-    """Write a CSV with semicolons and decimal commas."""
-    c = columns(seed)
-    named = {
-        "Time (msec)": 1000.0 * c["Time"],
-        "Engine Speed (rpm)": c["RPM"],
-        "Manifold Absolute Pressure (kPa)": c["MAP"],
-        "AEM UEGO Wideband (AFR Gasoline)": c["AFR"],
-        "Coolant Temperature (C)": c["CLT"],
-        "Intake Air Temperature (C)": c["MAT"],
-        "Battery Voltage (V)": c["Batt V"],
-        "Fuel Injector #1 Pulse Width (ms)": c["PW"],
-        "A/F Correction #1 (%)": c["EGO cor1"] - 100.0,
-    }
-    return write_text_table(path.with_suffix(".csv"), named, separator=";", comma=True)
-
-
-WRITERS = {"msl": msl, "mlg": mlg, "romraider": romraider}
+WRITERS = {"msl": msl, "mlg": mlg}  # text and binary
 
 
 def run(command: Callable[[list[str]], int], *arguments: str | Path) -> int:

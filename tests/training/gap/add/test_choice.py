@@ -116,14 +116,14 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
 
     monkeypatch.setattr(network, "retrain", retrain)
     # WHEN either may be taken
-    new, form, _ = added_to(material, target, far, minutes=0.1)
+    new, form, _ = added_to(material, target, far, minutes=0.05)
     # THEN it is the better one, and the other's file is gone
     assert new == target
     assert form.startswith(begins)
     assert list(tmp_path.iterdir()) == [target]
     # and of one that fails its proof it is said
     monkeypatch.setattr(network, "retrain", _differ)
-    _, form, _ = added_to(material, target, far, minutes=0.1)
+    _, form, _ = added_to(material, target, far, minutes=0.05)
     assert form.startswith("beside the network")
     assert form.endswith("; not trained anew: they differ")
 
@@ -149,7 +149,7 @@ def test_a_network_that_follows_the_film_is_trained_anew_with_healthy_drives(
     material = Material(follows.path, gap_drives()[:2], healthy_drives(), verify=gap_drives()[2:])
     out = tmp_path / "m.onnx"
     # WHEN it may be trained anew, on healthy drives too, on which the film changes nothing
-    new, form, _ = added_to(material, out, film, minutes=0.1)
+    new, form, _ = added_to(material, out, film, minutes=0.05)
     # THEN it predicts far better what no fit saw
     assert new == out
     assert form.startswith("as one more input of the network, trained anew")

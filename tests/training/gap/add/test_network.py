@@ -129,7 +129,7 @@ def retrained(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path
         out,
         ranges=ranges(*gap_drives()),
         healthy=healthy_drives()[:1],
-        budget_minutes=0.1,
+        budget_minutes=0.05,
     )
     # Limits may be set on blocks of drives with the film alone: on others the model is wrong.
     assert {each.recording for each in held_out} == {0, 1, 2}

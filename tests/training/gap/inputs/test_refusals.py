@@ -70,7 +70,7 @@ def network(drives: list[Path]) -> Path:
     """A small network that reads neither fuel nor air per stroke."""
     path = drives[0].parent / "network.onnx"
     options = ["--inputs", *INPUTS, "--lags", "3", "--hidden", "4", "--starts", "1"]
-    arguments = ["fit", *map(str, drives), *options, "--budget", "0.05", "--out", str(path)]
+    arguments = ["fit", *map(str, drives), *options, "--budget", "0.02", "--out", str(path)]
     assert cli.main(arguments) == 0
     return path
 
