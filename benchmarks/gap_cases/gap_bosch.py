@@ -234,10 +234,7 @@ def main(argv: Sequence[str]) -> int:
         sets = [(sorted(g.choice(RUNS[1], 5, replace=False).tolist()), drawn(g)) for g in rngs]
     nulls, answers = list[Row](), list[Row]()
     for group, effects in sets:
-        new, healthy = (
-            [runs[n] for n in group if n in runs],
-            [r for n, r in runs.items() if n not in group],
-        )
+        new, healthy = ([r for n, r in runs.items() if (n in group) is w] for w in (True, False))
         for output in args.outputs:
             if len(nulls) == args.nulls:
                 break
