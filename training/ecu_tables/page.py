@@ -2,16 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from monitor.base.counts import counted
 from monitor.base.files.outputs import write_text
 from training.ecu_tables.drive_plan import plan
 from training.ecu_tables.fit import FittedTables
-from training.pages.figure import drawing
 from training.pages.page import page
 from training.recordings.ecu_table import EcuTable
 
@@ -32,6 +30,7 @@ SHOWN: Final = {
     "cycles": (1.0, "cycles", 2),
 }
 PLAIN: Final = (1.0, "mg/ms", 2)
+LEVELS: Final = 8  # of colour
 AXES: Final = {
     "battery_voltage_v": "battery voltage [V]",
     "exhaust_flow_kg_h": "exhaust flow [kg/h]",
@@ -60,7 +59,7 @@ def write_report(
         tables=tables,
         filled=filled,
         heading=heading,
-        draw=lambda table: draw(table, period_s),
+        heat=lambda table: heat(table, period_s),
         legs=plan(tables, period_s),
         subject=subject,
         minutes=subject.samples * period_s / 60.0,
@@ -106,44 +105,50 @@ def _confidence(tables: Sequence[EcuTable], period_s: float) -> str:
     )
 
 
-def draw(table: EcuTable, period_s: float) -> Figure:
-    """Return a heat map, or a line with bounds for a table over one axis."""
-    return _heat_map(table, period_s) if len(table.axes) == 2 else _line(table)
+class Heat(NamedTuple):
+    """A table as the page shows it: colours over its axes, the last one downwards from its end."""
+
+    corner: str
+    columns: list[str]
+    rows: list[tuple[str, list["HeatCell"]]]
 
 
-def _heat_map(table: EcuTable, period_s: float) -> Figure:
-    """Return a map whose blank cells show their usable seconds, none where nobody drove."""
-    speed, load = table.axes
+class HeatCell(NamedTuple):
+    """A cell: what is known, or for how long somebody drove there, and where in the logs."""
+
+    value: str
+    half: str  # of its 90 % interval; "" for a blank cell
+    level: int  # of its colour, 0 to LEVELS
+    place: str
+
+
+def heat(table: EcuTable, period_s: float) -> Heat:
+    """Return the map of a table over two axes, or its row over one."""
     factor, unit, digits = SHOWN.get(table.unit, PLAIN)
-    values = table.estimate.T * factor
-    half = (table.high - table.low).T / 2.0 * factor
-    figure, axes = drawing(1.2 + 0.38 * len(load.values))
-    axes.set_facecolor("0.93")
-    image = axes.pcolormesh(np.ma.masked_invalid(values), cmap="viridis", edgecolors="w", lw=0.6)
-    figure.colorbar(image, ax=axes, label=unit)
-    size = 7 if len(speed.values) <= 10 else 5
-    middle = np.nanmean(values) if np.isfinite(values).any() else 0.0
-    for j, i in zip(*np.nonzero(np.isfinite(values)), strict=True):
-        colour = "w" if values[j, i] < middle else "k"
-        text = f"{values[j, i]:.{digits}f}\n±{half[j, i]:.{digits}f}"
-        axes.text(i + 0.5, j + 0.5, text, ha="center", va="center", size=size, color=colour)
-    seconds = table.samples.T * period_s
-    for j, i in zip(*np.nonzero(~np.isfinite(values) & (seconds > 0.0)), strict=True):
-        text = f"{max(seconds[j, i], 1.0):.0f} s"
-        axes.text(i + 0.5, j + 0.5, text, ha="center", va="center", size=size, color="0.5")
-    axes.set_xticks(np.arange(len(speed.values)) + 0.5, [f"{v:g}" for v in speed.values])
-    axes.set_yticks(np.arange(len(load.values)) + 0.5, [f"{v:g}" for v in load.values])
-    axes.set(xlabel="engine speed [1/min]", ylabel=f"load [{load.unit}]")
-    return figure
+    shape = (len(table.axes[0].values), -1)
+    values = table.estimate.reshape(shape) * factor
+    half = (table.high - table.low).reshape(shape) / 2.0 * factor
+    known = values[np.isfinite(values)]
+    low, span = float(known.min()), max(float(np.ptp(known)), 1e-9)
+    seconds = table.samples.reshape(shape) * period_s
+    logs, at_s = table.log.reshape(shape), table.at_s.reshape(shape)
 
+    def cell(i: int, j: int) -> HeatCell:
+        place = f"{logs[i, j]} from {at_s[i, j]:.0f} s" if logs[i, j] else ""
+        if np.isfinite(values[i, j]):
+            level = round(LEVELS * (values[i, j] - low) / span)
+            texts = f"{values[i, j]:.{digits}f}", f"±{half[i, j]:.{digits}f}"
+            return HeatCell(*texts, level, place)
+        spent = f"{max(seconds[i, j], 1.0):.0f} s" if seconds[i, j] > 0.0 else ""
+        return HeatCell(spent, "", 0, place)
 
-def _line(table: EcuTable) -> Figure:
-    axis = table.axes[0]
-    factor, unit, _ = SHOWN.get(table.unit, PLAIN)
-    figure, axes = drawing(2.4)
-    at = np.isfinite(table.estimate)
-    x, y = np.asarray(axis.values)[at], table.estimate[at] * factor
-    bounds = np.abs(np.stack([table.low[at], table.high[at]]) * factor - y)
-    axes.errorbar(x, y, yerr=bounds, fmt="o-", capsize=3)
-    axes.set(xlabel=AXES[axis.name], ylabel=f"{table.name.replace('_', ' ')} [{unit}]")
-    return figure
+    first, *second = table.axes
+    loads = second[0].values if second else (0.0,)
+    title = AXES.get(first.name, "engine speed [1/min]")
+    of_load = f", load [{second[0].unit}]" if second else ""
+    corner = f"{unit}{of_load} over {title}"
+    rows = [
+        (f"{load:g}" if second else unit, [cell(i, j) for i in range(shape[0])])
+        for j, load in reversed([*enumerate(loads)])
+    ]
+    return Heat(corner, [f"{v:g}" for v in first.values], rows)

@@ -23,6 +23,7 @@ from training.ecu_tables.fields import grid_over
 from training.ecu_tables.files import csv, tuner_studio
 from training.ecu_tables.fit import fit
 from training.ecu_tables.msq import injectors_text, read_axes
+from training.ecu_tables.page import LEVELS, HeatCell, heat
 from training.ecu_tables.parameters import SHARE_MOST, Parameters, point_of
 from training.ecu_tables.prediction import PredictionCase, air_mg, reading, sensitivities
 from training.ecu_tables.signals import subject_of
@@ -379,3 +380,25 @@ def test_the_drive_plan_asks_for_no_load_beyond_the_visited_ones() -> None:
         "2000 rpm at 30, 50, 80 kPa",
         "7000 rpm at 80 kPa",
     }
+
+
+def test_the_page_colours_cells_and_tells_where_they_were_driven() -> None:
+    axes = axes_of("manifold_pressure_kpa", (800.0, 1600.0), (30.0, 60.0))
+    values = np.array([[0.3, 0.25], [0.2, np.nan]])
+    table = EcuTable(
+        name="lambda_delay",
+        unit="s",
+        axes=(axes.speed, axes.load),
+        estimate=values,
+        low=values - 0.01,
+        high=values + 0.01,
+        samples=np.full((2, 2), 100),
+        log=np.full((2, 2), "monday.msl"),
+        at_s=np.array([[1.0, 2.0], [3.0, 4.0]]),
+    )
+    shown = heat(table, 0.05)
+    assert [label for label, _ in shown.rows] == ["60", "30"]  # the highest load on top
+    top, bottom = (cells for _, cells in shown.rows)
+    assert bottom[0] == HeatCell("300", "±10", LEVELS, "monday.msl from 1 s")
+    assert bottom[1].level == 0 and top[0].level == LEVELS // 2
+    assert top[1] == HeatCell("5 s", "", 0, "monday.msl from 4 s")  # blank: too little or too calm
