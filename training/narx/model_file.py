@@ -14,6 +14,7 @@ from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import from_model_units
 from training.narx.export import Network, save
 from training.narx.network import Spec
+from training.narx.parity import parity
 from training.narx.search.stability import Contraction
 from training.narx.work import Work
 from training.recordings import metrics
@@ -93,7 +94,7 @@ def write_model(
     members : number of trainings whose mean the weights are, for the card
     unseen : measures of twins that did not see what they predict, for the card
     work : of the training, for the card
-    Raises ModelError if ONNX, torch and numpy disagree.
+    Raises ModelError if ONNX and numpy disagree.
     """
     network = Network(
         spec=spec,
@@ -115,8 +116,6 @@ def write_model(
 
 
 def _parity(out: Path | str, network: Network, data: Prepared) -> dict[str, float]:
-    from training.narx.parity import parity  # noqa: PLC0415, torch takes two seconds to import
-
     segment = max(data.segments, key=lambda s: s.stop - s.start)
     recording = data.recordings[segment.recording]
     order = [list(recording.names).index(name) for name in network.inputs]
@@ -127,7 +126,6 @@ def _parity(out: Path | str, network: Network, data: Prepared) -> dict[str, floa
     return {
         "samples": result.samples,
         "onnx_numpy": result.onnx_numpy,
-        "torch_numpy": result.torch_numpy,
         "tolerance": result.tolerance,
     }
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-import torch
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
@@ -17,6 +16,7 @@ from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import OneStep
 from training.narx.algorithms.scaled_conjugate import ScaledConjugateOptions as Conjugate
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
+from training.narx.module import OneStepByTorch
 from training.narx.network import Spec, forward, initial_weights
 from training.narx.work import Work
 
@@ -73,40 +73,20 @@ def ripple(n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     return x, np.cos(2 * x[:, 0]) * np.exp(-(x[:, 1] ** 2)) + 0.15 * rng.standard_normal(n)
 
 
+@pytest.mark.parametrize("linear_path", [False, True])
 @pytest.mark.parametrize("hidden", [(4,), (5, 3)])
-def test_the_gradient_is_that_of_torch_and_of_the_normal_equations(hidden: tuple[int, ...]) -> None:
+def test_the_gradient_of_torch_is_that_of_the_normal_equations(
+    hidden: tuple[int, ...], linear_path: bool
+) -> None:
     rng = np.random.default_rng(1)
-    spec, n = Spec(2, lags=2, hidden=hidden), 4500  # more than one chunk
-    x, y, weight = rng.normal(size=(n, 6)), rng.normal(size=n), rng.uniform(0, 2, n)
-    weights = initial_weights(spec, rng)
-    cost, gradient = OneStep(spec, x, y, weight).gradient(weights)
-    w, at, out = torch.tensor(weights, requires_grad=True), 0, torch.tensor(x)
-    for i, (fan_in, fan_out) in enumerate(zip(spec.sizes[:-1], spec.sizes[1:], strict=True)):
-        matrix = w[at : at + fan_in * fan_out].reshape(fan_out, fan_in)
-        at += fan_in * fan_out
-        out = out @ matrix.T + w[at : at + fan_out]
-        at += fan_out
-        out = torch.tanh(out) if i < len(hidden) else out
-    by_torch = (torch.tensor(weight) * (out[:, 0] - torch.tensor(y)) ** 2).sum() / weight.sum()
-    by_torch.backward()
-    assert w.grad is not None
-    assert cost == pytest.approx(float(by_torch.detach()), rel=1e-12)
-    assert np.allclose(gradient, w.grad.numpy(), atol=1e-12)
-    assert OneStep(spec, x, y, weight).cost(weights) == pytest.approx(cost, rel=1e-12)
-
-
-def test_the_gradient_beside_a_linear_path_is_that_of_finite_differences() -> None:
-    rng = np.random.default_rng(2)
-    spec, n = Spec(2, lags=2, hidden=(4, 3), linear_path=True), 4500  # more than one chunk
+    spec, n = Spec(2, lags=2, hidden=hidden, linear_path=linear_path), 4500
     x, y, weight = rng.normal(size=(n, 6)), rng.normal(size=n), rng.uniform(0, 2, n)
     weights = rng.normal(size=spec.n_weights)
-    objective = OneStep(spec, x, y, weight)
-    cost, gradient = objective.gradient(weights)
-    steps = 1e-5 * np.eye(spec.n_weights)
-    slopes = [(objective.cost(weights + s) - objective.cost(weights - s)) / 2e-5 for s in steps]
-    assert cost == pytest.approx(objective.cost(weights), rel=1e-12)
-    assert np.allclose(gradient, slopes, rtol=1e-6, atol=1e-8)
-    assert np.abs(gradient[-spec.n_regressors :]).min() > 1e-3  # the path takes part
+    cost, gradient = OneStepByTorch(spec, x, y, weight).gradient(weights)
+    wanted, _, half = OneStep(spec, x, y, weight, np.float64).normal(weights)
+    assert cost == pytest.approx(wanted, rel=1e-12)
+    assert np.allclose(gradient, 2.0 * half, atol=1e-12)
+    assert np.abs(gradient).min() > 1e-5  # every weight takes part
 
 
 def test_scaled_conjugate_gradient_follows_a_curved_valley_to_its_end() -> None:

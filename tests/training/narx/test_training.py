@@ -12,6 +12,7 @@ from monitor.base.types import FloatArray
 from tests.helpers.drives.recordings import recording_of
 from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import ClosedLoop, OneStep, Pieces, Samples
+from training.narx.module import NarxModule
 from training.narx.network import Spec, forward, initial_weights, jacobian, regressors, simulate
 from training.recordings import metrics
 from training.recordings.recording import Recording
@@ -19,18 +20,6 @@ from training.recordings.samples.outliers import outlier_mask
 from training.recordings.samples.preparation import Role, prepare
 
 RNG = np.random.default_rng
-
-
-def torch_network(spec: Spec, weights: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    at = 0
-    for i, (fan_in, fan_out) in enumerate(zip(spec.sizes[:-1], spec.sizes[1:], strict=True)):
-        matrix = weights[at : at + fan_in * fan_out].reshape(fan_out, fan_in)
-        at += fan_in * fan_out
-        x = matrix @ x + weights[at : at + fan_out]
-        at += fan_out
-        if i < len(spec.sizes) - 2:
-            x = torch.tanh(x)
-    return x[0]
 
 
 def recording(
@@ -69,12 +58,11 @@ def test_the_open_loop_jacobian_is_that_of_torch(hidden: tuple[int, ...]) -> Non
     predicted, J = jacobian(spec, weights, x)
     assert np.allclose(predicted, forward(spec, weights, x), atol=1e-13)
     for i in range(len(x)):
-        w = torch.tensor(weights, requires_grad=True)
-        output = torch_network(spec, w, torch.tensor(x[i]))
-        output.backward()  # type: ignore[no-untyped-call]
-        assert w.grad is not None
+        module = NarxModule(spec, weights)
+        output = module(torch.tensor(x[i : i + 1]))[0]
+        (gradient,) = torch.autograd.grad(output, module.weights)
         assert abs(float(output.detach()) - predicted[i]) < 1e-12
-        assert np.allclose(w.grad.numpy(), J[i], atol=1e-12)
+        assert np.allclose(gradient.numpy(), J[i], atol=1e-12)
 
 
 @pytest.mark.parametrize("first_lag", [0, 1])
@@ -89,13 +77,14 @@ def test_closed_loop_sensitivities_are_those_of_torch_through_time(first_lag: in
     pieces = Pieces(np.array([3, 30]), np.array([30, 60]), np.array([0, 5]), history)
     objective = ClosedLoop(spec, Samples(u, y, weight), pieces, dtype=np.float64)
     # WHEN the same free run is differentiated by torch
-    w = torch.tensor(weights, requires_grad=True)
+    module = NarxModule(spec, weights)
+    w = module.weights
     total, rows, clipped = torch.zeros((), dtype=torch.float64), [], 0
     for piece in range(2):
         past = [torch.tensor(v) for v in history[piece]]
         for t in range(pieces.start[piece], pieces.stop[piece]):
             taps = [torch.tensor(u[t - j]) for j in range(first_lag, 4)]
-            out = torch_network(spec, w, torch.cat([*taps, torch.stack(past)]))
+            out = module(torch.cat([*taps, torch.stack(past)])[None])[0]
             if t - pieces.start[piece] >= pieces.skip[piece] and weight[t] > 0:
                 total = total + weight[t] * (out - y[t]) ** 2
                 (grad,) = torch.autograd.grad(out, w, retain_graph=True)

@@ -23,6 +23,7 @@ from training.gap.add.network_graph import (
     NetworkWithEffects,
     network_of,
 )
+from training.gap.add.network_parity import parity
 from training.gap.add.network_training import train_again, with_difference
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
@@ -55,7 +56,7 @@ def add(
     ranges : low and high of every signal present in the drives of the fit; an optional signal
         that is not among them was not there, and the effect takes its own default for it
     recordings : what the effects were fitted to
-    drives : on which ONNX, torch and numpy must agree; made inputs if there are none
+    drives : on which ONNX and numpy must agree; made inputs if there are none
     Effects that the model has already stay, in the chain of the new constants.
     Raises ModelError if the model is not a network, was retrained with effects, a signal is
     missing, or the three disagree.
@@ -138,10 +139,8 @@ def save(
 ) -> ModelCard:
     """Write the file once its parity is proved; return the card with the proof.
 
-    Raises ParityError if ONNX, torch and numpy disagree.
+    Raises ParityError if ONNX and numpy disagree.
     """
-    from training.gap.add.network_parity import parity  # noqa: PLC0415, torch is slow to import
-
     path = Path(out)
     partial = path.with_suffix(".partial")
     model.save(partial, card)
@@ -152,7 +151,6 @@ def save(
     found = {
         "samples": same.samples,
         "onnx_numpy": same.onnx_numpy,
-        "torch_numpy": same.torch_numpy,
         "tolerance": same.tolerance,
     }
     card = replace(card, checks=dict(card.checks) | {"parity": found})

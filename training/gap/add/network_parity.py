@@ -1,4 +1,4 @@
-"""Proof that a network's file with effects agrees with numpy and torch, alone and in a batch.
+"""Proof that a network's file with effects agrees with numpy, alone and in a batch.
 
 The network is that of ``parity``; the chains' difference is that of the arrays.
 """
@@ -6,10 +6,8 @@ The network is that of ``parity``; the chains' difference is that of the arrays.
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
@@ -18,7 +16,7 @@ from training.gap.add.network_graph import TO_OUTPUT, NetworkWithEffects
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.graph.effect_parity import ParityError, made_inputs
 from training.narx.network import simulate
-from training.narx.parity import TOLERANCE, NetworkStep, Parity
+from training.narx.parity import TOLERANCE, Parity
 from training.recordings.prediction import stacked
 from training.recordings.samples.transforms import apply
 
@@ -26,18 +24,10 @@ SAMPLES = 3000  # of each drive
 TOGETHER = 300  # samples that run side by side and alone
 
 
-class _Run(NamedTuple):
-    """A free run in numpy."""
-
-    inputs: FloatArray  # (n, k) as the network gets them
-    difference: FloatArray  # (n,) of the chains
-    output: FloatArray  # (n - memory,) of the whole, after the first samples
-
-
 def parity(
     path: Path | str, model: NetworkWithEffects, drives: Sequence[ChainDrive] = ()
 ) -> Parity:
-    """Compare free runs of a file with those of numpy and torch over ``drives``, or made inputs.
+    """Compare free runs of a file with those of numpy over ``drives``, or made inputs.
 
     The network starts from the measured output, the chains settled at the first sample. Returned
     are the samples of all runs, and the run that differs most of what it may.
@@ -48,31 +38,26 @@ def parity(
     exact = [_numpy(model, u, y) for u, y in runs]
     y = stacked([y for _, y in runs])
     onnx = _onnx(path, model, stacked([u for u, _ in runs]), y)
-    own = _torch(model, stacked([run.inputs for run in exact]), y)
-    each = [_compared(model, *run) for run in zip(exact, onnx, own, strict=True)]
-    worst = max(each, key=lambda found: max(found.onnx_numpy, found.torch_numpy) / found.tolerance)
-    if not max(worst.onnx_numpy, worst.torch_numpy) <= worst.tolerance:
+    each = [_compared(model, *run) for run in zip(exact, onnx, strict=True)]
+    worst = max(each, key=lambda found: found.onnx_numpy / found.tolerance)
+    if not worst.onnx_numpy <= worst.tolerance:
         raise ParityError(
-            f"{path}: free runs differ by {worst.onnx_numpy:.2g} (ONNX) and "
-            f"{worst.torch_numpy:.2g} (torch) from numpy, tolerance {worst.tolerance:.2g}"
+            f"{path}: free runs in ONNX and numpy differ by {worst.onnx_numpy:.2g}, "
+            f"tolerance {worst.tolerance:.2g}"
         )
     _check_batch(path, runs[0][0])
     return replace(worst, samples=sum(found.samples for found in each))
 
 
-def _compared(model: NetworkWithEffects, run: _Run, onnx: FloatArray, own: FloatArray) -> Parity:
-    """Return how far ONNX and torch, with the network's own output, are from numpy.
+def _compared(model: NetworkWithEffects, run: FloatArray, onnx: FloatArray) -> Parity:
+    """Return how far ONNX is from numpy.
 
-    onnx, own : (n,) or longer
+    run : (n - memory,) in numpy
+    onnx : (n,) or longer
     """
-    after = slice(model.network.spec.memory, len(run.difference))
-    other = model.whole(own[after], run.difference[after])
-    return Parity(
-        len(run.output),
-        float(np.abs(onnx[after] - run.output).max()),
-        float(np.abs(other - run.output).max()),
-        TOLERANCE * float(run.output.std()),
-    )
+    first = model.network.spec.memory
+    off = np.abs(onnx[first : first + len(run)] - run)
+    return Parity(len(run), float(off.max()), TOLERANCE * float(run.std()))
 
 
 def _of_drive(model: NetworkWithEffects, drive: ChainDrive) -> tuple[FloatArray, FloatArray]:
@@ -94,7 +79,8 @@ def _single(u: FloatArray) -> FloatArray:
     return u.astype(np.float32).astype(np.float64)
 
 
-def _numpy(model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> _Run:
+def _numpy(model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the output (n - memory,) of the whole after the first samples."""
     net = model.network
     spec, scale, first = net.spec, net.scaling, net.spec.memory
     inputs, difference = model.split(u)
@@ -104,7 +90,7 @@ def _numpy(model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> _Run:
     own = scale.unscale_y(
         simulate(spec, net.weights, u=scaled, start=begin, stop=end, history=history)
     )
-    return _Run(inputs, difference, model.whole(own, difference)[first:])
+    return model.whole(own, difference)[first:]
 
 
 def _onnx(path: Path | str, model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> FloatArray:
@@ -121,20 +107,6 @@ def _onnx(path: Path | str, model: NetworkWithEffects, u: FloatArray, y: FloatAr
             more = loaded.state[:, part] if model.form == TO_OUTPUT else 0.0
             loaded.state[:, newest] = y[:, k] + more
         found[:, k] = loaded.state[:, newest]
-    return found
-
-
-def _torch(model: NetworkWithEffects, inputs: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the network's output before effects, (runs, n)."""
-    layout, module = model.network.state_layout, NetworkStep(model.network)
-    state, found = torch.zeros((len(y), layout.size)), np.empty(y.shape)
-    u, measured = torch.tensor(inputs, dtype=torch.float32), torch.tensor(y, dtype=torch.float32)
-    with torch.no_grad():
-        for k in range(y.shape[1]):
-            _, state = module(u[:, k], state)
-            if k < model.network.spec.memory:
-                state[:, layout.output_start] = measured[:, k]
-            found[:, k] = state[:, layout.output_start].numpy()
     return found
 
 

@@ -1,7 +1,8 @@
 """The errors that training minimises: one-step (series-parallel) and free run (closed loop).
 
-An objective has the mean squared error as ``cost``, its ``gradient`` for first-order methods, and
-the ``normal`` equations of its linearisation for Levenberg–Marquardt.
+An objective has the mean squared error as ``cost`` and the ``normal`` equations of its
+linearisation for Levenberg–Marquardt. First-order methods get their gradient from torch, see
+``module``.
 
 The free run feeds its own predictions back. With S_t the derivative of y_hat(t) by all weights,
 S_t = df/dw + sum_j df/dy(t-j) S_(t-j), which is carried through time sample by sample. A measured
@@ -16,11 +17,10 @@ from scipy.linalg import get_blas_funcs
 
 from monitor.base.types import FloatArray, IntArray
 from training.narx import kernels
-from training.narx.network import Spec, forward, input_regressors, jacobian, layers, linear_path
+from training.narx.network import Spec, forward, input_regressors, jacobian
 from training.recordings.samples.preparation import Samples
 
 CHUNK = 1500  # rows of the Jacobian that stay in the cache together
-GRADIENT_CHUNK = 4000  # samples whose activations stay in the cache together
 
 
 class OneStep:
@@ -52,33 +52,6 @@ class OneStep:
         """Return the weighted mean squared one-step error."""
         error = forward(self.spec, weights, self.regressors) - self.target
         return float(self.weight @ error**2) / self._total
-
-    def gradient(self, weights: FloatArray) -> tuple[float, FloatArray]:
-        """Return the cost and its gradient (n_weights,), by back-propagation."""
-        total, gradient = 0.0, np.zeros(self.spec.n_weights)
-        parts = layers(self.spec, gradient)  # views into the gradient
-        stack = layers(self.spec, weights)
-        for at in range(0, len(self.target), GRADIENT_CHUNK):
-            rows = slice(at, at + GRADIENT_CHUNK)
-            activations = [self.regressors[rows]]
-            for w, b in stack[:-1]:
-                activations.append(np.tanh(activations[-1] @ w.T + b))
-            w, b = stack[-1]
-            error = (activations[-1] @ w.T + b)[:, 0] - self.target[rows]
-            if self.spec.linear_path:
-                error += activations[0] @ linear_path(self.spec, weights)
-            weighted = self.weight[rows] * error
-            total += float(weighted @ error)
-            if self.spec.linear_path:
-                linear_path(self.spec, gradient)[:] += weighted @ activations[0]
-            delta = weighted[:, None]
-            for layer in reversed(range(len(stack))):
-                a = activations[layer]
-                parts[layer][0][:] += delta.T @ a
-                parts[layer][1][:] += delta.sum(axis=0)
-                if layer:
-                    delta = (delta @ stack[layer][0]) * (1.0 - a * a)
-        return total / self._total, gradient * (2.0 / self._total)
 
     def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Return the cost, J'J (n, n) and J'e (n,), all divided by the total weight."""

@@ -19,7 +19,7 @@ from training.jobs.json_tree import plain
 from training.narx.algorithms import gradient, lm, scaled_conjugate
 from training.narx.algorithms.bayes import DEFAULTS as BAYES_DEFAULTS
 from training.narx.algorithms.bayes import minimise_bayesian
-from training.narx.algorithms.objectives import OneStep
+from training.narx.module import OneStepByTorch
 from training.narx.network import Spec, forward, initial_weights, regressors
 from training.narx.search import stages
 from training.narx.search.stability import contraction
@@ -192,8 +192,8 @@ def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.L
     at, held = (rows(data, spec, role) for role in (Role.TRAIN, Role.VALIDATE))
     weight = data.samples.weight[at] / data.samples.weight[at].mean()
     x, y, every = _regressors(data, spec), data.samples.y, data.samples.weight
-    objective = OneStep(spec, x[at - spec.memory], y[at], weight)
-    validate = OneStep(spec, x[held - spec.memory], y[held], every[held]).cost
+    objective = OneStepByTorch(spec, x[at - spec.memory], y[at], weight)
+    validate = OneStepByTorch(spec, x[held - spec.memory], y[held], every[held]).cost
     algorithm, epochs = job.candidate.algorithm, job.iterations
     if algorithm == LM:
         return lm.minimise(objective, weights, lm.LmOptions(epochs=epochs), validate)

@@ -203,13 +203,13 @@ def test_the_card_says_what_was_added_and_where_it_came_from(
 
 
 @pytest.mark.parametrize("which", ["extended", "retrained"])
-def test_onnx_torch_and_numpy_agree_on_drives(
+def test_onnx_and_numpy_agree_on_drives(
     which: str, base: FitResult, request: pytest.FixtureRequest
 ) -> None:
     card = Model.load(request.getfixturevalue(which)).card
     found = card.checks["parity"]
     assert found["samples"] > 2900
-    assert max(found["onnx_numpy"], found["torch_numpy"]) < 1e-4 < found["tolerance"]
+    assert found["onnx_numpy"] < 1e-4 < found["tolerance"]
 
 
 def test_a_file_that_computes_something_else_is_refused(
@@ -217,7 +217,7 @@ def test_a_file_that_computes_something_else_is_refused(
 ) -> None:
     right = ChainDifference.values
     monkeypatch.setattr(ChainDifference, "values", lambda self, s: right(self, s) + 0.002)
-    with pytest.raises(ModelError, match=r"differ by 0\.002 \(ONNX\)"):
+    with pytest.raises(ModelError, match=r"differ by 0\.002,"):
         add(
             base.path,
             [NOTHING],
