@@ -13,7 +13,7 @@ from training.cli import main as o2train
 pytestmark = pytest.mark.trains
 N = 3100
 PERIOD_S = 0.1
-SHAPE = ("--lags", "3", "--hidden", "4", "--starts", "1", "--budget", "0.05")  # quickly trained
+SHAPE = ("--lags", "3", "--hidden", "4", "--starts", "1", "--budget", "0.02")  # quickly trained
 
 
 def columns(seed: int) -> dict[str, np.ndarray]:
