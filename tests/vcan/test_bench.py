@@ -4,17 +4,16 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from obd import decoders
 
 import dbc
 from monitor.base.types import Frame
-from monitor.cli import main
 from monitor.decode.bus_map import load_pairs
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
 from monitor.inject.rewrite import writers
+from tests.helpers.logs.replays import replays
 from tests.vcan.guest import Finished
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -51,7 +50,7 @@ def test_a_fault_put_in_between_two_buses_is_found_and_told_to_testers_and_brows
     assert finished.returncode == 0, finished.stdout
     assert json.loads(finished.stdout.splitlines()[-1]) == {"player": 0, "gateway": 0, "monitor": 0}
     # THEN the monitor on vcan1 has the code and no other, and so has the gateway's own judge
-    live = only_recording(tmp_path / "run.json")
+    (live,) = json.loads((tmp_path / "run.json").read_text())["recordings"]
     codes = [(dtc["code"], dtc["fault"], dtc["state"]) for dtc in live["dtcs"]]
     assert codes == [("P015A", "delay_rich_to_lean", "pending")]
     table = (tmp_path / "inject.txt").read_text()
@@ -60,9 +59,7 @@ def test_a_fault_put_in_between_two_buses_is_found_and_told_to_testers_and_brows
     # AND no frame was lost, and what was recorded replays to exactly what the monitor said
     recorded = tmp_path / "recorded.log"
     assert untouched(recorded) == untouched(log)
-    report = tmp_path / "again.json"
-    assert main(["replay", str(recorded), "--json", str(report)]) == 1
-    again = only_recording(report)
+    _, (again,) = replays(recorded)
     assert live["windows"], "nothing was judged, so nothing was compared"
     assert live["windows"] == again["windows"]
     assert live["dtcs"] == again["dtcs"]
@@ -78,11 +75,6 @@ def test_a_fault_put_in_between_two_buses_is_found_and_told_to_testers_and_brows
     assert shown["channel"] == "socketcan vcan1"
     assert shown["health"]["timestamps"] == "kernel"
     assert len(shown["samples"]) > 150
-
-
-def only_recording(report: Path) -> dict[str, Any]:
-    (recording,) = json.loads(report.read_text(encoding="utf-8"))["recordings"]
-    return dict(recording)
 
 
 def untouched(log: Path) -> list[tuple[int, bytes]]:

@@ -1,6 +1,5 @@
 """The example plug-ins, installed as a user installs them, and what they do in the monitor."""
 
-import json
 import os
 import re
 import subprocess
@@ -18,6 +17,7 @@ from monitor.grid.tables import read_table
 from monitor.judge.decision import plugins as rules
 from monitor.memory import codes
 from tests.conftest import ROOT
+from tests.helpers.logs.replays import replays
 
 PLUGINS = ROOT / "examples/plugins"
 DRIVE = ROOT / "replay_logs/healthy_micro_trips_v102_s102.blf"
@@ -98,13 +98,12 @@ def noisy_table(folder: Path, noise: float) -> Path:
 def test_a_rule_sets_its_code_once_the_settings_switch_it_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    settings, out, memory = (tmp_path / name for name in ("on.toml", "out.json", "o2.db"))
+    settings, memory = tmp_path / "on.toml", tmp_path / "o2.db"
     settings.write_text('[rules]\nactive = ["noisy"]\n')
     logs = [str(noisy_table(tmp_path, noise)) for noise in (0.0, 0.05)]
 
     def judged(*options: str) -> list[list[str]]:
-        cli.main(["replay", *logs, "--quiet", "--json", str(out), *options])
-        found = json.loads(out.read_text())["recordings"]
+        _, found = replays(*logs, "--quiet", *options)
         return [[dtc["code"] for dtc in recording["dtcs"]] for recording in found]
 
     assert all("P1130" not in found for found in judged())
@@ -135,11 +134,11 @@ def test_a_rule_that_fails_is_switched_off_and_told_and_the_drive_keeps_its_verd
         return said
 
     monkeypatch.setattr(kind, "judge", judge)
-    settings, out = tmp_path / "on.toml", tmp_path / "out.json"
+    settings = tmp_path / "on.toml"
     settings.write_text('[rules]\nactive = ["noisy"]\n')
     # WHEN a drive is judged THEN the rule is asked once, and all else goes on
-    assert cli.main(["replay", str(LATE), "--json", str(out), "--config", str(settings)]) == 1
-    (recording,) = json.loads(out.read_text())["recordings"]
+    code, (recording,) = replays(LATE, "--config", settings)
+    assert code == 1
     assert [dtc["code"] for dtc in recording["dtcs"]] == ["P015A"]
     assert len(asked) == 1
     (note,) = recording["notes"]

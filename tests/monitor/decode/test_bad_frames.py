@@ -1,6 +1,5 @@
 """Bad frames and gaps in a log are counted and survived."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from monitor.base.types import Frame
 from monitor.decode.checksum import payload_checksum
 from monitor.frames.logs import read_frames
 from tests.helpers.logs.bad_logs import FUEL_ID, LAMBDA_ID, block, write_minute
+from tests.helpers.logs.replays import replays
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.recordings.files.can_log import write_log
@@ -29,10 +29,10 @@ Change = Callable[[list[Frame]], list[Frame]]
 
 def replayed(drive: Path, tmp_path: Path, change: Change) -> dict[str, Any]:
     """Return the result on a log whose frames were changed; the replay must survive it."""
-    log, out = tmp_path / "changed.log", tmp_path / "out.json"
+    log = tmp_path / "changed.log"
     write_log(log, block(change(list(read_frames(drive)))))
-    assert cli.main(["replay", str(log), "--json", str(out)]) in (0, 1, 3)
-    recording: dict[str, Any] = json.loads(out.read_text())["recordings"][0]
+    code, (recording,) = replays(log)
+    assert code in (0, 1, 3)
     return recording
 
 
@@ -119,12 +119,10 @@ def test_a_short_drive_does_not_heal_a_sensor_that_never_gets_ready(tmp_path: Pa
     fault = faults.resolve("not_ready")
     short = Experiment(cycle="micro_trips", vehicle=51, seed=51, duration_s=40.0, fault=fault)
     long = Experiment(cycle="micro_trips", vehicle=51, seed=52, duration_s=90.0, fault=fault)
-    logs = [str(write(e, tmp_path, "log")) for e in (long, short, short, short, short)]
-    out = tmp_path / "out.json"
+    logs = [write(e, tmp_path, "log") for e in (long, short, short, short, short)]
     # WHEN they follow the drive in which it was found
-    cli.main(["replay", *logs, "--memory", str(tmp_path / "m.db"), "--json", str(out)])
+    _, recordings = replays(*logs, "--memory", tmp_path / "m.db")
     # THEN the code stays
-    recordings = json.loads(out.read_text())["recordings"]
     assert [[d["code"] for d in r["dtcs"]] for r in recordings] == [["P0134"]] * 5
 
 

@@ -4,7 +4,6 @@ import json
 import random
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -24,6 +23,7 @@ from monitor.memory.dtc_store import Saved
 from monitor.memory.reference import Reference
 from monitor.memory.store import Memory
 from tests.conftest import ROOT
+from tests.helpers.logs.replays import replays
 
 Files = dict[str, bytes]
 
@@ -125,20 +125,13 @@ def test_a_reader_repairs_nothing_while_another_process_works_on_the_memory(path
     assert reference.drives == 1
 
 
-def replayed(path: Path, tmp_path: Path) -> tuple[int, dict[str, Any]]:
-    log = next(ROOT.glob("replay_logs/healthy_micro_trips_*.blf"))
-    out = tmp_path / "out.json"
-    code = main(["replay", str(log), "--memory", str(path), "--json", str(out)])
-    (recording,) = json.loads(out.read_text())["recordings"]
-    return code, recording
-
-
 def test_a_replay_on_a_lost_memory_says_so_sets_p062f_and_no_exit_code_1(
     tmp_path: Path, path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     damage(path)
+    healthy = next(ROOT.glob("replay_logs/healthy_micro_trips_*.blf"))
     # WHEN a healthy drive is judged on a memory that is lost
-    code, recording = replayed(path, tmp_path)
+    code, (recording,) = replays(healthy, "--memory", path)
     # THEN it is judged, the loss is in text, JSON and codes, and it is no fault of the vehicle
     aside = path.with_name("o2.db-damaged-1")
     assert code == 0
@@ -152,7 +145,7 @@ def test_a_replay_on_a_lost_memory_says_so_sets_p062f_and_no_exit_code_1(
     assert "P062F memory_lost (pending)" in said.out
     # and the next drive finds a good memory, and the code goes after it
     for codes in (["P062F"], []):
-        code, recording = replayed(path, tmp_path)
+        code, (recording,) = replays(healthy, "--memory", path)
         assert (code, recording["memory"]["state"]) == (0, "ok")
         assert [d["code"] for d in recording["dtcs"]] == codes
 

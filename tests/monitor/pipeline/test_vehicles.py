@@ -6,7 +6,6 @@ survived; a healthy car gets no code. Sources of the recordings: data/README.md.
 
 import csv
 import gzip
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import pytest
 
 from monitor import cli
 from monitor.model.step import Model
+from tests.helpers.logs.replays import replays
 from training import cli as training_cli
 
 # What of the MX-5 has a canonical name. Its vehicle speed always reads 0 and is left out.
@@ -101,17 +101,16 @@ def mx5_model(folder: Path, mx5: Path) -> Path:
 
 
 @pytest.fixture
-def replayed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[..., Replayed]:
+def replayed(capsys: pytest.CaptureFixture[str]) -> Callable[..., Replayed]:
     """Give a function that replays a recording that can be read."""
 
     def run(recording: Path, model: Path | None, columns: Path | None = None) -> Replayed:
         options = [f"--{k}={v}" for k, v in (("model", model), ("columns", columns)) if v]
-        out = tmp_path / "out.json"
         capsys.readouterr()  # what a fit before it warned of
-        code = cli.main(["replay", str(recording), *options, "--json", str(out)])
+        code, (found,) = replays(recording, *options)
         printed = capsys.readouterr()
         assert printed.err == ""
-        return Replayed(code, printed.out, json.loads(out.read_text())["recordings"][0])
+        return Replayed(code, printed.out, found)
 
     return run
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor import cli
 from monitor.base.types import FloatArray
 from tests.helpers.logs.logger_files import drive, write_text_table
+from tests.helpers.logs.replays import replays
 
 RATE_HZ, N = 10.0, 3000  # five minutes
 
@@ -22,11 +22,8 @@ def replayed(
     pulse_ms = np.full(N, 3.0)
     columns = {"Time": d["t_s"], "RPM": d["rpm"], "MAP": d["map_kpa"], "AFR": afr, "PW": pulse_ms}
     path = write_text_table(folder / "drive.msl", columns | more)
-    out = folder / "out.json"
-    options = ["--profile", "megasquirt", "--quiet", "--json", str(out)]
-    options += ["--html", str(page)] if page else []
-    code = cli.main(["replay", str(path), *options])
-    (recording,) = json.loads(out.read_text())["recordings"]
+    options = ("--html", page) if page else ()
+    code, (recording,) = replays(path, "--profile", "megasquirt", "--quiet", *options)
     return code, recording
 
 

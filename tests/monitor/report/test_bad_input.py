@@ -17,6 +17,7 @@ from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from tests.helpers.logs.bad_logs import block, write_minute
+from tests.helpers.logs.replays import replays
 from training.recordings.files.can_log import write_log
 
 
@@ -118,12 +119,12 @@ def test_a_log_of_a_killed_logger_is_judged_as_far_as_it_goes_and_the_verdict_sa
     # GIVEN a log that ends in the middle of a line, a container or a packed block
     whole = tmp_path / f"whole.{suffix}"
     write_log(whole, block(list(read_frames(drive))))
-    cut, out = tmp_path / f"cut.{suffix}", tmp_path / "out.json"
+    cut = tmp_path / f"cut.{suffix}"
     cut.write_bytes(whole.read_bytes()[: int(whole.stat().st_size * 0.6) + 3])
     # WHEN it is judged
-    assert cli.main(["replay", str(cut), "--json", str(out)]) in (0, 3)
+    code, (recording,) = replays(cut)
     # THEN text and JSON say where it ends, and the end is a gap of the log
-    recording = json.loads(out.read_text())["recordings"][0]
+    assert code in (0, 3)
     assert recording["counters"]["log_gaps"] == 1
     assert "cut short after" in recording["notes"][0]
     assert recording["notes"][0] in capsys.readouterr().out
@@ -132,11 +133,11 @@ def test_a_log_of_a_killed_logger_is_judged_as_far_as_it_goes_and_the_verdict_sa
 def test_a_manifest_of_something_else_is_no_manifest(drive: Path, tmp_path: Path) -> None:
     log = tmp_path / "drive.log"
     log.write_bytes(drive.read_bytes())
-    out = tmp_path / "out.json"
     for text in ('{"name": "an app"}', "no json", '{"schema": "o2mon.manifest/1"}'):
         (tmp_path / "manifest.json").write_text(text)
-        assert cli.main(["replay", str(log), "--json", str(out)]) in (0, 3)
-        assert json.loads(out.read_text())["recordings"][0]["source"] is None
+        code, (recording,) = replays(log)
+        assert code in (0, 3)
+        assert recording["source"] is None
 
 
 def test_a_reader_that_goes_away_changes_neither_result_nor_exit_code(

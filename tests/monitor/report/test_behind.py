@@ -9,12 +9,12 @@ import pytest
 from monitor import cli
 from tests.conftest import ROOT
 from tests.helpers.drives.switching_drive import switching_drive
+from tests.helpers.logs.replays import replays
 
 
 def replayed(table: Path, tmp_path: Path, *options: str) -> tuple[int, dict[str, Any]]:
-    out, page = tmp_path / "out.json", tmp_path / "out.html"
-    code = cli.main(["replay", str(table), "--json", str(out), "--html", str(page), *options])
-    (recording,) = json.loads(out.read_text())["recordings"]
+    page = tmp_path / "out.html"
+    code, (recording,) = replays(table, "--html", page, *options)
     assert page.stat().st_size > 1000
     return code, recording
 

@@ -1,8 +1,6 @@
 """A mapped message that never came: the map may be wrong, so the vehicle is not blamed."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 import can
 import pytest
@@ -13,6 +11,7 @@ from monitor.base.types import Frame
 from monitor.decode.bus_map import load_pairs
 from monitor.frames.logs import read_frames
 from tests.conftest import ROOT
+from tests.helpers.logs.replays import replays
 
 ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 
@@ -46,14 +45,8 @@ def written(path: Path, frames: list[Frame]) -> Path:
     return path
 
 
-def replayed(*arguments: str | Path) -> tuple[int, dict[str, Any]]:
-    out = Path(arguments[0]).with_suffix(".json")
-    code = cli.main(["replay", *map(str, arguments), "--json", str(out)])
-    return code, json.loads(out.read_text())["recordings"][-1]
-
-
 def test_a_sensor_that_never_came_in_a_log_is_not_judged_and_gets_no_code(deaf: Path) -> None:
-    code, recording = replayed(deaf)
+    code, (recording,) = replays(deaf)
     assert code == 3
     assert recording["dtcs"] == []
     cause = recording["not_judged"][0]
@@ -66,9 +59,9 @@ def test_a_vehicle_whose_sensor_was_heard_before_gets_the_code(
 ) -> None:
     # GIVEN a memory that knows the sensor of an earlier drive
     healthy, memory = written(tmp_path / "healthy.blf", drive), tmp_path / "memory.db"
-    replayed(healthy, "--memory", memory)
+    replays(healthy, "--memory", memory)
     # WHEN the sensor is silent from the start
-    code, recording = replayed(deaf, "--memory", memory)
+    code, (recording,) = replays(deaf, "--memory", memory)
     # THEN it is missed
     assert code == 1
     assert [d["code"] for d in recording["dtcs"]] == ["U0100"]

@@ -1,6 +1,5 @@
 """Why a drive was not judged: condition, share, signal, reason and advice in every output."""
 
-import json
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from monitor.judge.response.region import Region
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.drives.drive_tables import PERIOD_S, Columns, table
+from tests.helpers.logs.replays import replays
 from training.narx.export import update_card
 
 Change = Callable[[Columns], None]
@@ -42,9 +42,8 @@ def replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[[Ch
 
     def run(change: Change) -> Replayed:
         path = table(tmp_path / "drive.csv", change)
-        out, page = tmp_path / "out.json", tmp_path / "page.html"
-        code = cli.main(["replay", str(path), "--json", str(out), "--html", str(page)])
-        (recording,) = json.loads(out.read_text())["recordings"]
+        page = tmp_path / "page.html"
+        code, (recording,) = replays(path, "--html", page)
         return Replayed(code, capsys.readouterr().out, page.read_text(), recording)
 
     return run
@@ -195,10 +194,9 @@ def test_a_drive_outside_of_what_the_model_learned_gives_no_verdict_and_says_so(
     n = len(card.inputs)
     far = Region(card.input_names, np.ones(2 * n), np.full((1, 2 * n), 1e4), 1.0)
     update_card(model, replace(card, region=far.to_card()))
-    out = tmp_path / "out.json"
     path = table(tmp_path / "drive.csv", lambda _: None)
-    assert cli.main(["replay", str(path), "--model", str(model), "--json", str(out)]) == 3
-    (recording,) = json.loads(out.read_text())["recordings"]
+    code, (recording,) = replays(path, "--model", model)
+    assert code == 3
     n_windows = len(recording["windows"])
     assert all(w["statistics"]["region_beyond"] > 1.0 for w in recording["windows"])
     assert [(c["condition"], c["reason"]) for c in recording["not_judged"]][-1] == (

@@ -1,12 +1,12 @@
 """A logger that pauses says nothing of the sensor."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from monitor import cli
+from tests.helpers.logs.replays import replays
 from training.recordings.recording import load
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -24,9 +24,8 @@ def test_a_table_of_a_healthy_drive_with_a_pause_gets_no_code(
     cells = np.column_stack([t_s, recording.values])
     header = ",".join(("time_s", *recording.names))
     np.savetxt(table, cells, "%.9g", ",", header=header, comments="")
-    out = tmp_path / "out.json"
-    assert cli.main(["replay", str(table), "--json", str(out)]) == 0
-    (judged,) = json.loads(out.read_text())["recordings"]
+    code, (judged,) = replays(table)
+    assert code == 0
     assert judged["dtcs"] == []
     assert judged["windows_interrupted"] >= 1
 

@@ -10,6 +10,7 @@ import pytest
 from monitor import cli
 from monitor.base.files import manifest
 from tests.conftest import ROOT
+from tests.helpers.logs.replays import replays
 
 LOGS = manifest.load(ROOT / "replay_logs")
 NAMES = sorted(LOGS)
@@ -37,12 +38,11 @@ def test_no_drive_is_of_a_vehicle_or_seed_that_training_saw() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_recorded_drive_is_judged_as_expected(name: str, tmp_path: Path) -> None:
-    entry, log, out = LOGS[name], Path("replay_logs") / name, tmp_path / "out.json"
+def test_a_recorded_drive_is_judged_as_expected(name: str) -> None:
+    entry, log = LOGS[name], Path("replay_logs") / name
     assert hashlib.sha256(log.read_bytes()).hexdigest() == entry["sha256"]
-    code = cli.main(["replay", str(log), "--json", str(out)])
+    code, (recording,) = replays(log)
     assert code == entry["expected"]["exit_code"]
-    (recording,) = json.loads(out.read_text())["recordings"]
     assert {d["fault"] for d in recording["dtcs"]} == ({entry["fault"]} - {None})
     (golden,) = json.loads((ROOT / f"replay_logs/expected/{name}.json").read_text())["recordings"]
     behind, expected_behind = recording.pop("catalyst", {}), golden.pop("catalyst", {})
@@ -75,27 +75,20 @@ def test_the_same_log_gives_the_same_bytes_and_the_page_too(tmp_path: Path) -> N
 
 def test_a_fault_in_the_second_driving_cycle_is_confirmed(tmp_path: Path) -> None:
     log = f"replay_logs/{next(n for n in NAMES if n.startswith('gain_low'))}"
-    out, memory = tmp_path / "out.json", tmp_path / "memory.db"
-    assert cli.main(["replay", log, log, "--memory", str(memory), "--json", str(out)]) == 1
-    states = [[d["state"] for d in r["dtcs"]] for r in json.loads(out.read_text())["recordings"]]
-    assert states == [["pending"], ["confirmed"]]
+    _, recordings = replays(log, log, "--memory", tmp_path / "memory.db")
+    assert [[d["state"] for d in r["dtcs"]] for r in recordings] == [["pending"], ["confirmed"]]
 
 
-def test_each_log_is_a_driving_cycle_of_its_own_without_memory(tmp_path: Path) -> None:
+def test_each_log_is_a_driving_cycle_of_its_own_without_memory() -> None:
     faulty = f"replay_logs/{next(n for n in NAMES if n.startswith('stuck_lean'))}"
     healthy = f"replay_logs/{next(n for n in NAMES if n.startswith('healthy_micro'))}"
-    out = tmp_path / "out.json"
-    assert cli.main(["replay", faulty, healthy, "--json", str(out)]) == 1
-    flags = [r["fault_flag"] for r in json.loads(out.read_text())["recordings"]]
-    assert flags == [True, False]
+    code, recordings = replays(faulty, healthy)
+    assert (code, [r["fault_flag"] for r in recordings]) == (1, [True, False])
 
 
-def test_the_result_says_how_far_each_fault_is_from_a_decision(tmp_path: Path) -> None:
+def test_the_result_says_how_far_each_fault_is_from_a_decision() -> None:
     # GIVEN the replay of a late sensor
-    out = tmp_path / "out.json"
-    log = ROOT / "replay_logs" / "delay_rich_to_lean_micro_trips_v106_s108.blf"
-    assert cli.main(["replay", str(log), "--quiet", "--json", str(out)]) == 1
-    (recording,) = json.loads(out.read_text())["recordings"]
+    _, (recording,) = replays(ROOT / "replay_logs" / "delay_rich_to_lean_micro_trips_v106_s108.blf")
     # THEN its fault alone is beyond what a decision needs, and its name is certain
     evidence = recording["evidence"]
     decided = [n for n, e in evidence.items() if e["log_odds"] >= e["needed"]]

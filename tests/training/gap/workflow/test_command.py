@@ -7,11 +7,11 @@ from typing import Any, NoReturn
 
 import pytest
 
-from monitor import cli as o2mon
 from monitor.base.command_line.command import INTERRUPTED
 from monitor.base.errors import ModelError
 from monitor.model.step import Model
 from tests.helpers.gap.gap_files import drives, run
+from tests.helpers.logs.replays import replays
 from training import cli
 from training.gap import workflow
 from training.gap.add import choice
@@ -162,13 +162,9 @@ def test_the_constants_come_from_the_recordings_that_are_not_held_out(
 
 
 def test_the_monitor_replays_with_the_new_model(
-    named: Stopped, film: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    named: Stopped, film: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "replay.json"
-    code = o2mon.main(
-        ["replay", str(film[1]), "--model", str(named.out / "model.onnx"), "--json", str(out)]
-    )
-    (judged,) = json.loads(out.read_text())["recordings"]
+    code, (judged,) = replays(film[1], "--model", named.out / "model.onnx")
     assert code in (0, 3), capsys.readouterr()
     assert judged["dtcs"] == []
     assert len(judged["windows"]) > 20
