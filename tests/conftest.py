@@ -7,6 +7,7 @@ import shutil
 import signal
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
@@ -15,6 +16,9 @@ from xdist.scheduler import LoadScopeScheduling
 
 from tests.helpers import shared
 from tests.helpers.examples import USUAL, number
+
+if TYPE_CHECKING:
+    from monitor.pipeline.replay import Setup
 
 # Before any test imports numpy: one thread is the fastest on small matrices.
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -140,3 +144,12 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the shared recordings (../shared/data beside the repository) are not here")
     return folder
+
+
+@pytest.fixture(scope="module")
+def setup() -> "Setup":
+    """Give the shipped model, map and settings."""
+    from monitor.base import config
+    from monitor.pipeline import replay
+
+    return replay.set_up(None, [], config.load())

@@ -2,16 +2,9 @@
 
 import pytest
 
-from monitor.base import config
 from monitor.base.types import Frame
 from monitor.frames.logs import read_frames
-from monitor.pipeline import replay
 from tests.conftest import ROOT
-
-
-@pytest.fixture(scope="session")
-def setup() -> replay.Setup:
-    return replay.set_up(None, [], config.load())
 
 
 @pytest.fixture(scope="session")

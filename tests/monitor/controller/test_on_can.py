@@ -7,20 +7,14 @@ from pathlib import Path
 import can
 import pytest
 
-from monitor.base import config
 from monitor.decode.checksum import payload_checksum
-from monitor.pipeline.replay import Setup, set_up
+from monitor.pipeline.replay import Setup
 from tests.conftest import ROOT
 from tests.helpers.bus import on_can
 from tests.helpers.bus.played_bus import played_on
 
 LAMBDA_ID = 0xC2
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
-
-
-@pytest.fixture(scope="module")
-def setup() -> Setup:
-    return set_up(None, [], config.load())
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from monitor.base import config
 from monitor.controller.export import export
 from monitor.pipeline.recordings import RecordingReader
-from monitor.pipeline.replay import Setup, set_up
+from monitor.pipeline.replay import Setup
 from tests.conftest import ROOT
 from tests.helpers.models import c_monitor, c_target
 
@@ -19,11 +18,6 @@ pytestmark = pytest.mark.skipif(
 )
 FLASH, RAM, STACK = 15_500, 4_096, 3_072  # bytes
 HERTZ = 80e6  # of the core that the budget is for
-
-
-@pytest.fixture(scope="module")
-def setup() -> Setup:
-    return set_up(None, [], config.load())
 
 
 @pytest.fixture(scope="module")

@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.base import config
 from monitor.base.files import manifest
 from monitor.controller.export import export
 from monitor.memory.reference import Reference
 from monitor.pipeline.recordings import RecordingReader
-from monitor.pipeline.replay import Setup, set_up
+from monitor.pipeline.replay import Setup
 from tests.conftest import ROOT
 from tests.helpers.examples import inputs
 from tests.helpers.models import c_monitor
@@ -24,11 +23,6 @@ from tests.helpers.models.broken_samples import drive_of
 NAMES = sorted(manifest.load(ROOT / "replay_logs"))
 Pair = tuple[c_monitor.Said, c_monitor.Said]
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
-
-
-@pytest.fixture(scope="module")
-def setup() -> Setup:
-    return set_up(None, [], config.load())
 
 
 @pytest.fixture(scope="module")

@@ -37,11 +37,6 @@ from training.recordings.files.can_log import write_log
 
 
 @pytest.fixture(scope="module")
-def setup() -> replay.Setup:
-    return replay.set_up(None, [], CONFIG)
-
-
-@pytest.fixture(scope="module")
 def late_sensor() -> list[Frame]:
     (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
     return list(read_frames(log))[: 200 * 80]
