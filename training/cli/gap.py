@@ -136,7 +136,6 @@ def _vehicle(material: "Material") -> dict[str, Any]:
 
 
 def _print(result: "Result", out: Path) -> None:
-    from training.gap.name.decision import T_LEAST
     from training.gap.pages.verdict_words import verdict_sentence
 
     print(verdict_sentence(result))
@@ -150,8 +149,7 @@ def _print(result: "Result", out: Path) -> None:
         merit = candidate.merit
         print(
             f"  {candidate.name}: score {merit.score:.0f} ({merit.needed:.0f} needed), "
-            f"t {merit.t:.1f} ({T_LEAST:.0f} needed)"
-            + ("" if merit.physical else ", with constants that it cannot have")
+            f"t {merit.t:.1f}" + ("" if merit.physical else ", with constants that it cannot have")
         )
     if result.naming.answer.experiment is not None:
         print(f"to tell them apart: {result.naming.answer.experiment}")

@@ -50,28 +50,6 @@ class DifferenceConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class NameConfig:
-    """Probabilities of the hypotheses about a gap."""
-
-    healthy_energy: float
-    effect_form: float
-    fault_form: float
-    unknown_nats: float
-    unknown_scale: float
-    impossible_nats: float
-    even_t: float
-    gap_nats: float
-    gap_temperature: float
-    rival_temperature: float
-    rival_t: float
-    rival_spread_nats: float
-    log_prior_unknown: float
-    log_prior_onset: float
-    log_prior_moved: float
-    log_prior_fault: float
-
-
-@dataclass(frozen=True, slots=True)
 class AddConfig:
     """Choice between forms."""
 
@@ -97,7 +75,6 @@ class GapConfig:
     error_alone: ErrorAloneConfig
     drivers: DriversConfig
     response: DifferenceConfig
-    name: NameConfig
     add: AddConfig
     verify: VerifyConfig
 

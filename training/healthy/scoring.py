@@ -64,15 +64,18 @@ def score(before: FloatArray, after: FloatArray, moved: FloatArray | None = None
     return Score(float(gains.sum()), float(t))
 
 
-def win(better: FloatArray, other: FloatArray, seed: int = 5) -> float:
-    """Return how often resampled blocks prefer the first of two deviances (n_blocks,).
+def draws(n: int, seed: int = 5) -> FloatArray:
+    """Return how often each of n blocks stands in each resample, (n_draws, n).
 
     Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 8.
     """
     rng = np.random.default_rng(seed)
-    difference = other - better
-    drawn = rng.integers(0, len(difference), (BOOTSTRAPS, len(difference)))
-    return float((difference[drawn].sum(axis=1) > 0.0).mean())
+    return rng.multinomial(n, np.full(n, 1.0 / n), BOOTSTRAPS).astype(np.float64)
+
+
+def win(better: FloatArray, other: FloatArray) -> float:
+    """Return how often resampled blocks prefer the first of two deviances (n_blocks,)."""
+    return float((draws(len(better)) @ (other - better) > 0.0).mean())
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +98,10 @@ def ceiling(case: Case, plain: Sequence[FloatArray]) -> Ceiling:
     return Ceiling(np.concatenate(whitened) / case.sigma)
 
 
-def explained(found: JointFit, roof: Ceiling, blocks: IntArray) -> float:
-    """Return by how much the deviance of held-out blocks falls with the ceiling."""
+def explained(found: JointFit, roof: Ceiling, blocks: IntArray) -> FloatArray:
+    """Return by how much the deviance of every held-out block falls with the ceiling."""
     rest = left_by(roof, found.jacobian, found.residual, blocks)
-    return float((by_block(found.residual, blocks) - by_block(rest, blocks)).sum())
+    return by_block(found.residual, blocks) - by_block(rest, blocks)
 
 
 def left_by(roof: Ceiling, known: FloatArray, errors: FloatArray, blocks: IntArray) -> FloatArray:

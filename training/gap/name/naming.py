@@ -2,9 +2,8 @@
 
 Every effect of the library, and every gradual sensor fault as a rival, is fitted on the base and
 scored on held-out blocks; the base is the healthy vehicle's, or is fitted with each candidate where
-nothing is known of it. A name is given only if the score is far above what healthy drives show
-against each other, most of what can be explained at all is explained, no rival is about as good,
-and nothing speaks for the sensor.
+nothing is known of it. The verdict is read off the probabilities of all hypotheses
+(``posterior``).
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,9 +17,8 @@ from monitor.base.errors import RecordingError
 from training.gap.name.decision import StepOutcome
 from training.gap.name.formulas.contest import beats, may_be_beaten
 from training.gap.name.formulas.formula import FirstTerm, Formula, first_term, formula_of
-from training.gap.name.hypotheses import hypotheses
-from training.gap.name.posterior import posterior
-from training.gap.name.ranking import HALF, adequacy_of, against
+from training.gap.name.posterior import NONE, UNKNOWN, Posterior
+from training.gap.name.ranking import against
 from training.gap.name.steps import Advance, advance
 from training.gap.name.verdict import (
     Answer,
@@ -30,7 +28,6 @@ from training.gap.name.verdict import (
     Naming,
     Round,
     Trials,
-    Verdict,
 )
 from training.greybox.chain import Constants
 from training.greybox.effects import ALL, Effect
@@ -88,17 +85,20 @@ def name(
     if naming.verdict == "unknown_effect" or may_be_beaten(first, found):
         progress("formula")
         formula = first_term(first, known)
-    if naming.verdict != "unknown_effect" and formula and beats(first, formula.rival, found):
-        unknown = StepOutcome("unknown_effect", found.first)
-        found = Advance(first, unknown, rounds=(), warnings=(), first=found.first)
+    is_told = naming.verdict != "unknown_effect"
+    if is_told and formula and (won := beats(first, formula.rival, found)):
+        unknown, odds = StepOutcome("unknown_effect", found.first), naming.posterior
+        found = Advance(first, unknown, (), (), found.first, _unknown(odds, won))
         naming = answer(found)
     if naming.verdict == "unknown_effect":
         naming = _with_formula(naming, first, formula, found.first)
-    if known is not None:
-        rival = formula.rival if formula else None
-        weighed = hypotheses(first, found.first, rival, sensor_known_good=sensor_known_good)
-        naming = replace(naming, posterior=posterior(weighed))
     return naming
+
+
+def _unknown(odds: Posterior, share: float) -> Posterior:
+    """Return the probabilities with a share of each hypothesis for another cause than all."""
+    left = {name: (1.0 - share) * p for name, p in odds.items()}
+    return left | {UNKNOWN: left[UNKNOWN] + share}
 
 
 def _with_formula(
@@ -157,20 +157,6 @@ def _doubts(case: Case, known: Healthy | None) -> list[str]:
     return doubts
 
 
-def _kept(
-    first: BaseState, last: BaseState, outcome: StepOutcome, rounds: Sequence[Round]
-) -> tuple[Candidate, ...]:
-    """Return the added effects, or none if they leave much that could be explained.
-
-    Judged after the last step, because one of two effects leaves the other.
-    """
-    if not rounds or outcome.verdict == "sensor_fault_suspected":
-        return ()
-    gain = float((first.deviance - last.deviance).sum())
-    share = adequacy_of(first, gain, last.current)
-    return tuple(r.effect for r in rounds) if share >= HALF else ()
-
-
 def _is_larger(rmse: float, drives: Sequence[ChainDrive], known: Healthy | None) -> bool:
     """Return whether the chain's error is larger than on healthy drives, whatever the reason.
 
@@ -192,12 +178,12 @@ def _answer(
 ) -> Naming:
     last, outcome, rounds = found.last, found.outcome, found.rounds
     warnings = (*doubts, *found.warnings)
-    added = _kept(first, last, outcome, rounds)
+    added = tuple(r.effect for r in rounds) if outcome.verdict == "named" else ()
     error = _error(first, last, with_effects=bool(added))
-    verdict: Verdict = "named" if added else outcome.verdict
-    unexplained = verdict == "no_gap" and _is_larger(error.before, first.case.drives, known)
-    if not added and (verdict == "named" or unexplained):
+    verdict, odds = outcome.verdict, found.posterior
+    if verdict == "no_gap" and _is_larger(error.before, first.case.drives, known):
         verdict = "unknown_effect"
+        odds = {**odds, NONE: 0.0, UNKNOWN: odds[UNKNOWN] + odds[NONE]}
     if rounds and verdict == "ambiguous":
         warnings = (*warnings, _came_first(rounds))
     return Naming(
@@ -213,11 +199,12 @@ def _answer(
         base=_base(first, last, known.base if known else reference),
         error=error,
         warnings=warnings,
+        posterior=dict(sorted(odds.items(), key=lambda each: -each[1])),
     )
 
 
 def _error(first: BaseState, last: BaseState, with_effects: bool) -> BlockError:
-    explained = scoring.explained(first.current, first.roof, first.case.blocks)
+    explained = float(scoring.explained(first.current, first.roof, first.case.blocks).sum())
     return BlockError(
         before=held_out_rmse(first.case, first.current),
         after=held_out_rmse(last.case, last.current) if with_effects else None,

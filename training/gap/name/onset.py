@@ -1,90 +1,90 @@
-"""Something that begins within the recordings: a candidate that is absent before a block of time.
+"""Something that begins within the recordings: effects are always there, faults may not be."""
 
-Files may not come as they were driven, so drives are also looked at in the order of the candidate's
-strength in them.
-"""
-
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
-from training.gap.name.evidence import Directions, SeenErrors
 from training.greybox.fit.case import Case
 from training.greybox.fit.joint import JointFit
-from training.healthy import scoring
 
-BLOCKS_LEAST: Final = 3  # on either side
-TRIED: Final = 8  # beginnings of one candidate that explain most
+ONSET_T: Final = 6.0
+ONSET_T_SORTED: Final = 9.0  # if drives were put in the order that suits an onset best
+ONSET_BEFORE: Final = 0.25  # of the strength after, below which it was absent before
+ONSET_BLOCKS: Final = 4  # at least, on either side
+ONSET_KNOWN: Final = 0.02  # of all that is known of the strength, at least before it
+ONSET_WEIGHT: Final = 1e-4  # of all that is known of the strength, below which a block says nothing
+
+
+def onset_s(case: Case, before: JointFit, after: JointFit) -> tuple[str, float] | None:
+    """Return the drive and time at which the gain of ``after`` began, None if always there.
+
+    Every block says how strong the explanation is in it. An onset stays: in all drives, one
+    after the other, the strength steps up once from nothing. The drives are looked at in the order
+    given, and in the order of their own strengths, because files may not come as they were driven.
+    """
+    every = _strengths(case, before, after)
+    by_strength = sorted(every, key=lambda each: each.mean)
+    for order, least in ((every, ONSET_T), (by_strength, ONSET_T_SORTED)):
+        place = _step(
+            np.concatenate([each.strength for each in order]),
+            np.concatenate([each.weight for each in order]),
+            least,
+        )
+        if place is not None:
+            times = [(each.name, t_s) for each in order for t_s in each.t_s]
+            return times[place]
+    return None
 
 
 @dataclass(frozen=True, slots=True)
-class Beginning:
-    """A candidate that is there from one block on, with the strength that fits best."""
+class _Strengths:
+    """How strong an explanation is in the blocks of one drive that say anything."""
 
-    place: tuple[str, float]  # drive, and seconds in it
-    seen: SeenErrors  # errors that are left
-    gained: float  # sum of squares that it explains, in sigma
-    among: int  # beginnings that were looked at
+    name: str
+    t_s: list[float]  # (n_blocks,) since the drive's beginning
+    strength: FloatArray  # (n_blocks,)
+    weight: FloatArray  # (n_blocks,) its inverse variance
+
+    @property
+    def mean(self) -> float:
+        """Return the mean strength, 0 of no block."""
+        return float((self.strength * self.weight).sum() / max(float(self.weight.sum()), 1e-12))
 
 
-def beginnings(
-    case: Case, before: JointFit, after: JointFit, directions: Directions, seen: SeenErrors
-) -> Iterator[Beginning]:
-    """Yield the beginnings of the last term of ``after`` that explain most.
-
-    before : the fit without it; seen : what it leaves
-    """
+def _strengths(case: Case, before: JointFit, after: JointFit) -> list[_Strengths]:
+    wanted, signature = -before.residual, after.residual - before.residual
+    least = ONSET_WEIGHT * float((signature**2).sum())
+    found, first = [], 0
     blocks = case.blocks
-    rest = np.clip(before.residual, -scoring.LARGEST, scoring.LARGEST)
-    change = np.clip(after.residual, -scoring.LARGEST, scoring.LARGEST) - rest
-    wanted = _sums(-rest * change, blocks)
-    power = _sums(change**2, blocks)
-    parts = np.zeros((len(power), len(directions.share)))
-    np.add.at(parts, blocks, directions.basis * change[:, np.newaxis])
-    drive_of, places = _places(case, blocks)
-    for order in _orders(drive_of, wanted, power):
-        gained, moved = _from_here(wanted[order]), _from_here(power[order])
-        cut = _from_here(parts[order])
-        inside = np.arange(len(order))
-        good = (gained > 0.0) & (moved > 0.0) & (inside >= BLOCKS_LEAST)
-        good &= inside <= len(order) - BLOCKS_LEAST
-        size = np.where(good, gained / np.where(good, moved, 1.0), 0.0)
-        for k in np.argsort(-size * gained)[:TRIED]:
-            if not good[k]:
-                continue
-            squares = float(seen.squares) - float(size[k] * gained[k])
-            left = SeenErrors(seen.parts + size[k] * cut[k], squares)
-            own = float(size[k] ** 2 * moved[k])
-            yield Beginning(places[order[k]], left, own, len(order))
+    for drive, kept in zip(case.drives, case.kept, strict=True):
+        rows = slice(first, first + int(kept.sum()))
+        first = rows.stop
+        number, block = np.unique(blocks[rows], return_inverse=True)
+        weight = _sums(block, signature[rows] ** 2)
+        moved = _sums(block, wanted[rows] * signature[rows])
+        begins = np.flatnonzero(kept)[np.searchsorted(block, np.arange(len(number)))]
+        used = weight > least
+        times = (begins[used] * drive.period_s).tolist()
+        strength = moved[used] / weight[used]
+        found.append(_Strengths(drive.name, times, strength, weight[used]))
+    return found
 
 
-def _sums(values: FloatArray, blocks: IntArray) -> FloatArray:
-    return np.asarray(np.bincount(blocks, values), dtype=np.float64)
+def _sums(block: IntArray, values: FloatArray) -> FloatArray:
+    return np.asarray(np.bincount(block, values), dtype=np.float64)
 
 
-def _from_here(values: FloatArray) -> FloatArray:
-    """Return the sum of each row and all later ones."""
-    return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
-
-
-def _places(case: Case, blocks: IntArray) -> tuple[IntArray, list[tuple[str, float]]]:
-    """Return each block's drive (n_blocks,), and its drive's name and beginning in s."""
-    numbers, places, first = [], list[tuple[str, float]](), 0
-    for i, (drive, kept) in enumerate(zip(case.drives, case.kept, strict=True)):
-        own = blocks[first : first + int(kept.sum())]
-        first += len(own)
-        _, begins = np.unique(own, return_index=True)
-        times = (np.flatnonzero(kept)[begins] * drive.period_s).tolist()
-        places += [(drive.name, t_s) for t_s in times]
-        numbers += [i] * len(times)
-    return np.array(numbers), places
-
-
-def _orders(drive_of: IntArray, wanted: FloatArray, power: FloatArray) -> list[IntArray]:
-    """Return the blocks in the order given, and with drives in the order of their strength."""
-    plain = np.arange(len(drive_of))
-    strength = np.bincount(drive_of, wanted) / np.maximum(np.bincount(drive_of, power), 1e-12)
-    return [plain, np.asarray(np.lexsort((plain, strength[drive_of])))]
+def _step(a: FloatArray, w: FloatArray, t_least: float) -> int | None:
+    """Return the place at which strengths (n,) of inverse variances (n,) step up from nothing."""
+    best: tuple[float, int] | None = None
+    for k in range(ONSET_BLOCKS, len(a) - ONSET_BLOCKS + 1):
+        low, high = np.average(a[:k], weights=w[:k]), np.average(a[k:], weights=w[k:])
+        rest = np.concatenate([a[:k] - low, a[k:] - high])
+        scatter = max(float((w * rest**2).sum()) / (len(a) - 2), 1.0)
+        t = (high - low) / np.sqrt(scatter * (1.0 / w[:k].sum() + 1.0 / w[k:].sum()))
+        absent = abs(low) < ONSET_BEFORE * high and w[:k].sum() > ONSET_KNOWN * w.sum()
+        if absent and t > t_least and (best is None or t > best[0]):
+            best = (float(t), k)
+    return None if best is None else best[1]

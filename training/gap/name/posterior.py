@@ -1,66 +1,73 @@
-"""Probabilities of all hypotheses about a gap.
+"""Probabilities of all hypotheses about a gap: how often resampled blocks answer with each.
 
-Two steps, each with its own temperature: is there a gap at all, and which hypothesis is it.
-Neighbouring samples share more than the noise model knows, so evidence counts less than it says.
-Candidates of the library compete on held-out blocks: by how much the best explains more, over the
-spread of that between blocks.
-Sources: Guo, Pleiss, Sun, Weinberger, On calibration of modern neural networks, ICML 2017; Vehtari,
-Gelman, Gabry, Practical Bayesian model evaluation, Statistics and Computing 27 (2017), section 5.1.
+Blocks are drawn with replacement, and every draw is answered anew. Its answer is the candidate that
+explains most of held-out blocks: more than healthy drives give it, with constants that it can have,
+and half of all that can be explained. A gap that no candidate explains so is of another cause.
+Sources: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 8; Bühlmann,
+Discussion of big Bayes stories and BayesBag, Statistical Science 29 (2014).
 """
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from monitor.base.types import FloatArray
-from training.gap.config import CONFIG
-from training.gap.name.hypotheses import MOVED, NONE, UNKNOWN, GapHypothesis
+from monitor.base.types import BoolArray, FloatArray
+from training.gap.name.formulas.description import plainest
+from training.gap.name.ranking import HALF, USUAL_SHARE
+from training.gap.name.verdict import Candidate
+from training.healthy import scoring
+from training.healthy.base_state import BaseState
 
-LIMITS: Final = CONFIG.name
-FARTHEST: Final = 50.0  # log odds beyond which nothing changes
-
-
-def posterior(found: Sequence[GapHypothesis]) -> dict[str, float]:
-    """Return the probability of every hypothesis and of no gap, the likeliest first; sum 1."""
-    logs = np.array([_log_weight(each, _best(found)) for each in found])
-    shares = np.exp(logs - np.logaddexp.reduce(logs))
-    nats = max(each.nats / each.scale for each in found)
-    odds = (nats - LIMITS.gap_nats) / LIMITS.gap_temperature
-    gap = 1.0 / (1.0 + float(np.exp(-np.clip(odds, -FARTHEST, FARTHEST))))
-    every = {each.name: gap * float(p) for each, p in zip(found, shares, strict=True)}
-    every[NONE] = 1.0 - gap
-    return dict(sorted(every.items(), key=lambda item: -item[1]))
+NONE, UNKNOWN, ONSET = "none", "unknown", "onset"
+Posterior = Mapping[str, float]
 
 
-def _best(found: Sequence[GapHypothesis]) -> GapHypothesis | None:
-    """Return the candidate that explains most of held-out blocks."""
-    tried = [(float(e.deviance.sum()), i) for i, e in enumerate(found) if e.deviance is not None]
-    return found[min(tried)[1]] if tried else None
+def posterior(state: BaseState, ranking: Sequence[Candidate], whole: FloatArray) -> Posterior:
+    """Return the probability of each candidate, of no gap and of another cause, sum 1.
+
+    whole : deviance (n_blocks,) without any effect, of which half is to be explained by all
+    """
+    blocks, drawn = state.case.blocks, scoring.draws(len(whole))
+    after = np.array([scoring.deviance(c.fit, blocks) for c in ranking])
+    gains = drawn @ (state.deviance - after).T
+    gains = np.where(gains >= [c.merit.needed for c in ranking], gains, 0.0)
+    best, is_large = gains.argmax(axis=1), gains.max(axis=1) > 0.0
+    counts = dict.fromkeys([*(c.name for c in ranking), NONE, UNKNOWN], 0)
+    plain = plainest(state)
+    counts[NONE if plain is None else UNKNOWN] = int((~is_large).sum())
+    for i in np.unique(best[is_large]):
+        candidate, own = ranking[i], drawn[is_large & (best == i)]
+        holds = np.full(len(own), candidate.merit.physical)
+        if candidate.merit.physical:
+            holds = _explains_half(state, candidate, own @ (whole - after[i]), own)
+            if candidate.kind == "sensor fault":
+                # Its own fault may have another form, of which the library's explains a part.
+                holds |= plain is None or own @ plain.deviance > own @ after[i]
+        counts[candidate.name] = int(holds.sum())
+        counts[UNKNOWN] += int((~holds).sum())
+    return {name: count / len(drawn) for name, count in counts.items()}
 
 
-def _log_weight(each: GapHypothesis, best: GapHypothesis | None) -> float:
-    prior = _prior(each)
-    if best is None or best.deviance is None:
-        return each.nats / LIMITS.rival_temperature + prior
-    if each.deviance is None:
-        return (each.nats - best.nats) / LIMITS.rival_temperature + prior
-    return prior - LIMITS.rival_t * _t(each.deviance, best.deviance)
+def _explains_half(
+    state: BaseState, candidate: Candidate, gains: FloatArray, drawn: FloatArray
+) -> BoolArray:
+    """Return whether each draw (n, n_blocks) leaves less than was gained; an effect in another
+    form leaves the usual share.
+    """
+    rest = drawn @ scoring.explained(candidate.fit, state.roof, state.case.blocks)
+    rest -= USUAL_SHARE * drawn @ state.deviance
+    return np.asarray(gains * (1.0 - HALF) >= HALF * np.maximum(rest, 0.0))
 
 
-def _t(deviance: FloatArray, best: FloatArray) -> float:
-    """Return by how much held-out blocks prefer the best, over the spread of that."""
-    lost = (deviance - best) / 2.0
-    spread = np.hypot(np.sqrt(len(lost)) * lost.std(), LIMITS.rival_spread_nats)
-    return float(lost.sum() / spread)
+def on_top(first: Posterior, names: str, lead: str, then: Posterior) -> Posterior:
+    """Return the probabilities of two steps: ``lead`` of the first one alone, or with another.
 
-
-def _prior(each: GapHypothesis) -> float:
-    if each.name == UNKNOWN:
-        return LIMITS.log_prior_unknown
-    if each.began is not None:
-        return LIMITS.log_prior_onset - float(np.log(each.began.among))
-    if each.name == MOVED:
-        return LIMITS.log_prior_moved
-    # A factor on the mixture is an effect of the library, whatever it counts as.
-    return LIMITS.log_prior_fault if each.is_fault else 0.0
+    names : of the effects that the second step stands on, joined by +
+    Another cause than ``lead`` is a question of what stands beside it, so the second step says it.
+    """
+    stands = first[lead] + first[UNKNOWN]
+    both = {name: p for name, p in first.items() if name != lead} | {UNKNOWN: 0.0}
+    for name, p in then.items():
+        label = {NONE: names, UNKNOWN: UNKNOWN}.get(name, f"{names}+{name}")
+        both[label] = both.get(label, 0.0) + stands * p
+    return both

@@ -54,7 +54,8 @@ def rank(
 def adequacy_of(state: BaseState, gain: float, fitted: JointFit) -> float:
     """Return a gain over the sum of itself and the ceiling's gain on the rest."""
     usual = USUAL_SHARE * float(state.deviance.sum())
-    rest = max(scoring.explained(fitted, state.roof, state.case.blocks) - usual, 0.0)
+    rest = float(scoring.explained(fitted, state.roof, state.case.blocks).sum())
+    rest = max(rest - usual, 0.0)
     return max(gain, 0.0) / max(max(gain, 0.0) + rest, 1e-9)
 
 

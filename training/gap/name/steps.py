@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from training.gap.name.decision import StepOutcome, step
+from training.gap.name.posterior import Posterior, on_top
 from training.gap.name.verdict import Candidate, Round
 from training.greybox.effects import Effect
 from training.greybox.fit.case import Term
@@ -13,6 +14,7 @@ from training.healthy import scoring
 from training.healthy.base_state import BaseState
 from training.jobs import Progress
 
+NOTHING: Final = ("no_gap", "unknown_effect")
 PAIR: Final = 2  # effects, each of which is judged beside the other
 
 
@@ -25,6 +27,7 @@ class Advance:
     rounds: tuple[Round, ...]
     warnings: tuple[str, ...]
     first: tuple[Candidate, ...]  # the ranking of the first step
+    posterior: Posterior  # of all steps together
     beside: tuple[Candidate, ...] = ()  # see ``Answer.beside``
 
 
@@ -66,37 +69,63 @@ def advance(
     sensor_known_good: bool,
     progress: Progress,
 ) -> Advance:
-    """Return the steps until one names nothing, or until there are as many as were asked for."""
-    path, outcome = _Path([state]), StepOutcome("no_gap", ())
-    named = outcome
+    """Return the steps until one has nothing to go on with, or as many as were asked for.
 
-    def next_step(on: _Path, *, more: bool = False) -> StepOutcome:
+    Where nothing is found on top of an effect, what was said before it holds.
+    """
+    path, told = _Path([state]), list[StepOutcome]()
+
+    def next_step(on: _Path) -> StepOutcome:
         left = on.left(candidates)
-        return step(on.state, left, on.effects, sensor_known_good, progress, more=more)
+        return step(on.state, left, state.deviance, sensor_known_good, progress)
 
-    for number in range(steps):
-        outcome = next_step(path, more=number + 1 < steps)
-        if outcome.verdict != "named":
+    while len(told) < steps:
+        told.append(next_step(path))
+        lead, is_named = told[-1].lead, told[-1].verdict == "named"
+        if lead is None or (len(told) == steps and not is_named):
             break
-        named = outcome
-        path.take(outcome.best[0], outcome.ranking)
-        if len(path.rounds) == PAIR and len(outcome.best) == 1:
-            path, outcome = _first_again(path, outcome, next_step)
-            if outcome.verdict != "named":
+        path.take(lead, told[-1].ranking)
+        if len(path.rounds) == PAIR and is_named:
+            path, told[-1] = _first_again(path, told[-1], next_step)
+            if told[-1].verdict != "named":
                 break
-    first = path.rounds[0].ranking if path.rounds else outcome.ranking
-    if len(named.best) > 1 and outcome.verdict != "sensor_fault_suspected":
-        # Nothing was found beside the best of several: any of them may be all that there is.
-        path.drop()
-        outcome = replace(named, verdict="ambiguous")
-    beside = outcome.best if path.rounds and outcome.verdict == "ambiguous" else ()
+    first, last = told[0].ranking, told[-1].ranking
+    while len(told) > 1 and told[-1].verdict in NOTHING:
+        before = told[-2].verdict
+        told.pop()
+        if before != "named":
+            path.drop()
+    outcome, beside = told[-1], tuple[Candidate, ...]()
+    if path.rounds and outcome.verdict == "ambiguous":
+        before = told[-2].verdict
+        if before == "ambiguous":
+            # Any of the several may be all that there is.
+            path.drop()
+            told.pop()
+            outcome = told[-1]
+        elif before == "named":
+            outcome, beside = replace(outcome, verdict="named"), outcome.best
+    if path.rounds:
+        outcome = replace(outcome, ranking=last)
     if outcome.verdict == "sensor_fault_suspected":
         beside = path.effects
-        if len(path.rounds) + 1 < steps:
+        if len(told) < steps:
             beside += _on_top(path.state, outcome, path.left(candidates), progress)
     faults = [c.name for c in path.effects if c.tag == "fault-like" and not sensor_known_good]
     warnings = [f"{n} may be a fault: add it only if it is known not to be" for n in faults]
-    return Advance(path.state, outcome, tuple(path.rounds), tuple(warnings), first, beside)
+    rounds, odds = tuple(path.rounds), _posterior(told, path)
+    return Advance(path.state, outcome, rounds, tuple(warnings), first, odds, beside)
+
+
+def _posterior(told: Sequence[StepOutcome], path: _Path) -> Posterior:
+    """Return the probabilities of all steps together, of pairs by both names."""
+    odds, lead = told[0].posterior, told[0].lead
+    name = lead.name if lead else ""
+    for i, then in enumerate(told[1:], 1):
+        names = "+".join(effect.name for effect in path.effects[:i])
+        odds = on_top(odds, names, name, then.posterior)
+        name = f"{names}+{then.lead.name}" if then.lead else ""
+    return odds
 
 
 def _first_again(
@@ -135,5 +164,5 @@ def _on_top(
     effects = [
         c for c in candidates if isinstance(c, Effect) and fault.name not in (c.name, *c.like)
     ]
-    found = step(_with(state, fault), effects, (fault,), True, progress)
+    found = step(_with(state, fault), effects, state.deviance, True, progress)
     return found.best if found.verdict == "named" else ()

@@ -1,6 +1,6 @@
 """How sure the gap report is of its verdict, in one sentence."""
 
-from training.gap.name.hypotheses import NONE
+from training.gap.name.posterior import NONE
 from training.gap.name.verdict import Candidate
 from training.gap.result import Result
 from training.pages.numbers import percent
@@ -12,14 +12,8 @@ def confidence(result: Result) -> str:
 
 
 def _likeliest(result: Result) -> str:
-    """Return the two likeliest hypotheses with their probabilities, "" if none were weighed.
-
-    Beside the verdict that there is no gap, which needs other evidence, they are said only if they
-    agree with it.
-    """
+    """Return the two likeliest hypotheses with their probabilities, "" if none were weighed."""
     ordered = sorted(result.naming.posterior.items(), key=lambda each: -each[1])[:2]
-    if result.verdict == "no_gap" and ordered and ordered[0][0] != NONE:
-        return ""
     named = [("no gap" if name == NONE else name.replace("_", " "), p) for name, p in ordered]
     words = ", ".join(f"{percent(p)} for {name}" for name, p in named)
     return f"of all hypotheses, {words}; " if words else ""

@@ -1,6 +1,5 @@
 """Sentences of the gap report: the verdict with its figures, the next steps, the warnings."""
 
-from training.gap.name.decision import T_LEAST
 from training.gap.name.ranking import HALF
 from training.gap.pages.cells import phi
 from training.gap.result import Result
@@ -121,8 +120,6 @@ def _nearest(result: Result) -> str:
         return ""
     if not merit.physical:
         return f"; {best.name} comes first with constants that it cannot have"
-    if merit.t < T_LEAST:
-        return f"; {best.name} comes first, but unevenly (t {merit.t:.1f}, {T_LEAST:g} needed)"
     if merit.adequacy is None or merit.adequacy >= HALF:
         return ""
     return (

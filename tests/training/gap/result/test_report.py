@@ -414,7 +414,6 @@ def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> N
     ("changes", "words"),
     [
         ({"physical": False}, "; purge comes first with constants that it cannot have."),
-        ({"t": 2.3}, "enough of it; purge comes first, but unevenly (t 2.3, 3 needed)."),
         (
             {"adequacy": 0.43},
             "with 43 % of what can be explained (50 % needed)".replace(" %", "\u00a0%"),

@@ -20,17 +20,17 @@ def may_be_beaten(first: BaseState, found: Advance) -> bool:
     return float((best - _left(first, found)).sum()) < _usual(first)
 
 
-def beats(first: BaseState, rival: Candidate, found: Advance) -> bool:
-    """Return whether the first term of a formula clearly beats all effects and faults.
+def beats(first: BaseState, rival: Candidate, found: Advance) -> float:
+    """Return how often the first term of a formula beats all effects and faults; 0 if not clearly.
 
     It has to beat several named effects together, too. An effect whose form differs from the
     vehicle's leaves the usual share of the deviance, so the term has to explain more than that
     beyond the verdict's effects or fault.
     """
-    if against(first, rival, found.first)[1]:
-        return False
     own, left = scoring.deviance(rival.fit, first.case.blocks), _left(first, found)
-    return scoring.win(own, left) >= WIN and float((left - own).sum()) > _usual(first)
+    won = scoring.win(own, left)
+    enough = won >= WIN and float((left - own).sum()) > _usual(first)
+    return won if enough and not against(first, rival, found.first)[1] else 0.0
 
 
 def _usual(first: BaseState) -> float:

@@ -105,7 +105,7 @@ def describe(state: BaseState) -> Description:
     blocks = state.case.blocks
     told, table = _plain(state)
     known, target = state.current.jacobian, -state.current.residual
-    by_ceiling = scoring.explained(state.current, state.roof, blocks)
+    by_ceiling = float(scoring.explained(state.current, state.roof, blocks).sum())
     steps = _pursue(table, known, target, blocks, max(GAIN_LEAST, SHARE_LEAST * by_ceiling))
     design = np.column_stack([table[:, [step.columns[0] for step in steps]], known])
     weights = np.linalg.lstsq(design, target)[0]

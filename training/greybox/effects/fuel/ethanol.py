@@ -25,7 +25,7 @@ EFFECT: Final = Effect(
     parameters=(Parameter("fraction", "-", -0.3, 1.0, (0.05,)),),
     needs=(),
     tag="either",
-    like=("humidity", "slope error of the air meter", "slope error of the injectors"),
+    like=("biased", "humidity", "slope error of the air meter", "slope error of the injectors"),
     gain_class=True,
     equation=_equation,
 )

@@ -1,4 +1,4 @@
-"""Guards against faults that look like effects: onset within a drive, shift of the base."""
+"""Something that begins within a drive is no effect."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 
 from monitor.base.types import FloatArray
 from tests.helpers.gap.gap_drives import BASE, case_of, noisy_drive
-from training.gap.name import guards
+from training.gap.name.onset import onset_s
 from training.greybox.fit.case import Case
 from training.greybox.fit.joint import JointFit, fit
 
@@ -31,12 +31,12 @@ def explained(
 
 def test_what_begins_within_a_drive_is_an_onset_and_what_is_always_there_is_none() -> None:
     begins = (np.arange(6000) > 2500).astype(float)
-    found = guards.onset_s(*explained(begins))
+    found = onset_s(*explained(begins))
     assert found is not None
     assert found[0] == "drive 1"
     assert found[1] == pytest.approx(285.0, abs=75.0)
-    assert guards.onset_s(*explained(np.ones(6000))) is None
-    assert guards.onset_s(*explained(0.6 + 0.4 * begins)) is None
+    assert onset_s(*explained(np.ones(6000))) is None
+    assert onset_s(*explained(0.6 + 0.4 * begins)) is None
 
 
 def test_a_little_that_hardly_shows_before_is_no_onset() -> None:
@@ -44,13 +44,4 @@ def test_a_little_that_hardly_shows_before_is_no_onset() -> None:
     begins = (np.arange(6000) > 2500).astype(float)
     for before, onset in ((0.4, False), (2.0, True)):  # of the size where it is there
         size = np.where(begins > 0.0, 5.0, before)
-        assert (guards.onset_s(*explained(begins, size)) is not None) == onset
-
-
-def test_a_shift_of_gain_or_of_the_whole_lag_is_said_and_a_small_one_is_not() -> None:
-    assert guards.shifted(BASE, BASE._replace(gain=1.0155)) == "the gain"
-    assert guards.shifted(BASE, BASE._replace(sensor_s=0.14)) == "the lag or dead time"
-    assert guards.shifted(BASE, BASE._replace(dead_time_revolutions=2.2)) == "the lag or dead time"
-    traded = BASE._replace(sensor_s=BASE.sensor_s + 0.05, dead_time_s=BASE.dead_time_s - 0.05)
-    assert guards.shifted(BASE, traded) is None
-    assert guards.shifted(BASE, BASE._replace(gain=1.013)) is None
+        assert (onset_s(*explained(begins, size)) is not None) == onset
