@@ -16,11 +16,11 @@ from training.narx.export import Network
 from training.narx.linear.arx import Arx
 from training.narx.model_file import HeldOut, held_out, write_model
 from training.narx.network import Spec
+from training.narx.search.folds import folds_of, free_folds, trained_on_all
 from training.narx.search.linear_start import best_arx, linear_starts, with_memory
-from training.narx.search.refit import all_but_test, may_refit, refitted
-from training.narx.search.stability import Contraction, contraction
+from training.narx.search.stability import Contraction
 from training.narx.search.stages import Trained, free_run
-from training.narx.search.starts import Shape, Starts, committees
+from training.narx.search.starts import Shape, Starts, committees, means
 from training.narx.search.structure import Search, Try
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role, prepare
@@ -122,30 +122,29 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     whole = Work.of_minutes(options.budget_minutes, options.wall_minutes)
     work = whole.up_to((1.0 - CROSS_FIT_SHARE) * whole.limit)
     shapes, tries = [_shape(data, options)], tuple[Try, ...]()
-    arx = None
+    arx, folds = None, [data]
     if options.lags is None and options.hidden is None:
-        rotations = [
-            data,
-            *(source.prepared(lags, seed + i) for i in range(1, ROTATIONS if short else 1)),
-        ]
         if arx := best_arx(data):
-            rotations = [with_memory(each, arx) for each in rotations]
-        data = rotations[0]
+            data = with_memory(data, arx)
+        others = (source.prepared(lags, seed + i) for i in range(1, ROTATIONS if short else 1))
+        rotations = folds_of(data, others)
+        keep = source.validate or options.keep_validation
+        folds = rotations[:1] if keep else free_folds(rotations)
         searching = work.up_to(SEARCH_SHARE * whole.limit)
         search = Search(rotations, searching, threads, options.tried)
         shapes = [(found.spec(data), found.decay) for found in search.run()]
         work.join([searching])
         tries = tuple(search.tries.values())
     warnings = [*data.warnings, *_size_warnings(data, shapes[0][0])]
-    runs = Starts(data, seed, work, threads, options.progress)
     count = options.starts or (STARTS_SHORT if short else STARTS)
+    runs = Starts(folds[:count], seed, work, threads, options.progress)
     chosen = _train(runs, shapes, count, arx, join=bool(tries))
     if not np.isfinite(chosen.model.score):
         raise UsageError(
             f"the budget of {options.budget_minutes:g} min ended before the first epoch"
         )
-    if arx and short and not (source.validate or options.keep_validation) and may_refit(data):
-        data, chosen = _refit(data, chosen, seed, work)
+    if len(runs.folds) > 1 and chosen.model.spec.hidden:
+        data = trained_on_all(data)
     whole.join([work])
     spare = whole.up_to(CROSS_FIT_SHARE / (1.0 - CROSS_FIT_SHARE) * work.spent)
     twins = cross_fit(
@@ -208,21 +207,15 @@ def _train(
     arx : linear model, which is a candidate, as it is and trained further
     join : committees of the starts are candidates
     """
-    linear = linear_starts(runs.data, arx, runs.work) if arx else ()
+    linear = linear_starts(runs.folds, arx, runs.work) if arx else ()
     trained = runs.train([(start, shape) for shape in shapes for start in range(count)])
-    trained = (*trained, *committees(runs.data, trained)) if join else trained
+    if join:
+        several = len(runs.folds) > 1
+        trained += (
+            means(runs.folds, trained, runs.seed) if several else committees(runs.data, trained)
+        )
     trained += linear
     return _Choice(*runs.until_one_forgets(trained, shapes[0], first=count))
-
-
-def _refit(data: Prepared, chosen: _Choice, seed: int, work: Work) -> tuple[Prepared, _Choice]:
-    """Return data without validation blocks and the model refitted to them, if it forgets."""
-    everything = all_but_test(data)
-    again = refitted(everything, chosen.starts, chosen.best, seed, work)
-    if again is None:
-        return data, chosen
-    gap = contraction(everything, again.spec, again.weights, seed)
-    return everything, _Choice((*chosen.starts, again), len(chosen.starts), gap)
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,7 +55,7 @@ def test_the_first_network_runs_as_its_arx_does() -> None:
 def test_a_fit_has_the_arx_among_its_starts_and_never_chooses_worse() -> None:
     data = prepared(0.8)
     arx = small_arx(data)
-    plain, further = linear_starts(data, arx, Work())
+    plain, further = linear_starts([data], arx, Work())
     assert further.score <= plain.score
     rng = np.random.default_rng(0)
     poor = Spec(2, 2, (3,), 0, *data.scaling.y_scaled_limits)

@@ -4,6 +4,7 @@ An ARX is a NARX without hidden layers, so it is trained further, judged and exp
 start. With it among the starts, a fit follows the held-out blocks at least as well as an ARX.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -39,8 +40,21 @@ def best_arx(data: Prepared) -> Arx | None:
         return None
 
 
-def linear_starts(data: Prepared, arx: Arx, work: Work) -> tuple[Trained, ...]:
-    """Return the ARX as a network, and the same trained further on the error of the free run."""
+def linear_starts(folds: Sequence[Prepared], arx: Arx, work: Work) -> tuple[Trained, ...]:
+    """Return the first fold's ARX as a network, and the same trained further in free run.
+
+    The score of each is the mean over the folds, each of which has an ARX of its own.
+    """
+    models = [arx, *map(best_arx, folds[1:])]
+    found = [_linear(fold, own, work) for fold, own in zip(folds, models, strict=True) if own]
+    return tuple(
+        replace(same[0], score=float(np.mean([each.score for each in same])))
+        for same in zip(*filter(None, found), strict=True)
+        if found[0]
+    )
+
+
+def _linear(data: Prepared, arx: Arx, work: Work) -> tuple[Trained, ...]:
     spec, weights = as_network(arx, data)
     try:
         score = free_run_score(data, spec, weights)

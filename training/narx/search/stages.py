@@ -56,6 +56,7 @@ class Trained:
     stages: list[Stage] = field(default_factory=list)
     members: int = 1  # trainings in a committee; a committee has no stages
     decay: float = 0.0  # of the weights, see ``ClosedLoop``
+    fold: int = 0  # whose validation blocks stopped it
 
 
 def measured_history(data: Prepared, lags: int, start: IntArray) -> FloatArray:

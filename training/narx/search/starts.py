@@ -26,11 +26,16 @@ Shape = tuple[Spec, float]  # with the decay of its weights
 class Starts:
     """Trainings on the same data from different random weights, side by side in threads."""
 
-    data: Prepared
+    folds: Sequence[Prepared]  # the same data, each with other validation blocks
     seed: int
     work: Work
     threads: int
     progress: Callable[[int, int, int, float], None] | None = None  # as in ``fit``
+
+    @property
+    def data(self) -> Prepared:
+        """Return the first fold."""
+        return self.folds[0]
 
     def train(self, jobs: Sequence[tuple[int, Shape]], before: int = 0) -> tuple[Trained, ...]:
         """Return the trainings; each of them gets an equal part of the work left.
@@ -46,7 +51,9 @@ class Starts:
             start, (spec, decay) = jobs[number]
             told = (lambda h, e, s: progress(before + number, h, e, s)) if progress else None
             seed = self.seed + 1000 * start
-            return train(self.data, spec, seed, parts[number], told, decay=decay)
+            fold = start % len(self.folds)
+            trained = train(self.folds[fold], spec, seed, parts[number], told, decay=decay)
+            return replace(trained, fold=fold)
 
         with ThreadPoolExecutor(workers) as pool:
             trained = tuple(pool.map(one, range(len(jobs))))
@@ -120,7 +127,7 @@ def _surely_worse(data: Prepared, one: Trained, other: Trained) -> bool:
     return not loss <= SURE * math.sqrt(spread * float(shares @ shares))
 
 
-def committees(data: Prepared, trained: Sequence[Trained]) -> list[Trained]:
+def committees(data: Prepared, trained: Sequence[Trained]) -> tuple[Trained, ...]:
     """Return the committees of the two and three best trainings of each shape."""
     found = []
     for spec in dict.fromkeys(t.spec for t in trained if t.spec.hidden):
@@ -130,7 +137,25 @@ def committees(data: Prepared, trained: Sequence[Trained]) -> list[Trained]:
             wide, weights = committee(spec, [t.weights for t in same[:count]])
             score = free_run_score(data, wide, weights)
             found.append(Trained(wide, weights, score, members=count))
-    return found
+    return tuple(found)
+
+
+def means(folds: Sequence[Prepared], trained: Sequence[Trained], seed: int) -> tuple[Trained, ...]:
+    """Return, for each shape, the mean of the best training of every fold.
+
+    A training that forgets its history comes before one that does not. The score is the mean of
+    the members' scores, each on blocks that it did not see.
+    """
+    found = []
+    for spec, decay in dict.fromkeys((t.spec, t.decay) for t in trained):
+        same = [t for t in trained if (t.spec, t.decay) == (spec, decay) and np.isfinite(t.score)]
+        own = [[t for t in same if t.fold == fold] for fold in range(len(folds))]
+        best = [each[choose(folds[0], each, seed)[0]] for each in own if each]
+        if len(best) > 1:
+            wide, weights = committee(spec, [t.weights for t in best])
+            score = float(np.mean([t.score for t in best]))
+            found.append(Trained(wide, weights, score, members=len(best), decay=decay))
+    return tuple(found)
 
 
 def committee(spec: Spec, members: Sequence[FloatArray]) -> tuple[Spec, FloatArray]:

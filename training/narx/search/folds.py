@@ -1,0 +1,52 @@
+"""Short records: every start leaves out other validation blocks, and the mean of them has seen all.
+
+Two blocks of a hundred samples say little about which training is best, and the samples in them are
+missed in training. So the starts are trained on several folds, each with other blocks that stop it,
+and the model is the mean of the best start of every fold. The blocks of the test, which set the
+limits, stay unseen.
+Source: Krogh and Vedelsby, Neural network ensembles, cross validation, and active learning,
+Advances in Neural Information Processing Systems 7 (1995).
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from training.recordings.samples.preparation import Prepared, Role
+
+LIMIT_SAMPLES: Final = 500  # ten windows, with which limits can be set
+
+
+def folds_of(data: Prepared, others: Iterable[Prepared]) -> list[Prepared]:
+    """Return the data, and again with the validation blocks of each of the others.
+
+    others : the same samples with other blocks held out
+    """
+    folds = [data]
+    for other in others:
+        role = np.where(other.role == Role.VALIDATE, other.role, np.int8(Role.TRAIN))
+        role[data.role == Role.TEST] = Role.TEST
+        if (role == Role.VALIDATE).any():
+            folds.append(replace(data, role=role))
+    return folds
+
+
+def free_folds(folds: list[Prepared]) -> list[Prepared]:
+    """Return the folds, only the first if the limits need its validation blocks.
+
+    They do where the blocks of the test alone are too short to set limits, and both together are
+    long enough.
+    """
+    data = folds[0]
+    counts = [int((data.enabled & (data.role == role)).sum()) for role in Role]
+    test = counts[Role.TEST]
+    is_free = test >= LIMIT_SAMPLES or test + counts[Role.VALIDATE] < LIMIT_SAMPLES
+    return folds if is_free else folds[:1]
+
+
+def trained_on_all(data: Prepared) -> Prepared:
+    """Return the data with the validation blocks among those that train."""
+    role = np.where(data.role == Role.VALIDATE, Role.TRAIN, data.role).astype(data.role.dtype)
+    return replace(data, role=role)
