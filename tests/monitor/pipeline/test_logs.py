@@ -149,7 +149,9 @@ def live(path: Path, setup: Setup) -> dict[str, Any]:
     counters = pipeline.counters
     check_received(path, pipeline.decoder.counters, log.frames)
     counters = counters | timeline.counters.found | {"skipped": log.skipped}
-    return collector.result(str(path), None, counters)
+    entry = collector.result(str(path), None, counters)
+    notes = [*log.notes, *timeline.notes, *collector.notes]
+    return entry | ({"notes": notes} if notes else {})
 
 
 def replayed(path: Path, setup: Setup) -> dict[str, Any]:
