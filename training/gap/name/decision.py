@@ -1,13 +1,15 @@
 """The conclusion of one step: a name, several, an unknown effect, no gap, or the sensor.
 
 It is read off the probabilities of all hypotheses. If no gap or another cause is likeliest, that is
-the answer. Else a candidate with 1 of 20 parts of all candidates' probability is about as good as
-the likeliest: a sensor fault among them is suspected, of several effects none is named.
+the answer. Else it is the fewest candidates that hold 95 % of all candidates' probability: a sensor
+fault among them is suspected, of several effects none is named.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
+
+import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.name.manoeuvres import ProposedDrive, separate
@@ -62,7 +64,8 @@ def step(
     found = sorted((c for c in ranking if odds[c.name] > 0.0), key=lambda c: -odds[c.name])
     together = sum(odds[c.name] for c in found)
     leads = bool(found) and odds[found[0].name] > max(odds[NONE], odds[UNKNOWN])
-    among = [c for c in found if leads and odds[c.name] >= (1.0 - WIN) * together]
+    before = np.cumsum([0.0, *(odds[c.name] for c in found)])
+    among = [c for c, p in zip(found, before, strict=False) if leads and p < WIN * together]
     outcome = None if sensor_known_good else _at_fault(state, ranking, among, odds)
     return outcome or _of_effects(ranking, among, odds)
 
