@@ -59,7 +59,7 @@ def add(
     drives : on which ONNX and numpy must agree; made inputs if there are none
     Effects that the model has already stay, in the chain of the new constants.
     Raises ModelError if the model is not a network, was retrained with effects, a signal is
-    missing, or the three disagree.
+    missing, or ONNX and numpy disagree.
     """
     network, card = network_of(model), Model.load(model).card
     _check(card, str(model))

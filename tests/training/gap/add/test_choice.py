@@ -61,7 +61,7 @@ def test_constants_that_fail_their_proof_are_left_out(
             raise ParityError("they differ")
         return right(path, model, drives)
 
-    monkeypatch.setattr(network_parity, "parity", parity)
+    monkeypatch.setattr(network, "parity", parity)
     # WHEN the film is added THEN the others are taken, and no other file is left
     target = tmp_path / "model.onnx"
     new, form, added = added_to(material, target, film, other)
@@ -70,7 +70,7 @@ def test_constants_that_fail_their_proof_are_left_out(
     assert form.startswith("beside the network")
     assert list(tmp_path.iterdir()) == [new]
     # and with none that agrees nothing is
-    monkeypatch.setattr(network_parity, "parity", _differ)
+    monkeypatch.setattr(network, "parity", _differ)
     with pytest.raises(ParityError, match="they differ"):
         added_to(material, tmp_path / "other.onnx", film)
     assert list(tmp_path.iterdir()) == [new]
