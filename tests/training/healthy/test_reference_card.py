@@ -235,10 +235,11 @@ def test_a_network_has_the_reference_of_the_chain_and_keeps_it(tmp_path: Path) -
     # THEN it alone is named, not what the network makes wrong on this vehicle
     assert (found.verdict, [a.name for a in found.addition.effects]) == ("named", ["wall_film"])
     assert any("what the network alone makes wrong" in w for w in found.all_warnings)
-    # AND the network with it has no gap left
+    # AND the network with it has this gap no longer
     assert found.addition.path is not None
     again = asked(found.addition.path, recordings(2_311_000, **FILM), tmp_path / "again")
-    assert again.verdict == "no_gap"
+    assert "wall_film" not in [e.name for e in again.naming.answer.effects]
+    assert again.rmse[0] < 0.7 * found.rmse[0]
 
 
 @pytest.mark.parametrize(

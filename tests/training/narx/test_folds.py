@@ -1,5 +1,7 @@
 """A short record: the starts leave out different blocks, and their mean has seen all of them."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from tests.training.narx.test_linear_start import drive, prepared
@@ -45,3 +47,12 @@ def test_blocks_that_the_limits_need_are_not_trained_on() -> None:
     assert len(free_folds(folds(1200))) > 1  # both together are too short for limits
     assert len(free_folds(folds(2800))) == 1  # both together are enough, the test alone is not
     assert len(free_folds(folds(4600))) > 1  # the test alone is enough
+
+
+def test_blocks_of_which_the_test_leaves_next_to_nothing_make_no_fold() -> None:
+    # GIVEN other blocks that lie within those of the test but for five samples
+    data = prepared(0.9, 1200)
+    role = np.where(data.role == Role.TEST, Role.VALIDATE, Role.TRAIN).astype(data.role.dtype)
+    role[:5] = Role.VALIDATE
+    # WHEN folds are made THEN there is none of them, as no memory could be scored on it
+    assert len(folds_of(data, [replace(data, role=role)])) == 1

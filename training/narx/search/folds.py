@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from training.narx.search.structure import LONGEST
 from training.recordings.samples.preparation import Prepared, Role
 
 LIMIT_SAMPLES: Final = 500  # ten windows, with which limits can be set
@@ -24,13 +25,23 @@ def folds_of(data: Prepared, others: Iterable[Prepared]) -> list[Prepared]:
 
     others : the same samples with other blocks held out
     """
-    folds = [data]
+    folds, scored = [data], _scored(data)
     for other in others:
         role = np.where(other.role == Role.VALIDATE, other.role, np.int8(Role.TRAIN))
         role[data.role == Role.TEST] = Role.TEST
-        if (role == Role.VALIDATE).any():
-            folds.append(replace(data, role=role))
+        fold = replace(data, role=role)
+        if scored and 2 * _scored(fold) >= scored:  # the test may leave nothing of other blocks
+            folds.append(fold)
     return folds
+
+
+def _scored(data: Prepared) -> int:
+    """Return the validation samples that even the longest memory lets score."""
+    late = np.zeros(len(data.role), dtype=bool)
+    for segment in data.segments:
+        late[segment.start + LONGEST[-1] : segment.stop] = True
+    held_out = (data.role == Role.VALIDATE) & (data.samples.weight > 0.0)
+    return int((held_out & late).sum())
 
 
 def free_folds(folds: list[Prepared]) -> list[Prepared]:
