@@ -43,9 +43,9 @@ def run(
     faulty : recordings with a sensor fault at the limit severity (default: none)
     false_alarms : highest accepted false-alarm rate of the paper's rule per healthy window, above 0
         and below 0.5
-    emission_limit : propose limits of lag, dead time and gain: severities from which a simulated
-        car with a catalyst emits so many times as much as with a sound sensor, for example 1.5;
-        takes two minutes
+    emission_limit : propose limits of lag, dead time and gain: severities from which three
+        simulated cars with a catalyst emit so many times as much as with a sound sensor, for
+        example 1.5; takes a minute
     out : model file to write (default: the file of --model is changed)
     json : write the limits and all figures as JSON
     report : write an HTML report

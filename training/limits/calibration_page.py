@@ -39,11 +39,20 @@ def as_text(result: dict[str, Any]) -> str:
 
 
 def emissions(told: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Return each fault, the severity at which the emissions cross the limit, and the pollutant."""
+    """Return each fault, the severity at which the emissions first cross the limit, that of single
+    cars, and the pollutant.
+    """
+
+    def words(severity: float | None, unit: str) -> str:
+        return "not reached" if severity is None else f"{severity:.2g} {unit.strip('-')}".strip()
+
     return [
-        (name, f"from {each['severity']:.2g} {each['unit'].strip('-')}".strip(), each["pollutant"])
-        if each["severity"]
-        else (name, "not reached", "-")
+        (
+            name,
+            f"from {words(each['severity'], each['unit'])}".replace("from not", "not"),
+            "single cars " + "; ".join(words(s, each["unit"]) for s in each["of_each_car"]),
+            each["pollutant"] or "-",
+        )
         for name, each in told["faults"].items()
     ]
 

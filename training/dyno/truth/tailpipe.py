@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from monitor.base.errors import UsageError
-from monitor.base.faults import Fault, resolve
+from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from training.dyno.simulation import Experiment, driven
 
@@ -55,8 +55,9 @@ class EmissionLimit(NamedTuple):
 
     severities: FloatArray  # (n,) from harmless to severe
     multiples: FloatArray  # (n,) of the pollutant that rises more
-    severity: float | None  # at which the limit is crossed; None if it is not
+    severity: float | None  # at which the limit is first crossed; None if it is not
     pollutant: str  # that crosses it, "" if none does
+    of_each: tuple[float | None, ...] = ()  # the same of each drive, a car of its own, alone
 
 
 def emitted(experiment: Experiment) -> Tailpipe:
@@ -74,13 +75,16 @@ def limits(
     progress: Callable[[str], None] = lambda _: None,
 ) -> dict[str, EmissionLimit]:
     """Return for each fault the severity at which the drives emit ``limit`` times as much."""
-    sound = _sum([emitted(each) for each in drives])
+    sound = np.array([emitted(each) for each in drives])
     found = {}
     for name, (harmless, severe) in SEVERITIES.items():
         progress(name)
         severities = np.geomspace(harmless, severe, STEPS)
-        rows = [_faulty(drives, resolve(name, severity)) for severity in severities.tolist()]
-        found[name] = _crossed(severities, np.array(rows) / np.array(sound), limit)
+        faults = [resolve(name, severity) for severity in severities.tolist()]
+        rows = np.array([[emitted(replace(d, fault=f)) for d in drives] for f in faults])
+        whole = _crossed(severities, rows.sum(axis=1) / sound.sum(axis=0), limit)
+        own = (_crossed(severities, rows[:, i] / sound[i], limit) for i in range(len(drives)))
+        found[name] = whole._replace(of_each=tuple(each.severity for each in own))
     return found
 
 
@@ -105,6 +109,7 @@ def proposal(limit: float, progress: Callable[[str], None] = lambda _: None) -> 
             name: {
                 "severity": None if each.severity is None else round(each.severity, 3),
                 "unit": "-" if name == "gain_low" else "s",
+                "of_each_car": [s if s is None else round(s, 3) for s in each.of_each],
                 "pollutant": each.pollutant,
                 "severities": each.severities.round(3).tolist(),
                 "multiples": each.multiples.round(3).tolist(),
@@ -113,14 +118,6 @@ def proposal(limit: float, progress: Callable[[str], None] = lambda _: None) -> 
         },
         "response": {key: round(s, 2) for key, s in settings.items() if s is not None},
     }
-
-
-def _faulty(drives: Sequence[Experiment], fault: Fault) -> Tailpipe:
-    return _sum([emitted(replace(each, fault=fault)) for each in drives])
-
-
-def _sum(each: Sequence[Tailpipe]) -> Tailpipe:
-    return Tailpipe(*np.sum(each, axis=0).tolist())
 
 
 def _crossed(severities: FloatArray, ratios: FloatArray, limit: float) -> EmissionLimit:
