@@ -35,12 +35,12 @@ class ChannelReader:
         out[:] = self._scaled(number)
         if self._signal.is_float or by_range:
             good = np.isfinite(out) & (self._low <= out) & (out <= self._high)
-            missing = np.zeros(len(out), dtype=np.bool_)
         else:
             good = np.asarray((raw >= self._bottom) & (raw <= self._top), dtype=np.bool_)
             if good.all():
                 return 0, 0
-            missing = ~good & np.asarray(raw == self._missing, dtype=np.bool_)
+        missing = np.asarray(raw == self._missing, dtype=np.bool_)
+        good &= ~missing
         out[~good] = np.inf
         out[missing] = np.nan
         n_missing = int(np.count_nonzero(missing))

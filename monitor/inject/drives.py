@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from monitor.base.errors import UsageError
 from monitor.base.types import Frame
-from monitor.decode.log_blocks import keys_of
-from monitor.frames.channels import Channels
-from monitor.frames.logs import read_frames
+from monitor.decode.log_blocks import log_blocks
+from monitor.frames.blocks import frames_of
 from monitor.grid.tables import Table, is_table
 from monitor.inject.expected import FrameJudge, Recording, fresh_memory
 from monitor.inject.gateway import write_log
@@ -67,9 +67,7 @@ def _log_drive(
         keep_counters=scenario.keep_counters,
     )
     judge = FrameJudge(setup, memory) if memory else None
-    bus_map = setup.bus_map
-    keys = keys_of(channel.message for channel in bus_map.channels.values())
-    frames = injector.stream(read_frames(log, None, Channels(bus_map.log_channel, keys)))
+    frames = injector.stream(chain.from_iterable(map(frames_of, log_blocks(log, setup.bus_map))))
     frames = _seen(frames, judge.push) if judge else frames
     n = write_log(out, frames) if out else sum(1 for _ in frames)
     for line in injector.counts.lines():

@@ -156,12 +156,14 @@ class Injector:
         writer = self._writers.get(key)
         if writer is None:
             return self._frames.push(frame, sound=False)
+        sound = writer.is_sound(frame.data)
+        if sound:
+            writer.hear(frame.data)
         acting = [each for each in self._sensor if each.what.acts(since_ns)]
         if key == self._key and any(each.is_missing for each in acting):
             self._frames.left_out(key)
             self.counts.changed["left out"] += 1
             return []
-        sound = writer.is_sound(frame.data)
         if sound and acting:
             frame = self._rewritten(writer, frame, acting)
         elif key == self._key and not sound:

@@ -7,6 +7,7 @@ checksum) must not be rewritten: the repair would hide its defect.
 import math
 import struct
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 from monitor.base.errors import SignalMapError
@@ -14,6 +15,7 @@ from monitor.decode.bus_map import BusChannel
 from monitor.decode.checksum import payload_checksum
 from monitor.decode.plan import multiplexing
 from monitor.decode.raw_values import bit_position, last_byte, not_available_raw
+from monitor.decode.signal_map import Integrity
 
 Key = tuple[int, bool]  # identifier, whether it has 29 bits
 _FLOATS: Final = {16: struct.Struct("<e"), 32: struct.Struct("<f"), 64: struct.Struct("<d")}
@@ -46,12 +48,17 @@ class PayloadField:
 
 
 class SignalWriter:
-    """Reads and writes one mapped signal in payloads of its message, in the map's unit."""
+    """Reads and writes one mapped signal in payloads of its message, in the map's unit.
+
+    A signal whose range another one tells is read and written in the range that was told last.
+    """
 
     def __init__(self, channel: BusChannel) -> None:
         signal, mapped = channel.signal, channel.mapped
         self.channel, self._field = channel, PayloadField(channel, signal.name)
         self._scale, self._offset = float(signal.scale), float(signal.offset)
+        self._range = SignalWriter(_range_channel(channel)) if channel.range else None
+        self._stretch = 1.0  # told range per the database's
         self._factor, self._shift = mapped.factor, mapped.offset
         self._is_signed, self._is_float = signal.is_signed, signal.is_float
         self._missing = not_available_raw(channel)
@@ -73,7 +80,13 @@ class SignalWriter:
     @property
     def step(self) -> float:
         """Return the quantisation step in the map's unit; 0 for a floating-point signal."""
-        return 0.0 if self._is_float else abs(self._scale * self._factor)
+        return 0.0 if self._is_float else abs(self._stretch * self._scale * self._factor)
+
+    def hear(self, data: bytes) -> None:
+        """Take the range that a payload may tell; 0 is the database's."""
+        if self._range is not None and self._range.is_in(data):
+            told = self._range.read(data) / float(self.channel.signal.maximum or 1.0)
+            self._stretch = told if told > 0.0 else 1.0
 
     def is_in(self, data: bytes) -> bool:
         """Return whether a payload carries the signal: long enough, and multiplexed to it."""
@@ -92,7 +105,7 @@ class SignalWriter:
             raw -= self._field.mask + 1
         if raw == self._missing:
             return math.nan
-        return (raw * self._scale + self._offset) * self._factor + self._shift
+        return (raw * self._stretch * self._scale + self._offset) * self._factor + self._shift
 
     def write(self, data: bytes, value: float) -> bytes:
         """Return the payload with the value, rounded and limited to the signal's raw range.
@@ -104,6 +117,7 @@ class SignalWriter:
 
     def _raw(self, value: float) -> int:
         dbc_value = ((value - self._shift) / self._factor - self._offset) / self._scale
+        dbc_value /= self._stretch
         if self._is_float:
             bits = self._field.bits
             try:
@@ -123,6 +137,14 @@ class SignalWriter:
         if math.isinf(dbc_value):
             return self._low if dbc_value < 0 else self._high
         return min(max(round(dbc_value), self._low), self._high)
+
+
+def _range_channel(channel: BusChannel) -> BusChannel:
+    mapped = replace(channel.mapped, factor=1.0, offset=0.0)
+    assert channel.range is not None
+    return replace(
+        channel, signal=channel.range, range=None, mapped=mapped, integrity=Integrity()
+    )
 
 
 class MessageWriter:
@@ -151,6 +173,11 @@ class MessageWriter:
         if len(data) not in self._lengths:
             return False
         return self._checksum is None or self._checksum.get(data) == self._sum(data)
+
+    def hear(self, data: bytes) -> None:
+        """Take the ranges that a sound payload of the ECU tells for the signals behind it."""
+        for signal in self.signals.values():
+            signal.hear(data)
 
     def write(self, data: bytes, values: Mapping[str, float], shift: int = 0) -> bytes:
         """Return the payload with new signal values and a repaired checksum.

@@ -17,6 +17,7 @@ from tests.helpers.logs.decoding import values_of
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 RUSEFI = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])
+OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
 LAMBDA_ID, AIR_ID, MS = 0xC2, 0xC0, 1_000_000
 WRITER = writers(OWN.channels)[LAMBDA_ID, False]
 

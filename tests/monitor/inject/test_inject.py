@@ -16,12 +16,13 @@ from monitor.base.types import Frame
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.inject.injector import Injector
 from tests.helpers.examples import inputs
-from tests.helpers.logs.decoding import Decoding
+from tests.helpers.logs.decoding import Decoding, values_of
 from tests.helpers.logs.injected_frames import (
     AIR_ID,
     HALF_STEP,
     LAMBDA_ID,
     MS,
+    OBD,
     OWN,
     RUSEFI,
     WRITER,
@@ -140,6 +141,28 @@ def test_a_fault_that_does_nothing_leaves_every_bit(values: list[float]) -> None
         Injection("gain_low", 0.5, start_s=1e6),
     ):
         assert injected(frames, nothing) == frames
+
+
+@pytest.mark.parametrize("name", ["biased_lean", "gain_low", "delay_symmetric"])
+def test_lambda_is_changed_in_the_range_that_pid_4f_told(name: str) -> None:
+    # GIVEN the same lambda of PID 34 in the range of 2, and in that of 4 behind an answer to PID 4F
+    told, n_per_lambda = bytes.fromhex("06414F0400000000"), {2: 32768, 4: 16384}
+    readings = [0.9 + 0.05 * (n % 7) for n in range(40)]
+    asked: dict[int, list[Frame]] = {
+        most: [
+            Frame(n * 100 * MS, 0x7E8, False, b"\x06\x41\x34" + raw.to_bytes(2, "big") + bytes(3))
+            for n, raw in enumerate(round(reading * per) for reading in readings)
+        ]
+        for most, per in n_per_lambda.items()
+    }
+    asked[4].insert(0, Frame(0, 0x7E8, False, told))
+    # WHEN one fault is put on both
+    faulty = {m: list(Injector(OBD, [Injection.of(name)]).stream(f)) for m, f in asked.items()}
+    # THEN the decoder takes the same readings from both, which are not those of the ECU
+    seen, wide = (values_of(OBD, "lambda_measured", faulty[most]) for most in (2, 4))
+    assert faulty[4][0].data == told
+    assert wide == pytest.approx(seen, abs=2.5 / 16384)
+    assert np.abs(np.array(wide) - readings).max() > 0.04
 
 
 def test_a_fault_acts_from_its_start_to_before_its_end() -> None:

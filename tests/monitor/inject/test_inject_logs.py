@@ -5,12 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import dbc
 from monitor import cli
+from monitor.base.types import Frame
 from monitor.frames.logs import read_frames
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.memory.codes import CODES
+from tests.helpers.logs.decoding import values_of
 from tests.helpers.logs.injected_frames import (
     HEALTHY,
+    MS,
+    OBD,
     ROOT,
     decoded,
     first_minutes,
@@ -132,3 +137,24 @@ def test_what_cannot_be_is_refused_with_exit_code_2(
     paths = {"IN": str(tmp_path / "in.log"), "OUT": str(tmp_path / "out.log")}
     assert cli.main(["inject", *(paths.get(arg, arg) for arg in argv)]) == 2
     assert says in capsys.readouterr().err
+
+
+def test_answers_under_29_bits_are_changed_as_those_under_11(tmp_path: Path) -> None:
+    # GIVEN a log of lambda by PID 34 from an engine with 29-bit diagnostics, and from one with 11
+    maps = ["--dbc", str(dbc.path("obd2.dbc")), "--map", str(dbc.path("obd2.toml"))]
+    answers = [bytes.fromhex(f"064134{0x7000 + 0x100 * n:04X}800000") for n in range(20)]
+    for name, key, long in (("11.log", 0x7E8, False), ("29.log", 0x18DAF110, True)):
+        write(
+            tmp_path / name, [Frame(n * 100 * MS, key, long, a) for n, a in enumerate(answers)]
+        )
+        out = tmp_path / f"out{name}"
+        # WHEN a fault is put on each
+        done = ["inject", str(tmp_path / name), "--fault", "biased_lean", "--out", str(out), *maps]
+        assert cli.main(done) == 0
+    # THEN the same readings come out, and not the ECU's
+    short, long_ = (
+        values_of(OBD, "lambda_measured", list(read_frames(tmp_path / f"out{n}.log")))
+        for n in (11, 29)
+    )
+    assert len(short) == 20 and short == long_
+    assert short[0] != pytest.approx(0x7000 / 32768, abs=0.01)
