@@ -28,14 +28,14 @@ A map is a TOML file beside a DBC::
 """
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from monitor.base.config import POSITIONS
 from monitor.base.errors import SignalMapError
-from monitor.base.files.inputs import as_number, in_words, read_toml
+from monitor.base.files.toml_table import TomlTable
 from monitor.decode.checksum import ALGORITHMS
 
 DEFAULT_TIMEOUT_S: Final = 0.5
@@ -117,166 +117,89 @@ def load_signal_map(path: Path) -> SignalMap:
     Raises SignalMapError naming the file and the key if it cannot be read, has an unknown key
     or an impossible value.
     """
-    return _MapReader(path).signal_map(read_toml(path, "the signal map", SignalMapError))
+    raw = TomlTable.of_file(path, "the signal map", SignalMapError).only(_SECTIONS)
+    integrity = _integrity(raw.table("integrity"), Integrity())
+    of_messages = raw.table("messages")
+    messages = {name: _integrity(of_messages.table(name), integrity) for name in of_messages}
+    signals, auxiliary, optional = (
+        {name: _signal(table, name) for name in _names(table)}
+        for table in map(raw.table, ("signals", "auxiliary", "optional"))
+    )
+    mapped = {**signals, **auxiliary}
+    derived = {
+        name: _derived(table.table(name), name, mapped)
+        for table in [raw.table("derived")]
+        for name in _names(table)
+    }
+    if not signals and not derived:
+        raise raw.fault("[signals] is empty, at least one is needed")
+    twice = signals.keys() & auxiliary.keys() | mapped.keys() & derived.keys()
+    for name in twice | optional.keys() & (mapped.keys() | derived.keys()):
+        raise raw.fault(f"{name} is defined twice")
+    position = raw.table("catalyst").only({"position"})
+    return SignalMap(
+        path=path,
+        signals=signals,
+        optional={name: replace(each, is_optional=True) for name, each in optional.items()},
+        auxiliary=auxiliary,
+        derived=derived,
+        integrity=integrity,
+        messages=messages,
+        catalyst_position=_one_of(position, "position", ("", *POSITIONS), ""),
+        log_channel=raw.table("log").only({"channel"}).value("channel", str, ""),
+    )
 
 
-class _MapReader:
-    """Checks and converts the parsed TOML of one file."""
+def _one_of(table: TomlTable, key: str, known: Collection[str], default: str) -> str:
+    value: str = table.value(key, str, default)
+    if value not in known:
+        raise table.fault(f"{key} is {value!r}, known are {', '.join(filter(None, known))}")
+    return value
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
 
-    def signal_map(self, raw: Mapping[str, Any]) -> SignalMap:
-        self._known(raw, "", _SECTIONS)
-        integrity = self._integrity(self._table(raw, "integrity"), "integrity", Integrity())
-        messages = {
-            name: self._integrity(self._table(each, name), f"messages.{name}", integrity)
-            for each in [self._table(raw, "messages")]
-            for name in each
-        }
-        signals = self._signals(self._table(raw, "signals"), "signals")
-        auxiliary = self._signals(self._table(raw, "auxiliary"), "auxiliary")
-        optional = {
-            name: replace(each, is_optional=True)
-            for name, each in self._signals(self._table(raw, "optional"), "optional").items()
-        }
-        mapped = {**signals, **auxiliary}
-        derived = self._derived(self._table(raw, "derived"), mapped)
-        if not signals and not derived:
-            raise SignalMapError(f"{self.path}: [signals] is empty, at least one is needed")
-        twice = signals.keys() & auxiliary.keys() | mapped.keys() & derived.keys()
-        for name in twice | optional.keys() & (mapped.keys() | derived.keys()):
-            raise SignalMapError(f"{self.path}: {name} is defined twice")
-        return SignalMap(
-            path=self.path,
-            signals=signals,
-            optional=optional,
-            auxiliary=auxiliary,
-            derived=derived,
-            integrity=integrity,
-            messages=messages,
-            catalyst_position=self._position(self._table(raw, "catalyst")),
-            log_channel=self._log_channel(self._table(raw, "log")),
-        )
+def _integrity(table: TomlTable, base: Integrity) -> Integrity:
+    table.only(each.name for each in fields(Integrity))
+    return Integrity(
+        counter=table.value("counter", str, base.counter),
+        checksum=table.value("checksum", str, base.checksum),
+        algorithm=_one_of(table, "algorithm", ALGORITHMS, base.algorithm),
+        not_available=_one_of(table, "not_available", ("", "all_ones"), base.not_available),
+    )
 
-    def _log_channel(self, table: Mapping[str, Any]) -> str:
-        self._known(table, "log", {"channel"})
-        return self._text(table, "channel", "log") if table else ""
 
-    def _position(self, table: Mapping[str, Any]) -> str:
-        self._known(table, "catalyst", {"position"})
-        position = self._text(table, "position", "catalyst") if table else ""
-        if position not in ("", *POSITIONS):
-            raise SignalMapError(
-                f"{self.path}: [catalyst] position is {position!r}, "
-                f"wanted one of {', '.join(POSITIONS)}"
-            )
-        return position
-
-    def _known(self, table: Mapping[str, Any], where: str, keys: set[str]) -> None:
-        unknown = sorted(table.keys() - keys)
-        if unknown:
-            place = f"[{where}] " if where else ""
-            wanted = ", ".join(sorted(keys))
-            raise SignalMapError(
-                f"{self.path}: {place}has the unknown key {unknown[0]!r}, known are {wanted}"
-            )
-
-    def _table(self, raw: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-        table = raw.get(key, {})
-        if not isinstance(table, dict):
-            raise SignalMapError(f"{self.path}: {key} is {table!r}, a table is wanted")
-        return table
-
-    def _integrity(self, table: Mapping[str, Any], where: str, base: Integrity) -> Integrity:
-        self._known(table, where, {"counter", "checksum", "algorithm", "not_available"})
-        for key in table:
-            self._text(table, key, where)
-        result = replace(base, **table)
-        if result.algorithm not in ALGORITHMS:
-            raise SignalMapError(
-                f"{self.path}: [{where}] algorithm is {result.algorithm!r}, "
-                f"known are {', '.join(ALGORITHMS)}"
-            )
-        if result.not_available not in {"", "all_ones"}:
-            raise SignalMapError(
-                f"{self.path}: [{where}] not_available is {result.not_available!r}, "
-                'it may be "all_ones" or ""'
-            )
-        return result
-
-    def _signals(self, table: Mapping[str, Any], where: str) -> dict[str, MappedSignal]:
-        result = {}
-        for name in table:
-            place = f"{where}.{name}"
-            self._check_name(name, where)
-            entry = self._table(table, name)
-            keys = {"message", "signal", "factor", "offset", "timeout_s", "range"}
-            self._known(entry, place, keys)
-            timeout_s = self._number(entry, "timeout_s", place, DEFAULT_TIMEOUT_S)
-            factor = self._number(entry, "factor", place, 1.0)
-            if not 0.0 < timeout_s <= LONGEST_TIMEOUT_S or factor == 0.0:
-                raise SignalMapError(
-                    f"{self.path}: [{place}] wants timeout_s above 0 and at most "
-                    f"{LONGEST_TIMEOUT_S:g}, and a factor other than 0"
-                )
-            result[name] = MappedSignal(
-                name=name,
-                message=self._text(entry, "message", place),
-                signal=self._text(entry, "signal", place),
-                factor=factor,
-                offset=self._number(entry, "offset", place, 0.0),
-                timeout_s=timeout_s,
-                range=self._text(entry, "range", place) if "range" in entry else "",
-            )
-        return result
-
-    def _derived(
-        self, table: Mapping[str, Any], mapped: Mapping[str, MappedSignal]
-    ) -> dict[str, Derived]:
-        result = {}
-        for name in table:
-            place = f"derived.{name}"
-            self._check_name(name, "derived")
-            entry = self._table(table, name)
-            self._known(entry, place, {"factor", "numerator", "denominator"})
-            lists = [self._names(entry, key, place) for key in ("numerator", "denominator")]
-            for source in [s for each in lists for s in each]:
-                if source not in mapped:
-                    raise SignalMapError(
-                        f"{self.path}: [{place}] uses {source!r}, which is in neither "
-                        "[signals] nor [auxiliary]"
-                    )
-            if not any(lists):
-                raise SignalMapError(f"{self.path}: [{place}] names no signal to derive from")
-            factor = self._number(entry, "factor", place, 1.0)
-            result[name] = Derived(name, factor, tuple(lists[0]), tuple(lists[1]))
-        return result
-
-    def _names(self, table: Mapping[str, Any], key: str, where: str) -> list[str]:
-        value = table.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-            raise SignalMapError(f"{self.path}: [{where}] {key} is {value!r}, names are wanted")
-        return value
-
-    def _check_name(self, name: str, where: str) -> None:
+def _names(table: TomlTable) -> Iterator[str]:
+    for name in table:
         if not _NAME.match(name):
-            raise SignalMapError(
-                f"{self.path}: [{where}] {name!r} is no name: letters, digits and _ are wanted"
-            )
+            raise table.fault(f"{name!r} is no name: letters, digits and _ are wanted")
+        yield name
 
-    def _text(self, table: Mapping[str, Any], key: str, where: str) -> str:
-        value = table.get(key)
-        if not isinstance(value, str):
-            came = "missing" if value is None else repr(value)
-            raise SignalMapError(f"{self.path}: [{where}] {key} is {came}, a text is wanted")
-        return value
 
-    def _number(self, table: Mapping[str, Any], key: str, where: str, default: float) -> float:
-        value = table.get(key, default)
-        number = as_number(value)
-        if number is None:
-            raise SignalMapError(
-                f"{self.path}: [{where}] {key} is {in_words(value)}, a number is wanted"
-            )
-        return number
+def _signal(section: TomlTable, name: str) -> MappedSignal:
+    table = section.table(name)
+    table.only({"message", "signal", "factor", "offset", "timeout_s", "range"})
+    timeout_s = table.value("timeout_s", float, DEFAULT_TIMEOUT_S)
+    factor = table.value("factor", float, 1.0)
+    if not 0.0 < timeout_s <= LONGEST_TIMEOUT_S or factor == 0.0:
+        raise table.fault(
+            f"wants timeout_s above 0 and at most {LONGEST_TIMEOUT_S:g}, and a factor other than 0"
+        )
+    return MappedSignal(
+        name=name,
+        message=table.value("message", str),
+        signal=table.value("signal", str),
+        factor=factor,
+        offset=table.value("offset", float, 0.0),
+        timeout_s=timeout_s,
+        range=table.value("range", str, ""),
+    )
+
+
+def _derived(table: TomlTable, name: str, mapped: Mapping[str, MappedSignal]) -> Derived:
+    table.only({"factor", "numerator", "denominator"})
+    numerator, denominator = table.values("numerator", str), table.values("denominator", str)
+    for source in numerator + denominator:
+        if source not in mapped:
+            raise table.fault(f"uses {source!r}, which is in neither [signals] nor [auxiliary]")
+    if not numerator + denominator:
+        raise table.fault("names no signal to derive from")
+    return Derived(name, table.value("factor", float, 1.0), numerator, denominator)

@@ -142,9 +142,7 @@ class SignalWriter:
 def _range_channel(channel: BusChannel) -> BusChannel:
     mapped = replace(channel.mapped, factor=1.0, offset=0.0)
     assert channel.range is not None
-    return replace(
-        channel, signal=channel.range, range=None, mapped=mapped, integrity=Integrity()
-    )
+    return replace(channel, signal=channel.range, range=None, mapped=mapped, integrity=Integrity())
 
 
 class MessageWriter:

@@ -18,7 +18,7 @@ Names are compared without case, spaces and punctuation. The unit that a file st
 with which most columns are plausible is taken, for all alike.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from importlib.resources import files
@@ -27,12 +27,21 @@ from typing import Any, Final
 
 from monitor.base.errors import ConfigError
 from monitor.base.files.inputs import read_toml
+from monitor.base.files.toml_table import TomlTable
 from monitor.base.signals import BY_NAME
 
 STOICH_AFR: Final = 14.7
 _KEYS: Final = {"title", "based_on", "stoich_afr", "time", "recognise", "signals", "engine"}
 _SOURCE_NAMES: Final = {"units": "unit", "inverted": "not"}  # fields whose keys differ
 _SOURCE_FIELDS: Final = {key: name for name, key in _SOURCE_NAMES.items()}
+_SOURCE_KEYS: Final[dict[str, tuple[type, bool]]] = {  # kind of value, and whether it is a list
+    "column": (str, False),
+    **dict.fromkeys(("unit", "words"), (str, True)),
+    **dict.fromkeys(("equals", "pinned"), (float, True)),
+    **dict.fromkeys(("factor", "offset", "above"), (float, False)),
+    "bit": (int, False),
+    "not": (bool, False),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,7 +150,21 @@ def load_profile(path: Path) -> Profile:
 
 def profile_of(tree: Mapping[str, Any], path: Path) -> Profile:
     """Return the profile of a TOML file's tree; raises ConfigError as ``load_profile``."""
-    return _ProfileReader(path).profile(tree)
+    table = TomlTable(tree, path, ConfigError).only(_KEYS)
+    base, signals = _base(table), table.table("signals")
+    for name in signals:
+        if name not in BY_NAME:
+            raise signals.fault(f"{name} is no canonical signal")
+    title: str = table.value("title", str, base.title or path.stem)
+    return Profile(
+        name=path.stem,
+        title=title or path.stem,
+        stoich_afr=table.value("stoich_afr", float, base.stoich_afr),
+        time=_sources(table, "time") if "time" in table else base.time,
+        recognise=tuple(map(_recognition, table.tables("recognise"))) or base.recognise,
+        signals={**base.signals, **{name: _sources(signals, name) for name in signals}},
+        engine=_engine(table.table("engine"), base.engine),
+    )
 
 
 def tree_of(profile: Profile) -> dict[str, Any]:
@@ -169,107 +192,48 @@ def _source_tree(source: Source) -> dict[str, Any]:
     return {"column": source.column} | changed | lists
 
 
-class _ProfileReader:
-    """Checks every key of a profile."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def profile(self, raw: Mapping[str, Any]) -> Profile:
-        self._keys("the profile", raw, _KEYS)
-        based_on = raw.get("based_on")
-        base = (
-            Profile(name="", title="")
-            if based_on is None
-            else shipped_profile(self._text("based_on", based_on))
-        )
-        signals = dict(base.signals)
-        for name, given in self._table("signals", raw.get("signals", {})).items():
-            if name not in BY_NAME:
-                raise self._error(f"[signals] {name}", "is no canonical signal")
-            signals[name] = self._sources(f"[signals] {name}", given)
-        recognise = tuple(self._recognition(each) for each in raw.get("recognise", []))
-        time = self._sources("time", raw["time"]) if "time" in raw else base.time
-        return Profile(
-            name=self._path.stem,
-            title=self._text("title", raw.get("title", base.title or self._path.stem)),
-            stoich_afr=self._number("stoich_afr", raw.get("stoich_afr", base.stoich_afr)),
-            time=time,
-            recognise=recognise or base.recognise,
-            signals=signals,
-            engine=self._engine(self._table("engine", raw.get("engine", {})), base.engine),
-        )
-
-    def _error(self, key: str, problem: str) -> ConfigError:
-        return ConfigError(f"{self._path}: {key}: {problem}")
-
-    def _keys(self, key: str, given: Mapping[str, Any], known: Collection[str]) -> None:
-        unknown = sorted(given.keys() - set(known))
-        if unknown:
-            wanted = ", ".join(sorted(known))
-            raise self._error(key, f"has the unknown key {unknown[0]!r}, known are {wanted}")
-
-    def _table(self, key: str, given: Any) -> dict[str, Any]:
-        if not isinstance(given, dict):
-            raise self._error(key, f"is {given!r}, a table is wanted")
-        return given
-
-    def _text(self, key: str, given: Any) -> str:
-        if not isinstance(given, str) or not given:
-            raise self._error(key, f"is {given!r}, a text is wanted")
-        return given
-
-    def _number(self, key: str, given: Any) -> float:
-        if isinstance(given, bool) or not isinstance(given, int | float):
-            raise self._error(key, f"is {given!r}, a number is wanted")
-        return float(given)
-
-    def _texts(self, key: str, given: Any) -> tuple[str, ...]:
-        return tuple(self._text(key, each) for each in _listed(given))
-
-    def _recognition(self, given: Any) -> Recognition:
-        table = self._table("[[recognise]]", given)
-        self._keys("[[recognise]]", table, {"columns", "preamble"})
-        return Recognition(
-            self._texts("[[recognise]] columns", table.get("columns", [])),
-            self._texts("[[recognise]] preamble", table.get("preamble", [])),
-        )
-
-    def _sources(self, key: str, given: Any) -> tuple[Source, ...]:
-        return tuple(self._source(key, each) for each in _listed(given))
-
-    def _source(self, key: str, given: Any) -> Source:
-        kinds: dict[str, Callable[[str, Any], Any]] = {
-            "column": self._text,
-            "unit": self._texts,
-            "bit": self._bit,
-            "words": self._texts,
-            "not": lambda _, value: bool(value),
-            **dict.fromkeys(("factor", "offset", "above"), self._number),
-            **dict.fromkeys(("equals", "pinned"), self._numbers),
-        }
-        table = {"column": given} if isinstance(given, str) else self._table(key, given)
-        self._keys(key, table, kinds.keys())
-        values = {k: kinds[k](f"{key} {k}", v) for k, v in ({"column": None} | table).items()}
-        return Source(**{_SOURCE_FIELDS.get(k, k): value for k, value in values.items()})
-
-    def _bit(self, key: str, given: Any) -> int:
-        if isinstance(given, bool) or not isinstance(given, int) or given < 0:
-            raise self._error(key, f"is {given!r}, a whole number from 0 is wanted")
-        return given
-
-    def _numbers(self, key: str, given: Any) -> tuple[float, ...]:
-        return tuple(self._number(key, each) for each in _listed(given))
-
-    def _engine(self, given: Mapping[str, Any], base: ProfileEngine) -> ProfileEngine:
-        self._keys("[engine]", given, {each.name for each in fields(ProfileEngine)})
-        values = {name: self._number(f"[engine] {name}", value) for name, value in given.items()}
-        for name in ("cylinders", "injector_mg_per_ms"):
-            if not values.get(name, 1.0) > 0.0:
-                raise self._error(f"[engine] {name}", f"is {values[name]:g}, above 0 is wanted")
-        cylinders = int(values.pop("cylinders", base.cylinders))
-        return replace(base, cylinders=cylinders, **values)
+def _base(table: TomlTable) -> Profile:
+    if "based_on" not in table:
+        return Profile(name="", title="")
+    return shipped_profile(table.value("based_on", str))
 
 
-def _listed(given: Any) -> Sequence[Any]:
-    return given if isinstance(given, list) else [given]
+def _recognition(table: TomlTable) -> Recognition:
+    table.only({"columns", "preamble"})
+    columns, preamble = (table.values(key, str, or_one=True) for key in ("columns", "preamble"))
+    if "" in columns + preamble:
+        raise table.fault("names an empty text")
+    return Recognition(columns, preamble)
+
+
+def _sources(table: TomlTable, key: str) -> tuple[Source, ...]:
+    given = table.tree[key]
+    return tuple(
+        _source(table, key, each) for each in (given if isinstance(given, list) else [given])
+    )
+
+
+def _source(of: TomlTable, key: str, given: Any) -> Source:
+    tree = {"column": given} if isinstance(given, str) else given
+    table = TomlTable({key: tree}, of.path, ConfigError, of.where).table(key)
+    table.only(_SOURCE_KEYS)
+    if not table.value("column", str):
+        raise table.fault("column is '', a text is wanted")
+    values = {
+        name: table.values(name, kind, or_one=True) if is_list else table.value(name, kind)
+        for name, (kind, is_list) in _SOURCE_KEYS.items()
+        if name in table
+    }
+    if values.get("bit", 0) < 0:
+        raise table.unwanted("bit", "a whole number from 0 is")
+    return Source(**{_SOURCE_FIELDS.get(name, name): value for name, value in values.items()})
+
+
+def _engine(table: TomlTable, base: ProfileEngine) -> ProfileEngine:
+    table.only(each.name for each in fields(ProfileEngine))
+    values = {name: table.value(name, float) for name in table}
+    for name in ("cylinders", "injector_mg_per_ms"):
+        if not values.get(name, 1.0) > 0.0:
+            raise table.unwanted(name, "above 0 is")
+    cylinders = int(values.pop("cylinders", base.cylinders))
+    return replace(base, cylinders=cylinders, **values)

@@ -124,11 +124,11 @@ def test_an_unknown_file_of_the_package_is_named() -> None:
         ('[signals.x]\nmessage = "ECU_Air"\nsignal = "AirMass"\nfactor = "a"\n', "a number"),
         ('[signals."x y"]\nmessage = "ECU_Air"\nsignal = "AirMass"\n', "is no name"),
         ('[integrity]\nalgorithm = "crc9"\n', "known are"),
-        ('[integrity]\nnot_available = "never"\n', "it may be"),
+        ('[integrity]\nnot_available = "never"\n', "known are all_ones"),
         ("[integrity]\ncounter = 4\n", "a text is wanted"),
         ('[messages.M]\nchecksums = ""\n', "unknown key 'checksums'"),
         ('[derived.y]\nnumerator = ["z"]\n', "neither"),
-        ('[derived.y]\nnumerator = "z"\n', "names are wanted"),
+        ('[derived.y]\nnumerator = "z"\n', "texts are wanted"),
         ("[derived.y]\n", "names no signal"),
         (
             '[integrity]\ncounter = "C"\n[signals.x]\nmessage = "ECU_Air"\nsignal = "AirMass"\n',

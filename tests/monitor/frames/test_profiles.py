@@ -348,11 +348,11 @@ def test_a_profile_in_a_model_card_is_the_same_profile_again() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[signals]\nlamda = 'x'\n", "lamda: is no canonical signal"),
+        ("[signals]\nlamda = 'x'\n", "lamda is no canonical signal"),
         ("[signals]\nlambda_measured = { colum = 'x' }\n", "unknown key 'colum'"),
         ("[signals]\nlambda_measured = { column = 'x', factor = 'a' }\n", "a number is wanted"),
         ("stoich = 14\n[signals]\n", "unknown key 'stoich', known are"),
-        ("[signals]\n[engine]\ncylinders = 0\n", "cylinders: is 0, above 0"),
+        ("[signals]\n[engine]\ncylinders = 0\n", "cylinders is 0, above 0"),
         ("based_on = 'nobody'\n", "no profile nobody"),
         ("[signals]\nfuel_cut = { column = 'x', bit = -1 }\n", "a whole number from 0"),
     ],

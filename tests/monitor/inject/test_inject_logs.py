@@ -144,9 +144,7 @@ def test_answers_under_29_bits_are_changed_as_those_under_11(tmp_path: Path) -> 
     maps = ["--dbc", str(dbc.path("obd2.dbc")), "--map", str(dbc.path("obd2.toml"))]
     answers = [bytes.fromhex(f"064134{0x7000 + 0x100 * n:04X}800000") for n in range(20)]
     for name, key, long in (("11.log", 0x7E8, False), ("29.log", 0x18DAF110, True)):
-        write(
-            tmp_path / name, [Frame(n * 100 * MS, key, long, a) for n, a in enumerate(answers)]
-        )
+        write(tmp_path / name, [Frame(n * 100 * MS, key, long, a) for n, a in enumerate(answers)])
         out = tmp_path / f"out{name}"
         # WHEN a fault is put on each
         done = ["inject", str(tmp_path / name), "--fault", "biased_lean", "--out", str(out), *maps]
