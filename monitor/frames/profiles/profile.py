@@ -219,7 +219,7 @@ def _source(of: TomlTable, key: str, given: Any) -> Source:
     table.only(_SOURCE_KEYS)
     if not table.value("column", str):
         raise table.fault("column is '', a text is wanted")
-    values = {
+    values: dict[str, Any] = {
         name: table.values(name, kind, or_one=True) if is_list else table.value(name, kind)
         for name, (kind, is_list) in _SOURCE_KEYS.items()
         if name in table
