@@ -1,17 +1,12 @@
-"""One user at a time works on a fault memory: a lock on a file beside it.
+"""One user at a time works on a fault memory: a lock on an empty file beside it, which stays.
 
-Whoever holds the lock removes the file at the end. One that was removed while it was being opened
-is not the lock: a new one is opened. The memory's own files are locked as well: a hard link gives
-them other names, with another lock beside. Each storing replaces them, so an older hard link is a
-copy.
-
-Linux and macOS lock with flock, Windows the first byte of the file beside only. Elsewhere there is
-no fault memory; everything else works.
+Linux and macOS lock with flock, Windows the file's first byte. Elsewhere there is no fault memory;
+everything else works.
 """
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
@@ -22,60 +17,24 @@ class Lock:
     """The lock of a fault memory, not taken yet.
 
     path : as the user names the memory
-    files : of the memory, which need not exist
+    file : of the memory, which need not exist
     """
 
-    def __init__(self, path: Path, files: Sequence[Path]) -> None:
-        self._path, self._files = path, files
-        self._descriptors: list[int] = []  # of the file beside, then of the memory's files
-
-    @property
-    def _beside(self) -> Path:
-        return self._files[0].with_name(f"{self._files[0].name}-lock")
+    def __init__(self, path: Path, file: Path) -> None:
+        self._path, self._file = path, file.with_name(f"{file.name}-lock")
+        self._descriptor: int | None = None
 
     @property
     def is_taken(self) -> bool:
         """Return whether this process holds the lock by this object."""
-        return bool(self._descriptors)
+        return self._descriptor is not None
 
     def take(self) -> None:
         """Take the lock; raises RecordingError if another process has it."""
         try:
-            self._lock(self._beside)
-            while not _is(self._descriptors[0], self._beside):
-                os.close(self._descriptors.pop())
-                self._lock(self._beside)
-            self.follow()
-        except BaseException:
-            self.let_go()
-            raise
-
-    def follow(self) -> None:
-        """Lock the memory's files that are there now; raises RecordingError."""
-        self.let_go(1)
-        if os.name != "nt":  # Windows replaces no open file
-            for file in self._files:
-                if file.exists():
-                    self._lock(file)
-
-    @contextmanager
-    def taken(self) -> Iterator[None]:
-        """Hold the lock for a while, or longer if it is taken already; raises RecordingError."""
-        is_own = not self.is_taken
-        if is_own:
-            self.take()
-        try:
-            yield
-        finally:
-            if is_own:
-                self.let_go()
-
-    def _lock(self, file: Path) -> None:
-        """Lock a file for this process; raises RecordingError."""
-        try:
-            descriptor = os.open(file, os.O_CREAT | os.O_RDWR, 0o644)
+            descriptor = os.open(self._file, os.O_CREAT | os.O_RDWR, 0o644)
         except OSError as error:
-            said = f"cannot open the fault memory: {file.name}: {error.strerror}"
+            said = f"cannot open the fault memory: {self._file.name}: {error.strerror}"
             raise RecordingError(f"{self._path}: {said}") from None
         try:
             if os.name == "nt":
@@ -90,21 +49,22 @@ class Lock:
             if isinstance(error, ModuleNotFoundError):
                 said = "this system has no file locks, so no fault memory can be used"
             raise RecordingError(f"{self._path}: {said}") from None
-        self._descriptors.append(descriptor)
+        self._descriptor = descriptor
 
-    def let_go(self, begin: int = 0) -> None:
-        """Let go of the lock, if it is taken, or of its files from one on."""
-        if begin == 0 and self.is_taken and os.name != "nt":  # Windows removes no open file
-            with suppress(OSError):
-                self._beside.unlink()
-        for descriptor in self._descriptors[begin:]:
-            os.close(descriptor)
-        del self._descriptors[begin:]
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        """Hold the lock for a while, or longer if it is taken already; raises RecordingError."""
+        is_own = not self.is_taken
+        if is_own:
+            self.take()
+        try:
+            yield
+        finally:
+            if is_own:
+                self.let_go()
 
-
-def _is(descriptor: int, file: Path) -> bool:
-    """Return whether an open file is the one that stands at a path now."""
-    try:
-        return os.path.samestat(os.fstat(descriptor), file.stat())
-    except FileNotFoundError:
-        return False
+    def let_go(self) -> None:
+        """Let go of the lock, if it is taken."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None

@@ -4,7 +4,6 @@ When ``save`` returns, the data survive a kill, and damage of one of the two fil
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -43,7 +42,7 @@ class Memory:
 
     def __init__(self, path: Path, *, hold: bool = False) -> None:
         self._path, self._block = path, Block(path)
-        self._lock = Lock(path, self._block.files)
+        self._lock = Lock(path, self._block.files[0])
         self._is_held, self._is_closed = hold, False
         self._is_sure = False  # the content in RAM is that of both files
         if hold:
@@ -164,8 +163,6 @@ class Memory:
             except OSError as error:
                 raise self._failed(error) from None
             self._content, self._is_sure = new, self._is_held
-            with suppress(RecordingError):
-                self._lock.follow()
 
     def close(self) -> None:
         """Release the lock; nothing can be stored any more."""
