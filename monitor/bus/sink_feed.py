@@ -1,10 +1,11 @@
 """The attachment that hands events to the sinks, and their counters to the loop's health."""
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 from monitor.base.types import Frame
+from monitor.bus.attachment import Attachment
 from monitor.bus.link.port import BusHealth
 from monitor.pipeline.events import Event
 from monitor.sinks.outlet import Outlet
@@ -13,14 +14,14 @@ from monitor.sinks.stream import Stream
 LOOK_S: Final = 1.0  # between two looks at the counters
 
 
-class SinkFeed:
+class SinkFeed(Attachment):
     """Turns events into records and queues them; the outlets' threads write.
 
     health : takes the counters of all sinks
     say : receives messages about lost and regained sinks
     """
 
-    identifiers: Collection[tuple[int, bool]] = ()
+    due_s = -math.inf
 
     def __init__(
         self,
@@ -30,11 +31,6 @@ class SinkFeed:
         say: Callable[[str], None],
     ) -> None:
         self._stream, self._outlets, self._health, self._say = stream, outlets, health, say
-        self.due_s = -math.inf
-
-    def receive(self, frame: Frame) -> Iterable[Frame]:
-        """Take no frame."""
-        return ()
 
     def push(self, event: Event) -> None:
         """Queue the records of an event."""

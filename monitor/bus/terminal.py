@@ -12,9 +12,11 @@ from typing import Any, Final, TextIO
 
 from monitor.base.files.json_text import rounded
 from monitor.base.types import Frame
+from monitor.bus.attachment import Attachment
 from monitor.bus.link.port import BusHealth
 from monitor.judge.enable import CONDITIONS
 from monitor.pipeline.collector import Collector
+from monitor.pipeline.entry import window_fields
 from monitor.pipeline.events import (
     Counted,
     CutJudged,
@@ -110,21 +112,14 @@ def _not_blocking(stream: TextIO) -> int | None:
         return None
 
 
-class StatusLine:
+class StatusLine(Attachment):
     """The loop's state in one line: an attachment that only listens."""
-
-    identifiers: tuple[tuple[int, bool], ...] = ()
-    due_s = math.inf
 
     def __init__(self, monitor: SensorMonitor, health: BusHealth) -> None:
         self._monitor, self._health = monitor, health
         self._output = monitor.names.index(monitor.output)
         self._tick: Tick | None = None
         self._windows = self._failed = 0
-
-    def receive(self, frame: Frame) -> tuple[Frame, ...]:
-        """Return nothing: no frame is wanted."""
-        return ()
 
     def push(self, event: Event) -> None:
         """Note the latest sample and count the windows."""
@@ -133,13 +128,6 @@ class StatusLine:
         elif isinstance(event, WindowJudged):
             self._windows += 1
             self._failed += event.outcome == "failed"
-
-    def work(self, now_s: float) -> tuple[Frame, ...]:
-        """Return nothing: no frame is sent."""
-        return ()
-
-    def close(self) -> None:
-        """Nothing is held."""
 
     def line(self) -> str:
         """Return the monitor's state in one line; its parts keep their places."""
@@ -238,15 +226,7 @@ class JsonEvents(StatusLine):
                 "window",
                 t_start_ns=window.t_start_ns,
                 t_end_ns=window.t_end_ns,
-                index=window.index,
-                mean=event.mean,
-                std=event.std,
-                paper_failed=event.paper_failed,
-                verdict=event.outcome,
-                fault=event.fault,
-                also=list(event.also),
-                excited=event.excited,
-                statistics=event.statistics.as_dict(),
+                **window_fields(event),
             )
         elif isinstance(event, DtcChanged):
             dtc = event.dtc

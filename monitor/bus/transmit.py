@@ -8,6 +8,7 @@ from cantools.database.can import Message
 
 import dbc
 from monitor.base.types import Frame
+from monitor.bus.attachment import Attachment
 from monitor.decode.bus_map import load_database
 from monitor.decode.checksum import payload_checksum
 from monitor.memory.dtc import Status
@@ -36,11 +37,8 @@ def dtc_number(code: str) -> int:
     return _LETTERS.index(code[0]) << 14 | int(code[1], 16) << 12 | int(code[2:], 16)
 
 
-class Transmitter:
+class Transmitter(Attachment):
     """Turns events into the frames of ``o2_monitor.dbc``; their times are those of the samples."""
-
-    identifiers: tuple[tuple[int, bool], ...] = ()
-    due_s = math.inf  # frames are sent on events only
 
     def __init__(self, monitor: SensorMonitor) -> None:
         database = load_database(dbc.path("o2_monitor.dbc"))
@@ -50,10 +48,6 @@ class Transmitter:
         self._counters = {self._status.name: 0, self._window.name: 0}
         self._next_ns = 0
         self._ready: list[Frame] = []
-
-    def receive(self, frame: Frame) -> tuple[Frame, ...]:
-        """Return nothing: it makes no frames for the pipeline."""
-        return ()
 
     def push(self, event: Event) -> None:
         """Make the frames that are due at this event."""
@@ -67,9 +61,6 @@ class Transmitter:
         """Return the frames made since the last call."""
         ready, self._ready = self._ready, []
         return ready
-
-    def close(self) -> None:
-        """Do nothing: it holds no resources."""
 
     def _is_due(self, t_ns: int) -> bool:
         """Return whether a status is due, or the clock has stepped back."""

@@ -7,20 +7,18 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 
 from monitor.base.types import Frame
-from monitor.pipeline.events import Event
+from monitor.bus.attachment import Attachment
 
 STATUS_S = 10.0  # between two status lines
 
 
-class Watchdog:
+class Watchdog(Attachment):
     """Notifies the service manager, while the loop goes round.
 
     address : the manager's socket, a path or "@" and an abstract name
     watchdog_s : silence after which the manager restarts the service, None if it does not watch
     status : returns one line about the loop
     """
-
-    identifiers: tuple[tuple[int, bool], ...] = ()
 
     def __init__(self, address: str, watchdog_s: float | None, status: Callable[[], str]) -> None:
         self._address = "\0" + address[1:] if address.startswith("@") else address
@@ -48,13 +46,6 @@ class Watchdog:
     def due_s(self) -> float:
         """Return when the next notification is due."""
         return min(self._alive_s, self._status_s)
-
-    def receive(self, frame: Frame) -> tuple[Frame, ...]:
-        """Return nothing: no frame is wanted."""
-        return ()
-
-    def push(self, event: Event) -> None:
-        """Events say nothing to the service manager."""
 
     def work(self, now_s: float) -> tuple[Frame, ...]:
         """Send the notification that is due; no frame is sent."""

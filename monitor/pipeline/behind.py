@@ -1,7 +1,6 @@
 """The catalyst in a table without the model's signals, judged by how the rear sensor moves."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -19,10 +18,8 @@ from monitor.judge.catalyst.watch import VOLTAGE
 from monitor.judge.causes.causes import Cause
 from monitor.judge.counters import Counters
 from monitor.judge.electrical.readiness import ENGINE
-from monitor.judge.findings import Change, DtcChanged
-from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
-from monitor.memory.obd_records import FreezeFrame
+from monitor.pipeline.conclusions import freeze
 from monitor.pipeline.entry import seconds
 
 CATALYST_TEST: Final = "catalyst"
@@ -51,16 +48,6 @@ def judge_behind(
         "needed": round(activity.evidence_fail, 3),
     }
     return entry, [] if claim.outcome != "inconclusive" else [_cause(table, activity)]
-
-
-def freeze(
-    changes: Sequence[Change], store: DtcStore, names: Sequence[str], values: FloatArray
-) -> None:
-    """Keep the signals of a sample, (n_names,), for each code that fails on it."""
-    signals = {n: v for n, v in zip(names, values.tolist(), strict=True) if np.isfinite(v)}
-    for change in changes:
-        if isinstance(change, DtcChanged) and change.dtc.status & Status.TEST_FAILED:
-            store.freeze(FreezeFrame(change.dtc.code, change.t_ns, signals))
 
 
 def _judge_circuit(table: Table, store: DtcStore, config: Config) -> None:
@@ -93,8 +80,8 @@ def _judge_circuit(table: Table, store: DtcStore, config: Config) -> None:
     counters = Counters((CIRCUIT,), config, store)
     for each in found:
         failed, t_ns = bool(each.fault), block.t_ns.item(each.at)
-        changes = counters.mature(CIRCUIT, failed=failed, fault=each.fault, t_ns=t_ns)
-        freeze(changes, store, list(at), block.values[each.at])
+        for change in counters.mature(CIRCUIT, failed=failed, fault=each.fault, t_ns=t_ns):
+            freeze(change, store, list(at), block.values[each.at])
 
 
 def _follow(table: Table, activity: RearActivity, store: DtcStore, config: Config) -> None:
@@ -110,8 +97,9 @@ def _follow(table: Table, activity: RearActivity, store: DtcStore, config: Confi
         if claim.outcome in (before, "inconclusive"):
             continue
         before, failed = claim.outcome, claim.outcome == "failed"
-        changes = counters.mature(CATALYST_TEST, failed=failed, fault=claim.fault or "", t_ns=t_ns)
-        freeze(changes, store, table.names, table.values[k])
+        fault = claim.fault or ""
+        for change in counters.mature(CATALYST_TEST, failed=failed, fault=fault, t_ns=t_ns):
+            freeze(change, store, table.names, table.values[k])
 
 
 def _cause(table: Table, activity: RearActivity) -> Cause:

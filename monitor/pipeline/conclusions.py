@@ -1,14 +1,13 @@
 """Step 9: findings on samples, in the order of time, become verdicts, codes and counts."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from types import MappingProxyType
 from typing import Final, NamedTuple, TypeVar
 
-import numpy as np
-
 from monitor.base.signals import CAPACITY
-from monitor.base.types import SampleBlock
+from monitor.base.types import FloatArray, SampleBlock
 from monitor.judge.catalyst.watch import BehindResult
 from monitor.judge.decision.decisions import Decisions
 from monitor.judge.electrical.plausibility import Still, TickResult
@@ -196,12 +195,18 @@ class Conclusions:
         estimates : what is kept beside them
         """
         for event in events:
-            if isinstance(event, DtcChanged) and event.dtc.status & Status.TEST_FAILED:
-                values = at.block.values[at.k]
-                good = ~np.isnan(values)
-                read = zip(self._names, values.tolist(), good.tolist(), strict=True)
-                signals = {name: value for name, value, is_good in read if is_good}
-                self._store.freeze(
-                    FreezeFrame(event.dtc.code, event.t_ns, {**signals, **estimates})
-                )
+            freeze(event, self._store, self._names, at.block.values[at.k], estimates)
             yield event
+
+
+def freeze(
+    event: object,
+    store: DtcStore,
+    names: Sequence[str],
+    values: FloatArray,
+    estimates: Mapping[str, float] = MappingProxyType({}),
+) -> None:
+    """Keep the known signals of a sample, (n_names,), if a code fails on it."""
+    if isinstance(event, DtcChanged) and event.dtc.status & Status.TEST_FAILED:
+        signals = {n: v for n, v in zip(names, values.tolist(), strict=True) if math.isfinite(v)}
+        store.freeze(FreezeFrame(event.dtc.code, event.t_ns, {**signals, **estimates}))

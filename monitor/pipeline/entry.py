@@ -28,11 +28,16 @@ def seconds(t_ns: int, t0_ns: int) -> float:
 
 
 def window_entry(event: WindowJudged, t0_ns: int) -> dict[str, Any]:
-    """Return a judged window."""
+    """Return a judged window with its times in s."""
+    times = seconds(event.window.t_start_ns, t0_ns), seconds(event.window.t_end_ns, t0_ns)
+    entry = {"index": event.window.index, "t_start_s": times[0], "t_end_s": times[1]}
+    return entry | window_fields(event)
+
+
+def window_fields(event: WindowJudged) -> dict[str, Any]:
+    """Return a judged window without its times."""
     return {
         "index": event.window.index,
-        "t_start_s": seconds(event.window.t_start_ns, t0_ns),
-        "t_end_s": seconds(event.window.t_end_ns, t0_ns),
         "mean": event.mean,
         "std": event.std,
         "paper_failed": event.paper_failed,

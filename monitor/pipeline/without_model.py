@@ -22,8 +22,9 @@ from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import BURNING, Enable, masks
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.card import Channel
-from monitor.pipeline.behind import CUT, freeze, judge_behind
+from monitor.pipeline.behind import CUT, judge_behind
 from monitor.pipeline.collector import Trace
+from monitor.pipeline.conclusions import freeze
 from monitor.pipeline.entry import dtc_entry, not_judged
 
 TESTS: Final = ("communication", "range", "ready", "activity")
@@ -112,13 +113,14 @@ def _judge_reading(table: Table, store: DtcStore, config: Config) -> None:
     counters = Counters(TESTS, config, store)
     for k, result in found.matured:
         t_ns = block.t_ns.item(k)
-        matured = counters.mature(result.test, failed=result.failed, fault=result.fault, t_ns=t_ns)
-        freeze(matured, store, names, block.values[k])
+        failed, fault = result.failed, result.fault
+        for change in counters.mature(result.test, failed=failed, fault=fault, t_ns=t_ns):
+            freeze(change, store, names, block.values[k])
     for k, (failed, fault) in found.stretches:
         if fault != "stuck_at_one":
             t_ns = block.t_ns.item(k)
-            changes = counters.step("activity", failed=failed, fault=fault, also=(), t_ns=t_ns)
-            freeze(changes, store, names, block.values[k])
+            for change in counters.step("activity", failed=failed, fault=fault, also=(), t_ns=t_ns):
+                freeze(change, store, names, block.values[k])
 
 
 def _tells_cut(table: Table) -> bool:

@@ -9,6 +9,7 @@ from typing import Final
 
 from monitor.base.errors import UsageError
 from monitor.base.types import Frame
+from monitor.bus.attachment import Attachment
 from monitor.bus.diagnostics.answer import answer, pending, takes_long
 from monitor.bus.diagnostics.isotp import Transport, single_frame
 from monitor.bus.diagnostics.state import DEFAULT_SESSION, State
@@ -72,8 +73,10 @@ class Allowance:
         return True
 
 
-class Diagnostics:
+class Diagnostics(Attachment):
     """The attachment that answers testers."""
+
+    due_s = math.inf
 
     def __init__(self, state: State, address: DiagnosticAddress) -> None:
         self.state, self._address = state, address
@@ -84,7 +87,6 @@ class Diagnostics:
         self._received: deque[Frame] = deque(maxlen=BURST_FRAMES)
         self._pending: tuple[bytes, bool] | None = None  # request and functional; "pending" sent
         self._session_ends_s = math.inf
-        self.due_s = math.inf
 
     @property
     def identifiers(self) -> Collection[tuple[int, bool]]:
@@ -113,9 +115,6 @@ class Diagnostics:
         self.due_s = now_s + (0.0 if self._pending else self._transport.wait_s)
         address = self._address
         return [Frame(0, address.response_id, address.is_extended, data) for data in sent]
-
-    def close(self) -> None:
-        """Do nothing: it holds no resources."""
 
     def _take(self, frame: Frame, now_s: float) -> None:
         is_awaited = self._transport.is_waiting and frame.data[:1] == CONTINUE

@@ -1,25 +1,25 @@
 """The live page's feed in the loop: it gathers events and writes them to the server's pipe.
 
 It never waits. It writes four messages a second, each one line of JSON. If the pipe is full, up to
-a minute of samples wait for the next message; older ones are dropped and counted. A restarted
-server gets a new greeting. The first death of a server is told, later ones are only counted.
+a minute of samples wait for the next message; older ones are dropped and counted.
 """
 
 import json
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 import numpy as np
 
 from monitor import __version__
 from monitor.base.types import Frame
+from monitor.bus.attachment import Attachment
 from monitor.bus.live.codes import fault_memory
 from monitor.bus.live.describe import ConditionWords, response_limits, signal_rows
 from monitor.bus.live.process import Server
 from monitor.judge.findings import WindowJudged
-from monitor.pipeline.entry import evidence_entry
+from monitor.pipeline.entry import evidence_entry, window_fields
 from monitor.pipeline.events import CycleStarted, Event, Tick
 from monitor.pipeline.monitor import SensorMonitor
 from monitor.pipeline.replay import Setup
@@ -34,15 +34,15 @@ SAMPLES: Final = 600  # most samples kept for the next messages
 WINDOWS: Final = 100
 
 
-class LiveFeed:
-    """An attachment of the loop that feeds the live page.
+class LiveFeed(Attachment):
+    """Feeds the live page.
 
     health : returns the loop's counters
     channel : name of the bus on the page
     say : receives the message that a server has died
     """
 
-    identifiers: Collection[tuple[int, bool]] = ()
+    due_s = -math.inf
 
     def __init__(
         self,
@@ -65,10 +65,9 @@ class LiveFeed:
         self._latest: Tick | None = None
         self._t0_ns: int | None = None
         self._slow_s = -math.inf
-        self._is_alive, self._restarts = True, 0
+        self._is_alive = True
         self.dropped = 0
-        self.due_s = -math.inf
-        self._greeting: dict[str, Any] = {  # its JSON begins with process.GREETING
+        self._greeting: dict[str, Any] = {
             "version": __version__,
             "channel": channel,
             "model": setup.model_path.name,
@@ -79,10 +78,6 @@ class LiveFeed:
             "limits": response_limits(setup.config, monitor.limits),
         }
         self._is_greeted = False
-
-    def receive(self, frame: Frame) -> Iterable[Frame]:
-        """Return nothing: it makes no frames."""
-        return ()
 
     def push(self, event: Event) -> None:
         """Keep an event for the next message."""
@@ -100,7 +95,6 @@ class LiveFeed:
         if now_s >= self.due_s and self._is_alive:
             self.due_s = now_s + MESSAGE_S
             try:
-                self._note_restarts()
                 if self._server.is_free:
                     self._server.send(self._message(now_s))
             except BrokenPipeError:
@@ -108,14 +102,6 @@ class LiveFeed:
                 self.due_s = math.inf
                 self._say("the live page's server has died; judging goes on without the page")
         return ()
-
-    def _note_restarts(self) -> None:
-        restarts = self._server.restarts
-        if restarts == self._restarts:
-            return
-        if not self._restarts:
-            self._say("the live page's server has died and is started again; judging goes on")
-        self._restarts, self._is_greeted, self._slow_s = restarts, False, -math.inf
 
     def close(self) -> None:
         """Send the last events and end the server."""
@@ -146,23 +132,9 @@ class LiveFeed:
         return (t_ns - (self._t0_ns or 0)) // 10_000 / 100
 
     def _window(self, event: WindowJudged) -> dict[str, Any]:
-        window = event.window
-        return {
-            "index": window.index,
-            "start_ms": self._ms(window.t_start_ns),
-            "end_ms": self._ms(window.t_end_ns),
-            "mean": _number(event.mean),
-            "std": _number(event.std),
-            "paper_failed": event.paper_failed,
-            "verdict": event.outcome,
-            "fault": event.fault,
-            "also": list(event.also),
-            "excited": event.excited,
-            "statistics": {
-                k: _number(v) if isinstance(v, float) else v
-                for k, v in event.statistics.as_dict().items()
-            },
-        }
+        window, fields = event.window, window_fields(event)
+        times = {"start_ms": self._ms(window.t_start_ns), "end_ms": self._ms(window.t_end_ns)}
+        return times | _numbers(fields) | {"statistics": _numbers(fields["statistics"])}
 
     def _message(self, now_s: float) -> bytes:
         message = {} if self._is_greeted else dict(self._greeting)
@@ -174,10 +146,7 @@ class LiveFeed:
             message["now"] = self._now(self._latest)
         if now_s >= self._slow_s:
             self._slow_s = now_s + SLOW_S
-            message["health"] = dict(self._health()) | {
-                "page_dropped": self.dropped,
-                "page_restarts": self._restarts,
-            }
+            message["health"] = dict(self._health()) | {"page_dropped": self.dropped}
             behind = catalyst.rows(self._monitor.catalyst.entry())
             message["memory"] = fault_memory(self._monitor.store) | {
                 "behind": behind,
@@ -225,6 +194,10 @@ class LiveFeed:
             "windows_interrupted": monitor.interrupted_windows,
             "completed": monitor.completed,
         }
+
+
+def _numbers(fields: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: _number(v) if isinstance(v, float) else v for k, v in fields.items()}
 
 
 def _number(value: float) -> float | None:

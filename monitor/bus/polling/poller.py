@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from monitor.base.types import Frame
+from monitor.bus.attachment import Attachment
 from monitor.bus.polling.answer import (
     BUSY,
     FLOW_CONTROL,
@@ -27,7 +28,6 @@ from monitor.bus.polling.answer import (
 )
 from monitor.bus.polling.pids import ANSWER_ID, ObdParameter
 from monitor.bus.polling.schedule import Schedule
-from monitor.pipeline.events import Event
 
 # Tried in this order until one is answered: 11 bits before 29, as in ISO 15765-4.
 ADDRESSES: Final = tuple(map(EcuAddress.of, (0x7E0, FUNCTIONAL, 0x18DA10F1, FUNCTIONAL_29)))
@@ -52,7 +52,7 @@ class PollCounters:
     malformed: int = 0  # incomplete or unexpected answers
 
 
-class ObdPoller:
+class ObdPoller(Attachment):
     """The attachment that polls OBD-II parameters.
 
     parameters, lengths : from ``pids.wanted`` and ``pids.lengths``
@@ -91,9 +91,6 @@ class ObdPoller:
     def due_s(self) -> float:
         """Return the time of the next request, or of the timeout of the open one."""
         return self._deadline_s if self._asked else self._next_s
-
-    def push(self, event: Event) -> None:
-        """Do nothing: events do not concern polling."""
 
     def close(self) -> None:
         """Say the counts."""

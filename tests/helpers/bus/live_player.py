@@ -24,7 +24,7 @@ class Sink:
 
     def __init__(self) -> None:
         self.address = PageAddress("127.0.0.1", 0)
-        self.is_free, self.is_closed, self.restarts = True, False, 0
+        self.is_free, self.is_closed = True, False
         self.lines: list[bytes] = []
 
     def send(self, line: bytes) -> None:

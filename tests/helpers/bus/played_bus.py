@@ -8,6 +8,7 @@ from typing import Any
 import can
 
 from monitor.base.types import Frame
+from monitor.bus.attachment import Attachment
 from monitor.bus.link.recorder import message_of
 from monitor.bus.loop import Loop
 from monitor.bus.transmit import Transmitter
@@ -94,7 +95,7 @@ def judged(recording: dict[str, Any]) -> str:
     return json.dumps({key: recording[key] for key in keys})
 
 
-class Ear:
+class Ear(Attachment):
     """An attachment that keeps what it is given, and answers one identifier."""
 
     identifiers = ((0x6F0, False),)

@@ -1,12 +1,12 @@
 """What is attached to the live loop, and what it keeps to itself."""
 
-import math
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from monitor.base.types import Frame
+from monitor.bus.attachment import Attachment
 from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import FIRST_ID, is_own, time_mark
@@ -31,11 +31,10 @@ def test_what_comes_from_the_bus_under_an_identifier_of_the_loop_is_refused(
     assert not any(is_own(frame) for frame in frames)
 
 
-class Clearing:
+class Clearing(Attachment):
     """An attachment that clears the codes when a certain frame comes."""
 
     identifiers = ((0x6F0, False),)
-    due_s = math.inf
 
     def __init__(self) -> None:
         self.clear: Callable[[], None] = lambda: None
@@ -47,12 +46,6 @@ class Clearing:
 
     def push(self, event: Event) -> None:
         self.events.append(event)
-
-    def work(self, now_s: float) -> list[Frame]:
-        return []
-
-    def close(self) -> None:
-        pass
 
 
 def test_codes_that_a_tester_clears_are_cleared_in_a_replay_of_the_recording(
