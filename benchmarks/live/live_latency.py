@@ -13,6 +13,7 @@ python -m benchmarks live_latency [--seconds 30] [--load RATE ...] [--record]
 """
 
 import argparse
+import gc
 import json
 import os
 import struct
@@ -31,9 +32,8 @@ from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.repository import REPLAY_LOGS
 from benchmarks.speed.plain_loop import PlainLoop
 from monitor.base import config
-from monitor.base.types import Frame
+from monitor.bus.attachment import Attachment
 from monitor.bus.loop import Loop
-from monitor.bus.realtime import settle, use_cpu, use_priority
 from monitor.frames.logs import read_frames
 from monitor.pipeline import replay
 from monitor.pipeline.events import Event, Tick
@@ -74,34 +74,22 @@ class Meter:
         return 100.0 * (time.process_time() - cpu_s) / (time.monotonic() - wall_s)
 
 
-class Probe:
+class Probe(Attachment):
     """An attachment that meters the loop."""
-
-    identifiers: tuple[tuple[int, bool], ...] = ()
-    due_s = float("inf")
 
     def __init__(self, meter: Meter) -> None:
         self._meter = meter
-
-    def receive(self, frame: Frame) -> tuple[Frame, ...]:
-        return ()
 
     def push(self, event: Event) -> None:
         if isinstance(event, Tick):
             self._meter.tick(event.sample.t_ns)
 
-    def work(self, now_s: float) -> tuple[Frame, ...]:
-        return ()
-
-    def close(self) -> None:
-        """Release nothing."""
-
 
 def receiver(side: str, seconds: float, warm_up_s: float, *, record: bool) -> None:
     """Judge what comes; the first line printed is the address, the second what was met."""
-    use_cpu(1)
+    os.sched_setaffinity(0, {1})
     if side == FIFO:
-        use_priority(PRIORITY)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     setup, meter = replay.set_up(None, (), config.load()), Meter(warm_up_s)
     with UdpCan() as bus, tempfile.TemporaryDirectory() as folder:
         if side == PLAIN:
@@ -109,7 +97,8 @@ def receiver(side: str, seconds: float, warm_up_s: float, *, record: bool) -> No
         else:
             log = Path(folder) / "live.log" if record else None
             loop = Loop(bus, setup, attachments=[Probe(meter)], record=log, say=say)
-            settle()
+            gc.collect()
+            gc.freeze()
             _ready(bus)
             loop.run(seconds)
             received = loop.health.frames

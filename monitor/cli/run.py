@@ -1,5 +1,6 @@
 """``o2mon run``: judge a live bus."""
 
+import gc
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import Number, Quiet
+from monitor.base.command_line.parameters import Quiet
 from monitor.base.files.outputs import unused
 from monitor.cli.diagnostics import DiagnosticsOptions, diagnostics
 from monitor.cli.live import LiveOptions, live_feed, live_server
@@ -40,7 +41,7 @@ EXAMPLES = """examples:
   o2mon run -i socketcan -c can0                         only listen
   o2mon run -i socketcan -c vcan0 --record drive.log --duration 600
   o2mon run -i socketcan -c can0 --memory o2.db --transmit
-  o2mon run -i socketcan -c can0 --json-lines --realtime 50 --cpu 1
+  chrt --fifo 50 taskset -c 1 o2mon run -i socketcan -c can0 --json-lines
   o2mon run -i socketcan -c can0 --obd --model own.onnx  poll OBD-II parameters
   o2mon run -i socketcan -c can0 --live 8765             live page on http://127.0.0.1:8765/
   o2mon run -i socketcan -c can0 --sink mqtt://broker/car --sink jsonl:car.jsonl
@@ -57,8 +58,6 @@ class RunOptions(JudgeOptions, DiagnosticsOptions, ObdOptions, LiveOptions, Sink
         added to the name
     quiet : print only the final verdict
     json_lines : print one JSON object per line
-    realtime : run under SCHED_FIFO at this priority, 1 to 99
-    cpu : run on this processor only
     """
 
     bus: Bus
@@ -66,25 +65,20 @@ class RunOptions(JudgeOptions, DiagnosticsOptions, ObdOptions, LiveOptions, Sink
     record: Annotated[Path | None, paths.numbered, "LOG"] = None
     quiet: Quiet = False
     json_lines: bool = False
-    realtime: Annotated[int | None, "PRIORITY"] = None
-    cpu: Number | None = None
 
 
 def run(args: RunOptions) -> int:
     """Judge a live bus."""
-    # both start before this process takes its CPU and priority
     with live_server(args) as server, outlets(args) as opened:
         return _judge(args, server, opened)
 
 
 def _judge(args: RunOptions, server: "Server | None", opened: "list[Outlet]") -> int:
     from monitor.bus import loop as loops
-    from monitor.bus.realtime import settle
     from monitor.bus.terminal import Out
     from monitor.bus.transmit import Transmitter
     from monitor.memory.store import Memory
 
-    _take_place(args)
     setup = set_up(args, obd=args.obd)
     record = unused(args.record) if args.record else None
     if record != args.record:
@@ -116,7 +110,8 @@ def _judge(args: RunOptions, server: "Server | None", opened: "list[Outlet]") ->
         )
         feed = sink_feed(args, opened, loop, _speaker(args, out))
         loop.attachments.extend(feed)
-        settle()
+        gc.collect()
+        gc.freeze()  # collecting the loaded objects causes the longest pauses
         try:
             loops.run(loop, args.duration)
         finally:  # write the result even if the bus fails
@@ -127,15 +122,6 @@ def _judge(args: RunOptions, server: "Server | None", opened: "list[Outlet]") ->
                 say(line)
             write_outputs(args, setup, [recording], [loop.collector.trace()])
     return NOT_JUDGED if recording["not_judged"] else 0
-
-
-def _take_place(args: RunOptions) -> None:
-    from monitor.bus.realtime import use_cpu, use_priority
-
-    if args.cpu is not None:
-        use_cpu(args.cpu)
-    if args.realtime is not None:
-        use_priority(args.realtime)
 
 
 def _speaker(args: RunOptions, out: "Out") -> Callable[[str], None]:

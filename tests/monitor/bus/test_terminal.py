@@ -12,15 +12,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from monitor.base import config
-from monitor.base.errors import UsageError
 from monitor.base.types import Frame
 from monitor.bus.loop import Loop
-from monitor.bus.realtime import use_cpu, use_priority
 from monitor.bus.terminal import (
     REDRAW_S,
     WAITING_LINES,
@@ -230,21 +227,6 @@ def test_a_manager_that_is_gone_ends_nothing(manager: socket.socket, tmp_path: P
     assert own.work(0.0) == ()
     assert own.due_s == 0.5  # it may come back
     own.close()
-
-
-def test_a_place_that_is_not_permitted_or_not_there_is_said_clearly(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def refuse(*_: Any) -> None:
-        raise PermissionError(1, "Operation not permitted")
-
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    with pytest.raises(UsageError, match="LimitRTPRIO=50"):
-        use_priority(50)
-    with pytest.raises(UsageError, match="from 1 to 99"):
-        use_priority(100)
-    with pytest.raises(UsageError, match="--cpu 100000"):
-        use_cpu(100_000)
 
 
 def test_a_service_is_ready_and_ends_by_sigterm_with_its_memory_stored(
