@@ -13,7 +13,6 @@ from typing import Final
 
 import shtab
 
-from monitor.base.command_line import verbosity
 from monitor.cli import _parser as o2mon_parser
 from training.cli import _parser as o2train_parser
 
@@ -24,7 +23,6 @@ def files() -> dict[Path, str]:
     """Return path, relative to ``share``, and content of every generated file."""
     made = {}
     for name, parser in (("o2mon", o2mon_parser(None)), ("o2train", o2train_parser(None))):
-        verbosity.add_options(parser)
         tidy(parser)
         made[Path(f"bash-completion/completions/{name}")] = shtab.complete(parser, "bash")
         made[Path(f"zsh/site-functions/_{name}")] = shtab.complete(parser, "zsh")

@@ -81,7 +81,7 @@ def running(
     }
     run_folder.claim(args.out, identity)
     (args.out / ROWS).mkdir(exist_ok=True)
-    with tqdm(total=total, unit="trial", disable=args.nothing or None) as bar:
+    with tqdm(total=total, unit="trial", disable=None) as bar:
         place = Place(args.out, args.jobs, bar.update)
         try:
             yield place

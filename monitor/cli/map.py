@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import Input, LogChannel, Nothing, Number
+from monitor.base.command_line.parameters import Input, LogChannel, Number
 from monitor.cli.options import NOT_JUDGED, say
 
 EXAMPLES = """examples:
@@ -26,7 +26,6 @@ def run(
     log: Input | None = None,
     of: LogChannel,
     cylinders: Number = 4,
-    nothing: Nothing = False,
 ) -> int:
     """Propose a signal map for a CAN database.
 
@@ -50,7 +49,7 @@ def run(
     text, proposals = make_map(
         database, dbc, log=log, channel=of.channel, cylinders=cylinders, notes=notes
     )
-    tell = say if out or nothing else _tell_apart
+    tell = say if out else _tell_apart
     if out is None:
         say(text.rstrip("\n"))
     else:

@@ -42,7 +42,6 @@ def report(rows: Sequence[Row]) -> Report:
 def arguments(*words: str) -> argparse.Namespace:
     args = parser_of("count", Plan, "Count.", lambda _: 0).parse_args(words)
     args.out = args.out and Path(args.out)
-    args.nothing = True
     return args
 
 

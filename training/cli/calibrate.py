@@ -5,7 +5,6 @@ from json import dumps
 from typing import Annotated, Any
 
 from monitor.base.command_line.parameters import Output, Recordings, SettingsFile
-from monitor.base.command_line.verbosity import LOG
 from training.cli.options import ModelPath, NewModel, Page, ReadOptions, load_all
 
 EXAMPLES = """examples:
@@ -87,4 +86,4 @@ def run(
 def _emissions(limit: float) -> dict[str, Any]:
     from training.dyno.truth.tailpipe import proposal
 
-    return {"emissions": proposal(limit, lambda name: LOG.info("emissions: %s", name))}
+    return {"emissions": proposal(limit)}

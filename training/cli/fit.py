@@ -1,11 +1,9 @@
 """The command ``o2train fit``."""
 
 import sys
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from monitor.base.command_line.verbosity import LOG
 from training.cli.kinds import catalyst, greybox
 from training.cli.kinds.fit_command import FitCommand
 from training.cli.options import inputs_of, load_all
@@ -54,9 +52,9 @@ def run(args: FitCommand) -> int:
     recordings = load_all(args, args.recordings, args.period)
     check_each_once(recordings)
     outcome = _narx(args, recordings) if args.kind == "narx" else greybox.fit(args, recordings)
-    with Progress(StringIO() if args.nothing else None, unit="step") as bar:
+    with Progress(None, unit="step") as bar:
         fitted = Fit.of(outcome, recordings, args.columns, bar.step)
-    _tell_limits(fitted.card)
+    _tell_reference(fitted.card)
     for warning in fitted.warnings:
         print(f"o2train: warning: {warning}", file=sys.stderr)
     if isinstance(outcome, FitResult):
@@ -109,8 +107,7 @@ def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
     inputs = inputs_of(args, (*recordings, *validate))
     if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
         raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
-    nowhere = StringIO() if args.nothing else None
-    with Bar(args.budget, nowhere) as bar:
+    with Bar(args.budget) as bar:
         options = FitOptions(
             lags=args.lags,
             hidden=tuple(args.hidden) if args.hidden else None,
@@ -127,9 +124,7 @@ def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
         return fit(source, args.out, options)
 
 
-def _tell_limits(card: "ModelCard") -> None:
-    for name, limit in card.limits.items():
-        LOG.info("limit %s: %.4g %s (%s)", name, limit.value, limit.unit, limit.origin)
+def _tell_reference(card: "ModelCard") -> None:
     if learned := card.reference.get("gap"):
         print(f"healthy reference of o2train gap: {len(learned['recordings'])} recordings")
 

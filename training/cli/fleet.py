@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import Nothing, Number, SettingsFile
+from monitor.base.command_line.parameters import Number, SettingsFile
 from training.cli.options import CoreOptions, ReadOptions
 
 EXAMPLES = """examples:
@@ -49,7 +49,6 @@ class FleetCommand(ReadOptions, SettingsFile, CoreOptions):
     vehicle: Annotated[str | None, "REGEX"] = None
     false_alarms: Annotated[float, "RATE"] = 0.001
     reports: Number = 10
-    nothing: Nothing = False
 
 
 def also_written(args: FleetCommand) -> list[Path]:
@@ -90,7 +89,7 @@ def run(args: FleetCommand) -> int:
     bench = Bench.of(args.model, settings, args.pairs or None, args.columns, args.channel)
     drives = drives_of(args.recordings, args.vehicle, written)
     errors = faults = 0
-    with tqdm(total=len(drives), unit="drive", disable=args.nothing or None) as bar:
+    with tqdm(total=len(drives), unit="drive", disable=None) as bar:
 
         def done(chunk: dict[str, Any]) -> None:
             nonlocal errors, faults

@@ -4,11 +4,10 @@ import argparse
 import gc
 import sys
 from dataclasses import dataclass, field
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from monitor.base.command_line.parameters import Nothing, Recordings
+from monitor.base.command_line.parameters import Recordings
 from training.api.parameters import GapParameters
 from training.cli.options import Folder, GridOptions, ModelPath, load_all
 
@@ -65,7 +64,6 @@ class GapCommand(GapParameters, GridOptions):
     verify: Recordings = ()
     library: Annotated[bool, {"action": _Library, "nargs": 0}] = False
     out: Folder
-    nothing: Nothing = False
 
 
 def also_written(args: GapCommand) -> list[Path]:
@@ -103,7 +101,7 @@ def run(args: GapCommand) -> int:
     )
     args.out.mkdir(parents=True, exist_ok=True)
     learned = cached("healthy", _vehicle(material))
-    with Progress(StringIO() if args.nothing else None, unit="step") as bar:
+    with Progress(None, unit="step") as bar:
         result = investigate(material, args.out, options, learned=learned, progress=bar.step)
     if result.addition.path is None:  # an earlier run may have left a model
         (args.out / NEW_MODEL).unlink(missing_ok=True)

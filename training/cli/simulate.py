@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from monitor.base import downstream_faults, faults
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import Nothing
 from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import UsageError
 from monitor.base.files.outputs import write_text
@@ -89,7 +88,6 @@ class SimulateCommand:
     duration: Length | None = None
     period: Length = 0.1
     format: Annotated[str, {"choices": FORMATS}] = "log"
-    nothing: Nothing = False
 
 
 def run(args: SimulateCommand) -> int:
@@ -124,7 +122,7 @@ def run(args: SimulateCommand) -> int:
     except OSError as error:
         raise UsageError(f"{args.out}: {error.strerror}") from None
     seeds = range(args.seed, args.seed + args.count)
-    for seed in tqdm(seeds, unit="drive", disable=args.nothing or args.count == 1):
+    for seed in tqdm(seeds, unit="drive", disable=args.count == 1):
         experiment = Experiment(
             cycle=args.cycle,
             vehicle=args.vehicle,

@@ -16,7 +16,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any, Final, NoReturn, TextIO
 
-from monitor.base.command_line import option_paths, verbosity
+from monitor.base.command_line import option_paths
 from monitor.base.command_line.signature import add_command
 from monitor.base.errors import O2Error
 
@@ -113,16 +113,14 @@ def run(
 
 
 def _run(parser: argparse.ArgumentParser, argv: Sequence[str]) -> int:
-    verbosity.add_options(parser)
     try:
         args = parser.parse_args(argv)
     except SystemExit:  # after --help, or an impossible option
         _flush(sys.stdout)
         raise
     option_paths.check(parser, args)
-    with verbosity.applied(args):
-        code = int(args.func(args))
-        _flush(sys.stdout)
+    code = int(args.func(args))
+    _flush(sys.stdout)
     return code
 
 

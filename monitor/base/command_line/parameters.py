@@ -13,7 +13,6 @@ Input = Annotated[Path, paths.read]
 Output = Annotated[Path | None, paths.written, "OUT"]
 Recordings = Annotated[Sequence[Path], paths.read, "RECORDING"]
 Quiet = Annotated[bool, "-q", "--quiet"]
-Nothing = Annotated[bool, "-q", "--quiet", {"help": "print nothing but errors"}]
 Number = Annotated[int, "N"]
 
 

@@ -5,7 +5,6 @@ a command reads is opened here, so that no input needs more memory than its kind
 """
 
 import errno
-import logging
 import math
 import os
 import stat
@@ -15,7 +14,6 @@ from typing import Any, BinaryIO, Final
 
 from monitor.base.errors import O2Error
 
-_LOG: Final = logging.getLogger("o2_monitor")
 SMALL_BYTES: Final = 1 << 20  # a settings file, map or manifest; the largest real one has 200 kB
 _TOML_BITS: Final = 64
 _KINDS: Final = (
@@ -45,7 +43,6 @@ def open_regular(path: str | Path) -> BinaryIO:
     mode = Path(path).stat().st_mode  # a socket and some devices cannot even be opened
     if kind := other_kind(mode):
         raise OSError(errno.EINVAL, f"is {kind}, a regular file is wanted", str(path))
-    _LOG.info("reads %s", path)
     return open(path, "rb", opener=lambda name, flags: os.open(name, flags | _NO_WAIT))
 
 

@@ -137,7 +137,6 @@ WRITERS = {"write_text", "write_bytes", "savefig", "to_csv", "write_csv", "write
 # these write into a temporary folder, into memory, or beside the place, and rename themselves
 ALLOWED = {
     "monitor/base/files/outputs.py",
-    "monitor/base/command_line/verbosity.py",  # to the null device
     "monitor/bus/link/recorder.py",  # writes frames as they come
     "monitor/memory/block.py",
     "monitor/sinks/json_lines.py",  # appends

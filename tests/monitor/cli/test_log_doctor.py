@@ -18,7 +18,7 @@ def test_a_model_is_fitted_to_healthy_logs_and_all_stands_on_one_page(
     tmp_path: Path, capfd: Output
 ) -> None:
     # GIVEN a healthy drive and another one of the same car
-    words = ["simulate", "--out", str(tmp_path), "--format", "csv", "--period", "0.1", "--quiet"]
+    words = ["simulate", "--out", str(tmp_path), "--format", "csv", "--period", "0.1"]
     for seed in ("1", "2"):
         assert o2train([*words, "--duration", "200", "--seed", seed]) == 0
     healthy, drive = sorted(map(str, tmp_path.glob("*.csv")))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from monitor.base.command_line.parameters import Nothing, Number, Recordings
+from monitor.base.command_line.parameters import Number, Recordings
 from training.cli.options import (
     GridOptions,
     Minutes,
@@ -50,4 +50,3 @@ class FitCommand(SignalOptions, SeedOption, GridOptions):
     budget: Minutes = 10.0
     wall: Minutes | None = None
     report: Page = None
-    nothing: Nothing = False
