@@ -61,8 +61,7 @@ def write_report(
     script = "\n".join(
         (
             f"/*\n{_static('uplot/LICENSE')}*/",
-            _static("uplot/uPlot.iife.min.js"),
-            _static("report.js"),
+            *map(_static, ("uplot/uPlot.iife.min.js", "draw.js", "report.js")),
         )
     )
     page = Template(_static("report.html")).substitute(

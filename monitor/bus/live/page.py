@@ -32,6 +32,7 @@ FILES: Final = {  # path on the page: file of the package
     "/panels.js": "bus/live/static/panels.js",
     "/icon.svg": "bus/live/static/icon.svg",
     "/report.css": "report/static/report.css",
+    "/draw.js": "report/static/draw.js",
     "/uplot.css": "report/static/uplot/uPlot.min.css",
     "/uplot.js": "report/static/uplot/uPlot.iife.min.js",
 }

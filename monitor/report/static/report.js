@@ -1,27 +1,10 @@
 "use strict";
-// Draws the plots of each unfolded recording, those in view first. Needs uPlot; loads nothing.
+// Draws the plots of each unfolded recording. Needs uPlot and draw.js; loads nothing.
 (() => {
-  const PRINT_WIDTH = 690; // px, A4 with usual margins
-  const LAMBDA_RANGE = [0.7, 1.3]; // a fuel cut leaves the plot
+  const { SYMBOLS, color, digits, shift, element, symmetric, rule, tag, pen } = O2;
   const VERDICTS = ["passed", "failed", "inconclusive"];
-  const SYMBOLS = { passed: "✓", failed: "✕", inconclusive: "?" };
   const ROWS = ["fault flag", "paper’s rule", "window", "enabled"]; // bottom up
-  const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', sans-serif";
   const recordings = [];
-
-  const color = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
-  const digits = (value, n) => (value == null ? "–" : value.toFixed(n).replace("-", "−"));
-
-  /** As many digits as a step needs, at most five: 0.025 needs three. */
-  function places(step) {
-    let n = 0;
-    while (n < 5 && Math.abs(step * 10 ** n - Math.round(step * 10 ** n)) > 1e-6) n++;
-    return n;
-  }
-
-  function element(parent, tag, properties = {}) {
-    return parent.appendChild(Object.assign(document.createElement(tag), properties));
-  }
 
   /** One series on the sample grid from spans [begin, end, value]; null outside. */
   function spread(t, spans) {
@@ -74,10 +57,6 @@
       section.addEventListener("click", (event) => this.press(event.target.dataset.zoom));
     }
 
-    get visible() {
-      return this.section.closest("details").open;
-    }
-
     load() {
       if (this.data) return;
       this.data = JSON.parse(document.getElementById(this.section.dataset.series).textContent);
@@ -109,7 +88,7 @@
       const name = this.data.output;
       const blue = color("measured"), orange = color("predicted"), violet = color("residual");
       const narrow = this.width < 600;
-      const range = { range: (u) => this.outputRange(u), top: this.marks.length > 1 ? 36 : 20 };
+      const range = { range: (u) => O2.outputRange(c, ...u.series[0].idxs, name === "lambda"), top: this.marks.length > 1 ? 36 : 20 };
       const measured = { label: "measured", stroke: blue, width: 1.25, digits: 4 };
       if (!this.data.has_model) {
         this.add(`Measured ${name}`, narrow ? 240 : 280, [c.t, c.measured], [measured], { ...range, xlabel: "time in s" });
@@ -117,7 +96,6 @@
         return;
       }
       const offset = this.data.vehicle_offset;
-      const shift = (values, by) => values.map((v) => (v == null ? null : v + by));
       const adapted = offset == null ? [] : [shift(c.predicted, offset)];
       const own = offset == null ? "" : " for this vehicle";
       const plain = offset == null ? { label: "predicted", stroke: orange, width: 3 } : { label: "predicted, as trained", stroke: color("quiet"), width: 1.25, dash: [6, 4] };
@@ -194,75 +172,33 @@
 
     add(title, height, data, series, axis) {
       const figure = element(this.section, "figure");
-      const caption = element(figure, "figcaption");
-      element(caption, "strong", { textContent: title + (this.section.dataset.name.endsWith("(simulated)") ? " (simulated)" : "") });
-      const font = `12px ${FONT}`;
-      const ink = color("quiet"), grid = { stroke: color("grid"), width: 1 };
-      const ticks = { stroke: color("line"), width: 1, size: 5 };
-      const y = { stroke: ink, font, grid, ticks, size: this.width < 600 ? 78 : 84, gap: 4,
-        values: (u, splits, ai, space, step) => splits.map((v) => digits(v, places(step))) };
-      if (axis.rows) {
-        Object.assign(y, { splits: () => [0.5, 1.5, 2.5, 3.5], values: () => ROWS, grid: { show: false }, ticks: { show: false } });
-      } else {
-        y.space = 26;
-      }
-      const x = { stroke: ink, font, grid, ticks, size: axis.xlabel ? 26 : 24, gap: 3, space: 60,
+      const y = { size: this.width < 600 ? 78 : 84, space: 26 };
+      if (axis.rows) Object.assign(y, { splits: () => [0.5, 1.5, 2.5, 3.5], values: () => ROWS, grid: { show: false }, ticks: { show: false } });
+      const x = { size: axis.xlabel ? 26 : 24, gap: 3, space: 60, label: axis.xlabel,
         values: (u, splits) => splits.map((v) => String(+v.toFixed(3))) };
-      if (axis.xlabel) Object.assign(x, { label: axis.xlabel, labelSize: 20, labelFont: font, labelGap: 0 });
-      const options = {
-        width: this.width, height, pxAlign: 0,
-        padding: [axis.top || 8, 14, 0, 0],
+      const heading = title + (this.section.dataset.name.endsWith("(simulated)") ? " (simulated)" : "");
+      this.plots.push(O2.plot(figure, heading, data, series, {
+        width: this.width, height, padding: [axis.top || 8, 14, 0, 0], axes: [x, y],
         scales: { x: { time: false, range: (u, min, max) => (min == null ? this.whole : [min, max]) }, y: { range: axis.range } },
-        axes: [x, y],
-        series: [
-          { label: "t", value: (u, v) => (v == null ? "–" : v.toFixed(1) + " s") },
-          ...series.map((s) => ({ points: { show: false }, spanGaps: false, value: (u, v) => digits(v, s.digits), ...s })),
-        ],
-        legend: { mount: (u, table) => caption.appendChild(table), markers: { width: 0, fill: (u, i) => u.series[i].stroke(u, i) } },
-        cursor: { y: false, sync: { key: this.section.dataset.series, setSeries: false }, drag: { x: true, y: false }, points: { show: !axis.rows, size: 6 } },
+        cursor: { sync: { key: this.section.dataset.series, setSeries: false }, drag: { x: true, y: false }, points: { show: !axis.rows } },
         hooks: {
-          drawClear: [(u) => this.under(u)],
-          draw: [(u) => this.over(u, axis)],
+          drawClear: [(u) => O2.shade(u, this.off)],
+          draw: [(u) => pen(u, false, (ctx, ratio) => this.over(u, axis, ctx, ratio))],
           setScale: [(u, key) => key === "x" && this.follow(u)],
         },
-      };
-      this.plots.push(new uPlot(options, data, figure));
+      }));
       return figure;
     }
 
-    /** Shades what is not enabled. */
-    under(u) {
-      const { left, top, width, height } = u.bbox;
-      u.ctx.save();
-      u.ctx.fillStyle = color("shade");
-      for (const [a, b] of this.off) {
-        const from = Math.max(left, u.valToPos(a, "x", true));
-        const to = Math.min(left + width, u.valToPos(b, "x", true));
-        if (to > from) u.ctx.fillRect(from, top, to - from, height);
-      }
-      u.ctx.restore();
-    }
-
-    over(u, axis) {
-      const ctx = u.ctx, ratio = uPlot.pxRatio;
-      const { left, top, width, height } = u.bbox;
-      ctx.save();
-      ctx.font = `600 ${12 * ratio}px ${FONT}`;
-      ctx.textBaseline = "middle";
+    over(u, axis, ctx, ratio) {
       if (axis.rows) this.states(u);
-      if (axis.zero) line(u, 0, color("band"), [], ratio);
+      if (axis.zero) rule(u, "y", 0, color("band"));
+      const { left, width } = u.bbox;
       for (const [value, label] of axis.limits || []) {
-        line(u, value, color("failed"), [5 * ratio, 4 * ratio], 1.25 * ratio);
-        const at = u.valToPos(value, "y", true);
-        const w = ctx.measureText(label).width + 8 * ratio;
-        ctx.fillStyle = color("card");
-        ctx.fillRect(left + width - w - 4 * ratio, at - 8 * ratio, w, 16 * ratio);
-        ctx.fillStyle = color("failed");
-        ctx.textAlign = "right";
-        ctx.fillText(label, left + width - 8 * ratio, at);
+        rule(u, "y", value, color("failed"), [5, 4], 1.25);
+        tag(u, label, left + width - ctx.measureText(label).width - 8 * ratio, u.valToPos(value, "y", true), color("failed"));
       }
       this.codes(u, axis.top);
-      ctx.restore();
     }
 
     /** Vertical lines where codes were set, the codes above the first plot, in two rows if need be. */
@@ -286,16 +222,10 @@
         ctx.lineTo(x, top + height);
         ctx.stroke();
         if (row < 0) continue;
-        labels.push([label, from, y, w]);
+        labels.push([label, from, y]);
         free[row] = from + w + 8 * ratio;
       }
-      ctx.textAlign = "left";
-      for (const [label, from, y, w] of labels) {
-        ctx.fillStyle = color("card");
-        ctx.fillRect(from - 2 * ratio, y - 7 * ratio, w + 4 * ratio, 14 * ratio);
-        ctx.fillStyle = color("failed");
-        ctx.fillText(label, from, y);
-      }
+      for (const [label, from, y] of labels) tag(u, label, from, y, color("failed"));
     }
 
     /** Rows of boxes; the height of a window's box says its verdict as well as the colour. */
@@ -328,35 +258,6 @@
         box(1, w.t_start_s, end, w.paper_failed ? 1 : 0.08, w.paper_failed ? "failed" : "band", true, w.paper_failed ? "✕" : "");
       }
       for (const [a, b] of this.data.fault_flag) box(0, a, b, 1, "failed", true, "");
-    }
-
-    /** Range of the enabled samples in view, within what lambda may show. */
-    outputRange(u) {
-      const c = this.columns;
-      const [first, last] = u.series[0].idxs;
-      const isLambda = this.data.output === "lambda";
-      const seen = (all) => {
-        let low = Infinity, high = -Infinity;
-        for (let i = first; i <= last; i++) {
-          if (!all && !c.enabled[i]) continue;
-          for (const v of [c.measured[i], c.predicted[i]]) {
-            if (v == null || (isLambda && (v < LAMBDA_RANGE[0] || v > LAMBDA_RANGE[1]))) continue;
-            if (v < low) low = v;
-            if (v > high) high = v;
-          }
-        }
-        return [low, high];
-      };
-      let [low, high] = seen(false);
-      if (low > high) [low, high] = seen(true);
-      if (low > high) return isLambda ? LAMBDA_RANGE : [0, 1];
-      const least = isLambda ? 0.04 : Math.max(1e-6, Math.abs(high) * 1e-3);
-      const pad = Math.max(0.12 * (high - low), (least - (high - low)) / 2);
-      [low, high] = [low - pad, high + pad];
-      if (!isLambda) return [low, high];
-      low = Math.max(low, LAMBDA_RANGE[0]);
-      high = Math.min(high, LAMBDA_RANGE[1]);
-      return high - low > 0.01 ? [low, high] : LAMBDA_RANGE;
     }
 
     follow(source) {
@@ -395,50 +296,12 @@
       this.plots = [];
       this.section.replaceChildren();
     }
-
-    resize() {
-      const width = this.section.clientWidth;
-      if (!this.plots.length || !width || width === this.width) return;
-      this.build();
-    }
   }
-
-  function symmetric(min, max, least) {
-    const far = Math.max(Math.abs(min || 0), Math.abs(max || 0), least) * 1.1;
-    return [-far, far];
-  }
-
-  function line(u, value, stroke, dash, width) {
-    const { left, width: length } = u.bbox;
-    const y = u.valToPos(value, "y", true);
-    u.ctx.strokeStyle = stroke;
-    u.ctx.lineWidth = width;
-    u.ctx.setLineDash(dash);
-    u.ctx.beginPath();
-    u.ctx.moveTo(left, y);
-    u.ctx.lineTo(left + length, y);
-    u.ctx.stroke();
-    u.ctx.setLineDash([]);
-  }
-
-  function rebuild() {
-    for (const each of recordings) if (each.plots.length && each.visible) each.build();
-  }
-
-  const byView = new IntersectionObserver((entries) => {
-    for (const { isIntersecting, target } of entries) {
-      const each = recordings.find((r) => r.section === target);
-      if (isIntersecting && !each.plots.length && each.visible) each.build();
-    }
-  }, { rootMargin: "300px" });
 
   for (const section of document.querySelectorAll(".plots")) {
     const each = new Plots(section);
     recordings.push(each);
-    byView.observe(section);
-    const details = section.closest("details");
-    details.addEventListener("toggle", () => details.open && each.resize());
-    details.addEventListener("click", (event) => {
+    section.closest("details").addEventListener("click", (event) => {
       const at = parseFloat(event.target.dataset.show);
       if (Number.isNaN(at)) return;
       if (!each.plots.length) each.build();
@@ -447,16 +310,7 @@
     });
   }
 
-  // What is out of view follows when there is time, so that a picture of the whole page has it.
-  const idle = window.requestIdleCallback ?? ((work) => setTimeout(work, 50));
-  const rest = recordings.slice();
-  function buildNext() {
-    const each = rest.shift();
-    if (!each) return;
-    if (each.visible && !each.plots.length) each.build();
-    idle(buildNext);
-  }
-  addEventListener("load", () => idle(buildNext));
+  O2.follow(recordings);
 
   function openTarget() {
     const target = document.getElementById(location.hash.slice(1));
@@ -468,25 +322,4 @@
   addEventListener("hashchange", openTarget);
   document.addEventListener("click", (event) => event.target.closest?.('a[href^="#"]') && setTimeout(openTarget));
   openTarget();
-
-  let pending = 0;
-  addEventListener("resize", () => {
-    clearTimeout(pending);
-    pending = setTimeout(() => recordings.forEach((each) => each.visible && each.resize()), 150);
-  });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", rebuild);
-
-  // On paper every recording is unfolded, light, and drawn at the paper's width.
-  let folded = [];
-  addEventListener("beforeprint", () => {
-    document.documentElement.dataset.theme = "light";
-    folded = recordings.map((each) => each.section.closest("details")).filter((details) => !details.open);
-    for (const details of folded) details.open = true;
-    for (const each of recordings) each.build(PRINT_WIDTH);
-  });
-  addEventListener("afterprint", () => {
-    delete document.documentElement.dataset.theme;
-    for (const details of folded) details.open = false;
-    for (const each of recordings) if (each.visible) each.build();
-  });
 })();

@@ -1,5 +1,5 @@
 // Follows the monitor's stream of events. Loads nothing but this page's own files.
-import { Plots, SYMBOLS } from "./plots.js";
+import { Plots } from "./plots.js";
 import { panels, digits, element, signed } from "./panels.js";
 
 const SAMPLES = 6000, WINDOWS = 240; // as many as the server keeps
@@ -62,7 +62,7 @@ function overview() {
   const residual = now.measured == null || now.predicted == null ? null : now.measured - now.predicted;
   const blocking = state.conditions.findIndex((condition, i) => !now.held[i]);
   const count = (verdict) => state.windows.filter((each) => each.verdict === verdict).length;
-  const counts = ["passed", "failed", "inconclusive"].map((each) => `${SYMBOLS[each]} ${count(each)}`);
+  const counts = ["passed", "failed", "inconclusive"].map((each) => `${O2.SYMBOLS[each]} ${count(each)}`);
   tile("Measured", digits(now.measured, 4), "measured");
   tile("Predicted", digits(now.predicted, 4), "predicted");
   tile("Residual", signed(residual, 4), "residual");

@@ -2,15 +2,10 @@
 const SVG = "http://www.w3.org/2000/svg";
 const STRIP_S = 180; // of each condition's strip
 const SHOWN_WINDOWS = 12;
-const VERDICT_SIGN = { passed: "✓", failed: "✕", inconclusive: "?" };
 const FAULTLESS = new Set(["frames", "reconnects", "receive_buffer_bytes", "timestamps", "unmapped", "sinks_sent"]); // count nothing bad
 
-export const digits = (value, n) => (value == null ? "–" : value.toFixed(n).replace("-", "−"));
+export const { digits, element } = O2;
 export const signed = (value, n) => (value == null ? "–" : (value >= 0 ? "+" : "") + digits(value, n));
-
-export function element(parent, tag, properties = {}) {
-  return parent.appendChild(Object.assign(document.createElement(tag), properties));
-}
 
 function shape(parent, tag, attributes) {
   const node = document.createElementNS(SVG, tag);
@@ -231,7 +226,7 @@ function windows(state, changed) {
     element(line, "td", { textContent: `${digits(each.end_ms / 1000, 1)} s` });
     element(line, "td", { textContent: signed(each.mean, 4), className: Math.abs(each.mean) >= mu ? "over" : "" });
     element(line, "td", { textContent: digits(each.std, 4), className: each.std >= sigma ? "over" : "" });
-    element(line, "td", { className: `mark ${each.verdict}`, textContent: `${VERDICT_SIGN[each.verdict]} ${each.verdict}` });
+    element(line, "td", { className: `mark ${each.verdict}`, textContent: `${O2.SYMBOLS[each.verdict]} ${each.verdict}` });
     element(line, "td", { textContent: [each.fault, ...each.also].filter(Boolean).map(words).join(" or ") });
     element(line, "td", { className: each.paper_failed ? "mark failed" : "", textContent: each.paper_failed ? "✕ failed" : "–" });
   }

@@ -1,20 +1,9 @@
 // The plots over time: newest sample at the right edge, time counted back from it.
-import { digits, element, signed } from "./panels.js";
+import { signed } from "./panels.js";
 
-const LAMBDA_RANGE = [0.7, 1.3]; // a fuel cut leaves the plot
+const { SYMBOLS, color, digits, shift, element, symmetric, rule, tag } = O2;
 const GAP_S = 1; // without samples, after which lines break
-const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', sans-serif";
 const STEPS = [5, 10, 15, 30, 60, 120, 300];
-export const SYMBOLS = { passed: "✓", failed: "✕", inconclusive: "?" };
-
-const color = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
-
-/** As many digits as a step needs, at most five. */
-function places(step) {
-  let n = 0;
-  while (n < 5 && Math.abs(step * 10 ** n - Math.round(step * 10 ** n)) > 1e-6 * step * 10 ** n) n++;
-  return n;
-}
 
 /** A time before the newest sample, in the unit of an axis that spans so many seconds. */
 function back(seconds, span) {
@@ -115,7 +104,6 @@ export class Plots {
     const number = (u, v) => digits(v, 4);
     const plus = (u, v) => signed(v, 4);
     this.offset = this.state.vehicle_offset ?? null;
-    const shift = (values, by) => values.map((v) => (v == null ? null : v + by));
     const own = this.offset == null ? "" : " for this vehicle", by = this.offset ?? 0;
     const adapted = this.offset == null ? [] : [{ label: "predicted for this vehicle", stroke: orange, width: 3, value: number }];
     const plain = adapted.length ? { label: "predicted, as trained", stroke: color("quiet"), width: 1.25, dash: [6, 4] } : { label: "predicted", stroke: orange, width: 3 };
@@ -124,7 +112,7 @@ export class Plots {
       { value: number, ...plain },
       ...adapted,
       { label: "measured", stroke: blue, width: 1.3, value: number },
-    ], { range: () => this.outputRange(), top: 8 });
+    ], { range: () => O2.outputRange(this.c, 0, this.c.t.length - 1, this.state.output.startsWith("lambda")), top: 8 });
     this.add(`Residual${own}, enabled samples`, 120, (c) => [c.t, shift(c.residual, -by)], [
       { label: "residual", stroke: violet, width: 1.2, value: plus },
     ], { range: (u, low, high) => symmetric(low, high, 0.01), zero: true });
@@ -140,33 +128,19 @@ export class Plots {
 
   add(title, height, data, series, axis) {
     const figure = element(this.section, "figure");
-    const caption = element(figure, "figcaption");
-    element(caption, "strong", { textContent: title });
-    if (axis.windows === "mean") {
-      element(caption, "span", { className: "key", textContent: "✓ passed  ✕ failed  ? not judged" });
-    }
-    const font = `12px ${FONT}`;
-    const ink = color("quiet"), grid = { stroke: color("grid"), width: 1 };
-    const ticks = { stroke: color("line"), width: 1, size: 4 };
-    const options = {
-      width: this.inner, height: height + (axis.xlabels ? 18 : 0), pxAlign: 0,
-      padding: [axis.top || 8, 18, 0, 0],
+    const x = { size: axis.xlabels ? 24 : 6, splits: () => this.times(),
+      values: (u, splits) => splits.map((t) => (axis.xlabels ? back(this.c.end - t, this.span) : "")) };
+    const plot = O2.plot(figure, title, data(this.c), series, {
+      width: this.inner, height: height + (axis.xlabels ? 18 : 0), padding: [axis.top || 8, 18, 0, 0],
       scales: { x: { time: false, range: () => [this.c.begin, this.c.end] }, y: { range: axis.range } },
-      axes: [
-        { stroke: ink, font, grid, ticks, size: axis.xlabels ? 24 : 6, gap: 4, splits: () => this.times(),
-          values: (u, splits) => splits.map((t) => (axis.xlabels ? back(this.c.end - t, this.span) : "")) },
-        { stroke: ink, font, grid, ticks, size: 58, gap: 4, space: 26,
-          values: (u, splits, i, space, step) => splits.map((v) => digits(v, places(step))) },
-      ],
-      series: [
-        { label: "t", value: (u, t) => (t == null ? "–" : `${digits(t, 1)} s`) },
-        ...series.map((each) => ({ points: { show: false }, spanGaps: false, ...each })),
-      ],
-      legend: { mount: (u, table) => caption.appendChild(table), markers: { width: 0, fill: (u, i) => u.series[i].stroke(u, i) } },
-      cursor: { y: false, sync: { key: "live", setSeries: false }, drag: { x: false, y: false }, points: { size: 6 } },
-      hooks: { setCursor: [latest], drawClear: [(u) => this.under(u)], draw: [(u) => this.over(u, axis)] },
-    };
-    const plot = new uPlot(options, data(this.c), figure);
+      axes: [x, { size: 58, space: 26 }],
+      cursor: { sync: { key: "live", setSeries: false }, drag: { x: false, y: false } },
+      hooks: { setCursor: [latest], drawClear: [(u) => O2.shade(u, this.c.off)], draw: [(u) => O2.pen(u, true, (ctx, ratio) => this.over(u, axis, ratio))] },
+    });
+    if (axis.windows === "mean") {
+      const key = element(figure.firstChild, "span", { className: "key", textContent: "✓ passed  ✕ failed  ? not judged" });
+      figure.firstChild.firstChild.after(key);
+    }
     plot.root.setAttribute("role", "img");
     plot.root.setAttribute("aria-label", `${title}; the figures stand in the panels`);
     latest(plot);
@@ -182,44 +156,17 @@ export class Plots {
     return at;
   }
 
-  /** Shades what is not enabled. */
-  under(u) {
-    const { left, top, width, height } = u.bbox;
-    u.ctx.save();
-    u.ctx.fillStyle = color("shade");
-    for (const [a, b] of this.c.off) {
-      const from = Math.max(left, u.valToPos(a, "x", true));
-      const to = Math.min(left + width, u.valToPos(b, "x", true));
-      if (to > from) u.ctx.fillRect(from, top, to - from, height);
-    }
-    u.ctx.restore();
-  }
-
-  over(u, axis) {
-    const ctx = u.ctx, ratio = uPlot.pxRatio;
-    const { left, top, width, height } = u.bbox;
-    ctx.save();
-    ctx.beginPath();
-    ctx.rect(left, top, width, height);
-    ctx.clip();
-    ctx.font = `600 ${12 * ratio}px ${FONT}`;
-    ctx.textBaseline = "middle";
-    if (axis.zero) line(u, 0, color("band"), [], ratio);
+  over(u, axis, ratio) {
+    if (axis.zero) rule(u, "y", 0, color("band"));
     if (axis.windows) this.boxes(u, axis.windows);
     let before = Infinity;
     for (const [value, label] of axis.limits || []) {
-      line(u, value, color("failed"), [5 * ratio, 4 * ratio], 1.25 * ratio);
+      rule(u, "y", value, color("failed"), [5, 4], 1.25);
       const at = u.valToPos(value, "y", true);
       if (Math.abs(at - before) < 18 * ratio) continue; // one label for two lines this close
       before = at;
-      const w = ctx.measureText(label).width + 8 * ratio;
-      ctx.fillStyle = color("card");
-      ctx.fillRect(left + 4 * ratio, at - 8 * ratio, w, 16 * ratio);
-      ctx.fillStyle = color("failed");
-      ctx.textAlign = "left";
-      ctx.fillText(label, left + 8 * ratio, at);
+      tag(u, label, u.bbox.left + 8 * ratio, at, color("failed"));
     }
-    ctx.restore();
   }
 
   /** A bar for each window at its value; its verdict as colour and sign. */
@@ -238,32 +185,6 @@ export class Plots {
       const above = y - top > height / 2 && y - top > 18 * ratio;
       ctx.fillText(SYMBOLS[each.verdict], (from + to) / 2, y + (above ? -10 : 11) * ratio);
     }
-  }
-
-  /** Range of the enabled samples, within what lambda may show. */
-  outputRange() {
-    const c = this.c;
-    const isLambda = this.state.output.startsWith("lambda");
-    const seen = (all) => {
-      let low = Infinity, high = -Infinity;
-      for (let i = 0; i < c.t.length; i++) {
-        if (!all && !c.enabled[i]) continue;
-        for (const v of [c.measured[i], c.predicted[i]]) {
-          if (v == null || (isLambda && (v < LAMBDA_RANGE[0] || v > LAMBDA_RANGE[1]))) continue;
-          if (v < low) low = v;
-          if (v > high) high = v;
-        }
-      }
-      return [low, high];
-    };
-    let [low, high] = seen(false);
-    if (low > high) [low, high] = seen(true);
-    if (low > high) return isLambda ? LAMBDA_RANGE : [0, 1];
-    const least = isLambda ? 0.04 : Math.max(1e-6, Math.abs(high) * 1e-3);
-    const pad = Math.max(0.12 * (high - low), (least - (high - low)) / 2);
-    return isLambda
-      ? [Math.max(low - pad, LAMBDA_RANGE[0]), Math.min(high + pad, LAMBDA_RANGE[1])]
-      : [low - pad, high + pad];
   }
 }
 
@@ -285,22 +206,4 @@ function complement(c) {
   });
   if (from != null) off.push([from, c.end]);
   return off;
-}
-
-function symmetric(low, high, least) {
-  const far = Math.max(Math.abs(low || 0), Math.abs(high || 0), least) * 1.1;
-  return [-far, far];
-}
-
-function line(u, value, stroke, dash, width) {
-  const { left, width: length } = u.bbox;
-  const y = u.valToPos(value, "y", true);
-  u.ctx.strokeStyle = stroke;
-  u.ctx.lineWidth = width;
-  u.ctx.setLineDash(dash);
-  u.ctx.beginPath();
-  u.ctx.moveTo(left, y);
-  u.ctx.lineTo(left + length, y);
-  u.ctx.stroke();
-  u.ctx.setLineDash([]);
 }
