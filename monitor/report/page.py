@@ -4,12 +4,8 @@ Template, style and script in ``static/`` are embedded; the page loads nothing. 
 gives the same bytes.
 """
 
-import base64
-import hashlib
-import json
 import math
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -18,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.files.outputs import write_text
+from monitor.base.files.page_parts import drawing, embedded, policy_hash, static
 from monitor.base.types import FloatArray
 from monitor.pipeline.collector import Trace
 from monitor.report import elements
@@ -28,7 +25,6 @@ from monitor.report.words import has_model
 MAX_SAMPLES = 50_000  # longer recordings are thinned out; extremes are kept
 _BUCKETS = 10_000  # of a thinned recording; at most five samples of each are kept
 _DIGITS = 5  # significant digits of embedded values
-_COMPACT = json.JSONEncoder(allow_nan=False, separators=(",", ":")).encode
 
 
 def write_report(
@@ -53,27 +49,22 @@ def write_report(
         {"period_s": _period_s(trace.t_s)} | recording
         for recording, trace in zip(result["recordings"], traces, strict=True)
     ]
-    embedded = [
+    plotted = [
         {"output": output, **series(recording, trace)}
         for recording, trace in zip(recordings, traces, strict=True)
     ]
-    style = "\n".join(_static(name) for name in ("uplot/uPlot.min.css", "report.css"))
-    script = "\n".join(
-        (
-            f"/*\n{_static('uplot/LICENSE')}*/",
-            *map(_static, ("uplot/uPlot.iife.min.js", "draw.js", "report.js")),
-        )
-    )
-    page = Template(_static("report.html")).substitute(
+    style = static("uplot/uPlot.min.css", "draw.css", "report.css")
+    script = drawing(static("report.js"))
+    page = Template(static("report.html")).substitute(
         title=elements.text(title),
-        script_hash=_hash(script),
-        style_hash=_hash(style),
+        script_hash=policy_hash(script),
+        style_hash=policy_hash(style),
         style=style,
         script=script,
         body=body(title, recordings, model_info, output, steps or {}),
         data="\n".join(
-            f'<script type="application/json" id="series-{i}">{_json(item)}</script>'
-            for i, item in enumerate(embedded)
+            f'<script type="application/json" id="series-{i}">{embedded(item)}</script>'
+            for i, item in enumerate(plotted)
         ),
     )
     write_text(path, page)
@@ -150,35 +141,3 @@ def _spans(t_s: FloatArray, on: NDArray[np.bool_]) -> list[list[float]]:
 
 def _rounded(value: float) -> float | None:
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
-
-
-def _json(value: Any) -> str:
-    """Return JSON that is safe inside a script element; numbers that are not finite are null."""
-    try:
-        text = _COMPACT(value)
-    except (TypeError, ValueError):  # a scalar of numpy, or a number that is not finite
-        text = _COMPACT(_finite(value))
-    return text.replace("<", "\\u003c")
-
-
-def _finite(value: Any) -> Any:
-    """Turn numpy scalars into Python values; values that are not finite become null."""
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return value
-
-
-def _static(name: str) -> str:
-    text = files("monitor.report").joinpath("static").joinpath(*name.split("/")).read_text("utf-8")
-    return text.replace("\r\n", "\n")
-
-
-def _hash(text: str) -> str:
-    """Return the hash of an element's text for the Content Security Policy."""
-    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

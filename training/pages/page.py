@@ -1,15 +1,15 @@
-"""The frame of every page and the templates in it; a page loads nothing and runs no script."""
+"""The frame of every page and the templates in it; a page loads nothing from elsewhere."""
 
-import base64
-import hashlib
 import re
 from functools import cache, partial
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
 from monitor import __version__
 from monitor.base.counts import counted
+from monitor.base.files.page_parts import drawing, policy_hash, static
 from training.pages import numbers
 from training.pages.table import PageTable
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment, Template
 
 LONG: Final = 5  # headings from which a page has a list of contents
+PLOTS: Final = '<figure class="plots">'
 _HEADING: Final = re.compile(r'<h2(?: id="([^"]+)")?>(.*?)</h2>', re.DOTALL)
 
 
@@ -46,8 +47,9 @@ def page(
 
     warnings, footer = values.pop("warnings", ()), values.pop("footer", ())
     body = _HEADING.sub(anchored, part(template, **values))
-    style = part("page.css")
-    digest = base64.b64encode(hashlib.sha256(str(style).encode()).digest()).decode()
+    style = static("uplot/uPlot.min.css", "draw.css") + part("page.css")
+    figures = files("training.pages").joinpath("static", "figures.js").read_text("utf-8")
+    script = drawing(figures) if PLOTS in body else ""
     return part(
         "page.html",
         title=title,
@@ -59,7 +61,8 @@ def page(
         body=_html(body),
         footer=(*footer, f"o2-monitor {__version__}"),
         style=_html(style),
-        style_hash=f"sha256-{digest}",
+        script=_html(script),
+        hash=policy_hash,
     )
 
 
@@ -96,7 +99,14 @@ def _environment() -> "Environment":
     """Return the templates with all that they may use; Jinja2 is loaded only now."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415
 
-    from training.pages.figure import figure  # noqa: PLC0415
+    from training.pages.drawing import Drawing  # noqa: PLC0415
+
+    def figure(drawn: Any, caption: str) -> str:
+        if isinstance(drawn, Drawing):
+            return part("plots.html", data=_html(drawn.data), caption=caption)
+        from training.pages.figure import figure  # noqa: PLC0415
+
+        return figure(drawn, caption)
 
     environment = Environment(
         loader=PackageLoader("training.pages"),

@@ -26,13 +26,11 @@ METHODS: Final = ("GET", "HEAD")
 EVENTS: Final = "/events"
 FILES: Final = {  # path on the page: file of the package
     "/": "bus/live/static/live.html",
-    "/live.css": "bus/live/static/live.css",
-    "/live.js": "bus/live/static/live.js",
-    "/plots.js": "bus/live/static/plots.js",
-    "/panels.js": "bus/live/static/panels.js",
-    "/icon.svg": "bus/live/static/icon.svg",
-    "/report.css": "report/static/report.css",
-    "/draw.js": "report/static/draw.js",
+    **{
+        f"/{name}": f"bus/live/static/{name}"
+        for name in ("live.css", "live.js", "plots.js", "panels.js", "icon.svg")
+    },
+    **{f"/{name}": f"report/static/{name}" for name in ("draw.css", "draw.js", "report.css")},
     "/uplot.css": "report/static/uplot/uPlot.min.css",
     "/uplot.js": "report/static/uplot/uPlot.iife.min.js",
 }

@@ -114,7 +114,7 @@ const O2 = (() => {
       pxAlign: 0, ...own,
       axes: own.axes.map((each) => ({ ...look, values: (u, splits, i, space, step) => splits.map((v) => digits(v, places(step))), ...each })),
       series: [
-        { label: "t", value: (u, v) => (v == null ? "–" : `${digits(v, 1)} s`) },
+        { label: own.at ?? "t", value: (u, v) => (v == null ? "–" : digits(v, 1) + (own.at ? "" : " s")) },
         ...series.map((s) => ({ points: { show: false }, spanGaps: false, value: (u, v) => digits(v, s.digits), ...s })),
       ],
       legend: { mount: (u, table) => caption.appendChild(table), markers: { width: 0, fill: (u, i) => u.series[i].stroke(u, i) }, ...own.legend },

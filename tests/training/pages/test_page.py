@@ -2,12 +2,16 @@
 
 import base64
 import hashlib
+import json
+import math
 import re
 
+import numpy as np
 import pytest
 
 from monitor import __version__
 from training.pages import page as frame
+from training.pages.drawing import Drawing, layer, plot
 from training.pages.page import page
 
 
@@ -16,18 +20,41 @@ def templates(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the body of a page be its ``body`` value."""
     jinja2 = pytest.importorskip("jinja2")
     environment = frame._environment()
-    body = jinja2.DictLoader({"body.html": "{% for t in titles %}<h2>{{ t }}</h2>{% endfor %}"})
+    body = jinja2.DictLoader(
+        {
+            "body.html": "{% for t in titles %}<h2>{{ t }}</h2>{% endfor %}",
+            "plot.html": "{{ figure(drawn, 'a <caption>') }}",
+        }
+    )
     monkeypatch.setattr(environment, "loader", jinja2.ChoiceLoader([body, environment.loader]))
 
 
-def test_a_page_runs_no_script_and_its_style_is_the_one_it_allows() -> None:
+def digest(tag: str, text: str) -> str:
+    """Return the policy's hash of the one element with such a tag."""
+    (inside,) = re.findall(f"<{tag}>(.*?)</{tag}>", text, re.DOTALL)
+    return f"'sha256-{base64.b64encode(hashlib.sha256(inside.encode()).digest()).decode()}'"
+
+
+def test_a_page_without_plots_runs_no_script_and_its_style_is_the_one_it_allows() -> None:
     text = page("body.html", "A <title>", titles=[], verdict="v", confidence="c")
-    style = re.findall(r"<style>(.*?)</style>", text, re.DOTALL)[0]
-    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
-    assert f"default-src 'none'; img-src data:; style-src 'sha256-{digest}'" in text
-    assert "<script" not in text and "style=" not in text
+    assert f"default-src 'none'; img-src data:; style-src {digest('style', text)}" in text
+    assert "script" not in text and "style=" not in text
     assert "<h1>A &lt;title&gt;</h1>" in text
     assert f"o2-monitor {__version__}" in text
+
+
+def test_a_page_with_a_plot_runs_the_script_that_it_allows_and_its_names_stay_text() -> None:
+    # GIVEN a plot with a name that would end the element of its data
+    drawn = Drawing([plot("</script><b>", layer("points", x=np.array([math.nan]), y=[1.0]))])
+    # WHEN a page shows it
+    text = page("plot.html", "T", drawn=drawn, verdict="v", confidence="c")
+    # THEN its script is the one that the policy names, and the data are JSON without markup
+    assert f"script-src {digest('script', text)}" in text
+    (data,) = re.findall(r'<script type="application/json">(.*?)</script>', text)
+    (read,) = json.loads(data)["plots"]
+    assert read["title"] == "</script><b>"
+    assert read["layers"] == [{"kind": "points", "x": [None], "y": [1.0]}]
+    assert "a &lt;caption&gt;" in text
 
 
 def test_a_long_page_has_a_list_of_contents() -> None:

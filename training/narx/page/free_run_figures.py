@@ -1,16 +1,16 @@
 """Figures of a fit: free run and measurement on held-out blocks, prediction over measurement."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import from_model_units
 from training.narx.model_file import HeldOut
-from training.pages.figure import LIMIT, MEASURED, legend, panels
+from training.pages.drawing import Drawing, axis, density, histogram, layer, plot
 from training.pages.numbers import with_unit
 from training.recordings.samples.preparation import Prepared
 
@@ -47,22 +47,26 @@ def output_units(result: FreeRunFit) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def held_out_run(result: FreeRunFit) -> Figure:
+def held_out_run(result: FreeRunFit) -> Drawing:
     """Draw free run and measurement on the longest held-out blocks."""
     measured, predicted = output_units(result)
     tests = [h for h in result.held_out if h.role == "test"]
     chosen = sorted(tests, key=lambda h: h.first - h.stop)[:3]
-    figure, grid = panels(len(chosen), 1, height=2.4)
-    for axes, block in zip(grid, chosen, strict=True):
+    low, high = _robust_limits(result)
+    plots = []
+    for block in chosen:
         rows = rows_of(result, block)[:FIGURE_SAMPLES]
-        t_s = (block.first + np.arange(len(rows))) * result.data.period_ns / 1e9
-        axes.plot(t_s, measured[rows], linewidth=0.9, color=MEASURED, label="measured")
-        axes.plot(t_s, predicted[rows], linewidth=0.9, color="C1", label="model, free run")
-        axes.set(ylabel=_label(result), ylim=_robust_limits(result))
-        axes.margins(x=0)
-    grid[-1].set_xlabel("s of the recording")
-    legend(grid[0])
-    return figure
+        plots.append(
+            plot(
+                _label(result),
+                layer("line", y=predicted[rows], label="model, free run", color="predicted"),
+                layer("line", y=measured[rows], label="measured", color="measured"),
+                x=axis(f"s of {Path(result.card.recordings[block.recording].path).name}"),
+                y=axis(low=low, high=high),
+                at=(block.first + np.arange(len(rows))) * result.data.period_ns / 1e9,
+            )
+        )
+    return Drawing(plots)
 
 
 def rows_of(result: FreeRunFit, block: HeldOut) -> np.ndarray:
@@ -81,24 +85,30 @@ def _robust_limits(result: FreeRunFit) -> tuple[float, float]:
     return float(low - 0.2 * (high - low)), float(high + 0.2 * (high - low))
 
 
-def scatter(result: FreeRunFit) -> Figure:
+def scatter(result: FreeRunFit) -> Drawing:
     """Draw prediction over measurement, and the residuals, on held-out enabled samples."""
     measured, predicted = output_units(result)
     rows = (result.data.role == 2) & result.data.enabled & np.isfinite(predicted)
     a, b = measured[rows], predicted[rows]
-    figure, (left, right) = panels(2, 2, height=3.6)
-    limits = _robust_limits(result)
-    left.hexbin(a, b, gridsize=60, bins="log", mincnt=1, extent=(*limits, *limits), cmap="Blues")
-    left.plot(limits, limits, color=LIMIT, linewidth=0.8)
-    output = _label(result)
-    left.set(xlabel=f"measured {output}", ylabel=f"predicted {output}", xlim=limits, ylim=limits)
-    residual = a - b
-    width = 5 * float(residual.std()) if len(residual) else 1.0
-    right.hist(np.clip(residual, -width, width), bins=100)
-    right.set(
-        xlabel=f"measured − predicted {output}", ylabel="enabled held-out samples", yscale="log"
+    low, high = _robust_limits(result)
+    ends, output, residual = np.array([low, high]), _label(result), a - b
+    width = 5.0 * float(residual.std()) if len(residual) else 1.0
+    over = plot(
+        f"predicted {output}",
+        density(a, b, low, high),
+        layer("line", x=ends, y=ends, color="quiet"),
+        x=axis(f"measured {output}", low=low, high=high),
+        y=axis(low=low, high=high),
+        height=300,
     )
-    return figure
+    spread = plot(
+        "enabled held-out samples",
+        histogram(np.clip(residual, -width, width), bins=100),
+        x=axis(f"measured − predicted {output}"),
+        y=axis(scale="log", low=0.7),
+        height=300,
+    )
+    return Drawing([over, spread], columns=2)
 
 
 def _label(result: FreeRunFit) -> str:

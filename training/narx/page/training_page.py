@@ -1,19 +1,21 @@
 """The page of one training: its warnings, tries, figures and free runs."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from monitor.base.files.outputs import write_text
+from monitor.base.types import FloatArray
 from training.narx.cross_fit import unseen_words
 from training.narx.fit import FitResult
 from training.narx.network import describe
 from training.narx.page import free_run_figures
 from training.narx.page.fit_confidence import fit_confidence
 from training.narx.page.fit_verdict import fit_verdict
-from training.pages.figure import drawing
+from training.pages.drawing import Drawing, axis, layer, plot
+from training.pages.numbers import with_unit
 from training.pages.page import page
 
 
@@ -46,33 +48,24 @@ def write_report(path: Path | str, result: FitResult) -> None:
     write_text(path, text)
 
 
-def _training_curves(result: FitResult) -> Figure:
-    figure, axes = drawing(3.2)
-    for index, start in enumerate(result.starts):
-        at = 0
-        for stage in start.stages:
-            scores = np.array(stage.scores) * result.data.scaling.y_std
-            label = f"start {index + 1}" if at == 0 else None
-            if label and index == result.best:
-                label += ", chosen"
-            axes.semilogy(np.arange(at, at + len(scores)), scores, color=f"C{index}", label=label)
-            if index == result.best:
-                axes.axvline(at, color="0.85", linewidth=0.8)
-                name = " " + stage.name.removeprefix("horizon ")
-                axes.text(
-                    at,
-                    0.98,
-                    name,
-                    transform=axes.get_xaxis_transform(),
-                    va="top",
-                    size=8,
-                    color="0.4",
-                )
-            at += len(scores) - 1
-    unit = result.card.output.unit
-    axes.set(
-        xlabel="epoch; the numbers on top are the horizons in samples",
-        ylabel="free-run RMSE" + (f", {unit}" if unit not in ("", "-") else ""),
-    )
-    axes.legend(frameon=False)
-    return figure
+def _training_curves(result: FitResult) -> Drawing:
+    """Draw the error of each start over its epochs, and the horizons of the chosen one."""
+    runs = [_joined([np.array(stage.scores) for stage in start.stages]) for start in result.starts]
+    at = np.arange(max(map(len, runs)), dtype=np.float64)
+    lines = []
+    for index, scores in enumerate(runs):
+        y = np.full(len(at), np.nan)
+        y[: len(scores)] = scores * result.data.scaling.y_std
+        name = f"start {index + 1}" + (", chosen" if index == result.best else "")
+        lines.append(layer("line", y=y, label=name, color=index))
+    stages = result.starts[result.best].stages
+    begins = np.cumsum([0, *(len(stage.scores) - 1 for stage in stages[:-1])])
+    names = [stage.name.removeprefix("horizon ") for stage in stages]
+    horizons = layer("rule", x=begins, text=names, color="quiet", width=0.7)
+    title = with_unit("free-run RMSE", result.card.output.unit)
+    return Drawing([plot(title, horizons, *lines, x=axis("epoch"), y=axis(scale="log"), at=at)])
+
+
+def _joined(stages: Sequence[FloatArray]) -> FloatArray:
+    """Return the scores of stages as one; a stage begins where the one before it ended."""
+    return np.concatenate([*(scores[:-1] for scores in stages[:-1]), stages[-1]])
