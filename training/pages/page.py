@@ -47,9 +47,8 @@ def page(
 
     warnings, footer = values.pop("warnings", ()), values.pop("footer", ())
     body = _HEADING.sub(anchored, part(template, **values))
-    style = static("uplot/uPlot.min.css", "draw.css") + part("page.css")
-    figures = files("training.pages").joinpath("static", "figures.js").read_text("utf-8")
-    script = drawing(figures) if PLOTS in body else ""
+    style = static("uplot/uPlot.min.css", "draw.css") + _static("page.css")
+    script = drawing(_static("figures.js")) if PLOTS in body else ""
     return part(
         "page.html",
         title=title,
@@ -86,6 +85,10 @@ def breakable(name: str, link: str | None = None) -> str:
 
     text = _html(str(escape(name)).replace("_", "_<wbr>"))
     return text if link is None else _html('<a href="{}">{}</a>').format(quote(link), text)
+
+
+def _static(name: str) -> str:
+    return files("training.pages").joinpath("static", name).read_text("utf-8")
 
 
 def _html(text: str) -> str:
