@@ -59,7 +59,6 @@ class ResponseConfig:
     gain_least: float
     gain_known: float
     gain_memory: float
-    excitation_noise: float
     noise_least: float
     evidence_weight: float
     false_alarm_probability: float

@@ -17,7 +17,6 @@ NAMES: Final = (
     "j_sigma",
     "noise",
     "noise_memory",
-    "excitation",
     "offset",
     "offset_std",
 )  # in the card
@@ -36,13 +35,12 @@ OPTIONAL: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits of one model on one vehicle; ``noise`` and ``excitation`` are oriented like phi."""
+    """Limits of one model on one vehicle; ``noise`` is oriented like phi."""
 
     j_mu: float  # paper's rule, mean of the residual, output's unit
     j_sigma: float  # paper's rule, standard deviation of the residual, output's unit
     noise: float  # healthy residual in enabled windows, standard deviation
     noise_memory: float  # its correlation from one sample to the next
-    excitation: float  # standard deviation from which a prediction is said to move clearly
     offset_low: float  # bias, output's unit
     offset_high: float
     offset_std: float  # of healthy windows' means, output's unit
@@ -60,6 +58,11 @@ class Limits:
     trust: Trust = UNKNOWN  # what the model finds and mistakes
 
     @property
+    def excitation(self) -> float:
+        """Return the spread from which a prediction is said to move clearly; it decides nothing."""
+        return 2.0 * self.noise
+
+    @property
     def gain_expected(self) -> float:
         """Return measurement over prediction of this vehicle's healthy sensor."""
         return self.gain_model * self.gain
@@ -68,8 +71,8 @@ class Limits:
     def from_card(cls, card: ModelCard, config: Config, where: str) -> "Limits":
         """Return the limits of a card, for a vehicle without a reference.
 
-        Settings may raise offset, its spread and excitation, never lower them. Raises ModelError
-        naming the file if a limit is missing, ConfigError if the limits were set for windows of
+        Settings may raise offset and its spread, never lower them. Raises ModelError naming
+        the file if a limit is missing, ConfigError if the limits were set for windows of
         another length.
         """
         missing = [name for name in NAMES if name not in card.limits]
@@ -85,8 +88,6 @@ class Limits:
                 f"[window] n_samples is {config.window.n_samples}"
             )
         values = {name: card.limits[name].value for name in NAMES}
-        excitation = config.response.excitation_noise * values["noise"]
-        values["excitation"] = max(values["excitation"], excitation)
         offset = values.pop("offset")
         if card.transform == "phi":
             offset = max(offset, config.bias.offset_limit_lambda)
@@ -114,7 +115,6 @@ NO_LIMITS: Final = Limits(  # judge nothing, for windows alone
     j_sigma=inf,
     noise=1.0,
     noise_memory=0.0,
-    excitation=0.0,
     offset_low=-inf,
     offset_high=inf,
     offset_std=1.0,

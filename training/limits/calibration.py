@@ -136,10 +136,8 @@ def _with_limits(
     rate: float,
     config: Config,
 ) -> ModelCard:
-    windows = [w for drive in good for w in drive]
     origin = f"o2train calibrate, {counted(len(good), 'healthy drive')}"
     limits = limits_of(good, card, config, origin, healthy)
-    scale = float(np.concatenate([w.window.measured for w in windows]).std())
     n_bad = sum(map(len, bad))
     how = (
         f"misses the fewest of {n_bad} windows of {counted(len(bad), 'limit-fault drive')}"
@@ -160,9 +158,6 @@ def _with_limits(
     paper = {"j_mu": chosen.j_mu, "j_sigma": chosen.j_sigma}
     for name, value in paper.items():
         limits[name] = Limit(value, card.output.unit, origin)
-        limits[f"{name}_z"] = Limit(
-            value / scale, "z", f"{name} over the measurement's spread {scale:.4g}"
-        )
     return replace(card, limits={**card.limits, **limits})
 
 

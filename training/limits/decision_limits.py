@@ -82,27 +82,18 @@ def limits_of(
     stds = np.array([w.std for w in windows])
     within = [oriented(w.window.measured, card.transform) - w.window.bank[:, 0] for w in windows]
     noise, memory = _noise(within)
-    scale = float(np.concatenate([w.window.measured for w in windows]).std())
     offsets, offset_std = healthy_offsets(_counted(drives, config), config.bias)
     spread = max(6.0 * offset_std, 3.0 * math.sqrt(float(np.mean(np.square(offsets)))))
     floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
     n = len(windows)
     where = f"{n} healthy windows, {origin}"
     phi = "-" if card.transform == "phi" else unit
-    j_mu, j_sigma = _quantile(np.abs(means)), _quantile(stds)
     return {
-        "j_mu": Limit(j_mu, unit, f"quantile {PAPER_QUANTILE}, {where}"),
-        "j_sigma": Limit(j_sigma, unit, f"quantile {PAPER_QUANTILE}, {where}"),
-        "j_mu_z": Limit(j_mu / scale, "z", f"j_mu over the measurement's spread {scale:.4g}"),
-        "j_sigma_z": Limit(j_sigma / scale, "z", f"j_sigma over that spread {scale:.4g}"),
+        "j_mu": Limit(_quantile(np.abs(means)), unit, f"quantile {PAPER_QUANTILE}, {where}"),
+        "j_sigma": Limit(_quantile(stds), unit, f"quantile {PAPER_QUANTILE}, {where}"),
         "noise": Limit(noise, phi, f"residual within windows, {where}"),
         "noise_memory": Limit(
             memory, "-", f"correlation of the residual's neighbouring samples, {where}"
-        ),
-        "excitation": Limit(
-            max(config.response.excitation_noise * noise, 1e-9),
-            phi,
-            f"{config.response.excitation_noise:g} times the noise",
         ),
         "offset": Limit(
             max(floor, spread),

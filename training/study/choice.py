@@ -229,12 +229,14 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
     except RecordingError as error:
         warnings.append(f"the model has no decision limits: {error}")
     path.replace(task.out / "model.onnx")
+    measured = np.concatenate([each.column(card.output.name) for each in task.recordings])
+    spread = float(np.nanstd(measured))
     return plain(
         {
             "path": "model.onnx",
             "warnings": warnings,
             "limits": {
-                k: {"value": v.value, "unit": v.unit, "origin": v.origin}
+                k: {"value": v.value, "z": v.value / spread, "unit": v.unit, "origin": v.origin}
                 for k, v in card.limits.items()
             },
             "parity": card.checks["parity"],

@@ -113,7 +113,7 @@ SETUP = set_up(None, (), SETTINGS)
 # short times, so that short logs reach windows, verdicts and codes
 SHORT = replace(
     SETUP,
-    limits=replace(LIMITS, noise=0.02, excitation=0.0, offset_low=-0.01, offset_high=0.01),
+    limits=replace(LIMITS, noise=0.02, offset_low=-0.01, offset_high=0.01),
     config=replace(
         SETTINGS,
         window=replace(SETTINGS.window, n_samples=8),
