@@ -79,19 +79,6 @@ class ResponseConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class FuelCutConfig:
-    """What the steps of a fuel cut show."""
-
-    least_s: float
-    return_s: float
-    level_after_s: float
-    level_s: float
-    humidity_spread: float
-    pressure_spread: float
-    step_residual: float
-
-
-@dataclass(frozen=True, slots=True)
 class BiasConfig:
     """The bias rule and the vehicle's healthy reference."""
 
@@ -280,7 +267,6 @@ class Config:
     window: WindowConfig
     enable: EnableConfig
     response: ResponseConfig
-    fuel_cut: FuelCutConfig
     bias: BiasConfig
     movement: MovementConfig
     plausibility: PlausibilityConfig

@@ -21,10 +21,6 @@ from monitor.judge.electrical import heater
 from monitor.judge.electrical.plausibility import STRETCHES_OF_A_CODE
 from monitor.judge.electrical.readiness import ENGINE, READY
 from monitor.judge.enable import CONDITIONS, NO_CUT, Enable
-from monitor.judge.fuel_cut import air_pressure
-from monitor.judge.fuel_cut.air_pressure import PORE_KPA
-from monitor.judge.fuel_cut.cuts import LEVEL
-from monitor.judge.fuel_cut.response import LATEST, FuelCutReference, HealthyCuts
 from monitor.judge.limits import Limits
 from monitor.judge.response import bank
 from monitor.judge.response.claims import UNRELATED, Noise, claims
@@ -35,9 +31,7 @@ from monitor.model.step import PHI_MAX
 
 TESTS_INSIDE: Final = ("response", "bias", "activity", "communication", "range", "ready")
 # signals beside the model's that rules look at, where the controller has them
-FURTHER: Final = tuple(
-    dict.fromkeys((*enable.SIGNALS, ENGINE, READY, heater.DUTY, air_pressure.SIGNAL))
-)
+FURTHER: Final = tuple(dict.fromkeys((*enable.SIGNALS, ENGINE, READY, heater.DUTY)))
 FAULTS_INSIDE: Final = ("", *(fault for test in TESTS_INSIDE for fault in TESTS[test]))
 CODES_INSIDE: Final = tuple(
     dict.fromkeys(code for fault in FAULTS_INSIDE[1:] for code in CODES[fault])
@@ -71,12 +65,6 @@ class ExportSource:
     def samples(self, seconds: float) -> int:
         """Return a time in samples."""
         return round(seconds / self.period_s)
-
-    @property
-    def air(self) -> HealthyCuts | None:
-        """Return the healthy level in air, None where fuel cuts tell nothing of the gain."""
-        known = self.limits.fuel_cut.healthy if self.limits.fuel_cut else {}
-        return known.get(LEVEL) if "fuel_cut" in self.names else None
 
 
 def header(source: ExportSource) -> str:
@@ -122,7 +110,7 @@ def _shown(value: float | bool) -> str:
 def _sizes(source: ExportSource) -> dict[str, int]:
     card, response, region = source.card, source.config.response, source.limits.region
     hypotheses = bank.build(response)
-    period_s, cuts = source.period_s, source.config.fuel_cut
+    period_s = source.period_s
     return {
         "N_INPUTS": len(card.inputs),
         "N_STATE": card.state.size,
@@ -143,9 +131,6 @@ def _sizes(source: ExportSource) -> dict[str, int]:
         "N_COURSE": bias.MOST,
         "N_POINTS": 0 if region is None else len(region.points),
         "N_COUNTED": 0 if region is None else sum(counted(region.names, region.ignored)) // 2,
-        "N_AIR": int(source.air is not None),
-        "N_LEVEL": max(source.samples(cuts.level_s), 1),
-        "N_CUTS": LATEST,
         "AHEAD": math.ceil(response.lead_s / period_s),
         "AHEAD_BACK": int(response.lead_s > 0.0),
     }
@@ -164,7 +149,6 @@ def _numbers(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
     yield from _of_movement(source)
     yield from _of_bias(limits, config)
     yield from _of_electrical(source)
-    yield from _of_cuts(source)
     yield "COUNT_FAIL", config.debounce.response_fail, "steps of a counter for a failed window"
     yield "COUNT_PASS", config.debounce.response_pass, "steps for a passed one"
     fail, passed = ticks_to_mature(config.debounce, source.period_s)
@@ -176,7 +160,6 @@ def _of_conditions(source: ExportSource) -> Iterator[tuple[str, float | bool, st
     yield "ENABLED", _least_mask(enable.ENABLED), "conditions"
     yield "BURNING", _least_mask(enable.BURNING), "conditions with which a live sensor moves"
     yield "AROUND_CUT", _least_mask(enable.AROUND_FUEL_CUT), "conditions that no fuel cut breaks"
-    yield "JUDGES_CUTS", source.limits.evidence_cut > 0.0, "windows around fuel cuts"
     yield "NO_CUT", NO_CUT, "share of a tick with fuel cut"
     yield "PURGE_OPEN", source.config.enable.purge_open_percent, "%"
     yield "PURGE_STEP", source.config.enable.purge_step_percent, "%"
@@ -189,14 +172,17 @@ def _of_response(source: ExportSource) -> Iterator[tuple[str, float | bool, str]
     yield "LEAST_MEASURED", LAMBDA_LEAST, "output's unit"
     yield "NOISE_MEMORY", limits.noise_memory, "correlation of neighbouring samples"
     yield "GAIN_MODEL", limits.gain_model, "measurement over prediction"
-    yield "GAIN_CUT", limits.gain_cut, "measurement over prediction"
+    noise = Noise(limits.noise, limits.noise_memory)
+    yield "NOISE_VAR", noise.std**2, "phi squared, of the healthy residual"
+    yield "LEAST_VAR", response.noise_least * noise.innovation_var, "phi squared, of what is new"
+    weight = min(limits.evidence, response.evidence_weight)
+    yield "WEIGHT", weight, "part of the samples that count as independent"
     yield "GAIN_KNOWN", response.gain_known, "information on the gain"
     yield "GAIN_MEMORY", response.gain_memory, "kept per window"
     yield "EVIDENCE_FAIL", response.evidence_fail, "log odds"
     yield "EVIDENCE_PASS", response.evidence_pass, "log odds"
     yield "EVIDENCE_MOST", response.evidence_most, "log odds"
     yield "EVIDENCE_WINDOW", min(limits.evidence_window, response.evidence_window), "log odds"
-    yield "LEVEL_WINDOW", response.evidence_window, "log odds"
     yield "REGION_MOST", math.inf if limits.region is None else limits.region.most, "distance"
 
 
@@ -253,28 +239,6 @@ def _of_electrical(source: ExportSource) -> Iterator[tuple[str, float | bool, st
     yield "HEATER_FULL_PERCENT", own.heater_full_percent, "%"
     yield "HEATER_FULL", samples(own.heater_full_s), "samples"
     yield "HEATER_REGULATED", samples(own.heater_regulated_s), "samples"
-
-
-def _of_cuts(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
-    own, air = source.config.fuel_cut, source.air or HealthyCuts(0.0, 0.0, 0.0)
-    reference = source.limits.fuel_cut or FuelCutReference()
-    pressure = reference.pressure
-    least_s = max(own.least_s, own.level_after_s)
-    after = next(n for n in range(10**6) if n * source.period_s >= least_s)
-    yield "LEVEL_AFTER", after, "samples of a fuel cut"
-    yield "CUT_RETURN", source.samples(own.return_s), "samples"
-    yield "CUT_MOST", source.samples(source.config.plausibility.fuel_cut_most_s), "samples"
-    yield "LEVEL_IS_MOST", reference.is_clipped, "the gain may be less than the level says"
-    yield "AIR_MEAN", air.mean, "phi"
-    yield "AIR_VAR", air.std**2, "phi squared, of a cut"
-    yield "AIR_DRIVE_VAR", air.drive_std**2, "phi squared, of a drive"
-    yield "HUMIDITY_SPREAD", own.humidity_spread, "part of the level"
-    yield "PRESSURE_SPREAD", own.pressure_spread, "part of the level"
-    yield "KNOWS_PRESSURE", pressure is not None, "how the level depends on the pressure"
-    yield "PORE_KPA", PORE_KPA, "kPa"
-    yield "AIR_KPA", 1.0 if pressure is None else pressure.kpa, "kPa"
-    yield "AIR_SHARE", 0.0 if pressure is None else pressure.share, "of the dependence"
-    yield "AIR_SHARE_STD", 0.0 if pressure is None else pressure.share_std, "of the dependence"
 
 
 def _least_mask(holds: BoolArray) -> int:
@@ -372,14 +336,9 @@ def _rules(source: ExportSource) -> list[str]:
     """Return the rule on enabled windows, then that on windows around fuel cuts."""
     limits, config = source.limits, source.config
     needed, found = config.response.evidence_fail, []
-    n_whole = config.window.n_samples
-    stds = limits.noise, max(limits.noise, limits.noise_cut)
-    weights = limits.evidence, limits.evidence_cut
-    for n, std, weight in zip((n_whole, n_whole // 2), stds, weights, strict=True):
-        least = config.response.noise_least * Noise(std, limits.noise_memory).innovation_var
+    for n in (config.window.n_samples, config.window.n_samples // 2):
         dead_most = needed * min(n / max(limits.still_s / source.period_s, n), 0.5)
-        own = least, min(weight, config.response.evidence_weight), std**2, dead_most
-        found.append(f"{{{n}U, {', '.join(map(literal, own))}}}")
+        found.append(f"{{{n}U, {literal(dead_most)}}}")
     return found
 
 
@@ -435,9 +394,6 @@ typedef struct {
 /* the rule on a kind of windows */
 typedef struct {
     uint16_t n;      /* samples */
-    float least_var; /* least innovation variance */
-    float weight;    /* part of the samples that count as independent */
-    float noise_var; /* of the healthy residual */
     float dead_most; /* most that a window says of a sensor that does not move, log odds */
 } o2_rule;
 

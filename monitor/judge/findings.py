@@ -33,7 +33,7 @@ class WindowJudged:
 
 @dataclass(frozen=True, slots=True)
 class CutJudged:
-    """The test of the fuel-cut response has judged a window around a fuel cut."""
+    """The response test has judged a window around a fuel cut."""
 
     t_ns: int
     std: float  # of the residual, oriented like phi

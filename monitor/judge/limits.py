@@ -6,7 +6,6 @@ from typing import Final
 
 from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import ConfigError, ModelError
-from monitor.judge.fuel_cut.response import FuelCutReference
 from monitor.judge.response.region import Region
 from monitor.judge.trust import UNKNOWN, Trust
 from monitor.memory.reference import Reference
@@ -25,9 +24,6 @@ OPTIONAL: Final = (
     "evidence",
     "evidence_window",
     "gain_model",
-    "evidence_cut",
-    "gain_cut",
-    "noise_cut",
     "still_s",
     "still_end_s",
 )
@@ -47,14 +43,10 @@ class Limits:
     evidence: float = 1.0  # most of a window's samples that count as independent
     evidence_window: float = inf  # most that one window says against a claim
     gain_model: float = 1.0  # measurement over prediction of healthy sensors
-    evidence_cut: float = 0.0  # like evidence, in windows around fuel cuts; 0 leaves them out
-    gain_cut: float = 1.0  # like gain_model, in windows around fuel cuts
-    noise_cut: float = 0.0  # like noise, in windows around fuel cuts, at least noise
     still_s: float = 0.0  # time for which the healthy reading may stand still, if it is long
     still_end_s: float = 0.0  # the same at the end of its range, where no signal tells a fuel cut
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
     region: Region | None = None  # of the inputs, outside of which a window is no evidence
-    fuel_cut: FuelCutReference | None = None  # steps and levels of healthy fuel cuts
     trust: Trust = UNKNOWN  # what the model finds and mistakes
 
     @property
@@ -98,7 +90,6 @@ class Limits:
             offset_low=-offset,
             offset_high=offset,
             region=Region.from_card(card.region, where, config.enable.range_ignored),
-            fuel_cut=FuelCutReference.from_card(card.fuel_cut, where),
             trust=Trust.from_card(card.trust, where),
         )
 

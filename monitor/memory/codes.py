@@ -62,7 +62,6 @@ TESTS: dict[str, tuple[str, ...]] = {
         for name in CODES
         if name.startswith(("slow_", "delay_", "transient", "gain_", "no_activity", "intermittent"))
     ),
-    "fuel_cut_response": (),  # its evidence is the response test's
     "bias": ("biased_lean", "biased_rich", "drift_lean", "drift_rich"),
     "activity": ("stuck_lean", "stuck_rich", "stuck_at_one"),
     "communication": ("signal_missing", "signal_invalid", "bus_off"),
@@ -84,7 +83,7 @@ BEHIND: Final = ("catalyst", "downstream", "downstream_circuit", "downstream_hea
 # Tests of the vehicle; the monitor's own has no in-use performance ratio and decides at once.
 OF_VEHICLE: Final = tuple(test for test in TESTS if test != "memory")
 # tests that a vehicle may not have the signals, or the drives, for
-OPTIONAL: Final = (*BEHIND, "fuel_cut_response")
+OPTIONAL: Final = BEHIND
 # Tests that judge every sample; they have no in-use performance ratio (13 CCR 1968.2 (d)(3.2)).
 CONTINUOUS = ("communication", "range", "ready")
 TEST_OF: dict[str, str] = {fault: test for test, faults in TESTS.items() for fault in faults}

@@ -304,7 +304,7 @@ class DtcStore:
     def supported_ratios(self) -> tuple[Ratio, ...]:
         """Return the in-use performance of the tests that this vehicle is known to support.
 
-        A test behind the catalyst, or of fuel cuts, is one of them once it has decided something.
+        A test behind the catalyst is one of them once it has decided something.
         """
         known = self._completed | {test for test, ratio in self._ratios.items() if ratio.numerator}
         return tuple(r for r in self.ratios if r.test not in OPTIONAL or r.test in known)

@@ -122,8 +122,6 @@ class ModelCard:
     packages: Mapping[str, str] = field(default_factory=dict)
     # joint region of the inputs in which the model was learned; {} in older cards
     region: Mapping[str, Any] = field(default_factory=dict)
-    # steps and levels of healthy fuel cuts; {} without any, and in older cards
-    fuel_cut: Mapping[str, Any] = field(default_factory=dict)
     # the logger's profile that was given to the fit, as its TOML tree; {} in older cards
     profile: Mapping[str, Any] = field(default_factory=dict)
     # what the model finds and mistakes on drives that it has not seen; {} in older cards
@@ -177,10 +175,10 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
         "graph_sha256": "",
         "profile": {},
         "region": {},
-        "fuel_cut": {},
         "trust": {},
         "times": {},
     } | data  # older cards lack them
+    data.pop("fuel_cut", None)  # levels of fuel cuts, in older ones
     _keys(data, ModelCard, path, "model card")
     try:
         data["inputs"] = tuple(_part(Channel, c, path, "inputs") for c in data["inputs"])
@@ -206,7 +204,6 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
             "packages",
             "profile",
             "region",
-            "fuel_cut",
         ):
             data[name] = dict(data[name])
         data["times"] = _times(data["times"])

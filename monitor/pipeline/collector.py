@@ -14,7 +14,6 @@ from monitor.pipeline.entry import (
     dtc_entry,
     enable_shares,
     evidence_entry,
-    fuel_cuts_entry,
     limits_entry,
     not_judged,
     seconds,
@@ -122,13 +121,11 @@ class Collector:
             monitor.unfinished,
             _left_s(monitor),
             self._n_outside,
-            judges_cuts=monitor.limits.evidence_cut > 0.0,
-            cut_faults=monitor.decisions.fuel_cuts.faults,
+            judges_cuts=self._n_cuts > 0,
         )
         is_faulty = monitor.store.fault_flag
         why = [] if is_faulty else causes(seen, self._asked, judgement)
         behind = monitor.catalyst.entry()
-        cuts = monitor.decisions.fuel_cuts
         return {
             "path": path,
             "sha256": sha256,
@@ -145,8 +142,7 @@ class Collector:
             "completed": monitor.completed,
             "not_judged": not_judged(why),
             "tests": monitor.outcomes,
-            **({"windows_fuel_cut": self._n_cuts} if monitor.limits.evidence_cut else {}),
-            **({"fuel_cut_response": fuel_cuts_entry(cuts)} if cuts.cuts else {}),
+            **({"windows_fuel_cut": self._n_cuts} if self._n_cuts else {}),
             "evidence": evidence_entry(monitor.decisions.evidence()),
             "enable": enable_shares(seen.held.tolist(), monitor.samples, monitor.unavailable),
             "limits": limits_entry(monitor.limits),

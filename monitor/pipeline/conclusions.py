@@ -12,7 +12,6 @@ from monitor.judge.catalyst.watch import BehindResult
 from monitor.judge.decision.decisions import Decisions
 from monitor.judge.electrical.plausibility import Still, TickResult
 from monitor.judge.findings import Facts
-from monitor.judge.fuel_cut.cuts import Cut
 from monitor.judge.limits import Limits
 from monitor.judge.window import Window
 from monitor.memory.cycles import Driven, Moment
@@ -35,9 +34,9 @@ At = Sequence[tuple[int, _Found]]  # findings, each with its sample's number, wh
 
 
 class Filled(NamedTuple):
-    """The windows and fuel cuts up to the next driving cycle or the end of the block."""
+    """The windows up to the next driving cycle or the end of the block."""
 
-    items: Sequence[Window | Cut]
+    items: Sequence[Window]
     anew: bool  # a tester has cleared the codes: forget the conclusions so far
 
 
@@ -50,7 +49,7 @@ class Findings(NamedTuple):
     matured: At[TickResult] = ()
     stretches: At[Still] = ()
     behind: At[BehindResult] = ()
-    items: At[Window | Cut] = ()
+    items: At[Window] = ()
 
 
 class SamplePlace(NamedTuple):
@@ -145,7 +144,7 @@ class Conclusions:
         return list(self._frozen(changed, at))
 
     def _know(self, filled: Filled, _: SamplePlace) -> Iterable[Happening]:
-        """Take note of the windows and fuel cuts that follow."""
+        """Take note of the windows that follow."""
         if filled.anew:
             self.adopt(self.limits)
         self._facts = iter(self.decisions.facts(filled.items) if filled.items else ())
@@ -166,11 +165,8 @@ class Conclusions:
         grams = result.capacity_g
         return list(self._frozen(changes, at, {} if grams is None else {CAPACITY: grams}))
 
-    def _judge(self, item: Window | Cut, at: SamplePlace) -> Iterator[Happening]:
-        """Take a full window, or a fuel cut that is over."""
-        if isinstance(item, Cut):
-            yield from self.decisions.cut_over(item, at.t_ns)
-            return
+    def _judge(self, item: Window, at: SamplePlace) -> Iterator[Happening]:
+        """Take a full window."""
         decide = self.decisions.cut if item.is_cut else self.decisions.window
         yield from self._frozen(decide(item, next(self._facts)), at)
 

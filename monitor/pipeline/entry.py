@@ -16,7 +16,6 @@ from monitor.grid.tables import Table
 from monitor.judge.causes.causes import Cause, SignalSource
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import Evidence, WindowJudged
-from monitor.judge.fuel_cut.response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import Dtc
 from monitor.model.card import ModelCard
@@ -58,25 +57,6 @@ def evidence_entry(evidence: Mapping[str, Evidence]) -> dict[str, dict[str, floa
             "seconds_to_decision": each.seconds_to_decision and round(each.seconds_to_decision, 1),
         }
         for fault, each in evidence.items()
-    }
-
-
-def fuel_cuts_entry(test: FuelCutResponse) -> dict[str, Any]:
-    """Return the test of the fuel-cut response; times to 0.1 ms."""
-    findings = {
-        name: {k: round(v, 4) if isinstance(v, float) else v for k, v in each._asdict().items()}
-        for name, each in test.findings().items()
-    }
-    span = {}
-    if test.gain is not None:
-        span = {"span": dict(zip(("gain", "std"), (round(v, 4) for v in test.gain), strict=True))}
-    return {
-        "cuts": len(test.cuts),
-        "verdict": test.verdict,
-        "faults": list(test.faults),
-        "clipped": test.is_clipped,
-        **span,
-        "findings": findings,
     }
 
 

@@ -23,7 +23,6 @@ from monitor.judge.decision.decisions import Decisions
 from monitor.judge.electrical.plausibility import Still, TickResult
 from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import Enable
-from monitor.judge.fuel_cut.cuts import Cut
 from monitor.judge.limits import Limits
 from monitor.judge.response import bank
 from monitor.judge.window import Series, Window, Windows
@@ -34,7 +33,6 @@ from monitor.memory.reference import Seen
 from monitor.model.step import Model
 from monitor.pipeline.conclusions import At, Conclusions, Filled, Findings
 from monitor.pipeline.events import BlockEvent, DtcChanged, Ticks
-from monitor.pipeline.fuel_cuts import CutWatch
 from monitor.pipeline.names import check_names
 from monitor.pipeline.segments import Part, RunState, Segments
 
@@ -105,10 +103,7 @@ class SensorMonitor:
         n_samples, n_hypotheses = config.window.n_samples, len(judge.hypotheses)
         self._windows = Windows(n_samples, n_hypotheses)
         # an edge of a fuel cut takes one to two seconds, and a cut is soon over
-        is_judged = limits.evidence_cut > 0.0
-        cut_windows = Windows(n_samples // 2, n_hypotheses, is_cut=True)
-        self._cut_windows = cut_windows if is_judged else None
-        self._cuts = CutWatch(config, card, names) if "fuel_cut" in names else None
+        self._cut_windows = Windows(n_samples // 2, n_hypotheses, is_cut=True)
         self._run: RunState | None = None
         if judge.rules:
             store.admit()
@@ -263,19 +258,17 @@ class SensorMonitor:
         if told < len(part.measured):
             yield self._ticks(part, told, len(part.measured))
 
-    def _items(self, part: Part) -> At[Window | Cut]:
-        """Return the windows and fuel cuts that are complete, each with its last sample."""
+    def _items(self, part: Part) -> At[Window]:
+        """Return the windows that are complete, each with its last sample."""
         inputs = part.block.values.take(self.judge.inputs, axis=1)
         series = Series(part.block.t_ns, part.measured, part.predicted, inputs)
         goes_on = part.run is not None
         windows = self._windows.push(part.spans, series, goes_on=goes_on)
-        if self._cut_windows is not None:
-            windows += self._cut_windows.push(part.cut_spans, series, goes_on=goes_on)
-        cuts = self._cuts.over(part) if self._cuts else []
-        return sorted([*windows, *cuts], key=itemgetter(0))
+        windows += self._cut_windows.push(part.cut_spans, series, goes_on=goes_on)
+        return sorted(windows, key=itemgetter(0))
 
-    def _filled(self, part: Part, items: At[Window | Cut]) -> At[Filled]:
-        """Return the windows and fuel cuts of each driving cycle, at its begin."""
+    def _filled(self, part: Part, items: At[Window]) -> At[Filled]:
+        """Return the windows of each driving cycle, at its begin."""
         is_cleared, self._clearings = self._clearings != self.store.clearings, self.store.clearings
         filled = []
         for begin, end in pairwise(sorted({0, *part.cuts, len(part.measured)})):

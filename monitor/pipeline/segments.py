@@ -36,7 +36,7 @@ class Part:
     found: Findings
     windows: Windows
     in_cut: BoolArray  # (n,) samples that only a fuel cut disables
-    cut_windows: Windows | None  # None where fuel cuts are not judged
+    cut_windows: Windows  # around fuel cuts
     run: RunState | None  # that the first segment goes on from, if it begins with the block
     predicted: FloatArray = field(init=False)  # (n,) output's unit
     spans: list[Span] = field(default_factory=list)  # the samples that fill windows

@@ -10,7 +10,6 @@ from monitor.base.config import BiasConfig, Config
 from monitor.base.types import BoolArray, FloatArray, SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.enable import CONDITIONS
-from monitor.judge.fuel_cut.cuts import Cut
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import Dtc
 from monitor.memory.dtc_store import DtcStore
@@ -41,7 +40,6 @@ class Judged:
     enabled: BoolArray  # (n,)
     windows: list[WindowJudged]
     cuts: list[CutJudged]
-    fuel_cuts: list[Cut]  # of the last driving cycle
     interrupted_windows: int  # begun and discarded
     changes: list[DtcChanged]
     cycles: list[CycleStarted]  # driving cycles that begin within the recording
@@ -226,7 +224,6 @@ class _Run:
             enabled=np.concatenate([_NONE.astype(np.bool_), *(each.enabled for each in ticks)]),
             windows=self._windows,
             cuts=self._cuts,
-            fuel_cuts=monitor.decisions.fuel_cuts.cuts,
             interrupted_windows=monitor.interrupted_windows,
             changes=self._changes,
             cycles=self._cycles,

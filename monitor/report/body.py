@@ -11,7 +11,7 @@ from monitor.base.counts import counted, duration
 from monitor.judge import trust
 from monitor.judge.causes.causes import Cause
 from monitor.pipeline.entry import fault_words
-from monitor.report import catalyst, evidence, fuel_cuts
+from monitor.report import catalyst, evidence
 from monitor.report.elements import number, path, row, table, term_list, text
 from monitor.report.words import (
     CATALYST_ALONE,
@@ -148,8 +148,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
         f'<div class="verdict {verdict}"><p><strong>{VERDICTS[verdict][1].capitalize()}'
         f"{simulated}.</strong> {_sentence(recording)}</p>{_confidence(recording)}"
         f"{term_list(facts)}</div>"
-        f"{_causes(recording)}{_dtcs(recording)}{_evidence(recording)}{_fuel_cuts(recording)}"
-        f"{_behind(recording)}"
+        f"{_causes(recording)}{_dtcs(recording)}{_evidence(recording)}{_behind(recording)}"
         f'<section class="plots" data-series="series-{i}" data-name="{text(name)}{simulated}" '
         f'aria-label="{shown} {text(output)} over time"></section>'
         f'<noscript><p class="quiet">The plots need JavaScript.</p></noscript>'
@@ -180,17 +179,11 @@ def _sentence(recording: Mapping[str, Any]) -> str:
 
 
 def _passed(recording: Mapping[str, Any]) -> str:
-    """Return that every test passed, and if so, that the fuel cuts decided nothing."""
-    cuts = recording.get("fuel_cut_response")
+    """Return that every test passed, and if so, of those that this model can do."""
     if is_catalyst_alone(recording):
         return f"{CATALYST_ALONE[0].upper()}{CATALYST_ALONE[1:]}."
-    if cuts is None or cuts["verdict"] == "passed":
-        left = recording.get("trust", {}).get("not_tested")
-        return "Every test that this model can do passed." if left else _ALL_PASSED
-    return (
-        "Every test that a verdict needs was completed and passed; "
-        f"the fuel-cut response is {text(fuel_cuts.verdict(cuts))}."
-    )
+    left = recording.get("trust", {}).get("not_tested")
+    return "Every test that this model can do passed." if left else _ALL_PASSED
 
 
 def _confidence(recording: Mapping[str, Any]) -> str:
@@ -268,17 +261,6 @@ def _evidence(recording: Mapping[str, Any]) -> str:
     title = "Evidence about each fault of the response test"
     is_open = " open" if recording["not_judged"] else ""
     return f"<details{is_open}><summary>{title}</summary>{shown}</details>"
-
-
-def _fuel_cuts(recording: Mapping[str, Any]) -> str:
-    """Return the test of the fuel-cut response, "" without a fuel cut."""
-    test: Mapping[str, Any] | None = recording.get("fuel_cut_response")
-    if test is None:
-        return ""
-    head = ("Quantity", "Measured", "Predicted", "Limits", "Verdict")
-    cells = [row(*zip(head, map(text, each), strict=True)) for each in fuel_cuts.rows(recording)]
-    title = f"Fuel-cut response: {fuel_cuts.verdict(test)}, {counted(test['cuts'], 'fuel cut')}"
-    return f"<details><summary>{text(title)}</summary>{table(head, cells, 'cards')}</details>"
 
 
 def _behind(recording: Mapping[str, Any]) -> str:
@@ -402,9 +384,7 @@ def _why(recording: Mapping[str, Any]) -> str:
         return text(passed_beside(recording) + Cause(**causes[0]).in_words)
     if is_catalyst_alone(recording):
         return CATALYST_ALONE
-    cuts = recording.get("fuel_cut_response")
-    is_open = cuts is not None and cuts["verdict"] != "passed"
-    return "no test failed" if is_open else "every test passed"
+    return "every test passed"
 
 
 def _window_verdict(window: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from monitor.judge.causes.causes import Cause
 from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import fault_words
 from monitor.pipeline.events import Counted, CutJudged, CycleStarted, DtcChanged, Happening, RuleOff
-from monitor.report import evidence, fuel_cuts
+from monitor.report import evidence
 from monitor.report.words import CATALYST_ALONE, advice, is_catalyst_alone, passed_beside, tests
 
 COUNTS: Final = {
@@ -104,7 +104,6 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
     )
     if known := trust.in_words(recording.get("trust")):
         yield f"  {known}"
-    yield from (f"  {line}" for line in fuel_cuts.lines(recording, in_detail=windows))
     if recording["not_judged"]:
         if told := tests(recording):
             yield f"  {told}"

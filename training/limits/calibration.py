@@ -19,7 +19,7 @@ from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
-from training.limits.decision_limits import limits_of, with_fuel_cuts
+from training.limits.decision_limits import limits_of
 from training.limits.judging import Judged, judge_recordings, most_common_cause, why_not
 from training.limits.paper_limits import PaperLimits, Residuals, choose, held_out
 from training.limits.response.response_limits import response_limits
@@ -74,7 +74,6 @@ def calibrate(
     card = _with_limits(
         model.card, healthy, good=good, bad=bad, chosen=chosen, rate=rate, config=config
     )
-    card = with_fuel_cuts(card, judged, config)
     limits = Limits.from_card(card, config, str(path))
     response = response_limits(model, healthy, limits, config)
     card = replace(card, limits={**card.limits, **response})

@@ -17,9 +17,8 @@ from monitor.judge.residual import oriented
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
-from training.limits.judging import Judged, judge_recordings, most_common_cause
+from training.limits.judging import judge_recordings, most_common_cause
 from training.limits.repeated_model import RepeatedModel
-from training.limits.response.fuel_cuts import reference_of
 from training.limits.response.region import region_of
 from training.limits.response.response_limits import response_limits
 from training.narx.export import update_card
@@ -205,17 +204,9 @@ def with_limits(
         region=region.to_card() if region else {},
         trust={},  # what was counted with other limits no longer holds
     )
-    card = with_fuel_cuts(card, judged, config)
     used = Limits.from_card(card, config, origin)
     response = response_limits(model, recordings, used, config)
     return replace(card, limits={**card.limits, **response}), sum(map(len, drives))
-
-
-def with_fuel_cuts(card: ModelCard, judged: Sequence[Judged], config: Config) -> ModelCard:
-    """Return the card with what the fuel cuts of healthy drives show, if they show anything."""
-    drives = [each.fuel_cuts for each in judged]
-    reference = reference_of(drives, config, card.transform, card.period_ns * 1e-9)
-    return replace(card, fuel_cut=reference.to_card() if reference else card.fuel_cut)
 
 
 def whole(recordings: Sequence[Recording]) -> list[HeldOut]:

@@ -13,7 +13,6 @@ from monitor.judge.causes.observation import Observation
 from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import Enable
 from monitor.judge.findings import WindowJudged
-from monitor.judge.fuel_cut import air_pressure
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
@@ -112,9 +111,7 @@ def reached_twice(windows: Sequence[WindowJudged], name: str) -> float | None:
 
 
 def _names(recording: Recording, card: ModelCard) -> tuple[str, ...]:
-    wanted = dict.fromkeys(
-        (*card.input_names, card.output.name, *enable.SIGNALS, air_pressure.SIGNAL)
-    )
+    wanted = dict.fromkeys((*card.input_names, card.output.name, *enable.SIGNALS))
     return tuple(name for name in wanted if name in recording.names)
 
 

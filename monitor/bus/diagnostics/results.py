@@ -39,11 +39,6 @@ TESTS: Final = {
         ("response", "dead_time_lean_to_rich_s"): (0x83, MILLISECONDS),
         ("response", "gain"): (0x84, RATIO),
         ("bias", "offset"): (0x85, FINE_SIGNED),
-        ("fuel_cut_response", "delay_rich_to_lean_s"): (0x86, MILLISECONDS),
-        ("fuel_cut_response", "rise_rich_to_lean_s"): (0x87, MILLISECONDS),
-        ("fuel_cut_response", "delay_lean_to_rich_s"): (0x88, MILLISECONDS),
-        ("fuel_cut_response", "rise_lean_to_rich_s"): (0x89, MILLISECONDS),
-        ("fuel_cut_response", "level"): (0x8A, RATIO),
     },
     DOWNSTREAM: {
         ("downstream", "least_v"): (0x07, MILLIVOLTS),

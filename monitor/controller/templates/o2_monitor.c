@@ -377,119 +377,6 @@ static void test_activity(o2_monitor *m, float x, bool active, o2_result *result
     }
 }
 
-/* ---- fuel cuts: the sensor's level in air ---- */
-
-#if O2_N_AIR > 0
-static float log_current(float kpa)
-{
-    return logf(kpa / (O2_PORE_KPA + kpa));
-}
-
-static void take_level(o2_monitor *m, float level, float kpa)
-{
-    float sum = 0.0f;
-    float sum_kpa = 0.0f;
-    float span = 1.0f - O2_AIR_MEAN;
-    float spread = O2_PRESSURE_SPREAD;
-    if (m->n_levels == O2_N_CUTS) {
-        m->n_levels--;
-        (void)memmove(&m->level[0], &m->level[1], m->n_levels * sizeof(m->level[0]));
-        (void)memmove(&m->pressure_kpa[0], &m->pressure_kpa[1], m->n_levels * sizeof(m->level[0]));
-    }
-    m->level[m->n_levels] = level;
-    m->pressure_kpa[m->n_levels] = kpa;
-    m->n_levels++;
-    /* the end of the reading's range shows no level */
-    m->shows_level = m->shows_level || (!O2_LEVEL_IS_MOST) || ((level - O2_AIR_MEAN) > O2_STUCK_RANGE);
-    if (!m->shows_level) {
-        return;
-    }
-    for (uint8_t i = 0U; i < m->n_levels; i++) {
-        sum += m->level[i] / (float)m->n_levels;
-        sum_kpa += m->pressure_kpa[i] / (float)m->n_levels;
-    }
-    if (O2_KNOWS_PRESSURE && (!isnan(sum_kpa))) {
-        float beyond = log_current(sum_kpa) - log_current(O2_AIR_KPA);
-        span *= expf(O2_AIR_SHARE * beyond);
-        spread = O2_AIR_SHARE_STD * fabsf(beyond);
-    }
-    spread = (spread * spread) + (O2_HUMIDITY_SPREAD * O2_HUMIDITY_SPREAD);
-    spread += ((O2_AIR_DRIVE_VAR) + (O2_AIR_VAR / (float)m->n_levels)) / (span * span);
-    o2_weigh_level(m, (1.0f - sum) / span, sqrtf(spread));
-}
-
-static float middle_level(const o2_monitor *m)
-{
-    float sorted[O2_N_LEVEL] = {0};
-    for (uint16_t i = 0U; i < O2_N_LEVEL; i++) {
-        uint16_t at = i;
-        while ((at > 0U) && (sorted[at - 1U] > m->air[i])) {
-            sorted[at] = sorted[at - 1U];
-            at--;
-        }
-        sorted[at] = m->air[i];
-    }
-    return 0.5f * (sorted[O2_N_LEVEL / 2U] + sorted[(O2_N_LEVEL - 1U) / 2U]);
-}
-
-static void end_cut(o2_monitor *m)
-{
-    if (m->cut_counts && (m->cut >= O2_LEVEL_AFTER)) {
-        if (m->n_pending == O2_N_CUTS) {
-            m->n_pending--;
-            (void)memmove(&m->pending[0], &m->pending[1], m->n_pending * sizeof(m->pending[0]));
-        }
-        m->pending[m->n_pending] = middle_level(m);
-        m->n_pending++;
-    }
-    m->cut = 0U;
-}
-
-/* Follow fuel cuts through samples that nothing but a cut disables; with the end of such a stretch
- * its levels become evidence. */
-static void follow_cuts(o2_monitor *m, const o2_sample *sample, bool usable)
-{
-    float x = sample->value[O2_OUTPUT];
-    bool is_cut = in_fuel_cut(sample);
-    bool is_near = false;
-    bool is_known = (!isnan(sample->value[O2_FUEL_CUT])) && ((x > 0.0f) || !O2_PHI);
-    m->since_cut = is_cut ? 0U : counted(m->since_cut);
-    is_near = m->since_cut <= O2_CUT_RETURN;
-    if (usable && is_known && is_near) {
-        if (m->stretch == 0U) {
-            m->stretch = m->was_usable ? 1U : 0U;
-            m->was_usable = false;
-        }
-        if (is_cut) {
-            m->cut_counts = (m->cut > 0U) ? m->cut_counts : (m->stretch > 0U);
-            m->cut++;
-            (void)memmove(&m->air[0], &m->air[1], (O2_N_LEVEL - 1U) * sizeof(m->air[0]));
-            m->air[O2_N_LEVEL - 1U] = phi_of(x);
-        } else {
-            end_cut(m);
-        }
-        m->stretch++;
-        if (m->stretch > O2_CUT_MOST) { /* a flag that is always set shows nothing */
-            m->stretch = 0U;
-            m->cut = 0U;
-            m->n_pending = 0U;
-        }
-        return;
-    }
-    end_cut(m);
-    for (uint8_t i = 0U; i < m->n_pending; i++) {
-#ifdef O2_AMBIENT_PRESSURE_KPA
-        take_level(m, m->pending[i], sample->value[O2_AMBIENT_PRESSURE_KPA]);
-#else
-        take_level(m, m->pending[i], NAN);
-#endif
-    }
-    m->n_pending = 0U;
-    m->stretch = 0U;
-    m->was_usable = usable && is_known;
-}
-#endif
-
 /* ---- network and windows ---- */
 
 /* Begin a run of samples with valid inputs, as if the first had held for long. */
@@ -600,7 +487,7 @@ static uint8_t kind_of(uint16_t conditions)
     if (conditions == O2_ENABLED) {
         return O2_WINDOW;
     }
-    if (O2_JUDGES_CUTS && holds(conditions, O2_AROUND_CUT) && !holds(conditions, O2_OK_FUEL_CUT_RECOVERED)) {
+    if (holds(conditions, O2_AROUND_CUT) && !holds(conditions, O2_OK_FUEL_CUT_RECOVERED)) {
         return O2_CUT_WINDOW;
     }
     return O2_NO_WINDOW;
@@ -624,7 +511,6 @@ void o2_init(o2_monitor *m, const o2_vehicle *vehicle)
     }
     m->ready_low = INFINITY;
     m->ready_high = -INFINITY;
-    m->since_cut = UINT16_MAX;
     m->course_each = 1U;
     begin_still(m);
 }
@@ -672,9 +558,6 @@ void o2_step(o2_monitor *m, const o2_sample *given, o2_result *result)
             judge(m, result);
         }
     }
-#if O2_N_AIR > 0
-    follow_cuts(m, sample, is_valid && holds(conditions, O2_AROUND_CUT));
-#endif
     for (uint16_t c = 0U; c < O2_N_CODES; c++) {
         result->fault_flag = result->fault_flag || ((m->status[c] & O2_PENDING) != 0U);
     }

@@ -1,11 +1,11 @@
 /* "o2-monitor" for a controller: the upstream wideband sensor, judged sample by sample in C99.
  *
  * Inside: enable conditions, network, windows, response rule with its bank of sensors (windows
- * around fuel cuts and the level in air included), movement, bias against the vehicle's reference,
+ * around fuel cuts included), movement, bias against the vehicle's reference,
  * the electrical tests of the lambda signal, debounce counters, and a status byte for each code.
  * Not inside: fault memory (confirmation, freeze frames, ratios: an event memory has them), driving
- * cycles (begin each by o2_init), learning of the vehicle's reference, delay and rise of fuel cuts
- * (they set no codes), the tests behind the catalyst, plug-ins and reports.
+ * cycles (begin each by o2_init), learning of the vehicle's reference, the tests
+ * behind the catalyst, plug-ins and reports.
  *
  * Everything lies in one o2_monitor: no heap, no globals, no recursion. Compile without options that
  * drop NaN and infinity (-ffast-math). Not reentrant on one o2_monitor.
@@ -83,21 +83,6 @@ typedef struct {
     float evidence[O2_N_CLAIMS];
     float sxx[O2_N_CLAIMS];
     float sxy[O2_N_CLAIMS];
-    float level_gain; /* by the level in air that is part of the evidence */
-    float level_std;  /* 0 without one */
-    /* fuel cuts */
-    uint16_t since_cut;
-    uint16_t stretch;
-    uint16_t cut; /* samples */
-    bool was_usable;
-    bool cut_counts;
-    bool shows_level;
-    float air[O2_N_LEVEL];                 /* latest readings in a cut */
-    float pending[O2_N_CUTS];              /* levels of the stretch */
-    float level[O2_N_CUTS];
-    float pressure_kpa[O2_N_CUTS];
-    uint8_t n_pending;
-    uint8_t n_levels;
     /* movement, in decisions */
     float dead;
     float holds;

@@ -267,11 +267,11 @@ static void add_window(o2_monitor *m, const o2_rule *rule, float gain, const flo
     regressed(m, rule, gain, y, &s);
     for (uint16_t c = 0U; c < O2_N_CLAIMS; c++) {
         uint16_t column = o2_claims[c].column;
-        float part = (float)n_new / error_var(&s, column, gain_of(m, c), rule->least_var);
+        float part = (float)n_new / error_var(&s, column, gain_of(m, c), O2_LEAST_VAR);
         m->sxx[c] = (O2_GAIN_MEMORY * m->sxx[c]) + (part * s.xx[column]);
         m->sxy[c] = (O2_GAIN_MEMORY * m->sxy[c]) + (part * s.xy[column]);
-        said[c] = -0.5f * rule->weight * (float)n_new *
-                  logf(error_var(&s, column, gain_of(m, c), rule->least_var));
+        said[c] = -0.5f * O2_WEIGHT * (float)n_new *
+                  logf(error_var(&s, column, gain_of(m, c), O2_LEAST_VAR));
         best = fmaxf(best, said[c]);
     }
     for (uint16_t c = 0U; c < O2_N_CLAIMS; c++) {
@@ -316,37 +316,6 @@ static uint16_t report(const o2_monitor *m, bool counts, o2_facts *facts)
     return (o2_claims[likeliest].column < (O2_N_COLUMNS - 1U)) ? o2_claims[likeliest].column : 0U;
 }
 
-static float level_says(uint16_t c, float gain, float std)
-{
-    const o2_bounds *range = &o2_gains[o2_claims[c].gains];
-    float most = O2_LEVEL_IS_MOST ? INFINITY : range->high;
-    float apart = (gain - limited(gain, range->low, most)) / std;
-    return fmaxf(-0.5f * square_of(apart), -O2_LEVEL_WINDOW);
-}
-
-/* The sensor that is none at all is told nothing: it gets as much as the best of the others. */
-static void add_level(o2_monitor *m, float gain, float std, float sign)
-{
-    float best = -INFINITY;
-    for (uint16_t c = 0U; c < (O2_N_CLAIMS - 1U); c++) {
-        float says = level_says(c, gain, std);
-        best = fmaxf(best, says);
-        m->evidence[c] += sign * says;
-    }
-    m->evidence[O2_N_CLAIMS - 1U] += sign * best;
-}
-
-void o2_weigh_level(o2_monitor *m, float gain, float std)
-{
-    if (m->level_std > 0.0f) {
-        add_level(m, m->level_gain, m->level_std, -1.0f);
-    }
-    add_level(m, gain, std, 1.0f);
-    bound_evidence(m);
-    m->level_gain = gain;
-    m->level_std = std;
-}
-
 /* ---- movement: a dead sensor, or one that holds now and then ---- */
 
 static float variance(const float x[], uint16_t n)
@@ -365,9 +334,9 @@ static float variance(const float x[], uint16_t n)
 
 static float dead_ratio(float own, float predicted, const o2_rule *rule, bool around_cut)
 {
-    float moves = fmaxf(predicted - (O2_ERROR_SHARE * rule->noise_var), 0.0f);
+    float moves = fmaxf(predicted - (O2_ERROR_SHARE * O2_NOISE_VAR), 0.0f);
     float least_alive = square_of(O2_MOVEMENT_GAIN) * moves;
-    float most = O2_STILL_SHARE * fmaxf(rule->noise_var, around_cut ? 0.0f : least_alive);
+    float most = O2_STILL_SHARE * fmaxf(O2_NOISE_VAR, around_cut ? 0.0f : least_alive);
     float still = limited(own, O2_QUANTUM_VAR, fmaxf(most, O2_QUANTUM_VAR));
     float alive = still + least_alive;
     float ratio = logf(alive / still) - (own * ((1.0f / still) - (1.0f / alive)));
@@ -394,14 +363,14 @@ static float hold_ratio(const float phi[], const float *now, float predicted, co
         }
     }
     if ((longest < O2_HOLD) || (longest >= (rule->n - 1U))) {
-        return (predicted > (O2_ERROR_SHARE * rule->noise_var)) ? -O2_NO_HOLD : 0.0f;
+        return (predicted > (O2_ERROR_SHARE * O2_NOISE_VAR)) ? -O2_NO_HOLD : 0.0f;
     }
     for (uint16_t k = (uint16_t)(end - longest); k <= end; k++) {
         high = fmaxf(high, now[k]);
         low = fminf(low, now[k]);
     }
     step = fmaxf((O2_MOVEMENT_GAIN * (high - low)) - step, 0.0f);
-    return fminf(square_of(step) / (4.0f * rule->noise_var), rule->dead_most);
+    return fminf(square_of(step) / (4.0f * O2_NOISE_VAR), rule->dead_most);
 }
 
 static void judge_movement(o2_monitor *m, const o2_rule *rule, const float phi[], bool skip,
@@ -487,7 +456,7 @@ void o2_window(o2_monitor *m, o2_facts *facts)
     skip = (high - low) <= O2_STUCK_RANGE;
     facts->no_evidence = (!around_cut) && (skip || is_outside(m));
     if (!facts->no_evidence) {
-        add_window(m, rule, around_cut ? O2_GAIN_CUT : (O2_GAIN_MODEL * m->vehicle.gain), phi);
+        add_window(m, rule, O2_GAIN_MODEL * m->vehicle.gain, phi);
     }
     column = report(m, !facts->no_evidence, facts);
     facts->offset = around_cut ? 0.0f : beside(m, rule->n, column);

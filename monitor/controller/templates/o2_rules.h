@@ -17,7 +17,6 @@ typedef struct {
 void o2_bank_begin(o2_monitor *m, float phi);
 void o2_bank_step(o2_monitor *m, float phi);
 void o2_window(o2_monitor *m, o2_facts *facts);
-void o2_weigh_level(o2_monitor *m, float gain, float std);
 /* Return the outcome after one more window; an ignored one is inconclusive. */
 uint8_t o2_bias(o2_monitor *m, float mean, bool ignore, uint8_t *fault, float *offset);
 

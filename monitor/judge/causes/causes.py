@@ -14,7 +14,6 @@ from monitor.judge import enable
 from monitor.judge.causes.liveness import dead_at_end
 from monitor.judge.causes.observation import Observed
 from monitor.judge.enable import CONDITIONS, Range
-from monitor.judge.fuel_cut.response import TEST as FUEL_CUT_TEST
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 
@@ -60,7 +59,6 @@ class Judgement:
     left_s: float | None = None  # enabled driving that the response test still needs
     outside: int = 0  # windows with driving that the model never learned
     judges_cuts: bool = False  # the edges of fuel cuts are evidence, too
-    cut_faults: tuple[str, ...] = ()  # what the test of the fuel-cut response has found at the end
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +97,7 @@ def causes(seen: Observed, asked: Asked, judgement: Judgement | None = None) -> 
     if judgement.unfinished and (not found or judgement.windows >= ENOUGH_WINDOWS):
         evidence = _evidence(seen, asked, judgement)
         found = [*grave, *evidence] if grave else [*evidence, *found]
-    return [*_of_cuts(judgement), *found, *_dead(seen, asked)]
+    return [*found, *_dead(seen, asked)]
 
 
 def _is_grave(cause: Cause) -> bool:
@@ -305,18 +303,6 @@ def _evidence(seen: Observed, asked: Asked, judgement: Judgement) -> list[Cause]
         return [Cause("evidence", round(excited / n, 6), None, reason, advice)]
     advice = f"{had}, without a decision of {tests}: record a longer drive"
     return [Cause(judgement.unfinished[0], None, None, "undecided", advice)]
-
-
-def _of_cuts(judgement: Judgement) -> list[Cause]:
-    """Return the cause of fuel cuts that show a fault which no test with codes confirms."""
-    if not judgement.cut_faults:
-        return []
-    names = " and ".join(judgement.cut_faults)
-    advice = (
-        f"the latest fuel cuts show {names}, which the rest of the drive does not confirm: "
-        "look at the fuel cuts, drive on with more of them"
-    )
-    return [Cause(FUEL_CUT_TEST, None, None, "failed", advice)]
 
 
 def _dead(seen: Observed, asked: Asked) -> list[Cause]:

@@ -1,1 +1,1 @@
-"""Decisions of a driving cycle from windows, fuel cuts and single results; rules of plug-ins."""
+"""Decisions of a driving cycle from windows and single results; rules of plug-ins."""

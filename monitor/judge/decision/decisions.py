@@ -19,16 +19,12 @@ from monitor.judge.decision.window_facts import WindowFacts
 from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.findings import (
     Change,
-    Counted,
     CutJudged,
     Evidence,
     Facts,
     RuleOff,
     WindowJudged,
 )
-from monitor.judge.fuel_cut.cuts import Cut
-from monitor.judge.fuel_cut.response import TEST as FUEL_CUT_TEST
-from monitor.judge.fuel_cut.response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.estimates import WindowEstimates
@@ -67,7 +63,6 @@ class Decisions:
         self.store, self._limits, self._config = store, limits, config
         self._transform = transform
         self._facts = WindowFacts(limits, config, hypotheses, transform, end, period_s)
-        self.fuel_cuts = FuelCutResponse(config, limits.fuel_cut, transform)
         self._may_be_dead = False
         # a drive has one fuel; the offsets of other outputs have no known bound
         step_most = config.bias.fuel_span_lambda if transform == "phi" else math.inf
@@ -134,13 +129,9 @@ class Decisions:
             return counters.set_codes(test, failed=failed, fault=fault, also=(), t_ns=t_ns)
         return counters.step(test, failed=failed, fault=fault, also=claim.also, t_ns=t_ns)
 
-    def facts(self, items: Sequence[Window | Cut]) -> list[Facts]:
-        """Return the facts of the windows among items that follow each other.
-
-        Every window and every fuel cut goes through here once, before ``window``, ``cut`` or
-        ``cut_over`` decides.
-        """
-        return self._facts.of(items)
+    def facts(self, windows: Sequence[Window]) -> list[Facts]:
+        """Return the facts of windows that follow each other, each once, before it decides."""
+        return self._facts.of(windows)
 
     def window(self, window: Window, facts: Facts) -> Iterator[WindowJudged | Change]:
         """Take a full window; yield its verdict, then the codes that it changes."""
@@ -168,16 +159,6 @@ class Decisions:
         yield CutJudged(t_ns, facts.std, response.outcome, response.fault, response.statistics)
         self._suspicious |= response.outcome == "failed"
         yield from self._response_step(response, t_ns)
-
-    def cut_over(self, cut: Cut, t_ns: int) -> Iterator[Change]:
-        """Take a fuel cut that is over; yield what the test of the fuel-cut response changes."""
-        test, store = self.fuel_cuts, self.store
-        test.add(cut)
-        store.report(list(test.results()))
-        if test.verdict != "inconclusive":
-            store.decide(FUEL_CUT_TEST)
-            if store.count_judged(FUEL_CUT_TEST):
-                yield Counted(t_ns, "numerator")
 
     def prefailed(self) -> dict[str, int]:
         """Return the codes whose tests have failed, but not often enough, with their counters."""

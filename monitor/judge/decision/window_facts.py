@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from functools import partial
 from itertools import groupby
+from operator import attrgetter
 from typing import Final
 
 import numpy as np
@@ -11,8 +11,6 @@ import numpy as np
 from monitor.base.config import Config
 from monitor.base.types import FloatArray
 from monitor.judge.findings import Evidence, Facts
-from monitor.judge.fuel_cut.cuts import LEVEL, Cut
-from monitor.judge.fuel_cut.response import FuelCutResponse
 from monitor.judge.limits import Limits
 from monitor.judge.residual import lambda_of, means_and_stds
 from monitor.judge.response.bank import Hypothesis
@@ -23,12 +21,6 @@ from monitor.judge.window import Window
 from monitor.memory.codes import CODES
 
 LAMBDA_LEAST: Final = 0.1  # what stays of a measurement whose offset is taken off
-
-
-def _kind(item: Window | Cut) -> str:
-    if isinstance(item, Cut):
-        return "cut"
-    return "around_cut" if item.is_cut else "enabled"
 
 
 class WindowFacts:
@@ -50,33 +42,20 @@ class WindowFacts:
         self._limits, self._transform = limits, transform
         self._range_end = end
         self._end = end if limits.still_end_s else math.inf  # where a healthy reading stands still
-        self._cuts = FuelCutResponse(config, limits.fuel_cut, transform)
         self._config = config.response
         self._stuck_range = config.plausibility.stuck_range
         self._window_s = config.window.n_samples * period_s
-        noise = Noise(limits.noise, limits.noise_memory)
-        rule = partial(
-            ResponseRule,
+        self._response = ResponseRule(
             config=config.response,
             bank=hypotheses,
+            noise=Noise(limits.noise, limits.noise_memory),
             period_s=period_s,
+            evidence_weight=limits.evidence,
             # a model errs for a whole manoeuvre: a window may decide, but not turn a decision over
             window_most=min(limits.evidence_window, config.response.evidence_window),
-        )
-        self._response = rule(
-            noise=noise,
-            evidence_weight=limits.evidence,
             gain_reference=limits.gain_expected,
         )
-        self._noise_cut = max(limits.noise, limits.noise_cut)
-        # edges of fuel cuts are judged by the same claims, and their evidence is the same; their
-        # steps are far larger, and so are the model's errors there
-        self._cut_response = rule(
-            noise=Noise(self._noise_cut, limits.noise_memory),
-            evidence_weight=limits.evidence_cut,
-            gain_reference=limits.gain_cut,
-            shares=self._response,
-        )
+        self._n_cuts = 0  # windows around fuel cuts
         self._movement = MovementRule(
             config.movement,
             limits.noise,
@@ -86,27 +65,15 @@ class WindowFacts:
             limits.still_s,
         )
 
-    def of(self, items: Sequence[Window | Cut]) -> list[Facts]:
-        """Return the facts of the windows among items that follow each other.
+    def of(self, windows: Sequence[Window]) -> list[Facts]:
+        """Return the facts of windows that follow each other; each goes through once.
 
-        Every window and every fuel cut goes through once. The level of a cut in air is evidence
-        of the sensor's gain.
+        The edges of fuel cuts are judged by the same claims, and their evidence is the same.
         """
         found: list[Facts] = []
-        for kind, group in groupby(items, _kind):
-            if kind == "cut":
-                self._weigh([each for each in group if isinstance(each, Cut)])
-                continue
-            facts_of = self._around_cuts if kind == "around_cut" else self._enabled
-            found += facts_of([each for each in group if isinstance(each, Window)])
+        for is_cut, group in groupby(windows, attrgetter("is_cut")):
+            found += (self._around_cuts if is_cut else self._enabled)(list(group))
         return found
-
-    def _weigh(self, cuts: Sequence[Cut]) -> None:
-        """Take the levels of fuel cuts."""
-        for cut in cuts:
-            self._cuts.add(cut)
-            if LEVEL in cut.seen and self._cuts.gain is not None:
-                self._response.weigh_level(*self._cuts.gain, is_most=self._cuts.is_clipped)
 
     @property
     def drive_gain(self) -> float:
@@ -118,9 +85,9 @@ class WindowFacts:
 
         The time left supposes that the evidence goes on to grow as it did so far.
         """
-        rule, n_cuts, config = self._response, self._cut_response.windows, self._config
+        rule, config = self._response, self._config
         # a window around a fuel cut has half the samples
-        seconds = (rule.windows + 0.5 * n_cuts) * self._window_s
+        seconds = (rule.windows - 0.5 * self._n_cuts) * self._window_s
         found = {}
         for fault, odds in rule.odds.items():
             needed = config.evidence_fail if odds > 0.0 else config.evidence_pass
@@ -143,11 +110,12 @@ class WindowFacts:
         healthy = np.array([bank[:, 0] for bank in banks])
         mean, std = means_and_stds(phi - healthy)
         ignore = np.zeros(len(windows), dtype=np.bool_)
-        responses = self._cut_response.judge(phi, banks, ignore)
+        responses = self._response.judge(phi, banks, ignore)
+        self._n_cuts += len(windows)
         # a reading that stands still is the activity test's, one at the end of its range is in air
         low, high = np.minimum.reduce(measured, axis=1), np.maximum.reduce(measured, axis=1)
         still = (high - low <= self._stuck_range) | (low >= self._range_end - self._stuck_range)
-        moved = self._movement.judge_around_cuts(phi, healthy, still, self._noise_cut)
+        moved = self._movement.judge_around_cuts(phi, healthy, still)
         return [
             Facts(m, s, no_evidence=False, beyond=None, offset=0.0, response=each, moved=moves)
             for m, s, each, moves in zip(mean.tolist(), std.tolist(), responses, moved, strict=True)

@@ -73,14 +73,13 @@ class MovementRule:
         return self._summed(dead, holds, no_evidence)
 
     def judge_around_cuts(
-        self, measured: FloatArray, healthy: FloatArray, no_evidence: BoolArray, noise: float
+        self, measured: FloatArray, healthy: FloatArray, no_evidence: BoolArray
     ) -> list[Moved]:
         """Return the finding after each window around a fuel cut; arguments as for ``judge``.
 
-        noise : standard deviation of the healthy residual in such windows, oriented like phi
         In air a healthy reading, too, repeats itself, so these windows tell nothing of holds.
         """
-        dead = self.dead_ratios(measured, healthy, noise**2)
+        dead = self.dead_ratios(measured, healthy, is_cut=True)
         return self._summed(dead, np.zeros(len(dead)), no_evidence)
 
     def _summed(self, dead: FloatArray, holds: FloatArray, no_evidence: BoolArray) -> list[Moved]:
@@ -99,21 +98,21 @@ class MovementRule:
         return found
 
     def dead_ratios(
-        self, measured: FloatArray, healthy: FloatArray, noise_var: float | None = None
+        self, measured: FloatArray, healthy: FloatArray, *, is_cut: bool = False
     ) -> FloatArray:
         """Return the log likelihood ratio of each window, (w,), limited to half a decision at most.
 
         measured, healthy : (w, n) as in ``judge``
-        noise_var : variance of the healthy residual around fuel cuts; None for other windows
+        is_cut : windows around fuel cuts
         """
         config, n = self._config, measured.shape[1]
-        error_var = self._noise_var if noise_var is None else noise_var
+        error_var = self._noise_var
         own = measured.var(axis=1)
         moves = np.maximum(healthy.var(axis=1) - config.error_share * error_var, 0.0)
         least = config.quantum**2
         least_alive = config.gain_least**2 * moves
         # around a fuel cut a sound reading may rest up to a step that it shows a little later
-        moving = least_alive if noise_var is None else 0.0
+        moving = 0.0 if is_cut else least_alive
         most = config.still_share * np.maximum(error_var, moving)
         still = np.clip(own, least, np.maximum(most, least))
         alive = still + least_alive

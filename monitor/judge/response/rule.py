@@ -60,8 +60,6 @@ class ResponseRule:
         predicts steps early or late, which then look like a delay. Where no window may decide, the
         timing is unsure, and a sensor is called sound only if it were so ``timing_s`` slower, too
     gain_reference : this vehicle's healthy gain, which the gains of the claims are relative to
-    shares : a rule on other windows of the same drive, to whose evidence this one's adds; a drive
-        has one gain relative to the references
     """
 
     def __init__(
@@ -73,7 +71,6 @@ class ResponseRule:
         evidence_weight: float = 1.0,
         gain_reference: float = 1.0,
         window_most: float = math.inf,
-        shares: "ResponseRule | None" = None,
     ) -> None:
         self._config, self._noise = config, noise
         self._weight = min(evidence_weight, config.evidence_weight)
@@ -96,9 +93,9 @@ class ResponseRule:
         self._lead = config.lead_s / period_s
         self._ahead = math.ceil(self._lead)
         n = len(self._claims)
-        self._evidence: FloatArray = np.zeros(n) if shares is None else shares._evidence
+        self._evidence: FloatArray = np.zeros(n)
         # weighted sums of prediction squared, and of measurement times prediction, per claim
-        self._gain_sums: FloatArray = np.zeros((2, n)) if shares is None else shares._gain_sums
+        self._gain_sums: FloatArray = np.zeros((2, n))
         self.reset()
 
     def reset(self) -> None:
@@ -106,7 +103,6 @@ class ResponseRule:
         n, known = len(self._claims), self._config.gain_known
         self._evidence.fill(0.0)
         self._gain_sums.fill(known)
-        self._of_level = np.zeros(n)  # part of the evidence that ``weigh_level`` has added
         self._drive_sums = np.zeros((3, n))  # like gain sums and evidence, but nothing fades
         self.windows = 0  # that were not ignored
 
@@ -135,21 +131,6 @@ class ResponseRule:
         sound = self._sound[self._drive_sums[2, self._sound].argmax()]
         sxx, sxy, _ = self._drive_sums[:, sound].tolist()
         return self._gain_reference * sxy / sxx if sxx > 0.0 else 1.0
-
-    def weigh_level(self, gain: float, std: float, *, is_most: bool) -> None:
-        """Take the sensor's gain by its level in air, in place of the one taken before.
-
-        It says as much as one window at most, and nothing of a sensor that is none at all.
-        is_most : the gain may be less
-        """
-        most = math.inf if is_most else self._gain_high
-        apart = (gain - np.clip(gain, self._gain_low, most)) / std
-        said = np.maximum(-0.5 * apart**2, -self._config.evidence_window)
-        said[-1] = said[:-1].max()
-        evidence = self._evidence
-        evidence += said - self._of_level
-        np.maximum(evidence, evidence.max() - self._config.evidence_most, out=evidence)
-        self._of_level = said
 
     def judge(
         self, measured: FloatArray, banks: Sequence[FloatArray], ignore: BoolArray

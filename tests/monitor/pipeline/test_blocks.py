@@ -55,7 +55,6 @@ TIGHT = replace(
     j_mu=0.02,
     j_sigma=0.02,
     noise=0.02,
-    evidence_cut=0.5,
 )
 
 

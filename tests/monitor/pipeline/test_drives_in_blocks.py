@@ -53,10 +53,9 @@ def test_simulated_drives_with_the_shipped_model_are_judged_alike(
     drives: tuple[list[SampleBlock], tuple[str, ...]],
 ) -> None:
     blocks, names = drives
-    limits = replace(LIMITS, evidence_cut=0.75)
-    judged = judge_all(blocks, names, MODEL, limits, SHIPPED)
+    judged = judge_all(blocks, names, MODEL, LIMITS, SHIPPED)
     for block, got in zip(blocks, judged, strict=True):
-        assert_same(streamed(block, names, limits=limits, store=fresh()), got)
+        assert_same(streamed(block, names, limits=LIMITS, store=fresh()), got)
     # there was something to compare
     assert sum(len(j.windows) for j in judged) > 60
     assert sum(len(j.cuts) for j in judged) > 8

@@ -14,7 +14,6 @@ import numpy as np
 
 from monitor.memory.codes import CODES
 from monitor.pipeline.collector import Trace
-from monitor.report import body, fuel_cuts
 from monitor.report import page as report
 from monitor.report.page import series, thinned, write_report
 from monitor.report.words import confidence, known_faults
@@ -318,41 +317,3 @@ def test_every_file_of_the_page_is_packaged() -> None:
     folder = ROOT / "monitor"
     packaged = {p for glob in setup["package-data"]["monitor"] for p in folder.glob(glob)}
     assert {p for p in (folder / "static").rglob("*") if p.is_file()} <= packaged
-
-
-def test_a_page_does_not_claim_that_undecided_fuel_cuts_passed() -> None:
-    finding = {"cuts": 8, "measured": 0.26, "predicted": 0.28, "low": 0.0, "high": 0.58}
-    decided = {"cuts": 9, "verdict": "passed", "faults": [], "clipped": False, "findings": {}}
-    name = "rise_lean_to_rich_s"
-    undecided = decided | {
-        "verdict": "inconclusive",
-        "findings": {name: finding | {"verdict": "inconclusive", "std": 0.118}},
-    }
-    passed, left_open = (
-        body.body("drives", [recording() | {"fuel_cut_response": cuts}], {}, "lambda", {})
-        for cuts in (decided, undecided)
-    )
-    assert "Every test was completed and passed." in passed
-    assert "every test passed" in passed
-    assert "the fuel-cut response is not decided (rise to rich)." in left_open
-    assert "0.26 ± 0.118" in left_open
-    assert "very test was completed and passed" not in left_open
-    assert "every test passed" not in left_open
-
-
-def test_fuel_cuts_without_healthy_ones_to_compare_are_not_called_undecided() -> None:
-    finding = {"cuts": 8, "measured": 0.26, "predicted": 0.28, "low": None, "high": None}
-    finding |= {"verdict": "inconclusive", "std": None}
-    findings = {"delay_rich_to_lean_s": finding, "level": finding}
-    test = {"cuts": 9, "verdict": "inconclusive", "faults": [], "clipped": False}
-    seen = recording() | {"fuel_cut_response": test | {"findings": findings}}
-    [line] = fuel_cuts.lines(seen, in_detail=False)
-    assert line.endswith("not judged (the model knows no healthy fuel cuts), 9 fuel cuts")
-    every = [*fuel_cuts.lines(seen, in_detail=True)]
-    assert every[1].endswith("limits none; not judged")
-    # beside a quantity that can be judged, the others are left out
-    known = finding | {"low": 0.0, "high": 0.5, "std": 0.1}
-    test["findings"] = findings | {"delay_rich_to_lean_s": known}
-    first, second = fuel_cuts.lines(recording() | {"fuel_cut_response": test}, in_detail=False)
-    assert "not decided (delay to lean), 9 fuel cuts" in first
-    assert second.endswith("limits 0 to 0.5; not decided")

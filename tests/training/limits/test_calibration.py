@@ -122,19 +122,16 @@ def test_faulty_sensors_are_found_and_the_figures_say_so(drives: Path, calibrate
     assert result["false_alarms"]["bound_drives"] <= RATE
 
 
-def test_only_limits_fuel_cuts_and_trust_of_the_file_change(drives: Path, calibrated: Path) -> None:
+def test_only_limits_and_trust_of_the_file_change(drives: Path, calibrated: Path) -> None:
     before, after = (onnx.load(str(p)) for p in (drives / "model.onnx", calibrated))
     assert before.graph.SerializeToString() == after.graph.SerializeToString()
     old, new = (Model.load(p).card for p in (drives / "model.onnx", calibrated))
-    assert replace(new, limits=old.limits, fuel_cut=old.fuel_cut, trust=old.trust) == old
-    assert new.fuel_cut["is_clipped"]
+    assert replace(new, limits=old.limits, trust=old.trust) == old
     assert new.limits["j_mu"] != old.limits["j_mu"]
     # older cards lack them
     learned = {"evidence", "evidence_window", "gain_model", "still_s", "still_end_s"}
-    learned |= {"evidence_cut", "gain_cut", "noise_cut"}
     assert new.limits.keys() == old.limits.keys() | learned
-    assert 0.0 < new.limits["evidence_cut"].value <= 0.75
-    assert new.limits["noise_cut"].value > new.limits["noise"].value
+    assert 0.0 < new.limits["evidence"].value <= 0.75
 
 
 def test_the_card_says_where_its_limits_come_from(drives: Path, calibrated: Path) -> None:

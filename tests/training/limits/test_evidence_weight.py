@@ -9,9 +9,7 @@ import pytest
 
 from monitor.base import config
 from monitor.judge.limits import Limits
-from monitor.judge.response.estimates import Estimates
 from monitor.model.step import Model
-from monitor.pipeline.events import CutJudged
 from monitor.pipeline.replay import set_up, shipped_model
 from training.limits.response import response_limits as rules
 from training.recordings.recording import load
@@ -25,27 +23,26 @@ ALLOWED = -CONFIG.response.evidence_fail / math.log(rules.CODE_PROBABILITY)
 @pytest.mark.parametrize(
     ("others", "own", "wanted"),
     [
-        (0.0, 2.5, 0.75),  # all that fuel cuts say is allowed
+        (0.0, 2.5, 0.75),  # all that the windows say is allowed
         (0.0, 10.0, ALLOWED / 10.0),
-        (1.0001 * ALLOWED, 4.0, 0.0),  # the other windows leave no room
+        (1.0001 * ALLOWED, 4.0, 0.0),  # movement alone leaves no room
     ],
 )
-def test_the_weight_of_fuel_cuts_is_found_in_few_steps(
+def test_the_weight_of_evidence_is_found_in_few_steps(
     others: float, own: float, wanted: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # GIVEN healthy recordings whose evidence of a fault is that of fuel cuts beside the others'
+    # GIVEN healthy recordings whose evidence of a fault follows the weight in part
     asked = []
 
     def most(_model: Any, _recordings: Any, limits: Limits, _config: Any) -> list[float]:
-        asked.append(limits.evidence_cut)
-        return [others + own * limits.evidence_cut]
+        asked.append(limits.evidence)
+        return [others + own * limits.evidence]
 
     monkeypatch.setattr(rules, "_most_evidence", most)
-    full = replace(LIMITS, evidence_cut=0.75)
-    # WHEN the weight of fuel cuts is set THEN it is at most a fifth too low, and soon found
-    found, before = rules._calmed(None, (), full, "evidence_cut", CONFIG)  # type: ignore[arg-type]
-    assert before == [others + 0.75 * own]
-    assert 0.8 * wanted <= found.evidence_cut <= wanted + 1e-3
+    full = replace(LIMITS, evidence=0.75)
+    # WHEN the weight is set THEN it is at most a fifth too low, and soon found
+    found = rules._calmed(None, (), full, CONFIG)  # type: ignore[arg-type]
+    assert 0.8 * wanted <= found.evidence <= wanted + 1e-3
     assert len(asked) < 40
 
 
@@ -81,19 +78,6 @@ def test_windows_are_bound_where_healthy_recordings_show_evidence_of_a_fault() -
     assert strange["evidence"].value <= followed["evidence"].value
 
 
-def test_rest_in_air_does_not_lower_the_error_at_the_edges_of_fuel_cuts() -> None:
-    # GIVEN a long cut: two windows with an edge, in which the model errs by 0.05, and seven in air
-    def cut(std: float, excitation: float) -> CutJudged:
-        estimates = Estimates(excitation, 0.0, "healthy")
-        return CutJudged(0, std, "inconclusive", None, estimates)
-
-    cuts = [cut(0.04, 0.25), *[cut(1e-4, 0.0)] * 7, cut(0.06, 0.4)]
-    # THEN their error around cuts is that of the edges
-    assert rules._noise_of_edges(cuts, excitation=0.006) == pytest.approx(0.05)
-    # and windows without an edge speak only where there is none
-    assert rules._noise_of_edges(cuts[1:-1], excitation=0.006) == pytest.approx(1e-4)
-
-
 def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
     # GIVEN a drive, and three that are over before the engine is warm
     model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
@@ -102,16 +86,15 @@ def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
     # WHEN the limits are set THEN they are those of the drive alone
     alone = rules.response_limits(model, [drive], LIMITS, CONFIG)
     beside = rules.response_limits(model, [drive, short, short, short], LIMITS, CONFIG)
-    for name in ("gain_model", "evidence", "evidence_window", "evidence_cut"):
+    for name in ("gain_model", "evidence", "evidence_window"):
         assert beside[name].value == alone[name].value, name
     assert rules._most_evidence(model, [short], LIMITS, CONFIG) == [0.0]
 
 
 def test_an_earlier_calibration_does_not_change_the_next_one() -> None:
-    # GIVEN a card that an earlier calibration gave a large error around cuts, and long stillness
+    # GIVEN a card that an earlier calibration gave little weight and long stillness
     model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
-    earlier = replace(LIMITS, noise_cut=1.0, still_s=100.0, still_end_s=100.0)
+    earlier = replace(LIMITS, evidence=0.1, still_s=100.0, still_end_s=100.0)
     # WHEN its limits are set anew THEN they are those of a card without any
-    fresh = replace(LIMITS, noise_cut=0.0)
-    found = [rules.response_limits(model, [drive, drive], own, CONFIG) for own in (earlier, fresh)]
+    found = [rules.response_limits(model, [drive] * 2, own, CONFIG) for own in (earlier, LIMITS)]
     assert found[0] == found[1]

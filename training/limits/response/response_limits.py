@@ -12,7 +12,7 @@ from monitor.judge.response.estimates import Estimates
 from monitor.model.card import Limit
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged, WindowJudged
-from training.limits.judging import Judged, judge_recordings
+from training.limits.judging import judge_recordings
 from training.limits.response.stillness import still_limits
 from training.recordings.recording import Recording
 
@@ -35,27 +35,23 @@ def response_limits(
     weak or late sensor. Where healthy recordings show more evidence of a fault than the noise
     supposed would, no window alone may say more than half of a code's evidence, and the evidence
     counts less by as much as a code would still be too probable in another healthy drive
-    (``_probability``). Windows around fuel cuts have a gain and a weight of their own, if there are
-    any. A coarse or clipped reading that stands still in healthy recordings is given more time
-    before it is stuck.
+    (``_probability``). A coarse or clipped reading that stands still in healthy recordings is
+    given more time before it is stuck.
 
     limits : of the windows; what an earlier calibration says of the response does not count
     """
     where = f"{len(recordings)} healthy recordings"
-    limits = replace(limits, noise_cut=0.0, still_s=0.0, still_end_s=0.0)
-    full = config.response.evidence_weight
-    plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
     unbound = 2.0 * config.response.evidence_most  # beyond that of the settings
-    plain = replace(plain, evidence_window=unbound)
+    plain = replace(limits, still_s=0.0, still_end_s=0.0, evidence_window=unbound)
+    plain = replace(plain, gain_model=1.0, evidence=math.inf)
     judged = judge_recordings(recordings, model, plain, config)
     gains = [gain for each in judged if (gain := _last_gain(each.windows)) is not None]
     gain = _healthy_gain(gains, config)
-    used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
-    used = replace(used, evidence_window=unbound)
+    used = replace(plain, gain_model=gain, evidence=config.response.evidence_weight)
     most = _most_evidence(model, recordings, used, config)
     if _scale(most) > PROMISED:
         used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
-        used, _ = _calmed(model, recordings, used, "evidence", config)
+        used = _calmed(model, recordings, used, config)
     found = {
         "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
         "evidence": Limit(used.evidence, "-", _origin(most, where)),
@@ -66,45 +62,7 @@ def response_limits(
             "would, else only that of the settings",
         ),
     }
-    found |= still_limits(recordings, model.card, config)
-    return found | _around_cuts(model, recordings, judged, used, config)
-
-
-def _around_cuts(
-    model: Model,
-    recordings: Sequence[Recording],
-    judged: Sequence[Judged],
-    used: Limits,
-    config: Config,
-) -> dict[str, Limit]:
-    """Return gain, noise and weight of windows around fuel cuts; nothing without such windows."""
-    n_cuts = sum(len(each.cuts) for each in judged)
-    if not n_cuts:
-        return {}
-    gains = [gain for each in judged if (gain := _last_gain(each.cuts)) is not None]
-    gain = _healthy_gain(gains, config)
-    unit = "-" if model.card.transform == "phi" else model.card.output.unit
-    noise = _noise_of_edges([cut for each in judged for cut in each.cuts], used.excitation)
-    full = config.response.evidence_weight
-    used = replace(used, gain_cut=gain, noise_cut=noise, evidence_cut=full)
-    used, most = _calmed(model, recordings, used, "evidence_cut", config)
-    where = f"{n_cuts} windows around fuel cuts of {len(recordings)} healthy recordings"
-    return {
-        "gain_cut": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
-        "noise_cut": Limit(noise, unit, f"median spread of the residual at edges, {where}"),
-        "evidence_cut": Limit(used.evidence_cut, "-", _origin(most, where)),
-    }
-
-
-def _noise_of_edges(cuts: Sequence[CutJudged], excitation: float) -> float:
-    """Return the median spread of the residual over windows that hold an edge, if any does.
-
-    Within a long cut, reading and prediction rest in air: such windows tell nothing of the model's
-    error at an edge, and may be most of them.
-    excitation : standard deviation from which the prediction moves
-    """
-    edges = [cut.std for cut in cuts if cut.statistics.excitation >= excitation]
-    return float(np.median(edges or [cut.std for cut in cuts]))
+    return found | still_limits(recordings, model.card, config)
 
 
 def _healthy_gain(gains: Sequence[float], config: Config) -> float:
@@ -117,35 +75,20 @@ def _origin(most: Sequence[float], where: str) -> str:
     return f"largest evidence of a fault {max(most):.3g} at full weight, {where}"
 
 
-def _weighted(limits: Limits, name: str, weight: float) -> Limits:
-    if name == "evidence_cut":
-        return replace(limits, evidence_cut=weight)
-    return replace(limits, evidence=weight)
-
-
 def _calmed(
-    model: Model,
-    recordings: Sequence[Recording],
-    limits: Limits,
-    name: str,
-    config: Config,
-) -> tuple[Limits, list[float]]:
-    """Return limits with which a code in a healthy drive is improbable; the evidence before.
-
-    The weight is lowered. Evidence that the recordings show with the least weight, too, comes from
-    other windows.
-    """
-    most = before = _most_evidence(model, recordings, limits, config)
+    model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
+) -> Limits:
+    """Return limits whose weight makes a code in a healthy drive improbable."""
+    most = _most_evidence(model, recordings, limits, config)
     if _probability(most, config) <= CODE_PROBABILITY:
-        return limits, before
-    others = _most_evidence(model, recordings, _weighted(limits, name, LEAST_EVIDENCE), config)
+        return limits
     allowed = -config.response.evidence_fail / math.log(CODE_PROBABILITY)
-    allowed, weight = max(allowed, _scale(others)), config.response.evidence_weight
+    weight = config.response.evidence_weight
     while _scale(most) > allowed and weight > LEAST_EVIDENCE:  # bounded evidence is not linear
         weight *= float(np.clip(allowed / _scale(most), *STEPS))
-        limits = _weighted(limits, name, weight)
+        limits = replace(limits, evidence=weight)
         most = _most_evidence(model, recordings, limits, config)
-    return limits, before
+    return limits
 
 
 def _probability(most: Sequence[float], config: Config) -> float:

@@ -1,1 +1,0 @@
-"""Fuel cuts, and the test of the fuel-cut response."""
