@@ -229,8 +229,7 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
     except RecordingError as error:
         warnings.append(f"the model has no decision limits: {error}")
     path.replace(task.out / "model.onnx")
-    measured = np.concatenate([each.column(card.output.name) for each in task.recordings])
-    spread = float(np.nanstd(measured))
+    spread = np.nanstd(np.concatenate([r.column(card.output.name) for r in task.recordings]))
     return plain(
         {
             "path": "model.onnx",
