@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.signature import add_command
+from monitor.base.counts import counted
 from monitor.base.errors import UsageError
 from monitor.base.signals import unit_of
 from monitor.cli.options import say, warn
@@ -121,7 +122,7 @@ def _dtc_fields(dtc: "Dtc") -> dict[str, Any]:
 def _list_lines(store: "DtcStore") -> Iterator[str]:
     from monitor.memory.dtc import Status
 
-    yield f"lamp {'ON' if store.mil else 'off'}, {_counted(len(store.active), 'code')}"
+    yield f"lamp {'ON' if store.mil else 'off'}, {counted(len(store.active), 'code')}"
     for dtc in store.active:
         lamp = "lamp" if dtc.status & Status.WARNING_INDICATOR else ""
         fault = " or ".join((dtc.fault, *dtc.also))
@@ -130,7 +131,7 @@ def _list_lines(store: "DtcStore") -> Iterator[str]:
         yield f"permanent: {', '.join(store.permanent)}"
     counts = store.counts
     yield (
-        f"since clearing: {_counted(counts.warm_ups_since_clear, 'warm-up')}, "
+        f"since clearing: {counted(counts.warm_ups_since_clear, 'warm-up')}, "
         f"{counts.distance_since_clear_km:.1f} km, "
         f"{counts.engine_run_since_clear_s / 3600:.1f} h of engine running"
     )
@@ -138,11 +139,7 @@ def _list_lines(store: "DtcStore") -> Iterator[str]:
         f"with the lamp on: {counts.distance_with_mil_km:.1f} km, "
         f"{counts.engine_run_with_mil_s / 3600:.1f} h of engine running"
     )
-    yield f"in all: {_counted(counts.ignition_cycles, 'ignition cycle')}"
-
-
-def _counted(n: int, what: str) -> str:
-    return f"{n} {what}{'' if n == 1 else 's'}"
+    yield f"in all: {counted(counts.ignition_cycles, 'ignition cycle')}"
 
 
 def _freeze_frame(code: Annotated[Sequence[str], "CODE"] = (), *, args: DtcOptions) -> int:
@@ -211,7 +208,7 @@ def _readiness(args: DtcOptions) -> int:
     def lines() -> Iterator[str]:
         for ratio in store.supported_ratios:
             done = "complete" if store.completed_since_clear(ratio.test) else "not complete"
-            judged = _counted(ratio.numerator, "driving cycle")
+            judged = counted(ratio.numerator, "driving cycle")
             yield (
                 f"{ratio.test:<18} {done:<13} judged in {judged}, "
                 f"{ratio.denominator} count as driven"

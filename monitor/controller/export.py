@@ -22,6 +22,7 @@ TEMPLATES: Final = (
     "o2_monitor.c",
     "o2_rules.h",
     "o2_rules.c",
+    "o2_types.h",
     "example.c",
     "CMakeLists.txt",
     "README.md",

@@ -9,6 +9,7 @@ from typing import Final
 
 import can
 
+from monitor.base.counts import counted
 from monitor.base.files.outputs import replaced
 from monitor.base.types import Frame
 from monitor.bus.link.clock import BEHIND_S, SILENCE_S
@@ -150,7 +151,7 @@ class Gateway:
             for frame in self._injector.advance(now_ns):
                 self._give(frame)
         behind_ns = now_ns - round(BEHIND_S * 1e9)
-        is_off = self._ecu.is_lost or self._other.is_lost
+        is_off = self._ecu.connection.is_lost or self._other.connection.is_lost
         if is_off != self._is_off:
             self._is_off = is_off
             self._taken(bus_state(max(behind_ns, self._last_ns), off=is_off))
@@ -197,11 +198,8 @@ class Gateway:
             f"{done.error_frames} error frames"
         )
         for side in (self._ecu, self._other):
-            if side.malformed:
-                yield f"{side.name}: {side.malformed} malformed datagrams"
-            if side.losses:
-                yield f"{side.name}: lost {_times(side.losses)}, back {_times(side.reconnects)}"
-
-
-def _times(n: int) -> str:
-    return f"{n} time{'s' * (n != 1)}"
+            if side.datagrams.malformed:
+                yield f"{side.name}: {side.datagrams.malformed} malformed datagrams"
+            if losses := side.connection.losses:
+                back = counted(side.connection.reconnects, "time")
+                yield f"{side.name}: lost {counted(losses, 'time')}, back {back}"

@@ -20,8 +20,8 @@ class Side:
     """
 
     def __init__(self, connection: Connection) -> None:
-        self.name, self._connection = connection.name, connection
-        self._datagrams = Datagrams()
+        self.name, self.connection = connection.name, connection
+        self.datagrams = Datagrams()
         assert connection.bus is not None
         self._use(connection.bus)
 
@@ -30,41 +30,21 @@ class Side:
         self.fileno = _fileno(bus)  # file descriptor to wait for, -1 if there is none
 
     @property
-    def is_lost(self) -> bool:
-        """Return whether the interface is lost."""
-        return self._connection.is_lost
-
-    @property
-    def losses(self) -> int:
-        """Return how many times the interface was lost."""
-        return self._connection.losses
-
-    @property
-    def reconnects(self) -> int:
-        """Return how many times the interface came back."""
-        return self._connection.reconnects
-
-    @property
-    def malformed(self) -> int:
-        """Return how many datagrams the interface could not read."""
-        return self._datagrams.malformed
-
-    @property
     def is_open(self) -> bool:
         """Return whether the bus is open."""
-        return self._connection.bus is not None
+        return self.connection.bus is not None
 
     @property
     def wait_s(self) -> float:
         """Return the time in s until a lost interface is opened again, inf if it is open."""
-        return math.inf if self.is_open else self._connection.wait_s
+        return math.inf if self.is_open else self.connection.wait_s
 
     def receive(self) -> can.Message | None:
         """Return the next message, None if none is waiting.
 
         Raises BusError if the interface fails and cannot be opened again.
         """
-        connection = self._connection
+        connection = self.connection
         try:
             bus = connection.bus
             if bus is None:
@@ -75,10 +55,10 @@ class Side:
             while (message := bus.recv(0.0)) and self._is_own(message):
                 pass
         except Exception as error:  # python-can's interfaces raise any, on any datagram
-            if not self._datagrams.survives(error):
+            if not self.datagrams.survives(error):
                 connection.lose(error)
             return None
-        self._datagrams.read()
+        self.datagrams.read()
         if connection.is_lost:
             connection.received()
         return message
@@ -92,7 +72,7 @@ class Side:
 
     def send(self, message: can.Message) -> bool:
         """Send a message; return whether the interface accepted it."""
-        bus = self._connection.bus
+        bus = self.connection.bus
         if bus is None:
             return False
         try:
@@ -103,7 +83,7 @@ class Side:
 
     def close(self) -> None:
         """Shut down a bus that was opened again; the caller owns the first bus."""
-        self._connection.close()
+        self.connection.close()
 
 
 def _fileno(bus: can.BusABC) -> int:
