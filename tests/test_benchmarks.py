@@ -1,22 +1,16 @@
 """The benchmarks name only what the project has, and each one kept measures something."""
 
-import ast
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
-from benchmarks.__main__ import FOLDER, benchmarks, main
+from benchmarks.__main__ import benchmarks, main
 from benchmarks.outcome import SCHEMA, BenchmarkOptions, finish
 from benchmarks.repository import ROOT
 
-SCRIPTS = sorted(FOLDER.rglob("*.py"))
-OURS = {"monitor", "training", "dbc", "tests", "benchmarks"}
 OF_OTHER_TESTS = {"goldens", "matrix", "catalyst", "gap"}  # their options are others
 DATA = ROOT.parent / "shared" / "data"
 NEEDED = {  # data that the repository does not hold
@@ -32,25 +26,6 @@ GIVEN = {
     "fuzz_databases": ["--cases", "60", "--seed", "21"],  # their only tests
     "fuzz_logs": ["--cases", "150", "--seed", "10"],
 }
-
-
-def imported(script: Path) -> Iterator[tuple[str, list[str]]]:
-    """Give each module that a script imports, with the names that it takes from it."""
-    for node in ast.walk(ast.parse(script.read_text())):
-        if isinstance(node, ast.Import):
-            yield from ((each.name, []) for each in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            yield node.module or "", [each.name for each in node.names]
-
-
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_benchmark_imports_what_there_is(script: Path) -> None:
-    for name, wanted in imported(script):
-        if name.partition(".")[0] not in OURS or name.startswith("benchmarks"):
-            continue
-        module = import_module(name)
-        gone = [each for each in wanted if not hasattr(module, each)]
-        assert not [each for each in gone if find_spec(f"{name}.{each}") is None], name
 
 
 def test_the_runner_lists_each_benchmark_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:

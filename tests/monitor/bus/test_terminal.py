@@ -28,19 +28,11 @@ from monitor.bus.terminal import (
     StatusLine,
 )
 from monitor.bus.watchdog import Watchdog
-from monitor.frames.logs import read_frames
 from monitor.judge.enable import CONDITIONS
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from monitor.pipeline.events import Event, Tick
-from tests.conftest import ROOT
 from tests.helpers.bus.played_bus import played_on
-
-
-@pytest.fixture(scope="module")
-def late_sensor() -> list[Frame]:
-    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
-    return list(read_frames(log))[: 200 * 70]
 
 
 @pytest.fixture(scope="module")

@@ -113,15 +113,6 @@ def test_check_of_an_own_table_says_what_the_model_lacks(
     assert "missing for the model: air_mass_mg, fuel_mass_mg" in capsys.readouterr().out
 
 
-def test_check_alone_says_what_to_give(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.delenv("CAN_INTERFACE", raising=False)
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["check"]) == 2
-    assert "nothing to check: give a LOG" in capsys.readouterr().err
-
-
 def test_an_unknown_logger_gets_a_profile_to_edit(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -5,7 +5,6 @@ import hashlib
 import json
 import math
 import re
-import tomllib
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,6 @@ from monitor.pipeline.collector import Trace
 from monitor.report import page as report
 from monitor.report.page import series, thinned, write_report
 from monitor.report.words import confidence, known_faults
-from tests.conftest import ROOT
 
 SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
 HOSTILE = "</script><script>alert(1)</script>&\"'.log"
@@ -310,10 +308,3 @@ def test_times_that_stand_on_no_grid_are_kept_one_by_one() -> None:
 def test_every_fault_has_a_meaning_causes_and_a_next_step() -> None:
     assert set(known_faults()) == set(CODES)
     assert all(len(each.causes) >= 2 for _, each in known_faults().values())
-
-
-def test_every_file_of_the_page_is_packaged() -> None:
-    setup = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
-    folder = ROOT / "monitor"
-    packaged = {p for glob in setup["package-data"]["monitor"] for p in folder.glob(glob)}
-    assert {p for p in (folder / "static").rglob("*") if p.is_file()} <= packaged

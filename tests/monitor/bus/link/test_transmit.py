@@ -82,23 +82,6 @@ def crc(frame: Frame) -> int:
     return crc8(bytes([frame.can_id & 0xFF]) + frame.data[:7])
 
 
-@pytest.mark.parametrize(
-    ("code", "number"),
-    [
-        ("P0133", 0x0133),
-        ("P014C", 0x014C),
-        ("P2A00", 0x2A00),
-        ("P2195", 0x2195),
-        ("U0100", 0xC100),
-        ("U0401", 0xC401),
-        ("C1234", 0x5234),
-        ("B3FFF", 0xBFFF),
-    ],
-)
-def test_a_trouble_code_is_its_two_bytes(code: str, number: int) -> None:
-    assert dtc_number(code) == number
-
-
 def test_without_a_fault_the_status_says_so() -> None:
     frame = only(Stand().transmitter(), tick(7 * TICK_NS))
     assert (frame.t_ns, frame.can_id, frame.is_extended) == (7 * TICK_NS, STATUS, False)

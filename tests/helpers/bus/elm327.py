@@ -1,13 +1,12 @@
 """An ELM327 adapter on a pseudo terminal, between a scan tool and a python-can bus.
 
-Run as ``python elm327.py GROUP PORT``: it prints the terminal's path and then serves it until it
-is ended. The bus is python-can's udp_multicast. Only what scan tools need: AT commands are agreed
-to, requests in hexadecimal become single frames, and the frames of the answers come back with
-their headers. Source: Elm Electronics, ELM327 data sheet.
+Only what scan tools need: AT commands are agreed to, requests in hexadecimal become single frames,
+and the frames of the answers come back with their headers. Source: Elm Electronics, ELM327 data
+sheet.
 """
 
 import os
-import sys
+import threading
 import time
 import tty
 
@@ -75,13 +74,14 @@ class Adapter:
         )
 
 
-def main(group: str, port: int) -> None:
-    """Serve a terminal until the process is ended."""
+def terminal_of(bus: can.BusABC) -> str:
+    """Serve a terminal in a thread until the process ends; return the terminal's path."""
     own, other = os.openpty()
     tty.setraw(other)
-    print(os.ttyname(other), flush=True)
-    with can.Bus(interface="udp_multicast", channel=group, port=port) as bus:
-        adapter, text = Adapter(bus), b""
+    adapter = Adapter(bus)
+
+    def serve() -> None:
+        text = b""
         while True:
             text += os.read(own, 256)
             while b"\r" in text:
@@ -89,6 +89,5 @@ def main(group: str, port: int) -> None:
                 answered = adapter.command(line.decode("ascii", "replace"))
                 os.write(own, "".join(f"{each}\r" for each in [*answered, ""]).encode() + b">")
 
-
-if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))
+    threading.Thread(target=serve, daemon=True).start()
+    return os.ttyname(other)
