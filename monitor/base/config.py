@@ -53,8 +53,6 @@ class ResponseConfig:
     gain_sound_min: float
     gain_weak_max: float
     gain_slow_min: float
-    gain_transient_max: float
-    gain_late_min: float
     gain_max: float
     gain_least: float
     gain_known: float

@@ -6,7 +6,7 @@ Each number is computed as the Python rule computes it; the tests compare the ve
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from monitor.judge.enable import CONDITIONS, NO_CUT, Enable
 from monitor.judge.limits import Limits
 from monitor.judge.response import bank
 from monitor.judge.response.claims import UNRELATED, Noise, claims
-from monitor.judge.response.region import counted
 from monitor.memory.codes import CODES, TEST_OF, TESTS
 from monitor.model.card import ModelCard
 from monitor.model.step import PHI_MAX
@@ -108,7 +107,7 @@ def _shown(value: float | bool) -> str:
 
 
 def _sizes(source: ExportSource) -> dict[str, int]:
-    card, response, region = source.card, source.config.response, source.limits.region
+    card, response = source.card, source.config.response
     hypotheses = bank.build(response)
     period_s = source.period_s
     return {
@@ -129,8 +128,6 @@ def _sizes(source: ExportSource) -> dict[str, int]:
         "N_TESTS": len(TESTS_INSIDE),
         "N_CODES": len(CODES_INSIDE),
         "N_COURSE": bias.MOST,
-        "N_POINTS": 0 if region is None else len(region.points),
-        "N_COUNTED": 0 if region is None else sum(counted(region.names, region.ignored)) // 2,
         "AHEAD": math.ceil(response.lead_s / period_s),
         "AHEAD_BACK": int(response.lead_s > 0.0),
     }
@@ -183,7 +180,6 @@ def _of_response(source: ExportSource) -> Iterator[tuple[str, float | bool, str]
     yield "EVIDENCE_PASS", response.evidence_pass, "log odds"
     yield "EVIDENCE_MOST", response.evidence_most, "log odds"
     yield "EVIDENCE_WINDOW", min(limits.evidence_window, response.evidence_window), "log odds"
-    yield "REGION_MOST", math.inf if limits.region is None else limits.region.most, "distance"
 
 
 def _of_movement(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
@@ -307,7 +303,7 @@ def tables(source: ExportSource) -> str:
         '/* Generated from settings and model card by "o2-monitor". */\n#include "o2_monitor.h"\n'
     ]
     parts.append("#include <math.h>\n")
-    for declaration, values in (own | _region(source)).items():
+    for declaration, values in own.items():
         kind, name = declaration.split(" ")
         parts.append(vector(kind, name, values, is_shared=True))
     for what, values in texts.items():
@@ -362,24 +358,3 @@ def _claims(source: ExportSource) -> list[str]:
         at = ranges.index((each.gain_low, each.gain_high))
         found.append(f"{{{each.column}U, O2_{kind}, {name}, {at}U}}")
     return found
-
-
-def _region(source: ExportSource) -> dict[str, list[str]]:
-    """Return the tables of the region in which the model was learned; {} without one."""
-    region = source.limits.region
-    if region is None:
-        return {}
-    counts = counted(region.names, region.ignored)[: len(region.names)]
-    scale = region.scale.reshape(2, -1)[:, counts]
-    points = region.points.reshape(len(region.points), 2, -1)[:, :, counts]
-
-    def rows(array: Any) -> str:
-        return f"{{{', '.join(literal(x) for x in array)}}}"
-
-    return {
-        "uint8_t o2_counted[O2_N_COUNTED]": [f"{i}U" for i in np.flatnonzero(counts)],
-        "float o2_region_scale[2][O2_N_COUNTED]": [rows(x) for x in scale],
-        "float o2_points[O2_N_POINTS][2][O2_N_COUNTED]": [
-            f"{{{', '.join(rows(x) for x in point)}}}" for point in points
-        ],
-    }

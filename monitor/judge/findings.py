@@ -24,12 +24,6 @@ class WindowJudged:
     excited: bool  # the prediction moves clearly
     statistics: WindowEstimates
 
-    @property
-    def is_outside(self) -> bool:
-        """Return whether the model learned no such driving, so that the window is no evidence."""
-        beyond = self.statistics.region_beyond
-        return beyond is not None and beyond > 1.0
-
 
 @dataclass(frozen=True, slots=True)
 class CutJudged:
@@ -74,8 +68,7 @@ class Facts(NamedTuple):
 
     mean: float  # of the residual, output's unit; around fuel cuts oriented like phi
     std: float
-    no_evidence: bool  # the measurement does not move, or the model learned no such driving
-    beyond: float | None  # of the learned region, from 1 on outside; None without a region
+    no_evidence: bool  # the measurement does not move
     offset: float  # mean of the measurement against the likeliest sensor, output's unit
     response: Response
     moved: Moved

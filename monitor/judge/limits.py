@@ -6,7 +6,6 @@ from typing import Final
 
 from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import ConfigError, ModelError
-from monitor.judge.response.region import Region
 from monitor.judge.trust import UNKNOWN, Trust
 from monitor.memory.reference import Reference
 from monitor.model.card import ModelCard
@@ -46,7 +45,6 @@ class Limits:
     still_s: float = 0.0  # time for which the healthy reading may stand still, if it is long
     still_end_s: float = 0.0  # the same at the end of its range, where no signal tells a fuel cut
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
-    region: Region | None = None  # of the inputs, outside of which a window is no evidence
     trust: Trust = UNKNOWN  # what the model finds and mistakes
 
     @property
@@ -89,7 +87,6 @@ class Limits:
             **values,
             offset_low=-offset,
             offset_high=offset,
-            region=Region.from_card(card.region, where, config.enable.range_ignored),
             trust=Trust.from_card(card.trust, where),
         )
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,6 @@ class Window:
     measured: FloatArray  # (n,) output's unit
     predicted: FloatArray  # (n,) output's unit
     bank: FloatArray  # (n, n_hypotheses), oriented like phi
-    inputs: FloatArray = field(default_factory=partial(np.empty, (0, 0)))  # (n, n_inputs)
     is_cut: bool = field(
         default=False, kw_only=True
     )  # around a fuel cut, by which alone its samples are not enabled
@@ -46,7 +44,6 @@ class Series(NamedTuple):
     t_ns: IntArray  # (n,)
     measured: FloatArray  # (n,) output's unit
     predicted: FloatArray  # (n,) output's unit
-    inputs: FloatArray  # (n, n_inputs) of the model
 
 
 class Windows:
@@ -96,13 +93,12 @@ class Windows:
                 part, bank = slice(k, stop), read[k - begin : stop - begin]
                 if stop - k == self._n:
                     self._t_start_ns = series.t_ns.item(k)
-                    own = (series.measured[part].copy(), series.predicted[part].copy(), bank)
-                    arrays = (*own, series.inputs[part].copy())
+                    arrays = (series.measured[part].copy(), series.predicted[part].copy(), bank)
                     found.append((stop - 1, self._window(series.t_ns.item(stop - 1), *arrays)))
                 else:
                     self._fill(part, series, bank)
                     if self._filled == self._n:
-                        arrays = self._measured, self._predicted, self._bank, self._inputs
+                        arrays = self._measured, self._predicted, self._bank
                         found.append((stop - 1, self._window(series.t_ns.item(stop - 1), *arrays)))
                         self._filled = 0
                 k = stop
@@ -114,12 +110,10 @@ class Windows:
             self._t_start_ns = series.t_ns.item(part.start)
             self._measured, self._predicted = np.empty(self._n), np.empty(self._n)
             self._bank = np.empty(self._shape)
-            self._inputs = np.empty((self._n, series.inputs.shape[1]))
         place = slice(self._filled, self._filled + part.stop - part.start)
         self._measured[place] = series.measured[part]
         self._predicted[place] = series.predicted[part]
         self._bank[place] = bank
-        self._inputs[place] = series.inputs[part]
         self._filled = place.stop
 
     def _window(self, t_end_ns: int, *arrays: FloatArray) -> Window:

@@ -120,8 +120,6 @@ class ModelCard:
     limits: Mapping[str, Limit] = field(default_factory=dict)
     reference: Mapping[str, Any] = field(default_factory=dict)  # healthy reference of this vehicle
     packages: Mapping[str, str] = field(default_factory=dict)
-    # joint region of the inputs in which the model was learned; {} in older cards
-    region: Mapping[str, Any] = field(default_factory=dict)
     # the logger's profile that was given to the fit, as its TOML tree; {} in older cards
     profile: Mapping[str, Any] = field(default_factory=dict)
     # what the model finds and mistakes on drives that it has not seen; {} in older cards
@@ -174,11 +172,11 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
         "structure": {},
         "graph_sha256": "",
         "profile": {},
-        "region": {},
         "trust": {},
         "times": {},
     } | data  # older cards lack them
-    data.pop("fuel_cut", None)  # levels of fuel cuts, in older ones
+    for name in ("fuel_cut", "region"):  # that older cards have
+        data.pop(name, None)
     _keys(data, ModelCard, path, "model card")
     try:
         data["inputs"] = tuple(_part(Channel, c, path, "inputs") for c in data["inputs"])
@@ -203,7 +201,6 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
             "reference",
             "packages",
             "profile",
-            "region",
         ):
             data[name] = dict(data[name])
         data["times"] = _times(data["times"])

@@ -70,7 +70,7 @@ class Collector:
         judge = monitor.judge
         self._asked = Asked(judge.card, judge.config, sources or {}, monitor.limits)
         self._windows: deque[dict[str, Any]] = deque(maxlen=keep)
-        self._n_windows = self._n_excited = self._n_outside = self._n_cuts = 0
+        self._n_windows = self._n_excited = self._n_cuts = 0
         self._series = _Series(keep_samples) if trace else None
         self._output = monitor.names.index(monitor.output)
         self._flag = monitor.store.fault_flag
@@ -84,7 +84,6 @@ class Collector:
             self._windows.append(window_entry(event, self.begin_ns))
             self._n_windows += 1
             self._n_excited += event.excited
-            self._n_outside += event.is_outside
         elif isinstance(event, CutJudged):
             self._n_cuts += 1
         elif isinstance(event, RuleOff):
@@ -120,7 +119,6 @@ class Collector:
             self._n_excited,
             monitor.unfinished,
             _left_s(monitor),
-            self._n_outside,
             judges_cuts=self._n_cuts > 0,
         )
         is_faulty = monitor.store.fault_flag

@@ -260,8 +260,7 @@ class SensorMonitor:
 
     def _items(self, part: Part) -> At[Window]:
         """Return the windows that are complete, each with its last sample."""
-        inputs = part.block.values.take(self.judge.inputs, axis=1)
-        series = Series(part.block.t_ns, part.measured, part.predicted, inputs)
+        series = Series(part.block.t_ns, part.measured, part.predicted)
         goes_on = part.run is not None
         windows = self._windows.push(part.spans, series, goes_on=goes_on)
         windows += self._cut_windows.push(part.cut_spans, series, goes_on=goes_on)

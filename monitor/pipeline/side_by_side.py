@@ -27,7 +27,6 @@ from monitor.pipeline.monitor import Judge, SensorMonitor
 
 SAMPLES = 2048  # of each recording that are judged at once
 _NONE = np.empty(0)
-_NO_INPUTS = np.empty((0, 0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,9 +197,7 @@ class _Run:
             self._ticks.append(event)
         elif isinstance(event, WindowJudged):
             if not self._keep_banks:
-                window = replace(
-                    event.window, bank=event.window.bank[:, :0].copy(), inputs=_NO_INPUTS
-                )
+                window = replace(event.window, bank=event.window.bank[:, :0].copy())
                 event = replace(event, window=window)
             self._windows.append(event)
         elif isinstance(event, CutJudged):

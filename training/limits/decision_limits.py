@@ -19,7 +19,6 @@ from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
 from training.limits.judging import judge_recordings, most_common_cause
 from training.limits.repeated_model import RepeatedModel
-from training.limits.response.region import region_of
 from training.limits.response.response_limits import response_limits
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
@@ -180,8 +179,7 @@ def with_limits(
     Short recordings, whose test blocks hold fewer than 10 windows, give those of the blocks that
     chose the weights, too, and the limits say so; no weight was fitted to either. If these are too
     few, all windows of the recordings count.
-    The joint region of the inputs is that of all windows of the recordings, for a network. The
-    healthy gain is the median over the recordings. The weight of evidence falls until a code is
+    The healthy gain is the median over the recordings. The weight of evidence falls until a code is
     improbable in another healthy drive.
     Raises RecordingError if there are fewer than 10 windows.
     """
@@ -196,12 +194,9 @@ def with_limits(
             drives = everything
             origin = ALL_OF_A_CHAIN if model.card.kind == "greybox" else ALL_OF_A_NETWORK
     limits = limits_of(drives, model.card, config, origin, recordings)
-    names, ignored = model.card.input_names, config.enable.range_ignored
-    region = region_of(everything, names, ignored) if model.card.kind == "narx" else None
     card = replace(
         model.card,
         limits={**model.card.limits, **limits},
-        region=region.to_card() if region else {},
         trust={},  # what was counted with other limits no longer holds
     )
     used = Limits.from_card(card, config, origin)

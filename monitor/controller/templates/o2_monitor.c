@@ -432,15 +432,6 @@ static bool fill(o2_monitor *m, const o2_sample *sample, uint8_t kind)
     }
     m->measured[m->filled] = sample->value[O2_OUTPUT];
     m->filled++;
-#if O2_N_POINTS > 0
-    for (uint16_t i = 0U; i < O2_N_INPUTS; i++) {
-        float before = (m->filled == 1U) ? sample->value[i] : m->input_mean[i];
-        float apart = sample->value[i] - before;
-        m->input_mean[i] = before + (apart / (float)m->filled);
-        m->input_square[i] = (m->filled == 1U) ? 0.0f : m->input_square[i];
-        m->input_square[i] += apart * (sample->value[i] - m->input_mean[i]);
-    }
-#endif
     return m->filled == n;
 }
 

@@ -75,10 +75,6 @@ typedef struct {
     float measured[O2_N_WINDOW];
     uint16_t filled;
     uint8_t kind;
-#if O2_N_POINTS > 0
-    float input_mean[O2_N_INPUTS];
-    float input_square[O2_N_INPUTS]; /* sum of squares about the mean */
-#endif
     /* response rule */
     float evidence[O2_N_CLAIMS];
     float sxx[O2_N_CLAIMS];

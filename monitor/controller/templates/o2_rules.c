@@ -399,27 +399,6 @@ static void judge_movement(o2_monitor *m, const o2_rule *rule, const float phi[]
 
 /* ---- a window ---- */
 
-static bool is_outside(const o2_monitor *m)
-{
-#if O2_N_POINTS > 0
-    float nearest = INFINITY;
-    for (uint16_t p = 0U; p < O2_N_POINTS; p++) {
-        float apart = 0.0f;
-        for (uint16_t i = 0U; i < O2_N_COUNTED; i++) {
-            uint8_t at = o2_counted[i];
-            float spread = sqrtf(m->input_square[at] / (float)O2_N_WINDOW);
-            apart += square_of((m->input_mean[at] / o2_region_scale[0][i]) - o2_points[p][0][i]);
-            apart += square_of((spread / o2_region_scale[1][i]) - o2_points[p][1][i]);
-        }
-        nearest = fminf(nearest, apart);
-    }
-    return sqrtf(nearest) > O2_REGION_MOST;
-#else
-    (void)m;
-    return false;
-#endif
-}
-
 static float oriented(float measured)
 {
 #if O2_PHI
@@ -454,7 +433,7 @@ void o2_window(o2_monitor *m, o2_facts *facts)
         phi[k] = oriented(m->measured[k] - (around_cut ? 0.0f : facts->mean));
     }
     skip = (high - low) <= O2_STUCK_RANGE;
-    facts->no_evidence = (!around_cut) && (skip || is_outside(m));
+    facts->no_evidence = (!around_cut) && skip;
     if (!facts->no_evidence) {
         add_window(m, rule, O2_GAIN_MODEL * m->vehicle.gain, phi);
     }

@@ -53,11 +53,6 @@ extern const uint8_t o2_code_tests[O2_N_CODES];
 extern const char *const o2_signal_names[];
 extern const char *const o2_fault_names[];
 extern const char *const o2_code_names[];
-#if O2_N_POINTS > 0
-extern const uint8_t o2_counted[O2_N_COUNTED];
-extern const float o2_region_scale[2][O2_N_COUNTED];
-extern const float o2_points[O2_N_POINTS][2][O2_N_COUNTED];
-#endif
 
 void o2_model_step(const float u[], float state[], float *predicted);
 

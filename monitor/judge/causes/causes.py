@@ -57,7 +57,6 @@ class Judgement:
     excited: int = 0  # windows in which the prediction moves clearly
     unfinished: tuple[str, ...] = ()  # tests without a decision
     left_s: float | None = None  # enabled driving that the response test still needs
-    outside: int = 0  # windows with driving that the model never learned
     judges_cuts: bool = False  # the edges of fuel cuts are evidence, too
 
 
@@ -287,12 +286,6 @@ def _evidence(seen: Observed, asked: Asked, judgement: Judgement) -> list[Cause]
     n, excited = judgement.windows, judgement.excited
     tests = ", ".join(judgement.unfinished)
     had = f"{seen.enabled * seen.period_s:.0f} s could be judged"
-    if judgement.outside > HALF * n:
-        advice = (
-            f"{judgement.outside} of {n} windows hold driving that the model never learned, though "
-            "each input is within its range: train on such drives"
-        )
-        return [Cause("evidence", round(1.0 - judgement.outside / n, 6), None, "untrained", advice)]
     if "response" in judgement.unfinished and n:
         moved = f"in {excited} of {n} windows the prediction moves clearly"
         left_s = judgement.left_s

@@ -246,7 +246,6 @@ class Decisions:
                 offset_beyond=bias.beyond,
                 dead=facts.moved.dead,
                 holds=facts.moved.holds,
-                region_beyond=facts.beyond,
             ),
         )
 

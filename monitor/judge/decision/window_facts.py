@@ -117,7 +117,7 @@ class WindowFacts:
         still = (high - low <= self._stuck_range) | (low >= self._range_end - self._stuck_range)
         moved = self._movement.judge_around_cuts(phi, healthy, still)
         return [
-            Facts(m, s, no_evidence=False, beyond=None, offset=0.0, response=each, moved=moves)
+            Facts(m, s, no_evidence=False, offset=0.0, response=each, moved=moves)
             for m, s, each, moves in zip(mean.tolist(), std.tolist(), responses, moved, strict=True)
         ]
 
@@ -126,11 +126,6 @@ class WindowFacts:
         mean, std = means_and_stds(np.array([window.residual for window in windows]))
         span = np.maximum.reduce(measured, axis=1) - np.minimum.reduce(measured, axis=1)
         ignore = span <= self._stuck_range
-        beyond: list[float] | list[None] = [None] * len(windows)
-        if self._limits.region is not None:
-            apart = self._limits.region.beyond(np.array([window.inputs for window in windows]))
-            ignore |= apart > 1.0
-            beyond = apart.tolist()
         # an offset in lambda would change the gain in phi
         phi = self._orient(measured - mean[:, np.newaxis])
         banks = [window.bank for window in windows]
@@ -139,7 +134,7 @@ class WindowFacts:
         healthy = np.array([bank[:, 0] for bank in banks])
         at_end = np.maximum.reduce(measured, axis=1) >= self._end
         moved = self._movement.judge(phi, healthy, ignore | at_end)
-        own = mean.tolist(), std.tolist(), ignore.tolist(), beyond
+        own = mean.tolist(), std.tolist(), ignore.tolist()
         return list(map(Facts, *own, offset.tolist(), responses, moved))
 
     def _offset(

@@ -46,12 +46,11 @@ def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[Sensor
             found.append(SensorClaim(column, each, config.gain_sound_min, top, ""))
             found.append(SensorClaim(column, each, least, config.gain_weak_max, "gain_low"))
         elif each.kind == "delay":
-            found.append(SensorClaim(column, each, config.gain_late_min, top, each.fault))
+            found.append(SensorClaim(column, each, config.gain_weak_max, top, each.fault))
         else:
             found.append(SensorClaim(column, each, config.gain_slow_min, top, each.fault))
             if each.direction == "symmetric":
-                found.append(
-                    SensorClaim(column, each, least, config.gain_transient_max, "transient")
-                )
+                weak = config.gain_slow_min
+                found.append(SensorClaim(column, each, least, weak, "transient"))
     found.append(SensorClaim(len(bank), quick, 0.0, 0.0, UNRELATED))
     return tuple(found)

@@ -30,12 +30,8 @@ class WindowEstimates(NamedTuple):
     offset_beyond: float | None  # standard deviations outside the healthy offsets
     dead: float  # log likelihood ratio of a dead sensor over a live one, summed
     holds: float  # the same of a sensor that holds now and then
-    region_beyond: float | None = None  # distance from what the model learned; above 1 outside
 
     def as_dict(self) -> dict[str, float | str | None]:
-        """Return the estimates by name; ``region_beyond`` only where the model has a region."""
+        """Return the estimates by name."""
         own = self._asdict()
-        found = own.pop("response")._asdict() | own
-        if self.region_beyond is None:
-            del found["region_beyond"]
-        return dict(found)
+        return dict(own.pop("response")._asdict() | own)

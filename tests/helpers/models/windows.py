@@ -29,7 +29,6 @@ def judged_window(
         measured=measured,
         predicted=np.ones(n),
         bank=np.ones((n, 1)),
-        inputs=np.zeros((n, 1)),
     )
     return WindowJudged(
         window=window,

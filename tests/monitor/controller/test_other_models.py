@@ -12,7 +12,6 @@ from monitor.base import config
 from monitor.controller.export import export
 from monitor.controller.tables import FURTHER
 from monitor.judge.limits import Limits
-from monitor.judge.response.region import points_of
 from monitor.model.card import Limit
 from monitor.pipeline.recordings import ReadRecording, RecordingReader
 from monitor.pipeline.replay import Setup, set_up
@@ -42,24 +41,13 @@ def other(response: dict[str, Any] | None = None, **card: Any) -> Setup:
     return replace(setup, config=own, limits=Limits.from_card(setup.model.card, own, "own"))
 
 
-def region_of(drive: ReadRecording) -> dict[str, Any]:
-    """Return a region of some windows of a drive, so that others lie outside."""
-    names = other().model.card.input_names
-    values = drive.block.values[1000:3000, [drive.names.index(name) for name in names]]
-    points = points_of(values.reshape(-1, 50, len(names)))
-    scale = points.std(axis=0) + 1e-3
-    own = {"names": list(names), "scale": scale.tolist(), "most": 1.0}
-    return own | {"points": (points / scale).tolist()}
-
-
-@pytest.mark.parametrize("kind", ["region", "errs", "still", "trust", "late", "bare"])
+@pytest.mark.parametrize("kind", ["errs", "still", "trust", "late", "bare"])
 def test_another_card_other_settings_and_signals_give_the_same_verdicts(
     kind: str, drives: list[ReadRecording], tmp_path: Path
 ) -> None:
-    # GIVEN a model with a region, one that errs, may stand still or mistakes a fault, delays
+    # GIVEN a model that errs, may stand still or mistakes a fault, delays
     # between samples, or a controller without any signal but the model's
     setup = {
-        "region": lambda: other(region=region_of(drives[0])),
         "errs": lambda: other(limits={"evidence_window": 6.0}),
         "still": lambda: other(limits={"still_s": 40.0, "still_end_s": 300.0}),
         "trust": lambda: other(trust=DRIVES),

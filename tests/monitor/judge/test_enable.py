@@ -366,7 +366,7 @@ def fill(
             Span(begin, end, np.stack([k[begin:end], -k[begin:end]], axis=1).astype(float))
             for begin, end in subject.spans(usable, goes_on=True, is_last=True)
         ]
-        series = Series(k * 100, k.astype(float), k + 0.5, k[:, np.newaxis] * 1.0)
+        series = Series(k * 100, k.astype(float), k + 0.5)
         if len(usable):
             windows += [window for _, window in subject.push(spans, series, goes_on=True)]
     return windows, subject

@@ -1,8 +1,7 @@
 """Why a drive was not judged: condition, share, signal, reason and advice in every output."""
 
-import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +9,8 @@ import numpy as np
 import pytest
 
 from monitor import cli
-from monitor.judge.response.region import Region
-from monitor.model.step import Model
-from monitor.pipeline.replay import shipped_model
 from tests.helpers.drives.drive_tables import PERIOD_S, Columns, table
 from tests.helpers.logs.replays import replays
-from training.narx.export import update_card
 
 Change = Callable[[Columns], None]
 
@@ -183,24 +178,3 @@ def test_a_check_names_what_would_hold_up_a_verdict(
     zeros = table(tmp_path / "zeros.csv", held("vehicle_speed_km_h", 0.0))
     assert cli.main(["check", str(zeros)]) == 0
     assert "vehicle_speed_km_h is 0 km/h throughout" in capsys.readouterr().out
-
-
-def test_a_drive_outside_of_what_the_model_learned_gives_no_verdict_and_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    model = tmp_path / "model.onnx"
-    shutil.copy(shipped_model(), model)
-    card = Model.load(model).card
-    n = len(card.inputs)
-    far = Region(card.input_names, np.ones(2 * n), np.full((1, 2 * n), 1e4), 1.0)
-    update_card(model, replace(card, region=far.to_card()))
-    path = table(tmp_path / "drive.csv", lambda _: None)
-    code, (recording,) = replays(path, "--model", model)
-    assert code == 3
-    n_windows = len(recording["windows"])
-    assert all(w["statistics"]["region_beyond"] > 1.0 for w in recording["windows"])
-    assert [(c["condition"], c["reason"]) for c in recording["not_judged"]][-1] == (
-        "evidence",
-        "untrained",
-    )
-    assert f"{n_windows} of {n_windows} windows hold driving" in capsys.readouterr().out

@@ -12,7 +12,6 @@ from monitor.base.errors import ModelError, RecordingError, UsageError
 from monitor.base.signals import NARX_INPUTS, OUTPUT
 from monitor.base.types import FloatArray
 from monitor.judge.limits import Limits
-from monitor.judge.response.region import Region
 from monitor.model.card import ModelCard
 from monitor.model.step import Model, from_model_units
 from monitor.pipeline.replay import shipped_model
@@ -275,28 +274,25 @@ def test_a_start_in_the_middle_of_a_drive_is_forgotten(base: FitResult, extended
 
 
 @pytest.mark.parametrize("of_vehicle", [2011, 2012])
-def test_a_network_that_knows_its_region_is_judged_in_it_with_any_effect_of_the_library(
+def test_the_monitor_judges_with_a_network_that_has_any_effect_of_the_library(
     base: FitResult, tmp_path: Path, of_vehicle: int
 ) -> None:
-    # GIVEN a network with decision limits and the region of its own inputs, far from every drive
+    # GIVEN a network with decision limits
     usual, settings = Model.load(shipped_model()).card.limits, config.load()
-    n = 2 * len(base.card.inputs)
-    region = Region(base.card.input_names, np.ones(n), np.full((1, n), 1e6), most=1.0).to_card()
     path = tmp_path / "base.onnx"
     path.write_bytes(base.path.read_bytes())
-    update_card(path, replace(base.card, limits=usual, region=region))
+    update_card(path, replace(base.card, limits=usual))
     driven = drive("us06", 2_020_140, duration_s=200.0, of_vehicle=of_vehicle)
     for effect in ALL:
         # WHEN an effect is added, of which several read signals that the network does not
         added = ModelEffect.with_values(effect.name, [p.start[0] for p in effect.parameters])
         out = tmp_path / f"{effect.name}.onnx"
         add(path, [added], CHAIN, out, ranges=ranges(driven), recordings=FIT)
-        # THEN the monitor judges with it, and the region is that of the network's inputs
+        # THEN the monitor judges with it
         model = Model.load(out)
         limits = Limits.from_card(model.card, settings, effect.name)
         (judged,) = judge_recordings([driven], model, limits, settings)
         assert judged.windows
-        assert all((w.statistics.region_beyond or 0.0) > 1.0 for w in judged.windows)
 
 
 def test_a_further_effect_is_added_to_a_model_that_has_one(
