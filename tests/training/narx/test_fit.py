@@ -270,6 +270,19 @@ def test_the_report_stands_alone(fitted: FitResult, tmp_path: Path) -> None:
     assert text.index('class="verdict') < text.index("<table")
 
 
+@pytest.mark.parametrize("is_best", [True, False])
+def test_the_report_shows_a_linear_model_that_was_solved_beside_those_trained(
+    fitted: FitResult, tmp_path: Path, *, is_best: bool
+) -> None:
+    # GIVEN starts of which one was solved at once, so that it has no epochs
+    solved = replace(fitted.starts[0], stages=[])
+    starts = (*fitted.starts, solved)
+    best = len(fitted.starts) if is_best else fitted.best
+    # WHEN the report is written THEN it has the curves of the others
+    write_report(tmp_path / "fit.html", replace(fitted, starts=starts, best=best))
+    assert f"start {len(starts)}" in (tmp_path / "fit.html").read_text()
+
+
 def save_table(path: Path, drive: Recording) -> None:
     table: FloatArray = np.column_stack([drive.t_s, drive.values])
     lines = [",".join(("time_s", *drive.names))]

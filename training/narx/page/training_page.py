@@ -59,7 +59,7 @@ def _training_curves(result: FitResult) -> Drawing:
         name = f"start {index + 1}" + (", chosen" if index == result.best else "")
         lines.append(layer("line", y=y, label=name, color=index))
     stages = result.starts[result.best].stages
-    begins = np.cumsum([0, *(len(stage.scores) - 1 for stage in stages[:-1])])
+    begins = np.cumsum([0, *(len(stage.scores) - 1 for stage in stages)])[: len(stages)]
     names = [stage.name.removeprefix("horizon ") for stage in stages]
     horizons = layer("rule", x=begins, text=names, color="quiet", width=0.7)
     title = with_unit("free-run RMSE", result.card.output.unit)
@@ -67,5 +67,8 @@ def _training_curves(result: FitResult) -> Drawing:
 
 
 def _joined(stages: Sequence[FloatArray]) -> FloatArray:
-    """Return the scores of stages as one; a stage begins where the one before it ended."""
-    return np.concatenate([*(scores[:-1] for scores in stages[:-1]), stages[-1]])
+    """Return the scores of stages as one; a stage begins where the one before it ended.
+
+    A linear model that was solved has none.
+    """
+    return np.concatenate([np.empty(0), *(scores[:-1] for scores in stages[:-1]), *stages[-1:]])
