@@ -33,7 +33,6 @@ ABSENT = (
         "numba",
         "polars",
         "pandas",
-        "matplotlib",
         "onnx",
         "joblib",
     ),

@@ -8,14 +8,14 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
-from matplotlib.figure import Figure
-
 import monitor
 from benchmarks.studies import tables
 from benchmarks.studies.targets import Target
 from monitor.base.files.outputs import write_text
 from training.jobs import run_folder
 from training.limits.tolerance import CONFIDENCE
+from training.pages.drawing import Drawing
+from training.pages.heat import Heat
 from training.pages.page import page, template_of
 
 PACKAGES: Final = ("numpy", "scipy", "numba", "onnxruntime")
@@ -31,7 +31,7 @@ class Section:
     title: str
     rows: Sequence[tables.Row] = ()
     note: str = ""
-    figure: Figure | None = None
+    figure: Drawing | Heat | None = None
 
     @property
     def table(self) -> tuple[list[str], list[list[str]]]:

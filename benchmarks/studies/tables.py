@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy import stats
 
 from training.limits.rates import Figures
 from training.limits.tolerance import CONFIDENCE
-from training.pages.figure import drawing
+from training.pages.heat import LEVELS, Heat, HeatCell
 from training.pages.numbers import MISSING, median_s, percent_rate, short, words
 
 Row = Mapping[str, Any]
@@ -88,8 +87,8 @@ def _place(name: str, order: Sequence[str]) -> tuple[int, str]:
     return (order.index(name) if name in order else len(order)), name
 
 
-def confusion(rows: Sequence[Row], order: Sequence[str] = ()) -> Figure | None:
-    """Draw ``answers``: names in columns, in percent of the trials of a row; joined names as one.
+def confusion(rows: Sequence[Row], order: Sequence[str] = ()) -> Heat | None:
+    """Return ``answers`` as a map, in percent of a row's trials; joined names as one column.
 
     Return None without a row.
     """
@@ -101,19 +100,18 @@ def confusion(rows: Sequence[Row], order: Sequence[str] = ()) -> Figure | None:
     driven, named = (
         sorted({pair[i] for pair in counts}, key=lambda name: _place(name, order)) for i in (0, 1)
     )
-    table = np.array([[counts[a, b] for b in named] for a in driven], dtype=np.float64)
-    share = 100.0 * table / table.sum(axis=1, keepdims=True)
-    figure, axes = drawing(1.6 + 0.32 * len(driven))
-    axes.imshow(share, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
-    for i, j in zip(*np.nonzero(table), strict=True):
-        text = f"{share[i, j]:.0f}" if share[i, j] >= 1.0 else "<1"
-        colour = "white" if share[i, j] > 60.0 else "black"
-        axes.text(j, i, text, ha="center", va="center", size=7, color=colour)
-    names = [words(name) for name in named]
-    axes.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
-    axes.set_yticks(range(len(driven)), [words(name) for name in driven])
-    axes.set(xlabel="answered", ylabel="driven")
-    return figure
+    found = []
+    for a in driven:
+        trials = sum(counts[a, b] for b in named)
+        found.append((words(a), [_share(counts[a, b] / trials) for b in named]))
+    return Heat("driven, by answer; %", [words(name) for name in named], found)
+
+
+def _share(share: float) -> HeatCell:
+    if share == 0.0:
+        return HeatCell("")
+    text = f"{100.0 * share:.0f}" if share >= 0.01 else "<1"
+    return HeatCell(text, level=round(LEVELS * share))
 
 
 def cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:

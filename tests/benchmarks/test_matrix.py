@@ -148,7 +148,8 @@ def test_the_command_drives_a_small_matrix_and_reports_it(
     assert rules == ["monitor", *tables.TITLES.values()]
     html = (tmp_path / "report.html").read_text()
     assert "no figure is final" in html  # of vehicles for development
-    assert html.count("data:image/svg+xml") == 3
+    assert html.count('<figure class="plots">') == 1
+    assert html.count('<table class="heat">') == 2
     # WHEN it is asked for again THEN nothing is driven anew
     monkeypatch.setattr(run, "samples", None)
     assert main(small(tmp_path)) == 0

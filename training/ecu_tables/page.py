@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from monitor.base.counts import counted
 from monitor.base.files.outputs import write_text
 from training.ecu_tables.drive_plan import plan
 from training.ecu_tables.fit import FittedTables
+from training.pages.heat import Heat, HeatCell, level
 from training.pages.page import page
 from training.recordings.ecu_table import EcuTable
 
@@ -30,7 +31,6 @@ SHOWN: Final = {
     "cycles": (1.0, "cycles", 2),
 }
 PLAIN: Final = (1.0, "mg/ms", 2)
-LEVELS: Final = 8  # of colour
 AXES: Final = {
     "battery_voltage_v": "battery voltage [V]",
     "exhaust_flow_kg_h": "exhaust flow [kg/h]",
@@ -105,42 +105,22 @@ def _confidence(tables: Sequence[EcuTable], period_s: float) -> str:
     )
 
 
-class Heat(NamedTuple):
-    """A table as the page shows it: colours over its axes, the last one downwards from its end."""
-
-    corner: str
-    columns: list[str]
-    rows: list[tuple[str, list["HeatCell"]]]
-
-
-class HeatCell(NamedTuple):
-    """A cell: what is known, or for how long somebody drove there, and where in the logs."""
-
-    value: str
-    half: str  # of its 90 % interval; "" for a blank cell
-    level: int  # of its colour, 0 to LEVELS
-    place: str
-
-
 def heat(table: EcuTable, period_s: float) -> Heat:
     """Return the map of a table over two axes, or its row over one."""
     factor, unit, digits = SHOWN.get(table.unit, PLAIN)
     shape = (len(table.axes[0].values), -1)
     values = table.estimate.reshape(shape) * factor
     half = (table.high - table.low).reshape(shape) / 2.0 * factor
-    known = values[np.isfinite(values)]
-    low, span = float(known.min()), max(float(np.ptp(known)), 1e-9)
     seconds = table.samples.reshape(shape) * period_s
     logs, at_s = table.log.reshape(shape), table.at_s.reshape(shape)
 
     def cell(i: int, j: int) -> HeatCell:
         place = f"{logs[i, j]} from {at_s[i, j]:.0f} s" if logs[i, j] else ""
         if np.isfinite(values[i, j]):
-            level = round(LEVELS * (values[i, j] - low) / span)
             texts = f"{values[i, j]:.{digits}f}", f"±{half[i, j]:.{digits}f}"
-            return HeatCell(*texts, level, place)
+            return HeatCell(*texts, level(values[i, j], values), place)
         spent = f"{max(seconds[i, j], 1.0):.0f} s" if seconds[i, j] > 0.0 else ""
-        return HeatCell(spent, "", 0, place)
+        return HeatCell(spent, place=place)
 
     first, *second = table.axes
     loads = second[0].values if second else (0.0,)

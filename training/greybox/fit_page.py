@@ -3,12 +3,8 @@
 from pathlib import Path
 from typing import Final
 
-from monitor.base.files.outputs import write_text
 from training.greybox.model import GreyboxResult
-from training.narx.page import free_run_figures
-from training.narx.page.fit_confidence import fit_confidence
-from training.narx.page.fit_verdict import fit_verdict
-from training.pages.page import page
+from training.narx.page.training_page import write_page
 
 MEANING: Final = {
     "gain": "of fuel over air: injector, air meter and fuel in one",
@@ -22,22 +18,9 @@ MEANING: Final = {
 
 def write_report(path: Path | str, result: GreyboxResult) -> None:
     """Write the page; figures are embedded, nothing is loaded from elsewhere."""
-    verdict, kind = fit_verdict(result.card)
-    text = page(
-        "greybox_fit.html",
-        f"Grey-box model {result.path.name}",
-        verdict=verdict,
-        confidence=fit_confidence(result),
-        kind=kind,
-        warnings=result.warnings,
-        result=result,
-        card=result.card,
-        charge=_charge(result),
-        meaning=MEANING,
-        draw=free_run_figures,
-    )
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, text)
+    title = f"Grey-box model {result.path.name}"
+    charge = _charge(result)
+    write_page(path, result, "fit/greybox_fit.html", title, charge=charge, meaning=MEANING)
 
 
 def _charge(result: GreyboxResult) -> str:

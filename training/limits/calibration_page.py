@@ -2,10 +2,10 @@
 
 from typing import Any, Final
 
-from matplotlib.figure import Figure
+import numpy as np
 
 from monitor.base.counts import counted
-from training.pages.figure import drawing
+from training.pages.drawing import Drawing, axis, layer, plot
 from training.pages.numbers import with_unit
 from training.pages.page import page
 
@@ -169,25 +169,23 @@ def as_page(result: dict[str, Any]) -> str:
     )
 
 
-def _window_figure(result: dict[str, Any]) -> Figure:
-    figure, axes = drawing(4.5, width=7.0)
+def _window_figure(result: dict[str, Any]) -> Drawing:
     limits = {limit["name"]: limit for limit in result["limits"]}
-    unit = limits["j_mu"]["unit"]
-    for kind, colour, marker in (("faulty", "C3", "x"), ("healthy", "C0", ".")):
-        points = [
-            (abs(m), s)
-            for row in result[kind]
-            for m, s in zip(row["mean"], row["std"], strict=True)
-        ]
-        if points:
-            points = points[:: max(1, len(points) // 1500)]
-            axes.plot(*zip(*points, strict=True), marker, color=colour, ms=4, alpha=0.6, label=kind)
+    unit, layers = limits["j_mu"]["unit"], []
+    for kind, color in (("faulty", "failed"), ("healthy", "measured")):
+        mean, std = (np.array([v for r in result[kind] for v in r[k]]) for k in ("mean", "std"))
+        shown = slice(None, None, max(1, len(mean) // 1500))
+        if len(mean):
+            points = {"x": np.abs(mean)[shown], "y": std[shown], "label": kind, "color": color}
+            layers.append(layer("points", **points, alpha=0.6))
     j_mu, j_sigma = limits["j_mu"]["value"], limits["j_sigma"]["value"]
-    axes.set_xscale("symlog", linthresh=max(j_mu, 1e-9))
-    axes.set_yscale("log")
-    right, top = axes.get_xlim()[1], axes.get_ylim()[1]
-    axes.plot([right, j_mu, j_mu], [j_sigma, j_sigma, top], color="0.2", label="limits")
-    axes.set_xlabel(with_unit("|mean of residual|", unit))
-    axes.set_ylabel(with_unit("std of residual", unit))
-    axes.legend()
-    return figure
+    right, top = (
+        1.3 * max([own, *(v for each in layers for v in each[k])])
+        for k, own in (("x", 2.0 * j_mu), ("y", 2.0 * j_sigma))
+    )
+    corner = {"x": [right, j_mu, j_mu], "y": [j_sigma, j_sigma, top]}
+    layers.append(layer("line", **corner, label="limits", color="ink", width=1.5))
+    label = with_unit("|mean of residual|", unit)
+    over = axis(label, low=0.0, high=right, scale="symlog", linear=max(j_mu, 1e-9))
+    up = axis(scale="log", high=top)
+    return Drawing([plot(with_unit("std of residual", unit), *layers, x=over, y=up, height=360)])

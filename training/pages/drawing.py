@@ -9,29 +9,35 @@ curves, ``label`` stands in the key. Their kinds:
 - bars: horizontal, x long in the row y, text behind each
 - steps: a histogram, y between the edges x
 - rule: lines across the plot at each x or y, text at their ends
-- spans: grey between the pairs x
+- area: filled within the outline x, y
+- spans: grey, or the colour thinned, between the pairs x
+
+An axis has ``low`` and ``high``, or holds all layers; its ``scale`` is linear, "log", or "symlog"
+with a ``linear`` part around 0. ``rows`` are names in place of numbers, the first one on top,
+``ticks`` pairs of value and label in place of round numbers; ``falls``: high values stand left.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 
 from monitor.base.files.page_parts import embedded
-from monitor.base.types import FloatArray
+from monitor.base.types import BoolArray, FloatArray
 
 Layer = Mapping[str, Any]
 Plot = Mapping[str, Any]
-Scale = Literal["linear", "log", "symlog"]
+Axis = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
     """Plots side by side; ``together`` their cursors and zooms move as one."""
 
+    template: ClassVar = "plots.html"
     plots: Sequence[Plot]
-    columns: int = 1
+    columns: Sequence[int] = (1,)  # their shares of the width
     together: bool = False
 
     @property
@@ -40,29 +46,16 @@ class Drawing:
         return embedded({"plots": self.plots, "columns": self.columns, "together": self.together})
 
 
-def axis(
-    label: str = "",
-    *,
-    low: float | None = None,
-    high: float | None = None,
-    scale: Scale = "linear",
-    linear: float = 1.0,
-    rows: Sequence[str] | None = None,
-) -> Mapping[str, Any]:
-    """Return an axis; without bounds it holds all layers.
-
-    linear : below it, an axis of "symlog" is linear
-    rows : names in place of numbers, the first one on top
-    """
-    ends = {"low": low, "high": high}
-    return {"label": label, "scale": scale, "linear": linear, "rows": rows, **ends}
+def axis(label: str = "", **spec: Any) -> Axis:
+    """Return an axis, as the module says."""
+    return {"label": label} | spec
 
 
 def plot(
     title: str,
     *layers: Layer,
-    x: Mapping[str, Any] | None = None,
-    y: Mapping[str, Any] | None = None,
+    x: Axis | None = None,
+    y: Axis | None = None,
     at: FloatArray | None = None,
     height: int = 200,
 ) -> Plot:
@@ -93,6 +86,12 @@ def density(x: FloatArray, y: FloatArray, low: float, high: float, **style: Any)
     i, j = np.nonzero(counts)
     side = [float(edges[1] - edges[0])] * 2
     return layer("cells", x=edges[i], y=edges[j], count=counts[i, j], size=side, **style)
+
+
+def unscored(t_s: FloatArray, scored: BoolArray) -> Layer:
+    """Return grey where samples (n,) at ``t_s`` are not scored."""
+    ends = np.flatnonzero(np.diff([0, *~scored, 0]))
+    return layer("spans", x=np.append(t_s, t_s[-1:])[ends].reshape(-1, 2).tolist())
 
 
 def _short(value: Any) -> Any:

@@ -11,6 +11,8 @@ from monitor import __version__
 from monitor.base.counts import counted
 from monitor.base.files.page_parts import drawing, policy_hash, static
 from training.pages import numbers
+from training.pages.drawing import Drawing
+from training.pages.heat import Heat
 from training.pages.table import PageTable
 
 if TYPE_CHECKING:
@@ -70,6 +72,11 @@ def part(template: "str | Template", /, **values: Any) -> str:
     return _html(_environment().get_template(template).render(values))
 
 
+def figure(drawn: Drawing | Heat, caption: str) -> str:
+    """Return a figure with its caption as HTML."""
+    return part(drawn.template, drawn=drawn, caption=caption)
+
+
 def template_of(path: Path) -> "Template":
     """Return the template of a file outside of this package."""
     return _environment().from_string(path.read_text())
@@ -102,15 +109,6 @@ def _environment() -> "Environment":
     """Return the templates with all that they may use; Jinja2 is loaded only now."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415
 
-    from training.pages.drawing import Drawing  # noqa: PLC0415
-
-    def figure(drawn: Any, caption: str) -> str:
-        if isinstance(drawn, Drawing):
-            return part("plots.html", data=_html(drawn.data), caption=caption)
-        from training.pages.figure import figure  # noqa: PLC0415
-
-        return figure(drawn, caption)
-
     environment = Environment(
         loader=PackageLoader("training.pages"),
         autoescape=True,
@@ -119,19 +117,8 @@ def _environment() -> "Environment":
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    for name in (
-        "form",
-        "fixed",
-        "short",
-        "p_value",
-        "signed",
-        "count",
-        "plain",
-        "percent",
-        "percent_rate",
-    ):
-        environment.filters[name] = getattr(numbers, name)
-    for name in ("median_s", "with_unit", "unit_of", "words", "unbroken"):
+    names = "form fixed short p_value signed count plain percent percent_rate median_s with_unit"
+    for name in (*names.split(), "unit_of", "words", "unbroken"):
         environment.filters[name] = getattr(numbers, name)
     environment.filters |= {"yes": lambda x: "yes" if x else "no", "sha": _sha, "counted": counted}
     environment.filters["file_name"] = lambda path: Path(path).name

@@ -16,15 +16,20 @@ class PageTable:
     """Rows of cells under a head; in a template it stands for its HTML."""
 
     def __init__(
-        self, render: Callable[..., str], *head: str, rows: Sequence[Cells] = (), chosen: int = -1
+        self,
+        render: Callable[..., str],
+        *head: str,
+        rows: Sequence[Cells] = (),
+        shown: int | None = None,
     ) -> None:
         """Begin a table.
 
-        chosen : the row of ``rows`` that is set off
+        shown : rows before the rest is folded
         """
         self._render = render
         self.head = head
-        self.rows = [(tuple(cells), i == chosen) for i, cells in enumerate(rows)]
+        self.rows = [(tuple(cells), False) for cells in rows]
+        self.shown = shown
 
     def row(self, *cells: Any, chosen: bool = False) -> None:
         """Add a row; a chosen one is set off."""

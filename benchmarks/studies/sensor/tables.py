@@ -5,10 +5,7 @@ carries exactly the fault's name.
 """
 
 from collections.abc import Sequence
-from typing import Any, Final
-
-import numpy as np
-from matplotlib.figure import Figure
+from typing import Final
 
 from benchmarks.studies import targets
 from benchmarks.studies.report import DEVELOPMENT, Report, Section
@@ -30,7 +27,7 @@ from benchmarks.studies.targets import Target
 from monitor.base.faults import LIMIT_SEVERITY
 from monitor.judge.enable import CONDITIONS
 from training.limits.rates import Figures, per_1000_h, rate
-from training.pages.figure import LIMIT, panels
+from training.pages.drawing import Drawing, Layer, axis, layer, plot
 from training.pages.numbers import words
 
 HEALTHY, NONE = "healthy", "none"
@@ -259,34 +256,48 @@ def assess(rows: Sequence[Row]) -> list[Target]:
     return [*found, targets.share("test completed", where, done, least=COMPLETED)]
 
 
-def severity_figure(detected: Sequence[Figures]) -> Figure | None:
-    """Draw the share detected (full, with bounds) and named rightly (hollow) over severity."""
+def severity_figure(detected: Sequence[Figures]) -> Drawing | None:
+    """Draw the share detected (with bounds) and named rightly (thin) over severity."""
     faults = [name for name in LIMIT_SEVERITY if any(d["fault"] == name for d in detected)]
-    if not faults:
-        return None
-    figure, grid = panels(len(faults), 3, height=2.3, extra=0.6, sharey=True)
-    for axes, fault in zip(grid, faults, strict=False):
-        for placement, colour in zip(PLACEMENTS, ("C0", "C1"), strict=True):
-            own = [d for d in detected if (d["fault"], d["placement"]) == (fault, placement)]
-            if own:
-                _severities(axes, own, colour, PLACES[placement])
-        axes.axvline(LIMIT_SEVERITY[fault], color=LIMIT, linewidth=0.8, linestyle="--")
-        axes.axhline(DETECTED, color=LIMIT, linewidth=0.8, linestyle="--")
-        axes.set(xscale="log", ylim=(-0.03, 1.05), title=words(fault))
-        ticks = sorted({d["severity"] for d in detected if d["fault"] == fault})
-        axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
-        axes.minorticks_off()
-    handles, labels = grid[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=4)
-    figure.supxlabel("severity: s, gain that is left, or offset in lambda")
-    figure.supylabel("share of drives")
-    return figure
+    plots = []
+    for fault in faults:
+        own = [d for d in detected if d["fault"] == fault]
+        ticks = [(t, f"{t:g}") for t in sorted({d["severity"] for d in own})]
+        layers = [
+            each
+            for placement, color in zip(PLACEMENTS, ("measured", "predicted"), strict=True)
+            for each in _severities([d for d in own if d["placement"] == placement], color)
+        ]
+        plots.append(
+            plot(
+                f"{words(fault)}, share of drives",
+                layer("rule", x=[LIMIT_SEVERITY[fault]], y=[DETECTED], color="quiet", dash=[5, 4]),
+                *layers,
+                x=axis("severity: s, gain that is left, or offset", scale="log", ticks=ticks),
+                y=axis(low=-0.03, high=1.05),
+                height=150,
+            )
+        )
+    return Drawing(plots, columns=(1, 1, 1)) if plots else None
 
 
-def _severities(axes: Any, own: Sequence[Figures], colour: str, label: str) -> None:
-    x = np.array([d["severity"] for d in own]) * (0.98 if colour == "C0" else 1.02)
-    share, low, high = (np.array([d["detected"][k] for d in own]) for k in ("rate", "low", "high"))
-    style: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 4}
-    axes.errorbar(x, share, [share - low, high - share], capsize=2, label=label, **style)
+def _severities(own: Sequence[Figures], color: str) -> list[Layer]:
+    """Return what one placement of a fault adds to its plot."""
+    x = [d["severity"] * (0.98 if color == "measured" else 1.02) for d in own]
+    share, low, high = ([d["detected"][k] for d in own] for k in ("rate", "low", "high"))
+    bounds = {
+        "x": [v for each in x for v in (each, each, None)],
+        "y": [v for pair in zip(low, high, strict=True) for v in (*pair, None)],
+    }
+    name = PLACES[own[0]["placement"]] if own else ""
     named = [d["named"]["rate"] for d in own]
-    axes.plot(x, named, markerfacecolor="white", linestyle=":", linewidth=0.9, **style)
+    return (
+        [
+            layer("line", **bounds, color=color),
+            layer("line", x=x, y=share, color=color, width=1.5),
+            layer("points", x=x, y=share, label=name, color=color),
+            layer("line", x=x, y=named, color=color, width=0.7),
+        ]
+        if own
+        else []
+    )

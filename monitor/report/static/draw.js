@@ -75,11 +75,12 @@ const O2 = (() => {
     ctx.fillText(text, left, y);
   }
 
-  /** Grey behind spans [begin, end) of x. */
-  function shade(u, spans) {
+  /** Grey, or an ink thinned, behind spans [begin, end) of x. */
+  function shade(u, spans, ink) {
     const { ctx, bbox: { left, top, width, height } } = u;
     ctx.save();
-    ctx.fillStyle = color("shade");
+    ctx.fillStyle = ink ?? color("shade");
+    ctx.globalAlpha = ink ? 0.35 : 1;
     for (const [a, b] of spans) {
       const from = Math.max(left, u.valToPos(a, "x", true));
       const to = Math.min(left + width, u.valToPos(b, "x", true));
@@ -123,6 +124,27 @@ const O2 = (() => {
     return new uPlot(options, data, figure);
   }
 
+  /** Title, height, columns, series and what is drawn over them, for each plot of a judged drive. */
+  function judged(name, offset, { j_mu: mu, j_sigma: sigma }, [high, ...low], window, outputs) {
+    const by = offset ?? 0, own = offset == null ? "" : " for this vehicle";
+    const value = (u, v) => digits(v, 4), signed = (u, v) => (v >= 0 && v != null ? "+" : "") + digits(v, 4);
+    const model = { stroke: color("predicted"), width: 3, value };
+    const trained = { label: "predicted, as trained", stroke: color("quiet"), width: 1.25, dash: [6, 4], value };
+    const models = offset == null ? [{ ...model, label: "predicted" }] : [trained, { ...model, label: "predicted for this vehicle" }];
+    const shifts = offset == null ? [0] : [0, by];
+    return [
+      [`Measured and predicted ${name}`, high, (c) => [c.t, ...shifts.map((each) => shift(c.predicted, each)), c.measured],
+        [...models, { label: "measured", stroke: color("measured"), width: 1.25, value }], outputs],
+      [`Residual: measured − predicted${own}, enabled samples`, low[0], (c) => [c.t, shift(c.residual, -by)],
+        [{ label: "residual", stroke: color("residual"), width: 1.1, value: signed }],
+        { range: (u, a, b) => symmetric(a, b, 0.01), zero: true }],
+      [`Window mean of the residual${own}`, low[1], (c) => [c.t, shift(c.mean, -by)], [{ ...window, label: "mean", value: signed }],
+        { range: (u, a, b) => symmetric(a, b, (mu || 0.01) * 1.3), zero: true, windows: "mean", limits: mu == null ? [] : [[mu, "+Jμ"], [-mu, "−Jμ"]] }],
+      ["Window standard deviation of the residual", low[1], (c) => [c.t, c.std], [{ ...window, label: "std", value }],
+        { range: (u, a, b) => [0, Math.max(b || 0, sigma || 0, 1e-3) * 1.3], windows: "std", limits: sigma == null ? [] : [[sigma, "Jσ"]] }],
+    ];
+  }
+
   /** Draw each of `all` when it comes into view or there is time, again at another width or in
    * other colours, and for paper. Each has its `section`, its `plots` and `build(width)`. */
   function follow(all) {
@@ -136,7 +158,7 @@ const O2 = (() => {
     }, { rootMargin: "300px" });
     for (const each of all) {
       byView.observe(each.section);
-      folds(each)?.addEventListener("toggle", () => isShown(each) && resize(each));
+      folds(each)?.addEventListener("toggle", () => (first(each), resize(each)));
     }
     // What is out of view follows when there is time, so that a picture of the whole page has it.
     const idle = window.requestIdleCallback ?? ((work) => setTimeout(work, 50));
@@ -158,7 +180,7 @@ const O2 = (() => {
     let folded = [];
     addEventListener("beforeprint", () => {
       document.documentElement.dataset.theme = "light";
-      folded = [...new Set(all.map(folds))].filter((details) => details && !details.open);
+      folded = [...document.querySelectorAll("details.part, details:has(.plots)")].filter((details) => !details.open);
       for (const details of folded) details.open = true;
       for (const each of all) each.build(PRINT_WIDTH);
     });
@@ -169,5 +191,5 @@ const O2 = (() => {
     });
   }
 
-  return { SYMBOLS, color, digits, shift, places, element, symmetric, outputRange, rule, tag, shade, pen, plot, follow };
+  return { SYMBOLS, color, digits, shift, places, element, symmetric, outputRange, rule, tag, shade, pen, plot, judged, follow };
 })();

@@ -1,7 +1,7 @@
 "use strict";
 // Draws the plots of each unfolded recording. Needs uPlot and draw.js; loads nothing.
 (() => {
-  const { SYMBOLS, color, digits, shift, element, symmetric, rule, tag, pen } = O2;
+  const { SYMBOLS, color, digits, element, rule, tag, pen } = O2;
   const VERDICTS = ["passed", "failed", "inconclusive"];
   const ROWS = ["fault flag", "paper’s rule", "window", "enabled"]; // bottom up
   const recordings = [];
@@ -86,37 +86,18 @@
       this.toolbar();
       const c = this.columns;
       const name = this.data.output;
-      const blue = color("measured"), orange = color("predicted"), violet = color("residual");
       const narrow = this.width < 600;
       const range = { range: (u) => O2.outputRange(c, ...u.series[0].idxs, name === "lambda"), top: this.marks.length > 1 ? 36 : 20 };
-      const measured = { label: "measured", stroke: blue, width: 1.25, digits: 4 };
       if (!this.data.has_model) {
-        this.add(`Measured ${name}`, narrow ? 240 : 280, [c.t, c.measured], [measured], { ...range, xlabel: "time in s" });
+        this.add(`Measured ${name}`, narrow ? 240 : 280, [c.t, c.measured], [{ label: "measured", stroke: color("measured"), width: 1.25, digits: 4 }], { ...range, xlabel: "time in s" });
         if (this.view) this.show(...this.view);
         return;
       }
-      const offset = this.data.vehicle_offset;
-      const adapted = offset == null ? [] : [shift(c.predicted, offset)];
-      const own = offset == null ? "" : " for this vehicle";
-      const plain = offset == null ? { label: "predicted", stroke: orange, width: 3 } : { label: "predicted, as trained", stroke: color("quiet"), width: 1.25, dash: [6, 4] };
-      this.add(`Measured and predicted ${name}`, narrow ? 240 : 280, [c.t, c.predicted, ...adapted, c.measured], [
-        { digits: 4, ...plain },
-        ...adapted.map(() => ({ label: "predicted for this vehicle", stroke: orange, width: 3, digits: 4 })),
-        measured,
-      ], range);
-      this.add(`Residual: measured − predicted${own}, enabled samples`, 160, [c.t, shift(c.residual, -(offset ?? 0))], [
-        { label: "residual", stroke: violet, width: 1.1, digits: 4 },
-      ], { range: (u, min, max) => symmetric(min, max, 0.01), zero: true });
-      const stepped = uPlot.paths.stepped({ align: 1 });
-      const { j_mu: mu, j_sigma: sigma } = this.data.limits;
-      this.add(`Window mean of the residual${own}`, 140, [c.t, shift(c.mean, -(offset ?? 0))], [
-        { label: "mean", stroke: blue, width: 2, paths: stepped, digits: 4 },
-      ], { range: (u, min, max) => symmetric(min, max, (mu || 0.01) * 1.25), zero: true,
-        limits: mu == null ? [] : [[mu, "+Jμ"], [-mu, "−Jμ"]] });
-      this.add("Window standard deviation of the residual", 140, [c.t, c.std], [
-        { label: "std", stroke: blue, width: 2, paths: stepped, digits: 4 },
-      ], { range: (u, min, max) => [0, Math.max(max || 0, sigma || 0, 1e-3) * 1.2],
-        limits: sigma == null ? [] : [[sigma, "Jσ"]] });
+      const window = { stroke: color("measured"), width: 2, paths: uPlot.paths.stepped({ align: 1 }) };
+      const { vehicle_offset: offset, limits } = this.data;
+      for (const [title, height, of, series, axis] of O2.judged(name, offset, limits, [narrow ? 240 : 280, 160, 140], window, range)) {
+        this.add(title, height, of(c), series, axis);
+      }
       this.strip();
       if (this.view) this.show(...this.view);
     }

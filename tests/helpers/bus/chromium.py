@@ -8,6 +8,12 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
+DRAWN = """() => [...document.querySelectorAll("figure.plots")].every(
+  (figure) => figure.querySelector("canvas"))"""
+INKED = """() => [...document.querySelectorAll("figure.plots canvas")].filter(
+  (canvas) => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height)
+    .data.some((value) => value)).length"""
+
 CHROMIUM = Path("/usr/bin/chromium")
 
 
@@ -25,3 +31,21 @@ def chromium() -> Iterator[Browser]:
         )
         yield browser
         browser.close()
+
+
+def plots_of(browser: Browser, path: Path) -> int:
+    """Return how many plots a page of training draws, all unfolded; its console stays silent."""
+    page = browser.new_page(viewport={"width": 390, "height": 844}, color_scheme="dark")
+    said: list[str] = []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.goto(path.as_uri())
+    page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
+    page.wait_for_function(DRAWN, timeout=20_000, polling=100)
+    canvases = page.evaluate("document.querySelectorAll('canvas').length")
+    inked = page.evaluate(INKED)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.close()
+    assert said == []
+    assert inked == canvases
+    return int(inked)

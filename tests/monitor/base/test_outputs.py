@@ -146,7 +146,6 @@ ALLOWED = {
     "training/fleet/places.py",
     "training/fleet/chunk_rows.py",
     "training/narx/export.py",
-    "training/pages/figure.py",
     "training/recordings/files/table_files.py",
     "training/recordings/files/mf4_log.py",
 }

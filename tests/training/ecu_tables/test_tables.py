@@ -23,11 +23,12 @@ from training.ecu_tables.fields import grid_over
 from training.ecu_tables.files import csv, tuner_studio
 from training.ecu_tables.fit import fit
 from training.ecu_tables.msq import injectors_text, read_axes
-from training.ecu_tables.page import LEVELS, HeatCell, heat
+from training.ecu_tables.page import heat
 from training.ecu_tables.parameters import SHARE_MOST, Parameters, point_of
 from training.ecu_tables.prediction import PredictionCase, air_mg, reading, sensitivities
 from training.ecu_tables.signals import subject_of
 from training.ecu_tables.tables import LINKS, _Cells, _Law, _table, tables
+from training.pages.heat import LEVELS, HeatCell
 from training.recordings.ecu_table import EcuTable, axes_of
 from training.recordings.recording import load, write_table
 
@@ -401,4 +402,4 @@ def test_the_page_colours_cells_and_tells_where_they_were_driven() -> None:
     top, bottom = (cells for _, cells in shown.rows)
     assert bottom[0] == HeatCell("300", "±10", LEVELS, "monday.msl from 1 s")
     assert bottom[1].level == 0 and top[0].level == LEVELS // 2
-    assert top[1] == HeatCell("5 s", "", 0, "monday.msl from 4 s")  # blank: too little or too calm
+    assert top[1] == HeatCell("5 s", "", None, "monday.msl from 4 s")  # blank: too little or too calm

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from playwright.sync_api import Browser
 from scipy import stats
 
 from monitor.base import config, faults
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
+from tests.helpers.bus.chromium import plots_of
 from training.cli import main
 from training.dyno import vehicle
 from training.dyno.recording_files import write
@@ -68,6 +70,12 @@ def command(folder: Path, healthy: int = 3, rate: float = RATE) -> list[str]:
     faulty = map(str, sorted(folder.glob("*_s9106_*.parquet")))
     given = ["--model", str(folder / "model.onnx"), "--false-alarms", str(rate)]
     return ["calibrate", *given, "--healthy", *sound, "--faulty", *faulty]
+
+
+def test_the_windows_of_a_calibration_are_drawn(
+    drives: Path, calibrated: Path, browser: Browser
+) -> None:
+    assert plots_of(browser, drives / "page.html") == 1
 
 
 def test_bounds_of_a_quantile_hold_it_as_often_as_they_say() -> None:

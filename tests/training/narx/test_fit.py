@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from playwright.sync_api import Browser
 
 from monitor.base.errors import ModelError, RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
+from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives.recordings import recording_of
 from training.cli import main
 from training.limits.evaluation import evaluate, predict
@@ -257,6 +259,12 @@ def test_the_verdict_on_a_fit_follows_its_correlation(
     verdict, of_kind = fit_verdict(card)
     assert of_kind == kind
     assert begins in verdict
+
+
+def test_the_plots_of_a_fit_are_drawn(fitted: FitResult, browser: Browser, tmp_path: Path) -> None:
+    write_report(tmp_path / "fit.html", fitted)
+    blocks = sum(block.role == "test" for block in fitted.held_out)
+    assert plots_of(browser, tmp_path / "fit.html") == 1 + min(blocks, 3) + 2
 
 
 def test_the_report_stands_alone(fitted: FitResult, tmp_path: Path) -> None:

@@ -22,7 +22,8 @@ def test_numbers_stand_right_and_words_left() -> None:
 
 
 def test_cells_are_escaped_and_a_chosen_row_is_set_off() -> None:
-    table = PageTable(part, "a <b>", rows=[("x & y",), ("<i>",)], chosen=1)
+    table = PageTable(part, "a <b>", rows=[("x & y",)])
+    table.row("<i>", chosen=True)
     assert "<th>a &lt;b&gt;</th>" in shown(table)
     assert "<tr><td>x &amp; y</td></tr>" in shown(table)
     assert '<tr class="chosen"><td>&lt;i&gt;</td></tr>' in shown(table)

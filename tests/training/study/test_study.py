@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from playwright.sync_api import Browser
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
+from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives.tanks import TANK_PERIOD_S as PERIOD_S
 from tests.helpers.drives.tanks import leaking_tank
 from training.cli import main
@@ -101,6 +103,15 @@ def test_a_killed_study_goes_on_where_it_was(
     assert result["schema"] == "o2train.study/1"
     for name, written_ns in killed.items():
         assert (out / "parts" / name).stat().st_mtime_ns == written_ns, name
+
+
+def test_the_plots_of_a_study_are_drawn(
+    result: dict[str, Any], command: list[str], browser: Browser
+) -> None:
+    impulses, views = len(result["linear"]["impulse"]["rows"]), len(result["sensor"]["views"])
+    faults = len(result["sensor"]["faults"])
+    wanted = 2 + 1 + impulses + 3 + 2 * views + faults + 2 * min(faults, 6)
+    assert plots_of(browser, Path(command[-1]) / "report.html") == wanted
 
 
 def test_a_finished_study_is_only_written_again(

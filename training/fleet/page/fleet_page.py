@@ -19,6 +19,7 @@ from training.pages.page import breakable, page
 
 Reports = Callable[[Sequence[str]], Mapping[str, str]]
 ROWS: Final = 40  # of a table, at most
+SHOWN: Final = 10  # of them before the rest is folded
 
 
 def _none(drives: Sequence[str]) -> Mapping[str, str]:
@@ -81,6 +82,7 @@ def as_page(
         named=_named(named),
         beyond=len(named) - ROWS,
         rows=ROWS,
+        shown=SHOWN,
         least=(outliers.LEAST_VEHICLES, outliers.LEAST_WINDOWS),
         limits=[_limit(each) for each in found["limits"]],
         rarest=_rarest(found["not_completed"]["held"]),

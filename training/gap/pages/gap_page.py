@@ -7,7 +7,7 @@ from typing import Final
 
 from monitor.base.files.outputs import write_text
 from training.gap.name.verdict import Candidate
-from training.gap.pages import cells, error_figures, response_figures
+from training.gap.pages import cells, gap_figures
 from training.gap.pages.confidence_words import confidence
 from training.gap.pages.verdict_words import actions, cautions, verdict_sentence
 from training.gap.result import Result
@@ -38,7 +38,7 @@ def as_page(result: Result) -> str:
         difference=_difference(result),
         shown=SHOWN,
         cells=cells,
-        draw=error_figures,
+        draw=gap_figures,
         footer=[
             f"Model {model.path} ({model.kind}), sha256 {model.sha256}",
             f"The sensor was {good}declared good.",
@@ -57,7 +57,7 @@ def _difference(result: Result) -> str:
         difference=result.difference,
         unit=result.inputs.unit,
         shown=SHOWN,
-        draw=response_figures,
+        draw=gap_figures,
         p_value=p_value,
     )
 

@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from monitor.base.counts import counted, duration
-from training.pages.figure import drawing
+from training.pages.heat import Heat, over_plane
+from training.pages.numbers import words
 from training.pages.page import page, part
 
 
@@ -79,7 +79,7 @@ def _view(result: dict[str, Any]) -> dict[str, Any]:
         "headline": _headline(result),
         "findings": sorted(result["findings"], key=lambda f: worst_first[f["level"]]),
         "excitation": result["excitation"],
-        "coverage": _coverage_figure(coverage) if coverage else None,
+        "coverage": _coverage(coverage) if coverage else None,
         "order": _order,
         "hertz": _hertz,
     }
@@ -99,16 +99,12 @@ def _headline(result: dict[str, Any]) -> str:
     return f"{text}, {simulated} simulated" if simulated else text
 
 
-def _coverage_figure(coverage: dict[str, Any]) -> Figure:
-    figure, axes = drawing(4.5, width=7.0)
-    seconds = np.ma.masked_equal(np.array(coverage["seconds"]).T, 0.0)
-    mesh = axes.pcolormesh(
-        coverage["speed_edges"], coverage["load_edges"], seconds, cmap="Blues", vmin=0.0
-    )
-    axes.set_xlabel(coverage["speed"])
-    axes.set_ylabel(coverage["load"])
-    figure.colorbar(mesh, ax=axes, label="time, s")
-    return figure
+def _coverage(coverage: dict[str, Any]) -> Heat:
+    seconds = np.array(coverage["seconds"]).T
+    seconds = np.where(seconds > 0.0, seconds, np.nan)
+    corner = f"{words(coverage['load'])} over {words(coverage['speed'])}, lower ends; s"
+    speed, load = (np.array(coverage[key]) for key in ("speed_edges", "load_edges"))
+    return over_plane(corner, speed, load, seconds, ".0f", seconds)
 
 
 def _order(excitation: dict[str, Any]) -> str:

@@ -29,6 +29,10 @@ class FreeRunFit(Protocol):
         """The samples."""
 
     @property
+    def warnings(self) -> Sequence[str]:
+        """What speaks against the fit."""
+
+    @property
     def predicted(self) -> FloatArray:
         """Free run (n,) in model units."""
 
@@ -105,10 +109,10 @@ def scatter(result: FreeRunFit) -> Drawing:
         "enabled held-out samples",
         histogram(np.clip(residual, -width, width), bins=100),
         x=axis(f"measured − predicted {output}"),
-        y=axis(scale="log", low=0.7),
+        y=axis(scale="log", low=0.8),
         height=300,
     )
-    return Drawing([over, spread], columns=2)
+    return Drawing([over, spread], columns=(1, 1))
 
 
 def _label(result: FreeRunFit) -> str:

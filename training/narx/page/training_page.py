@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from training.narx.network import describe
 from training.narx.page import free_run_figures
 from training.narx.page.fit_confidence import fit_confidence
 from training.narx.page.fit_verdict import fit_verdict
+from training.narx.page.free_run_figures import FreeRunFit
 from training.pages.drawing import Drawing, axis, layer, plot
 from training.pages.numbers import with_unit
 from training.pages.page import page
@@ -24,16 +26,11 @@ def write_report(path: Path | str, result: FitResult) -> None:
     members = result.starts[result.best].members
     spec = result.network.spec
     one = replace(spec, hidden=tuple(n // members for n in spec.hidden))
-    verdict, kind = fit_verdict(result.card)
-    text = page(
-        "training.html",
+    write_page(
+        path,
+        result,
+        "fit/training.html",
         f"Training of {result.path.name}",
-        verdict=verdict,
-        confidence=fit_confidence(result),
-        kind=kind,
-        warnings=result.warnings,
-        result=result,
-        card=result.card,
         shape=describe(spec),
         trainings=sum(t.members == 1 for t in result.starts),
         members=members,
@@ -42,7 +39,25 @@ def write_report(path: Path | str, result: FitResult) -> None:
         unseen=result.card.fit.get("unseen"),
         unseen_words=unseen_words,
         curves=_training_curves(result),
+    )
+
+
+def write_page(
+    path: Path | str, result: FreeRunFit, template: str, title: str, **values: Any
+) -> None:
+    """Write the page of any kind of fit; ``values`` are for its own template."""
+    verdict, kind = fit_verdict(result.card)
+    text = page(
+        template,
+        title,
+        verdict=verdict,
+        confidence=fit_confidence(result),
+        kind=kind,
+        warnings=result.warnings,
+        result=result,
+        card=result.card,
         draw=free_run_figures,
+        **values,
     )
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     write_text(path, text)

@@ -1,23 +1,38 @@
 "use strict";
-// Draws the figures that training/pages/figure.py writes into a page as JSON. Needs uPlot and draw.js.
+// Draws the figures that training/pages/drawing.py writes into a page as JSON. Needs uPlot and draw.js.
 (() => {
   const { color, element, rule, pen } = O2;
   const COLOURS = ["measured", "predicted", "passed", "failed", "residual", "simulated", "quiet", "band"];
   const NARROW = 620; // px of a figure, below which its plots stand in one column
-  const SCALES = { linear: { distr: 1 }, log: { distr: 3 }, symlog: { distr: 4 } };
+  const SCALES = { log: { distr: 3 }, symlog: { distr: 4 } };
   const ink = (layer) => color(COLOURS[layer.color % COLOURS.length] ?? layer.color ?? "measured");
 
   /** A number without an exponent: 0.001 and 1,000. */
-  const full = (v) => (v == null ? "" : v.toLocaleString("en-GB", { maximumSignificantDigits: 6 }).replace("-", "−"));
+  const full = (v) => (v == null ? "" : v.toLocaleString("en-GB", { maximumSignificantDigits: 3 }).replace("-", "−"));
+
+  /** The next lower number with one digit, where a logarithmic axis begins. */
+  function rounded(v) {
+    const unit = 10 ** Math.floor(Math.log10(v));
+    return Math.floor(v / unit) * unit;
+  }
 
   /** What a layer draws, with the canvas and a function from values to canvas pixels. */
   const DRAW = {
     line: ({ ctx, at, layer }) => {
       ctx.beginPath();
-      layer.x.forEach((x, i) => ctx.lineTo(at(x, "x"), at(layer.y[i], "y")));
+      layer.x.forEach((x, i) => {
+        if (x == null || layer.y[i] == null) return;
+        ctx[layer.y[i - 1] == null ? "moveTo" : "lineTo"](at(x, "x"), at(layer.y[i], "y"));
+      });
       ctx.stroke();
     },
+    area: ({ ctx, at, layer }) => {
+      ctx.beginPath();
+      layer.x.forEach((x, i) => ctx.lineTo(at(x, "x"), at(layer.y[i], "y")));
+      ctx.fill();
+    },
     points: ({ ctx, at, ratio, layer }) => layer.x.forEach((x, i) => {
+      if (x == null || layer.y[i] == null) return;
       const [left, top, r] = [at(x, "x"), at(layer.y[i], "y"), (layer.size ?? 3) * ratio];
       ctx.beginPath();
       if (layer.mark === "|") ctx.rect(left - ratio, top - 2 * r, 2 * ratio, 4 * r);
@@ -56,24 +71,38 @@
 
   /** Lowest and highest value of an axis over all layers, with some room. */
   function extent(plot, axis) {
-    const { low, high, scale, rows } = plot[axis];
+    const { low = null, high = null, scale, rows } = plot[axis];
     if (rows) return [-0.6, rows.length - 0.4];
-    const seen = plot.layers.filter((each) => each.kind !== "rule").flatMap((each) => each[axis] ?? []);
+    const seen = plot.layers.filter((each) => each.kind !== "spans").flatMap((each) => each[axis] ?? []);
     if (axis === "x") seen.push(...(plot.at ?? []));
     const values = seen.filter((v) => v != null && (scale !== "log" || v > 0));
     let [from, to] = [low ?? Math.min(...values), high ?? Math.max(...values)];
     if (!Number.isFinite(from) || !Number.isFinite(to)) [from, to] = [scale === "log" ? 1 : 0, 10];
-    if (scale === "log") return [low ?? from / 1.3, high ?? (to > from ? to : 10 * from) * 1.3];
+    if (scale === "log") return [low ?? rounded(from), high ?? (to > from ? to : 10 * from) * 1.3];
     const room = (axis === "x" && plot.at ? 0 : 0.04) * (to - from) || (to > from ? 0 : 0.5);
     return [low ?? from - room, high ?? to + room];
   }
 
   function axisOf(spec, isX, width) {
     const axis = isX ? { space: 60, size: 26, label: spec.label } : { space: 26, size: (u, values) => 14 + widest(values ?? ["0.000"]) };
-    if (spec.scale !== "linear") axis.values = (u, splits) => splits.map(full);
+    if (spec.scale) axis.values = (u, splits) => splits.map(full);
+    if (spec.ticks) Object.assign(axis, { splits: () => spec.ticks.map(([value]) => value), values: (u) => apart(u, spec.ticks) });
     if (!spec.rows) return axis;
     return { ...axis, grid: { show: false }, ticks: { show: false }, splits: () => spec.rows.map((_, i) => i),
       values: () => spec.rows.map((name) => shortened(name, 0.42 * width)) };
+  }
+
+  /** Labels of ticks, without those that would stand on another. */
+  function apart(u, ticks) {
+    let free = -Infinity;
+    const places = ticks.map(([value, name]) => [u.valToPos(value, "x"), widest([name]) / 2 + 3, name]);
+    const shown = new Set();
+    for (const each of [...places].sort((a, b) => a[0] - b[0])) {
+      if (each[0] - each[1] < free) continue;
+      shown.add(each);
+      free = each[0] + each[1];
+    }
+    return places.map((each) => (shown.has(each) ? each[2] : ""));
   }
 
   const ruler = document.createElement("canvas").getContext("2d");
@@ -94,12 +123,12 @@
       for (const plot of this.plots) plot.destroy();
       this.grid?.remove();
       this.width = width ?? this.section.clientWidth;
-      const columns = this.width < NARROW ? 1 : this.spec.columns;
+      const shares = this.width < NARROW ? [1] : this.spec.columns;
       this.grid = element(this.section, "div", { className: "grid" });
       this.section.prepend(this.grid);
-      this.grid.style.gridTemplateColumns = `repeat(${columns}, minmax(0, 1fr))`;
-      const each = (this.width - 16 * (columns - 1)) / columns;
-      this.plots = this.spec.plots.map((plot) => this.plot(plot, each));
+      this.grid.style.gridTemplateColumns = shares.map((share) => `minmax(0, ${share}fr)`).join(" ");
+      const whole = (this.width - 16 * (shares.length - 1)) / shares.reduce((a, b) => a + b);
+      this.plots = this.spec.plots.map((plot, i) => this.plot(plot, whole * shares[i % shares.length]));
     }
 
     plot(spec, width) {
@@ -110,7 +139,7 @@
       const series = own.map((each) => ({ label: each.label, stroke: ink(each), width: each.width ?? 1.25, dash: each.dash,
         digits: spec.digits, points: { show: each.y.filter((v) => v != null).length === 1 } }));
       const data = own.length ? [spec.at, ...own.map((each) => each.y)] : [x, [null, null]];
-      const scale = ({ scale, linear, rows }) => ({ ...SCALES[scale], asinh: linear, dir: rows ? -1 : 1 });
+      const scale = ({ scale, linear, rows, falls }) => ({ ...SCALES[scale], asinh: linear, dir: rows || falls ? -1 : 1 });
       const plot = O2.plot(holder, spec.title, data, own.length ? series : [{}], {
         at: "at", width, height: spec.height + (spec.x.label ? 20 : 0), padding: [8, 14, 0, 0],
         axes: [axisOf(spec.x, true), axisOf(spec.y, false, width)],
@@ -121,7 +150,7 @@
         legend: { show: own.some((each) => each.label) },
         cursor: own.length ? { sync: this.spec.together && { key: `figure ${all.indexOf(this)}`, setSeries: false } } : { show: false },
         hooks: {
-          drawClear: [(u) => O2.shade(u, rest.filter((each) => each.kind === "spans").flatMap((each) => each.x))],
+          drawClear: [(u) => rest.forEach((each) => each.kind === "spans" && O2.shade(u, each.x, each.color && ink(each)))],
           draw: [(u) => pen(u, true, (ctx, ratio) => rest.forEach((layer) => this.over(u, ctx, ratio, layer)))],
         },
       });
@@ -133,6 +162,7 @@
       ctx.save();
       ctx.font = ctx.font.replace("600 ", "");
       ctx.fillStyle = ctx.strokeStyle = ink(layer);
+      ctx.textAlign = "left";
       ctx.lineWidth = (layer.width ?? 1) * ratio;
       ctx.globalAlpha = typeof layer.alpha === "number" ? layer.alpha : 1;
       DRAW[layer.kind]({ u, ctx, ratio, layer, at: (value, axis) => u.valToPos(value, axis, true) });
@@ -143,7 +173,7 @@
       const key = element(caption, "span", { className: "key" });
       for (const layer of layers) {
         const name = element(key, "span", { textContent: layer.label });
-        name.prepend(Object.assign(document.createElement("i"), { textContent: layer.kind === "line" || layer.kind === "rule" ? "━ " : layer.mark ?? "● " }));
+        name.prepend(Object.assign(document.createElement("i"), { textContent: layer.kind === "line" || layer.kind === "rule" ? "━ " : `${layer.mark ?? "●"} ` }));
         name.firstChild.style.color = ink(layer);
       }
     }

@@ -1,7 +1,5 @@
 // The plots over time: newest sample at the right edge, time counted back from it.
-import { signed } from "./panels.js";
-
-const { SYMBOLS, color, digits, shift, element, symmetric, rule, tag } = O2;
+const { SYMBOLS, color, element, rule, tag } = O2;
 const GAP_S = 1; // without samples, after which lines break
 const STEPS = [5, 10, 15, 30, 60, 120, 300];
 
@@ -98,40 +96,20 @@ export class Plots {
     this.c = this.columns();
     const style = getComputedStyle(this.section);
     this.inner = this.width - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
-    const { j_mu: mu, j_sigma: sigma } = this.state.limits;
-    const name = this.state.output.replace(/_measured$/, "");
-    const [blue, orange, violet] = ["measured", "predicted", "residual"].map(color);
-    const number = (u, v) => digits(v, 4);
-    const plus = (u, v) => signed(v, 4);
+    const name = this.state.output.replace(/_measured$/, ""), isLambda = name.startsWith("lambda");
     this.offset = this.state.vehicle_offset ?? null;
-    const own = this.offset == null ? "" : " for this vehicle", by = this.offset ?? 0;
-    const adapted = this.offset == null ? [] : [{ label: "predicted for this vehicle", stroke: orange, width: 3, value: number }];
-    const plain = adapted.length ? { label: "predicted, as trained", stroke: color("quiet"), width: 1.25, dash: [6, 4] } : { label: "predicted", stroke: orange, width: 3 };
     const hidden = { paths: () => null, stroke: color("quiet"), width: 0 };
-    this.add(`Measured and predicted ${name}`, this.inner < 600 ? 200 : 230, (c) => [c.t, c.predicted, ...adapted.map(() => shift(c.predicted, by)), c.measured], [
-      { value: number, ...plain },
-      ...adapted,
-      { label: "measured", stroke: blue, width: 1.3, value: number },
-    ], { range: () => O2.outputRange(this.c, 0, this.c.t.length - 1, this.state.output.startsWith("lambda")), top: 8 });
-    this.add(`Residual${own}, enabled samples`, 120, (c) => [c.t, shift(c.residual, -by)], [
-      { label: "residual", stroke: violet, width: 1.2, value: plus },
-    ], { range: (u, low, high) => symmetric(low, high, 0.01), zero: true });
-    this.add(`Window mean${own}`, 120, (c) => [c.t, shift(c.mean, -by)], [{ ...hidden, label: "mean", value: plus }], {
-      range: (u, low, high) => symmetric(low, high, (mu || 0.01) * 1.3), zero: true, windows: "mean",
-      limits: mu == null ? [] : [[mu, "±Jμ"], [-mu, "±Jμ"]],
-    });
-    this.add("Window standard deviation", 120, (c) => [c.t, c.std], [{ ...hidden, label: "std", value: number }], {
-      range: (u, low, high) => [0, Math.max(high || 0, sigma || 0, 1e-3) * 1.3], windows: "std", xlabels: true,
-      limits: sigma == null ? [] : [[sigma, "Jσ"]],
-    });
+    const outputs = { range: () => O2.outputRange(this.c, 0, this.c.t.length - 1, isLambda), top: 8 };
+    const heights = [this.inner < 600 ? 200 : 230, 120, 120];
+    for (const each of O2.judged(name, this.offset, this.state.limits, heights, hidden, outputs)) this.add(...each);
   }
 
   add(title, height, data, series, axis) {
-    const figure = element(this.section, "figure");
-    const x = { size: axis.xlabels ? 24 : 6, splits: () => this.times(),
-      values: (u, splits) => splits.map((t) => (axis.xlabels ? back(this.c.end - t, this.span) : "")) };
+    const figure = element(this.section, "figure"), isLast = axis.windows === "std";
+    const x = { size: isLast ? 24 : 6, splits: () => this.times(),
+      values: (u, splits) => splits.map((t) => (isLast ? back(this.c.end - t, this.span) : "")) };
     const plot = O2.plot(figure, title, data(this.c), series, {
-      width: this.inner, height: height + (axis.xlabels ? 18 : 0), padding: [axis.top || 8, 18, 0, 0],
+      width: this.inner, height: height + (isLast ? 18 : 0), padding: [axis.top || 8, 18, 0, 0],
       scales: { x: { time: false, range: () => [this.c.begin, this.c.end] }, y: { range: axis.range } },
       axes: [x, { size: 58, space: 26 }],
       cursor: { sync: { key: "live", setSeries: false }, drag: { x: false, y: false } },

@@ -1,0 +1,60 @@
+"""Heat maps as HTML tables: a colour and a text in each cell, the last row on top."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Final, NamedTuple
+
+import numpy as np
+
+from monitor.base.types import FloatArray
+
+LEVELS: Final = 8  # of colour
+
+
+class HeatCell(NamedTuple):
+    """A cell: its text, one below it, the level of its colour, and what the mouse shows."""
+
+    value: str
+    half: str = ""  # of an interval
+    level: int | None = None  # 0 to LEVELS; None is blank
+    place: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Heat:
+    """A map as a page shows it."""
+
+    template: ClassVar[str] = "heat.html"
+    corner: str
+    columns: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[HeatCell]]]
+
+
+def level(value: float, values: FloatArray) -> int | None:
+    """Return the level of a value's colour among all ``values``, None if it is not finite.
+
+    >>> level(3.0, np.array([[1.0, 3.0], [np.nan, 2.0]]))
+    8
+    """
+    if not np.isfinite(value):
+        return None
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    return round(LEVELS * (value - low) / max(high - low, 1e-9))
+
+
+def over_plane(
+    corner: str, x: FloatArray, y: FloatArray, values: FloatArray, spec: str, of: FloatArray
+) -> Heat:
+    """Return the map of values (len(y) - 1, len(x) - 1) between edges; NaN is blank.
+
+    spec : format of a value
+    of : all values that share the colours
+    """
+    rows = [
+        (
+            f"{low:.4g}",
+            [HeatCell("" if np.isnan(v) else format(v, spec), "", level(v, of)) for v in row],
+        )
+        for low, row in zip(y[:-1].tolist(), values.tolist(), strict=True)
+    ]
+    return Heat(corner, [f"{low:.4g}" for low in x[:-1].tolist()], rows[::-1])
