@@ -402,4 +402,6 @@ def test_the_page_colours_cells_and_tells_where_they_were_driven() -> None:
     top, bottom = (cells for _, cells in shown.rows)
     assert bottom[0] == HeatCell("300", "±10", LEVELS, "monday.msl from 1 s")
     assert bottom[1].level == 0 and top[0].level == LEVELS // 2
-    assert top[1] == HeatCell("5 s", "", None, "monday.msl from 4 s")  # blank: too little or too calm
+    assert top[1] == HeatCell(
+        "5 s", "", None, "monday.msl from 4 s"
+    )  # blank: too little or too calm
