@@ -91,7 +91,7 @@ def main(argv: Sequence[str]) -> int:
     args = fuzz_options(__name__, __doc__, 100_000, 800).parse_args(argv)
     rng, answers = random.Random(args.seed), Counter[int]()
     with Player() as player:
-        player.play(frames_of("healthy_micro_trips", 60.0), 60.0)
+        player.push(frames_of("healthy_micro_trips", 60.0), 60.0)
         port, pid = player.server.address.port, player.server.pid
         begin_s, sizes = time.monotonic(), list[float]()
         for i in range(args.cases):

@@ -223,10 +223,13 @@ class Loop:
         self.health.detached += 1
         name, kind = type(attachment).__name__, type(error).__name__
         self._say(f"{name} failed and is switched off: {kind}: {error}")
+        self._let_go(attachment)
+
+    def _let_go(self, attachment: Attachment) -> None:
         try:
             attachment.close()
-        except Exception as again:
-            self._say(f"{name} did not close: {again}")
+        except Exception as error:
+            self._say(f"{type(attachment).__name__} did not close: {error}")
 
     def _rewire(self) -> None:
         self._wanted = {}
@@ -252,11 +255,8 @@ class Loop:
         self._due_s = min(self._due_s, self.judging.store_again_s)
 
     def _close(self) -> None:
-        for attachment in tuple(self.attachments):
-            try:
-                attachment.close()
-            except Exception as error:
-                self._say(f"{type(attachment).__name__} did not close: {error}")
+        for attachment in self.attachments:
+            self._let_go(attachment)
         try:
             if self._recorder:
                 self._recorder.close()

@@ -23,7 +23,7 @@ _MODULES = {"o2mon": "monitor.cli", "o2train": "training.cli"}
 
 def diagnosed(args: "DoctorOptions") -> int:
     """Fit a model or take one, check the logs, judge, estimate tables; return the exit code."""
-    from monitor.pipeline.replay import exit_code, replay_all
+    from monitor.pipeline.replay import exit_code, replay
     from monitor.report.lines import print_recording
 
     args.out.mkdir(parents=True, exist_ok=True)
@@ -42,7 +42,7 @@ def diagnosed(args: "DoctorOptions") -> int:
     for log in args.log:
         steps |= _step("o2mon", "check", log, *of_model, *reading)
     setup = set_up(replace(args, model=model), args.columns)
-    judged = list(replay_all(args.log, setup, trace=True))
+    judged = [replay(log, setup, trace=True) for log in args.log]
     words = [*(args.healthy or args.log), "--out", args.out / "tables", *reading]
     steps |= _step("o2train", "tables", *words, may_fail=True)
     recordings, traces = [each for each, _ in judged], [trace for _, trace in judged]

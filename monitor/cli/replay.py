@@ -9,7 +9,7 @@ from typing import Annotated
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames, LogChannel, Output, Quiet
 from monitor.cli.options import LOGS, JudgeOptions, say, set_up, warn, write_outputs
-from monitor.cli.sinks import SinkOptions, written_sinks
+from monitor.cli.sinks import SinkOptions, open_sinks
 
 EXAMPLES = """examples:
   o2mon replay drive.blf                     log of the project's own ECU, shipped model
@@ -43,26 +43,24 @@ def run(args: ReplayOptions) -> int:
 
     import_cantools_alone()
     from monitor.memory.store import Memory
-    from monitor.pipeline.replay import exit_code, replay_all
+    from monitor.pipeline.replay import exit_code, replay
     from monitor.report.lines import case, print_recording
+    from monitor.sinks.written import Written
 
     setup = set_up(args, args.columns)
     memory = Memory(args.memory, hold=True) if args.memory else None
     if memory and memory.condition.says:
         warn(memory.condition.says)
     recordings, traces = [], []
-    sinks = written_sinks(args)
     with (
         closing(memory) if memory else nullcontext(),
-        closing(sinks) if sinks else nullcontext(),
+        closing(Written(open_sinks(args), args.sink_rate)) as sinks,
     ):
-        for recording, trace in replay_all(
-            args.log,
-            setup,
-            memory,
-            trace=bool(args.html),
-            listeners=sinks.listener if sinks else None,
-        ):
+        listeners = sinks.listener if args.sink else None
+        for log in args.log:
+            recording, trace = replay(
+                log, setup, memory, trace=bool(args.html), listeners=listeners
+            )
             recordings.append(recording)
             traces.append(trace)
             for line in () if args.quiet else print_recording(recording, windows=args.windows):

@@ -13,7 +13,7 @@ from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import Quiet
 from monitor.base.files.outputs import unused
 from monitor.cli.diagnostics import DiagnosticsOptions, diagnostics
-from monitor.cli.live import LiveOptions, live_feed, live_server
+from monitor.cli.live import LiveOptions, live_feed
 from monitor.cli.options import (
     NOT_JUDGED,
     Bus,
@@ -28,14 +28,12 @@ from monitor.cli.options import (
     tell_if_too_slow,
     write_outputs,
 )
-from monitor.cli.sinks import SinkOptions, outlets, sink_feed
+from monitor.cli.sinks import SinkOptions, open_sinks, sink_feed
 
 if TYPE_CHECKING:
     from monitor.bus.attachment import Attachment
-    from monitor.bus.live.process import Server
     from monitor.bus.loop import Loop
     from monitor.bus.terminal import Out
-    from monitor.sinks.outlet import Outlet
 
 EXAMPLES = """examples:
   o2mon run -i socketcan -c can0                         only listen
@@ -69,17 +67,12 @@ class RunOptions(JudgeOptions, DiagnosticsOptions, ObdOptions, LiveOptions, Sink
 
 def run(args: RunOptions) -> int:
     """Judge a live bus."""
-    with live_server(args) as server, outlets(args) as opened:
-        return _judge(args, server, opened)
-
-
-def _judge(args: RunOptions, server: "Server | None", opened: "list[Outlet]") -> int:
     from monitor.bus import loop as loops
     from monitor.bus.terminal import Out
     from monitor.bus.transmit import Transmitter
     from monitor.memory.store import Memory
 
-    setup = set_up(args, obd=args.obd)
+    setup, sinks = set_up(args, obd=args.obd), open_sinks(args)
     record = unused(args.record) if args.record else None
     if record != args.record:
         print(f"o2mon: {args.record} is kept, this run is recorded in {record}", file=sys.stderr)
@@ -105,10 +98,8 @@ def _judge(args: RunOptions, server: "Server | None", opened: "list[Outlet]") ->
         if args.transmit:
             loop.attachments.append(Transmitter(loop.pipeline.monitor))
         loop.attachments.extend(diagnostics(args, setup, loop, _speaker(args, out)))
-        loop.attachments.extend(
-            live_feed(server, setup, loop, bus_name(args.bus), _speaker(args, out))
-        )
-        feed = sink_feed(args, opened, loop, _speaker(args, out))
+        loop.attachments.extend(live_feed(args, setup, loop, name, _speaker(args, out)))
+        feed = sink_feed(args, sinks, loop, _speaker(args, out))
         loop.attachments.extend(feed)
         gc.collect()
         gc.freeze()  # collecting the loaded objects causes the longest pauses

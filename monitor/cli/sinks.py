@@ -1,8 +1,7 @@
 """Options of ``o2mon run`` and ``o2mon replay`` that send results to other systems."""
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,8 +11,7 @@ from monitor.cli.options import Hertz
 if TYPE_CHECKING:
     from monitor.bus.loop import Loop
     from monitor.bus.sink_feed import SinkFeed
-    from monitor.sinks.outlet import Outlet
-    from monitor.sinks.written import Written
+    from monitor.sinks.record import Sink
 
 
 def _tag(text: str) -> tuple[str, str]:
@@ -38,51 +36,27 @@ class SinkOptions:
     sink_tag: Annotated[Sequence[tuple[str, str]], REPEATED, _tag, "NAME=TEXT"] = ()
 
 
-@contextmanager
-def outlets(args: SinkOptions) -> "Iterator[list[Outlet]]":
-    """Open the sinks of a run, each with its thread, and close them at the end.
+def open_sinks(args: SinkOptions) -> "list[tuple[str, Sink]]":
+    """Return the sinks and the names that messages show; they connect when they first write.
 
     Raises UsageError if one cannot be had.
     """
     if not args.sink:
-        yield []
-        return
+        return []
     from monitor.sinks.address import open_sink, shown
-    from monitor.sinks.outlet import Outlet
 
-    sinks = [open_sink(address, dict(args.sink_tag)) for address in args.sink]
-    opened = [Outlet(shown(a), sink) for a, sink in zip(args.sink, sinks, strict=True)]
-    try:
-        yield opened
-    finally:
-        for outlet in opened:
-            outlet.close()
+    return [(shown(address), open_sink(address, dict(args.sink_tag))) for address in args.sink]
 
 
 def sink_feed(
-    args: SinkOptions, opened: "list[Outlet]", loop: "Loop", say: Callable[[str], None]
+    args: SinkOptions, sinks: "list[tuple[str, Sink]]", loop: "Loop", say: Callable[[str], None]
 ) -> "list[SinkFeed]":
     """Return the attachment that feeds the sinks, in a list; an empty list if there are none."""
-    if not opened:
+    if not sinks:
         return []
     from monitor.bus.sink_feed import SinkFeed
+    from monitor.sinks.outlet import Outlet
     from monitor.sinks.stream import Stream
 
     stream = Stream(loop.pipeline.monitor, args.sink_rate)
-    return [SinkFeed(stream, opened, loop.health, say)]
-
-
-def written_sinks(args: SinkOptions) -> "Written | None":
-    """Return the sinks of a replay, None without any; a replay waits for them.
-
-    Raises UsageError if one cannot be had.
-    """
-    if not args.sink:
-        return None
-    from monitor.sinks.address import open_sink, shown
-    from monitor.sinks.written import Written
-
-    tags = dict(args.sink_tag)
-    return Written(
-        {shown(address): open_sink(address, tags) for address in args.sink}, args.sink_rate
-    )
+    return [SinkFeed(stream, [Outlet(name, sink) for name, sink in sinks], loop.health, say)]

@@ -83,7 +83,9 @@ class RecordingReader:
         Raises RecordingError naming the file, or ConfigError for the columns map, here or while
         the blocks are read.
         """
-        return self._table_file(path) if is_table(path) else self._log(path)
+        if not is_table(path):
+            return self._log(path)
+        return self.table(table_of_model(path, self._columns, self._card))
 
     def read(self, path: Path) -> ReadRecording:
         """Return a whole recording with the signals that the monitor looks at.
@@ -126,9 +128,6 @@ class RecordingReader:
             is_live=lambda: assembler.is_live,
             notes=lambda: (*log.notes, *timeline.notes),
         )
-
-    def _table_file(self, path: Path) -> OpenRecording:
-        return self.table(table_of_model(path, self._columns, self._card))
 
     def table(self, table: Table) -> OpenRecording:
         """Return a table as a recording of one block.

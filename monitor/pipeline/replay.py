@@ -1,7 +1,7 @@
 """Replays recordings through the pipeline as fast as possible."""
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -205,19 +205,6 @@ def _events(monitor: SensorMonitor, opened: OpenRecording) -> Iterator[BlockEven
             continue
         for block in slices(part, 0, len(part.t_ns)):
             yield from monitor.push(block)
-
-
-def replay_all(
-    paths: Iterable[Path],
-    setup: Setup,
-    memory: Memory | None = None,
-    *,
-    trace: bool = False,
-    listeners: Listeners | None = None,
-) -> Iterator[tuple[dict[str, Any], Trace]]:
-    """Judge recordings one after the other, each with the model reset."""
-    for path in paths:
-        yield replay(path, setup, memory, trace=trace, listeners=listeners)
 
 
 def exit_code(recordings: Sequence[dict[str, Any]]) -> int:

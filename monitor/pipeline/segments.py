@@ -70,10 +70,10 @@ class _Row(NamedTuple):
         """
         part, inside = self.part, slice(self.begin, self.end)
         goes_on = self.state is not None
-        kinds = [(part.windows, part.enabled, part.spans)]
-        if part.cut_windows is not None:
-            kinds.append((part.cut_windows, part.in_cut, part.cut_spans))
-        for windows, samples, target in kinds:
+        for windows, samples, target in (
+            (part.windows, part.enabled, part.spans),
+            (part.cut_windows, part.in_cut, part.cut_spans),
+        ):
             found = windows.spans(samples[inside] & usable, goes_on=goes_on, is_last=self.is_last)
             for begin, end in found:
                 yield target, begin, end

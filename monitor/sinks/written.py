@@ -1,6 +1,6 @@
 """The way from a replay to its sinks: the replay waits, and an error ends it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 
 from monitor.base.errors import UsageError
 from monitor.base.foreign import ForeignError, foreign
@@ -14,12 +14,12 @@ Listener = Callable[[BlockEvent], None]
 
 
 class Written:
-    """Sinks by the name that messages show.
+    """Sinks, each with the name that messages show.
 
     rate_hz : most "signals" records per second of the recording's time
     """
 
-    def __init__(self, sinks: Mapping[str, Sink], rate_hz: float) -> None:
+    def __init__(self, sinks: Sequence[tuple[str, Sink]], rate_hz: float) -> None:
         self._sinks, self._rate_hz = sinks, rate_hz
         self._waiting: list[Record] = []
 
@@ -43,12 +43,12 @@ class Written:
         try:
             self._write()
         finally:
-            for sink in self._sinks.values():
+            for _, sink in self._sinks:
                 sink.close()
 
     def _write(self) -> None:
         records, self._waiting = self._waiting, []
-        for name, sink in self._sinks.items() if records else ():
+        for name, sink in self._sinks if records else ():
             try:
                 with foreign(f"--sink {name}"):
                     sink.write(records)

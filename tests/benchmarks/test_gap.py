@@ -252,18 +252,3 @@ def test_a_sensor_declared_good_is_declared_to_the_workflow_and_has_no_faults(
     assert {each.kind for each in cases(Study(sensor_known_good=True))}.isdisjoint(plan.FAULTY)
     assert main([*good, "--cases", "fault=1"]) == 2
     assert "kind 'fault': its sensors are not known to be good" in capsys.readouterr().err
-
-
-def test_what_a_study_cannot_hold_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for wrong, words in (
-        ("--cases effects=1", "kind 'effects' is unknown; there are effect"),
-        ("--base net", "base 'net' is unknown"),
-        ("--cases many", "wanted KIND=N"),
-        ("--vehicles 0", "--vehicles is 1 to"),
-        ("--minutes 1", "--minutes is 2 to 60"),
-    ):
-        assert main([*TINY, "--out", str(tmp_path / "new"), *wrong.split()]) == 2
-        assert words in capsys.readouterr().err
-        assert not (tmp_path / "new").exists()

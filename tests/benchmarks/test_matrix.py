@@ -22,7 +22,6 @@ from benchmarks.studies.sensor.plan import (
 from benchmarks.studies.sensor.severities import ELECTRICAL, SEVERITIES, beyond_limit
 from benchmarks.studies.tables import Row
 from benchmarks.studies.targets import Target
-from monitor.base import config
 from monitor.base.errors import UsageError
 from monitor.base.faults import LIMIT_SEVERITY
 from training.dyno import ecu
@@ -153,33 +152,6 @@ def test_the_command_drives_a_small_matrix_and_reports_it(
     # WHEN it is asked for again THEN nothing is driven anew
     monkeypatch.setattr(run, "samples", None)
     assert main(small(tmp_path)) == 0
-
-
-def test_a_drive_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_: Any) -> Any:
-        raise ValueError("no road")
-
-    monkeypatch.setattr(run, "samples", broken)
-    model = Path("monitor/model/shipped.onnx").resolve()
-    (chunk,) = run.chunks(SMALL, model).values()
-    with pytest.raises(RuntimeError, match=r"trial 0 \(us06, vehicle 2000, ref.*no road"):
-        run._rows(run.Bench(model, config.load()), chunk)
-
-
-def test_what_cannot_be_driven_is_said_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for options, said in (
-        ("--faults rusty", "fault 'rusty' is unknown"),
-        ("--faults gain_low=1.5", "wanted below 1"),
-        ("--cycles nowhere", "cycle 'nowhere' is unknown"),
-        ("--ambients damp", "ambient 'damp' is unknown"),
-        ("--first-vehicle 1", "vehicle 1 has trained the model"),
-    ):
-        assert main([*small(tmp_path / "m"), *options.split()]) == 2
-        (error,) = capsys.readouterr().err.splitlines()
-        assert said in error
-        assert not (tmp_path / "m").exists()
 
 
 def row(number: int, fault: str = "", severity: float | None = None, **changes: Any) -> Row:

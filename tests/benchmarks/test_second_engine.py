@@ -58,12 +58,6 @@ def test_a_lag_or_dead_time_of_one_edge_spares_the_other() -> None:
         assert after_edges(to_rich, rising=True) > 2.0 * after_edges(to_rich, rising=False)
 
 
-def test_a_sensor_that_holds_repeats_its_reading() -> None:
-    readings = sent("intermittent")[OUTPUT][closed()]
-    assert (np.diff(readings) == 0.0).mean() > 0.15
-    assert (np.diff(sent()[OUTPUT][closed()]) == 0.0).mean() < 0.15
-
-
 def test_a_sensor_that_is_not_ready_opens_the_loop() -> None:
     for fault in ("not_ready", "signal_missing"):
         assert not sent(fault)["closed_loop"].any()

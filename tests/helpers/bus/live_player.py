@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 from monitor.base import config
@@ -14,7 +14,7 @@ from monitor.frames.blocks import block_of
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline import replay
-from monitor.pipeline.events import Tick, singly
+from monitor.pipeline.events import Event, singly
 from monitor.pipeline.frames import FramePipeline
 from tests.conftest import ROOT
 
@@ -60,41 +60,34 @@ class Player:
             say=self.lines.append,
         )
 
-    def push(self, frames: Iterable[Frame]) -> None:
-        """Judge frames; the feed writes a message for each quarter second of theirs."""
-        for frame in frames:
-            self.health["frames"] += 1
-            for event in self.pipeline.push(block_of([frame])):
-                for each in singly(event):
-                    self.feed.push(each)
-            self.feed.work(frame.t_ns / 1e9)
+    def judged(self, frames: Sequence[Frame]) -> list[Event]:
+        """Judge frames without the feed; return the events."""
+        found = self.pipeline.push(block_of(list(frames)))
+        return [each for event in found for each in singly(event)]
 
-    def ticks(self, frame: Frame) -> list[Tick]:
-        """Judge a frame without the feed; return its samples."""
-        events = [each for event in self.pipeline.push(block_of([frame])) for each in singly(event)]
-        return [event for event in events if isinstance(event, Tick)]
+    def push(self, frames: Sequence[Frame], speed: float | None = None) -> None:
+        """Judge frames, four at once, and feed the page by their times, or so many times as fast.
 
-    def play(self, frames: Iterable[Frame], speed: float | None = None) -> None:
-        """Play frames, at so many times real time, or as fast as possible."""
-        start_s, first_ns = time.monotonic(), None
-        for frame in frames:
-            first_ns = frame.t_ns if first_ns is None else first_ns
-            self.health["frames"] += 1
-            for event in self.pipeline.push(block_of([frame])):
-                for each in singly(event):
-                    self.feed.push(each)
-            due_s = start_s + (frame.t_ns - first_ns) / 1e9 / (speed or 1e9)
-            while (wait_s := due_s - time.monotonic()) > 0.002:
-                time.sleep(min(wait_s, 0.05))
-                self.feed.work(time.monotonic())
-            self.feed.work(time.monotonic())
+        speed : times real time; without it as fast as possible
+        """
+        begin_s, first_ns = time.monotonic(), frames[0].t_ns
+        for part in (frames[k : k + 4] for k in range(0, len(frames), 4)):
+            self.health["frames"] += len(part)
+            for event in self.judged(part):
+                self.feed.push(event)
+            if speed is None:
+                self.feed.work(part[-1].t_ns / 1e9)
+            else:
+                due_s = begin_s + (part[-1].t_ns - first_ns) / 1e9 / speed
+                self.work(due_s - time.monotonic())
 
     def work(self, seconds: float) -> None:
         """Let the time go by."""
         until_s = time.monotonic() + seconds
-        while time.monotonic() < until_s:
+        self.feed.work(time.monotonic())
+        while (wait_s := until_s - time.monotonic()) > 0.002:
+            time.sleep(min(wait_s, 0.02))
             self.feed.work(time.monotonic())
-            time.sleep(0.02)
 
     def __enter__(self) -> "Player":
         return self

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from monitor.base import config, downstream_faults
 from monitor.base.errors import UsageError
-from monitor.base.faults import NAMES, TRANSIENT_GAIN, Fault, combine, lag_step, resolve
+from monitor.base.faults import NAMES, TRANSIENT_GAIN, Fault, combine, resolve
 from monitor.judge.response.bank import DIRECTIONS, build
 from monitor.memory.codes import CODES
 from tests.helpers.examples import inputs
@@ -42,13 +42,6 @@ def test_a_symmetric_lag_is_the_first_order_step_response(phi: list[float], tau_
     np.testing.assert_allclose(read(resolve("slow_symmetric", tau_s), phi), expected, rtol=CLOSE)
 
 
-@pytest.mark.parametrize("tau_s", [0.2, 0.6, 2.0])
-def test_a_lag_has_done_63_percent_of_a_step_after_its_time_constant(tau_s: float) -> None:
-    n = round(tau_s / 0.01)
-    got = read(resolve("slow_symmetric", tau_s), [0.9] + [1.1] * n, 0.01)
-    assert (got[-1] - 0.9) / 0.2 == pytest.approx(1.0 - math.exp(-1.0), abs=1e-9)
-
-
 @given(phis, lags_s, st.sampled_from(["rich_to_lean", "lean_to_rich"]))
 def test_a_one_sided_lag_acts_on_its_edge_direction_only(
     phi: list[float], tau_s: float, direction: str
@@ -79,25 +72,6 @@ def test_a_one_sided_dead_time_holds_the_old_value_against_its_edge_only(
     falling = read(resolve("delay_rich_to_lean", late * PERIOD_S), phi)
     np.testing.assert_allclose(rising, np.minimum(phi, then), rtol=CLOSE)
     np.testing.assert_allclose(falling, np.maximum(phi, then), rtol=CLOSE)
-
-
-@given(st.lists(st.floats(0.0, 0.1), min_size=2, max_size=60), delays, lags_s, st.booleans())
-def test_on_a_signal_that_only_rises_the_falling_edge_faults_do_nothing(
-    increments: list[float], late: int, tau_s: float, turned: bool
-) -> None:
-    # GIVEN phi that only rises (lean to rich), or, turned, only falls
-    phi = list(0.2 + np.cumsum(increments))
-    acts, rests = "lean_to_rich", "rich_to_lean"
-    if turned:
-        phi, acts, rests = phi[::-1], rests, acts
-    for kind, severity in (("slow", tau_s), ("delay", late * PERIOD_S)):
-        # THEN the other edge's fault leaves it alone, and this edge's is the symmetric one
-        np.testing.assert_allclose(read(resolve(f"{kind}_{rests}", severity), phi), phi, rtol=CLOSE)
-        np.testing.assert_allclose(
-            read(resolve(f"{kind}_{acts}", severity), phi),
-            read(resolve(f"{kind}_symmetric", severity), phi),
-            rtol=CLOSE,
-        )
 
 
 @given(phis, st.floats(0.05, 0.95))
@@ -160,23 +134,6 @@ def test_a_reading_no_sensor_can_give_leaves_no_trace(name: str, reading: float)
     disturbed = faulty_readings(resolve(name), [*drive[:2], reading, *drive[2:]], PERIOD_S)
     undisturbed = faulty_readings(resolve(name), drive, PERIOD_S)
     np.testing.assert_array_equal(np.delete(disturbed, 2), undisturbed)
-
-
-@pytest.mark.parametrize("name", [n for n in NAMES if n.startswith(("slow", "delay", "transient"))])
-def test_in_fuel_cut_the_sensor_reads_air_at_last(name: str) -> None:
-    got = faulty_readings(resolve(name), [1.0] + [16.0] * 400, PERIOD_S)
-    weak = TRANSIENT_GAIN if name == "transient" else 1.0
-    assert got[-1] == pytest.approx(1.0 / (1.0 + weak * (1.0 / 16.0 - 1.0)), rel=1e-9)
-
-
-@given(st.floats(0.1, 1.9), st.floats(0.1, 1.9), lags_s, st.integers(1, 20))
-def test_many_small_steps_of_the_lag_are_one_large_one(
-    x: float, u: float, tau_s: float, n: int
-) -> None:
-    small = x
-    for _ in range(n):
-        small = lag_step(small, u, tau_s, tau_s, 0.3 / n)
-    assert small == pytest.approx(lag_step(x, u, tau_s, tau_s, 0.3), rel=1e-9)
 
 
 # Names and severities
@@ -278,10 +235,6 @@ def test_each_hypothesis_reads_what_the_fault_of_its_name_is_defined_to_read(
     for i, h in enumerate(BANK[1:], start=1):
         expected = read(resolve(h.fault, h.seconds), phi)
         np.testing.assert_allclose(rows[:, i], expected, rtol=1e-9, err_msg=str(h))
-
-
-def test_a_signal_that_begins_has_always_been_its_first_value() -> None:
-    np.testing.assert_allclose(bank_of([1.1]), 1.1, rtol=CLOSE)
 
 
 @pytest.mark.parametrize("period_s", [0.01, 0.03, 0.25])

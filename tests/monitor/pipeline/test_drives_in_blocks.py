@@ -1,16 +1,12 @@
 """Simulated drives, side by side and streamed: several driving cycles, references, memories."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import pytest
 
-from monitor.base import faults
 from monitor.base.types import Quality, SampleBlock
 from monitor.judge.limits import Limits
-from monitor.memory.codes import TESTS
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
@@ -34,48 +30,6 @@ def simulated(experiment: Experiment) -> tuple[SampleBlock, tuple[str, ...]]:
     return ecu.samples(sent, bus_map, PERIOD_NS), bus_map.names
 
 
-@pytest.fixture(scope="module")
-def drives() -> tuple[list[SampleBlock], tuple[str, ...]]:
-    """Three healthy drives of different lengths and some with a fault in the loop."""
-    found = [
-        simulated(Experiment(cycle, vehicle=7 + k, seed=9200 + k, conditions=WARM, duration_s=s))
-        for k, (cycle, s) in enumerate((("hwfet", 300.0), ("udds", 400.0), ("us06", 300.0)))
-    ]
-    for k, name in enumerate(("slow_symmetric", "stuck_lean", "signal_missing", "out_of_range")):
-        fault = faults.resolve(name)
-        begin_s = 60.0 if fault.missing else 0.0
-        drive = Experiment("hwfet", seed=9210 + k, conditions=WARM, fault=fault, duration_s=240.0)
-        found.append(simulated(replace(drive, fault_start_s=begin_s)))
-    return [block for block, _ in found], found[0][1]
-
-
-def test_simulated_drives_with_the_shipped_model_are_judged_alike(
-    drives: tuple[list[SampleBlock], tuple[str, ...]],
-) -> None:
-    blocks, names = drives
-    judged = judge_all(blocks, names, MODEL, LIMITS, SHIPPED)
-    for block, got in zip(blocks, judged, strict=True):
-        assert_same(streamed(block, names, limits=LIMITS, store=fresh()), got)
-    # there was something to compare
-    assert sum(len(j.windows) for j in judged) > 60
-    assert sum(len(j.cuts) for j in judged) > 8
-    assert any(w.excited for j in judged for w in j.windows)
-    assert {"out_of_range", "signal_missing"} <= {d.fault for j in judged for d in j.dtcs}
-    assert any(j.completed for j in judged)
-
-
-def test_every_vehicle_is_judged_by_its_own_reference(
-    drives: tuple[list[SampleBlock], tuple[str, ...]],
-) -> None:
-    blocks, names = drives
-    references = [Reference(), Reference(-0.03, -0.02, 0.96, 2), Reference(0.2, 0.2, 1.0, 1)]
-    judged = judge_all(blocks[:3], names, MODEL, LIMITS, SHIPPED, references=references, rows=2)
-    for block, reference, got in zip(blocks[:3], references, judged, strict=True):
-        assert_same(streamed(block, names, store=fresh(), reference=reference), got)
-    # a reference that is far off makes the healthy sensor look biased
-    assert {w.fault for w in judged[2].windows} & set(TESTS["bias"])
-
-
 def ignition_off_and_on(names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """Return values and quality of an ECU that falls silent after the engine and wakes up again."""
     values = np.zeros((180, len(names)))
@@ -97,20 +51,26 @@ def joined(first: SampleBlock, second: SampleBlock, names: Sequence[str]) -> Sam
     )
 
 
-def test_the_reference_learns_between_two_drives_of_one_recording(
-    drives: tuple[list[SampleBlock], tuple[str, ...]],
-) -> None:
-    blocks, names = drives
-    both = [joined(blocks[0], blocks[0], names), joined(blocks[0], blocks[2], names)]
+def test_every_vehicle_is_judged_by_its_own_reference_which_learns_between_two_drives() -> None:
+    # GIVEN two recordings of two drives each, one of a vehicle that is known
+    drives = [("hwfet", 300.0), ("us06", 300.0)]
+    (first, names), (second, _) = [
+        simulated(Experiment(cycle, vehicle=7, seed=9200, conditions=WARM, duration_s=duration_s))
+        for cycle, duration_s in drives
+    ]
+    both = [joined(first, first, names), joined(first, second, names)]
     stores = [fresh() for _ in both]
-    references = [Reference()] * len(both)
+    references = [Reference(), Reference(-0.03, -0.02, 0.96, 2)]
+    # WHEN they are judged side by side, or one by one in a stream
     judged = judge_all(both, names, MODEL, LIMITS, SHIPPED, stores=stores, references=references)
-    for block, got, store in zip(both, judged, stores, strict=True):
+    # THEN each reference has learned from the first drive
+    for block, reference, got, store in zip(both, references, judged, stores, strict=True):
         assert [each.seen is not None for each in got.cycles] == [True]
-        assert got.reference.drives == 1
+        assert got.reference.drives == reference.drives + 1
         assert got.limits.gain != LIMITS.gain
+        assert sum(w.excited for w in got.windows) > 10
         own = fresh()
-        assert_same(streamed(block, names, store=own, reference=Reference()), got)
+        assert_same(streamed(block, names, store=own, reference=reference), got)
         assert kept(own) == kept(store)
         assert store.counts.ignition_cycles == 2
     # without a reference nothing is learned, and the second drive is judged as the first one

@@ -121,30 +121,6 @@ def test_a_log_whose_stretches_are_in_another_order_sets_no_code(
     assert (found.codes, found.cycles) == ((), 0)
 
 
-def test_a_message_that_stays_away_while_others_go_on_is_missed() -> None:
-    found = replayed(
-        chosen(DRIVE, (DRIVE.key != LAMBDA_ID) | (DRIVE.t_ns < BEGIN_NS + 30 * S)), BARE
-    )
-    assert (found.codes, counts(found)) == (("U0100",), (0, 0, 0))
-
-
-def test_one_slow_message_that_comes_on_time_shows_that_all_others_are_silent() -> None:
-    # GIVEN a bus on which a foreign message comes once a second
-    t_ns = np.arange(BEGIN_NS, BEGIN_NS + 60 * S, S, dtype=np.int64) + 500 * MS
-    width = DRIVE.data.shape[1]
-    foreign = FrameBlock(
-        t_ns,
-        np.full(len(t_ns), FOREIGN, np.uint32),
-        np.full(len(t_ns), 8, np.uint8),
-        np.zeros((len(t_ns), width), np.uint8),
-    )
-    both = joined([without(DRIVE, 30.0, 60.0), foreign])
-    # WHEN the ECU falls silent, and its map knows no alive counter
-    found = replayed(chosen(both, np.argsort(both.t_ns, kind="stable")), BARE)
-    # THEN the foreign message is witness enough
-    assert found.codes == ("U0100",)
-
-
 @pytest.mark.parametrize("step_s", [0.35, 59.0])
 @pytest.mark.parametrize("has_counters", [True, False])
 def test_a_clock_that_steps_with_every_frame_sets_no_code(

@@ -80,7 +80,7 @@ def test_a_fleet_has_the_verdicts_of_a_replay(tmp_path: Path) -> None:
     # GIVEN logs and tables of a healthy and a delayed sensor
     paths = [LOGS / DELAYED, write_piece(tmp_path / "healthy.csv", HEALTHY, n=2000)]
     setup = replay.set_up(None, [], config.load())
-    replayed = [found for found, _ in replay.replay_all(paths, setup)]
+    replayed = [replay.replay(path, setup)[0] for path in paths]
     # WHEN they are judged as a fleet
     rows, windows = judged([str(path) for path in paths], tmp_path / "out.parquet")
     # THEN verdicts, windows and codes are those of o2mon replay
@@ -107,7 +107,7 @@ def test_drives_of_a_vehicle_share_its_memory_as_in_a_replay(tmp_path: Path) -> 
     manifest.write_text("path,vehicle\n" + "\n".join(lines) + "\n")
     setup = replay.set_up(None, [], config.load())
     with closing(Memory(tmp_path / "memory.sqlite")) as memory:
-        replayed = [found for found, _ in replay.replay_all(own, setup, memory)]
+        replayed = [replay.replay(path, setup, memory)[0] for path in own]
     # WHEN the manifest is judged
     rows, windows = judged([str(manifest)], tmp_path / "out.parquet")
     # THEN codes, states and limits follow from drive to drive as with --memory

@@ -26,6 +26,7 @@ from monitor.bus.live.describe import ConditionWords, signal_rows
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import DtcChanged
 from monitor.memory.dtc_store import DtcStore
+from monitor.pipeline.events import Tick
 from tests.conftest import ROOT
 from tests.helpers.bus.live_player import Player, Sink, frames_of
 
@@ -72,9 +73,8 @@ def test_a_drive_is_told_in_four_messages_a_second_with_all_it_needs(
     sink = Sink()
     player = Player(server=sink)
     player.push(late_sensor)
-    player.feed.close()
+    player.feed.work(math.inf)
     first, *rest = sink.messages
-    assert sink.is_closed
     assert [c["name"] for c in first["conditions"]] == list(CONDITIONS)
     assert first["channel"] == "vcan0"
     assert 80 * 4 * 0.9 < len(sink.lines) < 80 * 4 * 1.1
@@ -97,19 +97,13 @@ def test_a_drive_is_told_in_four_messages_a_second_with_all_it_needs(
     assert ["delay_rich_to_lean", "found"] in rest[-1]["memory"]["evidence"]
     assert abs(rest[-1]["vehicle_offset"] or 0.0) <= player.setup.limits.offset_high
     assert rest[-1]["health"] == {**player.health, "page_dropped": 0}
-
-
-def test_clearing_is_shown_at_once(late_sensor: list[Frame]) -> None:
-    sink = Sink()
-    player = Player(server=sink)
-    player.push(late_sensor)
+    # WHEN the codes are cleared THEN that is shown at once
     t_ns = late_sensor[-1].t_ns
     for dtc in player.store.clear():
         player.feed.push(DtcChanged(t_ns, dtc))
-    player.feed.work(t_ns / 1e9 + feeds.MESSAGE_S)
+    player.feed.close()
     memory = sink.messages[-1]["memory"]
-    assert memory["codes"] == []
-    assert not memory["fault_flag"]
+    assert (memory["codes"], memory["fault_flag"], sink.is_closed) == ([], False, True)
 
 
 def test_a_confirmed_code_its_lamp_and_its_healing_are_shown() -> None:
@@ -145,7 +139,9 @@ def test_a_condition_says_what_it_sees(late_sensor: list[Frame]) -> None:
     # GIVEN an engine whose air mass message falls silent
     silent = {f.can_id for f in late_sensor[:1]}
     begin_ns = late_sensor[0].t_ns
-    player.push(f for f in late_sensor if f.can_id not in silent or f.t_ns < begin_ns + 30e9)
+    player.push(
+        [f for f in late_sensor[:8000] if f.can_id not in silent or f.t_ns < begin_ns + 30e9]
+    )
     now = sink.messages[-1]["now"]
     held, seen = (dict(zip(CONDITIONS, now[key], strict=True)) for key in ("held", "seen"))
     # THEN the conditions name what is missing, and the others what they see
@@ -169,7 +165,7 @@ def test_a_value_that_is_missing_says_why(quality: Quality) -> None:
 def test_an_input_outside_the_training_is_named_with_its_bound(late_sensor: list[Frame]) -> None:
     player = Player(server=Sink())
     monitor, setup = player.pipeline.monitor, player.setup
-    ticks = [t for f in late_sensor[:2000] for t in player.ticks(f)]
+    ticks = [e for e in player.judged(late_sensor[:2000]) if isinstance(e, Tick)]
     conditions = ConditionWords(monitor, setup.config.enable, setup.model.card)
     place, rail = CONDITIONS.index("trained_range"), monitor.names.index("rail_pressure_mpa")
     tick = ticks[-1]
@@ -183,7 +179,7 @@ def test_an_input_outside_the_training_is_named_with_its_bound(late_sensor: list
 def test_fast_samples_are_thinned_out_to_ten_a_second(late_sensor: list[Frame]) -> None:
     sink = Sink()
     player = Player(server=sink)
-    ticks = [t for f in late_sensor[:4000] for t in player.ticks(f)]
+    ticks = [e for e in player.judged(late_sensor[:4000]) if isinstance(e, Tick)]
     # GIVEN a model with samples every 30 ms
     card = replace(player.setup.model.card, period_ns=30_000_000)
     player.setup.model.card = card
@@ -206,7 +202,7 @@ def test_a_server_that_takes_nothing_costs_samples_not_memory(
     sink = Sink()
     player = Player(server=sink)
     sink.is_free = False
-    player.push(late_sensor)
+    player.push(late_sensor[:4000])
     assert not sink.lines
     sink.is_free = True
     player.feed.work(1e12)
@@ -224,7 +220,7 @@ def test_a_server_that_hangs_never_delays_the_loop(
     os.kill(player.server.pid, signal.SIGSTOP)
     try:
         slowest_s, t_s = 0.0, 0.0
-        player.push(late_sensor)
+        player.push(late_sensor[:4000])
         # WHEN far more than a pipe holds is due
         for _ in range(2000):
             t_s += 1e6
@@ -248,15 +244,14 @@ def test_the_loop_outlives_the_server_and_says_so_once(
     os.kill(player.server.pid, signal.SIGKILL)
     assert until(lambda: not is_running(player.server.pid))
     before = player.pipeline.monitor.samples
-    player.push(late_sensor[2000:])
-    assert player.pipeline.monitor.samples > before + 600
+    player.push(late_sensor[2000:6000])
+    assert player.pipeline.monitor.samples > before + 150
     assert len(player.lines) == 1
     assert "judging goes on without the page" in player.lines[0]
     assert player.feed.due_s == float("inf")
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
-def test_the_server_ends_with_the_loop(how: signal.Signals) -> None:
+def test_the_server_ends_with_the_loop() -> None:
     script = (
         "import time; from tests.helpers.bus.live_player import Player; p = Player();"
         "print(p.server.pid, flush=True); p.work(60)"
@@ -267,7 +262,7 @@ def test_the_server_ends_with_the_loop(how: signal.Signals) -> None:
         assert loop.stdout is not None
         pid = int(loop.stdout.readline())
         assert is_running(pid)
-        loop.send_signal(how)
+        loop.kill()
     assert until(lambda: not is_running(pid))
 
 

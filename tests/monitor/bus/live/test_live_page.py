@@ -33,7 +33,7 @@ def late_sensor() -> list[Frame]:
 def drive(late_sensor: list[Frame]) -> Iterator[Player]:
     """Give a drive whose first part is over, and a server that knows it."""
     with Player() as player:
-        player.play(late_sensor, 150)
+        player.push(late_sensor, 150)
         player.work(0.6)
         yield player
 
@@ -46,7 +46,7 @@ def at_work(player: Player, frames: list[Frame] | None = None) -> Iterator[None]
     def work() -> None:
         player.feed.due_s = -1e9
         if frames:
-            player.play(frames, 20)
+            player.push(frames, 20)
         while not stop.is_set():
             player.work(0.1)
 
@@ -143,7 +143,7 @@ def test_what_is_missing_is_named_in_full(
     silent, first_ns = late_sensor[0].can_id, late_sensor[0].t_ns
     part = [f for f in late_sensor[:6000] if f.can_id != silent or f.t_ns < first_ns + 10e9]
     with Player() as player:
-        player.play(part, 60)
+        player.push(part, 60)
         with at_work(player), opened(browser, player.url, size) as page:
             page.wait_for_selector("#conditions li.blocks")
             row = page.locator("#conditions li").first

@@ -103,10 +103,3 @@ def test_a_page_that_others_can_reach_is_warned_of(
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"live page: http://127.0.0.1:{port}/"
     assert lines[1] == "warning: everyone who reaches 0.0.0.0 can read the live page"
-
-
-def test_a_bus_that_cannot_be_opened_leaves_no_server_behind(port: int) -> None:
-    run = ["run", "-i", "socketcan", "-c", "no_such_bus", "--live", str(port)]
-    assert cli.main(run) == 2
-    with pytest.raises(httpx.ConnectError):
-        httpx.get(f"http://127.0.0.1:{port}/")

@@ -53,19 +53,8 @@ def test_a_model_with_samples_half_a_second_apart_judges_polled_drives(
 ) -> None:
     # GIVEN a model fitted to polled drives on a grid of 0.5 s, its limits set by them
     model = tmp_path / "slow.onnx"
-    options = [
-        "--period",
-        "0.5",
-        "--lags",
-        "4",
-        "--hidden",
-        "6",
-        "--starts",
-        "1",
-        "--budget",
-        "0.02",
-    ]
-    assert main(["fit", *map(str, logs), *BUS, *options, "--out", str(model)]) == 0
+    size = "--period 0.5 --lags 4 --hidden 6 --starts 1 --budget 0.02"
+    assert main(["fit", *map(str, logs), *BUS, *size.split(), "--out", str(model)]) == 0
     options = ["--model", str(model), *BUS, "--false-alarms", "0.3"]
     assert main(["calibrate", "--healthy", *map(str, logs), *options]) == 0
     assert Model.load(model).card.period_ns == 500_000_000
