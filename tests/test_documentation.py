@@ -13,7 +13,7 @@ import pytest
 
 from monitor.cli import _parser as o2mon_parser
 from tests.conftest import ROOT
-from tests.helpers.documentation import Block, blocks, commands, pages
+from tests.helpers.documentation import blocks, commands, pages
 from training.cli import _parser as o2train_parser
 
 PAGES = pages(ROOT)
@@ -106,10 +106,3 @@ def test_every_block_of_commands_runs_or_says_why_not() -> None:
     reasons = [block.reason for block in BLOCKS if block.reason is not None]
     assert all(len(reason) > 10 for reason in reasons)
     assert len(BLOCKS) - len(reasons) >= 15
-
-
-def test_a_reason_may_hold_for_some_lines_only() -> None:
-    block = Block(Path("page.md"), 3, "ls\nping can0\n", "can0: needs a bus")
-    assert block.skipped("ping can0")
-    assert not block.skipped("ls")
-    assert Block(Path("page.md"), 3, "ls\n", "takes an hour of time").skipped("ls")

@@ -27,7 +27,7 @@ def main(argv: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         happened = kills(Path(folder) / "o2.db", args.cases, rng)
         rows: list[Row] = [{"killed": f"process, {w}", "n": n} for w, n in happened.items()]
-        loops = 2 if args.smallest else args.loops
+        loops = 1 if args.smallest else args.loops
         told = loop_kills(Path(folder), loops, rng)
         rows.append({"killed": f"live loop of up to {told} events", "n": loops})
     events = ("fail", "pass", "clear", "cycle")

@@ -33,7 +33,6 @@ from monitor.memory.content import Content, content_of, text_of
 SUFFIX: Final = ".b"
 ASIDE: Final = "-damaged-"  # between the name of a lost memory and its number
 MAGIC: Final = b"o2mon "  # at the beginning of each line
-SPARE: Final = "-spare"  # behind the name of a copy that version 4 kept
 PIECE: Final = 200  # characters of the content in a line
 LARGEST: Final = 16_000_000  # bytes; a memory of 100 codes has 30,000
 
@@ -112,10 +111,8 @@ class Block:
         """Return what there is if FILE is not whole and has no partner."""
         if MAGIC in first.data:
             return StoredContent(None, f"{self.files[0].name} {first.note}")
-        if first.data or self.files[0].with_name(self.files[0].name + SPARE).exists():
-            raise RecordingError(
-                f"{self.files[0]}: not a fault memory, or one of version 4: choose another file"
-            )
+        if first.data:
+            raise RecordingError(f"{self.files[0]}: not a fault memory; choose another file")
         return StoredContent(Content())
 
     def write(self, content: Content) -> None:

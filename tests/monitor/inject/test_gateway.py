@@ -302,17 +302,15 @@ def test_the_judge_is_told_that_the_gateway_itself_is_off_a_bus() -> None:
     assert [frame.t_ns for frame in own] == sorted(frame.t_ns for frame in own)
 
 
-@pytest.mark.parametrize(("code", "exit_code"), [("P2A00", 0), ("P0133", 1)])
 def test_between_two_buses_what_goes_out_is_judged_when_a_signal_ends_it(
-    code: str, exit_code: int, drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # GIVEN a drive on a bus that keeps its time, so that it need not last as long
     scenario = tmp_path / "s.toml"
     fault = '[[fault]]\nname = "gain_low"\nstart_s = 20.0\n'
-    scenario.write_text(f'{fault}[[expect]]\ncode = "{code}"\nwithin_s = 120.0\n')
+    scenario.write_text(f'{fault}[[expect]]\ncode = "P2A00"\nwithin_s = 120.0\n')
     frames = list(read_frames(drive))
-    ecu, other = f"e-{code}", f"o-{code}"
-    heard = []
+    ecu, other, heard = "judged-ecu", "judged-other", list[can.Message]()
 
     def play() -> None:
         with (
@@ -330,10 +328,10 @@ def test_between_two_buses_what_goes_out_is_judged_when_a_signal_ends_it(
     thread = threading.Thread(target=play, daemon=True)
     thread.start()
     argv = ["-i", "virtual", "-c", ecu, "--to-channel", other, "--scenario", str(scenario)]
-    assert cli.main(["inject", *argv, "--assert", "--duration", "60"]) == exit_code
+    assert cli.main(["inject", *argv, "--assert", "--duration", "60"]) == 0
     thread.join(5.0)
     assert len(heard) == len(frames)
-    assert ("NOT MET" in capsys.readouterr().out) is bool(exit_code)
+    assert "NOT MET" not in capsys.readouterr().out
 
 
 def test_a_gateway_ends_cleanly_on_a_signal() -> None:

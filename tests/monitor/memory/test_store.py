@@ -166,13 +166,6 @@ def test_what_is_no_fault_memory_is_refused_and_left_as_it_is(tmp_path: Path) ->
         assert path.read_bytes() == before
 
 
-def test_the_spare_copy_of_an_earlier_version_alone_is_no_new_memory(tmp_path: Path) -> None:
-    (tmp_path / "o2.db-spare").write_text("head")
-    with pytest.raises(RecordingError, match=r"o2\.db: not a fault memory, or one of version 4"):
-        Memory(tmp_path / "o2.db")
-    assert not (tmp_path / "o2.db").exists()
-
-
 def test_another_version_of_the_file_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,7 +13,6 @@ from monitor.base.types import Frame
 from monitor.bus.diagnostics.server import (
     BURST_FRAMES,
     FRAMES_PER_S,
-    Allowance,
     DiagnosticAddress,
     Diagnostics,
 )
@@ -102,21 +101,6 @@ def test_a_long_answer_waits_for_flow_control() -> None:
     assert tester.server.due_s == math.inf
 
 
-def test_blocks_are_as_long_as_the_tester_wants() -> None:
-    tester = Tester()
-    tester.send("03 22 FD 00")
-    for sequence in ("21", "22", "23", "24"):
-        frames = tester.send("30 01 00") + tester.rest()
-        assert [f[:2] for f in frames] == [sequence]
-
-
-def test_a_tester_that_is_full_ends_the_answer() -> None:
-    tester = Tester()
-    tester.send("02 09 02")
-    assert tester.send("32 00 00") == []
-    assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
-
-
 @pytest.mark.parametrize(
     ("separation", "least_s"), [("00", 0.002), ("F1", 0.002), ("F9", 0.002), ("05", 0.005)]
 )
@@ -149,23 +133,6 @@ def test_an_answer_that_nobody_lets_go_on_is_given_up_after_a_second() -> None:
     assert tester.server.due_s < tester.now_s
     assert tester.work() == []
     assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
-    assert tester.server.due_s == math.inf
-
-
-def test_a_tester_that_only_says_wait_is_not_waited_for() -> None:
-    tester = Tester()
-    tester.send("02 09 02")
-    for _ in range(11):
-        tester.send("31 00 00")
-        tester.now_s += 0.1
-    assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
-
-
-def test_a_request_that_does_not_go_on_is_forgotten_after_a_second() -> None:
-    tester = Tester()
-    tester.send("10 09 22 F1 86 F1 8A FE")
-    tester.now_s += 1.01
-    assert tester.send("21 00 FE 01") == []
     assert tester.server.due_s == math.inf
 
 
@@ -269,13 +236,6 @@ def test_flow_control_of_an_answer_is_read_in_a_flood_too() -> None:
     assert tester.send("02 3E 80") == []
     assert tester.server.state.ignored_frames == 1
     assert [f[:2] for f in tester.send("30 00 00") + tester.rest()] == ["21", "22"]
-
-
-def test_an_allowance_never_grows_beyond_its_burst() -> None:
-    allowance = Allowance(10.0, 3)
-    assert [allowance.take(0.0) for _ in range(4)] == [True, True, True, False]
-    assert [allowance.take(1000.0) for _ in range(4)] == [True, True, True, False]
-    assert not allowance.take(999.0)  # a clock that steps back gives nothing
 
 
 @pytest.mark.parametrize("text", ["7E8", "7E0", "7F0", "18DAF110", "18DAF133", "18DB33F1", "", "x"])

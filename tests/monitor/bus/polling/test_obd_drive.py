@@ -1,7 +1,6 @@
 """A polled drive: recorded and replayed, checked, run; what ``--obd`` refuses."""
 
 import re
-from pathlib import Path
 
 import can
 import numpy as np
@@ -29,29 +28,6 @@ def a_drive(duration_s: float = 240.0) -> ObdEcu:
 def obd_setup() -> replay.Setup:
     pair = (dbc.path("obd2.dbc"), dbc.path("obd2.toml"))
     return replay.set_up(None, [pair], config.load())
-
-
-def test_replaying_the_recording_of_a_polled_drive_gives_the_same_events(tmp_path: Path) -> None:
-    # GIVEN a drive that the loop has polled, recorded and sampled
-    setup, log = obd_setup(), tmp_path / "polled.log"
-    with SimulatedBus(a_drive(), until_s=240.0) as bus:
-        loop = Loop(
-            bus, setup, record=log, trace=True, say=lambda _: None, monotonic_s=lambda: bus.now_s
-        )
-        loop.attachments.append(ObdPoller(PARAMETERS, LENGTHS))
-        bus.stop = loop.stop
-        loop.run()
-    live, seen = loop.result("polled"), loop.collector.trace()
-    # WHEN the recording is replayed
-    again, trace = replay.replay(log, setup, trace=True)
-    # THEN every sample and every event is the same
-    assert live["samples"] == again["samples"] > 2300
-    assert live["counters"]["unmapped"] == again["counters"]["unmapped"]
-    for key in ("windows", "dtcs", "enabled_samples", "enable"):
-        assert live[key] == again[key], key
-    for name in ("measured", "predicted"):
-        assert np.array_equal(getattr(seen, name), getattr(trace, name), equal_nan=True)
-        assert np.isfinite(getattr(trace, name)).sum() > 2000
 
 
 def test_without_being_asked_to_the_loop_sends_nothing() -> None:
@@ -116,6 +92,6 @@ def test_running_with_a_model_of_a_fast_grid_says_so(capsys: pytest.CaptureFixtu
 
 def test_polling_at_a_models_own_pace_is_told_from_polling_too_slowly() -> None:
     assert interval_s(PARAMETERS, 12.0) == pytest.approx(0.18, abs=0.03)
-    talk = Conversation(steady_ecu()).run(60.0)
-    measured_s = 60 / len(talk.values["lambda_measured"])
+    talk = Conversation(steady_ecu()).run(20.0)
+    measured_s = 20 / len(talk.values["lambda_measured"])
     assert interval_s(PARAMETERS, 12.0) == pytest.approx(measured_s, rel=0.3)

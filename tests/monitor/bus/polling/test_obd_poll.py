@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import dbc
 from monitor.base.command_line import signature
-from monitor.base.errors import SignalMapError, UsageError
+from monitor.base.errors import UsageError
 from monitor.base.types import Frame
 from monitor.bus.polling.answer import EcuAddress, Reassembly, values_of
 from monitor.bus.polling.pids import BITMAPS, wanted
@@ -19,7 +19,7 @@ from monitor.bus.polling.schedule import Schedule
 from monitor.cli import options
 from monitor.decode.bus_map import load_pairs
 from tests.helpers.bus.obd_conversation import LENGTHS, OBD, PARAMETERS, Conversation
-from tests.helpers.bus.obd_ecu import J1979, STEADY, SUPPORTED, steady_ecu
+from tests.helpers.bus.obd_ecu import J1979, STEADY, steady_ecu
 from tests.helpers.examples import inputs
 
 
@@ -138,12 +138,12 @@ def test_no_more_requests_go_out_than_the_rate_allows_and_one_at_a_time() -> Non
 
 
 def test_fast_signals_are_polled_more_often_than_slow_ones() -> None:
-    values = Conversation(steady_ecu()).run(60.0).values
-    assert len(values["lambda_measured"]) / 60 > 4
-    assert len(values["engine_speed_rpm"]) / 60 > 4
-    assert 0.2 < len(values["ambient_pressure_kpa"]) / 60 < 1
+    values = Conversation(steady_ecu()).run(20.0).values
+    assert len(values["lambda_measured"]) / 20 > 4
+    assert len(values["engine_speed_rpm"]) / 20 > 4
+    assert 0.2 < len(values["ambient_pressure_kpa"]) / 20 < 1
     for name, seen in values.items():
-        assert len(seen) >= 3 * 60 / OBD.channels[name].mapped.timeout_s, name
+        assert len(seen) >= 3 * 20 / OBD.channels[name].mapped.timeout_s, name
 
 
 def test_an_ecu_that_answers_one_parameter_at_a_time_is_polled_so() -> None:
@@ -279,12 +279,6 @@ def test_after_silence_the_bitmaps_are_read_again() -> None:
     assert talk.polled == {0x0C, 0x0D}
 
 
-def test_of_two_parameters_for_one_signal_only_the_first_is_asked_for() -> None:
-    talk = Conversation(steady_ecu(supported=(*SUPPORTED, 0x24))).run(3.0)
-    assert talk.polled & {0x24, 0x34} == {0x24}
-    assert set(talk.values["lambda_measured"]) == {STEADY["lambda_measured"]}
-
-
 def test_an_answer_with_a_frame_missing_is_thrown_away() -> None:
     subject = Reassembly()
     frames = [
@@ -315,27 +309,10 @@ def test_what_a_longer_answer_says_comes_at_the_time_of_its_last_frame() -> None
     assert all(f.can_id == 0x7E8 and f.data[1] == 0x41 for f in made)
 
 
-def test_a_map_without_obd_signals_is_refused() -> None:
-    ecu = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
-    with pytest.raises(SignalMapError, match=r"o2_ecu\.toml: nothing to ask for by OBD-II"):
-        wanted(ecu, ecu.names)
-
-
 @pytest.mark.parametrize("request_id", [0x123, 0x7E8, 0x18DAF1F1, 0x18DA10F2, -1])
 def test_an_identifier_that_is_no_request_is_refused(request_id: int) -> None:
     with pytest.raises(UsageError, match="no identifier of an OBD-II request"):
         EcuAddress.of(request_id)
-
-
-@inputs(300)
-@given(frames=st.lists(st.binary(max_size=8), max_size=30))
-def test_no_sequence_of_frames_upsets_the_reassembly(frames: list[bytes]) -> None:
-    subject = Reassembly()
-    for data in frames:
-        answer = subject.push(data)
-        if answer is not None:
-            assert 1 <= len(answer) <= 4095
-            values_of(answer, tuple(J1979), LENGTHS)
 
 
 @inputs(200)
