@@ -158,12 +158,14 @@ def evaluate(
     recordings: Given | Sequence[Given],
     *,
     washout: int | None = None,
+    healthy: bool = False,
     buses: Pairs | None = None,
     columns: str | Path | None = None,
 ) -> Evaluation:
     """Return a model's errors on recordings, in free run and one step ahead.
 
     washout : first samples, which set the state and are not scored; default the longest lag
+    healthy : the sensors were sound: ``false_alarms`` in the entry, stated and observed
     Other parameters as in ``load_recordings``.
     Raises O2Error with one line that names what cannot be used.
     """
@@ -175,4 +177,4 @@ def evaluate(
         columns=columns,
         of_model=card.profile,
     )
-    return Evaluation(evaluated(model, drives, washout))
+    return Evaluation(evaluated(model, drives, washout, healthy=healthy))

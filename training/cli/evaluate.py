@@ -1,11 +1,14 @@
 """The command ``o2train evaluate``."""
 
+from typing import Any
+
 from monitor.base.command_line.parameters import Number, Output
 from training.cli.options import GridOptions, ModelPath, SomeRecordings, load_all
 
 EXAMPLES = """examples:
   o2train evaluate --model model.onnx drive4.log
   o2train evaluate --model model.onnx drive4.log drive5.log --washout 20 --json figures.json
+  o2train evaluate --model model.onnx drive*.log --healthy     # false alarms: stated, observed
 """
 
 
@@ -15,6 +18,7 @@ def run(
     model: ModelPath,
     reading: GridOptions,
     washout: Number | None = None,
+    healthy: bool = False,
     json: Output = None,
 ) -> int:
     """Predict every recording by free run of a model and report the errors in the unit of the
@@ -23,6 +27,7 @@ def run(
     model : model file to evaluate
     washout : number of first samples that set the state from the measured output and are not scored
         (default: the longest lag)
+    healthy : the sensors were sound; say how many drives have a code, and how many may have one
     json : write the figures as JSON
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
@@ -31,7 +36,9 @@ def run(
 
     card = Model.load(model).card
     period_s = reading.period if reading.period is not None else card.period_ns / 1e9
-    result = evaluate(model, load_all(reading, recordings, period_s, model), washout)
+    result = evaluate(
+        model, load_all(reading, recordings, period_s, model), washout, healthy=healthy
+    )
     for r in result["recordings"]:
         fit = r["fit_percent"]
         simulated = " (simulated)" if r["source"] == "simulated" else ""
@@ -46,9 +53,23 @@ def run(
                 f"  enabled: {e['samples']} samples, RMSE {e['rmse']:.4g}, "
                 f"correlation {_number(e['correlation'])}"
             )
+    if healthy:
+        print(_alarms(result["false_alarms"]))
     if json:
         save(result, json)
     return 0
+
+
+def _alarms(found: dict[str, Any]) -> str:
+    """Return the stated and the observed false alarms in words."""
+    named = "".join(f"; {path}: {', '.join(each)}" for path, each in found["named"].items())
+    return (
+        f"healthy drives with a code: {found['events']} of {found['trials']} (95 %: "
+        f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %), stated are at most "
+        f"{100 * found['stated']:g} % of drives like those that set the limits, "
+        f"{found['trials']} drives prove no less than {100 * found['provable']:.1f} %; "
+        f"{found['completed']} decided by the response test{named}"
+    )
 
 
 def _number(value: float | None) -> str:

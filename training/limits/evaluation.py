@@ -14,8 +14,11 @@ from monitor.base.files.manifest import source_of
 from monitor.base.files.outputs import write_text
 from monitor.base.types import FloatArray
 from monitor.judge import enable
+from monitor.judge.limits import Limits
 from monitor.model.step import Model, from_model_units, to_model_units
-from training.limits.judging import enabled_samples
+from training.limits.judging import enabled_samples, judge_recordings
+from training.limits.rates import rate
+from training.limits.response.response_limits import CODE_PROBABILITY
 from training.recordings import metrics
 from training.recordings.recording import Recording
 from training.recordings.samples.rows import runs
@@ -24,12 +27,18 @@ SCHEMA = "o2train.evaluate/1"
 
 
 def evaluate(
-    path: Path | str, recordings: Sequence[Recording], washout: int | None = None
+    path: Path | str,
+    recordings: Sequence[Recording],
+    washout: int | None = None,
+    *,
+    healthy: bool = False,
 ) -> dict[str, Any]:
     """Return the figures of the model file on ``recordings``, in the output's unit.
 
     washout : number of samples at the start of every unbroken stretch; they set the state from the
         measured output and are not scored; default: the longest lag
+    healthy : the sensors were sound: ``false_alarms`` says how many drives have a code, beside the
+        rate that the card's limits promise for drives like those that set them
     Raises RecordingError if a recording lacks a signal, has another sample period or has no sample
     to score; UsageError if ``washout`` is negative.
     """
@@ -37,6 +46,7 @@ def evaluate(
     washout = model.card.lags if washout is None else washout
     if washout < 0:
         raise UsageError(f"washout {washout}: must not be negative")
+    alarms = {"false_alarms": false_alarms(model, recordings)} if healthy else {}
     return {
         "schema": SCHEMA,
         "model": str(path),
@@ -44,6 +54,28 @@ def evaluate(
         "washout": washout,
         "unit": model.card.output.unit,
         "recordings": [_one(model, recording, washout) for recording in recordings],
+        **alarms,
+    }
+
+
+def false_alarms(model: Model, recordings: Sequence[Recording]) -> dict[str, Any]:
+    """Return the stated and the observed rate of healthy drives with a code, per drive.
+
+    Of n drives in which nothing was found, a further one is the worst with a probability of
+    1/(n + 1), so they alone prove no smaller rate (``provable``).
+    Raises ModelError if the model has no decision limits.
+    """
+    settings = config.load()
+    limits = Limits.from_card(model.card, settings, str(model.path))
+    judged = judge_recordings(recordings, model, limits, settings)
+    told = [sorted({dtc.fault for dtc in each.dtcs}) for each in judged]
+    named = {str(r.path): faults for r, faults in zip(recordings, told, strict=True) if faults}
+    return {
+        **rate(len(named), len(told)),
+        "stated": CODE_PROBABILITY,
+        "provable": 1.0 / (len(told) + 1.0),
+        "completed": sum(each.completed for each in judged),
+        "named": named,
     }
 
 

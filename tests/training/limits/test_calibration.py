@@ -108,6 +108,25 @@ def test_the_false_alarm_rate_holds_on_drives_that_set_no_limit(
     assert alarms <= stats.binom.ppf(0.999, windows, RATE)
 
 
+def test_false_alarms_on_drives_said_to_be_healthy_stand_beside_what_the_limits_state(
+    drives: Path, calibrated: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN two drives with a sound sensor and one with a late one WHEN all are said to be healthy
+    sound = [str(path) for path in sorted(drives.glob("*_healthy.parquet"))[3:]]
+    late = str(next(drives.glob("*_delay_lean_to_rich*.parquet")))
+    figures = drives / "evaluated.json"
+    options = ["--model", str(calibrated), "--healthy", "--json", str(figures)]
+    assert main(["evaluate", *sound, late, *options]) == 0
+    # THEN the late one alone is a false alarm, and the rate that three drives can prove is said
+    found = json.loads(figures.read_text())["false_alarms"]
+    assert (found["events"], found["trials"], found["completed"]) == (1, 3, 3)
+    assert found["named"] == {late: ["delay_lean_to_rich"]}
+    assert found["stated"] < found["provable"] == 0.25
+    out = capsys.readouterr().out
+    assert "1 of 3 (95 %: 0.8 to 90.6 %), stated are at most 0.3 % of drives" in out
+    assert "3 drives prove no less than 25.0 %" in out
+
+
 def test_faulty_sensors_are_found_and_the_figures_say_so(drives: Path, calibrated: Path) -> None:
     result = json.loads((drives / "figures.json").read_text())
     rows = {row["fault"]: row for row in result["faulty"]}
