@@ -54,12 +54,25 @@ def _named(row: Answer) -> bool:
 
 
 def _right(row: Answer) -> bool:
-    return _named(row) and list(row["effects"]) == list(row["hidden"])
+    return _named(row) and _in_all(row)
 
 
 def _in_set(row: Answer) -> bool:
     said = row["verdict"] in ("named", "ambiguous")
     return said and set(row["hidden"]) <= set(row["effects"])
+
+
+def _reversed(row: Answer) -> bool:
+    """Return whether one effect of the library is said to act in the other direction."""
+    return _unknown(row) and any(":" not in effect for effect in row["effects"])
+
+
+def _unknown(row: Answer) -> bool:
+    return bool(row["verdict"] == "unknown_effect")
+
+
+def _in_all(row: Answer) -> bool:
+    return list(row["effects"]) == list(row["hidden"])
 
 
 def _both(row: Answer) -> bool:
@@ -117,6 +130,12 @@ COUNTS: Final[Mapping[str, tuple[Asked, Asked]]] = {
     "onsets named": (_kind("onset"), _named),
     "outside, twice: unknown": (_kind("unknown", 2.0), _is("unknown_effect")),
     "outside, named": (_kind("unknown"), _named),
+    "outside, called reversed": (_kind("unknown"), _reversed),
+    "reversed, twice: said so": (_kind("reversed", 2.0), lambda r: _reversed(r) and _in_all(r)),
+    "reversed: called another effect": (
+        _kind("reversed"),
+        lambda r: (_named(r) or _reversed(r)) and not _in_all(r),
+    ),
     "two, twice: both right": (_kind("two", 2.0), _both),
     "two, twice: right or in a set": (_kind("two", 2.0), _said),
     "beside a fault: suspected": (_kind("beside"), _suspected),

@@ -47,6 +47,7 @@ OF_SECOND: Final = {
     "effect": "effect",
     "fault from the start": "fault",
     "fault with an onset": "onset",
+    "reversed": "reversed",
 }
 ONE_CASE: Final = "case_second_31_effect_006"  # of the set choose
 

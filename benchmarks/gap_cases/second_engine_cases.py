@@ -26,6 +26,16 @@ SIZES = {
     "manifold_filling": 6.0,
     "ethanol": 3.0,
 }
+REVERSED = {  # in the direction that they cannot have by themselves
+    "wall_film": -1.0,
+    "delay_flow": -4.0,
+    "maf_pulsation": -1.5,
+    "purge": -6.0,
+    "exhaust_leak": -5.0,
+    "back_pressure": -4.0,
+    "scavenging": -2.0,
+    "fuel_cut_tail": -4.0,
+}
 FAULTS = {
     "slow by 0.25 s": Sensor(lag_s=0.25),
     "late by 0.2 s": Sensor(dead_time_s=0.2),
@@ -61,3 +71,5 @@ def cases() -> Iterator[EngineCase]:
         yield EngineCase("fault from the start", what, sensor=sensor)
     for what, sensor in ONSETS.items():
         yield EngineCase("fault with an onset", what, sensor=sensor, from_drive=ONSET_DRIVE)
+    for effect, size in REVERSED.items():
+        yield EngineCase("reversed", effect, size)

@@ -74,7 +74,12 @@ def make(folder: Path, made: Made, only: str) -> None:
     for key in (*sorted(vehicles), *cases):
         path = folder / f"{key}.pickle"
         if not path.exists():
-            path.write_bytes(pickle.dumps(content[key]()))
+            keep(path, content[key]())
+
+
+def keep(path: Path, content: Any) -> None:
+    """Write drives or a case."""
+    path.write_bytes(pickle.dumps(content))
 
 
 def answers(
@@ -91,7 +96,7 @@ def answers(
                 continue
             case: Stored = pickle.loads(path.read_bytes())
             if case.vehicle not in vehicles:
-                vehicles[case.vehicle] = _learned(folder / f"{case.vehicle}.pickle")
+                vehicles[case.vehicle] = learned(folder / f"{case.vehicle}.pickle")
             yield _answer(case, vehicles[case.vehicle], steps(case.kind))
 
 
@@ -129,7 +134,7 @@ def _errors(drives: Sequence[ChainDrive], known: Healthy) -> list[FloatArray]:
     return found
 
 
-def _learned(path: Path) -> Healthy:
+def learned(path: Path) -> Healthy:
     """Return what the present code learns of a vehicle, kept beside its drives."""
     code = run_folder.code_sha256()
     kept = path.with_name(f"{path.stem}_{code[:12]}.learned")

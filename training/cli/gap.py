@@ -146,8 +146,8 @@ def _print(result: "Result", out: Path) -> None:
     for candidate in result.naming.trials.ranking[:5]:
         merit = candidate.merit
         print(
-            f"  {candidate.name}: score {merit.score:.0f} ({merit.needed:.0f} needed), "
-            f"t {merit.t:.1f}" + ("" if merit.physical else ", with constants that it cannot have")
+            f"  {candidate.label}: score {merit.score:.0f} ({merit.needed:.0f} needed), "
+            f"t {merit.t:.1f}"
         )
     if result.naming.answer.experiment is not None:
         print(f"to tell them apart: {result.naming.answer.experiment}")

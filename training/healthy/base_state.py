@@ -46,12 +46,12 @@ class BaseState:
     current: JointFit
     roof: scoring.Ceiling
     deviance: FloatArray  # (n_blocks,)
-    surplus: Mapping[str, float]  # of candidates on healthy drives, see ``yardstick``
-    offset_phi: float  # by which healthy drives lie off each other
+    known: Healthy | None  # the vehicle when healthy
 
     def needed(self, name: str) -> float:
         """Return the score from which a candidate exceeds its score on healthy drives."""
-        return OVER_HEALTHY * self.surplus.get(name, UNKNOWN_SURPLUS)
+        surplus = self.known.surplus if self.known else {}
+        return OVER_HEALTHY * surplus.get(name, UNKNOWN_SURPLUS)
 
 
 def base_state(
@@ -88,8 +88,7 @@ def base_state(
         current=current,
         roof=scoring.ceiling(case, plain),
         deviance=scoring.deviance(current, case.blocks),
-        surplus=known.surplus if known else {},
-        offset_phi=known.offset_phi if known else 0.0,
+        known=known,
     )
 
 

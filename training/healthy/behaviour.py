@@ -67,11 +67,6 @@ class Healthy:
         nothing = np.zeros(len(made[CONSTANT]))
         return np.column_stack([made.get(name, nothing) for name in self.names])
 
-    @property
-    def offset_phi(self) -> float:
-        """Return the spread of the mean phi from drive to drive."""
-        return float(self.spread_of([CONSTANT])[0])
-
     def spread_of(self, names: Sequence[str]) -> FloatArray:
         """Return the spread of columns (k,) by name, 0 for a name that is not there."""
         known = dict(zip(self.names, self.spread.tolist(), strict=True))

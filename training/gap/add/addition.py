@@ -83,12 +83,14 @@ def add(
 
 
 def withheld_effects(naming: Naming, options: GapOptions) -> str | None:
-    """Return a warning if a named effect may be a fault and nobody said that it is none."""
-    names = [
-        c.name
-        for c in naming.answer.effects
-        if c.tag == "fault-like" and not options.sensor_known_good and c.name not in options.add
-    ]
+    """Return a warning if an effect may be a fault, or acts as it cannot, and nobody wants it."""
+    left = [c for c in naming.answer.effects if c.name not in options.add]
+    if contrary := [c.name for c in left if c.is_reversed]:
+        return (
+            f"{' and '.join(contrary)} cannot act in this direction and is not added: if the model "
+            f"is to follow it all the same, say so with --add {' '.join(contrary)}"
+        )
+    names = [c.name for c in left if c.tag == "fault-like" and not options.sensor_known_good]
     if not names:
         return None
     return (

@@ -2,7 +2,7 @@
 
 It is read off the probabilities of all hypotheses. If no gap or another cause is likeliest, that is
 the answer. Else it is the fewest candidates that hold 95 % of all candidates' probability: a sensor
-fault among them is suspected, of several effects none is named.
+fault among them is suspected, of several effects none is named, nor is one with an impossible sign.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.gap.name.manoeuvres import ProposedDrive, separate
+from training.gap.name.manoeuvres import ProposedDrive, propose
 from training.gap.name.onset import onset_s
 from training.gap.name.posterior import NONE, ONSET, UNKNOWN, Posterior, posterior
 from training.gap.name.ranking import RANKED_CLOSELY, WIN, rank
@@ -35,7 +35,7 @@ class StepOutcome:
 
     verdict: Verdict
     ranking: tuple[Candidate, ...]  # best first
-    best: tuple[Candidate, ...] = ()  # named, the ambiguous set, or effects alike to the fault
+    best: tuple[Candidate, ...] = ()  # named, ambiguous, reversed, or effects alike to the fault
     suspected: str | None = None
     fault: Candidate | None = None  # suspected, as it was fitted; None of an onset
     experiment: ProposedDrive | None = None
@@ -45,7 +45,8 @@ class StepOutcome:
     @property
     def lead(self) -> Candidate | None:
         """Return the effect on top of which another may be looked for."""
-        return self.best[0] if self.verdict in ("named", "ambiguous") else self.part
+        first = self.best[0] if self.verdict in ("named", "ambiguous") else self.part
+        return None if first and first.is_reversed else first
 
 
 def step(
@@ -61,31 +62,39 @@ def step(
     """
     ranking = rank(state, candidates, progress)
     odds = posterior(state, ranking, whole)
-    found = sorted((c for c in ranking if odds[c.name] > 0.0), key=lambda c: -odds[c.name])
-    together = sum(odds[c.name] for c in found)
-    leads = bool(found) and odds[found[0].name] > max(odds[NONE], odds[UNKNOWN])
-    before = np.cumsum([0.0, *(odds[c.name] for c in found)])
+    found = sorted((c for c in ranking if odds[c.label] > 0.0), key=lambda c: -odds[c.label])
+    together = sum(odds[c.label] for c in found)
+    leads = bool(found) and odds[found[0].label] > max(odds[NONE], odds[UNKNOWN])
+    before = np.cumsum([0.0, *(odds[c.label] for c in found)])
     among = [c for c, p in zip(found, before, strict=False) if leads and p < WIN * together]
     outcome = None if sensor_known_good else _at_fault(state, ranking, among, odds)
-    return outcome or _of_effects(ranking, among, odds)
+    return outcome or _of_effects(state, ranking, among, odds)
 
 
 def _of_effects(
-    ranking: tuple[Candidate, ...], among: Sequence[Candidate], odds: Posterior
+    state: BaseState, ranking: tuple[Candidate, ...], among: Sequence[Candidate], odds: Posterior
 ) -> StepOutcome:
     """Return the name, several effects, or whether there is a gap of another cause."""
     if not among:
         if odds[NONE] >= odds[UNKNOWN]:
             return StepOutcome("no_gap", ranking, posterior=odds)
         first = ranking[0]
-        may_lead = first.kind == "effect" and first.merit.physical and first.merit.is_large
+        may_lead = first.kind == "effect" and first.merit.is_large
         part = first if may_lead else None
-        return StepOutcome("unknown_effect", ranking, posterior=odds, part=part)
-    best, experiment = tuple(among[:AMBIGUOUS_MOST]), None
-    if len(best) > 1:
-        experiment = separate(best[0].fit, best[1].fit)
-    verdict: Verdict = "ambiguous" if len(best) > 1 else "named"
+        experiment = _next_drive(state, [c for c in ranking[:2] if c.merit.is_large])
+        return StepOutcome(
+            "unknown_effect", ranking, experiment=experiment, posterior=odds, part=part
+        )
+    best = tuple(among[:AMBIGUOUS_MOST])
+    experiment = _next_drive(state, best)
+    one: Verdict = "unknown_effect" if best[0].is_reversed else "named"
+    verdict: Verdict = "ambiguous" if len(best) > 1 else one
     return StepOutcome(verdict, ranking, best=best, experiment=experiment, posterior=odds)
+
+
+def _next_drive(state: BaseState, candidates: Sequence[Candidate]) -> ProposedDrive | None:
+    """Return the drive that tells candidates apart, None of less than two."""
+    return propose(state, [c.fit for c in candidates]) if len(candidates) > 1 else None
 
 
 def _at_fault(
@@ -109,7 +118,7 @@ def _at_fault(
             continue
         began = onset_s(state.case, state.current, candidate.fit)
         if began is not None:
-            moved = {candidate.name} if among else {NONE, UNKNOWN}
+            moved = {candidate.label} if among else {NONE, UNKNOWN}
             odds = {name: p for name, p in odds.items() if name not in moved} | {
                 ONSET: sum(odds[name] for name in moved)
             }

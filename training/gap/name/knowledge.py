@@ -79,10 +79,10 @@ class Knowledge:
         )
 
     def unknown_effect(self, drives: Sequence[ChainDrive], naming: Naming) -> str | None:
-        """Return the description of an effect that the library lacks, if that is the verdict."""
-        if naming.verdict != "unknown_effect":
+        """Return the description of an effect that has neither a name nor a formula."""
+        if naming.verdict != "unknown_effect" or naming.answer.effects:
             return None
-        return describe(base_state(drives, self.known, self.base)).sentence
+        return describe(base_state(drives, self.known, self.base))
 
     def _with_own(self, drives: Sequence[ChainDrive]) -> list[ChainDrive]:
         return [self.known.with_own(drive) if self.known else drive for drive in drives]

@@ -15,10 +15,9 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from training.gap.name.decision import StepOutcome
-from training.gap.name.formulas.contest import beats, may_be_beaten
+from training.gap.name.formulas.contest import beats, may_be_beaten, unbeaten
 from training.gap.name.formulas.formula import FirstTerm, Formula, first_term, formula_of
 from training.gap.name.posterior import NONE, UNKNOWN, Posterior
-from training.gap.name.ranking import against
 from training.gap.name.steps import Advance, advance
 from training.gap.name.verdict import (
     Answer,
@@ -41,6 +40,7 @@ from training.healthy.base_state import FREE, BaseState, base_state
 from training.healthy.behaviour import Healthy
 from training.jobs import Progress
 
+CANDIDATES: Final = ("ambiguous", "unknown_effect")  # verdicts that may have some, not rounds
 LARGER: Final = 1.6  # times the usual error on healthy drives, from which there is a gap
 
 
@@ -82,15 +82,15 @@ def name(
         doubts=_doubts(first.case, known),
     )
     naming, formula = answer(found), None
-    if naming.verdict == "unknown_effect" or may_be_beaten(first, found):
+    is_told = naming.verdict != "unknown_effect" or bool(naming.answer.effects)
+    if not is_told or may_be_beaten(first, found):
         progress("formula")
-        formula = first_term(first, known)
-    is_told = naming.verdict != "unknown_effect"
+        formula = first_term(first)
     if is_told and formula and (won := beats(first, formula.rival, found)):
         unknown, odds = StepOutcome("unknown_effect", found.first), naming.posterior
         found = Advance(first, unknown, (), (), found.first, _unknown(odds, won))
         naming = answer(found)
-    if naming.verdict == "unknown_effect":
+    if naming.verdict == "unknown_effect" and not naming.answer.effects:
         naming = _with_formula(naming, first, formula, found.first)
     return naming
 
@@ -104,25 +104,28 @@ def _unknown(odds: Posterior, share: float) -> Posterior:
 def _with_formula(
     naming: Naming, first: BaseState, begun: FirstTerm | None, ranking: Sequence[Candidate]
 ) -> Naming:
-    """Return the naming of an unknown effect with its formula, or with the sensor suspected."""
-    if suspect := _suspect(first, begun.rival if begun else None, ranking):
-        return replace(naming, answer=replace(naming.answer, suspected=suspect.name))
-    found = formula_of(begun) if begun else Formula()
-    if not found.terms:
+    """Return the naming of an unknown effect with its formula.
+
+    The library goes before: a sensor fault or a reversed effect that a formula does not clearly
+    beat is told instead, so is a fault that comes first where there is no formula.
+    """
+    library = [c for c in ranking if c.kind == "sensor fault" or c.is_reversed]
+    if begun is None:
+        found = next((c for c in library if c is ranking[0] and c.merit.is_large), None)
+    else:
+        found = unbeaten(first, begun.rival, library)
+    if found is not None and found.is_reversed:
+        return replace(naming, answer=replace(naming.answer, effects=(found,)))
+    if found is not None:
+        return replace(naming, answer=replace(naming.answer, suspected=found.name))
+    formula = formula_of(begun) if begun else Formula()
+    if not formula.terms:
         return naming
     return replace(
         naming,
-        answer=replace(naming.answer, effects=found.terms),
-        error=replace(naming.error, after=found.rmse),
+        answer=replace(naming.answer, effects=formula.terms),
+        error=replace(naming.error, after=formula.rmse),
     )
-
-
-def _suspect(
-    first: BaseState, formula: Candidate | None, ranking: Sequence[Candidate]
-) -> Candidate | None:
-    """Return the sensor fault that leads the ranking, or that a formula does not clearly beat."""
-    rivals = against(first, formula, ranking)[1] if formula else ranking[:1]
-    return next((c for c in rivals if c.kind == "sensor fault" and c.merit.is_large), None)
 
 
 def _check_one_period(
@@ -189,7 +192,7 @@ def _answer(
     return Naming(
         verdict=verdict,
         answer=Answer(
-            effects=added or (outcome.best if outcome.verdict == "ambiguous" else ()),
+            effects=added or (outcome.best if outcome.verdict in CANDIDATES else ()),
             suspected=outcome.suspected,
             indistinguishable=outcome.best if verdict == "sensor_fault_suspected" else (),
             beside=found.beside if verdict in ("named", "sensor_fault_suspected") else (),

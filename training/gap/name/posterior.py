@@ -1,8 +1,9 @@
 """Probabilities of all hypotheses about a gap: how often resampled blocks answer with each.
 
 Blocks are drawn with replacement, and every draw is answered anew. Its answer is the candidate that
-explains most of held-out blocks: more than healthy drives give it, with constants that it can have,
-and half of all that can be explained. A gap that no candidate explains so is of another cause.
+explains most of held-out blocks: more than healthy drives give it, and half of all that can be
+explained. A gap that no candidate explains so is of another cause. An effect with a sign that it
+cannot have is a hypothesis of its own.
 Sources: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 8; Bühlmann,
 Discussion of big Bayes stories and BayesBag, Statistical Science 29 (2014).
 """
@@ -32,18 +33,16 @@ def posterior(state: BaseState, ranking: Sequence[Candidate], whole: FloatArray)
     gains = drawn @ (state.deviance - after).T
     gains = np.where(gains >= [c.merit.needed for c in ranking], gains, 0.0)
     best, is_large = gains.argmax(axis=1), gains.max(axis=1) > 0.0
-    counts = dict.fromkeys([*(c.name for c in ranking), NONE, UNKNOWN], 0)
+    counts = dict.fromkeys([*(c.label for c in ranking), NONE, UNKNOWN], 0)
     plain = plainest(state)
     counts[NONE if plain is None else UNKNOWN] = int((~is_large).sum())
     for i in np.unique(best[is_large]):
         candidate, own = ranking[i], drawn[is_large & (best == i)]
-        holds = np.full(len(own), candidate.merit.physical)
-        if candidate.merit.physical:
-            holds = _explains_half(state, candidate, own @ (whole - after[i]), own)
-            if candidate.kind == "sensor fault":
-                # Its own fault may have another form, of which the library's explains a part.
-                holds |= plain is None or own @ plain.deviance > own @ after[i]
-        counts[candidate.name] = int(holds.sum())
+        holds = _explains_half(state, candidate, own @ (whole - after[i]), own)
+        if candidate.kind == "sensor fault":
+            # Its own fault may have another form, of which the library's explains a part.
+            holds |= plain is None or own @ plain.deviance > own @ after[i]
+        counts[candidate.label] = int(holds.sum())
         counts[UNKNOWN] += int((~holds).sum())
     return {name: count / len(drawn) for name, count in counts.items()}
 

@@ -1,10 +1,8 @@
 """All candidates fitted on the base and the effects so far, scored on held-out blocks."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
-from monitor.base.types import FloatArray, IntArray
 from training.gap.name.verdict import Candidate, Merit
 from training.greybox.fit.case import Term, has_its_signs
 from training.greybox.fit.joint import JointFit, fit
@@ -57,26 +55,3 @@ def adequacy_of(state: BaseState, gain: float, fitted: JointFit) -> float:
     rest = float(scoring.explained(fitted, state.roof, state.case.blocks).sum())
     rest = max(rest - usual, 0.0)
     return max(gain, 0.0) / max(max(gain, 0.0) + rest, 1e-9)
-
-
-def against(
-    state: BaseState, best: Candidate, ranking: Sequence[Candidate]
-) -> tuple[tuple[Candidate, ...], list[Candidate]]:
-    """Return the ranking with wins of ``best``, and the rivals it does not beat."""
-    blocks = state.case.blocks
-    own = scoring.deviance(best.fit, blocks)
-    judged = [c if c is best else _beaten_by(own, c, blocks) for c in ranking]
-    rivals = [c for c in judged if c.name != best.name and not loses(c)]
-    least = HALF * best.merit.score
-    return tuple(judged), [c for c in rivals if c.merit.score >= least and c.merit.physical]
-
-
-def _beaten_by(deviance: FloatArray, candidate: Candidate, blocks: IntArray) -> Candidate:
-    """Return a candidate with the wins of the best one, whose deviance (n_blocks,) is given."""
-    win = scoring.win(deviance, scoring.deviance(candidate.fit, blocks))
-    return replace(candidate, merit=replace(candidate.merit, win=win))
-
-
-def loses(candidate: Candidate) -> bool:
-    """Return whether resampled blocks clearly prefer the best candidate."""
-    return candidate.merit.win is not None and candidate.merit.win >= WIN

@@ -23,7 +23,7 @@ class Merit:
     score: float  # fall of the deviance on held-out blocks
     needed: float  # score from which it exceeds its score on healthy drives
     t: float  # of the signed square roots of the blocks' falls
-    physical: bool  # whether the effect can have such constants
+    physical: bool  # whether the effect has the sign that it can have
     adequacy: float | None  # of all that can be explained; None if not worked out
     win: float | None  # how often resampled blocks prefer the best to this; None for the best
 
@@ -49,6 +49,23 @@ class Candidate:
     def name(self) -> str:
         """Return the name of the effect or sensor fault."""
         return self.term.name
+
+    @property
+    def is_reversed(self) -> bool:
+        """Return whether the effect acts in the direction that it cannot have by itself."""
+        return not self.merit.physical
+
+    @property
+    def label(self) -> str:
+        """Return the hypothesis: the name, and whether the effect is reversed."""
+        return f"{self.name} reversed" if self.is_reversed else self.name
+
+    @property
+    def says(self) -> str:
+        """Return the name and what it is, as the end of a sentence."""
+        if not self.is_reversed:
+            return f"{self.name} ({self.term.says})"
+        return f"{self.name} in the other direction (not: {self.term.says})"
 
     @property
     def kind(self) -> Kind:
@@ -105,7 +122,7 @@ class Round:
 class Answer:
     """The conclusion beside the verdict."""
 
-    effects: tuple[Candidate, ...] = ()  # named, the ambiguous set, or terms of a formula
+    effects: tuple[Candidate, ...] = ()  # named, the ambiguous set, reversed, terms of a formula
     suspected: str | None = None  # the sensor fault, or the onset; one that bars a formula, too
     indistinguishable: tuple[Candidate, ...] = ()  # effects that the suspected fault looks like
     beside: tuple[Candidate, ...] = ()  # one of these after a name, all beside a suspected fault

@@ -1,7 +1,9 @@
 """Sentences of the gap report: the verdict with its figures, the next steps, the warnings."""
 
 from training.gap.name.ranking import HALF
+from training.gap.name.verdict import Candidate
 from training.gap.pages.cells import phi
+from training.gap.response.difference import COMMAND
 from training.gap.result import Result
 from training.gap.verify.evidence import Count, Detection, Error
 from training.greybox.effects.empirical import formula
@@ -25,16 +27,22 @@ def verdict_sentence(result: Result) -> str:
 
 
 def _named(result: Result) -> str:
-    names = _and([f"{c.name} ({c.term.says})" for c in result.effects])
-    before, after, floor, on = result.rmse
+    names = _and([c.says for c in result.effects])
     if (harm := result.addition.withdrawn) is not None:
         return f"Named: {names}, but no model is written: {harm}; {_level(result)}."
-    if after is None:
+    if not (then := _with_it(result)):
         return f"Named: {names}, but not added; {_level(result)}."
+    return f"Named: {names}. {then}"
+
+
+def _with_it(result: Result) -> str:
+    """Return what the new model does to the error, "" if there is none."""
+    before, after, floor, on = result.rmse
+    if after is None:
+        return ""
     return (
-        f"Named: {names}. With it in the model the error on {on} "
-        f"{_falls(result)}, from {phi(before)} to {phi(after)} "
-        f"RMS in phi; the noise floor is {phi(floor)}{_gone(result)}."
+        f"With it in the model the error on {on} {_falls(result)}, from {phi(before)} to "
+        f"{phi(after)} RMS in phi; the noise floor is {phi(floor)}{_gone(result)}."
     )
 
 
@@ -76,11 +84,13 @@ def _no_gap(result: Result) -> str:
 
 
 def _ambiguous(result: Result) -> str:
-    names = _and([f"{c.name} ({c.term.says})" for c in result.effects], "or")
+    names = _and([c.says for c in result.effects], "or")
     return f"Ambiguous: {names} explain the gap about equally well; {_level(result)}."
 
 
 def _unknown(result: Result) -> str:
+    if result.effects and result.effects[0].is_reversed:
+        return _reversed(result, result.effects[0])
     if result.tried:
         found = f"no candidate of the library explains enough of it{_nearest(result)}"
     else:
@@ -88,6 +98,17 @@ def _unknown(result: Result) -> str:
         if result.inputs.healthy:
             found = "it differs from healthy recordings; no effect could be tried"
     return f"Unknown effect: {_level(result)}, and {found}.{_formula(result)}{_suspects(result)}"
+
+
+def _reversed(result: Result, effect: Candidate) -> str:
+    """Return the effect that acts in the direction that it cannot have, and what to look at."""
+    words = f"{effect.name.replace('_', ' ').capitalize()}, but in the other direction"
+    then = _with_it(result) or f"It is not added to the model; {_level(result)}."
+    return f"{words}: look at {_look_at(effect)}. {then}"
+
+
+def _look_at(effect: Candidate) -> str:
+    return getattr(effect.term, "look_at", "") or f"what does the opposite of: {effect.term.says}"
 
 
 def _suspects(result: Result) -> str:
@@ -118,12 +139,10 @@ def _nearest(result: Result) -> str:
     merit = best.merit
     if not merit.is_large:
         return ""
-    if not merit.physical:
-        return f"; {best.name} comes first with constants that it cannot have"
     if merit.adequacy is None or merit.adequacy >= HALF:
         return ""
     return (
-        f"; {best.name} comes first with {percent(merit.adequacy)} of what can be explained "
+        f"; {best.label} comes first with {percent(merit.adequacy)} of what can be explained "
         f"({percent(HALF)} needed)"
     )
 
@@ -139,12 +158,12 @@ def _sensor(result: Result) -> str:
 def _beside(result: Result) -> str:
     """Return what may be there beside the named effect or the suspected fault."""
     between = "or" if result.verdict == "named" else "and"
-    names = _and([f"{c.name} ({c.term.says})" for c in result.naming.answer.beside], between)
+    names = _and([c.says for c in result.naming.answer.beside], between)
     return f" Beside it there may be {names}." if names else ""
 
 
 def _looks_like(result: Result) -> str:
-    like = [f"{c.name} ({c.term.says})" for c in result.naming.answer.indistinguishable]
+    like = [c.says for c in result.naming.answer.indistinguishable]
     return f" On these recordings it cannot be told from {_and(like, 'or')}." if like else ""
 
 
@@ -201,15 +220,24 @@ def _drive(result: Result) -> list[str]:
 
 def _describe(result: Result) -> list[str]:
     found = [result.unknown] if result.unknown else []
+    found += [f"Look at {_look_at(c)}." for c in result.effects if c.is_reversed]
     if result.naming.answer.suspected:
         found += _check_sensor(result)
     if result.difference is not None:
+        best = result.difference.best
+        if best is not None and best.kind == COMMAND:
+            found.append(
+                "Fit the model anew with lambda_target among its inputs (o2train fit --inputs), "
+                "or to recordings with the present target."
+            )
         return found
     if result.addition.path is not None:
         found.append(
             f"{result.addition.path} has the formula, found in these recordings and not in a "
             "library: use it within their speeds, loads and temperatures."
         )
+    if result.naming.answer.experiment is not None:
+        found += _drive(result)
     return [*found, "Look at the errors by regime under How much for what the library lacks."]
 
 

@@ -23,6 +23,8 @@ from training.gap.response.families import Family, families_of
 from training.gap.response.reference import ResponseReference
 from training.gap.response.trial import Questions, Trial, p_value
 from training.greybox.fit.comparison import Comparison
+from training.pages.numbers import percent
+from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.response
 SENSOR: Final = (
@@ -38,6 +40,10 @@ SIMPLE: Final = (
     *("offset", "gain", "timing", "lag", "response"),
     *("level", "dynamic", "timing with", "gain with"),
 )
+COMMAND: Final = "command"  # the ECU asks for another mixture than on healthy runs
+TARGET: Final = "lambda_target"
+RICHEST: Final = 0.5  # lambda, the least that is plausible
+HALF: Final = 0.5  # of the error beyond healthy runs, that goes with a command
 LAST: Final = {"swing": 1, "size": 2}  # kinds that describe a difference if no other does
 SHIFTS: Final = ("timing", "lag", "response", "timing with", "gain", "gain with")
 
@@ -131,9 +137,27 @@ def difference_of(
         response = ResponseAccount(float(np.exp(first.trial.swing)), 0.0, 0.0)
     if first.family is not None and found.kind == "level":
         curve = curve_of(first.family, first.trial.held[first.number], first.runs)
-    sentence = _sentence(first, response, curve, unit)
-    best = replace(found, sentence=sentence)
+    best = replace(found, sentence=_sentence(first, response, curve, unit))
+    if unit in ("", "phi") and (share := _commanded(new, references.each[0])) >= HALF:
+        words = f"{percent(share)} of what exceeds the error of healthy runs goes with its lambda"
+        sentence = f"The ECU asks for it: {words} target. {best.sentence}"
+        best = replace(best, kind=COMMAND, driver=TARGET, sentence=sentence)
     return Difference((best, *others), best, response, curve)
+
+
+def _commanded(new: Sequence[Comparison], reference: ResponseReference) -> float:
+    """Return the share of the excess error that is gone if the target is taken off the reading."""
+    if not all(TARGET in r.signals for r in (*new, *reference.healthy)):
+        return 0.0
+    asked = [_less_target(r) for r in reference.healthy]
+    beyond = ResponseReference.learn(asked, reference.regressors.inputs)
+    left = max(beyond.excess([_less_target(r) for r in new]), 0.0)
+    return 1.0 - left / max(reference.excess(new), 1e-300)
+
+
+def _less_target(run: Comparison) -> Comparison:
+    target = 1.0 / np.maximum(hold(run.signals[TARGET]), RICHEST)
+    return replace(run, phi_measured=run.phi_measured - target)
 
 
 def _described_by(ranked: Sequence[_Place]) -> _Place | None:

@@ -45,6 +45,14 @@ class ResponseReference:
         beside = [replace(r, phi_predicted=p) for r, p in zip(healthy, predicted, strict=True)]
         return cls(made, weights, spread, tuple(map(spread.held, beside)))
 
+    def excess(self, new: Sequence[Comparison]) -> float:
+        """Return by how much the mean squared error of new runs exceeds that of healthy ones."""
+        here, there = (
+            np.concatenate([r.residual[r.scored] for r in runs])
+            for runs in (self.beside(new), self.healthy)
+        )
+        return float(np.mean(here**2) - np.mean(there**2))
+
     def beside(self, new: Sequence[Comparison]) -> tuple[Comparison, ...]:
         """Return new runs beside the reading of a healthy vehicle."""
         read = [replace(r, phi_predicted=self.regressors(r) @ self.weights) for r in new]

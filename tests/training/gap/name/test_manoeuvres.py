@@ -2,25 +2,31 @@
 
 from dataclasses import replace
 
-import numpy as np
-
-from tests.helpers.gap.gap_drives import BASE, case_of, noisy_drive
-from training.gap.name.manoeuvres import library, separate
-from training.greybox.effects import LIBRARY
+from tests.helpers.gap.gap_drives import BASE, noisy_drive
+from training.gap.name.manoeuvres import library, propose
+from training.greybox.effects import LIBRARY, Effect
 from training.greybox.fit.joint import fit
+from training.healthy.base_state import base_state
+
+
+def held(name: str, *values: float) -> Effect:
+    """Return an effect whose constants can hardly leave these values."""
+    pairs = zip(LIBRARY[name].parameters, values, strict=True)
+    near = (replace(p, low=0.999 * v, high=1.001 * v, start=(v,)) for p, v in pairs)
+    return replace(LIBRARY[name], parameters=tuple(near))
 
 
 def test_the_manoeuvre_that_separates_two_models_is_the_one_they_differ_on() -> None:
-    case = case_of(noisy_drive(1))
-    alone = fit(case, (), [BASE])
-    film = replace(alone, terms=(LIBRARY["wall_film"],), parameters=(np.array([0.2, 0.6, 2.0]),))
-    leak = replace(
-        alone, terms=(LIBRARY["exhaust_leak"],), parameters=(np.array([0.05, 30.0, 0.5]),)
-    )
-    dynamic = separate(film, alone)
-    static = separate(leak, alone)
+    state = base_state([noisy_drive(1)], None, BASE)
+    state = replace(state, case=replace(state.case, sigma=0.05))
+    case, alone = state.case, state.current
+    film = fit(case, (held("wall_film", 0.1, 0.6, 2.0),), [alone])
+    leak = fit(case, (held("exhaust_leak", 0.01, 30.0, 0.5),), [alone])
+    dynamic, static = (propose(state, (each, alone)) for each in (film, leak))
+    assert dynamic is not None
+    assert static is not None
     assert "tip-in" in dynamic.name
-    assert "1,500 rpm" in static.name or "speed sweep" in static.name
-    assert dynamic.difference["motorway at 2,600 rpm"] < 0.3 * dynamic.rms_phi
-    assert set(dynamic.difference) == set(library())
+    assert static.each["coasting with fuel cut and picking up again"] < static.right
+    assert dynamic.each["motorway at 2,600 rpm"] < dynamic.right
+    assert set(dynamic.each) == set(library(0.1))
     assert dynamic.name in str(dynamic)

@@ -63,7 +63,7 @@ def test_a_small_leak_that_looks_like_a_rail_exponent_is_ambiguous_with_an_exper
     assert found.verdict == "ambiguous"
     assert [e.name for e in found.answer.effects] == ["exhaust_leak", "rail_exponent"]
     assert found.answer.experiment is not None
-    assert found.answer.experiment.rms_phi > 0.001
+    assert found.answer.experiment.right > 0.6
 
 
 def test_two_effects_at_once_are_named_one_after_the_other() -> None:
@@ -112,8 +112,8 @@ def test_a_formula_that_does_not_beat_a_sensor_fault_is_not_added(
 ) -> None:
     # GIVEN an unknown effect that a sensor of another gain explains in part, and no candidate that
     # loses against another
-    monkeypatch.setattr("training.gap.name.ranking.HALF", 0.0)
-    monkeypatch.setattr("training.gap.name.ranking.loses", lambda _: False)
+    monkeypatch.setattr("training.gap.name.formulas.contest.HALF", 0.0)
+    monkeypatch.setattr("training.gap.name.formulas.contest.WIN", 1.1)
     found = name(two_drives(2_200_300, ("battery_voltage", 8.0)), known())
     # THEN the effect stays without formula, and the sensor is among the suspects
     assert (found.verdict, found.answer.suspected) == ("unknown_effect", "gain_low")

@@ -1,5 +1,6 @@
 """In what a reading without a chain differs from that of healthy runs."""
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -108,3 +109,32 @@ def test_a_gain_shows_in_how_much_a_reading_moves(
     percent = int(swing.sentence.removeprefix("The reading moves ").split(" %")[0])
     assert percent == pytest.approx(30, abs=8)
     assert swing.sentence.endswith("less than that of a healthy vehicle.")
+
+
+def asked(r: Comparison, more: float, off: float = 0.0) -> Comparison:
+    """Return a run that tells its lambda target, ``more`` phi at high load, and reads it so."""
+    richer = more * (r.signals["load"] > 0.0)
+    target = 1.0 + 0.1 * np.tanh(r.signals["speed"]) + richer
+    told = replace(r, signals={**r.signals, "lambda_target": 1.0 / target})
+    return with_reading(told, r.phi_measured + lagged(richer, 1.0, PERIOD_S) + off)
+
+
+@pytest.fixture(scope="module")
+def usual() -> References:
+    return References.learn([asked(run(seed), 0.0) for seed in range(6)], INPUTS)
+
+
+def test_a_reading_that_goes_where_the_target_went_is_what_the_ecu_asks_for(
+    usual: References, new: list[Comparison]
+) -> None:
+    tuned = [asked(r, -0.05 * (i >= 2)) for i, r in enumerate(new)]
+    answer = difference_of(tuned, usual)
+    assert answer.best is not None
+    assert answer.best.sentence.startswith("The ECU asks for it: ")
+    assert not answer.like_sensor
+
+
+def test_an_offset_beside_a_target_that_stays_is_the_sensors(
+    usual: References, new: list[Comparison]
+) -> None:
+    assert difference_of([asked(r, 0.0, off=0.02) for r in new], usual).like_sensor

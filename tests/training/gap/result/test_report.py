@@ -95,7 +95,7 @@ PURGE_ADDED = Addition(
 
 
 def naming(verdict: Verdict, ranking: tuple[Candidate, ...] = RANKING, **changes: Any) -> Naming:
-    experiment = ProposedDrive("motorway at <2,600> rpm", 0.012, {"motorway at <2,600> rpm": 0.012})
+    experiment = ProposedDrive("motorway at <2,600> rpm", 0.9, {"motorway at <2,600> rpm": 0.9})
     chosen: dict[Verdict, tuple[Candidate, ...]] = {
         "named": RANKING[:1],
         "ambiguous": (RANKING[0], *RANKING[3:6]),
@@ -242,7 +242,6 @@ def test_an_effect_carries_the_constants_that_stand_in_the_model() -> None:
     assert effect["standard_errors"] == {"concentration": 0.05}
     assert effect["score"] == 900.0
     assert effect["runner_up"] == "wall_film"
-    assert effect["runner_up_win"] == 1.0
     assert effect["separated"] is True
 
 
@@ -251,24 +250,6 @@ def test_what_was_named_but_not_added_says_so() -> None:
     assert [(e["name"], e["added"]) for e in tree["effects"]] == [("purge", False)]
     assert tree["rmse_after"] is None
     assert tree["model"] is None
-
-
-def test_an_effect_is_separated_if_it_beats_every_rival_outside_its_class() -> None:
-    leak = candidate("exhaust_leak", 900.0, None)
-    alike = leak.like[0] if leak.like else "maf_offset"
-    fit = replace(leak.fit, terms=(replace(LIBRARY["exhaust_leak"], like=(alike,)),))
-    leak = replace(leak, fit=fit)
-    in_class = candidate(alike, 890.0, 0.6)
-    outside = candidate("wall_film", 800.0, 0.7)
-    weak = candidate("purge", 100.0, 0.7)
-    for ranking, wanted in (
-        ((leak, in_class, weak), True),
-        ((leak, outside), False),
-        ((leak, but(outside, win=0.99)), True),
-    ):
-        named = naming("named", effects=(leak,), ranking=ranking)
-        own = replace(added(leak.model_effect()), naming=named)
-        assert as_json(own)["effects"][0]["separated"] is wanted
 
 
 def test_the_runner_up_is_of_the_step_in_which_the_effect_was_chosen() -> None:
@@ -427,7 +408,6 @@ def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> N
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"physical": False}, "; purge comes first with constants that it cannot have."),
         (
             {"adequacy": 0.43},
             "with 43 % of what can be explained (50 % needed)".replace(" %", "\u00a0%"),
@@ -441,6 +421,16 @@ def test_an_unknown_effect_says_what_the_first_candidate_lacks(
     best = but(RANKING[0], **changes)
     found = naming("unknown_effect", ranking=(best, *RANKING[1:]))
     assert words in verdict_sentence(replace(made("unknown_effect"), naming=found))
+
+
+def test_an_effect_in_the_other_direction_says_what_to_look_at() -> None:
+    contrary = but(candidate("back_pressure", 900.0, None), physical=False)
+    found = naming("unknown_effect", effects=(contrary,))
+    result = replace(made("unknown_effect"), naming=found, addition=Addition(), unknown=None)
+    words = "Back pressure, but in the other direction: look at a pressure correction"
+    assert verdict_sentence(result).startswith(words)
+    assert "It is not added to the model" in verdict_sentence(result)
+    assert as_json(result)["effects"][0]["hypothesis"] == "back_pressure reversed"
 
 
 def test_an_unknown_effect_that_a_sensor_fault_explains_as_well_has_the_sensor_checked() -> None:

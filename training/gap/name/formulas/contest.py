@@ -1,8 +1,10 @@
 """A formula of signals against the effects or the sensor fault of a verdict."""
 
+from collections.abc import Sequence
+
 from monitor.base.types import FloatArray
 from training.gap.name.formulas.signal_screen import left_by_signal
-from training.gap.name.ranking import USUAL_SHARE, WIN, against
+from training.gap.name.ranking import HALF, USUAL_SHARE, WIN
 from training.gap.name.steps import Advance
 from training.gap.name.verdict import Candidate
 from training.healthy import scoring
@@ -30,7 +32,19 @@ def beats(first: BaseState, rival: Candidate, found: Advance) -> float:
     own, left = scoring.deviance(rival.fit, first.case.blocks), _left(first, found)
     won = scoring.win(own, left)
     enough = won >= WIN and float((left - own).sum()) > _usual(first)
-    return won if enough and not against(first, rival, found.first)[1] else 0.0
+    return won if enough and unbeaten(first, rival, found.first) is None else 0.0
+
+
+def unbeaten(
+    first: BaseState, rival: Candidate, candidates: Sequence[Candidate]
+) -> Candidate | None:
+    """Return the first candidate that explains half as much and that a formula does not beat."""
+    own = scoring.deviance(rival.fit, first.case.blocks)
+    for c in candidates:
+        won = scoring.win(own, scoring.deviance(c.fit, first.case.blocks))
+        if c.merit.score >= HALF * rival.merit.score and won < WIN:
+            return c
+    return None
 
 
 def _usual(first: BaseState) -> float:
@@ -41,5 +55,5 @@ def _left(first: BaseState, found: Advance) -> FloatArray:
     """Return the deviance, (n_blocks,), that the effects or the fault of a verdict leave."""
     if found.rounds:
         return found.last.deviance
-    best = found.outcome.fault or next((c for c in found.first if c.merit.physical), None)
-    return scoring.deviance(best.fit, first.case.blocks) if best else first.deviance
+    best = found.outcome.fault or (*found.outcome.best, *found.first)[0]
+    return scoring.deviance(best.fit, first.case.blocks)

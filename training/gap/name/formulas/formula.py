@@ -22,7 +22,6 @@ from training.greybox.fit.held_out import held_out_rmse
 from training.greybox.fit.joint import JointFit, fit
 from training.healthy import scoring
 from training.healthy.base_state import BaseState
-from training.healthy.behaviour import Healthy
 from training.healthy.without import corrections
 
 TERMS_MOST: Final = 3
@@ -55,24 +54,23 @@ class FirstTerm:
     term: Candidate  # of the fit to errors as they are
     rival: Candidate  # in whitened errors, as effects and the sensor's faults are
     plain: BaseState  # errors as they are, with the term
-    known: Healthy | None
     of: BaseState  # without effects
 
 
-def first_term(state: BaseState, known: Healthy | None = None) -> FirstTerm | None:
+def first_term(state: BaseState) -> FirstTerm | None:
     """Return the first term of a formula, None if none is even over the blocks.
 
-    state : without effects
-    known : of the vehicle; its errors are then those that it shows without the term
+    state : without effects; the healthy vehicle's errors become those that it shows without the
+        term
     """
     plain = _plain(state)
     if rough := rank(plain, _forms(plain, (), ("curve",)), lambda _: None):
-        plain = _reread(plain, known, rough[0].fit)
-    found = _next(plain, known, (), T_LEAST)
+        plain = _reread(plain, rough[0].fit)
+    found = _next(plain, (), T_LEAST)
     if found is None:
         return None
     term, plain = found
-    return FirstTerm(term, rank(state, [term.term], lambda _: None)[0], plain, known, state)
+    return FirstTerm(term, rank(state, [term.term], lambda _: None)[0], plain, state)
 
 
 def formula_of(first: FirstTerm) -> Formula:
@@ -80,7 +78,7 @@ def formula_of(first: FirstTerm) -> Formula:
     plain, found = first.plain, [first.term]
     while len(found) < TERMS_MOST:
         used = {signal_of(c.name) for c in found}
-        more = _next(plain, first.known, used, FURTHER_T_LEAST)
+        more = _next(plain, used, FURTHER_T_LEAST)
         if more is None or _rmse(*more) > _rmse(found[-1], plain):
             break
         term, plain = more
@@ -100,25 +98,25 @@ def _rmse(term: Candidate, plain: BaseState) -> float:
 
 
 def _next(
-    plain: BaseState, known: Healthy | None, used: Collection[str], t_least: float
+    plain: BaseState, used: Collection[str], t_least: float
 ) -> tuple[Candidate, BaseState] | None:
     """Return the best further term, and the state with it."""
     best = _best(plain, used)
     if best is None or best.merit.t < t_least:
         return None
     best = _growing(plain, best)
-    plain = _reread(plain, known, best.fit)
+    plain = _reread(plain, best.fit)
     best = replace(best, fit=fit(plain.case, best.fit.terms, [best.fit]))
     return best, _with(plain, best.fit)
 
 
-def _reread(plain: BaseState, known: Healthy | None, found: JointFit) -> BaseState:
+def _reread(plain: BaseState, found: JointFit) -> BaseState:
     """Return the state with the healthy vehicle's errors as it shows them without the terms."""
-    if known is None:
+    if plain.known is None:
         return plain
     pairs = zip(found.terms, found.parameters, strict=True)
     effects = tuple((term, own) for term, own in pairs if isinstance(term, Effect))
-    case = replace(plain.case, corrections=corrections(known, plain.case.drives, effects))
+    case = replace(plain.case, corrections=corrections(plain.known, plain.case.drives, effects))
     current = fit(case, plain.current.terms, [plain.current])
     return _with(replace(plain, case=case), current)
 

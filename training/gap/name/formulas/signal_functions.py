@@ -59,14 +59,6 @@ class Function(NamedTuple):
         return f"({name} - {at} {self._signal_unit})" + ", as fuel" * (self.kind == "mass")
 
     @property
-    def unit(self) -> str:
-        """Unit of the coefficient."""
-        if self.kind == "about":
-            return "% of the mixture"
-        top = "mg/stroke" if self.kind == "mass" else "% of the mixture"
-        return f"{top} per {self._signal_unit}"
-
-    @property
     def _signal_unit(self) -> str:
         known = BY_NAME.get(self.signal)
         return known.unit if known else "unit"

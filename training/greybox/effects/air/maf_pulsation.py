@@ -29,6 +29,7 @@ def _equation(at: Place, p: Values) -> dict[str, Quantity]:
 EFFECT: Final = Effect(
     name="maf_pulsation",
     says="pulsation makes the air meter read too much",
+    look_at="pulsation by which the meter reads too little, and the ECU's correction of it",
     parameters=(
         Parameter("magnitude", "-", -1.0, 4.0, (0.2,), positive=True),
         Parameter("centre", "1/min", 800.0, 2500.0, (1200.0, 1800.0)),

@@ -25,6 +25,7 @@ def _equation(at: Place, p: Values) -> dict[str, Quantity]:
 EFFECT: Final = Effect(
     name="scavenging",
     says="air blows through while both valves are open",
+    look_at="charge that the ECU's scavenging correction takes away too much",
     parameters=(
         Parameter("magnitude", "-", -0.5, 5.0, (0.2,), positive=True),
         Parameter("end", "1/min", 1600.0, 4000.0, (2400.0, 3200.0)),

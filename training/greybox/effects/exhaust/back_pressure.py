@@ -26,6 +26,7 @@ def _equation(at: Place, p: Values) -> dict[str, Quantity]:
 EFFECT: Final = Effect(
     name="back_pressure",
     says="exhaust pressure raises the sensor's sensitivity",
+    look_at="a pressure correction of the reading that is too strong",
     parameters=(Parameter("sensitivity", "1/bar", -2.0, 6.0, (0.3,), positive=True),),
     needs=("engine_speed_rpm",),
     optional=("ambient_pressure_kpa",),

@@ -25,6 +25,7 @@ def _longest_s(p: Values) -> float:
 EFFECT: Final = Effect(
     name="delay_flow",
     says="dead time follows the exhaust's flow",
+    look_at="a sensor that sits nearer to the valves than on the healthy vehicle",
     parameters=(Parameter("volume", "l", -1.0, 20.0, (0.5, 2.0, 8.0), positive=True),),
     needs=("engine_speed_rpm",),
     tag="physics",

@@ -26,6 +26,7 @@ def _equation(at: Place, p: Values) -> dict[str, Quantity]:
 EFFECT: Final = Effect(
     name="exhaust_leak",
     says="a leak draws air into the exhaust at low flow",
+    look_at="fuel that enters at low flow: dripping injectors, vapour of the crankcase",
     parameters=(
         Parameter("fraction", "-", -0.3, 0.4, (0.02,), positive=True),
         Parameter("fading", "kg/h", 8.0, 120.0, (20.0, 50.0)),

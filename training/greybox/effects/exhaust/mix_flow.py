@@ -25,6 +25,7 @@ def _longest_s(p: Values) -> float:
 EFFECT: Final = Effect(
     name="mix_flow",
     says="mixing follows the exhaust's flow",
+    look_at="a sensor that sits where the exhaust mixes less than on the healthy vehicle",
     parameters=(Parameter("volume", "l", -1.0, 20.0, (0.5, 2.0), positive=True),),
     needs=("engine_speed_rpm",),
     tag="physics",

@@ -33,6 +33,7 @@ def _longest_s(p: Values) -> float:
 EFFECT: Final = Effect(
     name="fuel_cut_tail",
     says="the exhaust stays lean after a fuel cut",
+    look_at="the ECU's enrichment after a fuel cut, and dripping injectors",
     parameters=(
         Parameter("depth", "-", -0.5, 2.0, (0.05,), positive=True),
         Parameter("time", "s", 0.2, 8.0, (2.0,)),

@@ -38,6 +38,7 @@ def _is_allowed(at: Place) -> Quantity:
 EFFECT: Final = Effect(
     name="purge",
     says="canister purge brings fuel vapour",
+    look_at="air through the purge valve: an empty canister whose vapour the ECU takes for granted",
     parameters=(Parameter("concentration", "mg/s/kPa", -2.0, 8.0, (0.3,), positive=True),),
     needs=("manifold_pressure_kpa", "engine_speed_rpm"),
     optional=("ambient_pressure_kpa", "purge_duty_percent", "coolant_temperature_degc"),

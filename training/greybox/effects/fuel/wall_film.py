@@ -32,6 +32,7 @@ def _equation(at: Place, p: Values) -> dict[str, Quantity]:
 EFFECT: Final = Effect(
     name="wall_film",
     says="part of the fuel lands on walls and evaporates later",
+    look_at="a transient compensation of the ECU that is too strong",
     parameters=(
         Parameter("share", "-", -0.1, 0.6, (0.1,), positive=True),
         Parameter("time", "s", 0.1, 4.0, (0.4, 1.2)),
