@@ -53,6 +53,13 @@ class BaseState:
         surplus = self.known.surplus if self.known else {}
         return OVER_HEALTHY * surplus.get(name, UNKNOWN_SURPLUS)
 
+    def shrinks_of(self, drive: ChainDrive) -> tuple[Shrink, ...]:
+        """Return what differs from healthy drive to drive in one more drive, () if unknown."""
+        if self.known is None:
+            return ()
+        case = replace(self.case, drives=(drive,), corrections=(np.zeros(len(drive)),), shrinks=())
+        return _shrinks(case, self.known, [self.known.columns(drive)])
+
 
 def base_state(
     drives: Sequence[ChainDrive], known: Healthy | None, base: Constants | None
@@ -63,8 +70,7 @@ def base_state(
     """
     if known:
         drives = _where_known(drives, known)
-    # What varies from healthy drive to drive is integrated out, and what shifted for good is for
-    # the candidates to explain: the base itself holds.
+    # The base holds: what shifted for good is for the candidates to explain.
     prior = None if base is None else Prior(base, SPREAD_CARD)
     starts = STARTS if base is None else (base,)
     made = [known.columns(drive) for drive in drives] if known else []

@@ -64,7 +64,7 @@ def propose(state: BaseState, candidates: Sequence[JointFit]) -> ProposedDrive |
         return None
     usual = max(_varies(case, first, rival) for rival in rivals)
     each = {
-        name: min(_evidence(case, drive, *pair) for pair in pairs) / usual
+        name: min(_evidence(state, drive, *pair) for pair in pairs) / usual
         for name, drive in drives.items()
     }
     best = max(each, key=lambda name: each[name])
@@ -76,16 +76,19 @@ def _right(evidence: float) -> float:
     return float(stats.norm.cdf(0.5 * np.sqrt(evidence)))
 
 
-def _evidence(case: Case, drive: ChainDrive, true: JointFit, rival: JointFit) -> float:
-    """Return the sum of squares in sigma that the rival leaves in ten minutes of a drive."""
+def _evidence(state: BaseState, drive: ChainDrive, true: JointFit, rival: JointFit) -> float:
+    """Return the sum of squares in sigma that the rival leaves in ten minutes of a drive.
+
+    What healthy drives differ by counts as little as it does in a fit.
+    """
     if not drive.kept.any():
         return 0.0
     read = reading(drive, true.base, true.terms, true.parameters)
     driven = replace(
-        case,
+        state.case,
         drives=(replace(drive, phi_measured=read),),
         corrections=(np.zeros(len(drive)),),
-        shrinks=(),
+        shrinks=state.shrinks_of(drive),
         scales=(),
     )
     found = fit(driven, rival.terms, [rival], ONE_LOOK)

@@ -293,7 +293,7 @@ def test_the_page_says_how_sure_it_is_beside_the_verdict() -> None:
     weighed = replace(found.naming, posterior={"wall_film": 0.97, "none": 0.02, "purge": 0.01})
     page = gap_page.as_page(replace(found, naming=weighed)).replace("\xa0", " ")
     first = page[: page.index("<h2")]
-    assert "Confidence: of all hypotheses, 97 % for wall film, 2 % for no gap; the best" in first
+    assert "Confidence: of all hypotheses, 97 % for wall film, 2 % for no gap." in first
 
 
 def test_where_are_the_regimes_in_which_the_excess_is_dense() -> None:
