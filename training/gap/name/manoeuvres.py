@@ -110,7 +110,8 @@ def _varies(case: Case, one: JointFit, other: JointFit) -> float:
 def library(period_s: float) -> Mapping[str, ChainDrive]:
     """Return every manoeuvre as a drive of a warm or cold engine, of at least a minute."""
     t_s = np.arange(0.0, SECONDS, period_s)
-    made = {name: (*of(t_s), None) for name, of in MANOEUVRES.items()}
+    warm = np.full(len(t_s), WARM_DEGC)
+    made = {name: (*of(t_s), warm) for name, of in MANOEUVRES.items()}
     made["cold start with tip-ins"] = (*_tips(t_s), np.minimum(5.0 + 0.35 * t_s, WARM_DEGC))
     return {name: _drive(t_s, *each) for name, each in made.items()}
 
@@ -149,7 +150,7 @@ MANOEUVRES: Final[Mapping[str, Callable[[FloatArray], tuple[FloatArray, FloatArr
 
 
 def _drive(
-    t: FloatArray, rpm: FloatArray, charge_mg: FloatArray, coolant: FloatArray | None
+    t: FloatArray, rpm: FloatArray, charge_mg: FloatArray, coolant: FloatArray
 ) -> ChainDrive:
     """Return the drive of engine speed and charge (n,); a charge below 0 is fuel cut."""
     cut = charge_mg < 0.0
@@ -166,7 +167,7 @@ def _drive(
         "rail_pressure_mpa": 5.0 + 9.0 * np.minimum(air / 700.0, 1.0) + rpm / 900.0,
         "manifold_pressure_kpa": pressure_kpa,
         "manifold_temperature_degc": np.full(len(t), INTAKE_DEGC),
-        "coolant_temperature_degc": np.full(len(t), WARM_DEGC) if coolant is None else coolant,
+        "coolant_temperature_degc": coolant,
         "ambient_pressure_kpa": np.full(len(t), AMBIENT_KPA),
         "purge_duty_percent": np.where(purging, 50.0, 0.0),
     }
