@@ -162,6 +162,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "experiment": None if answer.experiment is None else str(answer.experiment),
         "model": None if addition.path is None else str(addition.path),
         "form": addition.form or None,
+        "offer": None if addition.offer is None else str(addition.offer),
         "withdrawn": addition.withdrawn,
         "suspected": answer.suspected,
         "indistinguishable": [c.name for c in answer.indistinguishable],

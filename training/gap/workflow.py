@@ -26,6 +26,7 @@ from training.jobs import Progress
 from training.recordings.recording import training_recording
 
 NEW_MODEL: Final = "model.onnx"
+OFFER: Final = "offer.onnx"
 UNVERIFIED: Final = "unverified.onnx"  # until the monitor has run with it
 
 
@@ -40,7 +41,8 @@ def investigate(
 ) -> Result:
     """Return the result of all steps; a new model, if there is one, is ``out``/model.onnx.
 
-    No model with which the monitor is worse off than with the old one is written.
+    A model with which the monitor is worse off than with the old one, or whose effect may be a
+    fault, is ``out``/offer.onnx instead.
 
     known : the healthy behaviour, if ``yardstick.learn`` has learned it before; else it is learned
         from the healthy recordings, or read from the model's card
@@ -80,7 +82,7 @@ def investigate(
         progress=progress,
     )
     verification = _verification(subject, addition, knowledge, options, progress)
-    addition = delivered(addition, verification, out / NEW_MODEL)
+    addition = delivered(addition, verification, out)
     return Result(
         inputs=_inputs(subject, options),
         naming=naming,
@@ -115,10 +117,11 @@ def _verification(
     )
 
 
-def delivered(addition: Addition, verification: Verification | None, path: Path) -> Addition:
-    """Return the addition with its file as ``path``, or without one that harms the monitor."""
-    harm = verification.harm if verification and addition.path else None
-    return addition.without_file(harm) if harm else addition.kept(path)
+def delivered(addition: Addition, verification: Verification | None, out: Path) -> Addition:
+    """Return the addition with its file in ``out``, as an offer if anything speaks against it."""
+    (out / OFFER).unlink(missing_ok=True)  # of an earlier run
+    why = addition.withdrawn or (verification.harm if verification and addition.path else None)
+    return addition.offered(out / OFFER, why) if why else addition.kept(out / NEW_MODEL)
 
 
 def _inputs(subject: Subject, options: GapOptions) -> Inputs:

@@ -32,17 +32,18 @@ class Addition:
     form: str = ""  # a sentence
     effects: tuple[ModelEffect, ...] = ()
     warnings: tuple[str, ...] = ()
-    withdrawn: str | None = None  # why a new model was not kept: what the monitor loses by it
+    withdrawn: str | None = None  # why the new model is an offer only
+    offer: Path | None = None  # its file then, instead of ``path``
 
     def kept(self, path: Path) -> "Addition":
         """Return the addition with its file, if there is one, moved to ``path``."""
         return self if self.path is None else replace(self, path=self.path.replace(path))
 
-    def without_file(self, harm: str) -> "Addition":
-        """Return the addition without its file, which is deleted for the harm that it does."""
-        if self.path is not None:
-            self.path.unlink()
-        return Addition(warnings=self.warnings, withdrawn=harm)
+    def offered(self, path: Path, why: str) -> "Addition":
+        """Return the addition as an offer, its file moved to ``path``."""
+        if self.path is None:
+            return self
+        return replace(self, path=None, offer=self.path.replace(path), withdrawn=why)
 
 
 def add(
@@ -56,8 +57,6 @@ def add(
     """Write the model with the named effects to ``out`` and return the addition."""
     if naming.verdict not in ("named", "unknown_effect") or not naming.answer.effects:
         return Addition()
-    if (withheld := withheld_effects(naming, options)) is not None:
-        return Addition(warnings=(withheld,))
     progress("adding")
     material, known = subject.material, knowledge.known
     choices = constants.constant_choices(subject, naming, known, knowledge.start)
@@ -79,21 +78,21 @@ def add(
         return Addition(warnings=(NO_BETTER,))
     if known is not None and material.healthy and subject.is_greybox:
         card.store(new, known, material.healthy)  # with which its constants go
-    return Addition(new, form, effects)
+    return Addition(new, form, effects, withdrawn=withheld_effects(naming, options))
 
 
 def withheld_effects(naming: Naming, options: GapOptions) -> str | None:
-    """Return a warning if an effect may be a fault, or acts as it cannot, and nobody wants it."""
+    """Return why a model is an offer: an effect may be a fault, or acts as it cannot by itself."""
     left = [c for c in naming.answer.effects if c.name not in options.add]
     if contrary := [c.name for c in left if c.is_reversed]:
         return (
-            f"{' and '.join(contrary)} cannot act in this direction and is not added: if the model "
-            f"is to follow it all the same, say so with --add {' '.join(contrary)}"
+            f"{' and '.join(contrary)} cannot act in this direction by itself; if the model is to "
+            f"follow it all the same, say so with --add {' '.join(contrary)}"
         )
     names = [c.name for c in left if c.tag == "fault-like" and not options.sensor_known_good]
     if not names:
         return None
     return (
-        f"{' and '.join(names)} may be a fault of the vehicle and is not added: where it is known "
-        f"to be none, say so with --add {' '.join(names)}"
+        f"{' and '.join(names)} may be a fault of the vehicle; where it is known to be none, say "
+        f"so with --add {' '.join(names)}"
     )

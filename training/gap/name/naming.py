@@ -88,7 +88,7 @@ def name(
         formula = first_term(first)
     if is_told and formula and (won := beats(first, formula.rival, found)):
         unknown, odds = StepOutcome("unknown_effect", found.first), naming.posterior
-        found = Advance(first, unknown, (), (), found.first, _unknown(odds, won))
+        found = Advance(first, unknown, (), found.first, _unknown(odds, won))
         naming = answer(found)
     if naming.verdict == "unknown_effect" and not naming.answer.effects:
         naming = _with_formula(naming, first, formula, found.first)
@@ -180,7 +180,7 @@ def _answer(
     doubts: Sequence[str],
 ) -> Naming:
     last, outcome, rounds = found.last, found.outcome, found.rounds
-    warnings = (*doubts, *found.warnings)
+    warnings = tuple(doubts)
     added = tuple(r.effect for r in rounds) if outcome.verdict == "named" else ()
     error = _error(first, last, with_effects=bool(added))
     verdict, odds = outcome.verdict, found.posterior

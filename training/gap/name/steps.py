@@ -25,7 +25,6 @@ class Advance:
     last: BaseState  # with the effects of all rounds
     outcome: StepOutcome
     rounds: tuple[Round, ...]
-    warnings: tuple[str, ...]
     first: tuple[Candidate, ...]  # the ranking of the first step
     posterior: Posterior  # of all steps together
     beside: tuple[Candidate, ...] = ()  # see ``Answer.beside``
@@ -111,10 +110,8 @@ def advance(
         beside = path.effects
         if len(told) < steps:
             beside += _on_top(path.state, outcome, path.left(candidates), progress)
-    faults = [c.name for c in path.effects if c.tag == "fault-like" and not sensor_known_good]
-    warnings = [f"{n} may be a fault: add it only if it is known not to be" for n in faults]
     rounds, odds = tuple(path.rounds), _posterior(told, path)
-    return Advance(path.state, outcome, rounds, tuple(warnings), first, odds, beside)
+    return Advance(path.state, outcome, rounds, first, odds, beside)
 
 
 def _posterior(told: Sequence[StepOutcome], path: _Path) -> Posterior:

@@ -28,8 +28,6 @@ def verdict_sentence(result: Result) -> str:
 
 def _named(result: Result) -> str:
     names = _and([c.says for c in result.effects])
-    if (harm := result.addition.withdrawn) is not None:
-        return f"Named: {names}, but no model is written: {harm}; {_level(result)}."
     if not (then := _with_it(result)):
         return f"Named: {names}, but not added; {_level(result)}."
     return f"Named: {names}. {then}"
@@ -40,9 +38,11 @@ def _with_it(result: Result) -> str:
     before, after, floor, on = result.rmse
     if after is None:
         return ""
+    why, offer = result.addition.withdrawn, result.addition.offer
     return (
         f"With it in the model the error on {on} {_falls(result)}, from {phi(before)} to "
         f"{phi(after)} RMS in phi; the noise floor is {phi(floor)}{_gone(result)}."
+        f"{'' if offer is None else f' {offer} is an offer only: {why}.'}"
     )
 
 
@@ -124,13 +124,7 @@ def _formula(result: Result) -> str:
     if not result.addition.effects:
         return ""
     terms = [formula(e.name, list(e.parameters.values())) for e in result.addition.effects]
-    before, after, _, on = result.rmse
-    if after is None or result.addition.path is None:
-        return ""
-    return (
-        f" Added as an empirical effect: {_and(terms)}. With it the error on {on} "
-        f"{_falls(result)}, from {phi(before)} to {phi(after)}."
-    )
+    return f" As an empirical effect: {_and(terms)}. {_with_it(result)}"
 
 
 def _nearest(result: Result) -> str:
@@ -188,10 +182,10 @@ def actions(result: Result) -> list[str]:
 
 
 def _take_over(result: Result) -> list[str]:
-    if result.addition.withdrawn is not None:
+    if result.addition.offer is not None:
         return [
-            "Keep the model: it predicts worse, but the monitor loses nothing by it.",
-            "Record more drives, longer ones and with more changes of load, and run again.",
+            f"Keep the model, or use {result.addition.offer} knowing this: "
+            f"{result.addition.withdrawn}."
         ]
     new_model = result.addition.path
     if new_model is None:

@@ -480,17 +480,17 @@ def test_a_model_with_which_the_monitor_decides_less_is_not_the_headline_s() -> 
     own = replace(own, alarms=Detection("", None, before, blind))
     own = replace(own, faults=(replace(own.faults[0], after=blind),))
     assert own.harm is not None
-    # WHEN it was therefore not written
-    withdrawn = Addition(withdrawn=own.harm)
-    found = replace(made("named"), verified=own, addition=withdrawn)
+    # WHEN it is therefore an offer
+    offered = replace(PURGE_ADDED, path=None, offer=Path("out/offer.onnx"), withdrawn=own.harm)
+    found = replace(made("named"), verified=own, addition=offered)
     # THEN the first sentence says why, and no sentence says that it is to be used
     lost = "the monitor decides in 0 of 8 drives with the new model, in 8 with the old one"
-    assert f"but no model is written: {lost};" in verdict_sentence(found)
+    assert f"out/offer.onnx is an offer only: {lost}." in verdict_sentence(found)
     page = gap_page.as_page(found)
     assert "Use out/model.onnx" not in page
-    assert "Keep the model:" in page
+    assert "Keep the model, or use out/offer.onnx" in page
     tree = as_json(found)
-    assert (tree["withdrawn"], tree["model"], tree["rmse_after"]) == (lost, None, None)
+    assert (tree["withdrawn"], tree["model"], tree["offer"]) == (lost, None, "out/offer.onnx")
 
 
 def test_an_old_model_that_takes_the_gap_for_a_fault_is_no_measure() -> None:

@@ -180,13 +180,13 @@ def test_a_fault_that_the_new_model_finds_no_more_is_told(
     assert (found.rate_before, found.rate_after) == (1.0, 0.5)
     assert found.harm is not None
     assert "finds 3 of 6 faults put on with the new model, 6 with the old one" in found.harm
-    # AND the new model's file does not stay, as one without loss does
+    # AND the new model is an offer, where one without loss is delivered
     told = Addition(blind, "inside the chain", warnings=("a warning",))
-    kept = delivered(told, replace(found, faults=found.faults[1:]), tmp_path / "model.onnx")
+    kept = delivered(told, replace(found, faults=found.faults[1:]), tmp_path)
     assert (kept.path, kept.withdrawn) == (tmp_path / "model.onnx", None)
-    withdrawn = Addition(warnings=("a warning",), withdrawn=found.harm)
-    assert delivered(kept, found, tmp_path / "model.onnx") == withdrawn
-    assert not list(tmp_path.iterdir())
+    offered = delivered(kept, found, tmp_path)
+    assert (offered.path, offered.withdrawn) == (None, found.harm)
+    assert list(tmp_path.iterdir()) == [offered.offer]
 
 
 def test_an_old_model_is_also_asked_with_limits_set_as_the_new_one_s(
