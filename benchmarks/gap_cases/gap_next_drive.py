@@ -7,6 +7,7 @@ python -m benchmarks gap_next_drive [--folder build/gap_cases] [--set report] [-
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +20,7 @@ from benchmarks.gap_cases.second_engine_cases import SIZES
 from benchmarks.gap_cases.stored import plain
 from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.studies.second.engine import drive as second_drive
-from training.gap.name.manoeuvres import LONG_S, library
+from training.gap.name.manoeuvres import LONG_S, courses
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
 from training.greybox.fit.drive import ChainDrive
@@ -79,12 +80,12 @@ def _rows(folder: Path, vehicles: Sequence[int]) -> Iterator[dict[str, Any]]:
             return second_drive(own, seed, hidden, length_s=length_s, course=course)
 
         seed = 1000 * vehicle + 500 + 10 * number
-        drives = [driven(seed + i) for i in range(DRIVES)]
+        drives = [replace(driven(seed + i), name=f"drive {i}") for i in range(DRIVES)]
         first = name(drives, known)
         if first.verdict not in ("ambiguous", "unknown_effect") or first.answer.experiment is None:
             continue
         proposed = first.answer.experiment
-        course = library(drives[0].period_s)[proposed.name]
+        course = courses(drives)[proposed.name]
         more = {"proposed": driven(seed + 8, LONG_S, course), "random": driven(seed + 9, LONG_S)}
         answers = {words: _answer(name([*drives, d], known), effect) for words, d in more.items()}
         yield {

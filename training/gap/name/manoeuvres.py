@@ -54,7 +54,7 @@ def propose(state: BaseState, candidates: Sequence[JointFit]) -> ProposedDrive |
     models, Biometrika 62 (1975).
     """
     case, known = state.case, state.known
-    drives = library(case.drives[0].period_s)
+    drives = courses(case.drives)
     if known is not None:
         drives = {name: known.known_of(drive) for name, drive in drives.items()}
     first, *rivals = candidates
@@ -105,6 +105,11 @@ def _varies(case: Case, one: JointFit, other: JointFit) -> float:
     moved = scoring.moved(one, other, blocks)
     rest = gains - moved * gains.sum() / max(float(moved.sum()), 1e-12)
     return max(float(rest @ rest) / max(4.0 * float(moved.sum()), 1e-12), 1.0)
+
+
+def courses(drives: Sequence[ChainDrive]) -> Mapping[str, ChainDrive]:
+    """Return every manoeuvre, and the present drives to be driven again."""
+    return {**library(drives[0].period_s), **{f"a drive like {d.name}": d for d in drives}}
 
 
 def library(period_s: float) -> Mapping[str, ChainDrive]:
