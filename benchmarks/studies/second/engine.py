@@ -302,16 +302,16 @@ def drive_car(v: FloatArray, ambient: float, cold: bool) -> Car:
 def _on_course(course: ChainDrive, n: int) -> Car:
     """Return the car that drives a course, (n,) at 100 Hz."""
     names = ("engine_speed_rpm", "manifold_temperature_degc", "coolant_temperature_degc")
-    each = round(course.period_s / STEP_S)
+    at_s = np.arange(n) * STEP_S % (len(course) * course.period_s)
     rpm, intake, coolant, air, fuel = (
-        np.resize(np.repeat(course.signals[name], each), n)
+        np.interp(at_s, np.arange(len(course)) * course.period_s, course.signals[name])
         for name in (*names, "air_mass_mg", "fuel_mass_mg")
     )
     kpa, flow_kg_h = np.full(n, 60.0), air * rpm / 30.0 * 3600e-6
     charge = intake + 0.32 * (coolant - intake) * np.exp(-flow_kg_h / 140.0)
     for _ in range(20):  # the pressure that fills the cylinder so
         kpa = kpa * air / np.array(filled_mg(rpm, kpa, charge))
-    return Car(rpm, kpa, intake, coolant, (fuel <= 0.0).astype(np.float64), air, flow_kg_h)
+    return Car(rpm, kpa, intake, coolant, (fuel < 0.3).astype(np.float64), air, flow_kg_h)
 
 
 @njit(cache=True)

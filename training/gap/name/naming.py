@@ -109,9 +109,10 @@ def _with_formula(
     The library goes before: a sensor fault or a reversed effect that a formula does not clearly
     beat is told instead, so is a fault that comes first where there is no formula.
     """
-    library = [c for c in ranking if c.kind == "sensor fault" or c.is_reversed]
+    large = (c for c in ranking if c.merit.is_large)
+    library = [c for c in large if c.kind == "sensor fault" or c.is_reversed]
     if begun is None:
-        found = next((c for c in library if c is ranking[0] and c.merit.is_large), None)
+        found = next((c for c in library if c is ranking[0]), None)
     else:
         found = unbeaten(first, begun.rival, library)
     if found is not None and found.is_reversed:
