@@ -1,5 +1,6 @@
 """Units of loggers and the way from one to another: base = factor * value + offset."""
 
+import re
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,26 +16,73 @@ class Unit:
 
 # the names of each unit by quantity and factor; the base unit has the factor 1
 _NAMES: Final[dict[str, dict[float, str]]] = {
-    "pressure": {1.0: "kpa", 1e-3: "pa", 0.1: "mbar hpa", 100.0: "bar", 1000.0: "mpa"}
-    | {6.894757: "psi psia psig", 3.386389: "inhg", 0.1333224: "mmhg", 101.325: "atm"}
-    | {98.0665: "kg/cm2 kg/cm²"},
-    "speed": {1.0: "km/h kph kmh", 1.609344: "mph", 3.6: "m/s"},
-    "flow": {1.0: "kg/h kg/hr", 3.6: "g/s g/sec gram/s grams/sec grams/s gm/s", 3600.0: "kg/s"}
-    | {27.215542: "lb/min lbs/min"},
+    "pressure": {
+        1.0: "kpa kpaa kpaabs kpa(abs) kpa_abs kpag kilopascal",
+        1e-3: "pa",
+        0.1: "mbar hpa millibar mbarabs hpaabs hpa_abs mbara",
+        100.0: "bar bara barabs barg",
+        1000.0: "mpa",
+        6.894757: "psi psia psig",
+        3.386389: "inhg",
+        0.1333224: "mmhg torr",
+        101.325: "atm",
+        98.0665: "kg/cm2 kg/cm² kgf/cm2",
+    },
+    "speed": {
+        1.0: "km/h kph kmh kmph km/std kilometerperhour kilometperhour",
+        1.609344: "mph mi/h miles/h",
+    }
+    | {3.6: "m/s"},
+    "flow": {
+        1.0: "kg/h kg/hr kgh kgph kg/std",
+        3.6: "g/s g/sec gram/s grams/sec grams/s gm/s gps",
+        3600.0: "kg/s",
+        60.0: "kg/min",
+        0.06: "g/min",
+        0.0036: "mg/s",
+        0.001: "g/h",
+        27.21554: "lb/min lbs/min lb/m",
+        0.4535924: "lb/h lb/hr lbs/h lbs/hr pph",
+    },
+    "volume flow": {
+        1.0: "l/h lph l/hr l/std liter/h",
+        0.06: "ml/min cc/min ccm cm3/min",
+        3.6: "ml/s cc/s cm3/s",
+        0.0036: "ul/s mm3/s µl/s",
+        3.785412: "gal/h gph gal/hr",
+    },
     "time": {1.0: "s sec secs seconds", 1e-3: "ms msec millisec milliseconds", 60.0: "min"}
     | {3600.0: "h", 1e-6: "us µs μs", 1e-9: "ns"},
-    "speed of rotation": {1.0: "1/min /min u/min rpm rev/min r/min min-1", 60.0: "hz"},
-    "share": {1.0: "% percent pct"},
-    "voltage": {1.0: "v volt volts", 1e-3: "mv"},
+    "speed of rotation": {
+        1.0: "1/min /min u/min rpm rev/min r/min min-1 min^-1 upm tr/min umin rev/minute umdr/min "
+        "minutinver",
+        60.0: "hz 1/s rps u/s rev/s",
+        9.549297: "rad/s",
+    },
+    "share": {1.0: "% percent pct prozent proz", 0.1: "‰ permille promille"},
+    "voltage": {1.0: "v volt volts vdc", 1e-3: "mv millivolt"},
     "current": {1.0: "ma", 1000.0: "a", 1e-3: "µa"},
     "mass": {
-        1.0: "mg mg/stroke mg/stk mg/str mg/cyl mg/hub",
+        1.0: "mg mg/stroke mg/stk mg/str mg/cyl mg/hub mg/zyl mg/inj mg/asp mg/cycle",
         1000.0: "g g/stroke g/stk g/cyl g/hub",
     },
+    "volume": {1.0: "mm3 mm3/stk mm3/stroke mm3/hub ul µl mm^3/stroke mm³/hub"},
     "load": {1.0: "g/rev", 1e-3: "mg/rev"},
-    "torque": {1.0: "nm n·m", 1.355818: "lbft lb-ft ft-lb"},
-    "temperature": {1.0: "c °c degc celsius"},
-    "lambda": {1.0: "lambda λ -"},
+    "torque": {
+        1.0: "nm n·m n.m n*m n-m newtonmeter newtometer",
+        1.355818: "lbft lb-ft lb*ft ftlb ft-lb lbfft",
+    },
+    "temperature": {
+        1.0: "c °c degc celsius cel gradc grad_c gradcelsius deg_c grdc degreecelsius degrecelsi "
+        "degreescelsius"
+    },
+    "lambda": {1.0: "lambda λ - la lam lambdas ratio none unitless factor bit bool boolean flag"},
+    "phi": {1.0: "phi φ er eqr"},
+    "another": {
+        1.0: "km m mm w kw hp ps ohm kohm deg ° degkw degca grad l ml kg count counts g/km l/100km "
+        "mpg mw j kj n kn km/l day month year hour minute second ca degbtdc m/s2 m/s^2 deg/s kwh "
+        "ah %/s nm/s"
+    },
 }
 UNITS: Final[dict[str, Unit]] = {
     name: Unit(quantity, factor)
@@ -43,17 +91,13 @@ UNITS: Final[dict[str, Unit]] = {
     for name in names.split()
 }
 UNITS.update(
-    dict.fromkeys(("f", "°f", "degf", "fahrenheit"), Unit("temperature", 1 / 1.8, -32 / 1.8))
+    dict.fromkeys(
+        ("f", "°f", "degf", "deg_f", "fahrenheit"), Unit("temperature", 1 / 1.8, -32 / 1.8)
+    )
 )
-UNITS.update(dict.fromkeys(("k", "kelvin"), Unit("temperature", 1.0, -273.15)))
-AFR: Final = (
-    "afr",
-    "afrgasoline",
-    ":1",
-    "a/f",
-    "air/fuel",
-    "o2",
-)  # lambda = value / stoichiometric
+UNITS.update(dict.fromkeys(("k", "kelvin", "degk", "°k"), Unit("temperature", 1.0, -273.15)))
+# lambda = value / stoichiometric
+AFR: Final = ("afr", "afrgasoline", ":1", "a/f", "air/fuel", "o2", "kg/kg", "g/g", "af", "afratio")
 
 
 # stoichiometric ratio of the fuel that a unit names
@@ -73,7 +117,9 @@ def unit_of(text: str, stoich_afr: float) -> Unit | None:
     >>> unit_of("PSI", 14.7).quantity, unit_of("AFR", 14.7).quantity, unit_of("bits", 14.7)
     ('pressure', 'lambda', None)
     """
-    name = text.strip().casefold().replace(" ", "").rstrip(".")
+    name = re.sub(r"[\s\[\]]|unit_", "", _read_again(text).casefold()).rstrip(".")
+    name = re.sub(r"^\((.*)\)$", r"\1", name.replace("º", "°"))
+    name = re.sub(r"^[a-z]+:(?=.)", "", name)  # "pressure:kPa" of ECU makers
     if name in AFR:
         return Unit("lambda", 1.0 / stoich_afr)
     fuel = name.removeprefix("afr").strip("()[]-_:")
@@ -84,6 +130,14 @@ def unit_of(text: str, stoich_afr: float) -> Unit | None:
     if name.startswith("deg") and name[-1:] in ("c", "f"):
         name = f"°{name[-1]}"
     return UNITS.get(name)
+
+
+def _read_again(text: str) -> str:
+    """Return UTF-8 that was read as Windows text as it was meant."""
+    try:
+        return text.encode("cp1252").decode("utf-8")
+    except UnicodeError:
+        return text
 
 
 def conversion(source: Unit, target: Unit) -> tuple[float, float]:

@@ -1,37 +1,48 @@
-"""The signals of a database that may be a canonical one, with confidence and reasons."""
+"""The signals of a database that may be a canonical one, with confidence and reasons.
+
+A candidate is a quantity times a unit, a range and the words of its name. A line of the map stands
+only without a doubt: a unit or range that leaves a choice, or a word that the quantity does not
+explain, which may be a wish, a limit, another machine or a second sensor.
+"""
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from cantools.database.can import Database, Message, Signal
 
-from monitor.mapping.agreement import doubts
-from monitor.mapping.meanings import FUEL_FLOW, MEANINGS, OF_ONE_SENSOR, Meaning
-from monitor.mapping.own_names import own_name
+from monitor.mapping.quantities import OF_ONE_SENSOR, QUANTITIES, Quantity
 from monitor.mapping.scaling import scaling_of
-from monitor.mapping.vocabulary import match, words_of
+from monitor.mapping.words import match, own_name, words_of
 
-FUEL_FLOW_NAME: Final = "fuel_flow_kg_h"
 SLOW_MS: Final = 1_000_000  # cycle of a message that says none
-_DOWNSTREAM: Final = re.compile(
-    r"downstream|post_?cat|nach_?kat|hinter|after_?cat|behind|rear|second|sekund|stromab|"
-    r"\b(post|nk|hk|ds|nach|after|aft|tail|lsh|lsf|sec|binary|binaer|narrow\w*|nernst|switching)\b"
+BY_MESSAGE: Final = 0.85  # confidence that is left where name and message say it together
+BY_COMMENT: Final = 0.8  # where only the comment says so
+_OTHER_SENSOR: Final = re.compile(
+    r"downstream|post|nach|hinter|behind|rear|after|second|\bk?[ck]at(?!e)|catalyst|\b(?:hk|nk|ds|lsf|lsh|sec)\b|"
+    r"\b(?:bank|sensor|sonde|[bs]) ?0?[2-9]\b|\bb\d ?s[2-9]\b|\bb[2-9] ?s\d\b|right|links|rechts|"
+    r"\bleft|\bh?o2s?(?:\d[2-9]|[2-9]\d?)\b"
 )
 _UPSTREAM: Final = re.compile(
-    r"upstream|pre_?cat|vor_?kat|stromauf|before_?cat|\b(pre|vk|us|vor|front|primary|lsu|b1s1)\b"
+    r"upstream|pre ?cat|vor ?kat|stromauf|before ?cat|\b(pre|vk|us|vor|front|primary|lsu|b1s1)\b"
 )
-_CATALYST: Final = re.compile(r"\b(k|c)at\b|kataly|catalyst")
-_BANK: Final = re.compile(r"\b(left|right|links|rechts|li|re|lh|rh|bank [a-z]|odd|even)\b")
-_SENSOR_NUMBER: Final = re.compile(r"(?:h?o2s|b|s|bank|sensor|bk|sens|cyl|zyl)(\d+)")
-_NUMBERED: Final = re.compile(
-    r"h?o2s?|lambda\w*|lam\w*|afr|uego|lsu|sensor|sonde|bank|trim|stft|wideband|wbo?|ego|frm?|"
-    r"cylinder|cyl|b|s"
+# of a name or its message: an electric machine, other traffic, comfort
+_ELSEWHERE: Final = re.compile(
+    r"\bhv|\bhyb|\bev\b|\bmcu\b|\bbms\b|inverter|charger|radar|object|\bobj|\btrack|cruise|\bnav|"
+    r"\bgps\b|seat|massage|heater"
 )
-
-Place = tuple[Message, Signal, tuple[str, ...]]  # a signal, and the words of its own name
+_PART: Final = re.compile(r"transm|gear|getr|clutch|kuppl|turb|fan|pump")
+_ENGINE: Final = re.compile(r"eng|mot|mo\b|\bmd|\b(ecm|ems|dme|cmm)\b")
+_ENGLISH: Final = frozenset({"rpm", "speed", "torque"})  # beside which a motor is electric
+_PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU and "_"
+_NO_PREFIX: Final = "max min req des tgt set cmd lim avg low oil egr exh fan pre rel inh raw new"
+_BARE_WORDS: Final = (  # of any machine; an unknown word beside them says of which
+    "rpm speed spd torque trq tq temp temperature pressure press voltage volt drehzahl n v t u p "
+    "trim air flow geschw value val act actual cur raw"
+)
+_BARE: Final = frozenset(_BARE_WORDS.split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +57,10 @@ class MapCandidate:
     offset: float
     why: tuple[str, ...]
     is_phi: bool = False  # the signal is 1 / lambda
-    blocked: str = ""  # the reason why it is never proposed, only shown
     doubts: tuple[str, ...] = ()  # why it stays a comment until a person confirms it
     interval_s: float | None = None  # between two values in the recording, 95 % are shorter
     is_stated: bool = False  # the database says that its sensor is the upstream one
+    is_named: bool = True  # nothing in its name, message or comment says another quantity or sensor
 
     @property
     def place(self) -> str:
@@ -57,9 +68,9 @@ class MapCandidate:
         return f"{self.message.name}.{self.signal.name}"
 
     @property
-    def rank(self) -> tuple[bool, bool, float]:
+    def rank(self) -> tuple[bool, float]:
         """Return the order of candidates: those without a doubt first, then the likeliest."""
-        return bool(self.blocked), bool(self.doubts), -self.confidence
+        return bool(self.doubts), -self.confidence
 
     def judged(
         self, why: str, weight: float = 1.0, plus: float = 0.0, **more: Any
@@ -72,15 +83,13 @@ class MapCandidate:
 
 def ranked(database: Database) -> dict[str, list[MapCandidate]]:
     """Return the candidates of every canonical signal and of the fuel flow, the likeliest first."""
-    meanings = MEANINGS | {FUEL_FLOW_NAME: FUEL_FLOW}
-    signals = [(*place, words_of(own_name(*place))) for place in _signals(database)]
-    return {name: _candidates(signals, name, meanings[name]) for name in meanings}
-
-
-def _candidates(signals: Sequence[Place], name: str, meaning: Meaning) -> list[MapCandidate]:
-    every = (_candidate(name, meaning, *place) for place in signals)
-    likely = [candidate for candidate in every if candidate is not None]
-    return sorted(likely, key=lambda c: (*c.rank, *_preference(c)))
+    places = list(_signals(database))
+    found: dict[str, list[MapCandidate]] = {}
+    for name, quantity in QUANTITIES.items():
+        every = (_candidate(name, quantity, *place) for place in places)
+        likely = (candidate for candidate in every if candidate is not None)
+        found[name] = sorted(likely, key=lambda c: (*c.rank, *_preference(c)))
+    return found
 
 
 def cycle_ms(message: Message) -> float:
@@ -94,32 +103,39 @@ def cycle_ms(message: Message) -> float:
 
 def _preference(candidate: MapCandidate) -> tuple[float, float, str]:
     """Return the order of equals: the faster message, the finer steps, then the name."""
-    return (
-        cycle_ms(candidate.message),
-        abs(float(candidate.signal.scale) * candidate.factor),
-        candidate.place,
-    )
+    step = abs(float(candidate.signal.scale) * candidate.factor)
+    return cycle_ms(candidate.message), step, candidate.place
 
 
-def _signals(database: Database) -> Iterator[tuple[Message, Signal]]:
+def _signals(database: Database) -> Iterator[tuple[Message, Signal, tuple[str, ...]]]:
     """Yield the signals that a map can name; two of one name cannot be told apart."""
     last = {message.name: message for message in database.messages}
     for message in last.values():
         names = Counter(signal.name for signal in message.signals)
         for signal in message.signals:
             if not signal.is_multiplexer and signal.length <= 64 and names[signal.name] == 1:
-                yield message, signal
+                yield message, signal, words_of(own_name(message, signal))
 
 
 def _candidate(
-    name: str, meaning: Meaning, message: Message, signal: Signal, words: tuple[str, ...]
+    name: str, quantity: Quantity, message: Message, signal: Signal, words: tuple[str, ...]
 ) -> MapCandidate | None:
     """Return the signal as a candidate, None if it is another quantity.
 
     words : of the signal's own name
     """
-    sure, why = _name(meaning, message, signal, words)
-    scaling = scaling_of(name, signal, meaning) if sure > 0.0 else None
+    sure, rest = match(quantity.phrases, words)
+    why = f"its name says {signal.name}"
+    if sure == 0.0 and (quantity.is_flag or name in OF_ONE_SENSOR):
+        both, rest = match(quantity.phrases, words + words_of(message.name))
+        rest = [word for word in words if word in rest]
+        if len(rest) < len(words):
+            sure, why = BY_MESSAGE * both, f"its name and message say {message.name} {signal.name}"
+    doubts = _doubts(name, quantity, message, signal, words, rest)
+    if sure == 0.0 and signal.comment:
+        sure = BY_COMMENT * match(quantity.phrases, words_of(signal.comment))[0]
+        why, doubts = f"its comment says {_short(signal.comment)}", ["only its comment says so"]
+    scaling = scaling_of(name, signal, quantity) if sure > 0.0 else None
     if scaling is None:
         return None
     candidate = MapCandidate(
@@ -131,62 +147,57 @@ def _candidate(
         offset=scaling.offset,
         why=(why, *scaling.why),
         is_phi=scaling.is_phi,
-        doubts=(*doubts(name, meaning, message, signal), *scaling.doubts),
+        doubts=(*doubts, *scaling.doubts),
+        is_named=not doubts,
     )
-    return _of_one_sensor(candidate) if name in OF_ONE_SENSOR else _numbered(candidate)
+    return _of_one_sensor(candidate) if name in OF_ONE_SENSOR else candidate
 
 
-def _name(
-    meaning: Meaning, message: Message, signal: Signal, words: tuple[str, ...]
-) -> tuple[float, str]:
-    """Return how sure names and comment are, and the one that says most."""
-    of_message, comment = words_of(message.name), words_of(signal.comment or "")
-    sure, why = match(meaning.phrases, words), f"its name says {signal.name}"
-    both = 0.85 * match(meaning.phrases, words + of_message)
-    told = 0.8 * match(meaning.phrases, comment)
-    if max(sure, both, told) == 0.0 or is_other(meaning, words):
-        return 0.0, ""
-    if both > sure and not is_other(meaning, of_message):
-        sure, why = both, f"its name and its message say {message.name} {signal.name}"
-    if told > sure and not is_other(meaning, comment):
-        sure, why = told, f"its comment says {_short(signal.comment or '')}"
-    return sure, why
+def _doubts(
+    name: str,
+    quantity: Quantity,
+    message: Message,
+    signal: Signal,
+    words: tuple[str, ...],
+    rest: list[str],
+) -> list[str]:
+    """Return why a name may not say the quantity: by a word that the quantity does not explain."""
+    of_message = words_of(message.name)
+    if rest and rest[0] == words[0] and _is_device(signal, words, of_message):
+        rest = rest[1:]
+    odd = [word for word in rest if word not in quantity.also]
+    doubts = [f"its name says {odd[0]!r}, too"] if odd else []
+    names = (signal.name, message.name)
+    other = _ELSEWHERE.search(" ".join((*names, *map(" ".join, map(words_of, names)))).lower())
+    if other and name != "sensor_heater_percent":
+        doubts.append(f"{message.name}.{signal.name} says {other[0]!r}")
+    part = _PART.search(message.name.lower())
+    if part and _BARE.issuperset(words):
+        doubts.append(f"its message {message.name} says {part[0]!r}")
+    if name == "vehicle_speed_km_h" and signal.unit == "m/s" and _BARE.issuperset(words):
+        doubts.append("any speed in m/s: perhaps of an object ahead")
+    if "motor" in words and _ENGLISH & set(words):
+        doubts.append("its name says 'motor', which is an electric one in English")
+    if name == "engine_torque_nm" and not _ENGINE.search(" ".join(words + of_message)):
+        doubts.append("its name does not say that the torque is the engine's")
+    return doubts
 
 
-def is_other(meaning: Meaning, words: tuple[str, ...]) -> bool:
-    """Return whether the words name another quantity, a limit or a state."""
-    if meaning.never.intersection(words):
-        return True
-    if any(len(stem) > 4 and stem in word for stem in meaning.never for word in words):
-        return True
-    if meaning.is_flag or (
-        meaning is MEANINGS["lambda_target"] and not {"max", "min", "limit"}.intersection(words)
-    ):
-        return False
-    name = "_".join(words) + "_"
-    return any(stem in words if len(stem) < 5 else stem in name for stem in meaning.others)
-
-
-def _numbered(candidate: MapCandidate) -> MapCandidate:
-    """Return the candidate, less sure if its name says that it is a second one."""
-    numbers = [
-        w
-        for w in words_of(own_name(candidate.message, candidate.signal))
-        if w.isdigit() and int(w) > 1
-    ]
-    if not numbers:
-        return candidate
-    return candidate.judged(f"its name ends in {numbers[0]}: perhaps a second one", 0.75)
+def _is_device(signal: Signal, words: tuple[str, ...], of_message: tuple[str, ...]) -> bool:
+    """Return whether a name begins with its ECU's abbreviation, which says nothing against it."""
+    first, rest = words[0], words[1:]
+    is_prefix = len(first) <= _PREFIX_LETTERS and first not in _NO_PREFIX.split()
+    is_apart = re.search(rf"{first}\d*_", signal.name.lower()) and not _BARE.issuperset(rest)
+    return is_prefix and bool(first in of_message or is_apart)
 
 
 def _of_one_sensor(candidate: MapCandidate) -> MapCandidate:
-    """Return the candidate, blocked if it belongs to another sensor than the upstream one."""
-    own = own_name(candidate.message, candidate.signal)
-    texts = (own, candidate.message.name, candidate.signal.comment or "")
+    """Return the candidate, doubted if its message or comment is of another sensor."""
+    texts = (candidate.message.name, candidate.signal.name, candidate.signal.comment or "")
     reason = elsewhere(texts)
     if reason:
-        return replace(candidate, blocked=reason)
-    if any(_UPSTREAM.search(_spaced(text)) for text in texts):
+        return candidate.judged(reason, 0.5, is_named=False)
+    if any(_UPSTREAM.search(" ".join(words_of(text))) for text in texts):
         return candidate.judged("it is said to be upstream", plus=0.1, is_stated=True)
     if candidate.name == "lambda_measured":
         return candidate.judged("nothing says whether it is upstream: check")
@@ -196,40 +207,9 @@ def _of_one_sensor(candidate: MapCandidate) -> MapCandidate:
 def elsewhere(texts: tuple[str, ...]) -> str:
     """Return why a signal is not of the upstream sensor of bank 1, "" if nothing says so."""
     for text in texts:
-        spaced = _spaced(text)
-        down, bank = _DOWNSTREAM.search(spaced), _BANK.search(spaced)
-        if down:
-            return f"{_short(text)} says {down[0]!r}: not the upstream sensor"
-        if bank:
-            return f"{_short(text)} says {bank[0]!r}: one of two banks, say which is bank 1"
-        if _CATALYST.search(spaced) and not _UPSTREAM.search(spaced):
-            return f"{_short(text)} names the catalyst: perhaps the downstream sensor"
-    for text in texts[:2]:
-        numbers = _sensor_numbers(text)
-        words = words_of(text)
-        if text is texts[0] and words[-1:] and words[-1].isdigit():
-            numbers.append(int(words[-1]))
-        other = [n for n in numbers if n not in (0, 1)]
-        if other:
-            return f"{text} has the number {other[0]}: perhaps bank 2 or the downstream sensor"
+        if found := _OTHER_SENSOR.search(" ".join(words_of(text))):
+            return f"{_short(text)} says {found[0]!r}: perhaps another sensor or bank"
     return ""
-
-
-def _sensor_numbers(text: str) -> list[int]:
-    """Return the numbers of bank and sensor in a name: B1S2, O2S12, Lambda_2, Sonde 2."""
-    numbers: list[int] = []
-    words = words_of(text)
-    for word, after in zip(words, (*words[1:], ""), strict=False):
-        inside = _SENSOR_NUMBER.fullmatch(word)
-        if inside:
-            numbers += [int(digit) for digit in inside[1]]
-        elif _NUMBERED.fullmatch(word) and after.isdigit():
-            numbers += [int(digit) for digit in after.lstrip("0")] or [0]
-    return numbers
-
-
-def _spaced(text: str) -> str:
-    return " ".join(words_of(text))
 
 
 def _short(text: str) -> str:

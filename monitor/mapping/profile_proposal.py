@@ -19,11 +19,10 @@ from monitor.frames.profiles.signals import ALIVE
 from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.units import Unit, unit_of
-from monitor.mapping.candidates import elsewhere, is_other
-from monitor.mapping.meanings import MEANINGS, OF_ONE_SENSOR
+from monitor.mapping.candidates import elsewhere
 from monitor.mapping.proposal import SURE
-from monitor.mapping.scaling import STOICHIOMETRIC
-from monitor.mapping.vocabulary import match, words_of
+from monitor.mapping.quantities import OF_ONE_SENSOR, QUANTITIES, STOICHIOMETRIC
+from monitor.mapping.words import match, words_of
 
 _ENOUGH = 6  # columns to know a logger by
 _OWN = 3  # of these, columns that no shipped profile knows: others may be another logger's, too
@@ -131,7 +130,7 @@ def _by_words(
     sure = [
         (_sureness(name, raw.columns[i], cells[:, i]), name, raw.names[i])
         for name in wanted
-        if name in MEANINGS
+        if name in QUANTITIES
         for i in free
     ]
     done: set[str] = set()
@@ -151,7 +150,7 @@ def _sureness(name: str, column: RawColumn, cells: FloatArray) -> float:
 
 
 def _of_text(name: str, column: RawColumn, cells: FloatArray, text: str) -> float:
-    meaning, words = MEANINGS[name], words_of(text)
+    quantity, words = QUANTITIES[name], words_of(text)
     target = target_of(name, STOICHIOMETRIC)
     known = cells[np.isfinite(cells)]
     if (
@@ -171,10 +170,11 @@ def _of_text(name: str, column: RawColumn, cells: FloatArray, text: str) -> floa
     ):
         return 0.0
     says_lambda = name == OUTPUT and unit.factor != 1.0  # an air/fuel ratio
-    if is_other(meaning, words) or any(word.isdigit() and int(word) > 1 for word in words):
+    sure, rest = match(quantity.phrases, words)
+    says_flow = name == "maf_kg_h" and bool(stated) and "flow" in words
+    if not quantity.also.issuperset(rest):
         return SURE if says_lambda else 0.0
-    says_flow = name == "maf_kg_h" and bool(stated)  # a flow, and none of fuel or exhaust
-    return max(match(meaning.phrases, words), SURE if says_lambda or says_flow else 0.0)
+    return max(sure, SURE if says_lambda or says_flow else 0.0)
 
 
 def _assumed(name: str, text: str) -> tuple[str, ...]:

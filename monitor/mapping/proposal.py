@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from monitor.base.signals import OWN
-from monitor.mapping.candidates import FUEL_FLOW_NAME, MapCandidate
-from monitor.mapping.meanings import OF_ONE_SENSOR
+from monitor.mapping.candidates import MapCandidate
+from monitor.mapping.quantities import FUEL_FLOW_NAME, OF_ONE_SENSOR
 
 SURE: Final = 0.6  # a candidate of this confidence is proposed
 RIVAL: Final = 0.4  # another sensor's signal of this confidence is a choice for a person
@@ -102,22 +102,15 @@ def _doubt(candidates: Sequence[MapCandidate]) -> str:
     """Return why none of the candidates is proposed, "" if the first is."""
     if not candidates:
         return NOTHING
-    allowed = [c for c in candidates if not c.blocked]
-    if not allowed:
-        return "only of another sensor or bank, as it seems"
-    if allowed[0].doubts:
-        return "; ".join(allowed[0].doubts)
-    if allowed[0].confidence < SURE:
+    best, *others = candidates
+    if best.doubts:
+        return "; ".join(best.doubts)
+    if best.confidence < SURE:
         return "not sure enough"
-    return _ambiguity(*allowed)
-
-
-def _ambiguity(best: MapCandidate, *others: MapCandidate) -> str:
-    """Return why the best may not be taken beside the others, "" if it may."""
-    if best.name in OF_ONE_SENSOR:
-        rivals = [c for c in others if c.confidence >= RIVAL]
-        if rivals and (not best.is_stated or any(c.is_stated for c in rivals)):
-            return "AMBIGUOUS: several sensors, say which is the upstream one of bank 1"
+    rivals = [c for c in others if c.is_named and c.confidence >= RIVAL]
+    tell_apart = best.is_stated and not any(c.is_stated for c in rivals)
+    if best.name in OF_ONE_SENSOR and rivals and not tell_apart:
+        return "AMBIGUOUS: several sensors, say which is the upstream one of bank 1"
     return ""
 
 

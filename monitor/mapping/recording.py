@@ -21,8 +21,8 @@ from monitor.decode.raw_values import bit_position
 from monitor.decode.signal_map import Integrity, MappedSignal
 from monitor.frames.blocks import chosen, frames_of
 from monitor.mapping.candidates import MapCandidate
-from monitor.mapping.meanings import MEANINGS, TOGETHER, VARYING
-from monitor.mapping.vocabulary import words_of
+from monitor.mapping.quantities import QUANTITIES, TOGETHER, VARYING
+from monitor.mapping.words import words_of
 
 CONSIDERED: Final = 8  # candidates of each signal that are compared with the recording
 GRID_S: Final = 0.5  # on which signals are compared
@@ -188,9 +188,9 @@ def _usual(name: str, values: FloatArray) -> tuple[float, str]:
     """Return the confidence that is left when the values are unusual, and the doubt."""
     if name in VARYING and np.ptp(values) < STILL:
         return 0.5, ": it never moves"
-    if name not in MEANINGS or name.endswith("_degc"):
+    if name not in QUANTITIES or name.endswith("_degc"):
         return 1.0, ""
-    low, high = MEANINGS[name].typical
+    low, high = QUANTITIES[name].typical
     if name.startswith("lambda_"):
         middle = float(np.median(values))
         usual = 0.7 * low <= middle <= 1.5 * high

@@ -1,23 +1,29 @@
-"""The way from a signal's unit and range to the canonical unit."""
+"""The way from a signal's unit and range to the canonical unit: a stated unit is a constraint."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from cantools.database.can import Signal
 
 from monitor.base.signals import plausible_range
-from monitor.mapping.meanings import LAMBDA_FAMILY, Meaning
-from monitor.mapping.vocabulary import UnitWords, unit_of, words_of
+from monitor.frames.units import UNITS, conversion, unit_of
+from monitor.mapping.quantities import GASOLINE_KG_L, LAMBDA_FAMILY, STOICHIOMETRIC, Quantity
+from monitor.mapping.words import words_of
 
-STOICHIOMETRIC: Final = 14.7  # kg of air per kg of gasoline, the number of most AFR gauges
-GAUGE_KPA: Final = (90.0, 110.0)  # the atmosphere
+NO_UNIT: Final = 0.85  # confidence that is left without a unit
+UNKNOWN_UNIT: Final = 0.4
+ODD: Final = 0.6
+GAUGE_KPA: Final = (-110.0, -90.0)  # the atmosphere
 FILLERS: Final = (1.0, 255.0, 1023.0)  # that editors write where nobody states a range
 FILLER_BITS: Final = 10
-MOST_ABOVE: Final = 300.0  # times the plausible range; a stated range beyond has another unit
-MIXTURE: Final = ("number", "ratio", "afr", "phi")
-PRESSURES: Final = (("MPa", 1000.0, 60.0), ("bar", 100.0, 600.0), ("kPa", 1.0, math.inf))
-PRESSURES_KPA: Final = (("bar", 100.0, 8.0), ("kPa", 1.0, 700.0), ("hPa", 0.1, math.inf))
+MOST_ABOVE: Final = 100.0  # times the plausible range; a stated range beyond has another unit
+UNIT_IN_NAME: Final = frozenset({"rpm", "kph", "kmh", "mph"})
+TEMPERATURE_OFFSETS: Final = (-40.0, -48.0, -50.0, -60.0)  # usual in degC, in no other unit
+LEAST_RPM, MOST_RPM = 5000.0, 20_000.0  # every engine's signal reaches beyond; few that high
+FINE: Final = 0.01  # steps of lambda
+PRESSURES_KPA: Final = ((8.0, "bar"), (700.0, "kpa"), (math.inf, "hpa"))  # up to, in words
+RAIL_KPA: Final = ((60.0, "mpa"), (600.0, "bar"), (math.inf, "kpa"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +35,7 @@ class UnitScaling:
     offset: float = 0.0
     weight: float = 1.0  # confidence that is left
     is_phi: bool = False  # the signal is 1 / lambda
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = field(default=())
 
     def values(self, signal: Signal, *, declared: bool) -> tuple[float, float]:
         """Return the range of the canonical values, see ``span``."""
@@ -44,26 +50,32 @@ class UnitScaling:
         return replace(self, weight=weight * self.weight, why=(*self.why, why), doubts=doubts)
 
 
-def scaling_of(name: str, signal: Signal, meaning: Meaning) -> UnitScaling | None:
+def scaling_of(name: str, signal: Signal, quantity: Quantity) -> UnitScaling | None:
     """Return the way to the canonical unit, None if the signal is another quantity."""
     written = (signal.unit or "").strip()
-    unit = unit_of(written)
-    if meaning.is_flag:
-        return _flag(signal, written)
-    if name in LAMBDA_FAMILY and (unit is None or unit.dimension in MIXTURE):
-        scaling = _mixture(name, signal, unit, written)
-    elif unit is not None and unit.dimension in meaning.dimensions:
-        per_base = meaning.dimensions[unit.dimension]
-        why = (f"its unit is {written}",)
-        scaling = UnitScaling(why, unit.factor * per_base, unit.offset * per_base)
-    elif unit is not None and unit.dimension != "number":
-        return None
-    elif written and unit is None:
-        why = (f"its unit {written!r} is not known, taken as it is: check",)
-        scaling = UnitScaling(why, weight=0.4 * meaning.without_unit)
+    unit = unit_of(written, STOICHIOMETRIC)
+    is_number = unit is not None and unit == UNITS["-"]
+    scaling: UnitScaling | None
+    if quantity.is_flag:
+        return _flag(signal) if is_number or not written else None
+    if name in LAMBDA_FAMILY and (unit is None or unit.quantity in ("lambda", "phi", "share")):
+        scaling = _mixture(name, signal, written)
+    elif unit is None or is_number:
+        scaling = _assumed(name, signal, quantity)
+        if written and not is_number:
+            why = f"its unit {written!r} is not known, taken as it is: check"
+            scaling = UnitScaling(
+                (why,), weight=UNKNOWN_UNIT, doubts=(f"its unit {written!r} is not known",)
+            )
+    elif unit.quantity == quantity.unit.quantity:
+        scaling = UnitScaling((f"its unit is {written}",), *conversion(unit, quantity.unit))
+    elif (unit.quantity, quantity.unit.quantity) in (("volume", "mass"), ("volume flow", "flow")):
+        if name not in ("fuel_mass_mg", "fuel_flow_kg_h"):
+            return None
+        scaling = UnitScaling((f"its unit is {written}",), unit.factor * GASOLINE_KG_L)
     else:
-        scaling = _without_unit(signal, meaning)
-    return scaling and _plausible(scaling, name, signal, meaning)
+        return None
+    return scaling and _plausible(scaling, name, signal, quantity)
 
 
 def span(signal: Signal, *, declared: bool = True) -> tuple[float, float]:
@@ -84,28 +96,30 @@ def span(signal: Signal, *, declared: bool = True) -> tuple[float, float]:
     return min(ends), max(ends)
 
 
-def _without_unit(signal: Signal, meaning: Meaning) -> UnitScaling | None:
-    """Return the scaling of the unit that the signal's range suggests."""
-    if meaning.without_unit == 0.0:
-        return None
+def _assumed(name: str, signal: Signal, quantity: Quantity) -> UnitScaling:
+    """Return the scaling of the unit that name and range suggest; doubted if they leave several."""
     low, high = span(signal)
-    if "pressure" in meaning.dimensions:
-        per_kpa = meaning.dimensions["pressure"]
-        largest = max(abs(low), abs(high))
-        steps = PRESSURES_KPA if per_kpa == 1.0 else PRESSURES
-        unit, factor, _ = next(step for step in steps if largest <= step[2])
-        why = f"no unit is given; up to {largest:g} it is taken for {unit}: check"
-        return UnitScaling((why,), factor * per_kpa, weight=meaning.without_unit)
-    factor = 100.0 if "ratio" in meaning.dimensions and high <= 1.5 else 1.0
-    why = "no unit is given, taken for the canonical one: check"
-    return UnitScaling((why,), factor, weight=meaning.without_unit)
+    kind, unit = quantity.unit.quantity, quantity.unit
+    if kind == "pressure":
+        steps = PRESSURES_KPA if unit == UNITS["kpa"] else RAIL_KPA
+        most = max(abs(low), abs(high))
+        unit = UNITS[next(text for end, text in steps if most <= end)]
+    factor = 100.0 if kind == "share" and high <= 1.5 else 1.0
+    factor, offset = conversion(unit, quantity.unit) if kind == "pressure" else (factor, 0.0)
+    is_plain = (
+        bool(UNIT_IN_NAME & set(words_of(signal.name)))
+        or (kind == "temperature" and float(signal.offset) in TEMPERATURE_OFFSETS)
+        or (kind == "speed of rotation" and low >= 0.0 and LEAST_RPM < high <= MOST_RPM)
+    )
+    why = ("no unit is given, taken for the one that its range suggests: check",)
+    return UnitScaling(
+        why, factor, offset, NO_UNIT, doubts=() if is_plain else ("no unit is given",)
+    )
 
 
-def _flag(signal: Signal, written: str) -> UnitScaling | None:
+def _flag(signal: Signal) -> UnitScaling | None:
     """Return the scaling of a flag, which turns it round where 1 stands for the contrary."""
     if signal.length > 8 or signal.is_float or span(signal, declared=False)[1] < 1.0:
-        return None
-    if written and unit_of(written) != unit_of("-"):
         return None
     contrary = {"open", "openloop", "not", "inactive", "invalid", "inaktiv"} & set(
         words_of(signal.name)
@@ -115,71 +129,77 @@ def _flag(signal: Signal, written: str) -> UnitScaling | None:
     if 1 in choices:
         why += f", where 1 is {choices[1]!r}"
         contrary |= {choices[1]} & {"no", "off", "inactive", "open", "aus", "nein"}
-    if contrary:
-        return UnitScaling((why + ", turned round",), -1.0, 1.0, 0.8)
-    one_bit = signal.length <= 2 or span(signal)[1] <= 1.0
-    return UnitScaling((why,), weight=1.0 if one_bit else 0.7)
+    scaling = (
+        UnitScaling((why + ", turned round",), -1.0, 1.0, 0.8) if contrary else UnitScaling((why,))
+    )
+    if signal.length > 2 and span(signal)[1] > 1.0:
+        unclear = f"a flag of {signal.length} bits without the meaning of its values"
+        return scaling if choices else scaling.less(0.7, unclear)
+    return scaling
 
 
-def _mixture(name: str, signal: Signal, unit: UnitWords | None, written: str) -> UnitScaling | None:
-    """Return the scaling of lambda, AFR, phi or a trim."""
-    dimension = unit.dimension if unit else ""
+def _mixture(name: str, signal: Signal, written: str) -> UnitScaling | None:
+    """Return the scaling of lambda, AFR or phi, or of a trim."""
+    unit = unit_of(written, STOICHIOMETRIC)
+    is_share = unit is not None and unit.quantity == "share"
     if written and unit is None:
         return None
     if name == "lambda_controller":
-        return _trim(signal, unit, written)
-    if dimension == "ratio":
-        return None
+        return _trim(signal, f"in {written}, " if is_share else "")
     words = set(words_of(signal.name))
-    if dimension == "phi" or words & {"phi", "equivalence", "eqr"}:
+    if (unit is not None and unit.quantity == "phi") or words & {"phi", "equivalence", "eqr"}:
         return UnitScaling(("an equivalence ratio: lambda is 1 / it",), is_phi=True)
-    is_named_afr = "afr" in words or {"air", "fuel"} <= words
-    if dimension == "afr" or (is_named_afr and span(signal)[1] > 5.0):
-        why = f"an air-fuel ratio, divided by {STOICHIOMETRIC:g}"
-        return UnitScaling((f"{why}: check what {signal.name} counts with",), 1 / STOICHIOMETRIC)
-    return UnitScaling((f"its unit is {written}",) if written and written != "-" else ())
+    named = "afr" in words or {"air", "fuel"} <= words
+    ratio = unit.factor if unit is not None else 1.0
+    if ratio == 1.0 and named and span(signal)[1] > 5.0:
+        ratio = 1.0 / STOICHIOMETRIC
+    if ratio != 1.0:
+        why = f"an air-fuel ratio, divided by {1 / ratio:g}: check what {signal.name} counts with"
+        return UnitScaling((why,), ratio)
+    is_fine = written or abs(float(signal.scale)) <= FINE
+    return None if is_share else UnitScaling(doubts=() if is_fine else ("no unit is given",))
 
 
-def _trim(signal: Signal, unit: UnitWords | None, written: str) -> UnitScaling:
-    """Return the scaling of a trim, 1 where nothing is corrected."""
+def _trim(signal: Signal, share: str) -> UnitScaling:
+    """Return the scaling of a trim, 1 where nothing is corrected; share : its unit of a share."""
     low, high = span(signal)
-    if unit is not None and unit.dimension == "ratio":
-        if low >= 0.0 and high > 110.0:
-            sure = 1.0 if high <= 400.0 else 0.5  # beyond, the range is only that of the bits
-            why = f"in {written} and never negative, so 100 is no correction: check"
-            return UnitScaling((why,), unit.factor, weight=sure)
-        return UnitScaling((f"in {written}, 0 is no correction",), unit.factor, 1.0)
-    if low < 0.0 < high < 0.9:
-        return UnitScaling(("0 is no correction",), offset=1.0)
+    if share and low >= 0.0 and high > 110.0:
+        sure = 1.0 if high <= 400.0 else 0.5  # beyond, the range is only that of the bits
+        return UnitScaling((f"{share}never negative, so 100 is no correction",), 0.01, weight=sure)
+    if share or low < 0.0 < high < 0.9:
+        return UnitScaling((f"{share}0 is no correction",), 0.01 if share else 1.0, 1.0)
     return UnitScaling(("1 is no correction",))
 
 
 def _plausible(
-    scaling: UnitScaling, name: str, signal: Signal, meaning: Meaning
+    scaling: UnitScaling, name: str, signal: Signal, quantity: Quantity
 ) -> UnitScaling | None:
     """Return the scaling, doubted if its values are odd, None if they are another quantity's."""
-    low, high = meaning.typical
+    low, high = quantity.typical
     carried, stated = (scaling.values(signal, declared=declared) for declared in (False, True))
     too_coarse = abs(float(signal.scale) * scaling.factor) > (high - low) / 3
     if not carried[0] <= low < high <= carried[1] or (too_coarse and not signal.is_float):
         return None
     most = MOST_ABOVE * max(map(abs, plausible_range(name)))
-    is_filler = stated == carried or _is_power_of_two(signal)
+    end = span(signal)[1]
+    is_filler = stated == carried or (
+        end == int(min(end, 1e18)) and (int(end) + 1).bit_count() == 1
+    )
     if max(map(abs, stated)) > most and not (is_filler or scaling.is_phi):
-        why = f"its range reaches {max(stated, key=abs):g}: another unit?"
-        scaling = scaling.less(0.6, why)
+        scaling = scaling.less(ODD, f"its range reaches {max(stated, key=abs):g}: another unit?")
     if not stated[0] <= low < high <= stated[1]:
         why = f"its range {stated[0]:g} to {stated[1]:g} does not hold {low:g} to {high:g}"
-        scaling = scaling.less(0.6, why)
-    if name.endswith("_pressure_kpa") and -GAUGE_KPA[1] <= carried[0] <= -GAUGE_KPA[0]:
-        why = f"its values begin at {carried[0]:g} kPa: a gauge pressure, which needs an offset?"
-        scaling = scaling.less(0.5, why)
+        scaling = scaling.less(ODD, why)
+    if name == "engine_speed_rpm" and min(carried[1], stated[1]) <= LEAST_RPM:
+        ends = min(carried[1], stated[1])
+        scaling = scaling.less(ODD, f"its range ends at {ends:g}: no engine speed, or another unit")
+    if name.endswith("_pressure_kpa"):
+        if GAUGE_KPA[0] <= carried[0] <= GAUGE_KPA[1]:
+            scaling = scaling.less(
+                ODD, f"its values begin at {carried[0]:g} kPa: a gauge pressure?"
+            )
+        elif span(signal)[0] < 0.0:
+            scaling = scaling.less(
+                1.0, f"its range begins at {span(signal)[0]:g}: a gauge pressure?"
+            )
     return scaling
-
-
-def _is_power_of_two(signal: Signal) -> bool:
-    """Return whether the range ends where some bits do: an editor wrote it."""
-    if signal.maximum is None or not math.isfinite(signal.maximum):
-        return False
-    end = int(signal.maximum)
-    return signal.maximum == end and end > 0 and (end + 1) & end == 0

@@ -142,8 +142,7 @@ def _entries(proposals: Sequence[Proposal]) -> Iterator[str]:
 
 
 def _why(candidate: MapCandidate) -> str:
-    reasons = [candidate.blocked] if candidate.blocked else []
-    why = "; ".join([candidate.place, *reasons, *candidate.why])
+    why = "; ".join([candidate.place, *candidate.why])
     return f"{candidate.confidence:.2f}: {why}"
 
 

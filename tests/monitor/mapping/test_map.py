@@ -20,9 +20,10 @@ from monitor.decode.bus_map import load_database, load_pairs
 from monitor.decode.signal_map import load_signal_map
 from monitor.frames.blocks import block_of
 from monitor.mapping import text as map_file
-from monitor.mapping import vocabulary
-from monitor.mapping.candidates import FUEL_FLOW_NAME, ranked
+from monitor.mapping import words
+from monitor.mapping.candidates import ranked
 from monitor.mapping.proposal import propose
+from monitor.mapping.quantities import FUEL_FLOW_NAME
 from monitor.mapping.recording import observe, protections
 from monitor.mapping.text import map_text
 from tests.conftest import ROOT
@@ -84,7 +85,7 @@ def test_every_proposal_says_why_and_what_else_it_could_be() -> None:
     assert proposals.names == ("engine_speed_rpm",)
 
 
-@pytest.mark.parametrize("module", [vocabulary, map_file])
+@pytest.mark.parametrize("module", [words, map_file])
 def test_its_examples_run(module: ModuleType) -> None:
     ran = doctest.testmod(module)
     assert ran.attempted
