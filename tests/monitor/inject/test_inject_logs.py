@@ -150,9 +150,7 @@ def test_answers_under_29_bits_are_changed_as_those_under_11(tmp_path: Path) -> 
         done = ["inject", str(tmp_path / name), "--fault", "biased_lean", "--out", str(out), *maps]
         assert cli.main(done) == 0
     # THEN the same readings come out, and not the ECU's
-    short, long_ = (
-        values_of(OBD, "lambda_measured", list(read_frames(tmp_path / f"out{n}.log")))
-        for n in (11, 29)
-    )
+    outs = [list(read_frames(tmp_path / f"out{n}.log")) for n in (11, 29)]
+    short, long_ = (values_of(OBD, "lambda_measured", frames) for frames in outs)
     assert len(short) == 20 and short == long_
     assert short[0] != pytest.approx(0x7000 / 32768, abs=0.01)
