@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from cantools.database.can import Database, Message, Signal
 
-from monitor.mapping.quantities import OF_ONE_SENSOR, QUANTITIES, Quantity
+from monitor.mapping.quantities import OF_ONE_SENSOR, QUANTITIES, MapQuantity
 from monitor.mapping.scaling import scaling_of
 from monitor.mapping.words import match, own_name, words_of
 
@@ -118,7 +118,7 @@ def _signals(database: Database) -> Iterator[tuple[Message, Signal, tuple[str, .
 
 
 def _candidate(
-    name: str, quantity: Quantity, message: Message, signal: Signal, words: tuple[str, ...]
+    name: str, quantity: MapQuantity, message: Message, signal: Signal, words: tuple[str, ...]
 ) -> MapCandidate | None:
     """Return the signal as a candidate, None if it is another quantity.
 
@@ -155,7 +155,7 @@ def _candidate(
 
 def _doubts(
     name: str,
-    quantity: Quantity,
+    quantity: MapQuantity,
     message: Message,
     signal: Signal,
     words: tuple[str, ...],

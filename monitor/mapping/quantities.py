@@ -12,7 +12,7 @@ GASOLINE_KG_L: Final = 0.745
 _OWN_UNITS: Final = {"mg/stroke": "mg", FUEL_FLOW_NAME: "kg/h"}
 
 
-class Quantity(NamedTuple):
+class MapQuantity(NamedTuple):
     """One canonical signal as a database may describe it."""
 
     phrases: Mapping[str, float]  # see ``words.match``
@@ -64,7 +64,7 @@ _ROWS: Final = {  # phrases and how sure they are | values | words that may stan
 }
 
 
-def _quantity(name: str, row: str) -> Quantity:
+def _quantity(name: str, row: str) -> MapQuantity:
     phrases, typical, also = row.split("|")
     low, high = map(float, typical.split())
     text = BY_NAME[name].unit if name in BY_NAME else ""
@@ -72,7 +72,7 @@ def _quantity(name: str, row: str) -> Quantity:
     assert unit is not None
     pairs = (each.strip().rsplit(" ", 1) for each in phrases.split(","))
     weights = {concepts: float(weight) for concepts, weight in pairs}
-    return Quantity(weights, (low, high), frozenset(also.split()), unit, low == high)
+    return MapQuantity(weights, (low, high), frozenset(also.split()), unit, low == high)
 
 
 QUANTITIES: Final = {name: _quantity(name, row) for name, row in _ROWS.items()}

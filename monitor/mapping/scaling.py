@@ -8,7 +8,7 @@ from cantools.database.can import Signal
 
 from monitor.base.signals import plausible_range
 from monitor.frames.units import UNITS, conversion, unit_of
-from monitor.mapping.quantities import GASOLINE_KG_L, LAMBDA_FAMILY, STOICHIOMETRIC, Quantity
+from monitor.mapping.quantities import GASOLINE_KG_L, LAMBDA_FAMILY, STOICHIOMETRIC, MapQuantity
 from monitor.mapping.words import words_of
 
 NO_UNIT: Final = 0.85  # confidence that is left without a unit
@@ -50,7 +50,7 @@ class UnitScaling:
         return replace(self, weight=weight * self.weight, why=(*self.why, why), doubts=doubts)
 
 
-def scaling_of(name: str, signal: Signal, quantity: Quantity) -> UnitScaling | None:
+def scaling_of(name: str, signal: Signal, quantity: MapQuantity) -> UnitScaling | None:
     """Return the way to the canonical unit, None if the signal is another quantity."""
     written = (signal.unit or "").strip()
     unit = unit_of(written, STOICHIOMETRIC)
@@ -96,7 +96,7 @@ def span(signal: Signal, *, declared: bool = True) -> tuple[float, float]:
     return min(ends), max(ends)
 
 
-def _assumed(name: str, signal: Signal, quantity: Quantity) -> UnitScaling:
+def _assumed(name: str, signal: Signal, quantity: MapQuantity) -> UnitScaling:
     """Return the scaling of the unit that name and range suggest; doubted if they leave several."""
     low, high = span(signal)
     kind, unit = quantity.unit.quantity, quantity.unit
@@ -172,7 +172,7 @@ def _trim(signal: Signal, share: str) -> UnitScaling:
 
 
 def _plausible(
-    scaling: UnitScaling, name: str, signal: Signal, quantity: Quantity
+    scaling: UnitScaling, name: str, signal: Signal, quantity: MapQuantity
 ) -> UnitScaling | None:
     """Return the scaling, doubted if its values are odd, None if they are another quantity's."""
     low, high = quantity.typical
