@@ -2,6 +2,7 @@
 
 import math
 import tempfile
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -10,14 +11,12 @@ from typing import Any
 
 from monitor.base.files.junit import JunitCase
 from monitor.base.types import Frame, FrameBlock
+from monitor.bus.judging import Judging
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import block_of
 from monitor.grid.timeline import Timeline
 from monitor.inject.scenario import NO_CODE, Expectation, Scenario
-from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory
-from monitor.pipeline.collector import Collector
-from monitor.pipeline.frames import FramePipeline
 from monitor.pipeline.replay import Setup
 
 _AT_ONCE = 256  # frames whose times are looked at together
@@ -29,16 +28,9 @@ class FrameJudge:
     """The pipeline on the frames of one driving cycle, as in ``o2mon replay``."""
 
     def __init__(self, setup: Setup, memory: Memory) -> None:
-        self._memory, self._setup = memory, setup
-        store = DtcStore(memory.load(), setup.config.profile)
-        store.start_driving_cycle()
-        setup = setup.of_vehicle(memory)
-        self._pipeline = FramePipeline(
-            setup.bus_map, setup.model, setup.limits, setup.config, store
-        )
-        self._collector = Collector(self._pipeline.monitor)
-        decoder = BlockDecoder(setup.bus_map, self._pipeline.monitor.names)
-        self._timeline = Timeline(decoder)
+        self._judging = Judging(setup, memory)
+        names = self._judging.pipeline.monitor.names
+        self._timeline = Timeline(BlockDecoder(setup.bus_map, names))
         self._waiting: list[Frame] = []
 
     def push(self, frame: Frame) -> None:
@@ -50,18 +42,15 @@ class FrameJudge:
 
     def _judge(self, blocks: Iterable[FrameBlock]) -> None:
         for block in blocks:
-            for event in self._pipeline.push(block):
-                self._collector.push(event)
+            deque(self._judging.push(block), maxlen=0)
 
     def finish(self, name: str) -> Recording:
         """End the driving cycle; return the recording's entry of ``o2mon.replay/1``."""
         self._judge(self._timeline.push(block_of(self._waiting)))
         self._judge(self._timeline.finish())
-        monitor = self._pipeline.monitor
-        self._memory.save(monitor.store.saved)
-        self._memory.learn(self._setup.model_sha256, monitor.seen, self._setup.config.bias)
-        counters = self._pipeline.counters | self._timeline.counters.found
-        return self._collector.result(name, None, counters)
+        self._judging.close()
+        counters = self._judging.pipeline.counters | self._timeline.counters.found
+        return self._judging.result(name, counters)
 
 
 @contextmanager

@@ -195,7 +195,7 @@ def test_a_cold_sensor_is_not_stuck_where_nothing_says_that_the_engine_stands(
 ) -> None:
     begin = edited(mx5, folder / "begin.csv", lambda _, rows: rows[: len(rows) // 3])
     names = ("rpm", "map_kpa", "tps_pct", "pw_ms", "lambda")
-    model = fitted(folder / "own.onnx", begin, None, *names, budget="0.1")
+    model = fitted(folder / "own.onnx", begin, None, *names)
     got = replayed(begin, model)
     assert got.exit_code == 3
     assert got.recording["dtcs"] == []
