@@ -8,28 +8,6 @@ from monitor.memory.debounce import FAILED, PASSED, Debounce
 steps = st.lists(st.tuples(st.booleans(), st.integers(1, 127)), max_size=60)
 
 
-@given(steps)
-def test_the_counter_stays_within_iso_14229(results: list[tuple[bool, int]]) -> None:
-    counter = Debounce()
-    for failed, by in results:
-        counter = counter.step(failed=failed, by=by)
-        assert PASSED <= counter.count <= FAILED
-        assert not (counter.failed and counter.passed)
-
-
-@given(steps, st.booleans(), st.integers(1, 127))
-def test_a_failed_result_never_lowers_the_counter_and_a_passed_one_never_raises_it(
-    results: list[tuple[bool, int]], failed: bool, by: int
-) -> None:
-    before = Debounce()
-    for f, b in results:
-        before = before.step(failed=f, by=b)
-    after = before.step(failed=failed, by=by)
-    end = FAILED if failed else PASSED
-    assert after.count == end or (after.count > before.count) == failed
-    assert after.count != before.count or before.count == end
-
-
 @given(st.booleans(), st.integers(1, 127))
 def test_a_test_matures_after_exactly_the_configured_steps(failed: bool, by: int) -> None:
     needed = -(-(FAILED if failed else -PASSED) // by)

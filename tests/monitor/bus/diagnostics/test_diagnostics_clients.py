@@ -126,8 +126,6 @@ UDS_CONFIG = udsoncan.configs.default_client_config | {
     "use_server_timing": False,  # a machine that runs other tests, too, may need more than 50 ms
     "data_identifiers": {
         0xF190: udsoncan.AsciiCodec(17),
-        0xF405: Raw(1),
-        0xF40C: Raw(2),
         0xFD00: Raw(32),
         0xFD02: Raw(4),
         0xFD09: Raw(8),
@@ -206,15 +204,6 @@ def test_a_uds_tester_reads_codes_with_their_status(client: Client) -> None:
     assert client.get_number_of_dtc_by_status_mask(0x0C).service_data.dtc_count == 2
     supported = client.get_supported_dtc().service_data.dtcs
     assert len(supported) == len(DtcStore().all)
-
-
-def test_a_uds_tester_reads_snapshot_and_extended_data(client: Client) -> None:
-    snapshot = client.get_dtc_snapshot_by_dtc_number(SLOW, 1).service_data
-    values = {s.did: s.data for s in snapshot.dtcs[0].snapshots}
-    assert values == {0xF405: bytes((130,)), 0xF40C: bytes.fromhex("1f40")}
-    occurrence = client.get_dtc_extended_data_by_dtc_number(SLOW, 1, data_size=1)
-    (record,) = occurrence.service_data.dtcs[0].extended_data
-    assert record.raw_data == b"\x02"  # it failed in two driving cycles
 
 
 def test_a_uds_tester_reads_the_monitors_state(bench: Bench, client: Client) -> None:

@@ -131,9 +131,9 @@ def test_a_late_sensor_has_a_counter_between_its_first_and_its_second_failed_win
     store.start_driving_cycle()
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
     counters: list[dict[str, int]] = []
-    for frame in frames:
-        events = pipeline.push(block_of([frame]))
-        counters.extend(pipeline.monitor.prefailed() for e in events if isinstance(e, WindowJudged))
+    for event in pipeline.push(block_of(list(frames))):
+        if isinstance(event, WindowJudged):
+            counters.append(pipeline.monitor.prefailed())
         if store.active:
             break
     by = setup.config.debounce.response_fail
