@@ -75,6 +75,19 @@ const O2 = (() => {
     ctx.fillText(text, left, y);
   }
 
+  /** Zero and the limits of a plot, one label for two lines that are close. */
+  function limits(u, axis) {
+    const { ctx, bbox: { left, width } } = u, ratio = uPlot.pxRatio;
+    if (axis.zero) rule(u, "y", 0, color("band"));
+    let before = Infinity;
+    for (const [value, label] of axis.limits ?? []) {
+      rule(u, "y", value, color("failed"), [5, 4], 1.25);
+      const at = u.valToPos(value, "y", true), isClose = Math.abs(at - before) < 18 * ratio;
+      if (!isClose) tag(u, label, left + width - ctx.measureText(label).width - 8 * ratio, at, color("failed"));
+      before = at;
+    }
+  }
+
   /** Grey, or an ink thinned, behind spans [begin, end) of x. */
   function shade(u, spans, ink) {
     const { ctx, bbox: { left, top, width, height } } = u;
@@ -139,7 +152,7 @@ const O2 = (() => {
         [{ label: "residual", stroke: color("residual"), width: 1.1, value: signed }],
         { range: (u, a, b) => symmetric(a, b, 0.01), zero: true }],
       [`Window mean of the residual${own}`, low[1], (c) => [c.t, shift(c.mean, -by)], [{ ...window, label: "mean", value: signed }],
-        { range: (u, a, b) => symmetric(a, b, (mu || 0.01) * 1.3), zero: true, windows: "mean", limits: mu == null ? [] : [[mu, "+Jμ"], [-mu, "−Jμ"]] }],
+        { range: (u, a, b) => symmetric(a, b, (mu || 0.01) * 1.3), zero: true, windows: "mean", limits: mu == null ? [] : [[mu, "±Jμ"], [-mu, "±Jμ"]] }],
       ["Window standard deviation of the residual", low[1], (c) => [c.t, c.std], [{ ...window, label: "std", value }],
         { range: (u, a, b) => [0, Math.max(b || 0, sigma || 0, 1e-3) * 1.3], windows: "std", limits: sigma == null ? [] : [[sigma, "Jσ"]] }],
     ];
@@ -191,5 +204,5 @@ const O2 = (() => {
     });
   }
 
-  return { SYMBOLS, color, digits, shift, places, element, symmetric, outputRange, rule, tag, shade, pen, plot, judged, follow };
+  return { SYMBOLS, color, digits, shift, places, element, symmetric, outputRange, rule, tag, limits, shade, pen, plot, judged, follow };
 })();

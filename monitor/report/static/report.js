@@ -1,7 +1,7 @@
 "use strict";
 // Draws the plots of each unfolded recording. Needs uPlot and draw.js; loads nothing.
 (() => {
-  const { SYMBOLS, color, digits, element, rule, tag, pen } = O2;
+  const { SYMBOLS, color, digits, element, tag, pen } = O2;
   const VERDICTS = ["passed", "failed", "inconclusive"];
   const ROWS = ["fault flag", "paper’s rule", "window", "enabled"]; // bottom up
   const recordings = [];
@@ -164,21 +164,16 @@
         cursor: { sync: { key: this.section.dataset.series, setSeries: false }, drag: { x: true, y: false }, points: { show: !axis.rows } },
         hooks: {
           drawClear: [(u) => O2.shade(u, this.off)],
-          draw: [(u) => pen(u, false, (ctx, ratio) => this.over(u, axis, ctx, ratio))],
+          draw: [(u) => pen(u, false, () => this.over(u, axis))],
           setScale: [(u, key) => key === "x" && this.follow(u)],
         },
       }));
       return figure;
     }
 
-    over(u, axis, ctx, ratio) {
+    over(u, axis) {
       if (axis.rows) this.states(u);
-      if (axis.zero) rule(u, "y", 0, color("band"));
-      const { left, width } = u.bbox;
-      for (const [value, label] of axis.limits || []) {
-        rule(u, "y", value, color("failed"), [5, 4], 1.25);
-        tag(u, label, left + width - ctx.measureText(label).width - 8 * ratio, u.valToPos(value, "y", true), color("failed"));
-      }
+      O2.limits(u, axis);
       this.codes(u, axis.top);
     }
 

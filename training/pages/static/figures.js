@@ -78,13 +78,13 @@
     const values = seen.filter((v) => v != null && (scale !== "log" || v > 0));
     let [from, to] = [low ?? Math.min(...values), high ?? Math.max(...values)];
     if (!Number.isFinite(from) || !Number.isFinite(to)) [from, to] = [scale === "log" ? 1 : 0, 10];
-    if (scale === "log") return [low ?? rounded(from), high ?? (to > from ? to : 10 * from) * 1.3];
+    if (scale === "log") return [low ?? rounded(0.9 * from), high ?? (to > from ? to : 10 * from) * 1.3];
     const room = (axis === "x" && plot.at ? 0 : 0.04) * (to - from) || (to > from ? 0 : 0.5);
     return [low ?? from - room, high ?? to + room];
   }
 
-  function axisOf(spec, isX, width) {
-    const axis = isX ? { space: 60, size: 26, label: spec.label } : { space: 26, size: (u, values) => 14 + widest(values ?? ["0.000"]) };
+  function axisOf(spec, isX, width, wide) {
+    const axis = isX ? { space: 60, size: 26, label: spec.label } : { space: 26, size: wide ?? ((u, values) => 14 + widest(values ?? ["0.000"])) };
     if (spec.scale) axis.values = (u, splits) => splits.map(full);
     if (spec.ticks) Object.assign(axis, { splits: () => spec.ticks.map(([value]) => value), values: (u) => apart(u, spec.ticks) });
     if (!spec.rows) return axis;
@@ -142,7 +142,7 @@
       const scale = ({ scale, linear, rows, falls }) => ({ ...SCALES[scale], asinh: linear, dir: rows || falls ? -1 : 1 });
       const plot = O2.plot(holder, spec.title, data, own.length ? series : [{}], {
         at: "at", width, height: spec.height + (spec.x.label ? 20 : 0), padding: [8, 14, 0, 0],
-        axes: [axisOf(spec.x, true), axisOf(spec.y, false, width)],
+        axes: [axisOf(spec.x, true), axisOf(spec.y, false, width, this.spec.together ? 58 : undefined)],
         scales: {
           x: { time: false, ...scale(spec.x), range: (u, low, high) => (own.length && low < high ? [low, high] : x) },
           y: { ...scale(spec.y), range: () => y },

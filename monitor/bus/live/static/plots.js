@@ -1,5 +1,5 @@
 // The plots over time: newest sample at the right edge, time counted back from it.
-const { SYMBOLS, color, element, rule, tag } = O2;
+const { SYMBOLS, color, element } = O2;
 const GAP_S = 1; // without samples, after which lines break
 const STEPS = [5, 10, 15, 30, 60, 120, 300];
 
@@ -113,7 +113,7 @@ export class Plots {
       scales: { x: { time: false, range: () => [this.c.begin, this.c.end] }, y: { range: axis.range } },
       axes: [x, { size: 58, space: 26 }],
       cursor: { sync: { key: "live", setSeries: false }, drag: { x: false, y: false } },
-      hooks: { setCursor: [latest], drawClear: [(u) => O2.shade(u, this.c.off)], draw: [(u) => O2.pen(u, true, (ctx, ratio) => this.over(u, axis, ratio))] },
+      hooks: { setCursor: [latest], drawClear: [(u) => O2.shade(u, this.c.off)], draw: [(u) => O2.pen(u, true, () => (O2.limits(u, axis), axis.windows && this.boxes(u, axis.windows)))] },
     });
     if (axis.windows === "mean") {
       const key = element(figure.firstChild, "span", { className: "key", textContent: "✓ passed  ✕ failed  ? not judged" });
@@ -132,19 +132,6 @@ export class Plots {
     const at = [];
     for (let s = Math.floor(this.span / step) * step; s >= 0; s -= step) at.push(this.c.end - s);
     return at;
-  }
-
-  over(u, axis, ratio) {
-    if (axis.zero) rule(u, "y", 0, color("band"));
-    if (axis.windows) this.boxes(u, axis.windows);
-    let before = Infinity;
-    for (const [value, label] of axis.limits || []) {
-      rule(u, "y", value, color("failed"), [5, 4], 1.25);
-      const at = u.valToPos(value, "y", true);
-      if (Math.abs(at - before) < 18 * ratio) continue; // one label for two lines this close
-      before = at;
-      tag(u, label, u.bbox.left + 8 * ratio, at, color("failed"));
-    }
   }
 
   /** A bar for each window at its value; its verdict as colour and sign. */
