@@ -6,6 +6,7 @@ All drives are simulated. The pages are opened in Debian's chromium.
 """
 
 import base64
+import os
 import subprocess
 import sys
 import tempfile
@@ -77,8 +78,8 @@ def gap(browser: Browser, folder: Path) -> None:
     before, after = (sorted((folder / each).glob("*.parquet")) for each in ("before", "after"))
     chain = folder / "chain.onnx"
     _run("training.cli", "fit", *before, "--kind", "greybox", "--out", chain)
-    call = ["gap", "--model", chain, *after, "--out", folder / "gap", "--sensor-known-good"]
-    _run("training.cli", *call, "--healthy", *before)
+    call = ["gap", "--model", chain, *after, "--out", "gap", "--sensor-known-good"]
+    _run("training.cli", *call, "--healthy", *before, cwd=folder)  # the page shows the path
     _gap_page(browser, folder / "gap" / "report.html")
 
 
@@ -88,8 +89,9 @@ def _gap_page(browser: Browser, report: Path) -> None:
     page.screenshot(path=PICTURES / "gap.png")
 
 
-def _run(module: str, *words: object, may_end_with: int = 0) -> None:
-    done = subprocess.run([sys.executable, "-m", module, *map(str, words)], cwd=ROOT, check=False)
+def _run(module: str, *words: object, may_end_with: int = 0, cwd: Path = ROOT) -> None:
+    line = [sys.executable, "-m", module, *map(str, words)]
+    done = subprocess.run(line, cwd=cwd, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False)
     if done.returncode not in (0, may_end_with):
         raise SystemExit(f"{module} {' '.join(map(str, words))}: exit code {done.returncode}")
 
