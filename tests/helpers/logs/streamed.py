@@ -11,7 +11,7 @@ from monitor.base.config import Config
 from monitor.base.types import SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.limits import Limits
-from monitor.memory.dtc_store import DtcStore, Saved
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.events import (
@@ -115,8 +115,3 @@ def fresh() -> DtcStore:
     store = DtcStore()
     store.start_driving_cycle()
     return store
-
-
-def kept(store: DtcStore) -> Saved:
-    """Return all that outlives the drive."""
-    return store.saved

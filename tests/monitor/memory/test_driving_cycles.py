@@ -1,6 +1,7 @@
 """Several driving cycles in one stream, as at a bench that is never switched off."""
 
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -215,11 +216,14 @@ def test_a_replay_of_what_was_recorded_finds_the_same_driving_cycles(
 def test_the_vehicles_reference_learns_from_each_driving_cycle_of_a_stream(
     setup: replay.Setup, tmp_path: Path
 ) -> None:
+    # GIVEN a vehicle of which a short drive tells enough
+    bias = replace(CONFIG.bias, reference_windows=5)
+    setup = replace(setup, config=replace(setup.config, bias=bias))
     (whole,) = ROOT.glob("replay_logs/healthy_micro_trips_*.blf")
-    healthy, log = list(read_frames(whole))[: 200 * 250], tmp_path / "healthy.log"
+    healthy, log = list(read_frames(whole))[: 200 * 130], tmp_path / "healthy.log"
     write_log(log, block(healthy))
     length_s = (healthy[-1].t_ns - healthy[0].t_ns) / 1e9
-    # GIVEN two healthy drives as two recordings, and as one
+    # WHEN there are two such drives as two recordings, and as one
     with closing(Memory(tmp_path / "apart.db")) as apart:
         for _ in range(2):
             last, _ = replay.replay(log, setup, apart)

@@ -21,7 +21,7 @@ from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from monitor.pipeline.side_by_side import judge_all
 from tests.helpers.examples import inputs
-from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
+from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, stream
 from tests.helpers.models.networks import card_of, network_of
 from training.narx.export import save
 
@@ -183,7 +183,7 @@ def test_recordings_are_judged_alike_alone_or_side_by_side_and_however_they_are_
             streamed = fresh()
             found = alone(block, store=streamed, clearings=own, sizes=sizes)
             assert_same(found, got)
-            assert kept(streamed) == kept(store)
+            assert streamed.saved == store.saved
 
 
 _EMPTY = SampleBlock(
