@@ -16,14 +16,16 @@ def write_json(path: Path, result: Mapping[str, Any]) -> None:
     write_text(path, json.dumps(rounded(result), indent=1, allow_nan=False) + "\n")
 
 
-def rounded(value: Any) -> Any:
-    """Round floats to nine decimals; numbers that are not finite become null."""
+def rounded(value: Any, digits: int | None = 9) -> Any:
+    """Turn values of numpy into Python's; numbers that are not finite become null.
+
+    digits : decimals to which floats are rounded; None leaves them as they are
+    """
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
     if isinstance(value, float):
-        return round(value, 9) if math.isfinite(value) else None
-    if isinstance(value, str | int) or value is None:
-        return value
+        known = value if math.isfinite(value) else None
+        return known if known is None or digits is None else round(known, digits)
     if isinstance(value, Mapping):
-        return {k: rounded(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [rounded(v) for v in value]
-    return bool(value) if isinstance(value, np.bool_) else value
+        return {str(k): rounded(v, digits) for k, v in value.items()}
+    return [rounded(v, digits) for v in value] if isinstance(value, list | tuple) else value

@@ -3,12 +3,10 @@
 import base64
 import hashlib
 import json
-import math
-from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any, Final
 
-import numpy as np
+from monitor.base.files.json_text import rounded
 
 DRAWING: Final = ("uplot/uPlot.iife.min.js", "draw.js")
 _COMPACT: Final = json.JSONEncoder(allow_nan=False, separators=(",", ":")).encode
@@ -36,18 +34,5 @@ def embedded(value: Any) -> str:
     try:
         text = _COMPACT(value)
     except (TypeError, ValueError):  # values of numpy, or a number that is not finite
-        text = _COMPACT(_finite(value))
+        text = _COMPACT(rounded(value, None))
     return text.replace("<", "\\u003c")
-
-
-def _finite(value: Any) -> Any:
-    """Turn values of numpy into Python's; numbers that are not finite become null."""
-    if isinstance(value, np.generic | np.ndarray):
-        value = value.tolist()
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return value
