@@ -10,7 +10,7 @@ bytes.
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeVar
+from typing import TYPE_CHECKING, BinaryIO, Final, TypeVar
 
 import numpy as np
 
@@ -19,20 +19,12 @@ from monitor.base.files.inputs import open_regular
 from monitor.base.types import Frame, FrameBlock
 from monitor.frames import mdf
 from monitor.frames.blf import blocks as blf
-from monitor.frames.blocks import (
-    LATEST_S,
-    MAX_BYTES,
-    CutShortError,
-    LogCounters,
-    frames_of,
-)
+from monitor.frames.blocks import LATEST_S, CutShortError, LogCounters, frames_of
 from monitor.frames.bounds import open_binary, open_text
 from monitor.frames.channels import Channels
 from monitor.frames.tables.readers import SUFFIXES as TABLES
 from monitor.frames.text import candump
-from monitor.frames.text.frame_lines import FrameLines
 from monitor.frames.text.layouts import LAYOUTS, LayoutFound, frames_of_lines, layout_of
-from monitor.frames.text.python_can import text_reader
 
 if TYPE_CHECKING:
     import can
@@ -45,8 +37,6 @@ _READERS: Final[dict[str, Callable[[BinaryIO, LogCounters, Channels], Iterator[F
 }
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")  # that are written, too
 _OTHER_SUFFIXES: Final = (".txt", ".crtd")  # of tools whose layout the first lines tell
-CLASSIC: Final = 8  # most bytes of a frame that is not of CAN FD
-IDENTIFIERS: Final = 1 << 29  # CAN identifiers have 29 bits at most
 _TOOLS: Final = ", ".join(each.tool for each in LAYOUTS)
 _LARGEST_BLOCK: Final = 31 << 20  # bytes; glibc's threshold grows only up to 32 MB
 
@@ -163,7 +153,7 @@ def guarded(path: Path, counters: LogCounters, items: Iterator[T]) -> Iterator[T
 def _blocks(
     path: Path, kind: str, counters: LogCounters, channels: Channels
 ) -> Iterator[FrameBlock]:
-    found = LayoutFound() if kind in (".blf", ".mf4") else layout_of(path)
+    found = LayoutFound() if kind in (".blf", ".mf4") else layout_of(path, kind)
     is_plain = found.encoding in ("utf-8", "cp1252")
     if found.layout or (kind == ".log" and not is_plain):
         with open_text(path, found.encoding, errors="replace") as text:
@@ -172,13 +162,6 @@ def _blocks(
         _keep_freed_memory()
         with open_binary(path) as file:
             yield from _READERS[kind](file, counters, channels)
-    elif kind in LOG_SUFFIXES:
-        with open_text(path, "utf-8" if is_plain else found.encoding, newline="") as text:
-            lines = FrameLines(text, kind, counters)
-            with text_reader(kind)(lines) as reader:
-                yield from channels.blocks_of(through_python_can(reader, counters))
-            if lines.cut:
-                raise CutShortError(lines.cut)
     else:
         raise ValueError(f"its first lines are those of no CAN log; known are {_TOOLS}")
     channels.finish()
@@ -191,29 +174,3 @@ def _keep_freed_memory() -> None:
     M_MMAP_THRESHOLD. The block is never touched. This saves 10 % of the time of candump and BLF.
     """
     np.empty(_LARGEST_BLOCK, dtype=np.uint8)
-
-
-def through_python_can(reader: Any, counters: LogCounters) -> Iterator[tuple[Frame, str]]:
-    """Yield the frames that python-can's reader of the format returns, with their channels.
-
-    Raises ValueError if a frame is impossible, and the reader's errors.
-    """
-    for message in reader:
-        if message.is_error_frame or message.is_remote_frame:
-            counters.skipped += 1
-            continue
-        is_short = not message.is_fd and message.dlc > CLASSIC == len(message.data)
-        length = CLASSIC if is_short else message.dlc  # codes 9 to 15 of classic frames
-        if len(message.data) != length:
-            raise ValueError(f"a frame of {length} bytes holds only {len(message.data)}")
-        if length > MAX_BYTES:
-            raise ValueError(f"a frame of {length} bytes, CAN FD has {MAX_BYTES} at most")
-        if not 0 <= message.arbitration_id < IDENTIFIERS:
-            raise ValueError(
-                f"a frame with identifier {message.arbitration_id:#X}, CAN has 29 bits at most"
-            )
-        if not -LATEST_S < message.timestamp < LATEST_S:
-            raise ValueError(f"a frame at {message.timestamp:g} s")
-        frame = frame_of(message)
-        counters.frames += 1
-        yield frame, "" if message.channel is None else str(message.channel)

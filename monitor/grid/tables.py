@@ -19,7 +19,6 @@ from monitor.base.types import (
     FloatArray,
     IntArray,
 )
-from monitor.frames.bounds import open_binary
 from monitor.frames.profiles.profile import (
     Profile,
     is_profile,
@@ -43,7 +42,6 @@ UNIFORM: Final = 0.01  # a table whose steps differ by less is used sample for s
 # periods for tables with uneven steps: the least that is not below the middle step
 STEP_ABOVE: Final = 0.1  # by which the middle step may be above the period
 PERIODS_NS: Final = tuple(round(s * 1e9) for s in (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0))
-_LOG_HEADER: Final = b"timestamp,arbitration_id,"
 BLANK: Final = "is blank, or 0 throughout"  # of a column that says nothing
 _SHOWN: Final = 8  # columns that a message names
 
@@ -83,9 +81,7 @@ def is_table(path: str | Path) -> bool:
     if not is_readable(path) or suffix_of(path) not in TEXT:
         return is_readable(path)
     try:
-        with open_binary(path) as file:
-            is_log = file.read(len(_LOG_HEADER)).startswith(_LOG_HEADER)
-        return not is_log and layout_of(path).layout is None
+        return layout_of(path).layout is None
     except RecordingError:  # a log of a tool that is not read
         return False
     except (OSError, EOFError, ValueError):

@@ -5,20 +5,22 @@ none. Sources: the tools' documentation and logs, and the formats that SavvyCAN 
 """
 
 import re
+from base64 import b64decode
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from datetime import datetime, timezone
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta, timezone
 from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
-from monitor.frames.blocks import LATEST_S, MAX_BYTES, LogCounters
+from monitor.frames.blocks import LATEST_S, MAX_BYTES, CutShortError, LogCounters
 from monitor.frames.bounds import open_binary
 from monitor.frames.tables.dialect import encoding_of
 from monitor.frames.text.candump import WANTED, frame_of_line
+from monitor.frames.text.lines import CUT_SHORT
 
 _HEAD_BYTES: Final = 1 << 14
 _CLASSIC: Final = 8
@@ -26,6 +28,8 @@ _DAY_S: Final = 86_400.0
 _KVASER_EXTENDED: Final = 4
 _KVASER_NO_DATA: Final = 0x21  # remote frame, error frame
 _STANDARD: Final = 0x7FF  # largest identifier of 11 bits
+_FD_LENGTHS: Final = (12, 16, 20, 24, 32, 48, 64)  # bytes of the length codes 9 to 15 of CAN FD
+_PEAK_EPOCH: Final = datetime(1899, 12, 30, tzinfo=timezone.utc)  # noqa: UP017
 
 
 def _seconds(text: str) -> float:
@@ -57,54 +61,129 @@ def _stamp(text: str) -> float:
 class TextLayout:
     """How a tool writes frames as lines of text.
 
-    frame has the groups time, id and data, and where the tool writes them channel, ext, length,
-    remote and error. A line that fits neither ``frame`` nor ``other`` is damaged.
+    A pattern of frames has the groups time, id and data or base64, and where the tool writes them
+    channel, ext, length or dlc (its code), fd, remote and error. A line that fits neither
+    ``frames`` nor ``other`` is damaged.
     """
 
     tool: str
     begins: re.Pattern[str]  # somewhere in the first lines
-    frame: re.Pattern[str]
+    frames: tuple[re.Pattern[str], ...]
     other: re.Pattern[str]  # lines that are no frame
     time_s: Callable[[str], float]
     wraps: bool = False  # the time of day, which begins anew at midnight
+    ends_lines: bool = False  # with a line end, the last one, too
+
+    def match(self, line: str) -> re.Match[str] | None:
+        """Return the groups of a line with a frame."""
+        return next(filter(None, (frame.fullmatch(line) for frame in self.frames)), None)
 
 
 _ANY: Final = re.IGNORECASE | re.ASCII
 _BYTES: Final = r"(?P<data>(?:[\s;,](?:0x)?[0-9a-f]{1,3})*)"
 _NOTHING: Final = re.compile(r"(?!)")
+_CONSOLE: Final = "candump on a console"
+_TIME: Final = re.compile(r"\s*(\d+\.\d+)\s")  # of any line of an .asc
 
+ASC: Final = TextLayout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, error frames
+    tool="Vector ASC",
+    ends_lines=True,
+    begins=re.compile(
+        r"^(?:date +\w{2,3} +\w{3} +\d|base\s+(?:hex|dec)\b|begin trigger)", _ANY | re.M
+    ),
+    frames=(
+        re.compile(
+            r"\s*(?P<time>\d+\.\d+)\s+(?P<channel>\d+)\s+(?P<id>[0-9a-f]+)(?P<ext>x?)\s+"
+            r"(?:Rx|Tx|TxRq)\s+(?:(?P<remote>r)(?:\s+\w+)?|"
+            r"d\s+(?P<dlc>[0-9a-f]{1,2})(?P<data>(?:\s+[0-9a-f]{1,3}\b(?!\s*=))*))"
+            r"(?:\s+\w+\s*=\s*\S+)*", _ANY,
+        ),
+        re.compile(
+            r"\s*(?P<time>\d+\.\d+)\s+CANFD\s+(?P<channel>\d+)\s+(?:Rx|Tx|TxRq)\s+"
+            r"(?P<id>[0-9a-f]+)(?P<ext>x?)\s+(?:\S*[^\s\d]\S*\s+)?[01]\s+[01]\s+[0-9a-f]+\s+"
+            r"(?P<length>\d+)(?P<data>(?:\s+[0-9a-f]{1,3}\b)*)(?:\s.*)?", _ANY,
+        ),
+        re.compile(
+            r"\s*(?P<time>\d+\.\d+)\s+(?:CANFD\s+)?(?P<channel>\d+)\s+(?:[RT]x\s+)?"
+            r"(?P<error>ErrorFrame).*", _ANY,
+        ),
+    ),
+    other=re.compile(  # of a channel: a name that is no identifier behind its number
+        r"\s*(?:\d+\.\d+\s+(?:\d+\s+(?![0-9a-f]+x?\s)[a-z_]|J1939TP\s|\w+\s+Start of meas).*|"
+        r"(?!.*\s(?:Rx|Tx|TxRq)\s+[dr]\b)(?:[a-z]|//|\d+\.\d+\s+[a-z]).*)", _ANY,
+    ),
+    time_s=float,
+)  # fmt: skip
+PEAK: Final = TextLayout(  # its columns stand in the header, see ``_peak``
+    tool="PEAK TRC",
+    ends_lines=True,
+    begins=re.compile(r"^;\$FILEVERSION=|^;.*PCAN|^ *\d+\) +\d", _ANY | re.M),
+    frames=(),
+    other=re.compile(
+        r"\s*;(?!\s*\d{1,15}\)?\s+\d+(?:\.\d+)?\s).*|"
+        r"\s*\d+\)?\s+[\d.]+\s+(?:\d+\s+)?(?:Warng|Error|ST|EC|ER|EV|FFFFFFFF)\b.*", _ANY,
+    ),
+    time_s=lambda text: float(text) / 1e3,
+)  # fmt: skip
+_PEAK_COLUMNS: Final = {"1.1": "NOdILD", "1.3": "NOBdIRLD", "2.0": "NOTIdlD", "2.1": "NOTBIdRLD"}
+_PEAK_CELLS: Final = {
+    "N": r"\d{1,15}\)?",
+    "O": r"(?P<time>-?\d+(?:\.\d+)?)",
+    "T": r"(?:DT|(?P<fd>FD|FB|FE|BI)|(?P<remote>RR))",
+    "B": r"(?P<channel>\d+)",
+    "I": r"(?P<id>[0-9a-f]{1,4}|(?P<ext>[0-9a-f]{5,8}))",
+    "d": r"(?:Rx|Tx)",
+    "R": r"\S+",
+    "L": r"(?P<dlc>\d{1,2})",
+    "l": r"(?P<length>\d{1,2})",
+    "D": r"(?:(?P<rtr>RTR)|(?P<data>[0-9a-f]{2}(?:\s+[0-9a-f]{2})*))",
+}
+CSV: Final = TextLayout(
+    tool="python-can CSV",
+    ends_lines=True,
+    begins=re.compile(r"\Atimestamp,arbitration_id,"),
+    frames=(
+        re.compile(
+            r"(?P<time>-?[\d.]+(?:e[+-]?\d+)?),(?P<id>0x[0-9a-f]+),(?:(?P<ext>1)|0),"
+            r"(?:(?P<remote>1)|0),(?:(?P<error>1)|0),(?P<length>\d+),(?P<base64>[\w+/=]*)\s*", _ANY,
+        ),
+    ),
+    other=re.compile(r"timestamp,arbitration_id,.*"),
+    time_s=float,
+)  # fmt: skip
+BY_SUFFIX: Final = {".asc": ASC, ".trc": PEAK}  # known by their suffix, too
 LAYOUTS: Final = (
     TextLayout(
-        tool="candump on a console",
+        tool=_CONSOLE,
         begins=re.compile(
             r"^ *\([\d.: -]+\) +\S+ +(?:[RT]X [-B] [-E] +)?[0-9A-F]{3,8} +\[\d+\]", re.M
         ),
-        frame=re.compile(
+        frames=(re.compile(
             r"\s*\((?P<time>[\d.: -]+)\)\s+(?P<channel>\S+)\s+(?:[RT]X\s+[-B]\s+[-E]\s+)?"
             r"(?P<id>[0-9a-f]{3}|(?P<ext>[0-9a-f]{8}))\s+\[(?P<length>\d+)\]\s*"
             r"(?:(?P<remote>remote request)|(?P<data>(?:\s?[0-9a-f]{2}\b)*))"
             r"\s*(?P<error>ERRORFRAME)?(?:\s+'.*'?)?\s*", _ANY,
-        ),
+        ),),
         other=_NOTHING,
         time_s=_stamp,
     ),
     TextLayout(
         tool="SavvyCAN (GVRET)",
         begins=re.compile(r"^Time ?Stamp,ID,Extended,(?:Dir,)?Bus,LEN,", _ANY | re.M),
-        frame=re.compile(
+        frames=(re.compile(
             r"(?P<time>-?\d+),(?P<id>[0-9a-f]+),(?:(?P<ext>true|1)|false|0),(?:[RT]x,)?"
             r"(?P<channel>\d+),(?P<length>\d+)" + _BYTES + r"[,\s]*", _ANY,
-        ),
+        ),),
         other=re.compile(r"Time ?Stamp,.*", _ANY),
         time_s=lambda text: int(text) / 1e6,
     ),
     TextLayout(
         tool="BusMaster",
         begins=re.compile(r"^\*\*\*BUSMASTER", re.M),
-        frame=re.compile(
+        frames=(re.compile(
             r"(?P<time>\d+:\d+:\d+:\d+)\s+[RT]x\s+(?P<channel>\d+)\s+(?P<id>(?:0x)?[0-9a-f]+)\s+"
             r"(?:s|(?P<ext>x))(?P<remote>r)?\s+(?P<length>\d+)" + _BYTES + r"\s*", _ANY,
-        ),
+        ),),
         other=re.compile(r"\*\*\*.*|.*\bERR\b.*", _ANY),
         time_s=_clock,
         wraps=True,
@@ -112,73 +191,73 @@ LAYOUTS: Final = (
     TextLayout(
         tool="CanHacker",
         begins=re.compile(r"^\s*Time\s+ID\s+DLC\s+Data\b", _ANY | re.M),
-        frame=re.compile(
+        frames=(re.compile(
             r"\s*(?P<time>\d+[.,]\d+)\s+(?P<id>[0-9a-f]{1,3}|(?P<ext>[0-9a-f]{4,8}))\s+"
             r"(?P<length>\d+)(?:\s+(?P<remote>RTR)|(?P<data>(?:\s+[0-9a-f]{2}\b)*))(?:\s.*)?", _ANY,
-        ),
+        ),),
         other=re.compile(r"\s*Time\s+ID\s+DLC.*", _ANY),
         time_s=_seconds,
     ),
     TextLayout(
         tool="Kvaser CanKing",
         begins=re.compile(r"^\s*Chn\s+Identifier\s+Flg\s+DLC", _ANY | re.M),
-        frame=re.compile(
+        frames=(re.compile(
             r"\s*(?P<channel>\d+)\s+(?P<id>[0-9a-f]+)\s+(?P<flags>(?:[a-wyz]|(?P<ext>x))*)\s+"
             r"(?P<length>\d+)(?P<data>(?:\s+[0-9a-f]{1,3})*)\s+(?P<time>\d+\.\d+)\s+[RT]\s*", _ANY,
-        ),
+        ),),
         other=re.compile(r"\s*Chn\s+Identifier.*|.*ErrorFrame.*|\s*[a-z].*|-+.*", _ANY),
         time_s=float,
     ),
     TextLayout(
         tool="Kvaser CSV",
         begins=re.compile(r"^Time,Channel,ID,Flags,DLC,Data0,.*,Counter\b", _ANY | re.M),
-        frame=re.compile(
+        frames=(re.compile(
             r"(?P<time>\d+\.\d+),(?P<channel>\d+),(?P<id>(?:0x)?[0-9a-f]+),(?P<flags>\d+),"
             r"(?P<length>\d+)(?P<data>(?:,(?:(?:0x)?[0-9a-f]{1,3})?)*)(?:,.*)?", _ANY,
-        ),
+        ),),
         other=re.compile(r"Time,.*", _ANY),
         time_s=float,
     ),
     TextLayout(
         tool="Vehicle Spy",
         begins=re.compile(r"^Line,Abs Time ?\(Sec\),.*,Arb ID,", _ANY | re.M),
-        frame=re.compile(
+        frames=(re.compile(
             r"\d+,(?P<time>-?\d+(?:\.\d+)?),[^,]*,[^,]*,(?:(?P<error>T)|F?),[^,]*,"
             r"(?:\"[^\"]*\"|[^,]*),(?P<channel>[^,]*),[^,]*,(?P<id>[0-9a-f]+),"
             r"(?:(?P<remote>T\b)|[^,]*),(?:(?P<ext>T)|F)"
             r"(?P<data>(?:,(?:[0-9a-f]{2})?){8})(?:,.*)?", _ANY,
-        ),
+        ),),
         other=re.compile(r"[a-z,].*", _ANY),
         time_s=float,
     ),
     TextLayout(
         tool="CRTD (OVMS)",
         begins=re.compile(r"^\d+\.\d+ \d*(?:C[A-Z]{2}\b|[RT](?:11|29) )", re.M),
-        frame=re.compile(
+        frames=(re.compile(
             r"(?P<time>\d+\.\d+)\s+(?P<channel>\d*)[RT](?:11|(?P<ext>29))\s+(?P<id>[0-9a-f]+)"
             r"(?P<data>(?:\s+[0-9a-f]{2})*)\s*", _ANY,
-        ),
+        ),),
         other=re.compile(r"\d+\.\d+\s+\d*C[A-Z]{2}\b.*"),
         time_s=float,
     ),
     TextLayout(
         tool="Microchip CAN BUS Analyzer",
         begins=re.compile(r"Microchip Technology|^CAN BUS Analyzer", re.M),
-        frame=re.compile(
+        frames=(re.compile(
             r"(?P<time>\d+(?:\.\d+)?);[RT]X;(?P<id>0x[0-9a-f]+);(?P<length>\d+)"
             + _BYTES + r"[;\s]*",
             _ANY,
-        ),
+        ),),
         other=re.compile(r"[^;]*"),
         time_s=_milliseconds,
     ),
     TextLayout(
         tool="IXXAT",
         begins=re.compile(r"^ASCII Trace IXXAT", _ANY | re.M),
-        frame=re.compile(
+        frames=(re.compile(
             r'"(?P<time>\d+:\d+:\d+\.\d+)","(?P<id>[0-9a-f]+)","(?:Std|(?P<ext>Ext))",'
             r'"[^"]*","(?P<data>[0-9a-f ]*)"\s*', _ANY,
-        ),
+        ),),
         other=re.compile(r'[a-z].*|"Time".*', _ANY),
         time_s=_clock,
         wraps=True,
@@ -186,13 +265,16 @@ LAYOUTS: Final = (
     TextLayout(
         tool="CANedge (CSV)",
         begins=re.compile(r"^TimestampEpoch;BusChannel;ID;IDE;DLC;", re.M),
-        frame=re.compile(
+        frames=(re.compile(
             r"(?P<time>\d+\.\d+);(?P<channel>\d+);(?P<id>[0-9a-f]+);(?:0|(?P<ext>1));\d+;"
             r"(?P<length>\d+);\d;\d;\d;\d;(?:(?P<remote>1)|0);(?P<data>[0-9a-f]*)\s*", _ANY,
-        ),
+        ),),
         other=re.compile(r"TimestampEpoch;.*"),
         time_s=float,
     ),
+    CSV,
+    PEAK,
+    ASC,
 )  # fmt: skip
 # what is known and not read: how it begins, and the tool that converts it
 UNREAD: Final = (
@@ -207,16 +289,17 @@ UNREAD: Final = (
 
 
 class LayoutFound(NamedTuple):
-    """The layout of a file: None for a log of candump, python-can or Vector in this encoding."""
+    """The layout of a file: None for a log of candump in this encoding, or an unknown one."""
 
     layout: TextLayout | None = None
     encoding: str = "utf-8"
     base: int = 16  # of identifiers and data
-    deltas: bool = False  # each time is counted from the frame before
+    deltas: bool = False  # each time is counted from the line before
+    start_s: float = 0.0  # of the log, since 1970
 
 
-def layout_of(path: Path) -> LayoutFound:
-    """Return the layout of a text log by its first lines.
+def layout_of(path: Path, kind: str = "") -> LayoutFound:
+    """Return the layout of a text log by its first lines, else by its suffix ``kind``.
 
     Raises RecordingError, without the file's name, for a tool whose logs are known, but not read,
     and OSError.
@@ -227,15 +310,34 @@ def layout_of(path: Path) -> LayoutFound:
             head += piece
     encoding = encoding_of(head)
     text = head.decode(encoding, errors="replace").replace("\r\n", "\n").lstrip("\ufeff")
-    for layout in LAYOUTS:
-        if layout.begins.search(text):
-            rows = list(filter(None, map(layout.frame.fullmatch, text.splitlines())))
-            base = 10 if "***DEC***" in text or _is_decimal(layout, rows) else 16
-            return LayoutFound(layout, encoding, base, _are_deltas(layout, rows))
+    found = (each for each in LAYOUTS if each.begins.search(text))
+    layout = next(found, BY_SUFFIX.get(kind))
+    if layout is PEAK:
+        return _peak(text, encoding)
+    if layout is not None:
+        rows = list(filter(None, map(layout.match, text.splitlines())))
+        says_decimal = re.search(r"\*\*\*DEC\*\*\*|^base\s+dec", text, _ANY | re.M)
+        base = 10 if says_decimal or _is_decimal(layout, rows) else 16
+        return LayoutFound(layout, encoding, base, _are_deltas(layout, rows, text))
     for begins, tool, converter in UNREAD:
         if begins.search(text):
             raise RecordingError(f"a CAN log, {tool}: not read, convert it with {converter}")
     return LayoutFound(encoding=encoding)
+
+
+def _peak(text: str, encoding: str) -> LayoutFound:
+    """Return PEAK's layout with the columns and the start that its header tells."""
+    version, columns, start = (
+        found[1] if (found := re.search(rf"^;\${name}=([\w.,]+)", text, _ANY | re.M)) else ""
+        for name in ("FILEVERSION", "COLUMNS", "STARTTIME")
+    )
+    letters = columns.replace(",", "") or _PEAK_COLUMNS.get(version, "NOILD")
+    cells = [_PEAK_CELLS.get(each, r"\S+") for each in letters]
+    pattern = r"\s*" + r"\s+".join(cells[:-1]) + r"(?:\s+" + cells[-1] + r")?\s*"
+    days = timedelta(days=float(start)) if start and version else None
+    start_s = (_PEAK_EPOCH + days).timestamp() if days else 0.0
+    layout = replace(PEAK, frames=(re.compile(pattern, _ANY),))
+    return LayoutFound(layout, encoding, start_s=start_s)
 
 
 def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
@@ -247,9 +349,14 @@ def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
     return not letters and any(len(byte) > 2 for row in words for byte in row[1:])
 
 
-def _are_deltas(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
-    """Return whether the times of candump -td: they begin with 0, as with -tz, and fall, too."""
-    if layout is not LAYOUTS[0]:
+def _are_deltas(layout: TextLayout, rows: Sequence[re.Match[str]], text: str) -> bool:
+    """Return whether times are those since the line before: an .asc says so.
+
+    Those of candump -td begin with 0, as with -tz, and fall, too.
+    """
+    if layout is ASC:
+        return bool(re.search(r"^base\s+\w+\s+timestamps\s+relative", text, _ANY | re.M))
+    if layout.tool != _CONSOLE:
         return False
     times_s = [layout.time_s(row["time"]) for row in rows]
     return times_s[:1] == [0.0] and any(b < a for a, b in pairwise(times_s))
@@ -265,23 +372,27 @@ def frames_of_lines(
     layout, late_s, before_s = found.layout, 0.0, 0.0
     for number, raw in enumerate(lines, 1):
         line = raw.strip("\ufeff\r\n")
+        if layout and layout.ends_lines and not raw.endswith("\n"):
+            raise CutShortError(CUT_SHORT)
         if not line.strip():
             continue
         try:
             if layout is None:
                 frame, channel = frame_of_line(line), line.split(maxsplit=2)[1]
-            else:
-                match = layout.frame.fullmatch(line.rstrip())
-                if match is None:
-                    if layout.other.fullmatch(line.rstrip()):
-                        continue
+            elif (match := layout.match(line.rstrip())) is None:
+                if not layout.other.fullmatch(line.rstrip()):
                     raise ValueError(line)
+                if found.deltas and (time := _TIME.match(line)):
+                    before_s += float(time[1])
+                continue
+            else:
                 time_s = layout.time_s(match["time"]) + (before_s if found.deltas else 0.0)
                 if layout.wraps and time_s + late_s < before_s - _DAY_S / 2:
                     late_s += _DAY_S
                 before_s = time_s + late_s
                 groups = match.groupdict()
-                frame, channel = _frame(groups, before_s, found.base), groups.get("channel") or ""
+                frame = _frame(groups, found.start_s + before_s, found.base)
+                channel = groups.get("channel") or ""
         except (ValueError, IndexError):
             wanted = f"a frame of {layout.tool} is wanted" if layout else WANTED
             counters.leave_out(number, line, wanted)
@@ -295,21 +406,38 @@ def frames_of_lines(
 
 def _frame(groups: dict[str, str | None], time_s: float, base: int) -> Frame | None:
     """Return the frame of a line's groups, None for a remote or error frame."""
-    if groups.get("remote") or groups.get("error"):
+    if groups.get("remote") or groups.get("error") or groups.get("rtr"):
         return None
     flags = groups.get("flags") or ""
     bits = int(flags) if flags.isdecimal() else 0  # of Kvaser
     if bits & _KVASER_NO_DATA:
         return None
-    text = (groups["data"] or "").replace(";", " ").replace(",", " ").split()
-    if len(text) == 1 and len(text[0]) > 3 and "x" not in text[0]:  # without spaces
-        text = re.findall("..", text[0])
-    length = int(groups.get("length") or len(text))
     can_id = int(groups["id"] or "", base)
-    if _CLASSIC < length < 16 and len(text) <= _CLASSIC:
-        length = _CLASSIC  # codes 9 to 15 of classic frames
-    data = bytes(int(byte, base) for byte in text[:length])
-    if len(data) < length or length > MAX_BYTES or not abs(time_s) < LATEST_S or can_id >> 29:
+    data = _data(groups, base)
+    if len(data) > MAX_BYTES or not abs(time_s) < LATEST_S or can_id >> 29:
         raise ValueError("no CAN frame")
     is_extended = bool(groups.get("ext") or bits & _KVASER_EXTENDED) or can_id > _STANDARD
     return Frame(round(time_s * 1e6) * 1000, can_id, is_extended, data)
+
+
+def _data(groups: dict[str, str | None], base: int) -> bytes:
+    """Return the data, as many bytes as the line says; raises ValueError if some lack."""
+    if (packed := groups.get("base64")) is not None:
+        data = b64decode(packed, validate=True)
+    else:
+        text = (groups.get("data") or "").replace(";", " ").replace(",", " ").split()
+        if len(text) == 1 and len(text[0]) > 3 and "x" not in text[0]:  # without spaces
+            text = re.findall("..", text[0])
+        data = bytes(int(byte, base) for byte in text)
+    length = len(data)
+    if said := groups.get("length"):
+        length = int(said)
+    elif said := groups.get("dlc"):
+        length = int(said, 16 if len(said) == 1 else 10)
+        if groups.get("fd") and length > _CLASSIC:
+            length = _FD_LENGTHS[length - _CLASSIC - 1]
+    if _CLASSIC < length < 16 and len(data) <= _CLASSIC:
+        length = _CLASSIC  # codes 9 to 15 of classic frames
+    if len(data) < length:
+        raise ValueError("bytes lack")
+    return data[:length]

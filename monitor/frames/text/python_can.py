@@ -1,19 +1,11 @@
-"""python-can without its reader and writer of .mf4, imported when a log needs it."""
+"""python-can without its reader and writer of .mf4, imported where a bus or a new log needs it."""
 
 import sys
 from types import ModuleType
-from typing import Any, Final
+from typing import Final
 
 _MDF: Final = "asammdf"
 _TESTER: Final = "cantools.tester"
-
-
-def text_reader(kind: str) -> Any:
-    """Return python-can's reader of a text format, ".asc", ".csv" or ".trc"."""
-    import_without_mdf()
-    import can  # noqa: PLC0415
-
-    return {".asc": can.ASCReader, ".csv": can.CSVReader, ".trc": can.TRCReader}[kind]
 
 
 def import_without_mdf() -> None:

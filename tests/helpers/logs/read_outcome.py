@@ -9,9 +9,9 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, FrameBlock
 from monitor.frames.blf.structure import check as check_blf
-from monitor.frames.blocks import EXTENDED, CutShortError, LogCounters
+from monitor.frames.blocks import EXTENDED, LATEST_S, CutShortError, LogCounters
 from monitor.frames.bounds import open_text
-from monitor.frames.logs import guarded, read_blocks, through_python_can
+from monitor.frames.logs import frame_of, guarded, read_blocks
 from monitor.frames.text.candump import frame_of_line
 from monitor.frames.text.lines import CUT_SHORT
 from training.recordings.files.frame_block import EncodedFrames
@@ -84,7 +84,21 @@ def python_can_reads(path: Path) -> Outcome:
         with path.open("rb") as file:
             _, early = check_blf(file)
         with can.LogReader(path) as reader:
-            yield from (frame for frame, _ in through_python_can(reader, counters))
+            for message in reader:
+                if message.is_error_frame or message.is_remote_frame:
+                    counters.skipped += 1
+                    continue
+                is_short = not message.is_fd and message.dlc > 8 == len(message.data)
+                length = 8 if is_short else message.dlc
+                if len(message.data) != length:
+                    raise ValueError(f"a frame of {length} bytes holds only {len(message.data)}")
+                if message.arbitration_id >> 29:
+                    name = f"{message.arbitration_id:#X}, CAN has 29 bits at most"
+                    raise ValueError(f"a frame with identifier {name}")
+                if not -LATEST_S < message.timestamp < LATEST_S:
+                    raise ValueError(f"a frame at {message.timestamp:g} s")
+                counters.frames += 1
+                yield frame_of(message)
         if early:
             raise CutShortError(early)
 

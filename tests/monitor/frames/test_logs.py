@@ -116,7 +116,7 @@ def test_a_blf_whose_logger_was_killed_is_read_and_says_so(folder: Path, tmp_pat
         ("noise.blf", b"x" * 500, "not a BLF file"),
         ("noise.mf4", b"x" * 500, "not an MDF file"),
         ("noise.log.gz", b"x" * 500, "Not a gzipped file"),
-        ("other.csv", b"a,b\n1,2\n", "python-can's log header is wanted"),
+        ("other.csv", b"a,b\n1,2\n", "no CAN log"),
         ("noise.asc", b"date nonsense\n", "damaged|no CAN frames"),
         ("noise.trc", b"nonsense\n", "damaged|no CAN frames"),
     ],
