@@ -29,18 +29,10 @@ _OWN = 3  # of these, columns that no shipped profile knows: others may be anoth
 _INVERSE = {"phi"}  # 1 / lambda, which no factor of a profile makes lambda
 _TIMES = ("time", "timestamp", "zeit", "seconds", "elapsedtime", "logtime", "devicetime")
 _RISING = 0.95  # of the steps of a column that tells the time; the first row may be an old one
-_COMMANDED = {"req", "request", "requested", "target", "cmd", "commanded", "desired", "soll", "sp"}
-_CORRECTIONS = {
-    "mod",
-    "modifier",
-    "mult",
-    "multiplier",
-    "corr",
-    "correction",
-    "trim",
-    "adj",
-    "comp",
-}
+_COMMAND = "req request requested target cmd commanded desired soll sp"
+_COMMANDED = frozenset(_COMMAND.split())
+_CORRECTED = "mod modifier mult multiplier corr correction trim adj comp"
+_CORRECTIONS = frozenset(_CORRECTED.split())
 _STEADY = frozenset(  # may stand still while the engine runs
     ("lambda_target", "ambient_pressure_kpa", "battery_voltage_v", "vehicle_speed_km_h")
 ) | {"throttle_percent", "volumetric_efficiency_percent"}
@@ -49,27 +41,18 @@ _STEADY = frozenset(  # may stand still while the engine runs
 def proposed(raw: RawTable) -> Iterator[str]:
     """Yield the lines of a profile for a raw table."""
     names = {signal.name: signal for signal in SIGNALS}
-    known = _known_names()
     notes = Notes()
     wanted = [Wanted(i) for i in range(len(raw.columns))]
     cells = next(iter(raw.read(wanted, notes)), np.empty((0, len(wanted))))
     found: dict[str, tuple[str, Source]] = {}
-    for i, column in enumerate(raw.columns):
-        for each in keys_of(column.name):
-            name, source = known.get(each, ("", Source(column="")))
-            if (
-                name
-                and name not in found
-                and is_of_quantity(name, source, column, STOICHIOMETRIC)
-                and not _is_doubtful(name, column, cells[:, i])
-            ):
-                found[name] = column.name, source
+    _take_known(raw, cells, found, as_it_is=True)
     times = _time_columns(raw, cells)
     taken = {column for column, _ in found.values()} | set(times)
     for name, by_words in _by_words(raw, cells, taken, [n for n in names if n not in found]):
         column = raw.columns[raw.names.index(by_words)]
         assumed = () if any(stated_texts(column)) else _assumed(name, by_words)
         found[name] = by_words, Source(column=by_words, units=assumed)
+    _take_known(raw, cells, found, as_it_is=False)
     yield f'title = "{raw.path.stem}"'
     yield "# stoich_afr = 14.7   # of the fuel: 9.0 for E85"
     yield f"time = [{', '.join(map(_quoted, times))}]{'' if times else '   # which column?'}"
@@ -120,6 +103,27 @@ def _known_names() -> dict[str, tuple[str, Source]]:
             for source in sources:
                 known.setdefault(key(source.column), (signal, source))
     return known
+
+
+def _take_known(
+    raw: RawTable, cells: FloatArray, found: dict[str, tuple[str, Source]], *, as_it_is: bool
+) -> None:
+    """Add the columns that shipped profiles know for signals without one, the first of each.
+
+    as_it_is : only those without a factor or an offset, such as of a gauge pressure
+    """
+    known = _known_names()
+    for i, column in enumerate(raw.columns):
+        for each in keys_of(column.name):
+            name, source = known.get(each, ("", Source(column="")))
+            if (
+                name
+                and name not in found
+                and not (as_it_is and (source.factor, source.offset) != (1.0, 0.0))
+                and is_of_quantity(name, source, column, STOICHIOMETRIC)
+                and not _is_doubtful(name, column, cells[:, i])
+            ):
+                found[name] = column.name, source
 
 
 def _by_words(

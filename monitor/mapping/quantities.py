@@ -84,11 +84,3 @@ _VARYING: Final = (
     "engine_speed_rpm vehicle_speed_km_h throttle_percent rail_pressure_mpa engine_torque_nm"
 )
 VARYING: Final = frozenset(_VARYING.split())  # move while a vehicle is driven
-TOGETHER: Final = (  # rise and fall together while driving
-    ("maf_kg_h", "engine_speed_rpm"),
-    ("air_mass_mg", "manifold_pressure_kpa"),
-    ("fuel_mass_mg", "manifold_pressure_kpa"),
-    ("manifold_pressure_kpa", "throttle_percent"),
-    ("engine_torque_nm", "manifold_pressure_kpa"),
-    ("vehicle_speed_km_h", "engine_speed_rpm"),
-)

@@ -21,15 +21,13 @@ from monitor.decode.raw_values import bit_position
 from monitor.decode.signal_map import Integrity, MappedSignal
 from monitor.frames.blocks import chosen, frames_of
 from monitor.mapping.candidates import MapCandidate
-from monitor.mapping.quantities import QUANTITIES, TOGETHER, VARYING
+from monitor.mapping.quantities import QUANTITIES, VARYING
 from monitor.mapping.words import words_of
 
 CONSIDERED: Final = 8  # candidates of each signal that are compared with the recording
-GRID_S: Final = 0.5  # on which signals are compared
 MOST_FRAMES: Final = 2_000_000
 FEW: Final = 20  # samples or frames that say nothing
 STILL: Final = 1e-9  # range of a signal that never moves
-RELATED: Final = 0.2  # correlation of signals that rise and fall together
 NEARLY_ALL: Final = 0.95  # of the frames in which a counter counts or a checksum holds
 MOST_COUNTER_BITS: Final = 8
 _COUNTER: Final = re.compile(
@@ -77,16 +75,10 @@ class ObservedSignal:
         self, ranked: Mapping[str, Sequence[MapCandidate]]
     ) -> dict[str, list[MapCandidate]]:
         """Return the candidates as the recording bears them out, the likeliest first."""
-        judged = {n: [_judged(c, self) for c in each[:CONSIDERED]] for n, each in ranked.items()}
-        best = {name: min(each, key=lambda c: c.rank) for name, each in judged.items() if each}
-        for name, each in judged.items():
-            together = [b if a == name else a for a, b in TOGETHER if name in (a, b)]
-            partners = [best[other] for other in together if other in best]
-            judged[name] = sorted(
-                (_compared(c, partners, self) for c in each),
-                key=lambda c: c.rank,
-            )
-        return judged
+        return {
+            name: sorted((_judged(c, self) for c in each[:CONSIDERED]), key=lambda c: c.rank)
+            for name, each in ranked.items()
+        }
 
     def protections(self, guarded: Iterable[Protection]) -> list[Protection]:
         """Return the counters and checksums that hold in the recording."""
@@ -196,38 +188,6 @@ def _usual(name: str, values: FloatArray) -> tuple[float, str]:
         usual = 0.7 * low <= middle <= 1.5 * high
         return (1.0, "") if usual else (0.5, f": its median is {middle:.4g}")
     return (0.6, ": unusual") if values.max() < low or values.min() > high else (1.0, "")
-
-
-def _compared(
-    candidate: MapCandidate, partners: Sequence[MapCandidate], observed: ObservedSignal
-) -> MapCandidate:
-    """Return the candidate with its confidence after a look at signals it should move with."""
-    series = observed.series_of(candidate)
-    for partner in partners:
-        other = observed.series_of(partner)
-        together = _correlation(series, other) if series and other else None
-        if together is None or partner.confidence < 0.5:
-            continue
-        moves = f"with {partner.name} (correlation {together:+.2f})"
-        if together < -RELATED:
-            candidate = candidate.judged(f"does not move {moves}", 0.7)
-        elif together > RELATED:
-            candidate = candidate.judged(f"moves {moves}", plus=0.03)
-    return candidate
-
-
-def _correlation(a: SignalSeries, b: SignalSeries) -> float | None:
-    """Return the correlation of two series on one grid, None if they do not tell."""
-    if min(len(a.values), len(b.values)) < FEW:
-        return None
-    start, end = max(a.t_s[0], b.t_s[0]), min(a.t_s[-1], b.t_s[-1])
-    if end - start < 10.0:
-        return None
-    grid = np.arange(start, end, GRID_S)
-    x, y = (np.interp(grid, s.t_s, np.nan_to_num(s.values, posinf=0.0, neginf=0.0)) for s in (a, b))
-    if np.ptp(x) < STILL or np.ptp(y) < STILL:
-        return None
-    return float(np.corrcoef(x, y)[0, 1])
 
 
 def protections(messages: Iterable[Message]) -> list[Protection]:

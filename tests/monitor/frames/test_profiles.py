@@ -497,3 +497,15 @@ def test_a_profile_to_edit_does_not_take_phi_for_lambda(tmp_path: Path) -> None:
     assert any(line.startswith('engine_speed_rpm = "RPM"') for line in lines)
     assert not any(line.startswith("lambda_") for line in lines)
     assert any(line.startswith('# "Phi"') for line in lines)
+
+
+def test_of_a_gauge_and_an_absolute_pressure_a_profile_to_edit_takes_the_absolute(
+    tmp_path: Path,
+) -> None:
+    gauge = (D["map_kpa"] - 101.3) / 6.894757
+    cells = {"Time": D["t_s"], "Boost (psi)": gauge, "RPM": D["rpm"], "MAP (kPa)": D["map_kpa"]}
+    draft = "\n".join(proposed(open_table(write_text_table(tmp_path / "drive.csv", cells))))
+    assert 'manifold_pressure_kpa = "MAP (kPa)"' in draft
+    del cells["MAP (kPa)"]
+    draft = "\n".join(proposed(open_table(write_text_table(tmp_path / "gauge.csv", cells))))
+    assert 'column = "Boost (psi)", unit = "psi", offset = 101.3' in draft
