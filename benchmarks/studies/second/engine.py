@@ -311,7 +311,8 @@ def _on_course(course: ChainDrive, n: int) -> Car:
     charge = intake + 0.32 * (coolant - intake) * np.exp(-flow_kg_h / 140.0)
     for _ in range(20):  # the pressure that fills the cylinder so
         kpa = kpa * air / np.array(filled_mg(rpm, kpa, charge))
-    return Car(rpm, kpa, intake, coolant, (fuel < 0.3).astype(np.float64), air, flow_kg_h)
+    through = flow_kg_h + np.diff(kpa, prepend=kpa[0]) * 3.6  # as in drive_car
+    return Car(rpm, kpa, intake, coolant, (fuel < 0.3).astype(np.float64), air, through)
 
 
 @njit(cache=True)
