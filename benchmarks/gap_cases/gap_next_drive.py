@@ -1,7 +1,8 @@
 """The next drive: how often the naming is right after the manoeuvre that it proposed.
 
 Vehicles of the second engine with an effect so small, or drives so short, that the naming does not
-say one name. Each then drives ten minutes of the proposed manoeuvre, and ten minutes at random.
+say one name. Each then drives ten minutes of the proposed manoeuvre, and ten minutes at random. A
+drive like a present one is another at random.
 
 python -m benchmarks gap_next_drive [--folder build/gap_cases] [--set report] [--most 20]
 """
@@ -20,12 +21,12 @@ from benchmarks.gap_cases.second_engine_cases import SIZES
 from benchmarks.gap_cases.stored import plain
 from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.studies.second.engine import drive as second_drive
-from training.gap.name.manoeuvres import LONG_S, courses
+from training.gap.name.manoeuvres import LONG_S, library
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
 from training.greybox.fit.drive import ChainDrive
 
-VEHICLES: Final = {"choose": (31, 32), "report": (71, 72)}
+VEHICLES: Final = {"choose": (31, 32), "report": (73, 74)}
 SMALL: Final = (0.3, 0.5)  # of the sizes of the other cases
 DRIVES: Final = 2
 LENGTH_S: Final = 240.0
@@ -85,7 +86,7 @@ def _rows(folder: Path, vehicles: Sequence[int]) -> Iterator[dict[str, Any]]:
         if first.verdict not in ("ambiguous", "unknown_effect") or first.answer.experiment is None:
             continue
         proposed = first.answer.experiment
-        course = courses(drives)[proposed.name]
+        course = library(drives[0].period_s).get(proposed.name)
         more = {"proposed": driven(seed + 8, LONG_S, course), "random": driven(seed + 9, LONG_S)}
         answers = {words: _answer(name([*drives, d], known), effect) for words, d in more.items()}
         yield {
