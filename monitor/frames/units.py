@@ -79,7 +79,7 @@ _NAMES: Final[dict[str, dict[float, str]]] = {
     "lambda": {1.0: "lambda λ - la lam lambdas ratio none unitless factor bit bool boolean flag"},
     "phi": {1.0: "phi φ er eqr"},
     "another": {
-        1.0: "km m mm w kw hp ps ohm kohm deg ° degkw degca grad l ml kg count counts g/km l/100km "
+        1.0: "km m mm w kw hp ps ohm kohm degkw degca l ml kg count counts g/km l/100km "
         "mpg mw j kj n kn km/l day month year hour minute second ca degbtdc m/s2 m/s^2 deg/s kwh "
         "ah %/s nm/s"
     },

@@ -31,6 +31,7 @@ _TIMES = ("time", "timestamp", "zeit", "seconds", "elapsedtime", "logtime", "dev
 _RISING = 0.95  # of the steps of a column that tells the time; the first row may be an old one
 _COMMAND = "req request requested target cmd commanded desired soll sp"
 _COMMANDED = frozenset(_COMMAND.split())
+_STATES = frozenset(("status", "state", "on", "active"))  # of a flag, no measurement
 _CORRECTED = "mod modifier mult multiplier corr correction trim adj comp"
 _CORRECTIONS = frozenset(_CORRECTED.split())
 _STEADY = frozenset(  # may stand still while the engine runs
@@ -196,9 +197,10 @@ def _is_doubtful(name: str, column: RawColumn, cells: FloatArray) -> bool:
     words = {w for text in (column.name, *column.others) for w in words_of(name_and_unit(text)[0])}
     commanded = bool(words & _COMMANDED) and not name.endswith("_target")
     corrected = bool(words & _CORRECTIONS) and not name.startswith(("lambda_con", "lambda_corr"))
+    state = bool(words & _STATES) and not (name in QUANTITIES and QUANTITIES[name].is_flag)
     known = cells[np.isfinite(cells)]
     constant = len(known) > 1 and bool((known == known[0]).all())
-    return commanded or corrected or (constant and name in ALIVE - _STEADY)
+    return commanded or corrected or state or (constant and name in ALIVE - _STEADY)
 
 
 def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:

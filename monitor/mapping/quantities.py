@@ -25,7 +25,7 @@ class MapQuantity(NamedTuple):
 _ROWS: Final = {  # phrases and how sure they are | values | words that may stand beside them
     "lambda_measured": "lambda 0.9, lambda sensor 0.97, air fuel ratio 0.95, "
     "equivalence ratio 0.95, equivalence 0.75, equivalence sensor 0.9 "
-    "| 0.85 1.15 | pre valid wide range",
+    "| 0.85 1.15 | pre valid wide range ratio oxygen o2 o2s",
     "lambda_target": "lambda target 1.0, lambda_target 1.0, air fuel ratio target 0.95, "
     "equivalence target 0.95 | 0.85 1.05 |",
     "lambda_controller": "lambda control 1.0, fuel trim short 1.0, fuel trim 0.9, trim short 0.9, "

@@ -50,10 +50,13 @@ TABLES = {
             lambda i: (
                 f'"{i / 10}";"Engine RPM";"{RPM[i]}";"rpm"\n'
                 f'"{i / 10 + 0.02}";"Mass Air Flow";"{AIR[i]}";"g/s"\n'
-                f'"{i / 10 + 0.05}";"Wide Range Equivalence ratio";"{AFR[i] / 14.7:.4f}";""'
+                f'"{i / 10 + 0.05}";"O2 Sensor 1 Wide Range Equivalence ratio";"{AFR[i] / 14.7}";""'
             )
         ),
-        {"engine_speed_rpm": "Engine RPM", "lambda_measured": "Wide Range Equivalence ratio"},
+        {
+            "engine_speed_rpm": "Engine RPM",
+            "lambda_measured": "O2 Sensor 1 Wide Range Equivalence ratio",
+        },
     ),
 }
 
