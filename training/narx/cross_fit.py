@@ -23,8 +23,8 @@ from monitor.model.step import Model, to_model_units
 from training.narx.export import Network, save
 from training.narx.model_file import measures, shape_of
 from training.narx.network import Spec
-from training.narx.search.stages import Trained, free_run, train
-from training.narx.search.structure import EPOCHS, HORIZONS, N_SAMPLES
+from training.narx.search.stages import N_SAMPLES, Trained, free_run, train
+from training.narx.search.structure import SEARCHED
 from training.narx.work import Work
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, Samples
@@ -196,8 +196,7 @@ def _trained(
             spec,
             seed,
             work,
-            horizons=HORIZONS,
-            epochs=EPOCHS,
+            horizons=SEARCHED,
             n_samples=N_SAMPLES,
             decay=decay,
         )

@@ -2,7 +2,8 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,15 +14,12 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.narx.cross_fit import CrossFit, cross_fit
 from training.narx.export import Network
-from training.narx.linear.arx import Arx
 from training.narx.model_file import HeldOut, held_out, write_model
 from training.narx.network import Spec
 from training.narx.search.folds import folds_of, free_folds, trained_on_all
-from training.narx.search.linear_start import best_arx, linear_starts, with_memory
-from training.narx.search.stability import Contraction
-from training.narx.search.stages import Trained, free_run
-from training.narx.search.starts import Shape, Starts, committees, means
-from training.narx.search.structure import Search, Try
+from training.narx.search.mean import Choice, choose
+from training.narx.search.stages import N_SAMPLES, Trained, free_run, train
+from training.narx.search.structure import MEMBERS, Search, Try
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role, prepare
 
@@ -29,10 +27,10 @@ if TYPE_CHECKING:
     from training.recordings.recording import Recording
 
 LAGS, HIDDEN = 5, (8, 8)  # of the paper's network
-SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
+SEARCH_SHARE = 0.6  # of the work is the search, the rest trains the members of the mean
+FOLDS = 4  # at most, of a search: as many as the samples of one candidate allow
 CROSS_FIT_SHARE = 0.5  # of the work is that of the twins
-SHORT_SAMPLES, ROTATIONS = 5000, 4  # shorter recordings choose by several sets of held-out blocks
-STARTS, STARTS_SHORT = 3, 8  # trainings from different random weights
+STARTS = 3  # trainings from different random weights
 ENDED_EARLY = "the wall limit ended the training early: it would end elsewhere on another machine"
 SAMPLES_PER_WEIGHT = 10  # with fewer the network overfits
 
@@ -54,6 +52,12 @@ class FitResult:
     seconds: float
     warnings: tuple[str, ...]
 
+    @property
+    def members(self) -> tuple[Trained, ...]:
+        """Return the trainings whose mean the model is."""
+        model = self.starts[self.best]
+        return tuple(t for t in self.starts if t.members == 1) if model.members > 1 else (model,)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitOptions:
@@ -62,7 +66,8 @@ class FitOptions:
     lags: int | None = None  # with ``hidden`` the shape; if neither is given, a search chooses
     hidden: tuple[int, ...] | None = None  # neurons per layer
     input_lag_start: int = 1  # 0 lets the inputs of the predicted tick in
-    starts: int | None = None  # trainings from different random weights, default 3; see ``fit``
+    starts: int | None = None  # trainings from different random weights; default 3 of a given
+    # shape, of which the best is the model, and 4 of a search, whose mean is
     budget_minutes: float = 10.0  # of work that one core does in about this time
     wall_minutes: float | None = None  # after which no further epoch begins
     seed: int = 0
@@ -116,41 +121,24 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     options = options or FitOptions()
     seed, threads = options.seed, options.threads
     began_s = time.monotonic()
-    lags = options.lags or LAGS
-    data = source.prepared(lags, seed)
-    short = len(data.role) < SHORT_SAMPLES
     whole = Work.of_minutes(options.budget_minutes, options.wall_minutes)
     work = whole.up_to((1.0 - CROSS_FIT_SHARE) * whole.limit)
-    shapes, tries = [_shape(data, options)], tuple[Try, ...]()
-    arx, folds = None, [data]
+    data = source.prepared(options.lags or LAGS, seed)
     if options.lags is None and options.hidden is None:
-        if arx := best_arx(data):
-            data = with_memory(data, arx)
-        others = (source.prepared(lags, seed + i) for i in range(1, ROTATIONS if short else 1))
-        rotations = folds_of(data, others)
-        keep = source.validate or options.keep_validation
-        folds = rotations[:1] if keep else free_folds(rotations)
-        searching = work.up_to(SEARCH_SHARE * whole.limit)
-        search = Search(rotations, searching, threads, options.tried)
-        shapes = [(found.spec(data), found.decay) for found in search.run()]
-        work.join([searching])
-        tries = tuple(search.tries.values())
-    warnings = [*data.warnings, *_size_warnings(data, shapes[0][0])]
-    count = options.starts or (STARTS_SHORT if short else STARTS)
-    runs = Starts(folds[:count], seed, work, threads, options.progress)
-    chosen = _train(runs, shapes, count, arx, join=bool(tries))
+        data, chosen, tries = _searched(source, data, options, work)
+    else:
+        chosen, tries = _trained(data, options, work), ()
+    warnings = [*data.warnings, *_size_warnings(data, chosen.best_member.spec)]
     if not np.isfinite(chosen.model.score):
         raise UsageError(
             f"the budget of {options.budget_minutes:g} min ended before the first epoch"
         )
-    if len(runs.folds) > 1 and chosen.model.spec.hidden:
-        data = trained_on_all(data)
     whole.join([work])
     spare = whole.up_to(CROSS_FIT_SHARE / (1.0 - CROSS_FIT_SHARE) * work.spent)
     twins = cross_fit(
         data,
-        _member(chosen.model),
-        decay=chosen.model.decay,
+        chosen.best_member.spec,
+        decay=chosen.best_member.decay,
         seed=seed,
         work=spare,
         threads=threads,
@@ -178,44 +166,47 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     )
 
 
-def _shape(data: Prepared, options: FitOptions) -> Shape:
+def _shape(data: Prepared, options: FitOptions) -> Spec:
     """Return the shape that was asked for, the paper's where nothing was said."""
     limits = data.scaling.y_scaled_limits
     size = options.lags or LAGS, options.hidden or HIDDEN
-    return Spec(len(data.inputs), *size, options.input_lag_start, *limits), 0.0
+    return Spec(len(data.inputs), *size, options.input_lag_start, *limits)
 
 
-@dataclass(frozen=True, slots=True)
-class _Choice:
-    """All trainings, the number of the best one, and how well it forgets its history."""
+def _searched(
+    source: FitSource, data: Prepared, options: FitOptions, work: Work
+) -> tuple[Prepared, Choice, tuple[Try, ...]]:
+    """Return the data with their roles at the end, the mean of the best trainings, all tries."""
+    seed, n_train = options.seed, int((data.role == Role.TRAIN).sum())
+    count = min(max(N_SAMPLES // n_train, 1), FOLDS)
+    folds = folds_of(data, (source.prepared(LAGS, seed + i) for i in range(1, count)))
+    keep = source.validate or options.keep_validation
+    free = 1 if keep else free_folds(folds)
+    searching = work.up_to(SEARCH_SHARE * work.limit)
+    search = Search(folds, seed, searching, options.threads, options.tried, options.progress)
+    search.run()
+    work.join([searching])
+    chosen = choose(
+        data, search.members(free, work, options.starts or MEMBERS), seed, work, join=True
+    )
+    return (trained_on_all(data) if free > 1 else data), chosen, tuple(search.ranked)
 
-    starts: tuple[Trained, ...]
-    best: int
-    gap: Contraction
 
-    @property
-    def model(self) -> Trained:
-        """Return the training that is the model."""
-        return self.starts[self.best]
+def _trained(data: Prepared, options: FitOptions, work: Work) -> Choice:
+    """Return the best of several starts of the shape that was asked for."""
+    spec = _shape(data, options)
+    _size_warnings(data, spec)
+    count, told = options.starts or STARTS, options.progress
+    parts = work.split(count)
 
+    def one(start: int) -> Trained:
+        progress = (lambda h, e, s: told(start, h, e, s)) if told else None
+        return train(data, spec, options.seed + 1000 * start, parts[start], progress)
 
-def _train(
-    runs: Starts, shapes: Sequence[Shape], count: int, arx: Arx | None, *, join: bool
-) -> _Choice:
-    """Train every shape from ``count`` starts.
-
-    arx : linear model, which is a candidate, as it is and trained further
-    join : committees of the starts are candidates
-    """
-    linear = linear_starts(runs.folds, arx, runs.work) if arx else ()
-    trained = runs.train([(start, shape) for shape in shapes for start in range(count)])
-    if join:
-        several = len(runs.folds) > 1
-        trained += (
-            means(runs.folds, trained, runs.seed) if several else committees(runs.data, trained)
-        )
-    trained += linear
-    return _Choice(*runs.until_one_forgets(trained, shapes[0], first=count))
+    with ThreadPoolExecutor(max(1, min(options.threads, count))) as pool:
+        found = list(pool.map(one, range(count)))
+    work.join(parts)
+    return choose(data, found, options.seed, work, join=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,13 +218,8 @@ class _Written:
     predicted: FloatArray  # (n,) in model units
 
 
-def _member(model: Trained) -> Spec:
-    """Return the shape of one of the trainings whose mean the model is."""
-    return replace(model.spec, hidden=tuple(n // model.members for n in model.spec.hidden))
-
-
 def _write(
-    out: Path | str, data: Prepared, chosen: _Choice, twins: CrossFit, work: Work
+    out: Path | str, data: Prepared, chosen: Choice, twins: CrossFit, work: Work
 ) -> _Written:
     model = chosen.model
     predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
@@ -263,7 +249,7 @@ def _size_warnings(data: Prepared, spec: Spec) -> list[str]:
     return []
 
 
-def _training_warnings(chosen: _Choice, memory: int) -> list[str]:
+def _training_warnings(chosen: Choice, memory: int) -> list[str]:
     gap, warnings = chosen.gap, []
     if memory and not gap.gap <= gap.limit:
         warnings.append(

@@ -6,7 +6,7 @@ and held-out recordings are only reported.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -19,13 +19,13 @@ from training.limits.decision_limits import MANY_WINDOWS, set_limits
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.model_file import held_out, write_model
 from training.narx.network import Spec, describe
+from training.narx.search.mean import mean_of
 from training.narx.search.stability import CONTRACTION_SAMPLES, contraction
 from training.narx.search.stages import blocks_of, free_run, train
-from training.narx.search.starts import committee
 from training.narx.work import Work
 from training.recordings.samples.preparation import Role
 from training.study.free_runs import FreeRun, judged_on
-from training.study.narx.models import SEED_STEP, spec_from
+from training.study.narx.models import spec_from
 from training.study.results import stored
 from training.study.task import Parts, Settings, Task
 
@@ -64,19 +64,18 @@ def free_structure(task: Task, _: Parts) -> dict[str, Any]:
 
 
 def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
-    spec, members = result.network.spec, result.starts[result.best].members
-    one = replace(spec, hidden=tuple(n // members for n in spec.hidden))  # one committee member
-    same = [t for t in result.starts if t.spec == one and t.members == 1]
-    number = min(range(len(same)), key=lambda i: same[i].score)
-    best = same[number]
-    seed = task.settings.seed + SEED_STEP * number  # gives the same initial weights
+    spec, members = result.network.spec, result.members
     limit_minutes = max(task.settings.budget_minutes, 0.1) / 5
-    one_step = train(task.data, one, seed, Work.of_minutes(limit_minutes), horizons=())
-    widened = committee(one, members * [one_step.weights])[1]  # the same network, at full width
+    alone = [  # the same initial weights, one step ahead only
+        train(task.data, t.spec, t.seed, Work.of_minutes(limit_minutes), horizons=(), decay=t.decay)
+        for t in members
+    ]
+    one_step = mean_of([(t.spec, t.weights) for t in alone])[1]
+    best = min(members, key=lambda t: t.score)
     tries = sorted(result.tries, key=lambda t: t.rmse)
     tables = {
         "structure": describe(spec),
-        "members": members,
+        "members": len(members),
         "n_weights": spec.n_weights,
         "warnings": result.warnings,
         "stage": min(best.stages, key=lambda s: min(s.scores)).name if best.stages else "none",
@@ -86,7 +85,7 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     return plain(tables) | {
         "spec": asdict(spec),
         "weights": result.network.weights.tolist(),
-        "one_step_weights": widened.tolist() if one_step.stages else None,
+        "one_step_weights": one_step.tolist() if all(t.stages for t in alone) else None,
     }
 
 

@@ -24,11 +24,10 @@ from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, layers
 from training.narx.page.fit_verdict import fit_verdict
 from training.narx.page.training_page import write_report
-from training.narx.search.stability import Contraction, contraction
-from training.narx.search.stages import train
-from training.narx.work import PER_MINUTE, of_epoch
+from training.narx.search.stability import contraction
+from training.narx.search.stages import Trained, with_less_feedback
+from training.narx.work import PER_MINUTE, Work, of_epoch
 from training.recordings.recording import Recording
-from training.recordings.samples.preparation import Prepared
 from training.recordings.samples.transforms import fuel_air_ratio
 
 NAMES = ("air_mass_mg", "fuel_mass_mg", "lambda_measured", "fuel_cut")
@@ -104,39 +103,14 @@ def test_a_loop_so_unstable_that_no_step_helps_forgets_in_the_end(fitted: FitRes
     layers(spec, weights)[0][0][:, -spec.lags :] *= 10.0
     layers(spec, weights)[1][0][:] *= 3.0
     assert contraction(fitted.data, spec, weights, 0).gap > 1.0
-    # WHEN they are trained over a horizon at which their errors explode
-    trained = train(fitted.data, spec, 1, weights=weights, horizons=(1000,))
-    # THEN taking the feedback back, once or more, ends in a model that forgets and predicts
-    names = [stage.name for stage in trained.stages]
-    assert names[1:3] == ["forget", "less feedback"]
-    assert set(names[3:]) <= {"less feedback"}
+    # WHEN the feedback is taken back THEN the model forgets and predicts
+    start = Trained(spec, weights, np.inf)
+    trained = with_less_feedback(fitted.data, start, 1, Work())
     assert contraction(fitted.data, spec, trained.weights, 0).gap < 0.01
     assert trained.score < 0.1  # standard deviations of the output
-
-
-def test_further_starts_are_trained_while_none_forgets(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    small = FitOptions(lags=2, hidden=(3,), starts=1, budget_minutes=1.0)
-
-    # GIVEN histories that count as remembered until the third training
-    def remembered(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
-        number = next((i for i, known in enumerate(seen) if known is weights), len(seen))
-        if number == len(seen):
-            seen.append(weights)
-        return Contraction(1.0 if number < forgets_at else 0.0, 0.01, 1)
-
-    monkeypatch.setattr("training.narx.search.starts.contraction", remembered)
-    # WHEN one start is asked for THEN there are three, and the one that forgets is taken
-    forgets_at, seen = 2, list[FloatArray]()
-    found = fit(source_of(plant(1)), tmp_path / "m.onnx", small)
-    assert len(found.starts) == 3
-    assert found.best == 2
-    # AND if none forgets there are three more, each of which may be the best
-    forgets_at, seen = 99, []
-    found = fit(source_of(plant(1)), tmp_path / "m.onnx", small)
-    assert len(found.starts) == 4
-    assert any("differ by up to 1 after 50 samples" in each for each in found.warnings)
+    # AND without work left it forgets at least
+    trained = with_less_feedback(fitted.data, start, 1, Work(0.0))
+    assert contraction(fitted.data, spec, trained.weights, 0).gap < 0.01
 
 
 def test_evaluate_scores_free_run_and_one_step_after_the_washout(fitted: FitResult) -> None:

@@ -15,7 +15,7 @@ from tests.helpers.models.plants import (
     two_inputs,
 )
 from training.narx.linear.arx import Arx, arx_delays, fit_arx, order_grid
-from training.narx.linear.free_run import free_run_error
+from training.narx.linear.free_run import free_run_error, free_runs
 from training.narx.linear.output_error import OutputError, fit_output_error, refine
 from training.narx.linear.regressors import Stretch, triangle
 from training.narx.linear.responses import BAND, effective_samples, impulse_response
@@ -188,3 +188,13 @@ def test_output_error_never_diverges(seed: int) -> None:
     run = model.simulate(rng.standard_normal((20_000, 2)), records[0][1][:20])
     assert np.isfinite(run).all()
     assert np.abs(run[-5000:]).max() < 1e4 * np.abs(records[0][1]).max()
+
+
+def test_a_stretch_as_short_as_its_start_is_all_measured() -> None:
+    # GIVEN a model without memory of its output, and a stretch between two readings left out
+    model = Arx(delays=(0,), b=np.array([[0.5]]), a=np.zeros(0), offset=0.0)
+    short, long = np.ones((3, 1)), np.ones((5, 1))
+    # WHEN both run freely behind three measured samples
+    runs = free_runs(model, [(short, np.full(3, 2.0)), (long, np.full(5, 2.0))], skip=3)
+    # THEN the short one is what was measured
+    assert [run.tolist() for run in runs] == [[2.0, 2.0, 2.0], [2.0, 2.0, 2.0, 0.5, 0.5]]

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.training.narx.test_linear_start import prepared
+from tests.training.narx.test_folds import prepared
 from training.narx.network import Spec, last_outputs
-from training.narx.search.stability import contraction
+from training.narx.search.stability import contraction, settling
+from training.narx.search.structure import Structure
 
 SPEC = Spec(2, 1, (1,), 0, -3.0, 3.0)
 
@@ -39,3 +40,16 @@ def test_one_steady_state_at_every_operating_point_is_forgetting() -> None:
     data = replace(prepared(0.8), memory=200)
     found = contraction(data, SPEC, feedback(0.5), seed=0)
     assert found.gap < 0.01 * found.limit
+
+
+def test_a_slow_model_settles_after_as_long_as_it_takes_to_forget() -> None:
+    # GIVEN linear models that forget a step by a tenth, a hundredth and nothing per sample
+    data = prepared(0.95)
+    spec = Structure(2, 1, ()).spec(data)
+    for pole, samples in ((0.9, 50), (0.97, 200), (1.0, 50)):
+        weights = np.zeros(spec.n_weights)
+        weights[-2] = pole
+        # WHEN their histories are compared THEN the time is long enough, or 50 if none is
+        found = settling(data, spec, weights, 0)
+        assert found.samples == samples
+        assert (found.gap <= found.limit) == (pole < 1.0)

@@ -1,6 +1,5 @@
 """The choice of memory and size by the data, and what it needs: boxed lags and a linear path."""
 
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, describe, forward, initial_weights, jacobian, regressors
 from training.narx.search.stages import blocks_of, pieces
-from training.narx.search.starts import committee
 from training.narx.search.structure import Structure, boxes
 from training.recordings.recording import Recording, load
 from training.recordings.samples.preparation import Role, prepare
@@ -101,7 +99,7 @@ def test_derivatives_hold_for_boxes_and_the_linear_path() -> None:
 @pytest.fixture(scope="module")
 def late(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
     out = tmp_path_factory.mktemp("late") / "model.onnx"
-    return fit(FitSource([analyser(1)], ["u0"], "y"), out, FitOptions(starts=1, budget_minutes=0.1))
+    return fit(FitSource([analyser(1)], ["u0"], "y"), out, FitOptions(starts=1, budget_minutes=0.2))
 
 
 def test_a_late_analyser_is_given_a_long_memory(late: FitResult) -> None:
@@ -133,9 +131,9 @@ def test_a_short_record_of_a_nearly_linear_plant_gets_a_small_model(tmp_path: Pa
     u = np.repeat(rng.uniform(-1, 1, 60), 10)
     y = lfilter([0.2], [1.0, -0.8], u) + 0.2 * rng.standard_normal(600)
     source = FitSource([recording(u[:, None], y)], ["u0"], "y")
-    result = fit(source, tmp_path / "m.onnx", FitOptions(starts=1, budget_minutes=0.03))
+    result = fit(source, tmp_path / "m.onnx", FitOptions(starts=1, budget_minutes=0.1))
     largest = max(t.n_weights for t in result.tries)
-    assert result.network.spec.n_weights < 0.6 * largest
+    assert max(t.spec.n_weights for t in result.members) < 0.6 * largest
     truth = lfilter([0.2], [1.0, -0.8], u)
     off = result.predicted[60:] - truth[60:]
     assert np.sqrt(np.mean(off**2)) < 0.06  # the noise is 0.2, the signal 0.25
@@ -167,14 +165,3 @@ def test_tables_of_any_sample_period_are_used_sample_for_sample(tmp_path: Path) 
         drive = load(path)
         assert len(drive.values) == 400
         assert drive.period_ns == pytest.approx(period_s * 1e9, rel=1e-4)
-
-
-def test_a_committee_is_the_mean_of_its_members() -> None:
-    rng = np.random.default_rng(5)
-    rows = rng.normal(size=(30, BOXED.n_regressors))
-    two_layers = replace(BOXED, hidden=(4, 3))
-    for spec in (BOXED, two_layers, replace(two_layers, linear_path=False)):
-        members = [initial_weights(spec, rng) + 0.1 for _ in range(3)]
-        wide, weights = committee(spec, members)
-        mean = np.mean([forward(spec, w, rows) for w in members], axis=0)
-        np.testing.assert_allclose(forward(wide, weights, rows), mean, atol=1e-12)

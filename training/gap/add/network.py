@@ -220,7 +220,7 @@ def _trained_card(
         layers=best.spec.hidden,
         residual_mean=enabled.get("residual_mean", 0.0),
         residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
-        structure=dict(card.structure) | {"members": best.members},
+        structure=dict(card.structure) | {"members": 1},
         fit={"test": everything, "test_enabled": enabled},
         checks={"contraction": gap.to_card()},
     )

@@ -15,11 +15,10 @@ from training.gap.add.network_graph import DIFFERENCE
 from training.greybox.graph.chain_difference import ChainDifference
 from training.jobs import Progress
 from training.narx.export import Network
-from training.narx.network import Layers, Spec, layers, linear_path
+from training.narx.network import Spec, layers, linear_path
+from training.narx.search.mean import choose
 from training.narx.search.stability import Contraction
 from training.narx.search.stages import Trained, train
-from training.narx.search.starts import choose, committees
-from training.narx.search.structure import FIRST_DECAY
 from training.narx.work import Work
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared
@@ -27,6 +26,7 @@ from training.recordings.samples.rows import hold
 from training.recordings.samples.scaling import Scaling
 
 RANDOM_STARTS = 2
+DECAY = 1e-5  # of the weights of a network with a linear path
 
 
 def with_difference(recording: Recording, difference: ChainDifference) -> Recording:
@@ -64,8 +64,8 @@ def train_again(
     Raises UsageError if the work ended before the first epoch.
     """
     spec = spec_of(card, network, data)
-    begins = [*old_weights(card, network, spec, data.scaling), *[None] * RANDOM_STARTS]
-    decay = FIRST_DECAY[0] if spec.linear_path else 0.0
+    begins = [old_weights(network, spec, data.scaling), *[None] * RANDOM_STARTS]
+    decay = DECAY if spec.linear_path else 0.0
     trained = list[Trained]()
     for number, weights in enumerate(begins):
         if work.is_over():
@@ -79,10 +79,8 @@ def train_again(
     trained = [each for each in trained if np.isfinite(each.score)]
     if not trained:
         raise UsageError("the budget ended before the first epoch of the retraining")
-    if card.structure.get("members", 1) > 1:  # another number may be the best of them now
-        trained += committees(data, trained)
-    best, gap = choose(data, trained, seed)
-    return trained[best], gap
+    chosen = choose(data, trained, seed, work, join=False)
+    return chosen.model, chosen.gap
 
 
 def _told(progress: Progress, what: str) -> Callable[[int, int, float], None]:
@@ -90,13 +88,13 @@ def _told(progress: Progress, what: str) -> Callable[[int, int, float], None]:
 
 
 def spec_of(card: ModelCard, network: Network, data: Prepared) -> Spec:
-    """Return the shape of one training of a model, for inputs and scaling of ``data``."""
-    members, structure = _members(card), card.structure
+    """Return the shape of a model, for inputs and scaling of ``data``."""
+    structure = card.structure
     y_min, y_max = data.scaling.y_scaled_limits
     return Spec(
         n_inputs=len(data.inputs),
         lags=int(structure.get("output_lags", card.lags)),
-        hidden=tuple(n // members for n in card.layers),
+        hidden=tuple(card.layers),
         input_lag_start=card.input_lag_start,
         y_min=y_min,
         y_max=y_max,
@@ -105,44 +103,20 @@ def spec_of(card: ModelCard, network: Network, data: Prepared) -> Spec:
     )
 
 
-def _members(card: ModelCard) -> int:
-    return int(card.structure.get("members", 1)) if card.layers else 1
+def old_weights(network: Network, spec: Spec, scaling: Scaling) -> FloatArray:
+    """Return weights of the shape ``spec`` that predict what the old network does.
 
-
-def old_weights(
-    card: ModelCard, network: Network, spec: Spec, scaling: Scaling
-) -> list[FloatArray]:
-    """Return weights of the shape ``spec`` for each training whose mean the old network is.
-
-    They predict what it does, whatever the last input is.
+    They do whatever the last input is.
     """
-    path = linear_path(network.spec, network.weights) if spec.linear_path else None
-    found = []
-    for stack in _apart(layers(network.spec, network.weights), _members(card)):
-        stack[0] = _rescaled(network, spec, scaling, *stack[0])
-        w, b = stack[-1]
-        tail = np.empty(0)
-        if path is not None:
-            direct, more = _rescaled(network, spec, scaling, path[None], np.zeros(1))
-            b, tail = b + more, direct[0] / scaling.y_std
-        stack[-1] = (w / scaling.y_std, (b - scaling.y_mean) / scaling.y_std)
-        found.append(np.concatenate([*(x.ravel() for pair in stack for x in pair), tail]))
-    return found
-
-
-def _apart(stack: Layers, members: int) -> list[Layers]:
-    """Return the layers of each member; a committee is block-diagonal and a mean at the end."""
-    apart: list[Layers] = []
-    for i in range(members):
-        own: Layers = []
-        for depth, (w, b) in enumerate(stack):
-            rows, columns = len(w) // members, w.shape[1] // members
-            last = depth == len(stack) - 1
-            up = slice(None) if last else slice(i * rows, (i + 1) * rows)
-            along = slice(i * columns, (i + 1) * columns) if depth else slice(None)
-            own.append((w[up, along] * (members if last else 1), b[up]))
-        apart.append(own)
-    return apart
+    stack, tail = [(w.copy(), b) for w, b in layers(network.spec, network.weights)], np.empty(0)
+    stack[0] = _rescaled(network, spec, scaling, *stack[0])
+    w, b = stack[-1]
+    if spec.linear_path:
+        path = linear_path(network.spec, network.weights)[None]
+        direct, more = _rescaled(network, spec, scaling, path, np.zeros(1))
+        b, tail = b + more, direct[0] / scaling.y_std
+    stack[-1] = (w / scaling.y_std, (b - scaling.y_mean) / scaling.y_std)
+    return np.concatenate([*(x.ravel() for pair in stack for x in pair), tail])
 
 
 def _rescaled(

@@ -1,7 +1,6 @@
 """The page of one training: its warnings, tries, figures and free runs."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,19 +22,17 @@ from training.pages.page import page
 
 def write_report(path: Path | str, result: FitResult) -> None:
     """Write the page; figures are embedded, nothing is loaded from elsewhere."""
-    members = result.starts[result.best].members
-    spec = result.network.spec
-    one = replace(spec, hidden=tuple(n // members for n in spec.hidden))
+    chosen = {each.spec for each in result.members}
     write_page(
         path,
         result,
         "fit/training.html",
         f"Training of {result.path.name}",
-        shape=describe(spec),
+        shape=describe(result.network.spec),
         trainings=sum(t.members == 1 for t in result.starts),
-        members=members,
+        members=len(result.members),
         tries=sorted(result.tries, key=lambda t: t.rmse),
-        is_chosen=lambda t: t.structure.spec(result.data) == one,
+        is_chosen=lambda t: t.structure.spec(result.data) in chosen,
         unseen=result.card.fit.get("unseen"),
         unseen_words=unseen_words,
         curves=_training_curves(result),

@@ -1,11 +1,6 @@
-"""Short records: every start leaves out other validation blocks, and the mean of them has seen all.
+"""The folds of a search: the same samples, each time with other blocks that choose and stop.
 
-Two blocks of a hundred samples say little about which training is best, and the samples in them are
-missed in training. So the starts are trained on several folds, each with other blocks that stop it,
-and the model is the mean of the best start of every fold. The blocks of the test, which set the
-limits, stay unseen.
-Source: Krogh and Vedelsby, Neural network ensembles, cross validation, and active learning,
-Advances in Neural Information Processing Systems 7 (1995).
+The blocks of the test, which set the limits, stay unseen.
 """
 
 from collections.abc import Iterable
@@ -14,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from training.narx.search.structure import LONGEST
+from training.narx.search.structure import FAR
 from training.recordings.samples.preparation import Prepared, Role
 
 LIMIT_SAMPLES: Final = 500  # ten windows, with which limits can be set
@@ -39,13 +34,13 @@ def _scored(data: Prepared) -> int:
     """Return the validation samples that even the longest memory lets score."""
     late = np.zeros(len(data.role), dtype=bool)
     for segment in data.segments:
-        late[segment.start + LONGEST[-1] : segment.stop] = True
+        late[segment.start + max(FAR) : segment.stop] = True
     held_out = (data.role == Role.VALIDATE) & (data.samples.weight > 0.0)
     return int((held_out & late).sum())
 
 
-def free_folds(folds: list[Prepared]) -> list[Prepared]:
-    """Return the folds, only the first if the limits need its validation blocks.
+def free_folds(folds: list[Prepared]) -> int:
+    """Return the number of folds that may be trained on: one if the limits need its blocks.
 
     They do where the blocks of the test alone are too short to set limits, and both together are
     long enough.
@@ -54,7 +49,7 @@ def free_folds(folds: list[Prepared]) -> list[Prepared]:
     counts = [int((data.enabled & (data.role == role)).sum()) for role in Role]
     test = counts[Role.TEST]
     is_free = test >= LIMIT_SAMPLES or test + counts[Role.VALIDATE] < LIMIT_SAMPLES
-    return folds if is_free else folds[:1]
+    return len(folds) if is_free else 1
 
 
 def trained_on_all(data: Prepared) -> Prepared:

@@ -1,6 +1,6 @@
 """Contraction: two runs with the same inputs and different histories end at the same prediction."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,6 +63,17 @@ def contraction(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> C
     span = data.scaling.y_high - data.scaling.y_low
     limit = CONTRACTION_LIMIT * span / PHI_SPAN
     return Contraction(max(moving, still) * data.scaling.y_std, limit, pairs + len(at), samples)
+
+
+def settling(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
+    """Return the contraction after 50 samples, or twice, four times as many, that first suffice.
+
+    That after 50 if none up to the longest block does.
+    """
+    first = found = contraction(data, spec, weights, seed)
+    while found.gap > found.limit and 2 * found.samples <= data.longest_block:
+        found = contraction(replace(data, memory=2 * found.samples), spec, weights, seed)
+    return found if found.gap <= found.limit else first
 
 
 def _gap(

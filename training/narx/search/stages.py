@@ -7,7 +7,7 @@ forgotten it, so that the network learns to forget.
 """
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -23,17 +23,16 @@ from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role
 
 HORIZONS = (5, 20, 100, 1000)
-EPOCHS = {1: 40, 5: 15, 20: 15, 100: 20, 1000: 30}  # most epochs of each stage
-EARLY_SAMPLES = 30_000  # training samples of horizons below 100
+EPOCHS = {1: 20, 5: 15, 20: 15, 100: 20, 1000: 30}  # most epochs of each stage
+N_SAMPLES = 30_000  # training samples of horizons below 100, and of a candidate of the search
 WARM_UP = 1000  # most samples of free run before a block is scored
 FORGET_FROM = 20  # horizon from which random histories take part
 FORGET = 0.6  # of the memory: after it a random history must no longer matter
 RANDOM_LENGTH = 1.6  # of the memory: a stretch that starts from a random history
 RANDOM_SHARE = 0.15  # of the training samples
-FORGET_SHARE, FORGET_EPOCHS = 1.0, 25  # of the stages after the horizons
 LESS_FEEDBACK = 0.8  # factor of the weights on the model's output, repeated until it forgets
 SAFELY = 0.5  # share of the limit to reach, because the final check draws other histories
-CONTRACTION_SEED = 1  # other histories than those of the final check
+MAX_FAIL = 8  # epochs in a row without a better free run
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +53,9 @@ class Trained:
     weights: FloatArray
     score: float  # free-run validation, mean of the blocks' RMSE, scaled and weighted
     stages: list[Stage] = field(default_factory=list)
-    members: int = 1  # trainings in a committee; a committee has no stages
+    members: int = 1  # trainings of a mean, which has no stages
     decay: float = 0.0  # of the weights, see ``ClosedLoop``
+    seed: int = 0  # of the first weights
     fold: int = 0  # whose validation blocks stopped it
 
 
@@ -157,7 +157,6 @@ def train(
     work: Work | None = None,
     progress: Callable[[int, int, float], None] | None = None,
     horizons: tuple[int, ...] = HORIZONS,
-    epochs: Mapping[int, int] = EPOCHS,
     n_samples: int | None = None,
     decay: float = 0.0,
     weights: FloatArray | None = None,
@@ -166,7 +165,7 @@ def train(
 
     work : budget; when it is used up, no further epoch begins
     progress : called with horizon, epoch and best validation score after every epoch
-    n_samples : most training samples, about; horizons below 100 take at most ``EARLY_SAMPLES``,
+    n_samples : most training samples, about; horizons below 100 take at most ``N_SAMPLES``,
         because they only prepare the longer ones
     decay : this times every squared weight is added to the mean squared error, scaled units
     weights : first weights; None begins with random ones and series-parallel training
@@ -175,12 +174,12 @@ def train(
     rng = np.random.default_rng(seed)
     if weights is None:
         weights, horizons = initial_weights(spec, rng), (1, *horizons)
-    best = Trained(spec, weights, np.inf, decay=decay)
+    best = Trained(spec, weights, np.inf, decay=decay, seed=seed)
     validation = blocks_of(data, spec)
     n_train = int((data.role == Role.TRAIN).sum())
     random = random_pieces(data, spec, rng, RANDOM_SHARE * min(n_train, n_samples or n_train))
     for horizon in horizons:
-        early = EARLY_SAMPLES if horizon < 100 else sys.maxsize
+        early = N_SAMPLES if horizon < 100 else sys.maxsize
         cut = pieces(data, spec, horizon, min(early, n_samples or early))
         taken = cut + random if horizon >= FORGET_FROM else cut
         objective = ClosedLoop(spec, data.samples, taken, decay=decay)
@@ -192,7 +191,10 @@ def train(
         outcome = minimise(
             objective,
             weights,
-            LmOptions(epochs=epochs.get(horizon, 30), max_fail=8 if horizon > 1 else 40),
+            LmOptions(
+                epochs=EPOCHS.get(horizon, EPOCHS[1000]),
+                max_fail=MAX_FAIL if horizon > 1 else EPOCHS[1],
+            ),
             validate=validation.score,
             meter=meter,
             progress=_tell(progress, horizon, best),
@@ -201,70 +203,42 @@ def train(
         if outcome.score < best.score:
             best.weights, best.score = outcome.weights, outcome.score
         weights = outcome.weights
-    if data.memory and np.isfinite(best.score) and epochs is EPOCHS:
-        _learn_to_forget(data, spec, best, rng, work)
     return best
 
 
-def _learn_to_forget(
-    data: Prepared, spec: Spec, best: Trained, rng: np.random.Generator, work: Work
-) -> None:
-    """Train ``best`` on many random histories, if it remembers its history for a whole window.
+def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) -> Trained:
+    """Return a training that remembers its history as one that forgets it.
 
-    If that is not enough, because no step helps in a loop so unstable, the training begins again
-    with less feedback and accepts only weights that forget, with less and less until a step finds
-    some. Weights that forget replace weights that do not. Weights that still remember replace the
-    old ones only if the penalised score fell.
+    Its feedback is lessened until two histories are forgotten; from there it is trained on over
+    many random histories, and the best weights that forget are kept.
+    seed : of the histories, other ones than those of the final check
     """
+    spec, weights = trained.spec, trained.weights.copy()
 
-    def penalised(weights: FloatArray) -> float:
-        return free_run_score(data, spec, weights) * max(1.0, _beyond(data, spec, weights))
+    def forgets(weights: FloatArray) -> bool:
+        found = contraction(data, spec, weights, seed)
+        return found.gap <= SAFELY * found.limit
 
-    def if_it_forgets(weights: FloatArray) -> float:
-        forgets = _beyond(data, spec, weights) <= SAFELY
-        return free_run_score(data, spec, weights) if forgets else np.inf
-
-    def tune(name: str, weights: FloatArray, score: Callable[[FloatArray], float]) -> LmOutcome:
-        meter = work.on(objective.n_samples, spec.n_weights)
-        outcome = minimise(objective, weights, options, score, meter)
-        best.stages.append(_stage(name, outcome))
-        return outcome
-
-    before = penalised(best.weights)
-    if before <= best.score or work.is_over():
-        return
-    n_samples = FORGET_SHARE * (data.role == Role.TRAIN).sum()
-    many = random_pieces(data, spec, rng, n_samples)
-    objective = ClosedLoop(
-        spec, data.samples, pieces(data, spec, max(100, round(RANDOM_LENGTH * data.memory))) + many
-    )
-    options = LmOptions(epochs=FORGET_EPOCHS, max_fail=8)
-    outcome = tune("forget", best.weights, penalised)
-    if outcome.score < before:
-        best.weights = outcome.weights
-        best.score = free_run_score(data, spec, outcome.weights)
-    weaker, is_stuck = best.weights.copy(), _beyond(data, spec, best.weights) > 1.0
-    while is_stuck and not work.is_over():
-        _lessen_feedback(data, spec, weaker)
-        outcome = tune("less feedback", weaker, if_it_forgets)
-        best.weights, best.score = outcome.weights, outcome.score
-        is_stuck = outcome.score >= outcome.scores[0] and bool(np.isinf(outcome.scores).any())
-
-
-def _lessen_feedback(data: Prepared, spec: Spec, weights: FloatArray) -> None:
-    """Lessen the feedback of ``weights`` once, and until two histories are forgotten."""
-    is_done = False
-    while not is_done:
+    while not forgets(weights):
         layers(spec, weights)[0][0][:, -spec.lags :] *= LESS_FEEDBACK
         if spec.linear_path:
             linear_path(spec, weights)[-spec.lags :] *= LESS_FEEDBACK
-        is_done = _beyond(data, spec, weights) <= SAFELY
-
-
-def _beyond(data: Prepared, spec: Spec, weights: FloatArray) -> float:
-    """Return the distance of predictions from two histories, divided by its limit."""
-    found = contraction(data, spec, weights, CONTRACTION_SEED)
-    return found.gap / found.limit
+    length = max(100, round(RANDOM_LENGTH * data.memory))
+    n_samples = int((data.role == Role.TRAIN).sum())
+    many = random_pieces(data, spec, np.random.default_rng(seed), n_samples)
+    objective = ClosedLoop(
+        spec, data.samples, pieces(data, spec, length) + many, decay=trained.decay
+    )
+    validation = blocks_of(data, spec)
+    outcome = minimise(
+        objective,
+        weights,
+        LmOptions(epochs=EPOCHS[100], max_fail=MAX_FAIL),
+        lambda w: validation.score(w) if forgets(w) else np.inf,
+        work.on(objective.n_samples, spec.n_weights),
+    )
+    stages = [*trained.stages, _stage("less feedback", outcome)]
+    return replace(trained, weights=outcome.weights, score=outcome.score, stages=stages)
 
 
 def _stage(name: str, outcome: LmOutcome) -> Stage:

@@ -41,7 +41,7 @@ from training.narx.export import Network, save, update_card
 from training.narx.fit import FitResult
 from training.narx.network import Spec
 from training.narx.network import simulate as run_network
-from training.narx.search.starts import committee
+from training.narx.search.mean import mean_of
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, prepare
@@ -84,7 +84,7 @@ def test_a_signal_that_is_never_good_is_refused() -> None:
         predicted_phi(shipped_model(), [missing])
 
 
-def again(card: ModelCard, old: Network, data: Prepared) -> tuple[Spec, list[FloatArray]]:
+def again(card: ModelCard, old: Network, data: Prepared) -> tuple[Spec, FloatArray]:
     spec = spec_of(card, old, data)
     return spec, old_weights(card, old, spec, data.scaling)
 
@@ -348,7 +348,7 @@ def test_the_old_network_is_a_start_of_its_retraining(
     rng = np.random.default_rng(3)
     one = base.network
     every = [one.weights + 0.02 * i * rng.normal(size=len(one.weights)) for i in range(members)]
-    wide, weights = committee(one.spec, every)
+    wide, weights = mean_of([(one.spec, each) for each in every])
     path = tmp_path / "model.onnx"
     structure = dict(base.card.structure) | {"members": members}
     card = replace(base.card, layers=wide.hidden, structure=structure)
@@ -357,14 +357,13 @@ def test_the_old_network_is_a_start_of_its_retraining(
     difference = ChainDifference.of(card, [chain[1]], chain[0], ranges(*gap_drives()))
     columns = [with_difference(each, difference) for each in gap_drives()]
     data = prepare(columns, (*NARX_INPUTS, DIFFERENCE), OUTPUT, lags=card.lags)
-    # WHEN the starts' mean runs freely, whatever the new input is
-    spec, starts = again(card, old, data)
-    assert len(starts) == members
+    # WHEN the start runs freely, whatever the new input is
+    spec, start = again(card, old, data)
     u = inputs_of(Model.load(path), from_recording(gap_drives()[0]))
     u = np.clip(u, data.scaling.u_low[:-1], data.scaling.u_high[:-1])
     u = np.clip(u, old.scaling.u_low, old.scaling.u_high)
     noisy = np.column_stack([u, 0.1 * rng.normal(size=len(u))])
-    new = Network(*committee(spec, starts), data.scaling, "phi", (), data.names)
+    new = Network(spec, start, data.scaling, "phi", (), data.names)
     # THEN it is the old network
     assert np.abs(free(new, noisy) - free(old, u)).max() < 1e-6
 
