@@ -17,7 +17,7 @@ from training.narx.export import Network
 from training.narx.model_file import HeldOut, held_out, write_model
 from training.narx.network import Spec
 from training.narx.search.folds import folds_of, free_folds, trained_on_all
-from training.narx.search.mean import Choice, choose
+from training.narx.search.mean import NetworkChoice, choose
 from training.narx.search.stages import N_SAMPLES, Trained, free_run, train
 from training.narx.search.structure import MEMBERS, Search, Try
 from training.narx.work import Work
@@ -175,7 +175,7 @@ def _shape(data: Prepared, options: FitOptions) -> Spec:
 
 def _searched(
     source: FitSource, data: Prepared, options: FitOptions, work: Work
-) -> tuple[Prepared, Choice, tuple[Try, ...]]:
+) -> tuple[Prepared, NetworkChoice, tuple[Try, ...]]:
     """Return the data with their roles at the end, the mean of the best trainings, all tries."""
     seed, n_train = options.seed, int((data.role == Role.TRAIN).sum())
     count = min(max(N_SAMPLES // n_train, 1), FOLDS)
@@ -192,7 +192,7 @@ def _searched(
     return (trained_on_all(data) if free > 1 else data), chosen, tuple(search.ranked)
 
 
-def _trained(data: Prepared, options: FitOptions, work: Work) -> Choice:
+def _trained(data: Prepared, options: FitOptions, work: Work) -> NetworkChoice:
     """Return the best of several starts of the shape that was asked for."""
     spec = _shape(data, options)
     _size_warnings(data, spec)
@@ -219,7 +219,7 @@ class _Written:
 
 
 def _write(
-    out: Path | str, data: Prepared, chosen: Choice, twins: CrossFit, work: Work
+    out: Path | str, data: Prepared, chosen: NetworkChoice, twins: CrossFit, work: Work
 ) -> _Written:
     model = chosen.model
     predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
@@ -249,7 +249,7 @@ def _size_warnings(data: Prepared, spec: Spec) -> list[str]:
     return []
 
 
-def _training_warnings(chosen: Choice, memory: int) -> list[str]:
+def _training_warnings(chosen: NetworkChoice, memory: int) -> list[str]:
     gap, warnings = chosen.gap, []
     if memory and not gap.gap <= gap.limit:
         warnings.append(

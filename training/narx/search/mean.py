@@ -22,7 +22,7 @@ Member = tuple[Spec, FloatArray]  # shape and weights of one training
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class NetworkChoice:
     """The trainings that may be the model, the number of the model, how well it forgets."""
 
     starts: tuple[Trained, ...]
@@ -47,7 +47,9 @@ class Choice:
         return min(self.members, key=lambda t: t.score)
 
 
-def choose(data: Prepared, trained: Sequence[Trained], seed: int, work: Work, join: bool) -> Choice:
+def choose(
+    data: Prepared, trained: Sequence[Trained], seed: int, work: Work, join: bool
+) -> NetworkChoice:
     """Return the best training, or the mean of all.
 
     If the data have a memory, as lambda has, only those that forget their history count; if none
@@ -70,7 +72,7 @@ def choose(data: Prepared, trained: Sequence[Trained], seed: int, work: Work, jo
     if all(t is not best for t in starts):
         starts.append(best)
     number = next(i for i, t in enumerate(starts) if t is best)
-    return Choice(tuple(starts), number, settling(data, best.spec, best.weights, seed))
+    return NetworkChoice(tuple(starts), number, settling(data, best.spec, best.weights, seed))
 
 
 def _forgets(data: Prepared, trained: Trained, seed: int) -> bool:

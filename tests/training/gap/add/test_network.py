@@ -86,7 +86,7 @@ def test_a_signal_that_is_never_good_is_refused() -> None:
 
 def again(card: ModelCard, old: Network, data: Prepared) -> tuple[Spec, FloatArray]:
     spec = spec_of(card, old, data)
-    return spec, old_weights(card, old, spec, data.scaling)
+    return spec, old_weights(old, spec, data.scaling)
 
 
 def free(network: Network, u: FloatArray) -> FloatArray:
