@@ -211,7 +211,7 @@ def test_the_section_shows_every_model_and_says_which_coincide(result: dict[str,
     for model in result["models"]:
         assert f"<td>{model['number']}  {model['name']}" in text
     assert "same training as 1" in text
-    assert html.count("<img") == 1
+    assert html.count('<figure class="plots">') == 1
     assert "recordings of real engines" in html
     assert "simulated recordings" in section("narx", {"narx": {**result, "source": "simulated"}})
 

@@ -13,7 +13,7 @@ from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.model.step import Model
 from training.limits.decision_limits import set_limits
-from training.limits.trust import MOST_DRIVES, trust_of
+from training.limits.trust import LEAST_WINDOWS, MOST_DRIVES, trust_of
 from training.narx.fit import FitOptions, FitSource, fit
 from training.recordings.recording import Recording
 from training.study.task import Parts, Task, source
@@ -79,9 +79,11 @@ def _found(task: Task, part: list[Recording]) -> dict[str, Any]:
     except (RecordingError, UsageError) as error:
         return row | {"why": str(error)}
     trust = trust_of([(Model.load(path), task.test)], card, config.load(), path.name)
-    found = trust.get("found", {})
+    if not trust:
+        return row | {"why": f"no held-out drive has {LEAST_WINDOWS} windows"}
+    found = trust["found"]
     return row | {
         "found": sum(found.values()),
         "put_on": len(found) * len(task.test[:MOST_DRIVES]),
-        "false": sum(trust.get("false", {}).values()),
+        "false": sum(trust["false"].values()),
     }
