@@ -147,7 +147,7 @@ def prepare(
         period_ns=period_ns,
         outliers=cut.outliers,
         warnings=tuple(_warnings(u[train], y[train], inputs, output, cut.outliers)),
-        memory=LAMBDA_MEMORY if output.startswith("lambda") else 0,
+        memory=LAMBDA_MEMORY if output.startswith("lambda") and FUEL in inputs else 0,
     )
 
 
