@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from training.narx.algorithms.lm import LmOptions, minimise
-from training.narx.algorithms.objectives import OneStep
-from training.narx.network import Spec, forward, jacobian, layers, regressors
+from training.narx.algorithms.objectives import ClosedLoop, Samples, one_step
+from training.narx.network import Spec, forward, layers, regressors
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,11 @@ class TrainingCase:
     @property
     def target(self) -> np.ndarray:
         return self.y[self.spec.lags :]
+
+    def error(self, dtype: type[np.floating] = np.float32) -> ClosedLoop:
+        """Return the one-step error."""
+        samples, n = Samples(self.u, self.y, np.ones(len(self.y))), len(self.y)
+        return one_step(self.spec, samples, np.arange(self.spec.memory, n), dtype)
 
     def first(self, n: int) -> "TrainingCase":
         """Return the case with the first ``n`` training samples."""
@@ -89,8 +94,7 @@ def ours(case: TrainingCase, start: np.ndarray, iterations: int) -> TrainedRun:
         history.append((time.process_time() - began, float(np.sqrt(cost))))
 
     def work() -> tuple[int, np.ndarray]:
-        objective = OneStep(case.spec, case.phi, case.target)
-        found = minimise(objective, start, LmOptions(epochs=iterations), progress=note)
+        found = minimise(case.error(), start, LmOptions(epochs=iterations), progress=note)
         return len(history), found.weights
 
     run = timed(work)
@@ -132,7 +136,8 @@ def scipy_lm(case: TrainingCase, start: np.ndarray, iterations: int) -> TrainedR
         return forward(case.spec, weights, case.phi) - case.target
 
     def derivative(weights: np.ndarray) -> np.ndarray:
-        return jacobian(case.spec, weights, case.phi)[1]
+        rows = case.error(np.float64).blocks(weights)
+        return np.concatenate([each.copy() for each, _ in rows])
 
     def work() -> tuple[int, np.ndarray]:
         found = least_squares(residual, start, max_nfev=iterations, method="lm", jac=derivative)

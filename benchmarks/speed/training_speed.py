@@ -23,7 +23,7 @@ from benchmarks.speed.training_packages import MissingError, TrainedRun, Trainin
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.narx.algorithms.lm import LmOptions, minimise
-from training.narx.algorithms.objectives import CHUNK, ClosedLoop, OneStep, Pieces, Samples
+from training.narx.algorithms.objectives import CHUNK, ClosedLoop, Pieces, Samples
 from training.narx.network import Spec, forward, initial_weights, regressors, simulate
 from training.recordings.metrics import rmse
 from training.recordings.recording import Recording, load
@@ -111,7 +111,7 @@ def held_out_errors(of: TrainingCase, weights: np.ndarray) -> tuple[float, float
 
 def compare(of: TrainingCase, starts: list[np.ndarray], most: int) -> Iterator[Row]:
     """Yield a row of medians over the starts for each package, of at most so many iterations."""
-    objective, n = OneStep(of.spec, of.phi, of.target), len(of.target)
+    objective, n = of.error(), len(of.target)
     reference: list[TrainedRun] = []
     for name, (trainer, iterations) in ONE_STEP.items():
         try:
@@ -169,8 +169,8 @@ def closed_loop(of: TrainingCase, horizon: int) -> ClosedLoop:
 def speed(of: TrainingCase, weights: np.ndarray, iterations: int, repeats: int) -> Iterator[Row]:
     """Yield time per sample and iteration against the target, and the share of J'J alone."""
     alone = product_us(of.spec.n_weights)
-    objectives: dict[str, tuple[OneStep | ClosedLoop, float]] = {
-        "series-parallel": (OneStep(of.spec, of.phi, of.target), TARGET_US),
+    objectives = {
+        "series-parallel": (of.error(), TARGET_US),
         "closed loop, horizon 20": (closed_loop(of, 20), 2.0 * TARGET_US),
         "closed loop, horizon 1000": (closed_loop(of, 1000), 2.0 * TARGET_US),
     }

@@ -123,21 +123,6 @@ def simulate(weights, sizes, x, lags, start, stop, history, low, high, out):  # 
 
 
 @njit(nogil=True, cache=True)
-def ends(weights, sizes, x, lags, start, stop, history, low, high):  # pragma: no cover
-    """Return the last output of every piece's free run (n_pieces,)."""
-    activations = _activation_rows(sizes)
-    past = np.empty(lags)
-    last = np.empty(len(start))
-    for i in range(len(start)):
-        _begin(past, history[i])
-        for t in range(start[i], stop[i]):
-            _fill_regressor(x, t, past, activations[0])
-            last[i] = min(max(_evaluate(weights, sizes, activations), low), high)
-            _remember(past, last[i])
-    return last
-
-
-@njit(nogil=True, cache=True)
 def cost(
     weights, sizes, x, y, weight, lags, low, high, start, stop, skip, history
 ):  # pragma: no cover

@@ -8,7 +8,6 @@ from itertools import pairwise
 import torch
 
 from monitor.base.types import FloatArray
-from training.narx.algorithms.objectives import OneStep
 from training.narx.network import Spec
 
 torch.set_num_threads(1)  # trainings run side by side, and sums have one order
@@ -38,13 +37,30 @@ class NarxModule(torch.nn.Module):
         return values[:, 0] + path
 
 
-class OneStepByTorch(OneStep):
-    """The one-step error with its gradient."""
+class OneStepByTorch:
+    """The mean squared one-step error, weighted, with its gradient by torch.
+
+    regressors, target, weight : shapes (n, n_regressors), (n,), (n,)
+    """
+
+    def __init__(
+        self, spec: Spec, regressors: FloatArray, target: FloatArray, weight: FloatArray
+    ) -> None:
+        self._spec = spec
+        self._data = [torch.from_numpy(each) for each in (regressors, target, weight)]
+
+    def cost(self, weights: FloatArray) -> float:
+        """Return the error."""
+        with torch.no_grad():
+            return float(self._error(NarxModule(self._spec, weights)))
 
     def gradient(self, weights: FloatArray) -> tuple[float, FloatArray]:
-        """Return the cost and its gradient (n_weights,)."""
-        module = NarxModule(self.spec, weights)
-        error = module(torch.from_numpy(self.regressors)) - torch.from_numpy(self.target)
-        cost = torch.from_numpy(self.weight) @ error**2 / self.weight.sum()
-        (found,) = torch.autograd.grad(cost, module.weights)
-        return float(cost.detach()), found.numpy()
+        """Return the error and its gradient (n_weights,)."""
+        module = NarxModule(self._spec, weights)
+        error = self._error(module)
+        (found,) = torch.autograd.grad(error, module.weights)
+        return float(error.detach()), found.numpy()
+
+    def _error(self, module: NarxModule) -> torch.Tensor:
+        regressors, target, weight = self._data
+        return weight @ (module(regressors) - target) ** 2 / weight.sum()

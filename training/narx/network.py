@@ -13,7 +13,6 @@ first.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -129,55 +128,14 @@ def linear_path(spec: Spec, weights: FloatArray) -> FloatArray:
     return weights[-spec.n_regressors :]
 
 
-def _activations(spec: Spec, weights: FloatArray, regressors: FloatArray) -> list[FloatArray]:
-    """Return every layer's values (width, n), samples side by side, the regressors first."""
-    *inner, (matrix, bias) = layers(spec, weights)
-    values = [regressors.T]
-    for w, b in inner:
-        values.append(np.tanh(w @ values[-1] + b[:, None]))
-    output = matrix @ values[-1] + bias[:, None]
-    if spec.linear_path:
-        output += linear_path(spec, weights) @ values[0]
-    return [*values, output]
-
-
 def forward(spec: Spec, weights: FloatArray, regressors: FloatArray) -> FloatArray:
     """Return the unclipped one-step predictions (n,) of ``regressors`` (n, n_regressors)."""
-    return _activations(spec, weights, regressors)[-1][0]
-
-
-def jacobian(
-    spec: Spec,
-    weights: FloatArray,
-    regressors: FloatArray,
-    scale: FloatArray | None = None,
-    dtype: type[np.floating] = np.float64,
-) -> tuple[FloatArray, FloatArray]:
-    """Return predictions (n,) and their derivatives by every weight (n, n_weights).
-
-    scale : (n,), multiplies the derivatives; one if None
-    dtype : of the derivatives; predictions and back-propagated slopes are float64 always
-    Source: backpropagation of the output itself, Hagan and Menhaj, IEEE TNN 5 (1994).
-    """
-    *activations, predicted = _activations(spec, weights, regressors)
-    n = len(regressors)
-    result = np.empty((spec.n_weights, n), dtype)
-    stop = spec.n_weights
-    if spec.linear_path:
-        stop -= spec.n_regressors
-        result[stop:] = regressors.T if scale is None else scale * regressors.T
-    delta = np.ones((1, n)) if scale is None else scale[None]
-    for (w, _), a in zip(reversed(layers(spec, weights)), reversed(activations), strict=True):
-        fan_out, fan_in = w.shape
-        slope, below = delta.astype(dtype, order="C"), a.astype(dtype, order="C")
-        result[stop - fan_out : stop] = slope
-        stop -= fan_out
-        block = result[stop - fan_out * fan_in : stop].reshape(fan_out, fan_in, n)
-        np.multiply(slope[:, None], below[None], out=block)
-        stop -= fan_out * fan_in
-        if stop:
-            delta = (w.T @ delta) * (1.0 - a * a)
-    return predicted[0], result.T
+    *inner, (matrix, bias) = layers(spec, weights)
+    values = regressors
+    for w, b in inner:
+        values = np.tanh(values @ w.T + b)
+    path = regressors @ linear_path(spec, weights) if spec.linear_path else 0.0
+    return np.asarray(values @ matrix[0] + bias[0] + path)
 
 
 def input_regressors(spec: Spec, u: FloatArray) -> FloatArray:
@@ -216,37 +174,12 @@ def simulate(
 
     u : (n, n_inputs), scaled; every start must have ``memory`` samples before it
     history : (n_pieces, lags), the output before each start, newest first, scaled
+    Raises ValueError if a piece begins before the memory.
     """
-    result = np.full(len(u), np.nan)
-    kernels.simulate(*_pieces(spec, weights, u=u, start=start, stop=stop, history=history), result)
-    return result
-
-
-def last_outputs(
-    spec: Spec,
-    weights: FloatArray,
-    u: FloatArray,
-    start: IntArray,
-    stop: IntArray,
-    history: FloatArray,
-) -> FloatArray:
-    """Return the last prediction of every piece (n_pieces,), see ``simulate``."""
-    return np.asarray(
-        kernels.ends(*_pieces(spec, weights, u=u, start=start, stop=stop, history=history))
-    )
-
-
-def _pieces(
-    spec: Spec,
-    weights: FloatArray,
-    u: FloatArray,
-    start: IntArray,
-    stop: IntArray,
-    history: FloatArray,
-) -> tuple[Any, ...]:
-    """Return the kernels' arguments; raises ValueError if a piece begins before the memory."""
     if len(start) and (start.min() < spec.memory or stop.max() > len(u)):
         raise ValueError(f"pieces must lie within {spec.memory} .. {len(u)}")
     history = np.clip(history, spec.y_min, spec.y_max)
-    x, limits = input_regressors(spec, u), (spec.y_min, spec.y_max)
-    return weights, spec.sizes_array(), x, spec.lags, start, stop, history, *limits
+    x, limits, result = input_regressors(spec, u), (spec.y_min, spec.y_max), np.full(len(u), np.nan)
+    shape = spec.sizes_array()
+    kernels.simulate(weights, shape, x, spec.lags, start, stop, history, *limits, result)
+    return result

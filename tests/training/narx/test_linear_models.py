@@ -170,8 +170,8 @@ def test_output_error_reaches_in_ten_steps_what_numerical_least_squares_reaches(
     # WHEN both minimise the simulation error
     _, cost = refine(start, [(u, y)], skip, 10)
     # THEN they end at the same
-    assert cost < 0.95 * np.sum(error(first) ** 2)
-    assert cost < 1.0005 * wanted
+    assert cost < 0.95 * np.mean(error(first) ** 2)
+    assert cost < 1.0005 * wanted / (700 - skip)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -184,7 +184,7 @@ def test_output_error_never_diverges(seed: int) -> None:
     model, cost = refine(start, records, 20, 20)
     # THEN it is stable, its cost is its own free-run error, and a long run stays bounded
     assert model.stable
-    assert cost / 380 == pytest.approx(free_run_error(model, records, 20), rel=1e-6)
+    assert cost == pytest.approx(free_run_error(model, records, 20), rel=1e-6)
     run = model.simulate(rng.standard_normal((20_000, 2)), records[0][1][:20])
     assert np.isfinite(run).all()
     assert np.abs(run[-5000:]).max() < 1e4 * np.abs(records[0][1]).max()

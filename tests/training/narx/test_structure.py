@@ -13,9 +13,9 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from tests.helpers.drives.recordings import recording_of
-from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples
+from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples, one_step
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
-from training.narx.network import Spec, describe, forward, initial_weights, jacobian, regressors
+from training.narx.network import Spec, describe, forward, initial_weights, regressors
 from training.narx.search.stages import blocks_of, pieces
 from training.narx.search.structure import Structure, boxes
 from training.recordings.recording import Recording, load
@@ -86,14 +86,15 @@ def test_derivatives_hold_for_boxes_and_the_linear_path() -> None:
     loop = ClosedLoop(BOXED, Samples(u, y, np.ones(60)), part, np.float64, decay=0.01)
     _, _, gradient = loop.normal(weights)
     rows = regressors(BOXED, u, y)
-    _, one_step = jacobian(BOXED, weights, rows)
+    ahead_by_one = one_step(BOXED, Samples(u, y, np.ones(60)), np.arange(6, 60), np.float64)
+    slopes, _ = next(ahead_by_one.blocks(weights))
     for i in range(BOXED.n_weights):
         step = np.zeros_like(weights)
         step[i] = 1e-6
         slope = (loop.cost(weights + step) - loop.cost(weights - step)) / 2e-6
         assert 2 * gradient[i] == pytest.approx(slope, rel=1e-5, abs=1e-8)
         ahead, behind = (forward(BOXED, w, rows) for w in (weights + step, weights - step))
-        np.testing.assert_allclose(one_step[:, i], (ahead - behind) / 2e-6, atol=1e-7)
+        np.testing.assert_allclose(slopes[:, i], (ahead - behind) / 2e-6, atol=1e-7)
 
 
 @pytest.fixture(scope="module")

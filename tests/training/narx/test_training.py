@@ -11,9 +11,9 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from tests.helpers.drives.recordings import recording_of
 from training.narx.algorithms.lm import LmOptions, minimise
-from training.narx.algorithms.objectives import ClosedLoop, OneStep, Pieces, Samples
+from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples, one_step
 from training.narx.module import NarxModule
-from training.narx.network import Spec, forward, initial_weights, jacobian, regressors, simulate
+from training.narx.network import Spec, forward, initial_weights, regressors, simulate
 from training.recordings import metrics
 from training.recordings.recording import Recording
 from training.recordings.samples.outliers import outlier_mask
@@ -54,14 +54,16 @@ def test_the_paper_s_network_has_409_weights() -> None:
 @pytest.mark.parametrize("hidden", [(4,), (8, 8), (3, 5, 4)])
 def test_the_open_loop_jacobian_is_that_of_torch(hidden: tuple[int, ...]) -> None:
     spec, rng = Spec(2, lags=3, hidden=hidden), RNG(1)
-    weights, x = initial_weights(spec, rng), rng.normal(size=(6, spec.n_regressors))
-    predicted, J = jacobian(spec, weights, x)
-    assert np.allclose(predicted, forward(spec, weights, x), atol=1e-13)
+    weights, u, y = initial_weights(spec, rng), rng.normal(size=(9, 2)), rng.normal(size=9)
+    x, samples = regressors(spec, u, y), Samples(u, y, np.ones(9))
+    objective = one_step(spec, samples, np.arange(3, 9), np.float64)
+    J, error = next(objective.blocks(weights))
+    assert np.allclose(error, forward(spec, weights, x) - y[3:], atol=1e-13)
     for i in range(len(x)):
         module = NarxModule(spec, weights)
         output = module(torch.tensor(x[i : i + 1]))[0]
         (gradient,) = torch.autograd.grad(output, module.weights)
-        assert abs(float(output.detach()) - predicted[i]) < 1e-12
+        assert abs(float(output.detach()) - y[3 + i] - error[i]) < 1e-12
         assert np.allclose(gradient.numpy(), J[i], atol=1e-12)
 
 
@@ -150,8 +152,7 @@ def test_float32_jacobians_sum_to_the_exact_normal_equations(closed: bool) -> No
     def normal(dtype: type[np.floating]) -> tuple[float, FloatArray, FloatArray]:
         if closed:
             return ClosedLoop(spec, samples, whole(spec, samples), dtype).normal(weights)
-        single = OneStep(spec, regressors(spec, u, y), y[5:], weight[5:], dtype)
-        return single.normal(weights)
+        return one_step(spec, samples, np.arange(5, 4000), dtype).normal(weights)
 
     # THEN no entry is off by more than a few roundings of the columns it is the product of
     cost, hessian, gradient = normal(np.float64)
@@ -163,22 +164,6 @@ def test_float32_jacobians_sum_to_the_exact_normal_equations(closed: bool) -> No
     assert np.all(np.abs(fast_gradient - gradient) <= few * column * np.sqrt(cost))
 
 
-@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float64, 1e-13), (np.float32, 1e-6)])
-def test_horizon_one_of_the_closed_loop_is_the_series_parallel_objective(
-    dtype: type[np.floating], tolerance: float
-) -> None:
-    spec, rng = Spec(2, lags=2, hidden=(5,)), RNG(4)
-    u, y, weight = rng.normal(size=(300, 2)), rng.normal(size=300), rng.uniform(0.5, 2, 300)
-    start = np.arange(2, 300)
-    pieces = Pieces(start, start + 1, 0 * start, np.stack([y[1:-1], y[:-2]], axis=1))
-    loop = ClosedLoop(spec, Samples(u, y, weight), pieces, dtype)
-    single = OneStep(spec, regressors(spec, u, y), y[2:], weight[2:], dtype)
-    weights = initial_weights(spec, rng)
-    assert loop.cost(weights) == pytest.approx(single.cost(weights), rel=1e-12)
-    for a, b in zip(loop.normal(weights), single.normal(weights), strict=True):
-        assert np.allclose(a, b, rtol=tolerance, atol=tolerance * np.abs(b).max())
-
-
 def test_lm_recovers_a_system_that_the_network_contains() -> None:
     # GIVEN noise-free data of a NARX with three neurons
     spec, rng = Spec(1, lags=2, hidden=(3,), y_min=-5.0, y_max=5.0), RNG(5)
@@ -187,7 +172,7 @@ def test_lm_recovers_a_system_that_the_network_contains() -> None:
     y[2:] = simulate(
         spec, truth, u=u, start=np.array([2]), stop=np.array([800]), history=np.zeros((1, 2))
     )[2:]
-    objective = OneStep(spec, regressors(spec, u, y), y[2:])
+    objective = one_step(spec, Samples(u, y, np.ones(800)), np.arange(2, 800))
     # WHEN it is trained from other weights THEN the error all but vanishes and never rises
     outcome = minimise(objective, initial_weights(spec, rng), LmOptions(epochs=300))
     assert outcome.costs[-1] < 1e-9 * np.var(y)
@@ -196,7 +181,8 @@ def test_lm_recovers_a_system_that_the_network_contains() -> None:
 
 def test_lm_refuses_weights_whose_error_is_not_finite() -> None:
     spec = Spec(1, lags=1, hidden=(2,))
-    objective = OneStep(spec, np.zeros((5, 2)), np.zeros(5))
+    samples = Samples(np.zeros((5, 1)), np.zeros(5), np.ones(5))
+    objective = one_step(spec, samples, np.arange(1, 5))
     with pytest.raises(ValueError, match="nan"):
         minimise(objective, np.full(spec.n_weights, np.nan))
 
@@ -207,7 +193,7 @@ def test_closed_loop_tuning_beats_one_step_training_in_free_run() -> None:
     spec = Spec(2, lags=3, hidden=(5,), y_min=-3.0, y_max=3.0)
     u, v = steps(3000, 2, rng), steps(2000, 2, rng)
     y, z = foreign_system(u, rng), foreign_system(v, rng)
-    one = OneStep(spec, regressors(spec, u, y), y[3:])
+    one = one_step(spec, Samples(u, y, np.ones(3000)), np.arange(3, 3000))
     w1 = minimise(one, initial_weights(spec, rng), LmOptions(epochs=60)).weights
     # WHEN the one-step weights are tuned over growing horizons
     w2 = w1

@@ -9,150 +9,88 @@ Gauss-Newton approximation to Bayesian learning, ICNN (1997); defaults of the re
 (1,000 epochs, mu 0.005, x0.1, x10, at most 1e10, minimum gradient 1e-7).
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor
 from scipy.linalg.lapack import dtrtri
 
 from monitor.base.types import FloatArray
-from training.narx.algorithms.lm import LmOptions, LmOutcome, Objective, Watch
-from training.narx.work import Meter
+from training.narx.algorithms.lm import LmOptions, LmOutcome, Objective, Watch, damped_step
 
 DEFAULTS = LmOptions(mu=0.005)
+TINY = np.finfo(float).tiny
 
 
-@dataclass(slots=True)
-class BayesOutcome(LmOutcome):
-    """An outcome with its final hyperparameters."""
+class Evidence:
+    """The regularised objective and its balance between error and weights.
 
-    alpha: float = 0.0  # inverse prior variance of the weights, over two
-    beta: float = 0.0  # inverse noise variance, over two
-    effective_weights: float = 0.0  # gamma, at most the number of weights
+    objective : mean over samples, so that ``n_samples`` times its cost is the sum of squares
+    Foresee and Hagan begin with alpha 0 and beta 1; the first step sets both right.
+    """
 
+    def __init__(self, objective: Objective, n_samples: int, n_weights: int) -> None:
+        self._objective, self._n = objective, n_samples
+        self.alpha, self.beta = 0.0, 1.0  # inverse variances of weights and noise, over two
+        self.effective_weights = float(n_weights)  # gamma
 
-@dataclass(slots=True)
-class _State:
-    """The state of the search; errors are sums over all samples."""
+    def cost(self, weights: FloatArray) -> float:
+        """Return beta E_D + alpha E_W."""
+        squares = self._n * self._objective.cost(weights)
+        return self.beta * squares + self.alpha * float(weights @ weights)
 
-    weights: FloatArray
-    squared_error: float
-    alpha: float
-    beta: float
-    gamma: float
-    mu: float
+    def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return the cost and half of its curvature and slope."""
+        cost, hessian, gradient = self._objective.normal(weights)
+        scale = self.beta * self._n
+        curvature = scale * hessian + self.alpha * np.eye(len(weights))
+        whole = scale * cost + self.alpha * float(weights @ weights)
+        return whole, curvature, scale * gradient + self.alpha * weights
 
-    @property
-    def cost(self) -> float:
-        return self.beta * self.squared_error + self.alpha * float(self.weights @ self.weights)
+    def balance(self, weights: FloatArray, curvature: FloatArray) -> float:
+        """Set alpha and beta by MacKay's fixed point; return the mean squared error.
+
+        alpha = gamma / 2 E_W, beta = (N - gamma) / 2 E_D, gamma = n - alpha trace(curvature^-1)
+        """
+        n, mean_square = len(weights), self._objective.cost(weights)
+        try:
+            factor, _ = cho_factor(curvature, lower=True, check_finite=False)
+            inverse, _ = dtrtri(np.tril(factor), lower=1)
+            gamma = n - self.alpha * float(np.sum(inverse**2))
+            self.effective_weights = float(np.clip(gamma, 0.0, n))
+        except LinAlgError:  # rounding: keep the last estimate
+            pass
+        self.alpha = self.effective_weights / (2.0 * max(float(weights @ weights), TINY))
+        beta = (self._n - self.effective_weights) / (2.0 * max(self._n * mean_square, TINY))
+        self.beta = beta if beta > 0 else 1.0  # more weights than samples, as in the reference
+        return mean_square
 
 
 def minimise_bayesian(
-    objective: Objective,
-    weights: FloatArray,
-    n_samples: int,
-    options: LmOptions = DEFAULTS,
-    meter: Meter | None = None,
-    progress: Callable[[int, float], None] | None = None,
-) -> BayesOutcome:
-    """Return the last weights, on which the evidence settles.
+    objective: Objective, weights: FloatArray, n_samples: int, options: LmOptions = DEFAULTS
+) -> tuple[LmOutcome, Evidence]:
+    """Return the last weights, on which the evidence settles, with their mean squared error.
 
-    objective : mean over samples, so that ``n_samples`` times its cost is the sum of squares
-    meter : counts the epochs and ends the run when the budget is used up
-    progress : called with the epoch and the mean squared error after every epoch
     Raises ValueError if the objective is not finite at the start.
     """
-    cost = objective.cost(weights)
-    watch = Watch(
-        weights,
-        cost,
-        options.max_fail,
-        options.min_gradient,
-        meter=meter,
-        progress=progress,
-    )
-    # Foresee and Hagan begin with alpha 0 and beta 1; the first step sets both right.
-    state = _State(
-        weights=weights.copy(),
-        squared_error=n_samples * cost,
-        alpha=0.0,
-        beta=1.0,
-        gamma=float(len(weights)),
-        mu=options.mu,
-    )
+    evidence, mu = Evidence(objective, n_samples, len(weights)), options.mu
+    watch = Watch(weights, objective.cost(weights), options.max_fail, options.min_gradient)
     for _ in range(options.epochs):
-        if watch.over_budget():
-            break
-        _, hessian, gradient = objective.normal(state.weights)
-        hessian, gradient = n_samples * hessian, n_samples * gradient
-        slope = state.beta * gradient + state.alpha * state.weights
+        _, curvature, slope = evidence.normal(weights)
         if watch.at_rest(2.0 * slope):
             break
-        if not _step(
-            objective, state, hessian=hessian, slope=slope, n_samples=n_samples, options=options
-        ):
+        step = damped_step(
+            evidence,
+            weights,
+            cost=evidence.cost(weights),
+            hessian=curvature,
+            gradient=slope,
+            mu=mu,
+            options=options,
+        )
+        if step is None:
             watch.outcome.stop = "mu"
             break
-        state.gamma = _effective_weights(hessian, state)
-        _balance(state, n_samples)
-        watch.accept(state.weights, state.squared_error / n_samples)
+        weights, _, mu = step
+        watch.accept(weights, evidence.balance(weights, curvature))
     run = watch.outcome
-    return BayesOutcome(
-        state.weights,
-        run.costs[-1],
-        run.stop,
-        run.costs,
-        run.scores,
-        state.alpha,
-        state.beta,
-        state.gamma,
-    )
-
-
-def _step(
-    objective: Objective,
-    state: _State,
-    hessian: FloatArray,
-    slope: FloatArray,
-    n_samples: int,
-    options: LmOptions,
-) -> bool:
-    """Move ``state`` to weights of lower regularised cost; return False if no step lowers it."""
-    diagonal = np.arange(len(slope))
-    while state.mu <= options.mu_max:
-        damped = state.beta * hessian
-        damped[diagonal, diagonal] += state.alpha + state.mu
-        try:
-            trial = state.weights - cho_solve(cho_factor(damped, check_finite=False), slope)
-        except LinAlgError:
-            state.mu *= options.mu_up
-            continue
-        squared_error = n_samples * objective.cost(trial)
-        if state.beta * squared_error + state.alpha * float(trial @ trial) < state.cost:
-            state.weights, state.squared_error = trial, squared_error
-            state.mu = max(state.mu * options.mu_down, 1e-20)
-            return True
-        state.mu *= options.mu_up
-    return False
-
-
-def _balance(state: _State, n_samples: int) -> None:
-    """Set alpha and beta by MacKay's fixed point, alpha = gamma/2E_W, beta = (N - gamma)/2E_D."""
-    tiny = np.finfo(float).tiny
-    state.alpha = state.gamma / (2.0 * max(float(state.weights @ state.weights), tiny))
-    beta = (n_samples - state.gamma) / (2.0 * max(state.squared_error, tiny))
-    state.beta = beta if beta > 0 else 1.0  # more weights than samples, as in the reference
-
-
-def _effective_weights(hessian: FloatArray, state: _State) -> float:
-    """Return gamma = n - alpha * trace((beta J'J + alpha I)^-1)."""
-    n = len(hessian)
-    matrix = state.beta * hessian
-    matrix[np.arange(n), np.arange(n)] += state.alpha
-    try:
-        factor, _ = cho_factor(matrix, lower=True, check_finite=False)
-    except LinAlgError:  # rounding: keep the last estimate
-        return state.gamma
-    inverse, _ = dtrtri(np.tril(factor), lower=1)
-    return float(np.clip(n - state.alpha * np.sum(inverse**2), 0.0, n))
+    run.weights, run.score = weights, run.costs[-1]
+    return run, evidence

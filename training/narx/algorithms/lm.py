@@ -145,7 +145,7 @@ def minimise(
         _, hessian, gradient = objective.normal(current)
         if watch.at_rest(gradient):
             break
-        step = _step(
+        step = damped_step(
             objective,
             current,
             cost=cost,
@@ -163,7 +163,7 @@ def minimise(
     return watch.outcome
 
 
-def _step(
+def damped_step(
     objective: Objective,
     weights: FloatArray,
     cost: float,

@@ -1,10 +1,10 @@
-"""The errors that training minimises: one-step (series-parallel) and free run (closed loop).
+"""The error that training minimises: that of free runs over pieces of the samples.
 
-An objective has the mean squared error as ``cost`` and the ``normal`` equations of its
-linearisation for Levenberg–Marquardt. First-order methods get their gradient from torch, see
-``module``.
+It has the mean squared error as ``cost`` and the ``normal`` equations of its linearisation for
+Levenberg–Marquardt. First-order methods get their gradient from torch, see ``module``.
 
-The free run feeds its own predictions back. With S_t the derivative of y_hat(t) by all weights,
+A free run feeds its own predictions back; over pieces of one sample it is the one-step error of
+series-parallel training. With S_t the derivative of y_hat(t) by all weights,
 S_t = df/dw + sum_j df/dy(t-j) S_(t-j), which is carried through time sample by sample. A measured
 or random history has S = 0, and so has a prediction that was clipped.
 """
@@ -13,61 +13,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import get_blas_funcs
 
 from monitor.base.types import FloatArray, IntArray
 from training.narx import kernels
-from training.narx.network import Spec, forward, input_regressors, jacobian
+from training.narx.network import Spec, input_regressors
 from training.recordings.samples.preparation import Samples
 
 CHUNK = 1500  # rows of the Jacobian that stay in the cache together
 
 
-class OneStep:
-    """Mean squared one-step error: every sample predicted from measured outputs.
-
-    regressors, target, weight : shapes (n, n_regressors), (n,), (n,); weight defaults to one
-    dtype : of the Jacobian; float32 rounds its entries to 1e-7 at half the time, errors and sums
-        stay float64
-    Raises ValueError if the weights sum to zero.
-    """
-
-    def __init__(
-        self,
-        spec: Spec,
-        regressors: FloatArray,
-        target: FloatArray,
-        weight: FloatArray | None = None,
-        dtype: type[np.floating] = np.float32,
-    ) -> None:
-        self.spec, self.target, self.dtype = spec, target, dtype
-        self.regressors = np.asfortranarray(regressors)  # samples side by side, as in the Jacobian
-        self.weight = np.ones(len(target)) if weight is None else weight
-        self._root = np.sqrt(self.weight)
-        self._total = float(self.weight.sum())
-        if self._total <= 0:
-            raise ValueError("no sample is scored")
-
-    def cost(self, weights: FloatArray) -> float:
-        """Return the weighted mean squared one-step error."""
-        error = forward(self.spec, weights, self.regressors) - self.target
-        return float(self.weight @ error**2) / self._total
-
-    def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """Return the cost, J'J (n, n) and J'e (n,), all divided by the total weight."""
-        n = self.spec.n_weights
-        hessian, gradient, total = np.zeros((n, n)), np.zeros(n), 0.0
-        syrk = get_blas_funcs("syrk", dtype=self.dtype)
-        for at in range(0, len(self.target), CHUNK):
-            rows = slice(at, at + CHUNK)
-            root = self._root[rows]
-            predicted, J = jacobian(self.spec, weights, self.regressors[rows], root, self.dtype)
-            error = (predicted - self.target[rows]) * root
-            hessian += syrk(1.0, J, trans=True).T  # in C order, hence the lower triangle
-            gradient += J.T @ error.astype(self.dtype)
-            total += float(error @ error)
-        hessian += np.tril(hessian, -1).T
-        return total / self._total, hessian / self._total, gradient / self._total
+def measured_history(samples: Samples, lags: int, start: IntArray) -> FloatArray:
+    """Return (n_pieces, lags) measured outputs before every start, newest first, scaled."""
+    return np.asarray(samples.y[start[:, None] - np.arange(1, lags + 1)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +48,8 @@ class Pieces:
 class ClosedLoop:
     """Weighted mean squared free-run error over pieces.
 
-    dtype : of the Jacobian, as in ``OneStep``
+    dtype : of the Jacobian; float32 rounds its entries to 1e-7 at half the time, errors and sums
+        stay float64
     decay : this times every squared weight, except those of the linear path, is added to the error
     Raises ValueError if pieces leave the samples or their weights sum to zero.
     """
@@ -202,3 +160,11 @@ class ClosedLoop:
         hessian[np.diag_indices(n)] += self._decay
         penalty = float(self._decay @ weights**2)
         return total / w + penalty, hessian, gradient / w + self._decay * weights
+
+
+def one_step(
+    spec: Spec, samples: Samples, rows: IntArray, dtype: type[np.floating] = np.float32
+) -> ClosedLoop:
+    """Return the one-step error at ``rows``, each predicted from measured outputs."""
+    history = measured_history(samples, spec.lags, rows)
+    return ClosedLoop(spec, samples, Pieces(rows, rows + 1, np.zeros_like(rows), history), dtype)

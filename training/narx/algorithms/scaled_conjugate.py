@@ -6,56 +6,35 @@ Source: Moller, A scaled conjugate gradient algorithm for fast supervised learni
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from monitor.base.types import FloatArray
 from training.narx.algorithms.gradient import Differentiable
 from training.narx.algorithms.lm import LmOutcome, Watch
-from training.narx.work import Meter
 
+MAX_FAIL, MIN_GRADIENT = 6, 1e-6
+SIGMA = 5e-5  # length of the step that probes the curvature
+DAMPING = 5e-7  # initial lambda
 DAMPING_MAX = 1e30  # no direction descends any more
 WORST = -1e3  # ratio of a step that raised the cost beyond all measure
-
-
-@dataclass(frozen=True, slots=True)
-class ScaledConjugateOptions:
-    """Settings of the minimiser."""
-
-    epochs: int = 1000
-    max_fail: int = 6  # accepted steps in a row in which the validation score does not improve
-    min_gradient: float = 1e-6
-    sigma: float = 5e-5  # length of the step that probes the curvature
-    damping: float = 5e-7  # initial lambda
 
 
 def minimise_scaled_conjugate(
     objective: Differentiable,
     weights: FloatArray,
-    options: ScaledConjugateOptions | None = None,
+    epochs: int = 1000,
     validate: Callable[[FloatArray], float] | None = None,
-    meter: Meter | None = None,
-    progress: Callable[[int, float], None] | None = None,
 ) -> LmOutcome:
     """Return the best weights that the method reaches from ``weights``; the cost never rises.
 
-    validate, meter, progress : as in ``lm.minimise``
+    validate : as in ``lm.minimise``
     Raises ValueError if the objective is not finite at the start.
     """
-    options = options or ScaledConjugateOptions()
-    search = _Search(objective, weights, options)
-    watch = Watch(
-        weights=search.weights,
-        cost=search.cost,
-        max_fail=options.max_fail,
-        min_gradient=options.min_gradient,
-        validate=validate,
-        meter=meter,
-        progress=progress,
-    )
-    for epoch in range(options.epochs):
-        if watch.over_budget() or watch.at_rest(search.gradient):
+    search = _Search(objective, weights)
+    watch = Watch(search.weights, search.cost, MAX_FAIL, MIN_GRADIENT, validate)
+    for epoch in range(epochs):
+        if watch.at_rest(search.gradient):
             break
         if search.damping > DAMPING_MAX:
             watch.outcome.stop = "damping"
@@ -70,14 +49,12 @@ def minimise_scaled_conjugate(
 class _Search:
     """The state of the search: weights, direction and damping of the curvature."""
 
-    def __init__(
-        self, objective: Differentiable, weights: FloatArray, options: ScaledConjugateOptions
-    ) -> None:
-        self.objective, self.sigma = objective, options.sigma
+    def __init__(self, objective: Differentiable, weights: FloatArray) -> None:
+        self.objective = objective
         self.weights = weights.copy()
         self.cost, self.gradient = objective.gradient(self.weights)  # step 1
         self.direction = -self.gradient
-        self.damping, self._raised = options.damping, 0.0
+        self.damping, self._raised = DAMPING, 0.0
         self._curvature, self._moved = 0.0, True
 
     def step(self, restart: bool) -> bool:
@@ -110,7 +87,7 @@ class _Search:
     def _update_curvature(self, length2: float) -> None:
         """Find the damped curvature along the direction and make it positive, steps 2 to 4."""
         if self._moved:
-            probe = self.sigma / np.sqrt(length2)
+            probe = SIGMA / np.sqrt(length2)
             _, ahead = self.objective.gradient(self.weights + probe * self.direction)
             self._curvature = float(self.direction @ (ahead - self.gradient)) / probe
         self._curvature += (self.damping - self._raised) * length2

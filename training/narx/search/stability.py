@@ -4,15 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor.base.types import FloatArray, IntArray
-from training.narx.network import Spec, last_outputs
+from monitor.base.types import FloatArray
+from training.narx.network import Spec, simulate
 from training.recordings.samples.preparation import LAMBDA_MEMORY, Prepared
 
 CONTRACTION_SAMPLES = LAMBDA_MEMORY  # unless the data say another memory
 CONTRACTION_LIMIT = 0.01  # phi; other outputs: the same share of their range
 PHI_SPAN = 1.7
 STEPS = 100_000  # of all pairs together: 2,000 pairs over 50 samples
-HELD_STEPS = 50_000  # of all held operating points together, with the memory before them
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,17 +51,14 @@ def contraction(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> C
             for s in data.segments
         ]
     )
-    start = rng.choice(places, pairs)
-    stop = np.minimum(start + length, len(data.samples.y))
-    moving = _gap(spec, weights, data.samples.u, start, stop, rng)
-    rows = spec.memory + length
-    at = rng.choice(np.flatnonzero(data.samples.weight > 0), max(1, HELD_STEPS // rows))
-    begin = np.arange(len(at)) * rows
-    held = np.repeat(data.samples.u[at], rows, axis=0)
-    still = _gap(spec, weights, held, begin + spec.memory, begin + rows, rng)
+    rows = np.arange(-spec.memory, length)
+    moving = np.minimum(rng.choice(places, pairs)[:, None] + rows, len(data.samples.y) - 1)
+    points = rng.choice(np.flatnonzero(data.samples.weight > 0), max(1, STEPS // len(rows) // 2))
+    held = np.repeat(points[:, None], len(rows), axis=1)
+    gap = max(_gap(spec, weights, data.samples.u[at], rng) for at in (moving, held))
     span = data.scaling.y_high - data.scaling.y_low
     limit = CONTRACTION_LIMIT * span / PHI_SPAN
-    return Contraction(max(moving, still) * data.scaling.y_std, limit, pairs + len(at), samples)
+    return Contraction(gap * data.scaling.y_std, limit, pairs + len(points), samples)
 
 
 def settling(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
@@ -76,23 +72,20 @@ def settling(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Cont
     return found if found.gap <= found.limit else first
 
 
-def _gap(
-    spec: Spec,
-    weights: FloatArray,
-    u: FloatArray,
-    start: IntArray,
-    stop: IntArray,
-    rng: np.random.Generator,
-) -> float:
-    """Return the largest difference at the end of pieces from two histories each, scaled units.
+def _gap(spec: Spec, weights: FloatArray, u: FloatArray, rng: np.random.Generator) -> float:
+    """Return the largest difference at the end of runs from two histories each, scaled units.
 
+    u : (n_runs, rows, n_inputs), the model's memory first
     Histories are drawn evenly over the output's range (phi 0 .. 1.7), half of them constant; one
     pair in eight starts at the two ends of the range.
     """
-    ends = []
+    count, rows, _ = u.shape
+    stop = rows * np.arange(1, count + 1)
+    start, flat, ends = stop - rows + spec.memory, u.reshape(count * rows, -1), []
     for side in (0, 1):
-        history = rng.uniform(spec.y_min, spec.y_max, size=(len(start), spec.lags))
+        history = rng.uniform(spec.y_min, spec.y_max, size=(count, spec.lags))
         history[::2] = history[::2, :1]
-        history[: len(start) // 8] = spec.y_max if side else spec.y_min
-        ends.append(last_outputs(spec, weights, u=u, start=start, stop=stop, history=history))
+        history[: count // 8] = spec.y_max if side else spec.y_min
+        run = simulate(spec, weights, u=flat, start=start, stop=stop, history=history)
+        ends.append(run[stop - 1])
     return float(np.abs(ends[0] - ends[1]).max())

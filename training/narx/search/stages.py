@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import FloatArray, IntArray
+from monitor.base.types import FloatArray
 from training.narx.algorithms.lm import LmOptions, LmOutcome, minimise
-from training.narx.algorithms.objectives import ClosedLoop, Pieces
+from training.narx.algorithms.objectives import ClosedLoop, Pieces, measured_history
 from training.narx.network import Spec, initial_weights, layers, linear_path, simulate
 from training.narx.search.stability import contraction
 from training.narx.work import Work
@@ -59,17 +59,12 @@ class Trained:
     fold: int = 0  # whose validation blocks stopped it
 
 
-def measured_history(data: Prepared, lags: int, start: IntArray) -> FloatArray:
-    """Return (n_pieces, lags) measured outputs before every start, newest first, scaled."""
-    return np.asarray(data.samples.y[start[:, None] - np.arange(1, lags + 1)])
-
-
 def free_run(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
     """Return scaled free-run predictions (n,) of every whole segment; NaN before the first."""
     whole = [s for s in data.segments if s.stop - s.start > spec.memory]
     start = np.array([s.start + spec.memory for s in whole], dtype=np.int64)
     stop = np.array([s.stop for s in whole], dtype=np.int64)
-    history = measured_history(data, spec.lags, start)
+    history = measured_history(data.samples, spec.lags, start)
     return simulate(spec, weights, u=data.samples.u, start=start, stop=stop, history=history)
 
 
@@ -97,7 +92,7 @@ def blocks_of(
             f"no block of {role.name.lower()} samples is longer than {spec.memory} lags"
         )
     start, stop, skip = (np.array(column, dtype=np.int64) for column in zip(*found, strict=True))
-    history = measured_history(data, spec.lags, start)
+    history = measured_history(data.samples, spec.lags, start)
     return ClosedLoop(spec, data.samples, Pieces(start, stop, skip, history))
 
 
@@ -129,7 +124,9 @@ def pieces(data: Prepared, spec: Spec, horizon: int, n_samples: int | None = Non
         count = max(1, int(len(start) * n_samples / total))
         keep = np.linspace(0, len(start) - 1, count).astype(np.int64)
         start, end = start[keep], end[keep]
-    return Pieces(start, end, np.zeros_like(start), measured_history(data, spec.lags, start))
+    return Pieces(
+        start, end, np.zeros_like(start), measured_history(data.samples, spec.lags, start)
+    )
 
 
 def random_pieces(data: Prepared, spec: Spec, rng: np.random.Generator, n_samples: float) -> Pieces:

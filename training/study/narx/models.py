@@ -16,9 +16,12 @@ import numpy as np
 from monitor.base.types import FloatArray, IntArray
 from training.jobs import parallel
 from training.jobs.json_tree import plain
-from training.narx.algorithms import gradient, lm, scaled_conjugate
+from training.narx.algorithms import lm
 from training.narx.algorithms.bayes import DEFAULTS as BAYES_DEFAULTS
 from training.narx.algorithms.bayes import minimise_bayesian
+from training.narx.algorithms.gradient import RATE, descend
+from training.narx.algorithms.objectives import one_step
+from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.module import OneStepByTorch
 from training.narx.network import Spec, forward, initial_weights, regressors
 from training.narx.search import stages
@@ -189,24 +192,19 @@ def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
 
 def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.LmOutcome:
     """Return the outcome of the candidate's algorithm, with the reference toolbox's defaults."""
-    at, held = (rows(data, spec, role) for role in (Role.TRAIN, Role.VALIDATE))
-    weight = data.samples.weight[at] / data.samples.weight[at].mean()
-    x, y, every = _regressors(data, spec), data.samples.y, data.samples.weight
-    objective = OneStepByTorch(spec, x[at - spec.memory], y[at], weight)
-    validate = OneStepByTorch(spec, x[held - spec.memory], y[held], every[held]).cost
     algorithm, epochs = job.candidate.algorithm, job.iterations
+    at, held = (rows(data, spec, role) for role in (Role.TRAIN, Role.VALIDATE))
+    objective, validate = one_step(spec, data.samples, at), one_step(spec, data.samples, held).cost
     if algorithm == LM:
         return lm.minimise(objective, weights, lm.LmOptions(epochs=epochs), validate)
     if algorithm == BAYES:
         bayes = replace(BAYES_DEFAULTS, epochs=epochs)
-        return minimise_bayesian(objective, weights, len(at), bayes)
+        return minimise_bayesian(objective, weights, len(at), bayes)[0]
+    phi = _regressors(data, spec)[at - spec.memory]
+    by_torch = OneStepByTorch(spec, phi, data.samples.y[at], data.samples.weight[at])
     if algorithm == CONJUGATE:
-        conjugate = scaled_conjugate.ScaledConjugateOptions(epochs=epochs)
-        minimise = scaled_conjugate.minimise_scaled_conjugate
-        return minimise(objective, weights, conjugate, validate)
-    rate = gradient.GradientOptions().rate if job.candidate.rate is None else job.candidate.rate
-    descent = gradient.GradientOptions(epochs, rate=rate)
-    return gradient.descend(objective, weights, descent, validate)
+        return minimise_scaled_conjugate(by_torch, weights, epochs, validate)
+    return descend(by_torch, weights, epochs, job.candidate.rate or RATE, validate)
 
 
 def _regressors(data: Prepared, spec: Spec) -> FloatArray:
