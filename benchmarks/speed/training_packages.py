@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from training.narx.algorithms.lm import LmOptions, minimise
-from training.narx.algorithms.objectives import ClosedLoop, Samples, one_step
+from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples
 from training.narx.network import Spec, forward, layers, regressors
 
 
@@ -40,10 +40,12 @@ class TrainingCase:
     def target(self) -> np.ndarray:
         return self.y[self.spec.lags :]
 
-    def error(self, dtype: type[np.floating] = np.float32) -> ClosedLoop:
-        """Return the one-step error."""
-        samples, n = Samples(self.u, self.y, np.ones(len(self.y))), len(self.y)
-        return one_step(self.spec, samples, np.arange(self.spec.memory, n), dtype)
+    def error(self, horizon: int = 1, dtype: type[np.floating] = np.float32) -> ClosedLoop:
+        """Return the free-run error over pieces of ``horizon`` samples."""
+        start = np.arange(self.spec.lags, len(self.y), horizon)
+        history = self.y[start[:, None] - np.arange(1, self.spec.lags + 1)]
+        pieces = Pieces(start, np.minimum(start + horizon, len(self.y)), 0 * start, history)
+        return ClosedLoop(self.spec, Samples(self.u, self.y, np.ones(len(self.y))), pieces, dtype)
 
     def first(self, n: int) -> "TrainingCase":
         """Return the case with the first ``n`` training samples."""
@@ -136,7 +138,7 @@ def scipy_lm(case: TrainingCase, start: np.ndarray, iterations: int) -> TrainedR
         return forward(case.spec, weights, case.phi) - case.target
 
     def derivative(weights: np.ndarray) -> np.ndarray:
-        rows = case.error(np.float64).blocks(weights)
+        rows = case.error(1, np.float64).blocks(weights)
         return np.concatenate([each.copy() for each, _ in rows])
 
     def work() -> tuple[int, np.ndarray]:

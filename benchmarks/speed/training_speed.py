@@ -23,7 +23,7 @@ from benchmarks.speed.training_packages import MissingError, TrainedRun, Trainin
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.narx.algorithms.lm import LmOptions, minimise
-from training.narx.algorithms.objectives import CHUNK, ClosedLoop, Pieces, Samples
+from training.narx.algorithms.objectives import CHUNK
 from training.narx.network import Spec, forward, initial_weights, regressors, simulate
 from training.recordings.metrics import rmse
 from training.recordings.recording import Recording, load
@@ -158,21 +158,13 @@ def product_us(n_weights: int) -> float:
     return min(least_cpu_s(call, 40) for call in calls) / CHUNK * 1e6
 
 
-def closed_loop(of: TrainingCase, horizon: int) -> ClosedLoop:
-    """Return the free-run error over pieces of ``horizon`` samples."""
-    start = np.arange(of.spec.lags, len(of.y), horizon)
-    history = of.y[start[:, None] - np.arange(1, of.spec.lags + 1)]
-    pieces = Pieces(start, np.minimum(start + horizon, len(of.y)), 0 * start, history)
-    return ClosedLoop(of.spec, Samples(of.u, of.y, np.ones(len(of.y))), pieces)
-
-
 def speed(of: TrainingCase, weights: np.ndarray, iterations: int, repeats: int) -> Iterator[Row]:
     """Yield time per sample and iteration against the target, and the share of J'J alone."""
     alone = product_us(of.spec.n_weights)
     objectives = {
         "series-parallel": (of.error(), TARGET_US),
-        "closed loop, horizon 20": (closed_loop(of, 20), 2.0 * TARGET_US),
-        "closed loop, horizon 1000": (closed_loop(of, 1000), 2.0 * TARGET_US),
+        "closed loop, horizon 20": (of.error(20), 2.0 * TARGET_US),
+        "closed loop, horizon 1000": (of.error(1000), 2.0 * TARGET_US),
     }
     for name, (objective, target) in objectives.items():
         minimise(objective, weights, LmOptions(epochs=1))  # compiles
