@@ -20,7 +20,7 @@ DEFAULTS = LmOptions(mu=0.005)
 TINY = np.finfo(float).tiny
 
 
-class Evidence:
+class BayesianError:
     """The regularised objective and its balance between error and weights.
 
     objective : mean over samples, so that ``n_samples`` times its cost is the sum of squares
@@ -66,12 +66,12 @@ class Evidence:
 
 def minimise_bayesian(
     objective: Objective, weights: FloatArray, n_samples: int, options: LmOptions = DEFAULTS
-) -> tuple[LmOutcome, Evidence]:
+) -> tuple[LmOutcome, BayesianError]:
     """Return the last weights, on which the evidence settles, with their mean squared error.
 
     Raises ValueError if the objective is not finite at the start.
     """
-    evidence, mu = Evidence(objective, n_samples, len(weights)), options.mu
+    evidence, mu = BayesianError(objective, n_samples, len(weights)), options.mu
     watch = Watch(weights, objective.cost(weights), options.max_fail, options.min_gradient)
     for _ in range(options.epochs):
         _, curvature, slope = evidence.normal(weights)
