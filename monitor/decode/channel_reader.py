@@ -5,7 +5,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 from monitor.decode.bus_map import BusChannel
 from monitor.decode.payloads import Payloads
-from monitor.decode.raw_values import not_available_raw, plausible_range, plausible_raw, scaling
+from monitor.decode.raw_values import not_available_raw, plausible_range, scaling
 
 
 class ChannelReader:
@@ -16,8 +16,6 @@ class ChannelReader:
         self._missing = not_available_raw(channel)
         self.range = channel.range
         self._low, self._high = plausible_range(channel)
-        if not channel.signal.is_float:
-            self._bottom, self._top = plausible_raw(channel)
 
     def read(
         self, payloads: Payloads, out: FloatArray, most: FloatArray | None = None
@@ -28,20 +26,19 @@ class ChannelReader:
         Returns how many are not available and how many out of range.
         """
         raw = payloads.raw(self._signal)
-        by_range = most is not None and bool(most.any())
         number = raw.astype(np.float64)
-        if most is not None and by_range:
+        if most is not None:
             number *= np.where(most > 0.0, most / float(self._signal.maximum or 1.0), 1.0)
         out[:] = self._scaled(number)
-        if self._signal.is_float or by_range:
-            good = np.isfinite(out) & (self._low <= out) & (out <= self._high)
-        else:
-            good = np.asarray((raw >= self._bottom) & (raw <= self._top), dtype=np.bool_)
-            if good.all():
-                return 0, 0
-        missing = np.asarray(raw == self._missing, dtype=np.bool_)
-        good &= ~missing
-        out[~good] = np.inf
-        out[missing] = np.nan
-        n_missing = int(np.count_nonzero(missing))
-        return n_missing, int(np.count_nonzero(~good)) - n_missing
+        good = (self._low <= out) & (out <= self._high) & np.isfinite(out)
+        n_missing = 0
+        if self._missing is not None:
+            missing = np.asarray(raw == self._missing, dtype=np.bool_)
+            n_missing = int(np.count_nonzero(missing))
+            good &= ~missing
+        n_bad = len(out) - int(np.count_nonzero(good))
+        if n_bad:
+            out[~good] = np.inf
+        if n_missing:
+            out[missing] = np.nan
+        return n_missing, n_bad - n_missing

@@ -25,54 +25,37 @@ def _table() -> bytes:
     return bytes(entries)
 
 
-CRC8_TABLE: Final = _table()
-_TABLE_ARRAY: Final = np.frombuffer(CRC8_TABLE, dtype=np.uint8)
+_TABLE: Final = np.frombuffer(_table(), dtype=np.uint8)
 
 ALGORITHMS: Final = ("crc8_sae_j1850", "crc8_sae_j1850_id")  # the second begins with the id
-
-
-def crc8_sae_j1850(data: bytes) -> int:
-    """Return the CRC8 SAE J1850 of ``data``, 0 to 255.
-
-    Source: AUTOSAR Specification of CRC Routines, CRC8 SAE J1850; check value of "123456789".
-
-    >>> hex(crc8_sae_j1850(b"123456789"))
-    '0x4b'
-    """
-    crc = INITIAL
-    for byte in data:
-        crc = CRC8_TABLE[crc ^ byte]
-    return crc ^ FINAL_XOR
-
-
-def start_value(algorithm: str, can_id: int) -> int:
-    """Return the CRC register before the first payload byte.
-
-    algorithm : one of ALGORITHMS
-    """
-    return CRC8_TABLE[INITIAL ^ (can_id & 0xFF)] if algorithm == "crc8_sae_j1850_id" else INITIAL
-
-
-def payload_checksum(
-    algorithm: str, can_id: int, data: bytes | bytearray, checksum_byte: int
-) -> int:
-    """Return the checksum that belongs into byte ``checksum_byte`` of the payload ``data``.
-
-    algorithm : one of ALGORITHMS
-    """
-    crc = start_value(algorithm, can_id)
-    for position, byte in enumerate(data):
-        if position != checksum_byte:
-            crc = CRC8_TABLE[crc ^ byte]
-    return crc ^ FINAL_XOR
 
 
 def payload_checksums(
     algorithm: str, can_id: int, payloads: NDArray[np.uint8], checksum_byte: int
 ) -> NDArray[np.uint8]:
-    """Return the checksum of each row of ``payloads``, shape (n, n_bytes), as (n,)."""
-    crc = np.full(len(payloads), start_value(algorithm, can_id), dtype=np.uint8)
+    """Return the checksum of each row of ``payloads``, shape (n, n_bytes), as (n,).
+
+    algorithm : one of ALGORITHMS
+    checksum_byte : place of the checksum in a row, which does not count
+    """
+    begin = INITIAL ^ (can_id & 0xFF)
+    start = _TABLE[begin] if algorithm == "crc8_sae_j1850_id" else INITIAL
+    crc = np.full(len(payloads), start, dtype=np.uint8)
     for position in range(payloads.shape[1]):
         if position != checksum_byte:
-            crc = _TABLE_ARRAY[crc ^ payloads[:, position]]
+            crc = _TABLE[crc ^ payloads[:, position]]
     return crc ^ np.uint8(FINAL_XOR)
+
+
+def payload_checksum(
+    algorithm: str, can_id: int, data: bytes | bytearray, checksum_byte: int
+) -> int:
+    """Return the checksum of one payload, as ``payload_checksums``.
+
+    Source: AUTOSAR Specification of CRC Routines, CRC8 SAE J1850; check value of "123456789".
+
+    >>> hex(payload_checksum("crc8_sae_j1850", 0, b"123456789", checksum_byte=9))
+    '0x4b'
+    """
+    row = np.frombuffer(data, dtype=np.uint8)[np.newaxis]
+    return int(payload_checksums(algorithm, can_id, row, checksum_byte)[0])

@@ -52,40 +52,6 @@ def scaling(channel: BusChannel) -> Callable[[Any], Any]:
     return scaled
 
 
-def plausible_raw(channel: BusChannel) -> tuple[int, int]:
-    """Return the lowest and highest raw value that is plausible; empty if none is.
-
-    The range is checked on integers, because that is faster, with the decoder's own arithmetic.
-    """
-    bits = channel.signal.length
-    bottom, top = (0, (1 << bits) - 1)
-    if channel.signal.is_signed:
-        bottom, top = -(1 << (bits - 1)), (1 << (bits - 1)) - 1
-    missing = not_available_raw(channel)
-    bottom, top = bottom + (bottom == missing), top - (top == missing)
-    low, high = plausible_range(channel)
-    scaled = scaling(channel)
-    if scaled(float(bottom)) > scaled(float(top)):  # a negative factor
-        first = _bisect(lambda raw: scaled(float(raw)) <= high, bottom, top)
-        last = _bisect(lambda raw: scaled(float(raw)) < low, bottom, top) - 1
-    else:
-        first = _bisect(lambda raw: scaled(float(raw)) >= low, bottom, top)
-        last = _bisect(lambda raw: scaled(float(raw)) > high, bottom, top) - 1
-    return first, last
-
-
-def _bisect(holds: Callable[[int], bool], bottom: int, top: int) -> int:
-    """Return the first integer from ``bottom`` for which ``holds``, ``top + 1`` if none."""
-    top += 1
-    while bottom < top:
-        middle = (bottom + top) // 2
-        if holds(middle):
-            top = middle
-        else:
-            bottom = middle + 1
-    return bottom
-
-
 def bit_position(message: Message, signal: Signal) -> int:
     """Return how far the signal's lowest bit lies above that of the payload's integer."""
     if signal.byte_order == "little_endian":

@@ -9,10 +9,9 @@ A TOML file; columns that it does not name keep their own names::
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from monitor.base.errors import ConfigError
-from monitor.base.files.inputs import read_toml
+from monitor.base.files.toml_table import TomlTable
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,20 +28,13 @@ def load_columns(path: Path) -> dict[str, Column]:
 
     Raises ConfigError naming file and key if it cannot be used.
     """
-    raw = read_toml(path, "the columns map", ConfigError)
-    return {name: _column(path, name, entry) for name, entry in raw.items()}
+    raw = TomlTable.of_file(path, "the columns map", ConfigError)
+    return {name: _column(raw, name) for name in raw}
 
 
-def _column(path: Path, name: str, entry: Any) -> Column:
-    if isinstance(entry, str):
-        return Column(entry)
-    if not isinstance(entry, dict) or not isinstance(entry.get("column"), str):
-        raise ConfigError(f"{path}: {name} is {entry!r}, a column's name is wanted")
-    unknown = sorted(entry.keys() - {"column", "factor", "offset"})
-    if unknown:
-        raise ConfigError(f"{path}: [{name}] has the unknown key {unknown[0]!r}")
-    for key in ("factor", "offset"):
-        value = entry.get(key, 0.0)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ConfigError(f"{path}: [{name}] {key} is {value!r}, a number is wanted")
-    return Column(entry["column"], float(entry.get("factor", 1.0)), float(entry.get("offset", 0.0)))
+def _column(raw: TomlTable, name: str) -> Column:
+    if not isinstance(raw.tree[name], dict):
+        return Column(raw.value(name, str))
+    own = raw.table(name).only(("column", "factor", "offset"))
+    factor, offset = own.value("factor", float, 1.0), own.value("offset", float, 0.0)
+    return Column(own.value("column", str), factor, offset)

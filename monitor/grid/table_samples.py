@@ -1,6 +1,6 @@
 """Samples of tables: rows onto the sample grid, values outside their range as NaN."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -8,14 +8,7 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.runs import runs
 from monitor.base.signals import OUTPUT, plausible_range
-from monitor.base.types import (
-    BoolArray,
-    FloatArray,
-    Quality,
-    QualityArray,
-    Sample,
-    SampleBlock,
-)
+from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray, SampleBlock
 from monitor.frames.profiles.profile import STOICH_AFR
 from monitor.frames.profiles.times import held
 from monitor.grid.block_assembler import assemble_arrays, check_grid
@@ -158,30 +151,20 @@ def _on_grid(
         row_ns = int(np.median(np.diff(table.t_ns))) if len(table.t_ns) > 1 else 0
         timeouts_ns = [max(500_000_000, 3 * row_ns)] * len(names)
     cells = np.where(quality == Quality.OUT_OF_RANGE, np.inf, values)
-    series = [(table.t_ns, cells[:, column]) for column in range(len(names))]
-    longest_ns = min(timeouts_ns, default=DEFAULT_PERIOD_NS)  # no row for so long: a pause
-    if pinned is None:
-        return assemble_arrays(
-            table.t_ns,
-            series,
-            names,
-            names,
-            period_ns=period_ns,
-            timeouts_ns=timeouts_ns,
-            longest_ns=longest_ns,
-        )
     # a tick is pinned if any of its rows is: the marks pass the grid beside the values
-    series += [(table.t_ns, pinned[:, column].astype(np.float64)) for column in range(len(names))]
-    both = (*names, *(f"{name} pinned" for name in names))
+    columns = cells if pinned is None else np.hstack([cells, pinned])
+    both = (*names, *(f"{name} pinned" for name in names))[: columns.shape[1]]
     block = assemble_arrays(
         table.t_ns,
-        series,
+        [(table.t_ns, column) for column in columns.T],
         both,
         both,
         period_ns=period_ns,
-        timeouts_ns=[*timeouts_ns] * 2,
-        longest_ns=longest_ns,
+        timeouts_ns=[*timeouts_ns, *timeouts_ns][: len(both)],
+        longest_ns=min(timeouts_ns, default=DEFAULT_PERIOD_NS),  # no row for so long: a pause
     )
+    if pinned is None:
+        return block
     n = len(names)
     marks = np.asarray(block.values[:, n:] > 0.0)
     block = SampleBlock(block.index, block.t_ns, block.values[:, :n], block.quality[:, :n])
@@ -194,17 +177,6 @@ def _marked(block: SampleBlock, pinned: BoolArray) -> SampleBlock:
     known = (quality == Quality.GOOD) | (quality == Quality.OUT_OF_RANGE)
     quality[pinned & known] = Quality.PINNED
     return block._replace(quality=quality)
-
-
-def table_samples(
-    table: Table,
-    names: Sequence[str],
-    period_ns: int | None = None,
-    timeouts_ns: Sequence[int] | None = None,
-) -> Iterator[Sample]:
-    """Yield a table's samples one by one; see ``table_block``."""
-    block = table_block(table, names, period_ns, timeouts_ns)
-    return map(Sample, block.index.tolist(), block.t_ns.tolist(), block.values, block.quality)
 
 
 def in_range(values: FloatArray, names: Sequence[str]) -> tuple[FloatArray, QualityArray]:

@@ -7,9 +7,9 @@ value of the wrong type, is a ModelError that names the file.
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from monitor.base.errors import ModelError
 
@@ -26,6 +26,8 @@ RANGES: Final = {
     "window_samples": (2, 100_000),
 }
 SHOWN: Final = 60  # characters of a wrong value in a message
+_CARD: Final = "model card"
+_GONE: Final = ("fuel_cut", "region")  # fields that older cards have
 
 
 USUAL_PREDICTION: Final = "lambda_hat"  # the graph's output in models of any output, once
@@ -168,48 +170,17 @@ class ModelCard:
 
 
 def _card(data: dict[str, Any], path: str) -> ModelCard:
-    data = {
-        "structure": {},
-        "graph_sha256": "",
-        "profile": {},
-        "trust": {},
-        "times": {},
-    } | data  # older cards lack them
-    for name in ("fuel_cut", "region"):  # that older cards have
-        data.pop(name, None)
-    _keys(data, ModelCard, path, "model card")
+    older: dict[str, Any] = {name: {} for name in ("structure", "profile", "trust", "times")}
+    older |= {"graph_sha256": ""}
+    data = older | {name: each for name, each in data.items() if name not in _GONE}
     try:
-        data["inputs"] = tuple(_part(Channel, c, path, "inputs") for c in data["inputs"])
-        data["output"] = _part(Channel, data["output"], path, "output")
-        data["state"] = _part(StateLayout, data["state"], path, "state")
-        data["recordings"] = tuple(
-            _part(TrainingRecording, r, path, "recordings") for r in data["recordings"]
-        )
-        data["limits"] = {
-            name: _part(Limit, limit, path, f"limits.{name}")
-            for name, limit in data["limits"].items()
-        }
-        low, high = data["output_limits"]
-        data["output_limits"] = (float(low), float(high))
-        data["layers"] = tuple(int(n) for n in data["layers"])
-        for name in ("transforms", "effects"):
-            data[name] = tuple(dict(item) for item in data[name])
-        for name in (
-            "structure",
-            "fit",
-            "checks",
-            "reference",
-            "packages",
-            "profile",
-        ):
-            data[name] = dict(data[name])
-        data["times"] = _times(data["times"])
-        for name in ("residual_mean", "residual_std"):
-            data[name] = float(data[name])
+        card = _part(ModelCard, data, path, _CARD)
+        card = dataclasses.replace(card, times=_times(card.times))
     except (TypeError, ValueError, AttributeError, OverflowError) as error:
         raise ModelError(f"{path}: the model card has a value of the wrong type: {error}") from None
-    _check(data, path)
-    return ModelCard(**data)
+    for problem in _problems(card):
+        raise ModelError(f"{path}: {problem}")
+    return card
 
 
 def _times(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -257,64 +228,67 @@ def _keys(data: Mapping[str, Any], kind: type, path: str, where: str) -> None:
 
 
 def _part(kind: type[T], data: Any, path: str, where: str) -> T:
-    """Return a dataclass whose fields are strings, ints and floats; check the JSON's types."""
+    """Return a dataclass; check the JSON's types."""
     if not isinstance(data, dict):
         raise ModelError(f"{path}: {where} holds {_shown(data)}, wanted an object")
     _keys(data, kind, path, where)
-    values = {}
-    for f in dataclasses.fields(kind):  # type: ignore[arg-type]
-        value = data[f.name]
-        if f.type is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)  # OverflowError for one that no float holds
-        if type(value) is not f.type or (isinstance(value, float) and not math.isfinite(value)):
-            wanted = getattr(f.type, "__name__", f.type)
-            raise ModelError(f"{path}: {where}.{f.name} is {_shown(value)}, wanted {wanted}")
-        values[f.name] = value
-    return kind(**values)
+    inside = "" if where == _CARD else f"{where}."
+    hints = get_type_hints(kind)
+    return kind(**{k: _value(hints[k], each, path, f"{inside}{k}") for k, each in data.items()})
 
 
-def _check_fields(data: Mapping[str, Any], path: str) -> None:
-    """Check the fields that stand for themselves."""
+def _value(kind: Any, value: Any, path: str, where: str) -> Any:
+    """Return a value of JSON as one of a type: a number, a text, a dataclass, or several."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if dataclasses.is_dataclass(kind):
+        return _part(cast("type[Any]", kind), value, path, where)
+    if origin is Mapping and isinstance(value, dict):
+        return {k: _value(parts[1], each, path, f"{where}.{k}") for k, each in value.items()}
+    if origin is tuple and isinstance(value, list):
+        kinds = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
+        if len(kinds) == len(value):
+            pairs = zip(kinds, value, strict=True)
+            return tuple(_value(own, each, path, where) for own, each in pairs)
+    if kind is float and type(value) is int:
+        value = float(value)  # OverflowError for one that no float holds
+    if kind is not Any and type(value) is not kind:
+        wanted = {tuple: "a list", Mapping: "an object"}.get(origin) or kind.__name__
+        raise ModelError(f"{path}: {where} is {_shown(value)}, wanted {wanted}")
+    return value
+
+
+def _problems(card: ModelCard) -> Iterator[str]:
+    """Yield in words which values contradict each other or exceed a bound."""
     for name, (least, most) in RANGES.items():
-        if type(data[name]) is not int or not least <= data[name] <= most:
-            wanted = f"a whole number from {least} to {most}"
-            raise ModelError(f"{path}: {name} is {_shown(data[name])}, wanted {wanted}")
-    for name in ("kind", "transform", "graph_sha256"):
-        if not isinstance(data[name], str):
-            raise ModelError(f"{path}: {name} is {_shown(data[name])}, wanted a text")
-    contraction = data["checks"].get("contraction", {})
+        if not least <= getattr(card, name) <= most:
+            yield f"{name} is {_shown(getattr(card, name))}, wanted {least} to {most}"
+    contraction = card.checks.get("contraction", {})
     samples = contraction.get("samples", 0) if isinstance(contraction, dict) else contraction
     if type(samples) is not int or not 0 <= samples <= MEMORY_MOST:
-        wanted = f"samples, a whole number from 0 to {MEMORY_MOST}"
-        raise ModelError(f"{path}: checks.contraction has {_shown(samples)}, wanted {wanted}")
-    if data["residual_std"] < 0.0:
-        raise ModelError(f"{path}: residual_std is {data['residual_std']}, wanted 0 or more")
-    if data["transform"] not in ("phi", "none"):
-        was = _shown(data["transform"])
-        raise ModelError(f"{path}: transform is {was}, wanted 'phi' or 'none'")
-
-
-def _check(data: Mapping[str, Any], path: str) -> None:
-    _check_fields(data, path)
-    if not data["inputs"]:
-        raise ModelError(f"{path}: the model card has no inputs")
-    low, high = data["output_limits"]
-    if not low < high:
-        raise ModelError(f"{path}: output_limits are {low} and {high}, wanted low < high")
-    names = [channel.name for channel in data["inputs"]]
-    if len(set(names)) < len(names) or data["output"].name in names:
-        raise ModelError(f"{path}: inputs {names} and output must differ")
-    if data["transform"] == "phi" and not data["output"].name.startswith("lambda"):
-        raise ModelError(f"{path}: transform 'phi' is for lambda, not {data['output'].name}")
-    for name, limit in data["limits"].items():
+        yield f"checks.contraction has {_shown(samples)}, wanted samples from 0 to {MEMORY_MOST}"
+    if card.residual_std < 0.0:
+        yield f"residual_std is {card.residual_std}, wanted 0 or more"
+    if card.transform not in ("phi", "none"):
+        yield f"transform is {_shown(card.transform)}, wanted 'phi' or 'none'"
+    if not card.inputs:
+        yield "the model card has no inputs"
+    if not card.output_limits[0] < card.output_limits[1]:
+        yield f"output_limits are {card.output_limits}, wanted low < high"
+    if len({*card.input_names, card.output.name}) <= len(card.inputs):
+        yield f"inputs {[*card.input_names]} and output must differ"
+    if card.transform == "phi" and not card.output.name.startswith("lambda"):
+        yield f"transform 'phi' is for lambda, not {card.output.name}"
+    for name, limit in card.limits.items():
         if limit.value < 0.0 or (name == "noise" and limit.value == 0.0):
-            raise ModelError(f"{path}: limit {name} is {limit.value}, wanted a positive number")
-    layout: StateLayout = data["state"]
-    if data["kind"] == "narx" and layout.output_count != data["lags"]:
-        raise ModelError(
-            f"{path}: the state holds {layout.output_count} outputs, the lags are {data['lags']}"
-        )
+            yield f"limit {name} is {limit.value}, wanted a positive number"
+    yield from _problems_of_state(card)
+
+
+def _problems_of_state(card: ModelCard) -> Iterator[str]:
+    layout = card.state
+    if card.kind == "narx" and layout.output_count != card.lags:
+        yield f"the state holds {layout.output_count} outputs, the lags are {card.lags}"
     if layout.output_step < 1 or layout.output_count < 1:
-        raise ModelError(f"{path}: the output history {layout} is empty")
-    if not 0 <= layout.output_start < layout.output_slice.stop <= layout.size:
-        raise ModelError(f"{path}: the output history {layout} lies outside the state")
+        yield f"the output history {layout} is empty"
+    elif not 0 <= layout.output_start < layout.output_slice.stop <= layout.size:
+        yield f"the output history {layout} lies outside the state"

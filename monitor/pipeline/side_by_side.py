@@ -50,37 +50,15 @@ class Judged:
     behind: dict[str, Any] | None = None  # of the catalyst, None without a downstream sensor
 
 
-def judge_all(
-    blocks: Sequence[SampleBlock],
-    names: Sequence[str],
-    model: Model,
-    limits: Limits,
-    config: Config,
-    stores: Sequence[DtcStore] | None = None,
-    references: Sequence[Reference] | None = None,
-    rows: int = 64,
-    clearings: Sequence[Sequence[Clearing]] | None = None,
-    *,
-    keep_banks: bool = True,
-) -> list[Judged]:
-    """Return the verdicts on recordings, in their order.
+class RecordingJudge:
+    """Judges recordings with the same signals.
 
     names : signals of a sample; must contain the model's inputs and output
-    stores : fault memory of each recording, in which its driving cycle has begun; by default empty
-    references : of each recording's vehicle, which learns from every driving cycle that ends
-        within the recording; by default nothing is known, and nothing learned
     rows : how many recordings, and how many segments of theirs, run side by side
-    clearings : of each recording's codes, by a tester; by default none
     keep_banks : whether each window keeps the bank's readings, a drive of half an hour some
         megabytes; else its ``bank`` is empty, (n, 0)
     Raises RecordingError if a signal the model needs is not among ``names``.
     """
-    judge = RecordingJudge(names, model, limits, config, rows, keep_banks=keep_banks)
-    return judge.judge(blocks, stores, references, clearings)
-
-
-class RecordingJudge:
-    """Judges recordings with the same signals; arguments as for ``judge_all``."""
 
     def __init__(
         self,
@@ -103,7 +81,14 @@ class RecordingJudge:
         references: Sequence[Reference] | None = None,
         clearings: Sequence[Sequence[Clearing]] | None = None,
     ) -> list[Judged]:
-        """Return the verdicts on recordings, in their order."""
+        """Return the verdicts on recordings, in their order.
+
+        stores : fault memory of each recording, in which its driving cycle has begun; by default
+            empty
+        references : of each recording's vehicle, which learns from every driving cycle that ends
+            within the recording; by default nothing is known, and nothing learned
+        clearings : of each recording's codes, by a tester; by default none
+        """
         if stores is None:
             stores = [DtcStore(profile=self._config.profile) for _ in blocks]
             for store in stores:

@@ -16,7 +16,7 @@ from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.side_by_side import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, RecordingJudge
 from training.recordings.recording import Recording
 
 __all__ = [
@@ -93,7 +93,8 @@ def judge_recordings(
     judged: dict[int, Judged] = {}
     for names, places in alike.items():
         blocks = [_block(recordings[i], names) for i in places]
-        judged |= zip(places, judge_all(blocks, names, model, limits, config), strict=True)
+        judge = RecordingJudge(names, model, limits, config)
+        judged |= zip(places, judge.judge(blocks), strict=True)
     return [judged[i] for i in range(len(recordings))]
 
 

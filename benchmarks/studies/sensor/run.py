@@ -32,7 +32,7 @@ from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from monitor.pipeline.side_by_side import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, RecordingJudge
 from training.dyno import ecu
 from training.jobs import parallel
 
@@ -155,7 +155,7 @@ def judge_drives(
     references : one per drive, the reference of its vehicle; None means a new reference
     """
     known = [reference or Reference() for reference in references]
-    return judge_all(blocks, names, model, limits, config, references=known)
+    return RecordingJudge(names, model, limits, config).judge(blocks, references=known)
 
 
 def learn(reference: Reference | None, judged: Judged, config: Config) -> Reference:

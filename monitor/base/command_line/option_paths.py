@@ -1,51 +1,37 @@
 """The files that a command reads and writes: every option that names a file says which it does.
 
-The ``type`` of an argparse option is its role, one of the functions here. ``check`` looks at all
-options of the chosen command before the work begins: nothing that is read is written over, nothing
-is written twice, no file of another program is replaced without ``--force``, an option that every
-command that writes has. Files that a command writes without an option of their own are named by
+The ``type`` of an argparse option is its role here. ``check`` looks at all options of the chosen
+command before the work begins: nothing that is read is written over, nothing is written twice, no
+file of another program is replaced without ``--force``, an option that every command that writes
+has. Files that a command writes without an option of their own are named by
 ``also_written``, a default of the parser: a function from the namespace to paths. A command that
 changes a file in place unless it is told to write another names that option ``changed_in_place``.
 """
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import NamedTuple
 
 from monitor.base.errors import UsageError
 from monitor.base.files import manifest, outputs
 from monitor.base.files.inputs import other_kind
 
 
-def read(text: str) -> Path:
-    """Return the path of a file that the command only reads."""
-    return Path(text)
+class PathRole:
+    """What a command does with an option's file; as the option's ``type`` it makes the path."""
+
+    def __call__(self, text: str) -> Path:
+        """Return the path."""
+        return Path(text)
 
 
-def written(text: str) -> Path:
-    """Return the path of a file that the command writes anew."""
-    return Path(text)
-
-
-def numbered(text: str) -> Path:
-    """Return the path of a file to write; if it exists, the command adds a number to its name."""
-    return Path(text)
-
-
-def written_model(text: str) -> Path:
-    """Return the path of a model file to write; it may take the place of the shipped model."""
-    return Path(text)
-
-
-def folder(text: str) -> Path:
-    """Return the path of a folder into which the command writes."""
-    return Path(text)
-
-
-def kept(text: str) -> Path:
-    """Return the path of a fault memory, which the command reads and goes on writing."""
-    return Path(text)
+read = PathRole()  # a file that the command only reads
+written = PathRole()  # that it writes anew
+numbered = PathRole()  # to write; if it exists, the command adds a number to its name
+written_model = PathRole()  # a model to write; it may take the place of the shipped model
+folder = PathRole()  # into which the command writes
+kept = PathRole()  # a fault memory, which it reads and goes on writing
 
 
 def pattern(text: str) -> str:
@@ -53,21 +39,10 @@ def pattern(text: str) -> str:
     return text
 
 
-ROLES: Final[tuple[Callable[[str], Any], ...]] = (
-    read,
-    written,
-    numbered,
-    written_model,
-    folder,
-    kept,
-    pattern,
-)
-
-
 class Named(NamedTuple):
     """A path that the user gave."""
 
-    role: Callable[[str], Any]
+    role: PathRole
     option: str  # name in the namespace
     path: Path
 
@@ -87,22 +62,25 @@ def add_force(parser: argparse.ArgumentParser) -> None:
 def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     """Check the files of the chosen command's options; raises UsageError for the first conflict."""
     found = list(named(parser, args))
-    by_role = {role: [each.path for each in found if each.role is role] for role in ROLES}
-    memories = by_role[kept]
-    for path in [*by_role[read], *memories]:
+
+    def of(*roles: PathRole) -> list[Path]:
+        return [each.path for role in roles for each in found if each.role is role]
+
+    memories = of(kept)
+    for path in of(read, kept):
         _check_kind(path)
-    for path in by_role[folder]:
+    for path in of(folder):
         if path.exists() and not path.is_dir():
             raise UsageError(f"{path}: is a file, a folder is wanted")
     beside = [path for path in _beside(args) if path.parent.is_dir()]
-    for path in [*by_role[written], *by_role[numbered], *beside]:
+    for path in [*of(written, numbered), *beside]:
         if outputs.is_shipped(path):
             raise UsageError(f"{path}: belongs to the program; choose another file to write")
-    replaced = [*by_role[written], *by_role[written_model], *beside]
-    goals = [*replaced, *by_role[numbered]]
-    changed = _changed(args, by_role[written_model])
+    replaced = [*of(written, written_model), *beside]
+    goals = [*replaced, *of(numbered)]
+    changed = _changed(args, of(written_model))
     inputs = [each.path for each in found if each.role is read and each.option != changed]
-    if changed and not by_role[written_model]:
+    if changed and not of(written_model):
         goals.append(getattr(args, changed))
     for path in goals:
         for memory in memories:
@@ -110,7 +88,7 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
                 raise UsageError(
                     f"{path}: belongs to the fault memory {memory}; choose another file to write"
                 )
-    manifests = [path.parent / manifest.NAME for path in by_role[read]]
+    manifests = [path.parent / manifest.NAME for path in of(read)]
     outputs.check(goals, [*inputs, *manifests, *memories])
     if not getattr(args, "force", False):
         outputs.check_replaced(replaced)
@@ -136,7 +114,7 @@ def named(parser: argparse.ArgumentParser, args: argparse.Namespace) -> Iterator
         value = getattr(args, action.dest, None)
         if isinstance(action, argparse._SubParsersAction):
             yield from named(action.choices[str(value)], args)
-        elif action.type in ROLES and action.type is not pattern and value is not None:
+        elif isinstance(action.type, PathRole) and value is not None:
             for path in value if isinstance(value, list) else [value]:
                 yield Named(action.type, action.dest, path)
 

@@ -12,7 +12,7 @@ from cantools.database.can import Message, Signal
 
 from monitor.base.errors import SignalMapError
 from monitor.decode.bus_map import BusChannel, BusMap
-from monitor.decode.raw_values import bit_position
+from monitor.decode.raw_values import last_byte
 
 ANSWER_ID: Final = 0x7E8  # the engine's answers, ISO 15765-4
 HEADER_BYTES: Final = 3  # of an answer in a single frame: length, service, PID
@@ -72,7 +72,7 @@ def lengths(bus_map: BusMap, parameters: Iterable[ObdParameter]) -> Mapping[int,
     for message in {id(c.message): c.message for c in bus_map.channels.values()}.values():
         for signal in message.signals:
             for pid in asked.intersection(_pids(message, signal)):
-                last = _last_byte(message, signal) + 1 - HEADER_BYTES
+                last = last_byte(message, signal) + 1 - HEADER_BYTES
                 n_bytes[pid] = max(n_bytes.get(pid, 0), last)
     return n_bytes
 
@@ -94,10 +94,3 @@ def _pids(message: Message, signal: Signal) -> tuple[int, ...]:
     if signal.multiplexer_signal != MULTIPLEXER:
         return ()
     return tuple(sorted(signal.multiplexer_ids or ()))
-
-
-def _last_byte(message: Message, signal: Signal) -> int:
-    position = bit_position(message, signal)
-    if signal.byte_order == "little_endian":
-        return (position + signal.length - 1) // 8
-    return int(message.length - 1 - position // 8)

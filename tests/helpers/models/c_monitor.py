@@ -12,7 +12,7 @@ from monitor.base.types import FloatArray, Quality, SampleBlock
 from monitor.controller.tables import CODES_INSIDE, ExportSource
 from monitor.judge.limits import Limits
 from monitor.pipeline.replay import Setup
-from monitor.pipeline.side_by_side import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, RecordingJudge
 
 DRIVER = Path(__file__).with_name("c_driver.c")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror")
@@ -127,7 +127,7 @@ def in_python(
 ) -> list[Said]:
     """Return the Python monitor's verdicts on recordings."""
     own = limits or setup.limits
-    judged = judge_all(blocks, names, setup.model, own, setup.config, keep_banks=False)
+    judged = RecordingJudge(names, setup.model, own, setup.config, keep_banks=False).judge(blocks)
     return [_said(block, each) for block, each in zip(blocks, judged, strict=True)]
 
 

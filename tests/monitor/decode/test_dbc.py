@@ -9,7 +9,7 @@ import dbc
 from monitor.base.errors import SignalMapError
 from monitor.base.signals import BY_NAME, OWN
 from monitor.decode.bus_map import load_database, load_pairs
-from monitor.decode.checksum import crc8_sae_j1850, payload_checksum
+from monitor.decode.checksum import payload_checksum
 from tests.helpers.examples import inputs
 
 DATABASES = [name for name in dbc.names() if name.endswith(".dbc")]
@@ -95,13 +95,13 @@ def test_a_later_pair_provides_lambda_instead_of_the_engine() -> None:
 
 
 def test_the_checksum_is_the_published_one() -> None:
-    assert crc8_sae_j1850(b"123456789") == 0x4B
-    assert crc8_sae_j1850(bytes(4)) == 0x59
+    def crc(data: bytes) -> int:
+        return payload_checksum("crc8_sae_j1850", 0x123, data, len(data))
+
+    assert (crc(b"123456789"), crc(bytes(4))) == (0x4B, 0x59)
     payload = bytes(range(8))
-    assert payload_checksum("crc8_sae_j1850", 0x123, payload, 7) == crc8_sae_j1850(payload[:7])
-    assert payload_checksum("crc8_sae_j1850_id", 0x123, payload, 0) == crc8_sae_j1850(
-        b"\x23" + payload[1:]
-    )
+    assert payload_checksum("crc8_sae_j1850", 0x123, payload, 7) == crc(payload[:7])
+    assert payload_checksum("crc8_sae_j1850_id", 0x123, payload, 0) == crc(b"\x23" + payload[1:])
 
 
 def test_an_unknown_file_of_the_package_is_named() -> None:

@@ -14,7 +14,7 @@ from monitor.base.types import Frame, Quality
 from monitor.decode.bus_map import load_pairs
 from monitor.frames.blocks import LogCounters
 from monitor.frames.logs import read_frames
-from monitor.grid.table_samples import table_samples
+from monitor.grid.table_samples import table_block
 from monitor.grid.tables import is_table, read_table
 from tests.conftest import ROOT
 from training.recordings.files.can_log import broadcast, write_log
@@ -202,37 +202,30 @@ def test_blank_cells_are_not_valid(tmp_path: Path, name: str) -> None:
 
 def test_a_uniform_table_is_used_sample_for_sample_at_its_own_period(tmp_path: Path) -> None:
     path = table(tmp_path, "time_s,lambda_measured\n5,0.2\n5.05,1\n5.1,\n5.15,1.5\n5.2,\n")
-    samples = list(table_samples(read_table(path), ["lambda_measured"]))
-    assert [s.index for s in samples] == [0, 1, 2, 3, 4]
-    assert [s.t_ns for s in samples] == [5_000_000_000 + k * 50_000_000 for k in range(5)]
+    block = table_block(read_table(path), ["lambda_measured"])
+    assert block.index.tolist() == [0, 1, 2, 3, 4]
+    assert block.t_ns.tolist() == [5_000_000_000 + k * 50_000_000 for k in range(5)]
     # a blank between two values holds the first, one at the end has none
-    assert [s.quality[0] for s in samples] == [
-        Quality.OUT_OF_RANGE,
-        Quality.GOOD,
-        Quality.GOOD,
-        Quality.GOOD,
-        Quality.INVALID,
-    ]
-    np.testing.assert_array_equal([s.values[0] for s in samples], [math.nan, 1, 1, 1.5, math.nan])
+    good = Quality.GOOD
+    assert block.quality[:, 0].tolist() == [Quality.OUT_OF_RANGE, good, good, good, Quality.INVALID]
+    np.testing.assert_array_equal(block.values[:, 0], [math.nan, 1, 1, 1.5, math.nan])
 
 
 def test_a_table_with_gaps_is_brought_onto_the_grid(tmp_path: Path) -> None:
     path = table(tmp_path, "time_s,x\n0,1\n0.05,3\n0.3,5\n2,7\n2.01,0\n")
-    samples = list(table_samples(read_table(path), ["x"], 100_000_000))
-    assert samples[0].values[0] == 2.0
-    assert samples[2].values[0] == 5.0
+    block = table_block(read_table(path), ["x"], 100_000_000)
+    assert block.values[[0, 2], 0].tolist() == [2.0, 5.0]
     # no row for 1.7 s is a pause: the grid begins anew behind it
-    assert len(samples) == 4
-    assert samples[3].quality[0] == Quality.GAP
-    assert samples[3].t_ns == 2_000_000_000
+    assert len(block.t_ns) == 4
+    assert block.quality[3, 0] == Quality.GAP
+    assert block.t_ns[3] == 2_000_000_000
 
 
 def test_a_table_follows_the_period_asked_for(tmp_path: Path) -> None:
     rows = "".join(f"{k * 0.05:.2f},{k}\n" for k in range(9))
     got = read_table(table(tmp_path, f"time_s,x\n{rows}"))
-    samples = list(table_samples(got, ["x"], 100_000_000))
-    assert [s.values[0] for s in samples] == [1.0, 3.5, 5.5]
-    assert len(list(table_samples(got, ["x"], 50_000_000))) == 9
+    assert table_block(got, ["x"], 100_000_000).values[:, 0].tolist() == [1.0, 3.5, 5.5]
+    assert len(table_block(got, ["x"], 50_000_000).t_ns) == 9
 
 
 @pytest.mark.parametrize(
@@ -278,7 +271,7 @@ def test_a_columns_map_renames_and_scales(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
-        ("x = 3\n", ConfigError, "a column's name is wanted"),
+        ("x = 3\n", ConfigError, "x is 3, a text is wanted"),
         ('x = { column = "a", gain = 2 }\n', ConfigError, "unknown key 'gain'"),
         ('x = { column = "a", factor = "2" }\n', ConfigError, "a number is wanted"),
         ("x = \n", ConfigError, "not a TOML file"),

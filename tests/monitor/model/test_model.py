@@ -222,7 +222,7 @@ def test_a_state_of_another_size_is_refused(path: Path) -> None:
         ({"period_ns": "fast"}, "period_ns is 'fast'"),
         ({"schema": "o2_monitor.card/9"}, "wanted 'o2_monitor.card/1'"),
         ({"output": {"name": "y"}}, "output lacks"),
-        ({"recordings": 7}, "wrong type"),
+        ({"recordings": 7}, "recordings is 7, wanted a list"),
         ({"checks": {"contraction": {"samples": 1e9}}}, "checks.contraction has 1000000000.0"),
         ({"checks": {"contraction": "soon"}}, "checks.contraction has 'soon'"),
         (

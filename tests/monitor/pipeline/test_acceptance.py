@@ -10,7 +10,7 @@ from monitor.base import config, faults
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from monitor.pipeline.side_by_side import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, RecordingJudge
 from training.dyno import ecu
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate
@@ -68,7 +68,7 @@ def judged(experiments: Sequence[Experiment], model: Model) -> list[Judged]:
         rng = np.random.default_rng([each.seed, each.vehicle])
         sent = ecu.broadcast(simulate(each), bus_map, rng, each.fault)
         blocks.append(ecu.samples(sent, bus_map, model.card.period_ns))
-    return judge_all(blocks, bus_map.names, model, limits, settings)
+    return RecordingJudge(bus_map.names, model, limits, settings).judge(blocks)
 
 
 def test_healthy_drives_of_many_seeds_get_no_code_and_are_judged(model: Model) -> None:

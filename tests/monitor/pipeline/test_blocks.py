@@ -19,7 +19,7 @@ from monitor.judge.response.bank import Bank, Spans, build
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from monitor.pipeline.side_by_side import judge_all
+from monitor.pipeline.side_by_side import RecordingJudge
 from tests.helpers.examples import inputs
 from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, stream
 from tests.helpers.models.networks import card_of, network_of
@@ -163,17 +163,8 @@ def test_recordings_are_judged_alike_alone_or_side_by_side_and_however_they_are_
     clearings = [data.draw(cleared(block)) for block in blocks]
     stores = [fresh() for _ in blocks]
     references = None if learned is None else [learned] * len(blocks)
-    judged = judge_all(
-        blocks,
-        names,
-        model=model,
-        limits=TIGHT,
-        config=SHORT,
-        stores=stores,
-        references=references,
-        rows=rows,
-        clearings=clearings,
-    )
+    judge = RecordingJudge(names, model, TIGHT, SHORT, rows)
+    judged = judge.judge(blocks, stores, references, clearings)
     alone = partial(
         stream, names=names, model=model, limits=TIGHT, settings=SHORT, reference=learned
     )
@@ -199,12 +190,12 @@ def test_an_infinite_input_is_refused_by_name_either_way(tiny: dict[str, Model])
     with pytest.raises(ValueError, match=r"finite: lambda_controller$"):
         stream(block, NAMES, model=tiny["phi"], limits=TIGHT, settings=SHORT, store=fresh())
     with pytest.raises(ValueError, match=r"finite: lambda_controller$"):
-        judge_all([block], NAMES, tiny["phi"], TIGHT, SHORT)
+        RecordingJudge(NAMES, tiny["phi"], TIGHT, SHORT).judge([block])
 
 
 def test_an_input_of_the_model_that_is_not_there_is_named() -> None:
     with pytest.raises(RecordingError, match="rail_pressure_mpa"):
-        judge_all([_EMPTY], NAMES, Model.load(shipped_model()), TIGHT, SHIPPED)
+        RecordingJudge(NAMES, Model.load(shipped_model()), TIGHT, SHIPPED)
 
 
 # The parts

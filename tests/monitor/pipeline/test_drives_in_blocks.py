@@ -10,7 +10,7 @@ from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from monitor.pipeline.side_by_side import judge_all
+from monitor.pipeline.side_by_side import RecordingJudge
 from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, stream
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
@@ -62,7 +62,8 @@ def test_every_vehicle_is_judged_by_its_own_reference_which_learns_between_two_d
     stores = [fresh() for _ in both]
     references = [Reference(), Reference(-0.03, -0.02, 0.96, 2)]
     # WHEN they are judged side by side, or one by one in a stream
-    judged = judge_all(both, names, MODEL, LIMITS, SHIPPED, stores=stores, references=references)
+    judge = RecordingJudge(names, MODEL, LIMITS, SHIPPED)
+    judged = judge.judge(both, stores, references)
     # THEN each reference has learned from the first drive
     for block, reference, got, store in zip(both, references, judged, stores, strict=True):
         assert [each.seen is not None for each in got.cycles] == [True]
@@ -74,7 +75,7 @@ def test_every_vehicle_is_judged_by_its_own_reference_which_learns_between_two_d
         assert own.saved == store.saved
         assert store.counts.ignition_cycles == 2
     # without a reference nothing is learned, and the second drive is judged as the first one
-    (alone,) = judge_all(both[:1], names, MODEL, LIMITS, SHIPPED)
+    (alone,) = judge.judge(both[:1])
     assert alone.limits == LIMITS
     half = len(alone.windows) // 2
     assert [w.statistics for w in alone.windows[half:]] == [

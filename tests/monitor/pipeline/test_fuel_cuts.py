@@ -10,7 +10,7 @@ from monitor.base.types import SampleBlock
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from monitor.pipeline.side_by_side import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, RecordingJudge
 from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
@@ -34,7 +34,7 @@ def drive(fault: str | None, severity: float | None = None) -> tuple[SampleBlock
 
 def judged(fault: str | None, severity: float | None, limits: Limits = LIMITS) -> Judged:
     block, names = drive(fault, severity)
-    return judge_all([block], names, MODEL, limits, SHIPPED)[0]
+    return RecordingJudge(names, MODEL, limits, SHIPPED).judge([block])[0]
 
 
 @pytest.mark.parametrize(
