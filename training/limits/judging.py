@@ -65,10 +65,8 @@ def most_common_cause(recordings: Sequence[Recording], card: ModelCard, config: 
     found = Counter(
         cause.in_words for recording in recordings for cause in why_not(recording, card, config)[:1]
     )
-    if not found:
-        return ""
-    text, n = found.most_common(1)[0]
-    return f"{text} (in {n} of {len(recordings)} recordings)"
+    most = found.most_common(1)
+    return f"{most[0][0]} (in {most[0][1]} of {len(recordings)} recordings)" if most else ""
 
 
 def judge(recording: Recording, model: Model, limits: Limits, config: Config) -> Judged:
@@ -94,7 +92,7 @@ def judge_recordings(
     for names, places in alike.items():
         blocks = [_block(recordings[i], names) for i in places]
         judge = RecordingJudge(names, model, limits, config)
-        judged |= zip(places, judge.judge(blocks), strict=True)
+        judged |= dict(zip(places, judge.judge(blocks), strict=True))
     return [judged[i] for i in range(len(recordings))]
 
 
