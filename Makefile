@@ -175,6 +175,7 @@ $(DEMO)/.installed: pyproject.toml constraints.txt $(shell find monitor dbc shar
 	@touch $@
 
 python:
+	@command -v $(PYTHON) >/dev/null || { echo "there is no $(PYTHON); Debian: apt-get install python3 python3-venv" >&2; exit 2; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "o2-monitor needs Python 3.11 or newer; say which with make PYTHON=python3.12" >&2; exit 2; }
 	@$(PYTHON) -c 'import ensurepip, venv' || \

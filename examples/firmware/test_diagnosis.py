@@ -1,6 +1,6 @@
 """Does the monitor understand the frames of our ECU program, and find a sensor's fault in them?
 
-pytest --junit-xml=report.xml, with CAN_INTERFACE and CAN_CHANNEL as in ci.yml
+pytest --junit-xml=report.xml, with CAN_INTERFACE and CAN_CHANNEL as in github.yml
 """
 
 import subprocess

@@ -78,12 +78,10 @@ TESTS: dict[str, tuple[str, ...]] = {
     "downstream_heater": (_HEATER,),
     "balance": ("balance_lean", "balance_rich"),
 }
-# tests of vehicles with a downstream sensor
+# tests of vehicles with a downstream sensor, for which signals or drives may be missing
 BEHIND: Final = ("catalyst", "downstream", "downstream_circuit", "downstream_heater", "balance")
 # Tests of the vehicle; the monitor's own has no in-use performance ratio and decides at once.
 OF_VEHICLE: Final = tuple(test for test in TESTS if test != "memory")
-# tests that a vehicle may not have the signals, or the drives, for
-OPTIONAL: Final = BEHIND
 # Tests that judge every sample; they have no in-use performance ratio (13 CCR 1968.2 (d)(3.2)).
 CONTINUOUS = ("communication", "range", "ready")
 TEST_OF: dict[str, str] = {fault: test for test, faults in TESTS.items() for fault in faults}

@@ -10,12 +10,12 @@ from types import MappingProxyType
 
 from monitor.base.config import ProfileConfig, shipped
 from monitor.memory.codes import (
+    BEHIND,
     CODES,
     CONTINUOUS,
     LOST,
     OF_MONITOR,
     OF_VEHICLE,
-    OPTIONAL,
     TEST_OF,
     TESTS,
     codes_of,
@@ -213,15 +213,13 @@ class DtcStore:
         general = self._counts.general_denominator + 1
         self._counts = replace(self._counts, general_denominator=general)
         for test, ratio in self._ratios.items():
-            if self._is_paused(test):
-                continue
-            self._ratios[test] = _bounded(replace(ratio, denominator=ratio.denominator + 1))
+            if not self._is_paused(test):
+                self._ratios[test] = _bounded(replace(ratio, denominator=ratio.denominator + 1))
 
     def _is_paused(self, test: str) -> bool:
         """Return whether a code of a continuous test stops this test from counting, (d)(4)."""
-        if test in CONTINUOUS:
-            return False
-        return any(d.state and TEST_OF.get(d.fault) in CONTINUOUS for d in self._dtcs.values())
+        failing = {TEST_OF.get(d.fault) for d in self._dtcs.values() if d.state}
+        return test not in CONTINUOUS and not failing.isdisjoint(CONTINUOUS)
 
     def count_ignition_cycle(self) -> None:
         """Count an engine start."""
@@ -307,7 +305,7 @@ class DtcStore:
         A test behind the catalyst is one of them once it has decided something.
         """
         known = self._completed | {test for test, ratio in self._ratios.items() if ratio.numerator}
-        return tuple(r for r in self.ratios if r.test not in OPTIONAL or r.test in known)
+        return tuple(r for r in self.ratios if r.test not in BEHIND or r.test in known)
 
     @property
     def counts(self) -> Counts:

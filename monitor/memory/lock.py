@@ -1,4 +1,4 @@
-"""One user at a time works on a fault memory: a lock on an empty file beside it, which stays.
+"""One user at a time works on a fault memory: a lock on an empty file beside it, gone afterwards.
 
 Linux and macOS lock with flock, Windows the file's first byte. Elsewhere there is no fault memory;
 everything else works.
@@ -6,7 +6,7 @@ everything else works.
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -49,7 +49,12 @@ class Lock:
             if isinstance(error, ModuleNotFoundError):
                 said = "this system has no file locks, so no fault memory can be used"
             raise RecordingError(f"{self._path}: {said}") from None
-        self._descriptor = descriptor
+        with suppress(FileNotFoundError):  # its last owner may have removed it since it was opened
+            if os.path.samestat(os.fstat(descriptor), self._file.stat()):
+                self._descriptor = descriptor
+                return
+        os.close(descriptor)
+        self.take()
 
     @contextmanager
     def taken(self) -> Iterator[None]:
@@ -64,7 +69,9 @@ class Lock:
                 self.let_go()
 
     def let_go(self) -> None:
-        """Let go of the lock, if it is taken."""
+        """Let go of the lock, if it is taken, and remove its file where the system allows."""
         if self._descriptor is not None:
+            with suppress(OSError):  # Windows removes no open file; a folder may be read-only by now
+                self._file.unlink()
             os.close(self._descriptor)
             self._descriptor = None

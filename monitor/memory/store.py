@@ -135,11 +135,8 @@ class Memory:
         files cannot be written; they then hold the content before, or one of them the new one.
         """
         is_told = any(dtc.code in CODES[LOST] and dtc.fault for dtc in saved.dtcs)
-        self._store(
-            lambda before: replace(
-                before, saved=saved, set_aside="" if is_told else before.set_aside
-            )
-        )
+        aside = {"set_aside": ""} if is_told else {}
+        self._store(lambda before: replace(before, saved=saved, **aside))
 
     def forget_loss(self) -> None:
         """Store that the user knows of the lost memory before this one."""

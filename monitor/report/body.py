@@ -15,10 +15,10 @@ from monitor.report import catalyst, evidence
 from monitor.report.elements import number, path, row, table, term_list, text
 from monitor.report.words import (
     CATALYST_ALONE,
-    STATISTICS,
     VERDICTS,
     advice,
     confidence,
+    counted_out,
     has_model,
     is_catalyst_alone,
     is_simulated,
@@ -53,29 +53,27 @@ def body(
             f'<p class="note"><strong>Simulated.</strong> {which} on this page: from a simulation, '
             "not from a vehicle. Their results are marked.</p>"
         )
+    overview = _summary(recordings) if len(recordings) > 1 else ""
+    lead = _lead(recordings) if len(recordings) > 1 else ""
     opened = len(recordings) <= OPEN_AT_FIRST
     sections = "\n".join(
         _recording(i, recording, output, opened) for i, recording in enumerate(recordings)
     )
     return (
-        f"<header><h1>{text(title)}</h1>{_lead(recordings)}{note}</header>\n<main>\n"
-        f"{_summary(recordings)}\n"
-        f"{sections}\n{_model(model_info, recordings)}\n{_steps(steps)}\n</main>"
+        f"<header><h1>{text(title)}</h1>{lead}{note}</header>\n<main>\n"
+        f"{overview}\n{sections}\n{_model(model_info, recordings)}\n{_steps(steps)}\n</main>"
     )
 
 
 def _lead(recordings: Sequence[Mapping[str, Any]]) -> str:
-    """Return the verdict on the page's worst recording, its reason and its confidence."""
-    if not recordings:
-        return ""
+    """Return the verdict on the worst of several recordings, its reason and its confidence."""
     verdicts = [verdict_of(recording) for recording in recordings]
     worst = next(verdict for verdict in VERDICTS_WORST_FIRST if verdict in verdicts)
     own = recordings[verdicts.index(worst)]
     words = VERDICTS[worst][1].capitalize()
-    if len(recordings) > 1:
-        words += f" in {verdicts.count(worst)} of {len(recordings)} recordings"
+    words += f" in {verdicts.count(worst)} of {len(recordings)} recordings"
     reason = _sentence(own)
-    if len(recordings) > 1 and worst != "passed":
+    if worst != "passed":
         reason = f"{path(PurePath(str(own['path'])).name)}: {reason}"
     return (
         f'<div class="verdict {worst}" role="status"><p><strong>{words}.</strong> {reason}</p>'
@@ -86,38 +84,27 @@ def _lead(recordings: Sequence[Mapping[str, Any]]) -> str:
 def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
     names = [PurePath(str(r["path"])).name for r in recordings]
     alike = len(set(names)) < len(names)
-    rows = []
-    for i, recording in enumerate(recordings):
-        name = recording["path"] if alike else names[i]
-        n = verdict_counts(recording)
-        rows.append(
-            row(
-                ("Recording", f'<a href="#recording-{i}">{path(name)}</a>{_tag(recording)}'),
-                ("Verdict", _badge(recording)),
-                ("Reason", _codes(recording)),
-                ("Passed", _count("passed", n["passed"])),
-                ("Failed", _count("failed", n["failed"])),
-                ("Inconclusive", _count("inconclusive", n["inconclusive"])),
-                ("Paper’s rule failed", str(n["paper"])),
-                ("Enabled", _enabled(recording)),
-            )
+    rows = [
+        row(
+            ("Recording", f'<a href="#recording-{i}">{path(name)}</a>{_tag(recording)}'),
+            ("Verdict", _badge(recording)),
+            ("Reason", _sentence(recording)),
+            ("Windows", _counts(recording)),
+            ("Enabled", _enabled(recording)),
         )
-    head = (
-        '<tr><th rowspan="2">Recording</th><th rowspan="2">Verdict</th><th rowspan="2">Reason</th>'
-        '<th colspan="4" class="group">Windows</th><th rowspan="2">Enabled</th></tr>'
-        "<tr><th>passed</th><th>failed</th><th>inconclusive</th><th>paper’s rule failed</th></tr>"
-    )
+        for i, recording in enumerate(recordings)
+        for name in (recording["path"] if alike else names[i],)
+    ]
     verdicts = [verdict_of(recording) for recording in recordings]
     words = " · ".join(
         f"{label}: {verdicts.count(verdict)}"
         for verdict, (_, label) in VERDICTS.items()
         if verdict in verdicts
     )
+    head = ("Recording", "Verdict", "Reason", "Windows", "Enabled")
     return (
-        '<section><h2>Summary</h2><p class="quiet">'
-        f"{counted(len(recordings), 'recording')} · {words}"
-        f'</p><table class="summary cards"><thead>{head}</thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></section>"
+        f'<section><h2>Summary</h2><p class="quiet">{counted(len(recordings), "recording")} · '
+        f"{words}</p>{table(head, rows, 'summary cards')}</section>"
     )
 
 
@@ -126,13 +113,10 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
     facts = [
         ("Samples", f"{recording['samples']:,}".replace(",", " ")),
         ("Enabled", _enabled(recording)),
-        (
-            "Windows",
-            f"{n['passed']} passed, {n['failed']} failed, {n['inconclusive']} inconclusive",
-        ),
+        ("Windows", _counts(recording)),
         *([("Tests", text(told))] if (told := tests(recording)) else []),
         ("Paper’s rule", f"failed in {counted(n['paper'], 'window')}"),
-        *_limits(recording.get("limits", {})),
+        *_limits(recording.get("limits", {}), text(output)),
         *_memory(recording.get("memory")),
         *_logger(recording),
         ("File", f'<span class="wide">{path(recording["path"])}</span>'),
@@ -175,7 +159,9 @@ def _sentence(recording: Mapping[str, Any]) -> str:
             for d in recording["dtcs"]
         )
     causes = recording["not_judged"]
-    return text(Cause(**causes[0]).in_words) if causes else _passed(recording)
+    if causes:
+        return text(passed_beside(recording) + Cause(**causes[0]).in_words)
+    return _passed(recording)
 
 
 def _passed(recording: Mapping[str, Any]) -> str:
@@ -271,29 +257,12 @@ def _behind(recording: Mapping[str, Any]) -> str:
 
 
 def _windows(recording: Mapping[str, Any]) -> str:
+    """Return the place of the table of windows, which the script makes of the page's data."""
     windows = recording["windows"]
     if not windows:
         return '<p class="quiet">No window of enabled samples was filled.</p>'
-    present: set[str] = {key for w in windows for key in w.get("statistics", {})}
-    keys = [k for k in STATISTICS if k in present] + sorted(present - STATISTICS.keys())
-    rows = [
-        row(
-            ("", text(w["index"])),
-            ("", f"{w['t_start_s']:.1f}–{w['t_end_s']:.1f}"),
-            ("", number(w["mean"])),
-            ("", number(w["std"])),
-            ("", _window_verdict(w)),
-            ("", "failed" if w["paper_failed"] else "–"),
-            *(("", number(w.get("statistics", {}).get(key))) for key in keys),
-        )
-        for w in windows
-    ]
-    head = ("#", "time, s", "mean", "std", "verdict", "paper’s rule")
-    return (
-        f'<details class="windows"><summary>All {counted(len(windows), "window")} as a table'
-        f'</summary><div class="scroll">'
-        f"{table((*head, *(STATISTICS.get(k, k) for k in keys)), rows)}</div></details>"
-    )
+    summary = f"<summary>All {counted(len(windows), 'window')} as a table</summary>"
+    return f'<details class="windows">{summary}</details>'
 
 
 def _enable(recording: Mapping[str, Any]) -> str:
@@ -321,19 +290,9 @@ def _enable(recording: Mapping[str, Any]) -> str:
 
 
 def _counters(recording: Mapping[str, Any]) -> str:
-    counters = recording.get("counters", {})
-    if not counters:
-        return ""
-    rows = [
-        f'<tr class="{"some" if count else "none"}"><td>{text(_words(name))}</td>'
-        f"<td>{text(count)}</td></tr>"
-        for name, count in counters.items()
-    ]
-    return (
-        "<section><h3>Frames</h3>"
-        '<p class="quiet">What was rejected, was late or never came.</p>'
-        f"{table((), rows, 'counters')}</section>"
-    )
+    rows = [row(("", text(words)), ("", text(n))) for words, n in counted_out(recording)]
+    shown = table((), rows, "counters")
+    return f"<section><h3>Left out, late or missing</h3>{shown}</section>" if rows else ""
 
 
 def _model(model_info: Mapping[str, str], recordings: Sequence[Mapping[str, Any]]) -> str:
@@ -368,34 +327,12 @@ def _tag(recording: Mapping[str, Any]) -> str:
     return f' <span class="tag">{text(source)}</span>' if source else ""
 
 
-def _codes(recording: Mapping[str, Any]) -> str:
-    codes = [
-        f'<span class="nowrap"><strong class="code">{text(d["code"])}</strong> '
-        f"{text(d['state'])}</span><br>{text(meaning(names(d)))}"
-        for d in recording["dtcs"]
-    ]
-    return "<br>".join(codes) or _why(recording)
-
-
-def _why(recording: Mapping[str, Any]) -> str:
-    """Return why there is no code: the first cause if the drive was not judged."""
-    causes = recording["not_judged"]
-    if causes:
-        return text(passed_beside(recording) + Cause(**causes[0]).in_words)
-    if is_catalyst_alone(recording):
-        return CATALYST_ALONE
-    return "every test passed"
-
-
-def _window_verdict(window: Mapping[str, Any]) -> str:
-    verdict = str(window["verdict"])
-    symbol = VERDICTS.get(verdict, ("",))[0]
-    fault = f" {text(window['fault'])}" if window.get("fault") else ""
-    return f'<span class="mark {text(verdict)}">{symbol} {text(verdict)}</span>{fault}'
-
-
-def _count(verdict: str, n: int) -> str:
-    return f'<span class="mark {verdict}">{VERDICTS[verdict][0]} {n}</span>' if n else "0"
+def _counts(recording: Mapping[str, Any]) -> str:
+    n = verdict_counts(recording)
+    return ", ".join(
+        f'<span class="mark {verdict if n[verdict] else ""}">{n[verdict]} {verdict}</span>'
+        for verdict in ("passed", "failed", "inconclusive")
+    )
 
 
 def _enabled(recording: Mapping[str, Any]) -> str:
@@ -417,17 +354,13 @@ def _memory(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     return [("Fault memory", f"was damaged and is {text(found['state'])}{aside}")]
 
 
-def _limits(limits: Mapping[str, Any]) -> list[tuple[str, str]]:
-    symbols = {
-        "j_mu": "J<sub>μ</sub>",
-        "j_sigma": "J<sub>σ</sub>",
-        "gain": "gain of this vehicle",
-    }
-    words = [
-        f"{symbols.get(k, text(k))} {number(v)}"
-        for k, v in limits.items()
-        if k not in ("offset_low", "offset_high")
-    ]
+def _limits(limits: Mapping[str, Any], unit: str) -> list[tuple[str, str]]:
+    """Return the fact about the limits of the vehicle, ``unit`` being that of the residual."""
+    names = {"j_mu": "J<sub>μ</sub>", "j_sigma": "J<sub>σ</sub>"}
+    words = [f"{name} {number(limits[k])} {unit}" for k, name in names.items() if k in limits]
+    if "gain" in limits:
+        words.append(f"gain of this vehicle {number(limits['gain'])}")
     if "offset_low" in limits:
-        words.append(f"offset {number(limits['offset_low'])} to {number(limits['offset_high'])}")
+        low, high = number(limits["offset_low"]), number(limits["offset_high"])
+        words.append(f"offset {low} to {high} {unit}")
     return [("Limits", ", ".join(words))] if words else []

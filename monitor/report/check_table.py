@@ -7,6 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from monitor.base.config import load
+from monitor.base.counts import counted
 from monitor.base.signals import BY_NAME, OUTPUT, plausible_range
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.frames.profiles.profile import is_profile, path_of, shipped
@@ -32,15 +34,20 @@ WORTH: Final = {
 LEAST_SHARE: Final = 0.0005  # of the rows that is told
 AT_END_SHARE: Final = 0.5  # of a lambda's readings at its least or greatest value that is told
 SLOWEST_S: Final = 10.0  # between rows; no logger of a drive is slower
+ENGINE: Final = "engine_speed_rpm"
 _INSTEAD: Final = {"manifold_pressure_kpa": ("air_mass_mg", "maf_kg_h", "load_g_per_rev")}
 
 
 @dataclass(frozen=True, slots=True)
 class TableCheck:
-    """The signals of a table."""
+    """The signals of a table.
+
+    runs : where the engine runs, shape (n,); everywhere if no signal says it
+    """
 
     table: Table
     header: tuple[str, ...]  # lines about the file
+    runs: BoolArray
 
     @property
     def present(self) -> set[str]:
@@ -81,11 +88,14 @@ class TableCheck:
         width = max([len("from"), *(len(table.column_of(name)) for name in table.names)])
         yield (
             f"{'signal':<30}{'unit':<11}{'from':<{width}}{'rate':>9}{'minimum':>11}{'median':>11}"
-            f"{'maximum':>11}  verdict"
+            f"{'maximum':>11}{'possible':>16}  verdict"
         )
         values, quality = in_range(table.values, table.names)
         for i, name in enumerate(table.names):
             yield self._line(name, values[:, i], quality[:, i], width, span_s)
+        if not self.runs.all() and self.runs.any():
+            n = counted(int(self.runs.sum()), "row")
+            yield f"minimum, median and maximum: of the {n} in which the engine runs"
         for note in table.notes.lines:
             yield f"note: {note}"
         for name, column in table.blank.items():
@@ -108,9 +118,12 @@ class TableCheck:
         if len(good):
             n_told = self.table.updates.get(name, len(good))  # others are held over blank cells
             rate = f"{(min(n_told, len(good)) - 1) / span_s:.3g}/s" if span_s > 0 else ""
-            numbers = f"{rate:>9}{good.min():11.4g}{np.median(good):11.4g}{good.max():11.4g}"
+            seen = values[self.runs & np.isfinite(values)]
+            seen = seen if len(seen) else good
+            numbers = f"{rate:>9}{seen.min():11.4g}{np.median(seen):11.4g}{seen.max():11.4g}"
         else:
             numbers = " " * 42
+        possible = "to".join(f" {round(each, 3) + 0.0:g} " for each in plausible_range(name))
         n = len(values)
         faults = [
             f"{100 * count / n:.1f} % {what}"
@@ -127,7 +140,8 @@ class TableCheck:
             ends = [(end, float((good == end).mean())) for end in (good.min(), good.max())]
             faults += [f"{s:.0%} at {end:.4g}, its end" for end, s in ends if s >= AT_END_SHARE]
         verdict = ", ".join(faults) or "plausible"
-        return f"{name:<30}{unit:<11}{self.table.column_of(name):<{width}}{numbers}  {verdict}"
+        column = f"{self.table.column_of(name):<{width}}"
+        return f"{name:<30}{unit:<11}{column}{numbers}{possible:>16} {verdict}"
 
     def _came(self, place: int, outside: BoolArray) -> str:
         """Return in words which values are out of range, and which are wanted."""
@@ -164,7 +178,14 @@ def check_table(
             how += f", your own of {own.file}"
         header.append(f"{raw.kind}, {len(raw.columns)} columns")
         header.append(f"profile: {table.profile}, {how}")
-    return TableCheck(table, tuple(header))
+    return TableCheck(table, tuple(header), _runs(table))
+
+
+def _runs(table: Table) -> BoolArray:
+    if ENGINE not in table.names:
+        return np.ones(len(table.t_ns), dtype=np.bool_)
+    speed = table.values[:, table.names.index(ENGINE)]
+    return np.asarray(speed >= load().plausibility.engine_running_rpm)
 
 
 def is_of_logger(path: Path, columns: Path | None) -> bool:
@@ -192,6 +213,8 @@ def advice(check: TableCheck) -> str:
         return f"no {OUTPUT}: neither o2train fit nor o2mon replay can use this log"
     if check.is_output_pinned:
         return f"{OUTPUT} stands at an end of its range throughout: nothing to learn from"
+    if not check.runs.any():
+        return f"the engine never runs in this log ({ENGINE}): nothing to learn from, or to judge"
     return (
         "o2train fit learns a model from healthy drives like this one; with it, "
         "o2mon check LOG --model MODEL.onnx says whether a log has what the model needs"

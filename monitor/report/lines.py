@@ -10,7 +10,14 @@ from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import fault_words
 from monitor.pipeline.events import Counted, CutJudged, CycleStarted, DtcChanged, Happening, RuleOff
 from monitor.report import evidence
-from monitor.report.words import CATALYST_ALONE, advice, is_catalyst_alone, passed_beside, tests
+from monitor.report.words import (
+    CATALYST_ALONE,
+    advice,
+    counted_out,
+    is_catalyst_alone,
+    passed_beside,
+    tests,
+)
 
 COUNTS: Final = {
     "ignition_cycle": "an ignition cycle is counted",
@@ -111,13 +118,12 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
     if not recording["fault_flag"]:
         for d in recording["dtcs"]:  # of the monitor itself
             yield f"  {d['code']} {d['fault']} ({d['state']})"
-    bad = {name: n for name, n in recording["counters"].items() if n and name != "unmapped"}
     if recording.get("profile"):
         yield f"  read with the profile {recording['profile']}"
     for note in recording.get("notes", ()):
         yield f"  note: {note}"
-    if bad:
-        yield "  counted: " + ", ".join(f"{name} {n}" for name, n in bad.items())
+    if bad := counted_out(recording):
+        yield "  left out, late or missing: " + ", ".join(f"{n} {words}" for words, n in bad)
 
 
 def case(recording: Mapping[str, Any]) -> JunitCase:

@@ -20,6 +20,8 @@ def predicted_quantity(setup: Setup) -> str:
 def model_info(setup: Setup) -> dict[str, str]:
     """Return the report's entry of the model."""
     card = setup.model.card
+    own = card.output.unit
+    unit = own if own and own != "-" else predicted_quantity(setup)
     layers = " and ".join(str(n) for n in card.layers)
     shape = f"lags {card.lags}, hidden layers {layers}" if layers else f"{card.lags} samples"
     return {
@@ -30,6 +32,5 @@ def model_info(setup: Setup) -> dict[str, str]:
         "output": card.output.name,
         "trained on": f"{len(card.recordings)} recordings ({trained_on(card)})",
         "sample period": f"{card.period_ns / 1e6:g} ms",
-        "healthy residual": f"mean {card.residual_mean:+.4f}, std {card.residual_std:.4f}",
-        "limits": ", ".join(f"{k} {v.value:.4g} {v.unit}" for k, v in card.limits.items()),
+        "healthy residual": f"mean {card.residual_mean:+.4f}, std {card.residual_std:.4f} {unit}",
     }

@@ -15,21 +15,21 @@ VERDICTS = {  # class: symbol, words
     "inconclusive": ("?", "not judged"),
 }
 
-STATISTICS = {
-    "evidence": "evidence",
-    "hypothesis": "best hypothesis",
-    "dead_time_rich_to_lean_s": "dead time to lean, s",
-    "dead_time_lean_to_rich_s": "dead time to rich, s",
-    "lag_rich_to_lean_s": "lag to lean, s",
-    "lag_lean_to_rich_s": "lag to rich, s",
-    "gain": "gain",
-    "gain_std": "gain std",
-    "offset": "offset",
-    "offset_std": "offset std",
-    "offset_beyond": "offset beyond, std",
-    "excitation": "excitation",
+COUNTED = {  # of ``counters``: what is left out, late or missing
+    "length": "frames of another length",
+    "checksum": "frames with a wrong checksum",
+    "stuck": "frames whose counter stood still",
+    "lost": "frames that the counter misses",
+    "not_available": "values that the sender calls not available",
+    "out_of_range": "values out of range",
+    "late": "frames out of their order",
+    "discontinuities": "jumps of the time",
+    "skipped": "error and remote frames",
+    "clock_steps": "steps of the clock",
+    "log_gaps": "pauses of the whole log",
+    "damaged_lines": "damaged lines",
+    "outliers": "frames with a time that others contradict",
 }
-
 
 CATALYST_ALONE: Final = "the catalyst passed, nothing else was judged"
 
@@ -157,6 +157,16 @@ def tests(recording: Mapping[str, Any]) -> str:
         for outcome in ("failed", "passed", "undecided")
     }
     return "; ".join(f"{outcome}: {', '.join(own)}" for outcome, own in groups.items() if own)
+
+
+def counted_out(recording: Mapping[str, Any]) -> list[tuple[str, int]]:
+    """Return in words what was left out, late or missing in a recording, and how often.
+
+    >>> counted_out({"counters": {"lost": 3, "late": 0, "unmapped": 9}})
+    [('frames that the counter misses', 3)]
+    """
+    counters: Mapping[str, int] = recording.get("counters", {})
+    return [(COUNTED.get(k, k), n) for k, n in counters.items() if n and k != "unmapped"]
 
 
 def seconds(dtc: Mapping[str, Any]) -> str:

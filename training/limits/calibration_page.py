@@ -71,7 +71,7 @@ def sentence(result: dict[str, Any]) -> str:
     )
     return (
         f"Wanted: at most {result['false_alarms_wanted']:g} false alarms of the paper's rule per "
-        f"window. Of {f['windows']} healthy windows in {f['drives']} drive(s){simulated} "
+        f"window. Of {f['windows']} healthy windows in {counted(f['drives'], 'drive')}{simulated} "
         f"{f['alarms']} alarm; upper 95 % bound {f['bound']:.3g} if windows are independent "
         f"(Clopper and Pearson{paid}), {drives}. {held_out(f['held_out'], f['windows'])}"
     )

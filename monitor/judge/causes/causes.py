@@ -38,7 +38,7 @@ class Cause:
         """Return the cause on one line."""
         share = None if self.condition == "evidence" else self.held_share  # of windows
         held = "" if share is None else f" held {100 * share:.0f} % of the time"
-        return f"{self.condition}{held}: {self.advice}"
+        return f"{self.condition.replace('_', ' ')}{held}: {self.advice}"
 
 
 @dataclass(frozen=True, slots=True)

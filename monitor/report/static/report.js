@@ -4,6 +4,11 @@
   const { SYMBOLS, color, digits, element, tag, pen } = O2;
   const VERDICTS = ["passed", "failed", "inconclusive"];
   const ROWS = ["fault flag", "paper’s rule", "window", "enabled"]; // bottom up
+  const STATISTICS = {
+    evidence: "evidence", hypothesis: "best hypothesis", dead_time_rich_to_lean_s: "dead time to lean, s",
+    dead_time_lean_to_rich_s: "dead time to rich, s", lag_rich_to_lean_s: "lag to lean, s", lag_lean_to_rich_s: "lag to rich, s",
+    gain: "gain", gain_std: "gain std", offset: "offset", offset_std: "offset std", offset_beyond: "offset beyond, std",
+  };
   const recordings = [];
 
   /** One series on the sample grid from spans [begin, end, value]; null outside. */
@@ -274,9 +279,34 @@
     }
   }
 
+  /** A cell's text: four digits, no exponent, a dash for nothing. */
+  const cell = (v) => (v == null ? "–" : typeof v !== "number" ? v : Math.abs(v) < 1e-6 ? "0" : String(+v.toPrecision(4)).replace("-", "−"));
+
+  /** All windows of a recording as a table, made when it is unfolded. */
+  function table(details, windows) {
+    if (details.querySelector("table")) return;
+    const all = new Set(windows.flatMap((w) => Object.keys(w.statistics ?? {})));
+    const keys = Object.keys(STATISTICS).filter((key) => all.delete(key)).concat([...all].sort());
+    const rows = element(element(details, "div", { className: "scroll" }), "table");
+    const head = element(element(rows, "thead"), "tr");
+    for (const name of ["#", "time, s", "mean", "std", "verdict", "paper’s rule", ...keys.map((key) => STATISTICS[key] ?? key)]) {
+      element(head, "th", { textContent: name });
+    }
+    const body = element(rows, "tbody");
+    for (const w of windows) {
+      const line = element(body, "tr");
+      const verdict = [SYMBOLS[w.verdict], w.verdict, w.fault].filter(Boolean).join(" ");
+      const own = [w.index, `${w.t_start_s.toFixed(1)}–${w.t_end_s.toFixed(1)}`, w.mean, w.std, verdict, w.paper_failed ? "failed" : "–"];
+      for (const value of own.concat(keys.map((key) => w.statistics?.[key]))) element(line, "td", { textContent: cell(value) });
+      line.children[4].className = `mark ${w.verdict}`;
+    }
+  }
+
   for (const section of document.querySelectorAll(".plots")) {
     const each = new Plots(section);
     recordings.push(each);
+    const windows = section.parentElement.querySelector(".windows");
+    windows?.addEventListener("toggle", () => (each.load(), table(windows, each.data.windows)));
     section.closest("details").addEventListener("click", (event) => {
       const at = parseFloat(event.target.dataset.show);
       if (Number.isNaN(at)) return;

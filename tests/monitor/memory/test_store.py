@@ -145,7 +145,7 @@ def test_of_processes_that_take_the_lock_again_and_again_one_holds_it_at_a_time(
 def test_a_new_memory_is_empty_and_two_files(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
     assert reopened(path) == Saved()
-    assert {file.name for file in tmp_path.iterdir()} == {"dtc.db", "dtc.db.b", "dtc.db-lock"}
+    assert {file.name for file in tmp_path.iterdir()} == {"dtc.db", "dtc.db.b"}
     path.chmod(0o600)
     with closing(Memory(path)) as memory:
         memory.save(at(1))

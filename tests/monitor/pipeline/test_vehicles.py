@@ -166,7 +166,7 @@ def test_a_model_too_poor_to_judge_its_own_healthy_car_says_so(
     assert got.recording["samples"] > 19_000
     assert len(got.recording["windows"]) > 100
     assert re.search("not judged: response: tried on . drives, the model finds no fault", got.out)
-    assert "engine_speed held 62 % of the time: engine_speed_rpm is below 950 1/min" in got.out
+    assert "engine speed held 62 % of the time: engine_speed_rpm is below 950 1/min" in got.out
 
 
 def test_a_model_that_takes_its_healthy_car_for_weak_names_no_fault(
@@ -187,7 +187,7 @@ def test_a_dead_vehicle_speed_is_what_kept_it_from_judging(
 ) -> None:
     got = replayed(mx5, mx5_model, folder / "parked.toml")
     assert got.exit_code == 3
-    assert "not judged: vehicle_speed held 0 % of the time: vehicle_speed_km_h is 0" in got.out
+    assert "not judged: vehicle speed held 0 % of the time: vehicle_speed_km_h is 0" in got.out
     assert got.recording["not_judged"][0]["reason"] == "constant"
 
 

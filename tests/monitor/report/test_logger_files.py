@@ -177,6 +177,28 @@ def test_a_log_whose_sensor_was_off_is_nothing_to_learn_from(
     )
 
 
+def test_a_log_whose_engine_never_ran_is_nothing_to_learn_from(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN the ignition on, then for a part of the log the engine too
+    rpm = drive(n=300, period_s=1.0)["rpm"]
+    part = np.where(np.arange(300) < 200, 0.0, rpm)
+    reading = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": drive(300)["afr"] / 14.7}
+    said = []
+    for speed in (0.0 * rpm, part):
+        log = torque(tmp_path / "standing.csv", **reading, **{"Engine RPM(rpm)": speed})
+        cli.main(["check", str(log)])
+        said.append(capsys.readouterr().out)
+    # THEN a fit is recommended for the second alone, whose ranges are those of the running engine
+    assert "the engine never runs in this log" in said[0]
+    assert "o2train fit" not in said[0]
+    assert "of the 100 rows in which the engine runs" in said[1]
+    (line,) = (each for each in said[1].splitlines() if each.startswith("engine_speed_rpm"))
+    assert f"{rpm[200:].min():11.4g}" in line
+    assert "0 to 9000" in line
+    assert "o2train fit" in said[1]
+
+
 def test_times_in_milliseconds_without_their_unit_are_pointed_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

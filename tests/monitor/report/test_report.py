@@ -142,9 +142,9 @@ def test_the_page_says_verdicts_codes_and_why_a_drive_was_not_judged(tmp_path: P
     # AND the code with its fault, state, time and status byte
     for shown in ("P014C", "slow_rich_to_lean or transient", "pending", "20.0 s", "0x27"):
         assert shown in text
-    assert "coolant_warm held 12 % of the time: record until the engine is warm" in text
+    assert "coolant warm held 12 % of the time: record until the engine is warm" in text
     # AND what the enable conditions and frames were, the file's sha256 and the model
-    for words in ("coolant_warm", "12.5 %", "unavailable", "checksum", SHA256, "narx"):
+    for words in ("coolant warm", "12.5 %", "unavailable", "with a wrong checksum", SHA256, "narx"):
         assert words in text
 
 
@@ -156,12 +156,12 @@ def test_reason_and_confidence_stand_beside_the_verdict(tmp_path: Path) -> None:
     shown = [faulty(evidence=odds), recording(evidence=far), not_judged()]
     text = written(tmp_path, *shown).text
     # THEN the summary says why, and the verdict how sure the test is
-    assert "P014C pending slow on rich-to-lean edges" in text
+    assert "P014C slow_rich_to_lean or transient (pending, 20.0 s): slow on rich-to-lean" in text
     assert "for slow_rich_to_lean stands 2.6 times the evidence a decision needs" in text
     assert (
         "nearest to a fault is slow_rich_to_lean: against it stands 1.4 times the evidence" in text
     )
-    assert "every test passed" in text
+    assert "Every test was completed and passed." in text
     assert "Confidence: none, a test is missing." in text
     assert text.count("Confidence:") == 4  # of each recording, and of the worst on top
     # AND the worst of them leads the page
