@@ -182,8 +182,8 @@ def check_table(
 
 
 def _runs(table: Table) -> BoolArray:
-    if ENGINE not in table.names:
-        return np.ones(len(table.t_ns), dtype=np.bool_)
+    if ENGINE not in table.names or ENGINE in table.blank:
+        return np.full(len(table.t_ns), ENGINE not in table.blank)
     speed = table.values[:, table.names.index(ENGINE)]
     return np.asarray(speed >= load().plausibility.engine_running_rpm)
 
@@ -214,7 +214,7 @@ def advice(check: TableCheck) -> str:
     if check.is_output_pinned:
         return f"{OUTPUT} stands at an end of its range throughout: nothing to learn from"
     if not check.runs.any():
-        return f"the engine never runs in this log ({ENGINE}): nothing to learn from, or to judge"
+        return f"the engine never runs in this log by {ENGINE}: nothing to learn from"
     return (
         "o2train fit learns a model from healthy drives like this one; with it, "
         "o2mon check LOG --model MODEL.onnx says whether a log has what the model needs"

@@ -14,6 +14,8 @@ from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
 from tests.helpers.logs.injected_frames import HEALTHY
 
+Capture = pytest.CaptureFixture[str]
+
 
 @pytest.fixture
 def memory(tmp_path: Path) -> Path:
@@ -38,7 +40,7 @@ def memory(tmp_path: Path) -> Path:
     return path
 
 
-def output(capsys: pytest.CaptureFixture[str], *words: object) -> str:
+def output(capsys: Capture, *words: object) -> str:
     assert cli.main(["dtc", *map(str, words)]) == 0
     out, err = capsys.readouterr()
     assert err == ""
@@ -46,7 +48,7 @@ def output(capsys: pytest.CaptureFixture[str], *words: object) -> str:
 
 
 def test_the_codes_are_listed_with_their_state_and_what_is_counted(
-    memory: Path, capsys: pytest.CaptureFixture[str]
+    memory: Path, capsys: Capture
 ) -> None:
     out = output(capsys, "list", "--memory", memory)
     assert out.splitlines() == [
@@ -68,7 +70,7 @@ def test_the_codes_are_listed_with_their_state_and_what_is_counted(
     assert result["counts"]["distance_since_clear_km"] == 120.0
 
 
-def test_an_empty_memory_has_no_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_memory_has_no_codes(tmp_path: Path, capsys: Capture) -> None:
     Memory(tmp_path / "o2.db").close()
     out = output(capsys, "list", "--memory", tmp_path / "o2.db")
     assert out.startswith("lamp off, 0 codes\n")
@@ -77,7 +79,7 @@ def test_an_empty_memory_has_no_codes(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_freeze_frames_are_shown_with_units_the_confirmed_code_first(
-    memory: Path, capsys: pytest.CaptureFixture[str]
+    memory: Path, capsys: Capture
 ) -> None:
     lines = output(capsys, "freeze-frame", "--memory", memory).splitlines()
     assert [line.split() for line in lines] == [
@@ -94,14 +96,14 @@ def test_freeze_frames_are_shown_with_units_the_confirmed_code_first(
 
 
 def test_a_freeze_frame_that_is_not_there_is_an_error_that_names_those_there_are(
-    memory: Path, capsys: pytest.CaptureFixture[str]
+    memory: Path, capsys: Capture
 ) -> None:
     assert cli.main(["dtc", "freeze-frame", "P0133", "--memory", str(memory)]) == 2
     assert "no freeze frame of P0133; there are: P015A, P2195" in capsys.readouterr().err
 
 
 def test_readiness_shows_each_test_with_its_results_and_performance(
-    memory: Path, capsys: pytest.CaptureFixture[str]
+    memory: Path, capsys: Capture
 ) -> None:
     lines = output(capsys, "readiness", "--memory", memory).splitlines()
     by_test = {line.split()[0]: line for line in lines[:6]}
@@ -126,9 +128,7 @@ def test_readiness_shows_each_test_with_its_results_and_performance(
     }
 
 
-def test_clearing_says_that_permanent_codes_stay(
-    memory: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_clearing_says_that_permanent_codes_stay(memory: Path, capsys: Capture) -> None:
     lines = output(capsys, "clear", "--memory", memory).splitlines()
     assert lines[0] == "cleared: P2195, P015A"
     assert lines[1].startswith("permanent codes stay: P015A;")
@@ -142,7 +142,7 @@ def test_clearing_says_that_permanent_codes_stay(
 
 
 def test_clearing_is_refused_while_a_monitor_runs_on_the_memory(
-    memory: Path, capsys: pytest.CaptureFixture[str]
+    memory: Path, capsys: Capture
 ) -> None:
     with closing(Memory(memory, hold=True)):
         assert cli.main(["dtc", "clear", "--memory", str(memory)]) == 2
@@ -152,7 +152,7 @@ def test_clearing_is_refused_while_a_monitor_runs_on_the_memory(
 
 
 def test_a_replay_is_refused_while_another_process_works_on_the_memory(
-    memory: Path, capsys: pytest.CaptureFixture[str]
+    memory: Path, capsys: Capture
 ) -> None:
     # GIVEN a memory that somebody else reads at the beginning and writes at the end
     with closing(Memory(memory, hold=True)):
@@ -165,7 +165,7 @@ def test_a_replay_is_refused_while_another_process_works_on_the_memory(
 
 @pytest.mark.parametrize("action", ["list", "freeze-frame", "readiness", "clear"])
 def test_a_memory_that_cannot_be_used_is_one_line_and_exit_code_2(
-    action: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    action: str, tmp_path: Path, capsys: Capture
 ) -> None:
     missing = tmp_path / "nowhere.db"
     assert cli.main(["dtc", action, "--memory", str(missing)]) == 2
@@ -192,9 +192,7 @@ def test_replay_goes_on_from_a_memory_that_was_cleared(tmp_path: Path) -> None:
         assert DtcStore(memory.load()).permanent == ("P0133",)
 
 
-def test_readiness_prints_numbers_without_exponents(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_readiness_prints_numbers_without_exponents(tmp_path: Path, capsys: Capture) -> None:
     # GIVEN estimates that are nearly 0, and large
     path, store = tmp_path / "o2.db", DtcStore()
     results = (("dead_time_rich_to_lean_s", 1.703e-12, 0.25), ("count", 123456.7, 2e5))

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from tests.helpers.logs.logger_files import TUNER_UNITS, drive, write_text_table
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 
+Capture = pytest.CaptureFixture[str]
+LAMBDA = "O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)"
 # the controller in per cent as well
 UNITS = {**TUNER_UNITS, "lambda_controller": ("EGO", "", 0.01, 0.0)}
 
@@ -77,9 +80,9 @@ def torque(path: Path, **more: np.ndarray | list[str]) -> Path:
 
 
 def test_check_says_profile_column_unit_range_and_what_is_missing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
-    lambda_ = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": drive(300)["afr"] / 14.7}
+    lambda_ = {LAMBDA: drive(300)["afr"] / 14.7}
     path = torque(tmp_path / "drive.csv", **lambda_)
     assert cli.main(["check", str(path)]) == 0
     text = capsys.readouterr().out
@@ -95,7 +98,7 @@ def test_check_says_profile_column_unit_range_and_what_is_missing(
     assert cli.main(["check", str(torque(tmp_path / "rail.csv", **{name: held}))]) == 0
     assert "97% at 1.34, its end" in capsys.readouterr().out
     # a log without a lambda is of no use, and says so
-    blank = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": ["-"] * 300}
+    blank = {LAMBDA: ["-"] * 300}
     assert cli.main(["check", str(torque(tmp_path / "none.csv", **blank))]) == 3
     out = capsys.readouterr().out
     assert "no value: lambda_measured (column O2 Bank 1 Sensor 1 Wide Range" in out
@@ -103,7 +106,7 @@ def test_check_says_profile_column_unit_range_and_what_is_missing(
 
 
 def test_check_of_an_own_table_says_what_the_model_lacks(
-    own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    own: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     assert cli.main(["check", str(own)]) == 0
     assert "the model has all it needs" in capsys.readouterr().out
@@ -113,9 +116,7 @@ def test_check_of_an_own_table_says_what_the_model_lacks(
     assert "missing for the model: air_mass_mg, fuel_mass_mg" in capsys.readouterr().out
 
 
-def test_an_unknown_logger_gets_a_profile_to_edit(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unknown_logger_gets_a_profile_to_edit(tmp_path: Path, capsys: Capture) -> None:
     d = drive(50)
     path = write_text_table(tmp_path / "x.csv", {"Zeit": d["t_s"], "RPM": d["rpm"]})
     assert cli.main(["check", str(path)]) == 2
@@ -136,9 +137,9 @@ def test_an_unknown_logger_gets_a_profile_to_edit(
 
 
 def test_replay_of_a_logger_s_file_without_a_model_of_its_own_says_what_to_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
-    lambda_ = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": drive(300)["afr"] / 14.7}
+    lambda_ = {LAMBDA: drive(300)["afr"] / 14.7}
     path = torque(tmp_path / "drive.csv", **lambda_)
     assert cli.main(["replay", str(path)]) == 3
     out = capsys.readouterr().out
@@ -162,45 +163,33 @@ def test_parquet_is_judged_where_a_library_is_there_and_says_how_to_get_one(
         read_table(path)
 
 
-def test_a_log_whose_sensor_was_off_is_nothing_to_learn_from(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("running", "reading", "said"),
+    [
+        (1.0, 2.0, "lambda_measured stands at an end of its range throughout: nothing to learn"),
+        (0.0, None, "the engine never runs in this log by engine_speed_rpm: nothing to learn from"),
+        (np.arange(300) >= 200, None, "o2train fit learns a model"),
+    ],
+)
+def test_a_log_without_sensor_or_running_engine_is_nothing_to_learn_from(
+    running: Any, reading: float | None, said: str, tmp_path: Path, capsys: Capture
 ) -> None:
-    # GIVEN a drive whose reading is that of no sensor (AFR 29.4) all along
-    reading = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": ["2.0"] * 300}
-    log = torque(tmp_path / "off.csv", **reading)
-    # WHEN it is checked
-    code = cli.main(["check", str(log)])
-    # THEN nothing can be learned from it, and nothing promises so
-    assert code == 3
-    assert capsys.readouterr().out.splitlines()[-1] == (
-        "lambda_measured stands at an end of its range throughout: nothing to learn from"
-    )
-
-
-def test_a_log_whose_engine_never_ran_is_nothing_to_learn_from(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    # GIVEN the ignition on, then for a part of the log the engine too
-    rpm = drive(n=300, period_s=1.0)["rpm"]
-    part = np.where(np.arange(300) < 200, 0.0, rpm)
-    reading = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": drive(300)["afr"] / 14.7}
-    said = []
-    for speed in (0.0 * rpm, part):
-        log = torque(tmp_path / "standing.csv", **reading, **{"Engine RPM(rpm)": speed})
-        cli.main(["check", str(log)])
-        said.append(capsys.readouterr().out)
-    # THEN a fit is recommended for the second alone, whose ranges are those of the running engine
-    assert "the engine never runs in this log" in said[0]
-    assert "o2train fit" not in said[0]
-    assert "of the 100 rows in which the engine runs" in said[1]
-    (line,) = (each for each in said[1].splitlines() if each.startswith("engine_speed_rpm"))
-    assert f"{rpm[200:].min():11.4g}" in line
-    assert "0 to 9000" in line
-    assert "o2train fit" in said[1]
+    # GIVEN a drive whose sensor, or engine, was off all along, or standing at first
+    made = drive(n=300, period_s=1.0)
+    own = made["afr"] / 14.7 if reading is None else np.full(300, reading)
+    speed = {LAMBDA: own, "Engine RPM(rpm)": running * made["rpm"]}
+    # WHEN it is checked THEN a fit is recommended only where something can be learned
+    cli.main(["check", str(torque(tmp_path / "off.csv", **speed))])
+    text = capsys.readouterr().out
+    assert text.splitlines()[-1].startswith(said)
+    # AND the ranges are those of the running engine
+    if "fit" in said:
+        assert "of the 100 rows in which the engine runs" in text
+        assert f"{made['rpm'][200:].min():11.4g}" in text
 
 
 def test_times_in_milliseconds_without_their_unit_are_pointed_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
     rows = "\n".join(f"{100 * i},{900 + i},1.0" for i in range(5))
     log = tmp_path / "ms.csv"
@@ -210,7 +199,7 @@ def test_times_in_milliseconds_without_their_unit_are_pointed_out(
 
 
 def test_the_check_of_a_log_takes_profile_and_columns_from_the_model_of_its_car(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
     log, model = log_and_model(tmp_path, drive(400))
     assert cli.main(["check", str(log)]) == 2
@@ -222,7 +211,7 @@ def test_the_check_of_a_log_takes_profile_and_columns_from_the_model_of_its_car(
 
 @pytest.mark.parametrize("each_s", [4, 12, 30])
 def test_a_sensor_that_a_logger_rarely_asks_for_is_not_stuck(
-    each_s: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    each_s: int, tmp_path: Path, capsys: Capture
 ) -> None:
     # GIVEN a log with a row a second, in which a sound lambda comes every few seconds
     own = drive(900, period_s=1.0)

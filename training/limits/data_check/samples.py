@@ -86,9 +86,7 @@ def usable(
         findings.append(DataFinding("error", "gaps", text))
     elif not any(f.topic == "gaps" for f in findings):
         longest = max(len(u) for u in data.u)
-        text = f"no gap: one stretch of {longest} samples"
-        if len(data.u) > 1:
-            text = f"{len(data.u)} unbroken stretches, the longest of {longest} samples"
+        text = f"unbroken stretches: {len(data.u)}, the longest of {longest} samples"
         findings.append(DataFinding("ok", "gaps", text))
     return Usable(data.u, data.y, enabled, total), findings
 
