@@ -14,8 +14,6 @@ from monitor.base.types import FloatArray
 from monitor.grid.column_times import column_times, merged, unlike
 from training.recordings.recording import load
 
-Capture = pytest.CaptureFixture[str]
-
 DRIVE = Path(__file__).resolve().parents[3] / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 Change = Callable[[FloatArray], FloatArray]
 NAMES = load(DRIVE).names
@@ -47,7 +45,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
 
 def test_one_blank_cell_in_a_hundred_is_filled_and_counted_and_the_drive_is_judged(
-    written: Callable[..., Path], capsys: Capture
+    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     n_blank = 0
 
@@ -65,7 +63,7 @@ def test_one_blank_cell_in_a_hundred_is_filled_and_counted_and_the_drive_is_judg
 
 
 def test_a_reading_left_blank_for_three_seconds_is_a_gap_of_the_log(
-    written: Callable[..., Path], capsys: Capture
+    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     def blank(values: FloatArray, reading: int) -> None:
         values[2000:2030, reading] = np.nan
@@ -83,7 +81,7 @@ def test_a_reading_left_blank_for_three_seconds_is_a_gap_of_the_log(
     ids=["AFR", "1/lambda"],
 )
 def test_another_quantity_in_lambda_s_column_is_told_in_one_line_and_not_judged(
-    change: Change, told: str, written: Callable[..., Path], capsys: Capture
+    change: Change, told: str, written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     def other(values: FloatArray, reading: int) -> None:
         values[:, reading] = change(values[:, reading])
@@ -108,7 +106,7 @@ def test_columns_that_the_logger_writes_at_other_times_are_named_and_no_response
     change: Change,
     told: str,
     written: Callable[..., Path],
-    capsys: Capture,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     def other_times(values: FloatArray, _: int) -> None:
         for place in [NAMES.index(name) for name in names]:
@@ -121,7 +119,7 @@ def test_columns_that_the_logger_writes_at_other_times_are_named_and_no_response
 
 
 def test_an_input_far_outside_of_the_model_s_training_is_named(
-    written: Callable[..., Path], capsys: Capture
+    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     def hotter(values: FloatArray, _: int) -> None:
         values[:, NAMES.index("manifold_temperature_degc")] += 40.0
@@ -133,7 +131,7 @@ def test_an_input_far_outside_of_the_model_s_training_is_named(
 
 
 def test_an_air_flow_in_g_s_is_refused_because_no_engine_has_one_cylinder_and_a_tenth(
-    written: Callable[..., Path], capsys: Capture
+    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     def in_g_s(values: FloatArray, _: int) -> None:
         values[:, NAMES.index("maf_kg_h")] /= 3.6
@@ -143,7 +141,7 @@ def test_an_air_flow_in_g_s_is_refused_because_no_engine_has_one_cylinder_and_a_
 
 
 def test_readings_that_jump_to_the_end_of_the_range_now_and_then_make_no_offset(
-    written: Callable[..., Path], capsys: Capture
+    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     def spikes(values: FloatArray, reading: int) -> None:
         hit = np.random.default_rng(1).random(len(values)) < 0.01

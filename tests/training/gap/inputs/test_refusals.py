@@ -22,8 +22,6 @@ from training.healthy import reference
 from training.narx.export import update_card
 from training.recordings.files.table_files import write_table
 
-Capture = pytest.CaptureFixture[str]
-
 INPUTS = ("fuel_cut", "engine_speed_rpm", "manifold_pressure_kpa")
 
 
@@ -91,7 +89,7 @@ def test_options_that_cannot_be_are_refused(
     words: str,
     drives: list[Path],
     tmp_path: Path,
-    capsys: Capture,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     arguments = ["--model", shipped_model(), drives[0], "--out", tmp_path / "gap", *options]
     assert words in refused(capsys, *arguments)
@@ -99,7 +97,7 @@ def test_options_that_cannot_be_are_refused(
 
 
 def test_a_model_of_another_kind_or_none_is_refused(
-    drives: list[Path], tmp_path: Path, capsys: Capture
+    drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = tmp_path / "other.onnx"
     copy(shipped_model(), other)
@@ -112,7 +110,7 @@ def test_a_model_of_another_kind_or_none_is_refused(
 
 
 def test_a_recording_that_is_too_short_is_refused(
-    chain: Path, drives: list[Path], tmp_path: Path, capsys: Capture
+    chain: Path, drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     brief = table(tmp_path, 4, n=500)
     line = refused(capsys, "--model", chain, brief, "--healthy", *drives, "--out", tmp_path / "gap")
@@ -125,7 +123,7 @@ def test_a_recording_that_is_too_short_is_refused(
 
 
 def test_recordings_without_excitation_are_refused(
-    chain: Path, tmp_path: Path, capsys: Capture
+    chain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     n = 6000
     flat = {
@@ -142,7 +140,7 @@ def test_recordings_without_excitation_are_refused(
 
 
 def test_a_recording_that_is_new_and_healthy_is_refused(
-    chain: Path, drives: list[Path], tmp_path: Path, capsys: Capture
+    chain: Path, drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["--model", chain, drives[0], "--healthy", *drives, "--out", tmp_path / "gap"]
     line = refused(capsys, *arguments)
@@ -151,7 +149,7 @@ def test_a_recording_that_is_new_and_healthy_is_refused(
 
 
 def test_another_sample_period_is_refused_with_both(
-    chain: Path, drives: list[Path], tmp_path: Path, capsys: Capture
+    chain: Path, drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["--model", chain, drives[0], "--out", tmp_path / "gap", "--period", "0.2"]
     line = refused(capsys, *arguments)
@@ -159,7 +157,7 @@ def test_another_sample_period_is_refused_with_both(
 
 
 def test_a_chain_without_fuel_is_refused_and_told_what_is_left(
-    chain: Path, tmp_path: Path, capsys: Capture
+    chain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     dry = table(tmp_path, 8, without=["fuel_mass_mg"])
     line = refused(capsys, "--model", chain, dry, "--out", tmp_path / "gap")
@@ -168,7 +166,7 @@ def test_a_chain_without_fuel_is_refused_and_told_what_is_left(
 
 
 def test_healthy_recordings_that_lack_a_signal_are_refused(
-    chain: Path, drives: list[Path], tmp_path: Path, capsys: Capture
+    chain: Path, drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     dry = table(tmp_path, 9, without=["fuel_mass_mg"])
     arguments = ["--model", chain, drives[0], "--healthy", dry, "--out", tmp_path / "gap"]
@@ -196,7 +194,7 @@ def compared(
 
 
 def test_without_fuel_and_air_the_report_says_in_what_runs_differ(
-    network: Path, tmp_path: Path, capsys: Capture
+    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found, page = compared(network, tmp_path, rich=0.05)
     assert found["verdict"] == "unknown_effect"
@@ -232,7 +230,7 @@ def test_with_two_healthy_runs_their_pieces_tell_what_is_usual(
 
 
 def test_without_fuel_and_air_healthy_recordings_are_wanted(
-    network: Path, tmp_path: Path, capsys: Capture
+    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     dry, one = (table(tmp_path, i, without=["fuel_mass_mg", "air_mass_mg"]) for i in (9, 10))
     for healthy in ([], ["--healthy", one]):
