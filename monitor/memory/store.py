@@ -135,8 +135,7 @@ class Memory:
         files cannot be written; they then hold the content before, or one of them the new one.
         """
         is_told = any(dtc.code in CODES[LOST] and dtc.fault for dtc in saved.dtcs)
-        aside = {"set_aside": ""} if is_told else {}
-        self._store(lambda before: replace(before, saved=saved, **aside))
+        self._store(lambda c: replace(c, saved=saved, set_aside="" if is_told else c.set_aside))
 
     def forget_loss(self) -> None:
         """Store that the user knows of the lost memory before this one."""
