@@ -34,8 +34,8 @@ _ROWS: Final = {  # phrases and how sure they are | values | words that may stan
     "| 3 40 | inj injector",
     "air_mass_mg": "air mass 1.0, cylinder mass 0.85, air cylinder 0.95, air 0.6 "
     "| 80 500 | int inlet intake air",
-    "maf_kg_h": "maf 1.0, maf air flow 1.0, air mass flow 1.0, air mass 0.9, air flow 0.9 "
-    "| 8 150 | int inlet intake air",
+    "maf_kg_h": "maf 1.0, maf air flow 1.0, air mass flow 1.0, air mass 0.9, air flow 0.9, "
+    "mass flow 0.6 | 8 150 | int inlet intake air",
     "rail_pressure_mpa": "rail pressure 1.0, fuel pressure high 1.0, fuel pressure 0.75, rail 0.8, "
     "pressure high 0.75 | 4 15 | fuel inj injector",
     "manifold_pressure_kpa": "map 0.95, manifold pressure 1.0 | 30 95 | int intk inlet air luft",
@@ -46,7 +46,7 @@ _ROWS: Final = {  # phrases and how sure they are | values | words that may stan
     "ambient_temperature_degc": "ambient temperature 1.0, aat 0.9 | 0 30 | air luft",
     "ambient_pressure_kpa": "ambient pressure 1.0, baro pressure 1.0, baro 0.95 | 80 104 | air",
     "engine_speed_rpm": "engine speed 1.0, engine rpm 1.0, rpm 0.9, revolutions 0.8, engine n 0.8 "
-    "| 800 4000 |",
+    "| 800 5001 |",
     "vehicle_speed_km_h": "vehicle speed 1.0, vehicle v 0.75, geschwindigkeit 0.9, speed 0.65 "
     "| 10 120 | brk abs esp dsc",  # the ECU that measures it
     "engine_torque_nm": "engine torque 1.0, torque 0.7 | 10 120 |",
@@ -55,10 +55,11 @@ _ROWS: Final = {  # phrases and how sure they are | values | words that may stan
     "purge_duty_percent": "purge duty 1.0, purge 0.8 | 2 80 | cmd command",
     "sensor_heater_percent": "lambda sensor heater duty 1.0, sensor heater 1.0, "
     "lambda heater duty 0.9 | 10 90 |",
-    "closed_loop": "closed loop 1.0, lambda control active 0.95, b_lr 0.9 | 1 1 | mode",
-    "fuel_cut": "fuel cut 1.0, dfco 0.9 | 1 1 |",
+    "closed_loop": "closed loop 1.0, lambda control active 0.95, b_lr 0.9 "
+    "| 1 1 | mode status state on",
+    "fuel_cut": "fuel cut 1.0, dfco 0.9 | 1 1 | status state on",
     "sensor_ready": "lambda sensor ready 1.0, lambda ready 0.95, oxygen sensor ready 0.95, "
-    "b_sbb 0.9 | 1 1 | pre",
+    "b_sbb 0.9 | 1 1 | pre status state on",
     FUEL_FLOW_NAME: "fuel flow 1.0, fuel consumption 0.9, injection flow 0.8, consumption 0.7 "
     "| 0.3 15 |",
 }
@@ -81,6 +82,7 @@ LAMBDA_FAMILY: Final = {"lambda_measured", "lambda_controller", "sensor_ready", 
 OF_ONE_SENSOR: Final = LAMBDA_FAMILY - {"lambda_target"} | {"sensor_heater_percent"}
 _VARYING: Final = (
     "lambda_measured lambda_controller maf_kg_h air_mass_mg fuel_mass_mg manifold_pressure_kpa "
-    "engine_speed_rpm vehicle_speed_km_h throttle_percent rail_pressure_mpa engine_torque_nm"
+    "engine_speed_rpm rail_pressure_mpa fuel_flow_kg_h injector_pulse_width_ms load_g_per_rev "
+    "sensor_heater_percent"
 )
-VARYING: Final = frozenset(_VARYING.split())  # move while a vehicle is driven
+VARYING: Final = frozenset(_VARYING.split())  # move while an engine runs

@@ -1,21 +1,21 @@
 """The proposed map as a TOML file, with the reason of every line, for a person to confirm."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 from cantools.database.can import Database
 
-from monitor.decode.checksum import ALGORITHMS
 from monitor.decode.log_blocks import keys_of
-from monitor.decode.signal_map import LONGEST_TIMEOUT_S
+from monitor.decode.signal_map import LONGEST_TIMEOUT_S, Integrity
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks
 from monitor.judge.causes.causes import timeout_of
 from monitor.mapping.candidates import MapCandidate, cycle_ms, ranked
 from monitor.mapping.proposal import NOTHING, Proposal, Proposals, propose
-from monitor.mapping.recording import Protection, observe, protections
+from monitor.mapping.recording import observe
 
 _HEAD: Final = """\
 Signal map for {dbc}, proposed by o2mon map from names, units and ranges{log}.
@@ -45,21 +45,18 @@ def make_map(
     if log:
         channels = Channels(channel, keys_of(database.messages))
         observed = observe(read_blocks(log, None, channels), candidates, dbc, database)
-    if observed:
         candidates = observed.reranked(candidates)
     proposals = propose(candidates, cylinders)
-    mapped = [p.best for p in (*proposals.signals, *proposals.auxiliary) if p.best]
-    guarded = protections(c.message for c in mapped)
-    if observed:
-        guarded = observed.protections(guarded)
-    return map_text(proposals, dbc, log, guarded, notes), proposals
+    mapped = [p.best.message.name for p in (*proposals.signals, *proposals.auxiliary) if p.best]
+    guards = observed.guards(mapped) if observed else {}
+    return map_text(proposals, dbc, log, guards, notes), proposals
 
 
 def map_text(
     proposals: Proposals,
     dbc: Path,
     log: Path | None = None,
-    guarded: Sequence[Protection] = (),
+    guards: Mapping[str, Integrity] = MappingProxyType({}),
     notes: Sequence[str] = (),
 ) -> str:
     """Return the file's text; ``monitor.decode.signal_map`` loads it if anything is proposed."""
@@ -68,13 +65,18 @@ def map_text(
     lines = [*map(comment, head.splitlines()), ""]
     if notes:
         lines += [*map(comment, ("Changed or left out to read the database:", *notes)), ""]
-    lines += [line for each in guarded for line in _guard(each)]
+    for name, own in guards.items():
+        lines += [comment("holds in the recording"), f"[messages.{quoted(name)}]"]
+        lines += [f"counter = {quoted(own.counter)}"] if own.counter else []
+        if own.checksum:
+            lines += [f"checksum = {quoted(own.checksum)}", f'algorithm = "{own.algorithm}"']
+        lines.append("")
     lines += ["[signals]", *_entries(proposals.signals)]
     if proposals.auxiliary:
         lines += ["[auxiliary]", *_entries(proposals.auxiliary)]
     for each in proposals.derived:
         lines += [
-            comment(each.why),
+            comment(f"made of {', '.join(each.sources)}"),
             f"[derived.{each.name}]",
             f"factor = {each.factor!r}",
             f"numerator = {json.dumps(list(each.numerator))}",
@@ -106,21 +108,6 @@ def _line(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 
-def _guard(each: Protection) -> Iterator[str]:
-    """Yield the table of one message, commented out where no recording bears it out."""
-    keys = [f"counter = {quoted(each.counter)}"] if each.counter else []
-    if each.checksum:
-        algorithm = each.algorithm or ALGORITHMS[0]
-        keys += [f"checksum = {quoted(each.checksum)}", f'algorithm = "{algorithm}"']
-    table = [f"[messages.{quoted(each.message.name)}]", *keys]
-    if not each.n_frames:
-        yield comment("by its names; check with a recording (--log), then remove the #")
-        yield from (*map(comment, table), "")
-    elif keys:
-        yield comment(f"holds in {each.n_frames} frames of the recording")
-        yield from (*table, "")
-
-
 def _entries(proposals: Sequence[Proposal]) -> Iterator[str]:
     lacking = [p.name for p in proposals if p.best is None and not p.others and p.note == NOTHING]
     if lacking:
@@ -142,18 +129,17 @@ def _entries(proposals: Sequence[Proposal]) -> Iterator[str]:
 
 
 def _why(candidate: MapCandidate) -> str:
-    why = "; ".join([candidate.place, *candidate.why])
-    return f"{candidate.confidence:.2f}: {why}"
+    return f"{candidate.fit.confidence:.2f}: {'; '.join([candidate.place, *candidate.fit.why])}"
 
 
 def _entry(name: str, candidate: MapCandidate) -> str:
     """Return the line of one signal."""
     message = candidate.message
     parts = [f"message = {quoted(message.name)}", f"signal = {quoted(candidate.signal.name)}"]
-    if candidate.factor != 1.0:
-        parts.append(f"factor = {_number(candidate.factor)}")
-    if candidate.offset != 0.0:
-        parts.append(f"offset = {_number(candidate.offset)}")
+    if candidate.fit.factor != 1.0:
+        parts.append(f"factor = {_number(candidate.fit.factor)}")
+    if candidate.fit.offset != 0.0:
+        parts.append(f"offset = {_number(candidate.fit.offset)}")
     parts.append(f"timeout_s = {_timeout_s(candidate)!r}")
     return f"{name} = {{ {', '.join(parts)} }}"
 

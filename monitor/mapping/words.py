@@ -6,12 +6,9 @@ A phrase is a set of concepts that must all occur.
 """
 
 import re
-from collections import Counter
 from collections.abc import Mapping
-from functools import cache, lru_cache
+from functools import cache
 from typing import Final
-
-from cantools.database.can import Message, Signal
 
 CONCEPTS: Final[dict[str, str]] = {
     "engine": "engine* eng motor* mot mo moteur* crank* ice",
@@ -26,7 +23,7 @@ CONCEPTS: Final[dict[str, str]] = {
     "torque": "torque* trq tq drehmoment* motormoment* moment mmot",
     "throttle": "throttle* thr tps tp drosselklappe* dk wdkba droka* papillon*",
     "position": "position* pos angle* winkel* stellung* valve*",
-    "lambda": "lambda* lam lmbd lmd afr uego wideband* lsu ego wbo lamsoni",
+    "lambda": "lambda* lam lmbd lmd afr uego wideband* lsu ego wbo2 lamsoni",
     "sensor": "sensor* sens snsr sonde* o2 ho2s o2s oxygen*",
     "ratio": "ratio* afr",
     "equivalence": "equivalence* phi eqr",
@@ -34,7 +31,7 @@ CONCEPTS: Final[dict[str, str]] = {
     "request* req wanted* ref reference* nominal*",
     "lambda_target": "afrtgt afrtarget lamsoll* lamsons* lamsbg*",
     "control": "control* ctrl ctl cntrl correct* corr cor regler* regel* trim* faktor* factor* fbk "
-    "feedback* adj",
+    "feedback* adj mod modifier* mult multiplier* comp",
     "trim": "trim* stft shortft* sft",
     "short": "short* stft st kurz*",
     "oxygen": "o2 ho2s o2s oxygen*",
@@ -71,6 +68,8 @@ CONCEPTS: Final[dict[str, str]] = {
     "cut": "cut* cutoff* fuelcut* abschalt* shutoff* off",
     "dfco": "dfco dfso schubabschalt* =bsa",
     "ready": "ready* rdy valid* betriebsbereit* bereit* operational* warm",
+    "other": "max min lim limit* error* err diff* dev deviation* avg average* mean rel set pre inh "
+    "new oil oel egr exh exhaust* abgas* fan",
     "b_lr": "=blr",
     "b_sbb": "=bsbbvk",
 }
@@ -78,9 +77,9 @@ _NOISE: Final = (  # words that tell no signal from another
     "value val act actual actl is ist istwert w l raw sig signal filt filtered abs absolute sensor "
     "sens ecu ecm pcm dme ems dde obd measured meas gemessen cur current est estimated estmd calc "
     "msr x the of in at b1s1 b1 s1 bank sensor1 bank1 upstream us front vor vk vorkat precat "
-    "primary status pct percent degc kpa bar rpm kmh kph per and to u16 s16 u8 wert data "
+    "primary pct percent degc kpa bar rpm kmh kph per and to u16 s16 u8 wert data "
     "info msr crct flt ext rng cst coast ungef approx linear bordnetzbatter snsr analog dig fast "
-    "slow high hs ls crk no crankshaft fixed engine eng motor vehicle car pcm state on has bit "
+    "slow high hs ls crk no crankshaft fixed engine eng motor vehicle car pcm has bit "
     "flag rate metering estimate estimated com clu real diag module mdule aout out kombi vlt mph"
 )
 NOISE: Final = frozenset(_NOISE.split())
@@ -89,6 +88,8 @@ _CONCEPTS_OF: Final[dict[str, set[str]]] = {}
 for _concept, _stems in _STEMS.items():
     for _stem in _stems:
         _CONCEPTS_OF.setdefault(_stem.rstrip("*"), set()).add(_concept)
+KNOWN: Final = frozenset(_CONCEPTS_OF)
+OTHER: Final = frozenset(word for word, of in _CONCEPTS_OF.items() if of & {"other", "target"})
 _FULL: Final = 4  # letters of a word whose ending may be any of as many
 _PARTS: Final = frozenset(  # words that may fill a longer one
     [stem[:-1] for stems in _STEMS.values() for stem in stems if stem.endswith("*")]
@@ -101,11 +102,8 @@ _SPELLINGS: Final = (
     ("φ", " phi "),
 )
 _PART: Final = re.compile(
-    r"h?o2s?\d{0,2}(?![a-z])|[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d*|[A-Z]+\d*|\d+"
+    r"(?:h|wb)?o2s?\d{0,2}(?![a-z])|[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d*|[A-Z]+\d*|\d+"
 )
-_FEW: Final = 6  # names from which a common beginning shows
-_MOST: Final = 0.7  # of the names that begin alike
-_CODE: Final = re.compile(r"[0-9A-Fa-f]{1,4}")  # a running number: S1_PID_0C_EngineRPM
 
 
 @cache
@@ -117,14 +115,16 @@ def words_of(name: str) -> tuple[str, ...]:
     >>> words_of("O2SensorB1S1")
     ('o2', 'sensor', 'b1', 's1')
     """
-    text = re.sub(r"(?i)wheel_?based", "", name)  # J1939's speed over ground
+    # J1939's speed over ground; OBD's number of a value
+    text = re.sub(r"(?i)wheel_?based|(?<![a-z])pid_?[0-9a-f]{1,2}_", "", name)
+    text = re.sub(r"(?i)\ba/f\b|air/fuel", " afr ", text)
     for letter, plain in _SPELLINGS:
         text = text.replace(letter, plain)
-    text = re.sub(r"(?i)(?<![a-z])(h?o2s?)", lambda m: " " + m[1].lower(), text)
+    text = re.sub(r"(?i)(?<![a-z])((?:h|wb)?o2s?)", lambda m: " " + m[1].lower(), text)
     words: list[str] = []
     for part in _PART.findall(text):
         word = part.lower()
-        numbered = re.fullmatch(r"(?!h?o2s?\d*$)([a-z]{2,})(\d+)", word)
+        numbered = re.fullmatch(r"(?!(?:h|wb)?o2s?\d*$)([a-z]{2,})(\d+)", word)
         name, *number = numbered.groups() if numbered else [word]
         words += (*(_filled(name) or (name,)), *number)
     return tuple(words)
@@ -178,33 +178,3 @@ def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> tuple[float, 
         if sure > best[0]:
             best = sure, rest
     return best
-
-
-def own_name(message: Message, signal: Signal) -> str:
-    """Return a signal's name without the beginning that most names of its message share.
-
-    A part is set off by an underscore; the last part always stays.
-    """
-    begins, coded = _beginnings(message)
-    own, most = signal.name.split("_"), _MOST * len(message.signals)
-    place = 0
-    while len(message.signals) >= _FEW and place < len(own) - 1:
-        if begins[tuple(own[: place + 1])] < most:
-            break
-        place += 1
-    if 0 < place < len(own) - 1 and _CODE.fullmatch(own[place]):
-        place += coded[tuple(own[:place])] >= most
-    return "_".join(own[place:])
-
-
-@lru_cache(maxsize=64)
-def _beginnings(message: Message) -> tuple[Counter[tuple[str, ...]], Counter[tuple[str, ...]]]:
-    """Return how many names begin with some parts, and with some parts and a running number."""
-    begins: Counter[tuple[str, ...]] = Counter()
-    coded: Counter[tuple[str, ...]] = Counter()
-    for each in message.signals:
-        parts = each.name.split("_")
-        for n in range(1, len(parts)):
-            begins[tuple(parts[:n])] += 1
-            coded[tuple(parts[: n - 1])] += bool(_CODE.fullmatch(parts[n - 1]))
-    return begins, coded

@@ -24,7 +24,7 @@ from monitor.mapping import words
 from monitor.mapping.candidates import ranked
 from monitor.mapping.proposal import propose
 from monitor.mapping.quantities import FUEL_FLOW_NAME
-from monitor.mapping.recording import observe, protections
+from monitor.mapping.recording import observe
 from monitor.mapping.text import map_text
 from tests.conftest import ROOT
 from tests.helpers.examples import inputs
@@ -116,7 +116,7 @@ def test_a_recording_decides_between_two_controllers(tmp_path: Path) -> None:
     text, proposals = proposed(load_database(dbc.path("wideband.dbc")), log=log)
     assert proposals.names == ("lambda_measured", "sensor_ready")
     assert {c.message.name for c in proposals.found} == {"WidebandData"}
-    assert "lacks its message" in text
+    assert "in the recording: no value" in text
 
 
 def test_a_recording_sets_how_old_a_value_may_be(tmp_path: Path) -> None:
@@ -282,8 +282,8 @@ def test_no_recording_upsets_it(
     found = ranked(database)
     observed = observe([block_of(frames)], found, Path("x.dbc"), database)
     proposals = propose(observed.reranked(found))
-    guarded = observed.protections(protections(database.messages))
-    text = map_text(proposals, Path("x.dbc"), Path("x.log"), guarded)
+    guards = observed.guards(c.message.name for each in found.values() for c in each[:1])
+    text = map_text(proposals, Path("x.dbc"), Path("x.log"), guards)
     if proposals.names:
         path = tmp_path_factory.mktemp("map") / "m.toml"
         path.write_text(text, encoding="utf-8", errors="surrogatepass")

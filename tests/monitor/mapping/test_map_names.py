@@ -15,7 +15,7 @@ from tests.helpers.logs.databases import database_of, proposed
 def found(database: Database) -> dict[str, tuple[str, float, float]]:
     """Return signal, factor and offset by canonical name."""
     _, proposals = proposed(database)
-    return {c.name: (c.signal.name, c.factor, c.offset) for c in proposals.found}
+    return {c.name: (c.signal.name, c.fit.factor, c.fit.offset) for c in proposals.found}
 
 
 def test_two_wideband_controllers_are_a_choice_for_a_person() -> None:

@@ -1,0 +1,355 @@
+"""How well a signal of a database, or a column of a table, fits a quantity.
+
+The evidence is of four kinds, the same for both: the words of the name, the unit, the range that
+the signal can carry, and the values of a recording. Each may lower the confidence. A doubt keeps
+the signal a comment, or the column unused, until a person confirms it.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+
+from monitor.base.signals import plausible_range
+from monitor.base.types import FloatArray
+from monitor.frames.units import UNITS, Unit, conversion, unit_of
+from monitor.mapping.quantities import (
+    FUEL_FLOW_NAME,
+    GASOLINE_KG_L,
+    LAMBDA_FAMILY,
+    OF_ONE_SENSOR,
+    QUANTITIES,
+    STOICHIOMETRIC,
+    VARYING,
+    MapQuantity,
+)
+from monitor.mapping.words import KNOWN, OTHER, match, words_of
+
+SURE: Final = 0.6  # a signal of this confidence is proposed
+BY_MESSAGE: Final = 0.85  # confidence that is left where name and message say it together
+BY_COMMENT: Final = 0.8  # where only the comment says so
+NO_UNIT: Final = 0.85
+UNKNOWN_UNIT: Final = 0.4
+ODD: Final = 0.6
+ANY: Final = (-1e30, 1e30)  # range of a float
+FEW: Final = 20  # values that say nothing
+USUAL: Final = (0.7, 1.5)  # times the ends of the typical range: of the median
+STILL: Final = 1e-9  # range of a signal that never moves
+MOST_ABOVE: Final = 100.0  # times the plausible range; a stated range beyond has another unit
+UNIT_IN_NAME: Final = frozenset({"rpm", "kph", "kmh", "mph"})
+TEMPERATURE_OFFSETS: Final = frozenset(
+    {-40.0, -48.0, -50.0, -60.0}
+)  # usual in degC, in no other unit
+MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
+PRESSURES_KPA: Final = ((8.0, "bar"), (700.0, "kPa"), (math.inf, "hPa"))  # up to, in words
+RAIL_KPA: Final = ((60.0, "MPa"), (600.0, "bar"), (math.inf, "kPa"))
+_VOLUMES: Final = {"fuel_mass_mg": "volume", FUEL_FLOW_NAME: "volume flow"}
+_OTHER_SENSOR: Final = re.compile(
+    r"downstream|post|nach|hinter|behind|rear|after|second|\bk?[ck]at(?!e)|catalyst|\b(?:hk|nk|ds|lsf|lsh|sec)\b|"
+    r"\b(?:bank|sensor|sonde|[bs]) ?0?[2-9]\b|\bb\d ?s[2-9]\b|\bb[2-9] ?s\d\b|right|links|rechts|"
+    r"\bleft|\bh?o2s?(?:\d[2-9]|[2-9]\d?)\b"
+)
+_UPSTREAM: Final = re.compile(
+    r"upstream|pre ?cat|vor ?kat|stromauf|before ?cat|\b(pre|vk|us|vor|front|primary|lsu|b1s1)\b"
+)
+# of a name or its message: an electric machine, other traffic, comfort
+_ELSEWHERE: Final = re.compile(
+    r"\bhv|\bhyb|\bev\b|\bmcu\b|\bbms\b|inverter|charger|radar|object|\bobj|\btrack|cruise|\bnav|"
+    r"\bgps\b|seat|massage|heater"
+)
+_PART: Final = re.compile(r"transm|gear|getr|clutch|kuppl|turb|fan|pump")
+_ENGINE: Final = re.compile(r"eng|mot|mo\b|\bmd|\b(ecm|ems|dme|cmm)\b")
+_ENGLISH: Final = frozenset({"rpm", "speed", "torque"})  # beside which a motor is electric
+_PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU and "_"
+_BARE_WORDS: Final = (  # of any machine; an unknown word beside them says of which
+    "rpm speed spd torque trq tq temp temperature pressure press voltage volt drehzahl n v t u p "
+    "trim air flow geschw value val act actual cur raw"
+)
+_BARE: Final = frozenset(_BARE_WORDS.split())
+_CONTRARY: Final = frozenset(
+    ("open", "openloop", "not", "inactive", "invalid", "inaktiv", "no", "off", "aus", "nein")
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """A signal of a database, or a column of a table, as its file describes it."""
+
+    name: str
+    unit: str = ""
+    message: str = ""  # name of the message
+    comment: str = ""
+    carried: tuple[float, float] = ANY  # what the bits can say, in ``unit``
+    stated: tuple[float, float] = ANY  # the range that the file states, else ``carried``
+    step: float = 0.0
+    choices: Mapping[int, str] = field(default_factory=dict)
+    values: FloatArray | None = None  # of a recording, in ``unit``
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Return the range of the values, the stated one without a recording."""
+        known = self.values[np.isfinite(self.values)] if self.values is not None else ()
+        return (float(np.min(known)), float(np.max(known))) if len(known) else self.stated
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """How well it fits: canonical value = factor * value + offset, or 1 / that."""
+
+    confidence: float  # 0 to 1
+    why: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    factor: float = 1.0
+    offset: float = 0.0
+    unit: str = ""  # taken where none is stated
+    is_phi: bool = False  # the value is 1 / lambda
+    is_upstream: bool = False  # said to be the sensor before the catalyst
+    is_named: bool = True  # nothing in name, message or comment says another quantity or sensor
+
+    @property
+    def stands(self) -> bool:
+        """Return whether it is proposed."""
+        return self.confidence >= SURE and not self.doubts
+
+    def judged(self, why: str, weight: float = 1.0, **more: Any) -> "Fit":
+        """Return the fit with one more reason, its confidence times ``weight``."""
+        why_all = (*self.why, why) if why else self.why
+        confidence = min(1.0, self.confidence * weight)
+        return replace(self, confidence=confidence, why=why_all, **more)
+
+    def doubted(self, why: str, weight: float = 1.0, **more: Any) -> "Fit":
+        """Return the fit with one more doubt."""
+        return self.judged(why, weight, doubts=(*self.doubts, why), **more)
+
+    def canonical(self, values: FloatArray) -> FloatArray:
+        """Return values in the canonical unit, the shape kept."""
+        with np.errstate(divide="ignore"):
+            scaled = values * self.factor + self.offset
+            return 1.0 / scaled if self.is_phi else scaled
+
+
+def fit_of(name: str, described: Description) -> Fit | None:
+    """Return how well something fits a quantity, None if it is another one."""
+    quantity = QUANTITIES[name]
+    fit = _by_name(name, quantity, described)
+    for look in (_by_unit, _by_range, _by_values):
+        fit = look(name, quantity, described, fit) if fit else None
+    return fit
+
+
+def _by_name(name: str, quantity: MapQuantity, d: Description) -> Fit | None:
+    """Return the fit of the words."""
+    words = words_of(d.name)
+    sure, rest = match(quantity.phrases, words)
+    why = f"its name says {d.name}"
+    if not sure and (quantity.is_flag or name in OF_ONE_SENSOR):
+        both, rest = match(quantity.phrases, words + words_of(d.message))
+        rest = [word for word in words if word in rest]
+        if len(rest) < len(words):
+            sure, why = BY_MESSAGE * both, f"its name and message say {d.message} {d.name}"
+    if name == "lambda_measured" and _afr(d, words):  # no other measurement has this unit
+        before = dict(zip(words[1:], words, strict=False))
+        own = {w for w in words if (before.get(w, "") if w.isdigit() else w) in KNOWN} - {"afr"}
+        rest = [word for word in (rest if sure else words) if word in own]
+        sure, why = max(sure, SURE), why if sure else f"its unit is {d.unit}"
+    if not sure:
+        sure = BY_COMMENT * match(quantity.phrases, words_of(d.comment))[0]
+        if not sure:
+            return None
+        why = f"only its comment says so: {short(d.comment)}"
+        return Fit(sure, is_named=False).doubted(why)
+    fit = Fit(sure, (why,))
+    for doubt in _doubts(name, quantity, d, words, rest):
+        fit = replace(fit, doubts=(*fit.doubts, doubt), is_named=False)
+    return _of_one_sensor(name, d, fit) if name in OF_ONE_SENSOR else fit
+
+
+def _doubts(
+    name: str, quantity: MapQuantity, d: Description, words: tuple[str, ...], rest: list[str]
+) -> list[str]:
+    """Return why a name may not say the quantity: by a word that the quantity does not explain."""
+    of_message = words_of(d.message)
+    if rest and rest[0] == words[0] and _is_device(d.name, words, of_message):
+        rest = rest[1:]
+    odd = [word for word in rest if word not in quantity.also]
+    doubts = [f"its name says {odd[0]!r}, too"] if odd else []
+    names = (d.name, d.message)
+    other = _ELSEWHERE.search(" ".join((*names, *map(" ".join, map(words_of, names)))).lower())
+    if other and name != "sensor_heater_percent":
+        doubts.append(f"{d.message}.{d.name} says {other[0]!r}")
+    part = _PART.search(d.message.lower())
+    if part and _BARE.issuperset(words):
+        doubts.append(f"its message {d.message} says {part[0]!r}")
+    if name == "vehicle_speed_km_h" and d.unit == "m/s" and _BARE.issuperset(words):
+        doubts.append("any speed in m/s: perhaps of an object ahead")
+    if "motor" in words and _ENGLISH & set(words):
+        doubts.append("its name says 'motor', which is an electric one in English")
+    if name == "engine_torque_nm" and not _ENGINE.search(" ".join(words + of_message)):
+        doubts.append("its name does not say that the torque is the engine's")
+    return doubts
+
+
+def _is_device(name: str, words: tuple[str, ...], of_message: tuple[str, ...]) -> bool:
+    """Return whether a name begins with its ECU's abbreviation, which says nothing against it."""
+    first, rest = words[0], words[1:]
+    is_prefix = len(first) <= _PREFIX_LETTERS and first not in OTHER
+    is_apart = re.search(rf"{first}\d*_", name.lower()) and not _BARE.issuperset(rest)
+    return is_prefix and bool(first in of_message or is_apart)
+
+
+def _of_one_sensor(name: str, d: Description, fit: Fit) -> Fit:
+    """Return the fit, doubted if name, message or comment are of another sensor."""
+    texts = [(text, " ".join(words_of(text))) for text in (d.message, d.name, d.comment)]
+    for text, words in texts:
+        if found := _OTHER_SENSOR.search(words):
+            why = f"{short(text)} says {found[0]!r}: perhaps another sensor or bank"
+            return fit.doubted(why, 0.5, is_named=False)
+    if any(_UPSTREAM.search(words) for _, words in texts):
+        return fit.judged("it is said to be upstream", 1.1, is_upstream=True)
+    if name == "lambda_measured":
+        return fit.judged("nothing says whether it is upstream: check")
+    return fit
+
+
+def _by_unit(name: str, quantity: MapQuantity, d: Description, fit: Fit) -> Fit | None:
+    """Return the fit with the way to the canonical unit; a stated unit is a constraint."""
+    unit = unit_of(d.unit, STOICHIOMETRIC)
+    if unit is None and d.unit:
+        return fit.doubted(f"its unit {d.unit!r} is not known", UNKNOWN_UNIT)
+    if quantity.is_flag:
+        return _flag(d, fit) if unit in (None, UNITS["-"]) else None
+    if name in LAMBDA_FAMILY:
+        return _mixture(name, d, unit, fit)
+    if unit is None or unit == UNITS["-"]:
+        return _assumed(quantity, d, fit)
+    if unit.quantity == _VOLUMES.get(name):
+        unit = Unit(quantity.unit.quantity, unit.factor * GASOLINE_KG_L)
+    if unit.quantity != quantity.unit.quantity:
+        return None
+    factor, offset = conversion(unit, quantity.unit)
+    return fit.judged(f"its unit is {d.unit}", factor=factor, offset=offset)
+
+
+def _assumed(quantity: MapQuantity, d: Description, fit: Fit) -> Fit:
+    """Return the fit in the unit that name and range suggest, doubted if they leave several."""
+    low, high = d.span
+    kind, text, factor = quantity.unit.quantity, "", 1.0
+    if kind == "pressure":
+        steps = PRESSURES_KPA if quantity.unit == UNITS["kpa"] else RAIL_KPA
+        text = next(text for end, text in steps if max(abs(low), abs(high)) <= end)
+        factor = UNITS[text.lower()].factor / quantity.unit.factor
+    elif kind == "share" and high <= 1.5:
+        factor = 100.0
+    is_plain = (
+        d.values is not None  # which ``_by_values`` looks at
+        or bool(UNIT_IN_NAME & set(words_of(d.name)))
+        or (kind == "temperature" and bool({d.carried[0], d.stated[0]} & TEMPERATURE_OFFSETS))
+        or (kind == "speed of rotation" and low >= 0.0 and high <= MOST_RPM)
+    )
+    why = "no unit is given, taken for the one that its range suggests: check"
+    fit = fit.judged(why, NO_UNIT, factor=factor, unit=text)
+    return fit if is_plain else replace(fit, doubts=(*fit.doubts, "no unit is given"))
+
+
+def _flag(d: Description, fit: Fit) -> Fit | None:
+    """Return the fit of a flag, which is turned round where 1 stands for the contrary."""
+    if d.carried != ANY and not 1.0 <= d.carried[1] <= 255.0:
+        return None
+    meaning = d.choices.get(1, "")
+    if _CONTRARY & {meaning, *words_of(d.name)}:
+        fit = fit.judged("turned round", 0.8, factor=-1.0, offset=1.0)
+    if d.choices:
+        return fit.judged(f"where 1 is {meaning!r}")
+    many = d.span[1] > 1.0 and d.carried[1] > 3.0
+    return fit.doubted("more than two values without a meaning", 0.7) if many else fit
+
+
+def _mixture(name: str, d: Description, unit: Unit | None, fit: Fit) -> Fit | None:
+    """Return the fit of lambda, AFR or phi, or of a trim."""
+    kind = unit.quantity if unit else "lambda"
+    if name == "lambda_controller":
+        return _trim(d, kind == "share", fit) if kind in ("lambda", "share") else None
+    if kind not in ("lambda", "phi"):
+        return None
+    words = words_of(d.name)
+    if kind == "phi" or {"phi", "eqr"} & {*words}:
+        return fit.judged("an equivalence ratio: lambda is 1 / it", is_phi=True)
+    if ratio := _afr(d, words):
+        why = f"an air-fuel ratio, divided by {1 / ratio:g}: check what {d.name} counts with"
+        return fit.judged(why, factor=ratio, unit="" if d.unit else "AFR")
+    if "equivalence" in words and not d.unit and not {"range", "o2", "oxygen"} & {*words}:
+        return fit.doubted("an equivalence ratio: lambda, as OBD has it, or 1 / lambda?")
+    return fit
+
+
+def _afr(d: Description, words: tuple[str, ...]) -> float:
+    """Return lambda per unit of what counts in air per fuel, by unit or name, 0 if it does not."""
+    unit = unit_of(d.unit, STOICHIOMETRIC)
+    if unit and unit.quantity != "lambda":
+        return 0.0
+    if unit and unit.factor != 1.0:
+        return unit.factor
+    is_named = "afr" in words or {"air", "fuel"} <= {*words}
+    return 1.0 / STOICHIOMETRIC if is_named and d.span[1] > 5.0 else 0.0
+
+
+def _trim(d: Description, is_share: bool, fit: Fit) -> Fit:
+    """Return the fit of a trim, 1 where nothing is corrected."""
+    low, high = d.span
+    if is_share and (low > 50.0 or (low >= 0.0 and high > 110.0)):
+        sure = 1.0 if high <= 400.0 else 0.5  # beyond, the range is only that of the bits
+        return fit.judged("never negative, so 100 is no correction", sure, factor=0.01)
+    if is_share or low < 0.0 < high < 0.9:
+        factor = 0.01 if is_share else 1.0
+        return fit.judged("0 is no correction", factor=factor, offset=1.0)
+    return fit.judged("1 is no correction")
+
+
+def _by_range(name: str, quantity: MapQuantity, d: Description, fit: Fit) -> Fit | None:
+    """Return the fit, doubted if the stated range is odd, None if it is another quantity's."""
+    if quantity.is_flag or fit.is_phi:
+        return fit
+    (low, high), step = quantity.typical, abs(d.step * fit.factor)
+    carried, stated = (
+        sorted(end * fit.factor + fit.offset for end in ends) for ends in (d.carried, d.stated)
+    )
+    if not carried[0] <= low < high <= carried[1] or step > (high - low) / 3:
+        return None
+    if d.stated != d.carried and max(stated) > MOST_ABOVE * plausible_range(name)[1]:
+        fit = fit.doubted(f"its range reaches {max(stated):g}: another unit?", ODD)
+    if not stated[0] <= low < high <= stated[1]:
+        why = f"its range {stated[0]:g} to {stated[1]:g} does not hold {low:g} to {high:g}"
+        fit = fit.doubted(why, ODD)
+    if name.endswith("_pressure_kpa") and ANY[0] < d.stated[0] < 0.0:
+        fit = fit.doubted(f"its range begins at {stated[0]:g} kPa: a gauge pressure?", ODD)
+    return fit
+
+
+def _by_values(name: str, quantity: MapQuantity, d: Description, fit: Fit) -> Fit:
+    """Return the fit as the values of a recording bear it out."""
+    if d.values is None:
+        return fit
+    values = fit.canonical(d.values[~np.isnan(d.values)])
+    low, high = plausible_range(name)
+    inside = values[(values >= low) & (values <= high)]
+    if 2 * len(inside) <= len(values):
+        seen = f"{values.min():.4g} to {values.max():.4g}" if len(values) else "no value"
+        return fit.doubted(f"implausible in the recording: {seen}", 0.3)
+    fit = fit.judged(f"in the recording {inside.min():.4g} to {inside.max():.4g}")
+    moves, middle = np.ptp(inside) > STILL, float(np.median(inside))
+    if name in VARYING and len(inside) >= FEW:
+        low, high = USUAL[0] * quantity.typical[0], USUAL[1] * quantity.typical[1]
+        if not moves or not low <= middle <= high:
+            return fit.doubted(
+                f"unusual: its median is {middle:.4g}" if moves else "never moves", ODD
+            )
+    return fit.judged("", 1.05) if moves else fit
+
+
+def short(text: str) -> str:
+    """Return a text on one line, of 60 characters at most."""
+    line = " ".join(text.split())
+    return line if len(line) <= 60 else line[:57] + "..."
