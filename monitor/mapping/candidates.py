@@ -8,7 +8,7 @@ from typing import Final
 from cantools.database.can import Database, Message, Signal
 
 from monitor.base.types import FloatArray
-from monitor.mapping.fit import ANY, Description, Fit, fit_of
+from monitor.mapping.fit import ANY, Description, QuantityFit, fit_of
 from monitor.mapping.quantities import QUANTITIES
 
 SLOW_MS: Final = 1_000_000  # cycle of a message that says none
@@ -22,7 +22,7 @@ class MapCandidate:
     message: Message
     signal: Signal
     described: Description
-    fit: Fit
+    fit: QuantityFit
     interval_s: float | None = None  # between two values in the recording, 95 % are shorter
 
     @property

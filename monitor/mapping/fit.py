@@ -96,7 +96,7 @@ class Description:
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class QuantityFit:
     """How well it fits: canonical value = factor * value + offset, or 1 / that."""
 
     confidence: float  # 0 to 1
@@ -114,13 +114,13 @@ class Fit:
         """Return whether it is proposed."""
         return self.confidence >= SURE and not self.doubts
 
-    def judged(self, why: str, weight: float = 1.0, **more: Any) -> "Fit":
+    def judged(self, why: str, weight: float = 1.0, **more: Any) -> "QuantityFit":
         """Return the fit with one more reason, its confidence times ``weight``."""
         why_all = (*self.why, why) if why else self.why
         confidence = min(1.0, self.confidence * weight)
         return replace(self, confidence=confidence, why=why_all, **more)
 
-    def doubted(self, why: str, weight: float = 1.0, **more: Any) -> "Fit":
+    def doubted(self, why: str, weight: float = 1.0, **more: Any) -> "QuantityFit":
         """Return the fit with one more doubt."""
         return self.judged(why, weight, doubts=(*self.doubts, why), **more)
 
@@ -131,7 +131,7 @@ class Fit:
             return 1.0 / scaled if self.is_phi else scaled
 
 
-def fit_of(name: str, described: Description) -> Fit | None:
+def fit_of(name: str, described: Description) -> QuantityFit | None:
     """Return how well something fits a quantity, None if it is another one."""
     quantity = QUANTITIES[name]
     fit = _by_name(name, quantity, described)
@@ -140,7 +140,7 @@ def fit_of(name: str, described: Description) -> Fit | None:
     return fit
 
 
-def _by_name(name: str, quantity: MapQuantity, d: Description) -> Fit | None:
+def _by_name(name: str, quantity: MapQuantity, d: Description) -> QuantityFit | None:
     """Return the fit of the words."""
     words = words_of(d.name)
     sure, rest = match(quantity.phrases, words)
@@ -160,8 +160,8 @@ def _by_name(name: str, quantity: MapQuantity, d: Description) -> Fit | None:
         if not sure:
             return None
         why = f"only its comment says so: {short(d.comment)}"
-        return Fit(sure, is_named=False).doubted(why)
-    fit = Fit(sure, (why,))
+        return QuantityFit(sure, is_named=False).doubted(why)
+    fit = QuantityFit(sure, (why,))
     for doubt in _doubts(name, quantity, d, words, rest):
         fit = replace(fit, doubts=(*fit.doubts, doubt), is_named=False)
     return _of_one_sensor(name, d, fit) if name in OF_ONE_SENSOR else fit
@@ -200,7 +200,7 @@ def _is_device(name: str, words: tuple[str, ...], of_message: tuple[str, ...]) -
     return is_prefix and bool(first in of_message or is_apart)
 
 
-def _of_one_sensor(name: str, d: Description, fit: Fit) -> Fit:
+def _of_one_sensor(name: str, d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit, doubted if name, message or comment are of another sensor."""
     texts = [(text, " ".join(words_of(text))) for text in (d.message, d.name, d.comment)]
     for text, words in texts:
@@ -214,7 +214,9 @@ def _of_one_sensor(name: str, d: Description, fit: Fit) -> Fit:
     return fit
 
 
-def _by_unit(name: str, quantity: MapQuantity, d: Description, fit: Fit) -> Fit | None:
+def _by_unit(
+    name: str, quantity: MapQuantity, d: Description, fit: QuantityFit
+) -> QuantityFit | None:
     """Return the fit with the way to the canonical unit; a stated unit is a constraint."""
     unit = unit_of(d.unit, STOICHIOMETRIC)
     if unit is None and d.unit:
@@ -233,7 +235,7 @@ def _by_unit(name: str, quantity: MapQuantity, d: Description, fit: Fit) -> Fit 
     return fit.judged(f"its unit is {d.unit}", factor=factor, offset=offset)
 
 
-def _assumed(quantity: MapQuantity, d: Description, fit: Fit) -> Fit:
+def _assumed(quantity: MapQuantity, d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit in the unit that name and range suggest, doubted if they leave several."""
     low, high = d.span
     kind, text, factor = quantity.unit.quantity, "", 1.0
@@ -254,7 +256,7 @@ def _assumed(quantity: MapQuantity, d: Description, fit: Fit) -> Fit:
     return fit if is_plain else replace(fit, doubts=(*fit.doubts, "no unit is given"))
 
 
-def _flag(d: Description, fit: Fit) -> Fit | None:
+def _flag(d: Description, fit: QuantityFit) -> QuantityFit | None:
     """Return the fit of a flag, which is turned round where 1 stands for the contrary."""
     if d.carried != ANY and not 1.0 <= d.carried[1] <= 255.0:
         return None
@@ -267,7 +269,7 @@ def _flag(d: Description, fit: Fit) -> Fit | None:
     return fit.doubted("more than two values without a meaning", 0.7) if many else fit
 
 
-def _mixture(name: str, d: Description, unit: Unit | None, fit: Fit) -> Fit | None:
+def _mixture(name: str, d: Description, unit: Unit | None, fit: QuantityFit) -> QuantityFit | None:
     """Return the fit of lambda, AFR or phi, or of a trim."""
     kind = unit.quantity if unit else "lambda"
     if name == "lambda_controller":
@@ -296,7 +298,7 @@ def _afr(d: Description, words: tuple[str, ...]) -> float:
     return 1.0 / STOICHIOMETRIC if is_named and d.span[1] > 5.0 else 0.0
 
 
-def _trim(d: Description, is_share: bool, fit: Fit) -> Fit:
+def _trim(d: Description, is_share: bool, fit: QuantityFit) -> QuantityFit:
     """Return the fit of a trim, 1 where nothing is corrected."""
     low, high = d.span
     if is_share and (low > 50.0 or (low >= 0.0 and high > 110.0)):
@@ -308,7 +310,9 @@ def _trim(d: Description, is_share: bool, fit: Fit) -> Fit:
     return fit.judged("1 is no correction")
 
 
-def _by_range(name: str, quantity: MapQuantity, d: Description, fit: Fit) -> Fit | None:
+def _by_range(
+    name: str, quantity: MapQuantity, d: Description, fit: QuantityFit
+) -> QuantityFit | None:
     """Return the fit, doubted if the stated range is odd, None if it is another quantity's."""
     if quantity.is_flag or fit.is_phi:
         return fit
@@ -328,7 +332,7 @@ def _by_range(name: str, quantity: MapQuantity, d: Description, fit: Fit) -> Fit
     return fit
 
 
-def _by_values(name: str, quantity: MapQuantity, d: Description, fit: Fit) -> Fit:
+def _by_values(name: str, quantity: MapQuantity, d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit as the values of a recording bear it out."""
     if d.values is None:
         return fit

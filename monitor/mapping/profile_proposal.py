@@ -19,7 +19,7 @@ from monitor.frames.profiles.recognition import key, keys_of
 from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.units import unit_of
-from monitor.mapping.fit import Description, Fit, fit_of
+from monitor.mapping.fit import Description, QuantityFit, fit_of
 from monitor.mapping.quantities import QUANTITIES, STOICHIOMETRIC, VARYING
 from monitor.mapping.text import quoted
 
@@ -114,7 +114,7 @@ def _offers(raw: RawTable, cells: FloatArray) -> Iterator[tuple[float, int, str,
                     yield fit.confidence, i, name, _by_words(name, column, fit)
 
 
-def _by_words(name: str, column: RawColumn, fit: Fit) -> Source:
+def _by_words(name: str, column: RawColumn, fit: QuantityFit) -> Source:
     """Return the source of a column that no profile knows; what its file states needs no word."""
     stated = unit_of(_unit(column), STOICHIOMETRIC)
     if stated and stated.quantity == QUANTITIES[name].unit.quantity:

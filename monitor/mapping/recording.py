@@ -29,7 +29,7 @@ COUNTER_BITS: Final = range(2, 9)
 
 
 @dataclass(frozen=True, slots=True)
-class Observed:
+class ObservedSignal:
     """What a recording shows."""
 
     series: Mapping[str, tuple[FloatArray, FloatArray]]  # place → times in s, database's values
@@ -55,7 +55,7 @@ class Observed:
 
 def observe(
     blocks: Iterable[FrameBlock], ranked: Ranked, dbc: Path, database: Database
-) -> Observed:
+) -> ObservedSignal:
     """Return what a recording shows of the likeliest candidates that can be decoded."""
     every = {c.place: c for each in ranked.values() for c in each[:CONSIDERED]}
     decoder = _decoder(every, dbc, database)
@@ -78,7 +78,7 @@ def observe(
         if n >= MOST_FRAMES:
             break
     messages = {c.message.name: c.message for c in every.values()}
-    return Observed(
+    return ObservedSignal(
         {
             place: (np.concatenate([t for t, _ in each]), np.concatenate([v for _, v in each]))
             for place, each in series.items()
