@@ -26,7 +26,7 @@ from monitor.mapping.quantities import (
     VARYING,
     MapQuantity,
 )
-from monitor.mapping.words import KNOWN, OTHER, match, words_of
+from monitor.mapping.words import KNOWN, OTHER, VOCABULARY, match, words_of
 
 SURE: Final = 0.6  # a signal of this confidence is proposed
 BY_MESSAGE: Final = 0.85  # confidence that is left where name and message say it together
@@ -64,11 +64,7 @@ _PART: Final = re.compile(r"transm|gear|getr|clutch|kuppl|turb|fan|pump")
 _ENGINE: Final = re.compile(r"eng|mot|mo\b|\bmd|\b(ecm|ems|dme|cmm)\b")
 _ENGLISH: Final = frozenset({"rpm", "speed", "torque"})  # beside which a motor is electric
 _PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU and "_"
-_BARE_WORDS: Final = (  # of any machine; an unknown word beside them says of which
-    "rpm speed spd torque trq tq temp temperature pressure press voltage volt drehzahl n v t u p "
-    "trim air flow geschw value val act actual cur raw"
-)
-_BARE: Final = frozenset(_BARE_WORDS.split())
+_BARE: Final = frozenset(VOCABULARY["words"]["bare"].split())
 _CONTRARY: Final = frozenset(
     ("open", "openloop", "not", "inactive", "invalid", "inaktiv", "no", "off", "aus", "nein")
 )

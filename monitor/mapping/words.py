@@ -1,89 +1,17 @@
-"""The words of this trade, and how sure a name is of a quantity.
-
-Names are English, German or abbreviations. A concept is a set of words; one that ends in ``*`` may
-stand inside of a longer word that known words fill, ``=name`` is a whole name without underscores.
-A phrase is a set of concepts that must all occur.
-"""
+"""The words of a name, and how sure they are of a quantity, by ``vocabulary.toml``."""
 
 import re
+import tomllib
 from collections.abc import Mapping
 from functools import cache
+from importlib.resources import files
 from typing import Final
 
-CONCEPTS: Final[dict[str, str]] = {
-    "engine": "engine* eng motor* mot mo moteur* crank* ice",
-    "speed": "regime* speed* spd drehzahl* rpm revs revolution* vitesse*",
-    "rpm": "rpm =n =nw upm",
-    "revolutions": "drehzahl* nmot neng =motrpm",
-    "n": "n",
-    "v": "v",
-    "vehicle": "vehicul* vehicle* veh fahrzeug* fzg car road* vhcl",
-    "geschwindigkeit": "fahrgeschwindigkeit* geschwindigkeit* geschw* fahrgeschw* vss vfzg "
-    "tacho* kmh kph",
-    "torque": "torque* trq tq drehmoment* motormoment* moment mmot",
-    "throttle": "throttle* thr tps tp drosselklappe* dk wdkba droka* papillon*",
-    "position": "position* pos angle* winkel* stellung* valve*",
-    "lambda": "lambda* lam lmbd lmd afr uego wideband* lsu ego wbo2 lamsoni",
-    "sensor": "sensor* sens snsr sonde* o2 ho2s o2s oxygen*",
-    "ratio": "ratio* afr",
-    "equivalence": "equivalence* phi eqr",
-    "target": "target* tgt trg soll* setpoint* setp sp desired* des demand* dmd command* cmd cmded "
-    "request* req wanted* ref reference* nominal*",
-    "lambda_target": "afrtgt afrtarget lamsoll* lamsons* lamsbg*",
-    "control": "control* ctrl ctl cntrl correct* corr cor regler* regel* trim* faktor* factor* fbk "
-    "feedback* adj mod modifier* mult multiplier* comp",
-    "trim": "trim* stft shortft* sft",
-    "short": "short* stft st kurz*",
-    "oxygen": "o2 ho2s o2s oxygen*",
-    "fr": "egocor* =frw =frmw =fraw",
-    "fuel": "fuel* fl kraftstoff* krst carburant* benzin* afr",
-    "mass": "mass* masse* msg qty quantity* menge* am amt amount* charge* fuellung*",
-    "air": "air* luft* intake* aspir* afr",
-    "cylinder": "cyl cylinder* zyl* stroke* stk hub*",
-    "maf": "maf luftmassenstrom* ml mshfm* hfm* airmassflow*",
-    "flow": "flow* flw strom* durchfluss* rate*",
-    "consumption": "consumption* verbrauch* kvs fco",
-    "injection": "inj injection* injected* einspritz* injector*",
-    "rail": "frp rail* prist* hdp highpress* fphigh*",
-    "high": "high hi hd hoch*",
-    "pressure": "frp prist* pressure* press* prs pres druck* fp p",
-    "manifold": "manifold* mnfld saugrohr* sgr intake* inlet* imp ansaug* mfld",
-    "map": "map saugrohrdruck* =psw psr mapsensor*",
-    "temperature": "te temperature* temp* tmp temperatur* t degc",
-    "iat": "iat mat tans act",
-    "coolant": "coolant* cool kuehlmittel* kuehlwasser* water* clnt ect clt ect cts",
-    "ect": "ect clt tmot cts",
-    "ambient": "env ambient* amb ots outside* outsd aussen* umgebung* umg outdoor* exterior*",
-    "aat": "aat oat tumg tam",
-    "baro": "baro* bap atm atmos* luftdruck* pu barometric*",
-    "battery": "batt* battery* batterie* bat ub vbat wub ubat bordnetz* kl30 kl15 supply* module* "
-    "vbatt accu*",
-    "voltage": "v potential* volt* voltage* spannung* vbat vbatt ub wub ubat u tension*",
-    "purge": "purge* evap* tev tankentl* canister* cpv aktivkohle* akf",
-    "heater": "heater* heating* heiz* heizung* htr",
-    "duty": "duty* valve* dc pwm ventil* tastverh* ratio* flow* pct ansteuerung*",
-    "closed": "closed* clsd cl geschlossen* closedloop*",
-    "loop": "loop* lp regelkreis* closedloop*",
-    "active": "active* aktiv* actv act status* state* on enabled* enable* freigabe*",
-    "cut": "cut* cutoff* fuelcut* abschalt* shutoff* off",
-    "dfco": "dfco dfso schubabschalt* =bsa",
-    "ready": "ready* rdy valid* betriebsbereit* bereit* operational* warm",
-    "other": "max min lim limit* error* err diff* dev deviation* avg average* mean rel set pre inh "
-    "new oil oel egr exh exhaust* abgas* fan",
-    "b_lr": "=blr",
-    "b_sbb": "=bsbbvk",
-}
-_NOISE: Final = (  # words that tell no signal from another
-    "value val act actual actl is ist istwert w l raw sig signal filt filtered abs absolute sensor "
-    "sens ecu ecm pcm dme ems dde obd measured meas gemessen cur current est estimated estmd calc "
-    "msr x the of in at b1s1 b1 s1 bank sensor1 bank1 upstream us front vor vk vorkat precat "
-    "primary pct percent degc kpa bar rpm kmh kph per and to u16 s16 u8 wert data "
-    "info msr crct flt ext rng cst coast ungef approx linear bordnetzbatter snsr analog dig fast "
-    "slow high hs ls crk no crankshaft fixed engine eng motor vehicle car pcm has bit "
-    "flag rate metering estimate estimated com clu real diag module mdule aout out kombi vlt mph"
+VOCABULARY: Final = tomllib.loads(
+    files("monitor.mapping").joinpath("vocabulary.toml").read_text("utf-8")
 )
-NOISE: Final = frozenset(_NOISE.split())
-_STEMS: Final = {concept: stems.split() for concept, stems in CONCEPTS.items()}
+NOISE: Final = frozenset(VOCABULARY["words"]["noise"].split())  # tell no signal from another
+_STEMS: Final = {name: stems.split() for name, stems in VOCABULARY["concepts"].items()}
 _CONCEPTS_OF: Final[dict[str, set[str]]] = {}
 for _concept, _stems in _STEMS.items():
     for _stem in _stems:
