@@ -19,7 +19,6 @@ from monitor.model.model_file import read
 ROOT: Final = Path(__file__).resolve().parents[1]
 PACKAGES: Final = ("monitor", "training")  # counted room by room
 WHOLE: Final = ("benchmarks", "tests")
-# names of columns, and words
 NO_SETTINGS: Final = {"profiles", "faults.toml", "findings.toml", "vocabulary.toml"}
 SHIPPED: Final = ROOT / "monitor" / "model" / "shipped.onnx"
 
