@@ -80,5 +80,4 @@ def _state(args: DiagnosticsOptions, setup: "Setup", loop: "Loop") -> "State":
         output=monitor.output,
         running_rpm=config.plausibility.engine_running_rpm,
         clear_while_running=args.clear_while_running,
-        prefailed=monitor.prefailed,
     )

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import Quiet
 from monitor.base.files.outputs import unused
+from monitor.bus.live.address import PageAddress, parse
 from monitor.cli.diagnostics import DiagnosticsOptions, diagnostics
-from monitor.cli.live import LiveOptions, live_feed
 from monitor.cli.options import (
     NOT_JUDGED,
     Bus,
@@ -32,8 +32,10 @@ from monitor.cli.sinks import SinkOptions, open_sinks, sink_feed
 
 if TYPE_CHECKING:
     from monitor.bus.attachment import Attachment
+    from monitor.bus.live.feed import LiveFeed
     from monitor.bus.loop import Loop
     from monitor.bus.terminal import Out
+    from monitor.pipeline.replay import Setup
 
 EXAMPLES = """examples:
   o2mon run -i socketcan -c can0                         only listen
@@ -45,6 +47,16 @@ EXAMPLES = """examples:
   o2mon run -i socketcan -c can0 --sink mqtt://broker/car --sink jsonl:car.jsonl
 
 exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions:
+    """The live page.
+
+    live : serve a live page at this address; PORT alone means 127.0.0.1:PORT
+    """
+
+    live: Annotated[PageAddress | None, parse, "HOST:PORT"] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +110,7 @@ def run(args: RunOptions) -> int:
         if args.transmit:
             loop.attachments.append(Transmitter(loop.pipeline.monitor))
         loop.attachments.extend(diagnostics(args, setup, loop, _speaker(args, out)))
-        loop.attachments.extend(live_feed(args, setup, loop, name, _speaker(args, out)))
+        loop.attachments.extend(_live_feed(args, setup, loop, name, _speaker(args, out)))
         feed = sink_feed(args, sinks, loop, _speaker(args, out))
         loop.attachments.extend(feed)
         gc.collect()
@@ -140,6 +152,32 @@ def _views(args: RunOptions, loop: "Loop", out: "Out") -> "Iterator[Attachment]"
     watchdog = Watchdog.of(view.line)
     if watchdog:
         yield watchdog
+
+
+def _live_feed(
+    args: LiveOptions, setup: "Setup", loop: "Loop", channel: str, say: Callable[[str], None]
+) -> "Iterator[LiveFeed]":
+    """Start the page's server if ``--live`` is given, say its address and yield what feeds it.
+
+    Raises UsageError if the server cannot start.
+    """
+    if args.live is None:
+        return
+    from monitor.bus.live.feed import LiveFeed
+    from monitor.bus.live.process import Server
+
+    server = Server(args.live)
+    say(f"live page: {server.address.url}")
+    if not server.is_loopback:
+        say(f"warning: everyone who reaches {server.address.host} can read the live page")
+    yield LiveFeed(
+        server,
+        loop.pipeline.monitor,
+        setup,
+        health=lambda: loop.health.as_dict() | loop.pipeline.counters | loop.clock.counters.found,
+        channel=channel,
+        say=say,
+    )
 
 
 def _ending(args: RunOptions, recording: dict[str, Any]) -> Iterable[str]:

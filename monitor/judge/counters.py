@@ -20,7 +20,6 @@ class Counters:
     def __init__(self, tests: Iterable[str], config: Config, store: DtcStore) -> None:
         self._config, self._store = config, store
         self._debounce = dict.fromkeys(tests, Debounce())
-        self._failing: dict[str, str] = {}  # the latest fault of each test
         self._named: dict[str, str] = {}  # the fault that each matured test has set
         self.decided: set[str] = set()  # tests that reached a decision
 
@@ -36,15 +35,6 @@ class Counters:
         """Return the fault that a matured test has set."""
         return self._named.get(test)
 
-    def prefailed(self) -> dict[str, int]:
-        """Return the codes whose tests have failed, but not often enough, with their counters."""
-        return {
-            code: self._debounce[test].count
-            for test, fault in self._failing.items()
-            if 0 < self._debounce[test].count < FAILED
-            for code in self._codes(fault)
-        }
-
     def step(
         self, test: str, *, failed: bool, fault: str, also: tuple[str, ...], t_ns: int
     ) -> Sequence[Change]:
@@ -52,8 +42,6 @@ class Counters:
         before = self._debounce[test]
         if before.count == (FAILED if failed else PASSED):  # no result can change it
             return self._renamed(test, fault, also, t_ns) if failed else ()
-        if failed:
-            self._failing[test] = fault
         debounce = self._config.debounce
         by = debounce.response_fail if failed else debounce.response_pass
         after = self._debounce[test] = before.step(failed=failed, by=by)

@@ -10,12 +10,11 @@ from collections.abc import Sequence
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from monitor.base.config import CyclesConfig, ProfileConfig
-from monitor.base.runs import Thresholds, alike
-from monitor.base.types import FloatArray, IntArray, Quality, SampleBlock
-from monitor.memory.denominator import Denominator, DrivenSpan, Flags, whole_ns
+from monitor.base.runs import alike
+from monitor.base.types import BoolArray, FloatArray, IntArray, Quality, SampleBlock
+from monitor.memory.denominator import Denominator, first_of, whole_ns
 from monitor.memory.engine_watch import EngineWatch
 
 SIGNALS: Final = (
@@ -26,19 +25,17 @@ SIGNALS: Final = (
     "ambient_pressure_kpa",
 )
 Moment = Literal["driving_cycle", "ignition_cycle", "warm_up", "general_denominator"]
+# in this order at one sample; those behind the first are counted once in each driving cycle
 _ORDER: Final[tuple[Moment, ...]] = (
     "driving_cycle",
     "ignition_cycle",
     "warm_up",
     "general_denominator",
 )
-_DUE: Final = frozenset(_ORDER[1:])  # counted once in each driving cycle
 _SECOND_NS: Final = 1_000_000_000  # driving is counted in steps of so much
 _HOURS_PER_NS: Final = 1.0 / 3.6e12
-_N_QUALITIES: Final = len(Quality)
 _UNKNOWN: Final = (Quality.OFF_BUS, Quality.GAP)  # of an engine not heard nothing is known
-# bits of a sample, in the order of the thresholds in ``Cycles``
-_RUNS, _MOVES, _WARM, _MILD, _LOW, _ENGINE_KNOWN, _SPEED_KNOWN, _ROLLS = (1 << b for b in range(8))
+_RUNS: Final = -1  # code of samples in which the engine runs
 
 
 class Driven(NamedTuple):
@@ -72,23 +69,10 @@ class Cycles:
         output: str,
         running_rpm: float,
     ) -> None:
-        at = {name: i for i, name in enumerate(names)}
+        self._at = {name: i for i, name in enumerate(names)}
         self._config, self._profile, self._running_rpm = config, profile, running_rpm
-        self._speed, self._vehicle, self._coolant, self._ambient, self._pressure = map(
-            at.get, SIGNALS
-        )
-        self._heard = at[output] if self._speed is None else self._speed
-        least = (
-            running_rpm,
-            config.denominator_moving_km_h,
-            profile.warm_up_degc,
-            config.denominator_ambient_min_degc,
-            config.denominator_pressure_min_kpa,
-        )
-        rolls_km_h = math.nextafter(config.denominator_idle_km_h, math.inf)
-        places = [at.get(name, 0) for name in (*SIGNALS, *SIGNALS[:2], SIGNALS[1])]
-        self._thresholds = Thresholds(places, [*least, -math.inf, -math.inf, rolls_km_h])
-        self.unavailable = tuple(name for name in SIGNALS if name not in at)
+        self._heard = self._at.get(SIGNALS[0], self._at[output])
+        self.unavailable = tuple(name for name in SIGNALS if name not in self._at)
         self._engine = EngineWatch(config)
         self._start_least_ns = whole_ns(config.start_s)
         self._last_ns: int | None = None
@@ -98,7 +82,7 @@ class Cycles:
         """Begin a driving cycle."""
         self._start_ns = 0  # since the engine's last start
         self._denominator = Denominator(self._config)
-        self._due: frozenset[Moment] = _DUE
+        self._due: set[Moment] = {*_ORDER[1:]}
         self._first_degc = math.nan  # coolant at the engine's start
         self._run_ns, self._run_km = 0, 0.0  # in the driving cycle
         self._taken_ns, self._taken_km = 0, 0.0  # of these, given out in ``Driven``
@@ -109,139 +93,113 @@ class Cycles:
         found = Counting([], [])
         if n == 0:
             return found
-        until_ns = np.zeros(n + 1, dtype=np.int64)  # [k + 1]: time until sample k
-        if self._last_ns is not None:
-            until_ns[1] = max(block.t_ns.item(0) - self._last_ns, 0)
-        if n > 1:
-            np.maximum(block.t_ns[1:] - block.t_ns[:-1], 0, out=until_ns[2:])
-            np.cumsum(until_ns, out=until_ns)
+        first_ns = block.t_ns[0] if self._last_ns is None else self._last_ns
         self._last_ns = block.t_ns.item(n - 1)
-        values = block.values
-        coolant_degc = None if self._coolant is None else values[:, self._coolant]
-        speed_km_h = None if self._vehicle is None else values[:, self._vehicle]
-        for begin, end, code in alike(self._codes(block)):
-            bits, heard = divmod(code, _N_QUALITIES)
-            runs, stands = bits & _RUNS, bits & _ENGINE_KNOWN
-            if self._speed is None:
-                runs, stands = heard not in (Quality.STALE, *_UNKNOWN), 0
-            if runs:
-                span = DrivenSpan(begin, end, until_ns)
-                self._run(
-                    span,
-                    self._flags(bits),
-                    coolant_degc=coolant_degc,
-                    speed_km_h=speed_km_h,
-                    until_ns=until_ns,
-                    found=found,
-                )
+        steps_ns = np.maximum(np.diff(block.t_ns, prepend=first_ns), 0)
+        signals = [
+            block.values[:, self._at[name]] if name in self._at else None for name in SIGNALS
+        ]
+        heard = block.quality[:, self._heard].astype(np.int64)
+        codes = self._codes(heard, signals[0])
+        for begin, end, code in alike(codes):
+            inside = slice(begin, end)
+            if code == _RUNS:
+                own = [each if each is None else each[inside] for each in signals[1:]]
+                self._run(begin, steps_ns[inside].copy(), own, found)
                 continue
             self._denominator.interrupt()
-            if heard not in _UNKNOWN:
-                elapsed_ns = until_ns.item(end) - until_ns.item(begin)
-                is_silent = heard == Quality.STALE
-                self._engine.stand(elapsed_ns, is_silent=is_silent, is_standing=bool(stands))
+            quality, is_standing = divmod(code, 2)
+            if quality not in _UNKNOWN:
+                self._engine.stand(
+                    int(steps_ns[inside].sum()),
+                    is_silent=quality == Quality.STALE,
+                    is_standing=bool(is_standing),
+                )
         return found
 
-    def _codes(self, block: SampleBlock) -> NDArray[np.uint16]:
-        """Return an integer for each sample, (n,): samples with the same one are alike."""
-        codes = np.multiply(self._thresholds.masks(block.values), _N_QUALITIES, dtype=np.uint16)
-        codes += block.quality[:, self._heard]
-        return codes
+    def _codes(self, heard: IntArray, speed_rpm: FloatArray | None) -> IntArray:
+        """Return a number for each sample, (n,): whether the engine runs, else how it is heard.
 
-    def _flags(self, bits: int) -> Flags:
-        return Flags(
-            self._vehicle is not None and bool(bits & _MOVES),
-            self._vehicle is not None and bits & (_SPEED_KNOWN | _ROLLS) == _SPEED_KNOWN,
-            (self._ambient is None or bool(bits & _MILD))
-            and (self._pressure is None or bool(bits & _LOW)),
-            self._coolant is not None and bool(bits & _WARM),
-        )
+        heard : (n,) quality of the speed, or of the output where there is no speed
+        """
+        if speed_rpm is None:
+            return np.where(np.isin(heard, (Quality.STALE, *_UNKNOWN)), 2 * heard, _RUNS)
+        stands = 2 * heard + ~np.isnan(speed_rpm)
+        return np.where(speed_rpm >= self._running_rpm, _RUNS, stands)
 
     def _run(
         self,
-        span: DrivenSpan,
-        flags: Flags,
-        coolant_degc: FloatArray | None,
-        speed_km_h: FloatArray | None,
-        until_ns: IntArray,
+        begin: int,
+        steps_ns: IntArray,
+        signals: Sequence[FloatArray | None],
         found: Counting,
     ) -> None:
-        """Take samples that are alike, the engine running."""
+        """Take samples from ``begin`` on in which the engine runs.
+
+        steps_ns : (n,) time since the sample before
+        signals : (n,) each of those behind the engine speed, None where it is not provided
+        """
+        speed_km_h, coolant_degc, ambient_degc, pressure_kpa = signals
         started, is_next = self._engine.run()
         if is_next:
             self._begin()
-            found.moments.append((span.begin, "driving_cycle"))
-        driven = span
+            found.moments.append((begin, "driving_cycle"))
         if started:  # the time since the last sample is not driven
-            self._start_ns = 0
+            self._start_ns, steps_ns[0] = 0, 0
             self._denominator.interrupt()
-            driven = DrivenSpan(span.begin + 1, span.end, until_ns)
+        since_ns = self._start_ns + np.cumsum(steps_ns)
+        self._start_ns = int(since_ns[-1])
         reached: dict[Moment, int | None] = {}
         if "ignition_cycle" in self._due:
-            is_long = self._start_ns >= self._start_least_ns
-            reached["ignition_cycle"] = (
-                span.begin if is_long else driven.reached(self._start_ns, self._start_least_ns)
-            )
+            reached["ignition_cycle"] = first_of(since_ns >= self._start_least_ns)
         if "warm_up" in self._due and coolant_degc is not None:
-            reached["warm_up"] = self._warm_up(span, flags, coolant_degc)
-        if "general_denominator" in self._due and driven.begin < driven.end:
-            reached["general_denominator"] = self._denominator.push(driven, flags)
-        self._start_ns += driven.elapsed_ns
-        at: list[tuple[int, Moment]] = [(k, m) for m, k in reached.items() if k is not None]
-        if at:
-            self._due = self._due.difference(moment for _, moment in at)
-            found.moments.extend(sorted(at, key=lambda each: (each[0], _ORDER.index(each[1]))))
-        if driven.begin < driven.end:
-            self._drive(driven, speed_km_h, until_ns, found)
+            reached["warm_up"] = first_of(self._is_warm(coolant_degc))
+        first = int(started)
+        if "general_denominator" in self._due and first < len(steps_ns):
+            fits = self._fits(len(steps_ns), ambient_degc, pressure_kpa)
+            at = self._denominator.push(
+                steps_ns[first:], fits[first:], None if speed_km_h is None else speed_km_h[first:]
+            )
+            reached["general_denominator"] = None if at is None else first + at
+        at_once = [(begin + k, moment) for moment, k in reached.items() if k is not None]
+        self._due -= {moment for _, moment in at_once}
+        found.moments.extend(sorted(at_once, key=lambda each: (each[0], _ORDER.index(each[1]))))
+        self._drive(begin, steps_ns, speed_km_h, found)
 
-    def _warm_up(self, span: DrivenSpan, flags: Flags, coolant_degc: FloatArray) -> int | None:
+    def _is_warm(self, coolant_degc: FloatArray) -> BoolArray:
         """Return where the coolant is warm and has risen enough since the engine's start."""
-        if not flags.is_warm and not math.isnan(self._first_degc):
-            return None
-        inside = coolant_degc[span.begin : span.end]
         if math.isnan(self._first_degc):
-            known = np.flatnonzero(inside == inside)  # noqa: PLR0124
-            if not known.size:
-                return None
-            self._first_degc = inside.item(known.item(0))
-        if not flags.is_warm:
-            return None
-        rise_degc = self._profile.warm_up_rise_degc
-        if not np.fmax.reduce(inside) - self._first_degc >= rise_degc:
-            return None
-        return span.begin + int(np.argmax(inside - self._first_degc >= rise_degc))
+            known = coolant_degc[~np.isnan(coolant_degc)]
+            self._first_degc = known.item(0) if known.size else math.nan
+        rise_degc, profile = coolant_degc - self._first_degc, self._profile
+        is_warm = coolant_degc >= profile.warm_up_degc
+        return np.asarray(is_warm & (rise_degc >= profile.warm_up_rise_degc))
+
+    def _fits(
+        self, n: int, ambient_degc: FloatArray | None, pressure_kpa: FloatArray | None
+    ) -> BoolArray:
+        """Return where it is neither too cold nor too high for the general denominator, (n,)."""
+        fits = np.ones(n, dtype=np.bool_)
+        if ambient_degc is not None:
+            fits &= ambient_degc >= self._config.denominator_ambient_min_degc
+        if pressure_kpa is not None:
+            fits &= pressure_kpa >= self._config.denominator_pressure_min_kpa
+        return fits
 
     def _drive(
-        self, span: DrivenSpan, speed_km_h: FloatArray | None, until_ns: IntArray, found: Counting
+        self, begin: int, steps_ns: IntArray, speed_km_h: FloatArray | None, found: Counting
     ) -> None:
         """Count running time and distance whenever a whole second has passed."""
-        before_ns, self._run_ns = self._run_ns, self._run_ns + span.elapsed_ns
-        totals_km = None
+        run_ns = self._run_ns + np.cumsum(steps_ns)
+        run_km = np.full(len(steps_ns), self._run_km)
         if speed_km_h is not None:
-            totals_km = self._totals_km(span, speed_km_h, until_ns)
-            self._run_km = totals_km.item(-1)
-        if self._run_ns // _SECOND_NS == before_ns // _SECOND_NS:
-            return
-        run_ns = until_ns[span.begin : span.end + 1] - until_ns[span.begin] + before_ns
-        seconds = run_ns // _SECOND_NS
-        run_ns = run_ns[1:]
-        for k in (seconds[1:] != seconds[:-1]).nonzero()[0].tolist():
-            now_ns, now_km = run_ns.item(k), 0.0 if totals_km is None else totals_km.item(k)
+            moved_km = np.fmax(speed_km_h, 0.0) * steps_ns * _HOURS_PER_NS
+            moved_km[0] += self._run_km
+            np.add.accumulate(moved_km, out=run_km)
+        seconds = np.concatenate([[self._run_ns], run_ns]) // _SECOND_NS
+        for k in np.flatnonzero(np.diff(seconds)).tolist():
+            now_ns, now_km = run_ns.item(k), run_km.item(k)
             driven = Driven((now_ns - self._taken_ns) * 1e-9, now_km - self._taken_km)
-            found.driven.append((span.begin + k, driven))
+            found.driven.append((begin + k, driven))
             self._taken_ns, self._taken_km = now_ns, now_km
-
-    def _totals_km(
-        self, span: DrivenSpan, speed_km_h: FloatArray, until_ns: IntArray
-    ) -> FloatArray:
-        """Return the distance of the driving cycle after each sample."""
-        if span.end - span.begin == 1:  # the sum of a single addend: no array is needed
-            speed = speed_km_h.item(span.begin)
-            moved_km = speed * span.elapsed_ns * _HOURS_PER_NS if speed > 0.0 else 0.0
-            return np.array([moved_km + self._run_km])
-        totals_km = np.fmax(speed_km_h[span.begin : span.end], 0.0)
-        totals_km *= until_ns[span.begin + 1 : span.end + 1] - until_ns[span.begin : span.end]
-        totals_km *= _HOURS_PER_NS
-        totals_km[0] += self._run_km
-        np.add.accumulate(totals_km, out=totals_km)
-        return totals_km
+        self._run_ns, self._run_km = run_ns.item(-1), run_km.item(-1)

@@ -156,10 +156,6 @@ class SensorMonitor:
         left = set(self.decisions.unfinished) - set(self.unfinished)
         return {test: own for test, own in self.decisions.outcomes.items() if test not in left}
 
-    def prefailed(self) -> dict[str, int]:
-        """Return the codes that are about to fail, with the counters of their tests, 1 to 126."""
-        return self.decisions.prefailed()
-
     def observation(self) -> Observation:
         """Return a count of this monitor's samples that begins with the next one."""
         judge = self.judge

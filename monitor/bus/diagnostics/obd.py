@@ -9,7 +9,7 @@ from monitor.bus.diagnostics.results import monitors, test_results
 from monitor.bus.diagnostics.state import RefusedError, State
 from monitor.bus.transmit import dtc_number
 from monitor.memory.codes import CODES, TESTS
-from monitor.memory.dtc import Dtc, Status
+from monitor.memory.dtc import Status
 from monitor.memory.obd_records import Ratio
 
 POSITIVE: Final = 0x40  # added to the service's number
@@ -98,25 +98,19 @@ def _freeze_frame(request: bytes, state: State) -> bytes:
     return _positive(request, items)
 
 
-def _codes(request: bytes, state: State, wanted: Callable[[Dtc], bool]) -> bytes:
-    _check_alone(request)
-    return _code_list(request, (d.code for d in state.store.all if wanted(d)))
+def _codes(pick: Callable[[State], Iterable[str]]) -> Callable[[bytes, State], bytes]:
+    """Return the answer to services $03, $07 and $0A: the codes that ``pick`` gives."""
+
+    def answer(request: bytes, state: State) -> bytes:
+        _check_alone(request)
+        numbers = [unsigned(dtc_number(code), 2) for code in pick(state)]
+        return bytes((request[0] + POSITIVE, len(numbers))) + b"".join(numbers)
+
+    return answer
 
 
-def _confirmed(request: bytes, state: State) -> bytes:
-    """Answer service $03."""
-    return _codes(request, state, lambda d: bool(d.status & Status.CONFIRMED))
-
-
-def _pending(request: bytes, state: State) -> bytes:
-    """Answer service $07."""
-    return _codes(request, state, lambda d: bool(d.status & Status.PENDING))
-
-
-def _permanent(request: bytes, state: State) -> bytes:
-    """Answer service $0A."""
-    _check_alone(request)
-    return _code_list(request, state.store.permanent)
+def _with(status: Status) -> Callable[[State], Iterable[str]]:
+    return lambda state: (dtc.code for dtc in state.store.all if dtc.status & status)
 
 
 def _clear(request: bytes, state: State) -> bytes:
@@ -207,11 +201,6 @@ def _positive(request: bytes, parts: list[bytes]) -> bytes:
     return bytes((request[0] + POSITIVE,)) + b"".join(parts)
 
 
-def _code_list(request: bytes, codes: Iterable[str]) -> bytes:
-    numbers = [unsigned(dtc_number(code), 2) for code in codes]
-    return bytes((request[0] + POSITIVE, len(numbers))) + b"".join(numbers)
-
-
 def _check_alone(request: bytes) -> None:
     """Raise RefusedError if bytes follow the service number."""
     if len(request) != 1:
@@ -221,10 +210,10 @@ def _check_alone(request: bytes) -> None:
 SERVICES: Final[Mapping[int, Callable[[bytes, State], bytes]]] = {
     0x01: _current,
     0x02: _freeze_frame,
-    0x03: _confirmed,
+    0x03: _codes(_with(Status.CONFIRMED)),
     0x04: _clear,
     0x06: _test_results,
-    0x07: _pending,
+    0x07: _codes(_with(Status.PENDING)),
     0x09: _vehicle_information,
-    0x0A: _permanent,
+    0x0A: _codes(lambda state: state.store.permanent),
 }

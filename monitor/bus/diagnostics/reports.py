@@ -50,16 +50,6 @@ def _with_status(dtcs: Iterable[Dtc]) -> bytes:
     return bytes((STATUS_AVAILABLE,)) + b"".join(rows)
 
 
-def _snapshot_identification(_: bytes, state: State) -> bytes:
-    """Subfunction 0x03: codes with the numbers of their snapshot records."""
-    rows = [
-        dtc_bytes(d.code) + bytes((number,))
-        for d in state.store.all
-        for number in _frames(d, state)
-    ]
-    return b"".join(rows)
-
-
 def _snapshot(wanted: bytes, state: State) -> bytes:
     """Subfunction 0x04: the freeze frames of one code, as parameters under 0xF4xx."""
     dtc = _find(wanted, state)
@@ -119,19 +109,11 @@ def _find(wanted: bytes, state: State) -> Dtc:
     raise RefusedError(OUT_OF_RANGE)
 
 
-def _fault_detection_counters(_: bytes, state: State) -> bytes:
-    """Subfunction 0x14: codes that are about to fail, with their counters from 1 to 126."""
-    rows = [dtc_bytes(code) + bytes((n,)) for code, n in state.prefailed().items() if 0 < n < 127]
-    return b"".join(rows)
-
-
 # subfunction of 0x19 → length of the request in bytes, function that makes the answer
 REPORTS: Final[Mapping[int, tuple[int, Callable[[bytes, State], bytes]]]] = {
     0x01: (3, _count),
     0x02: (3, _by_mask),
-    0x03: (2, _snapshot_identification),
     0x04: (6, _snapshot),
     0x06: (6, _extended_data),
     0x0A: (2, _supported),
-    0x14: (2, _fault_detection_counters),
 }

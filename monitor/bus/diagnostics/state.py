@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -63,7 +63,6 @@ class State:
     output: str
     running_rpm: float
     clear_while_running: bool = False
-    prefailed: Callable[[], Mapping[str, int]] = dict  # code: counter of its test towards a failure
     session: int = DEFAULT_SESSION
     tick: Tick | None = None
     window: WindowJudged | None = None

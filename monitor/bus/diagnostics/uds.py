@@ -5,8 +5,7 @@ from typing import Final
 
 from monitor.base.errors import O2Error
 from monitor.bus.diagnostics.identifiers import IDENTIFIERS
-from monitor.bus.diagnostics.obd import POSITIVE, current_parameters
-from monitor.bus.diagnostics.parameters import bitmap, encoded
+from monitor.bus.diagnostics.obd import POSITIVE
 from monitor.bus.diagnostics.reports import OUT_OF_RANGE, REPORTS
 from monitor.bus.diagnostics.state import DEFAULT_SESSION, EXTENDED_SESSION, RefusedError, State
 
@@ -18,7 +17,6 @@ SERVICE_NOT_IN_SESSION: Final = 0x7F
 SUPPRESS: Final = 0x80  # bit of the subfunction: send no positive response
 TIMING: Final = bytes((0x00, 0x32, 0x01, 0xF4))  # P2 50 ms, P2* 5 s
 GROUPS: Final = (0xFFFFFF, 0xFFFF33)  # all codes; codes of the emission system
-PARAMETERS: Final = 0xF4  # high byte of the identifiers that are parameters of SAE J1979
 MOST_IDENTIFIERS: Final = 16  # per request
 LONGEST_ANSWER: Final = 512
 
@@ -83,18 +81,8 @@ def _read(request: bytes, state: State) -> bytes:
 
 
 def _value(name: bytes, state: State) -> bytes | None:
-    high, low = name
-    if high == PARAMETERS:
-        return _parameter(low, state)
     identifier = IDENTIFIERS.get(int.from_bytes(name, "big"))
     return None if identifier is None else identifier(state)
-
-
-def _parameter(number: int, state: State) -> bytes | None:
-    """Return a parameter of $01 or of the latest sample; F400, F420 … list them as in $01."""
-    data = current_parameters(state) | encoded(state.values)
-    supported = {pid for pid in data if pid % 0x20}
-    return bitmap(supported, number) if number % 0x20 == 0 else data.get(number)
 
 
 def _subfunction(request: bytes, length: int | None = None) -> tuple[int, bool]:

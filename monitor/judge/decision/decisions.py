@@ -160,10 +160,6 @@ class Decisions:
         self._suspicious |= response.outcome == "failed"
         yield from self._response_step(response, t_ns)
 
-    def prefailed(self) -> dict[str, int]:
-        """Return the codes whose tests have failed, but not often enough, with their counters."""
-        return self._counters.prefailed()
-
     def probability(self, fault: str) -> float:
         """Return the probability of a fault's name among the names with the same code."""
         return self._facts.probability(fault)

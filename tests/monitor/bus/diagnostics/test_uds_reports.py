@@ -8,18 +8,11 @@ import pytest
 from udsoncan import Response
 from udsoncan.services import ReadDTCInformation
 
-from monitor.base import config
 from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.reports import REPORTS
-from monitor.frames.blocks import block_of
-from monitor.frames.logs import read_frames
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
-from monitor.pipeline import replay
-from monitor.pipeline.events import WindowJudged
-from monitor.pipeline.frames import FramePipeline
-from tests.conftest import ROOT
 from tests.helpers.bus.diagnostics_state import Vehicle, ask
 
 Subfunction = ReadDTCInformation.Subfunction
@@ -83,8 +76,6 @@ def test_a_code_has_its_first_and_its_latest_freeze_frame(tmp_path: Path) -> Non
         vehicle = Vehicle()
         vehicle.state.store = DtcStore(memory.load())
     # THEN UDS reads both, and J1979 the first
-    found = told(Subfunction.reportDTCSnapshotIdentification, vehicle)
-    assert [d.snapshots for d in found.dtcs] == [[0x00, 0xF0]]
     codec = {"default": "2s"}
     read = told(
         Subfunction.reportDTCSnapshotRecordByDTCNumber,
@@ -98,43 +89,3 @@ def test_a_code_has_its_first_and_its_latest_freeze_frame(tmp_path: Path) -> Non
         0xF0: (0xF40C, (4 * 3000).to_bytes(2, "big")),
     }
     assert (ask("02 0C 00", vehicle) or "").endswith("0f a0")
-
-
-def test_a_code_about_to_fail_has_its_counter() -> None:
-    vehicle = Vehicle()
-    assert ask("19 14", vehicle) == "59 14"
-    vehicle.state.prefailed = lambda: {"P0133": 64, "P2195": 127}
-    found = told(Subfunction.reportDTCFaultDetectionCounter, vehicle)
-    assert [(d.id, d.fault_counter) for d in found.dtcs] == [(SLOW, 64)]
-
-
-def test_each_parameter_is_answered_if_it_is_listed_and_only_then() -> None:
-    # GIVEN a vehicle with engine speed, lambda and coolant temperature
-    vehicle = Vehicle(1500.0)
-    # WHEN a tester asks for all 256 parameters one by one
-    asked = [ask(f"22 F4 {low:02X}", vehicle) or "" for low in range(256)]
-    # THEN those that the lists name are answered, and no other
-    listed = set()
-    for base in range(0, 256, 32):
-        if asked[base].startswith("62"):
-            bits = int(asked[base][9:].replace(" ", ""), 16)
-            listed |= {base + n for n in range(1, 33) if bits >> (32 - n) & 1}
-    answered = {low for low, text in enumerate(asked) if text.startswith("62")}
-    assert answered == listed | {0}
-    assert {text for text in asked if not text.startswith("62")} <= {"7f 22 31"}
-
-
-def test_a_late_sensor_has_a_counter_between_its_first_and_its_second_failed_window() -> None:
-    frames = read_frames(next((ROOT / "replay_logs").glob("delay_rich_to_lean_*.blf")))
-    setup = replay.set_up(None, [], config.load())
-    store = DtcStore()
-    store.start_driving_cycle()
-    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
-    counters: list[dict[str, int]] = []
-    for event in pipeline.push(block_of(list(frames))):
-        if isinstance(event, WindowJudged):
-            counters.append(pipeline.monitor.prefailed())
-        if store.active:
-            break
-    by = setup.config.debounce.response_fail
-    assert counters[-2:] == [{}, {"P015A": by}]
