@@ -11,7 +11,7 @@ Phi rises from lean to rich. With u the reading of the healthy and s of the faul
 - ripple: what a dead sensor reads beside its constant.
 
 The scalar steps are plain functions: the simulated dynamometer compiles the same code into its
-control loop. ``inject.fault_streams`` applies them to readings one after the other.
+control loop. ``fault_streams`` applies them to readings one after the other.
 """
 
 import math

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from monitor.base.errors import SignalMapError
+from monitor.base.fault_streams import DropOuts, NoiseFault, TimedSensorFault
 from monitor.base.faults import DEFAULT_SEVERITY, Fault, resolve
 from monitor.base.signals import OUTPUT
 from monitor.base.types import Frame
 from monitor.decode.bus_map import BusMap
-from monitor.inject.fault_streams import DropOuts, NoiseFault, TimedSensorFault
 from monitor.inject.frame_faults import FrameFaults
 from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection
 from monitor.inject.rewrite import MessageWriter, writers

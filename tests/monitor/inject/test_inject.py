@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.errors import SignalMapError, UsageError
+from monitor.base.fault_streams import DropOuts, NoiseFault, TimedSensorFault
 from monitor.base.faults import resolve
 from monitor.base.types import Frame
-from monitor.inject.fault_streams import DropOuts, NoiseFault, TimedSensorFault
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.inject.injector import Injector
 from tests.helpers.examples import inputs
