@@ -41,10 +41,16 @@ test: venv system ## every check: style, types, imports, all tests; WITHOUT="bro
 	@$(MAKE) --no-print-directory -j 2 lint whole
 	@test -z "$(WITHOUT)" || echo "== NOT TESTED, as WITHOUT=\"$(WITHOUT)\" says: $(WITHOUT)"
 
-whole: venv
+whole fast: export PYTHONDONTWRITEBYTECODE =
+
+whole: venv build/.kernels
 	$(VENV)/bin/python -m compileall -q monitor training dbc # once, not in each process that tests start
 	$(VENV)/bin/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder --durations 20 \
 	  -m '$(if $(WITHOUT),not $(subst $(SPACE), and not ,$(strip $(WITHOUT))))' # one of three waits for a bus
+
+build/.kernels: $(shell grep -rl numba training monitor/base/faults.py --include=*.py) | venv
+	$(VENV)/bin/python -m tests.helpers.kernels # while the types are checked, not in each worker
+	@mkdir -p build && touch $@
 
 check: venv ## style, types, imports and the fast tests
 	@$(MAKE) --no-print-directory -j 2 lint fast

@@ -156,15 +156,12 @@ def drive(
     length_s: float = LENGTH_S,
     form: Form = FORM,
     outside: Callable[["Car"], "Outside"] | None = None,
-    course: ChainDrive | None = None,
 ) -> ChainDrive:
     """Return a drive of one vehicle at 10 Hz.
 
     outside : what an effect that no field of ``Hidden`` has does to the mixture
-    course : whose engine speed, charge and temperatures are driven, over and over; default a drive
-        at random
     """
-    sent = broadcast(vehicle, seed, hidden, sensor, length_s, form, outside, course)
+    sent = broadcast(vehicle, seed, hidden, sensor, length_s, form, outside)
     signals = {name: values for name, values in sent.items() if name not in (OUTPUT, *FLAGS)}
     return drives.make(f"second engine {vehicle}", PERIOD_S, signals, sent[OUTPUT])
 
@@ -177,7 +174,6 @@ def broadcast(
     length_s: float = LENGTH_S,
     form: Form = FORM,
     outside: Callable[["Car"], "Outside"] | None = None,
-    course: ChainDrive | None = None,
 ) -> dict[str, FloatArray]:
     """Return what the ECU sends in a drive at 10 Hz, name → (n,); NaN where nothing comes.
 
@@ -193,7 +189,6 @@ def broadcast(
     speed = wished_speed(rng, round(length_s / STEP_S))
     effects = Hidden(**(hidden or {}))
     car = drive_car(speed, ambient_degc, bool(cold))
-    car = car if course is None else _on_course(course, len(speed))
     noise = rng.standard_normal((4, len(speed)))
     charge = meter(car, piece, effects, noise[0])
     more = Outside(np.ones(len(speed)), np.zeros(len(speed))) if outside is None else outside(car)
@@ -297,22 +292,6 @@ def drive_car(v: FloatArray, ambient: float, cold: bool) -> Car:
         coolant += STEP_S * (0.055 + 0.0011 * flow) * (1.0 if coolant < 88.0 else -0.4)
         out[:, k] = (rpm, p, intake, coolant, 1.0 if cut else 0.0, air, flow)
     return Car(out[0], out[1], out[2], out[3], out[4], out[5], out[6])
-
-
-def _on_course(course: ChainDrive, n: int) -> Car:
-    """Return the car that drives a course, (n,) at 100 Hz."""
-    names = ("engine_speed_rpm", "manifold_temperature_degc", "coolant_temperature_degc")
-    at_s = np.arange(n) * STEP_S % (len(course) * course.period_s)
-    rpm, intake, coolant, air, fuel = (
-        np.interp(at_s, np.arange(len(course)) * course.period_s, course.signals[name])
-        for name in (*names, "air_mass_mg", "fuel_mass_mg")
-    )
-    kpa, flow_kg_h = np.full(n, 60.0), air * rpm / 30.0 * 3600e-6
-    charge = intake + 0.32 * (coolant - intake) * np.exp(-flow_kg_h / 140.0)
-    for _ in range(20):  # the pressure that fills the cylinder so
-        kpa = kpa * air / np.array(filled_mg(rpm, kpa, charge))
-    through = flow_kg_h + np.diff(kpa, prepend=kpa[0]) * 3.6  # as in drive_car
-    return Car(rpm, kpa, intake, coolant, (fuel < 0.3).astype(np.float64), air, through)
 
 
 @njit(cache=True)
