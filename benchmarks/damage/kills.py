@@ -20,7 +20,7 @@ from tests.helpers.memory.kills import kills, loop_kills
 
 def main(argv: Sequence[str]) -> int:
     """Kill and report; an AssertionError tells what was lost."""
-    options = fuzz_options(__name__, __doc__, 500, 120)
+    options = fuzz_options(__name__, __doc__, 500, 50)
     options.add_argument("--loops", type=int, default=30, help="live loops that are killed as well")
     args = options.parse_args(argv)
     rng, begun_s = random.Random(args.seed), time.monotonic()

@@ -21,7 +21,7 @@ from monitor.decode.bus_map import BusChannel, BusMap, load_pairs
 from monitor.decode.checksum import payload_checksum
 from monitor.decode.raw_values import plausible_range
 from tests.helpers.examples import inputs
-from tests.helpers.logs.decoding import Decoding, Values, values_of
+from tests.helpers.logs.decoding import Decoding, Values
 
 ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 AIR = ECU.channels["air_mass_mg"].message
@@ -53,14 +53,6 @@ def test_a_sound_frame_gives_its_values_in_canonical_units() -> None:
     assert (counters.received, counters.used) == (1, 1)
 
 
-def test_frames_nobody_asked_for_are_skipped_and_counted() -> None:
-    subject = decoding("air_mass_mg")
-    assert subject.one(Frame(0, 0x123, False, bytes(8))) is None
-    assert subject.one(air(0)._replace(is_extended=True)) is None
-    assert subject.decoder.unmapped == 2
-    assert subject.decoder.identifiers == ((AIR.frame_id, False),)
-
-
 @pytest.mark.parametrize("bit", range(64))
 def test_any_flipped_bit_breaks_the_checksum(bit: int) -> None:
     subject = decoding()
@@ -69,14 +61,6 @@ def test_any_flipped_bit_breaks_the_checksum(bit: int) -> None:
     assert subject.one(Frame(0, AIR.frame_id, False, bytes(payload))) is None
     counters = subject.decoder.counters["ECU_Air"]
     assert (counters.checksum, counters.used) == (1, 0)
-
-
-def test_a_stuck_counter_is_dropped_and_a_jump_is_used_and_counted() -> None:
-    subject = decoding()
-    used = [values is not None for values in subject.push([air(n) for n in (14, 14, 15, 0, 3, 3)])]
-    assert used == [True, False, True, True, True, False]
-    counters = subject.decoder.counters["ECU_Air"]
-    assert (counters.stuck, counters.lost, counters.used) == (2, 2, 4)
 
 
 def test_a_restart_forgets_counters_and_counts() -> None:
@@ -88,56 +72,12 @@ def test_a_restart_forgets_counters_and_counts() -> None:
     assert subject.one(air(5)) is not None
 
 
-def test_all_bits_set_means_not_available() -> None:
-    subject = decoding("air_mass_mg", "maf_kg_h")
-    values = subject.one(air(0, AirMass=131071 * 0.02))
-    assert values is not None
-    assert math.isnan(values["air_mass_mg"])
-    assert values["maf_kg_h"] == 40.0
-    assert subject.decoder.counters["ECU_Air"].not_available == 1
-
-
-@pytest.mark.parametrize(
-    ("pressure", "expected"), [(4.99, math.inf), (5.0, 5.0), (350.0, 350.0), (350.01, math.inf)]
-)
-def test_an_implausible_value_is_marked(pressure: float, expected: float) -> None:
-    subject = decoding("manifold_pressure_kpa")
-    values = subject.one(air(0, ManifoldPressure=pressure))
-    assert values == {"manifold_pressure_kpa": expected}
-    assert subject.decoder.counters["ECU_Air"].out_of_range == (expected == math.inf)
-
-
-def test_single_bits_have_no_not_available_value(tmp_path: Path) -> None:
-    own = '[integrity]\nnot_available = "all_ones"\n[signals]\n'
-    own += 'one = { message = "M", signal = "One" }\n'
-    bus_map = bus_map_of(tmp_path, 8, ' SG_ One : 3|1@1+ (1,0) [0|1] "" A', own)
-    assert values_of(bus_map, "one", [Frame(0, 100, False, b"\x08" * 8)]) == [1.0]
-
-
 @pytest.mark.parametrize("start", [1, 12, 47])
 def test_a_checksum_across_bytes_is_refused(tmp_path: Path, start: int) -> None:
     signals = f' SG_ X0 : 0|1@1+ (1,0) [0|1] "" A\n SG_ Crc : {start}|8@1+ (1,0) [0|0] "" A'
     own = '[integrity]\nchecksum = "Crc"\n[signals]\nx0 = { message = "M", signal = "X0" }\n'
     with pytest.raises(SignalMapError, match=r"checksum M\.Crc .* unsigned byte of its own"):
         BlockDecoder(bus_map_of(tmp_path, 8, signals, own), ["x0"])
-
-
-@pytest.mark.parametrize(
-    ("payload", "expected"),
-    [
-        ("04410C1AF8", {"engine_speed_rpm": 1726.0}),
-        ("04410C1AF8AAAAAA", {"engine_speed_rpm": 1726.0}),
-        ("0341030200000000", {"closed_loop": 1.0}),
-        ("0341030400000000", {"closed_loop": 0.0}),
-        ("0341050000000000", None),  # a parameter nobody asked for
-        ("04420C1AF8000000", None),  # another service
-        ("04410C1A", None),  # cut short
-        ("", None),
-    ],
-)
-def test_obd_responses_are_told_apart_by_parameter(payload: str, expected: Values) -> None:
-    subject = Decoding(OBD, ["engine_speed_rpm", "closed_loop"])
-    assert subject.one(Frame(0, 0x7E8, False, bytes.fromhex(payload))) == expected
 
 
 # Any frames of any layout, as cantools reads them

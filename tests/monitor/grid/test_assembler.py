@@ -66,63 +66,6 @@ def bits(samples: Sequence[Sample]) -> list[tuple[int, int, bytes, bytes]]:
     return [(s.index, s.t_ns, s.values.tobytes(), s.quality.tobytes()) for s in samples]
 
 
-def test_a_tick_holds_the_mean_of_what_came_since_the_last_tick() -> None:
-    samples = grid().play((1000, 1.0), (1040, 2.0), (1100, 6.0), (1101, 9.0))
-    assert [(s.index, s.t_ns, s.values.tolist()) for s in samples] == [(1, 1100 * MS, [3.0])]
-    assert samples[0].quality.tolist() == [Quality.GOOD]
-
-
-def test_a_frame_on_the_tick_belongs_to_it_and_the_next_frame_closes_it() -> None:
-    subject = grid()
-    assert subject.play((0, 1.0), (100, 3.0)) == []
-    assert subject.play((101, 0.0))[0].values.tolist() == [2.0]
-
-
-def test_frames_without_wanted_signals_move_time() -> None:
-    assert [s.index for s in grid().play((0, 1.0), (301, None))] == [1, 2, 3]
-
-
-def test_a_value_is_held_until_its_timeout_then_stale() -> None:
-    samples = grid(timeout_ms=250).play((0, 5.0), (501, None))
-    assert [s.quality[0] for s in samples] == [
-        Quality.GOOD,
-        Quality.GOOD,
-        Quality.STALE,
-        Quality.STALE,
-        Quality.STALE,
-    ]
-    assert samples[1].values[0] == 5.0
-    assert math.isnan(samples[2].values[0])
-
-
-def test_good_values_outvote_bad_ones_in_the_same_tick() -> None:
-    samples = grid().play((0, math.nan), (10, math.inf), (20, 4.0), (101, None))
-    assert samples[0].values.tolist() == [4.0]
-
-
-@pytest.mark.parametrize(
-    ("values", "quality"),
-    [
-        ([math.nan], Quality.INVALID),
-        ([math.inf], Quality.OUT_OF_RANGE),
-        ([math.nan, math.inf], Quality.OUT_OF_RANGE),
-        ([-math.inf], Quality.OUT_OF_RANGE),
-    ],
-)
-def test_a_tick_with_only_bad_values_says_which(values: list[float], quality: Quality) -> None:
-    samples = grid().play(*[(i, value) for i, value in enumerate(values)], (101, None))
-    assert samples[0].quality.tolist() == [quality]
-    assert math.isnan(samples[0].values[0])
-
-
-def test_a_late_frame_is_counted_and_dropped() -> None:
-    subject = grid()
-    subject.play((0, 1.0), (150, 2.0), (99, 50.0), (100, 50.0))
-    samples = subject.play((201, None))
-    assert samples[0].values.tolist() == [2.0]
-    assert subject.subject.counters.late == 2
-
-
 def test_a_clock_that_went_backwards_anchors_the_grid_anew() -> None:
     # GIVEN a drive at 1000 s
     subject = grid()
@@ -139,14 +82,6 @@ def test_a_clock_that_went_backwards_anchors_the_grid_anew() -> None:
     assert [(s.index, s.t_ns, s.values.tolist()) for s in after] == [
         (3, (MAX_LATE + 99) * MS, [2.0])
     ]
-
-
-def test_single_late_frames_never_anchor_anew() -> None:
-    subject = grid()
-    subject.play((0, 1.0), (250, 1.0))
-    for _ in range(3 * MAX_LATE):
-        subject.play((0, 1.0), (250, 1.0))
-    assert subject.subject.counters.discontinuities == 0
 
 
 def test_a_jump_of_more_than_a_minute_is_a_break_and_a_shorter_one_a_gap() -> None:

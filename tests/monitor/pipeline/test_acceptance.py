@@ -18,8 +18,8 @@ from training.limits.judging import judge
 from training.recordings import metrics
 from training.recordings.recording import load
 
-HEALTHY_SEEDS = range(70_000, 70_020)
-COLD_START_ALLOWED = 1  # of the twenty drives one may stay unjudged
+HEALTHY_SEEDS = range(70_000, 70_010)
+COLD_START_ALLOWED = 1  # of the ten drives one may stay unjudged
 RESPONSE_FAULTS = (*faults.NAMES[:6], "gain_low", "biased_lean", "biased_rich")
 
 

@@ -141,13 +141,6 @@ def test_a_recording_without_the_models_inputs_is_refused_naming_them(
     assert line.startswith(f"o2mon: {path}: the model needs air_mass_mg, fuel_mass_mg, maf_kg_h")
 
 
-def test_with_what_exists_mapped_only_the_rest_is_missed(
-    mx5: Path, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    line = refused(capsys, mx5, "--columns", folder / "mx5.toml")
-    assert "needs air_mass_mg, fuel_mass_mg, maf_kg_h, rail_pressure_mpa; there are" in line
-
-
 def test_a_vehicle_unlike_the_models_is_not_judged_for_its_columns_times(
     mx5: Path, folder: Path, replayed: Callable[..., Replayed]
 ) -> None:
@@ -169,19 +162,6 @@ def test_a_model_too_poor_to_judge_its_own_healthy_car_says_so(
     assert "engine speed held 62 % of the time: engine_speed_rpm is below 950 1/min" in got.out
 
 
-def test_a_model_that_takes_its_healthy_car_for_weak_names_no_fault(
-    mx5: Path, folder: Path, replayed: Callable[..., Replayed]
-) -> None:
-    # the battery channel is garbled and leaves a model of few samples
-    names = ("engine_speed_rpm", "manifold_pressure_kpa", "battery_voltage_v", "pw_ms")
-    columns = folder / "mx5.toml"
-    model = fitted(folder / "garbled.onnx", mx5, columns, *names, "lambda_measured", budget="0.1")
-    assert "evidence of a fault" in Model.load(model).card.limits["evidence"].origin
-    got = replayed(mx5, model, columns)
-    assert got.recording["dtcs"] == []
-    assert all(w["verdict"] != "failed" for w in got.recording["windows"])
-
-
 def test_a_dead_vehicle_speed_is_what_kept_it_from_judging(
     mx5: Path, mx5_model: Path, folder: Path, replayed: Callable[..., Replayed]
 ) -> None:
@@ -189,17 +169,6 @@ def test_a_dead_vehicle_speed_is_what_kept_it_from_judging(
     assert got.exit_code == 3
     assert "not judged: vehicle speed held 0 % of the time: vehicle_speed_km_h is 0" in got.out
     assert got.recording["not_judged"][0]["reason"] == "constant"
-
-
-def test_a_cold_sensor_is_not_stuck_where_nothing_says_that_the_engine_stands(
-    mx5: Path, folder: Path, replayed: Callable[..., Replayed]
-) -> None:
-    begin = edited(mx5, folder / "begin.csv", lambda _, rows: rows[: len(rows) // 3])
-    names = ("rpm", "map_kpa", "tps_pct", "pw_ms", "lambda")
-    model = fitted(folder / "own.onnx", begin, None, *names)
-    got = replayed(begin, model)
-    assert got.exit_code == 3
-    assert got.recording["dtcs"] == []
 
 
 def test_no_window_spans_a_pause_of_the_logger(

@@ -16,7 +16,6 @@ from threading import Thread
 from typing import Any
 
 import duckdb
-import fsspec
 import polars as pl
 import pytest
 
@@ -254,20 +253,6 @@ def test_a_place_without_recordings_is_named(tmp_path: Path) -> None:
     for given in (str(tmp_path), str(tmp_path / "gone"), f"{tmp_path}/*.blf", "nosuch://x/y"):
         with pytest.raises(UsageError, match=given.replace("*", r"\*")):
             drives_of([given])
-
-
-def test_recordings_in_a_remote_file_system_are_judged_alike(
-    folder: Path, local: tuple[pl.DataFrame, pl.DataFrame], tmp_path: Path
-) -> None:
-    memory = fsspec.filesystem("memory")
-    for path in sorted(folder.iterdir())[:4]:
-        memory.pipe(f"/fleet/{path.name}", path.read_bytes())
-    memory.pipe("/fleet/bad.log", b"nothing")
-    rows, _ = judged(["memory://fleet"], tmp_path / "out.parquet")
-    assert rows["path"].to_list()[0] == "memory:///fleet/bad.log"
-    assert rows["error"][0].startswith("memory:///fleet/bad.log: damaged")
-    same = ["sha256", "codes", "windows", "residual_mean", "evidence", "enabled_s"]
-    assert rows[1:].select(same).equals(local[0][:4].select(same))
 
 
 def test_threads_of_one_worker_do_not_disturb_each_other(

@@ -192,18 +192,6 @@ def test_a_model_extended_without_healthy_recordings_has_no_gap_left(
     assert again.verdict == "no_gap"
 
 
-def test_an_extended_model_looked_at_with_the_healthy_recordings_of_before_has_no_gap_left(
-    alone: Result, tmp_path: Path
-) -> None:
-    # GIVEN a model with the effect, and healthy recordings from before it was there
-    assert alone.addition.path is not None
-    healthy = recordings(2_310_000, HEALTHY)[:FEW]
-    # WHEN drives with it are held against them
-    again = asked(alone.addition.path, recordings(2_311_000, **FILM), tmp_path, healthy=healthy)
-    # THEN that the model is wrong on these does not count as a gap
-    assert again.verdict == "no_gap"
-
-
 def test_what_an_extended_model_has_is_asked_of_healthy_drives_that_show_it(
     alone: Result,
 ) -> None:

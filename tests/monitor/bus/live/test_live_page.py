@@ -118,23 +118,6 @@ def test_a_browser_that_comes_late_sees_the_drive(browser: Browser, drive: Playe
         assert colours.get("209,122,0", 0) > 300  # predicted
 
 
-def test_conditions_say_why_nothing_is_judged(browser: Browser, drive: Player) -> None:
-    with at_work(drive), opened(browser, drive.url) as page:
-        page.wait_for_selector("#conditions li")
-        assert page.locator("#conditions li").count() == 12
-        row = page.locator("#conditions li", has_text="Engine speed")
-        assert re.search(r"950 to 4200 rpm\s+\d+ rpm", row.inner_text())
-        blocking = page.locator("#conditions li.blocks")
-        judged = text(page, "#tiles > div:nth-child(4)")
-        if blocking.count():
-            assert "✕ no" in judged
-            assert blocking.first.locator("strong").inner_text() in judged
-        else:
-            assert "✓ yes" in judged
-        path = page.locator("#conditions li").first.locator("path").get_attribute("d") or ""
-        assert path.startswith("M")
-
-
 @pytest.mark.parametrize("size", [LAPTOP, PHONE])
 def test_what_is_missing_is_named_in_full(
     browser: Browser, late_sensor: list[Frame], size: tuple[int, int]
