@@ -49,7 +49,7 @@ whole: venv build/.kernels
 	  -m '$(if $(WITHOUT),not $(subst $(SPACE), and not ,$(strip $(WITHOUT))))' # one of three waits for a bus
 
 build/.kernels: $(shell grep -rl numba training monitor/base/faults.py --include=*.py) | venv
-	$(VENV)/bin/python -m tests.helpers.kernels # while the types are checked, not in each worker
+	$(VENV)/bin/python -m tests.helpers.models.kernels # while the types are checked, not in each worker
 	@mkdir -p build && touch $@
 
 check: venv ## style, types, imports and the fast tests

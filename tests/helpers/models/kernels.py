@@ -1,6 +1,6 @@
 """Compile the kernels of training, before workers that start together would each do it.
 
-python -m tests.helpers.kernels
+python -m tests.helpers.models.kernels
 """
 
 import os
