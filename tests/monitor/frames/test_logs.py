@@ -3,7 +3,6 @@ import math
 import sys
 from pathlib import Path
 
-import can
 import numpy as np
 import pytest
 
@@ -138,26 +137,6 @@ def test_an_mf4_log_without_asammdf_names_the_extra(
     monkeypatch.setitem(sys.modules, "asammdf", None)
     with pytest.raises(RecordingError, match=r"'\.\[mdf\]'"):
         read_frames(folder / "drive.mf4")
-
-
-@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".csv"])
-def test_error_and_remote_frames_are_skipped_and_counted(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"bus{suffix}"
-    with can.Logger(path) as logger:
-        for t_s, kind in enumerate(["data", "error", "remote", "data"], 1):
-            logger.on_message_received(
-                can.Message(
-                    timestamp=t_s,
-                    arbitration_id=0x10,
-                    data=b"\1" if kind == "data" else b"",
-                    is_error_frame=kind == "error",
-                    is_remote_frame=kind == "remote",
-                    channel=0,
-                )
-            )
-    counters = LogCounters()
-    assert len(list(read_frames(path, counters))) == 2
-    assert (counters.frames, counters.skipped) == (2, 2)
 
 
 def test_candump_lines_of_every_kind_are_understood(tmp_path: Path) -> None:

@@ -97,16 +97,6 @@ def test_noise_has_its_standard_deviation_and_drop_outs_their_share() -> None:
 # In the frames
 
 
-@given(readings)
-def test_a_gain_is_read_from_the_frames_within_half_a_step(values: list[float]) -> None:
-    frames = lambda_frames(values)
-    out = injected(frames, Injection("gain_low", 0.5))
-    healthy = decoded(frames)
-    wanted = faulty_readings(resolve("gain_low", 0.5), healthy, 0.02)
-    np.testing.assert_allclose(decoded(out), wanted, atol=HALF_STEP)
-    assert [frame.t_ns for frame in out] == [frame.t_ns for frame in frames]
-
-
 # bits of ECU_Lambda: readiness, heater, and all others but lambda and the checksum
 READY, HEATER = 0b11 << 36, 0xFFF << 38
 OTHERS = (1 << 56) - (1 << 16) & ~(READY | HEATER)

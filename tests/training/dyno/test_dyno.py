@@ -93,8 +93,9 @@ def test_a_file_is_named_after_what_was_driven(tmp_path: Path) -> None:
 # Log and table
 
 
-@pytest.mark.parametrize("fault", [None, "signal_missing", "out_of_range", "not_ready"])
-@pytest.mark.parametrize("period_s", [0.1, 0.04])
+@pytest.mark.parametrize(
+    ("fault", "period_s"), [(None, 0.04), ("signal_missing", 0.1), ("out_of_range", 0.1)]
+)
 def test_log_and_table_of_a_drive_give_the_same_samples_bit_for_bit(
     tmp_path: Path, fault: str | None, period_s: float
 ) -> None:
@@ -160,10 +161,9 @@ def test_every_canonical_signal_is_there_and_plausible() -> None:
     assert 0 < silent.sum() < 2000
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_the_wltc_is_followed_within_2_km_h(seed: int) -> None:
+def test_the_wltc_is_followed_within_2_km_h() -> None:
     trace = cycles.load("wltc_3b", np.random.default_rng(0))
-    speed_km_h = driven(Experiment(seed=seed))["vehicle_speed_km_h"]
+    speed_km_h = driven(Experiment(seed=1))["vehicle_speed_km_h"]
     assert len(speed_km_h) == 180_000  # 1800 s
     assert rms(speed_km_h - 3.6 * trace.speed_m_s) < 2.0
 
@@ -228,7 +228,7 @@ def cruise(seed: int, line: bool) -> tuple[FloatArray, FloatArray, float]:
     return np.asarray(hz), np.asarray(power), c.line_hz
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_disturbance_line_stands_out_at_2_4_to_2_5_hz(seed: int) -> None:
     hz, power, line_hz = cruise(seed, line=True)
     band = (hz >= 2.4) & (hz <= 2.5)

@@ -88,22 +88,6 @@ def test_a_table_survives_log_and_decoder_within_quantisation() -> None:
         assert np.max(np.abs(got[1:] - values[name][2:50])) <= step / 2 + 1e-9
 
 
-def test_every_frame_carries_the_last_row_that_is_not_younger() -> None:
-    values = a_drive()
-    frames = broadcast(ECU, T_NS, values)
-    subject = Decoding(ECU, ["lambda_measured"])
-    scale = float(ECU.channels["lambda_measured"].signal.scale)
-    seen = 0
-    sent = list(frames.frames())
-    for frame, found in zip(sent, subject.push(sent), strict=True):
-        if found is not None:
-            row = frame.t_ns // 100_000_000
-            wanted = min(values["lambda_measured"][row], 65534 * scale)
-            assert abs(found["lambda_measured"] - wanted) <= scale / 2
-            seen += 1
-    assert seen == 250
-
-
 def test_what_the_table_lacks_or_leaves_blank_is_sent_as_not_available() -> None:
     values = {"lambda_measured": np.full(50, math.nan)}
     found = Decoding(ECU, ECU.names).push(list(broadcast(ECU, T_NS, values).frames()))
@@ -170,16 +154,6 @@ def test_loading_a_log_gives_what_the_runtime_sees(tmp_path: Path) -> None:
     assert recording.period_ns == 50_000_000
     assert recording.t_s[:3].tolist() == [0.0, 0.05, 0.1]
     assert len(recording.sha256) == 64
-
-
-def test_a_log_out_of_order_is_loaded_frame_by_frame(tmp_path: Path) -> None:
-    path = tmp_path / "drive.log"
-    write_log(path, broadcast(ECU, T_NS, a_drive()))
-    lines = path.read_text().splitlines(keepends=True)
-    lines[100], lines[101] = lines[101], lines[100]
-    lines[200], lines[230] = lines[230], lines[200]
-    path.write_text("".join(lines))
-    assert len(load(path).t_s) == 49
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".csv.gz", ".parquet"])
@@ -294,14 +268,6 @@ def test_the_monitor_says_how_to_read_a_measurement_file(tmp_path: Path) -> None
         open_table(path)
 
 
-def test_a_channel_that_is_missing_is_named(tmp_path: Path) -> None:
-    path, columns = tmp_path / "m.mf4", tmp_path / "channels.toml"
-    measurement(path, {"a": 0.02})
-    columns.write_text('x = "b"\n')
-    with pytest.raises(RecordingError, match=r"m\.mf4: no channel 'b'"):
-        load(path, columns=columns)
-
-
 def run(*words: object) -> int:
     given = [str(word) for word in words]
     args = _parser(given).parse_args(given)
@@ -336,8 +302,3 @@ def test_a_table_whose_times_are_milliseconds_makes_no_log_of_weeks(tmp_path: Pa
     for start in ("nan", "1e30", "-1"):
         with pytest.raises(UsageError, match="--start"):
             run("log", table, "--out", log, f"--start={start}")
-
-
-def test_a_dbc_without_its_map_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(O2Error, match="--dbc and --map come in pairs: 1 --dbc, 0 --map"):
-        run("table", tmp_path / "a.log", "--out", tmp_path / "a.csv", "--dbc", "x.dbc")

@@ -30,7 +30,6 @@ from training.study.narx.models import (
     NOT_USED,
     Job,
     figures,
-    rows,
     spec_from,
     spec_of,
     thin,
@@ -125,14 +124,6 @@ def test_thinning_keeps_whole_blocks_of_all_recordings(data: Prepared, n_samples
         assert np.array_equal(less.role == role, data.role == role)
     shares = [kept[s.start : s.stop].sum() / (s.stop - s.start) for s in data.segments]
     assert min(shares) > 0.5 * max(shares)
-
-
-def test_no_scored_sample_has_lags_in_another_recording(data: Prepared) -> None:
-    spec = Spec(2, lags=4, hidden=(3,))
-    begins = np.array([s.start for s in data.segments])
-    at = rows(data, spec)
-    since = at - begins[np.searchsorted(begins, at, "right") - 1]
-    assert len(begins) == 2 and since.min() == 4
 
 
 def test_figures_are_those_of_a_plain_simulation(data: Prepared) -> None:

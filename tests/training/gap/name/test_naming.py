@@ -152,17 +152,6 @@ def test_another_fuel_and_a_biased_sensor_are_each_said_to_look_like_the_other()
     assert found.answer.indistinguishable == ()
 
 
-def test_a_biased_sensor_that_drives_take_for_another_fuel_is_suspected() -> None:
-    # GIVEN drives with a biased sensor that prefer ethanol to it
-    found = name(two_drives(2_200_190, fault=("biased_rich", 0.05)), known())
-    assert [c.name for c in found.trials.ranking[:2]] == ["ethanol", "biased"]
-    assert list(found.posterior)[:2] == ["ethanol", "biased"]
-    # THEN the sensor is suspected all the same
-    assert found.verdict == "sensor_fault_suspected"
-    assert found.answer.effects == ()
-    assert [c.name for c in found.answer.indistinguishable] == ["ethanol"]
-
-
 def test_a_charge_that_is_broadcast_too_early_on_every_drive_is_no_phase_of_its_message() -> None:
     # GIVEN drives whose charge is broadcast 45 ms before the cylinder has it, whatever the speed
     def early(drive: ChainDrive) -> ChainDrive:
