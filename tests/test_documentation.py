@@ -4,6 +4,7 @@ import argparse
 import re
 import shlex
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import redirect_stderr
 from io import StringIO
@@ -12,6 +13,8 @@ from pathlib import Path
 import pytest
 
 from monitor.cli import _parser as o2mon_parser
+from monitor.memory.codes import codes_of
+from monitor.report.words import Advice, known_faults
 from tests.conftest import ROOT
 from tests.helpers.documentation import blocks, commands, pages
 from training.cli import _parser as o2train_parser
@@ -106,3 +109,17 @@ def test_every_block_of_commands_runs_or_says_why_not() -> None:
     reasons = [block.reason for block in BLOCKS if block.reason is not None]
     assert all(len(reason) > 10 for reason in reasons)
     assert len(BLOCKS) - len(reasons) >= 15
+
+
+def test_causes_and_next_checks_in_the_docs_are_those_that_the_program_prints() -> None:
+    by_advice: dict[str, tuple[Advice, list[str]]] = {}
+    for fault, (_, advice) in known_faults().items():
+        by_advice.setdefault(advice.check, (advice, []))[1].append(fault)
+    owners = Counter(
+        c for _, own in by_advice.values() for c in {c for f in own for c in codes_of(f)}
+    )
+    rows = []
+    for advice, own in by_advice.values():
+        named = dict.fromkeys(c + f" `{f}`" * (owners[c] > 1) for f in own for c in codes_of(f))
+        rows.append(f"| {', '.join(named)} | {'; '.join(advice.causes)} | {advice.check} |\n")
+    assert "".join(rows) in (ROOT / "docs" / "reference" / "codes.md").read_text(), "".join(rows)

@@ -1,7 +1,6 @@
 """One user at a time works on a fault memory: a lock on an empty file beside it, gone afterwards.
 
-Linux and macOS lock with flock, Windows the file's first byte. Elsewhere there is no fault memory;
-everything else works.
+Linux and macOS lock with flock, Windows the file's first byte; elsewhere there is no fault memory.
 """
 
 import os

@@ -241,7 +241,7 @@ def _evidence(recording: Mapping[str, Any]) -> str:
         )
         for fault, amount, left in evidence.rows(recording)
     ]
-    if not rows:
+    if not any(each["log_odds"] for each in recording.get("evidence", {}).values()):
         return ""
     shown = table(("Fault", "Evidence", "Decision"), rows, "cards")
     title = "Evidence about each fault of the response test"

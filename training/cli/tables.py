@@ -51,7 +51,7 @@ def run(args: TablesCommand) -> int:
     from training.cli.console.share_bar import Share
     from training.ecu_tables import balance, config, files, fit, msq, page, signals, tables
     from training.recordings.recording import check_each_once
-    from training.recordings.start import start_text
+    from training.recordings.start import start_of
 
     if args.displacement_l is not None and not 0.05 <= args.displacement_l <= 30.0:
         raise UsageError(f"--displacement-l {args.displacement_l:g}: 0.05 to 30 litres are wanted")
@@ -70,8 +70,8 @@ def run(args: TablesCommand) -> int:
     beside = [] if args.rough else tables.tables(fitted, axes, rough)
     names = [r.path.name for r in recordings]
     sources = [
-        {"path": str(r.path), "sha256": r.sha256, "start": start_text(r.begin_ns)}
-        for r in recordings
+        {"path": str(r.path), "sha256": r.sha256, "start": start and start.isoformat()}
+        for r, start in ((r, start_of(r.begin_ns, r.path)) for r in recordings)
     ]
     steady = fitted.parameters.fuel
     notes = {

@@ -22,7 +22,7 @@ _WHICH: Final[Columns] = {
 _START: Final[Columns] = {
     "start": (
         pl.Datetime("us", "UTC"),
-        "time of the recording's first sample, UTC; null if its times have no date",
+        "time of the first sample, UTC, or the date in the file's name; null without either",
     ),
 }
 

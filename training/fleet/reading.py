@@ -77,6 +77,5 @@ class FleetReader:
             raise RecordingError(f"{path}: no number in column {', '.join(empty)}")
         order = [table.names.index(name) for name in names]
         t_ns = np.rint(table.t_s * 1e9).astype(np.int64)
-        index = np.arange(len(t_ns))
-        block = SampleBlock(index, t_ns, table.values[:, order], table.quality[:, order])
-        return names, block, table.begin_ns
+        values = (table.values[:, order], table.quality[:, order])
+        return names, SampleBlock(np.arange(len(t_ns)), t_ns, *values), table.begin_ns

@@ -42,7 +42,7 @@ def recording_row(
         "sha256": read.sha256,
         "size_bytes": read.size_bytes,
         "source": declared[1] if declared and declared[0] == read.sha256 else None,
-        "start": start_of(read.begin_ns),
+        "start": start_of(read.begin_ns, drive.path),
         "samples": len(judged.enabled),
         "duration_s": len(judged.enabled) * period_s,
         "enabled_s": int(judged.enabled.sum()) * period_s,
@@ -77,7 +77,8 @@ def recording_row(
 
 def window_rows(drive: FleetDrive, read: Read, judged: Judged) -> list[Row]:
     """Return one row per window of a judged recording."""
-    t0_ns, which = int(read.block.t_ns[0]), _which(drive) | {"start": start_of(read.begin_ns)}
+    which = _which(drive) | {"start": start_of(read.begin_ns, drive.path)}
+    t0_ns = int(read.block.t_ns[0])
     return [
         {
             **which,

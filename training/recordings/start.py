@@ -1,24 +1,24 @@
-"""When a recording began, by the clock of its file."""
+"""When a recording began, by the clock of its file or else by the date in its name."""
 
-from datetime import UTC, datetime, timedelta
+import re
+from datetime import UTC, datetime
+from pathlib import PurePath
 from typing import Final
 
-EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 DATED_FROM_NS: Final = 10**18  # the year 2001; a smaller time counts from the recording's start
+_IN_NAME: Final = re.compile(r"(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_. T]?(\d\d)[-_.]?(\d\d)")
 
 
-def start_of(begin_ns: int) -> datetime | None:
-    """Return the time of the first sample, None if times count from the start of the recording.
+def start_of(begin_ns: int, path: str | PurePath) -> datetime | None:
+    """Return the time of the first sample (of a name: in its unknown zone), None without a date.
 
-    >>> start_of(1_700_000_000_000_000_000).isoformat()
-    '2023-11-14T22:13:20+00:00'
+    >>> start_of(0, "logs/2016-08-06_01.16.04.msl").isoformat()
+    '2016-08-06T01:16:00+00:00'
     """
-    if begin_ns <= DATED_FROM_NS:
+    if begin_ns > DATED_FROM_NS:
+        return datetime.fromtimestamp(begin_ns // 1000 / 1e6, UTC)
+    found = _IN_NAME.search(PurePath(path).name)
+    try:
+        return datetime(*map(int, found.groups()), tzinfo=UTC) if found else None
+    except ValueError:  # numbers that are no date
         return None
-    return EPOCH + timedelta(microseconds=begin_ns // 1000)
-
-
-def start_text(begin_ns: int) -> str | None:
-    """Return the time of the first sample as ISO 8601, None without a date."""
-    start = start_of(begin_ns)
-    return None if start is None else start.isoformat()

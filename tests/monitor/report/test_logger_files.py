@@ -93,9 +93,8 @@ def test_check_says_profile_column_unit_range_and_what_is_missing(
     assert "note: 1 time the clock started again" in text
     assert "its end" not in text
     # a lambda that hardly ever leaves its greatest value is told
-    name, values = next(iter(lambda_.items()))
-    held = np.where(np.arange(300) < 10, values, 1.34)
-    assert cli.main(["check", str(torque(tmp_path / "rail.csv", **{name: held}))]) == 0
+    held = np.where(np.arange(300) < 10, lambda_[LAMBDA], 1.34)
+    assert cli.main(["check", str(torque(tmp_path / "rail.csv", **{LAMBDA: held}))]) == 0
     assert "97% at 1.34, its end" in capsys.readouterr().out
 
 

@@ -66,15 +66,8 @@ def test_a_long_page_has_a_list_of_contents() -> None:
 
 
 def test_verdict_confidence_and_warnings_stand_first() -> None:
-    text = page(
-        "body.html",
-        "T",
-        verdict="a > b",
-        confidence="high",
-        kind="bad",
-        warnings=["<w>"],
-        titles=["one"],
-    )
+    given = {"kind": "bad", "warnings": ["<w>"], "titles": ["one"]}
+    text = page("body.html", "T", verdict="a > b", confidence="high", **given)
     first = ('"verdict bad">a &gt; b', "Confidence: high", "&lt;w&gt;", "<h2", "<footer>")
     places = [text.index(t) for t in first]
     assert places == sorted(places)
