@@ -115,9 +115,8 @@ def test_causes_and_next_checks_in_the_docs_are_those_that_the_program_prints() 
     by_advice: dict[str, tuple[Advice, list[str]]] = {}
     for fault, (_, advice) in known_faults().items():
         by_advice.setdefault(advice.check, (advice, []))[1].append(fault)
-    owners = Counter(
-        c for _, own in by_advice.values() for c in {c for f in own for c in codes_of(f)}
-    )
+    groups = [{c for f in own for c in codes_of(f)} for _, own in by_advice.values()]
+    owners = Counter(c for group in groups for c in group)
     rows = []
     for advice, own in by_advice.values():
         named = dict.fromkeys(c + f" `{f}`" * (owners[c] > 1) for f in own for c in codes_of(f))
