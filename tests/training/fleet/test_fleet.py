@@ -416,7 +416,7 @@ def test_tables_with_names_of_their_own_and_logs_with_another_map_are_judged(
     # AND a columns map that cannot be meant is refused at once
     (tmp_path / "names.toml").write_text("lambda_measured = 3\n")
     assert main(call) == 2
-    said = f"{tmp_path / 'names.toml'}: lambda_measured is 3, a column's name is wanted"
+    said = f"{tmp_path / 'names.toml'}: lambda_measured is 3, a text is wanted"
     assert said in capsys.readouterr().err
 
 
