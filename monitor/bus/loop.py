@@ -67,7 +67,7 @@ class Loop:
         self.judging = Judging(setup, memory, trace=trace, say=say, monotonic_s=monotonic_s)
         self.pipeline, self.collector = self.judging.pipeline, self.judging.collector
         self.attachments = list(attachments)
-        self.health = BusHealth()
+        self.health = BusHealth(absent=setup.bus_map.optional)
         self._port = Port(
             bus=bus,
             health=self.health,
@@ -178,13 +178,14 @@ class Loop:
 
     def _note_stale(self, tick: Tick) -> None:
         quality = tick.sample.quality.tobytes()  # numpy's comparison takes four times as long
-        if _STALE not in quality:
-            self.health.stale = ()
-            return
-        names = self.pipeline.monitor.names
-        pairs = zip(names, quality, strict=True)
-        self.health.stale = tuple(name for name, kind in pairs if kind == _STALE)
-        self.health.stale_samples += 1
+        names, health = self.pipeline.monitor.names, self.health
+        if health.absent:
+            good = {n for n, kind in zip(names, quality, strict=True) if kind == Quality.GOOD}
+            health.absent = tuple(n for n in health.absent if n not in good)
+        pairs = zip(names, quality, strict=True) if _STALE in quality else ()
+        stale = [name for name, kind in pairs if kind == _STALE]
+        health.stale = tuple(n for n in stale if n not in health.absent)
+        health.stale_samples += bool(health.stale)
 
     def _work(self) -> None:
         """Send the frames of the attachments, and find the time of the next call."""

@@ -45,6 +45,7 @@ class BusHealth:
     reconnects: int = 0  # times the interface came back
     transmit_errors: int = 0
     stale: tuple[str, ...] = ()  # signals that are stale now
+    absent: tuple[str, ...] = ()  # signals of the map that not every vehicle sends, never received
     stale_samples: int = 0  # samples with a stale signal
     memory_errors: int = 0  # failed attempts to store the fault memory
     detached: int = 0  # attachments removed after an exception

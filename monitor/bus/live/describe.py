@@ -1,7 +1,8 @@
 """Enable conditions in words, with the present values of their signals."""
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from functools import cache
 from typing import Any, Final
@@ -16,19 +17,7 @@ from monitor.pipeline.events import Tick
 from monitor.pipeline.monitor import SensorMonitor
 
 _UNITS: Final = {"degC": "°C", "1/min": "rpm", "-": "", "mg/stroke": "mg"}
-_ENDINGS: Final = (
-    "_mg",
-    "_kg_h",
-    "_mpa",
-    "_kpa",
-    "_degc",
-    "_km_h",
-    "_rpm",
-    "_nm",
-    "_percent",
-    "_v",
-    "_g",
-)
+_UNIT_OF_NAME: Final = re.compile("_(mg|kg_h|mpa|kpa|degc|km_h|rpm|nm|percent|v|g)$")
 _QUALITY: Final = {
     Quality.STALE: "not received",
     Quality.INVALID: "sent as invalid",
@@ -46,8 +35,7 @@ def words(name: str) -> str:
     >>> words("rail_pressure_mpa")
     'rail pressure'
     """
-    ending = next((e for e in _ENDINGS if name.endswith(e)), "")
-    return name.removesuffix(ending).replace("_", " ")
+    return _UNIT_OF_NAME.sub("", name).replace("_", " ")
 
 
 def value_text(name: str, value: float) -> str:
@@ -144,18 +132,19 @@ class ConditionWords:
         return text if bare else f"{words(name)} {text}"
 
 
-def signal_rows(names: Sequence[str], sample: Sample) -> list[list[str]]:
-    """Return name, value and quality in words for every signal of a sample."""
+def signal_rows(
+    names: Sequence[str], sample: Sample, absent: Collection[str] = ()
+) -> list[list[str]]:
+    """Return name, value and quality in words for every signal of a sample.
+
+    absent : signals that not every vehicle sends and this one never sent
+    """
     rows = []
     for name, value, quality in zip(names, sample.values, sample.quality.tolist(), strict=True):
         good = quality == Quality.GOOD
-        rows.append(
-            [
-                words(name),
-                value_text(name, float(value)) if good else "–",
-                "" if good else _QUALITY[Quality(quality)],
-            ]
-        )
+        shown = value_text(name, float(value)) if good else "–"
+        if name not in absent:
+            rows.append([words(name), shown, "" if good else _QUALITY[Quality(quality)]])
     return rows
 
 

@@ -7,7 +7,7 @@ a minute of samples wait for the next message; older ones are dropped and counte
 import json
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -65,6 +65,7 @@ class LiveFeed(Attachment):
         self._latest: Tick | None = None
         self._t0_ns: int | None = None
         self._slow_s = -math.inf
+        self._absent: Collection[str] = ()
         self._is_alive = True
         self.dropped = 0
         self._greeting: dict[str, Any] = {
@@ -142,11 +143,10 @@ class LiveFeed(Attachment):
         message |= {"samples": list(self._samples), "windows": list(self._windows)}
         self._samples.clear()
         self._windows.clear()
-        if self._latest:
-            message["now"] = self._now(self._latest)
         if now_s >= self._slow_s:
             self._slow_s = now_s + SLOW_S
             message["health"] = dict(self._health()) | {"page_dropped": self.dropped}
+            self._absent = message["health"].get("absent", ())
             behind = catalyst.rows(self._monitor.catalyst.entry())
             message["memory"] = fault_memory(self._monitor.store) | {
                 "behind": behind,
@@ -155,6 +155,8 @@ class LiveFeed(Attachment):
             }
             offset = self._offset.value(dtc.fault for dtc in self._monitor.store.active)
             message["vehicle_offset"] = None if offset is None else _number(offset)
+        if self._latest:
+            message["now"] = self._now(self._latest)
         return json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"
 
     def _vehicle_offset(self) -> VehicleOffset:
@@ -188,7 +190,7 @@ class LiveFeed(Attachment):
             "enabled": tick.enabled,
             "held": list(tick.conditions),
             "seen": self._conditions.seen(tick),
-            "signals": signal_rows(monitor.names, sample),
+            "signals": signal_rows(monitor.names, sample, self._absent),
             "samples": monitor.samples,
             "enabled_samples": monitor.enabled_samples,
             "windows_interrupted": monitor.interrupted_windows,

@@ -2,7 +2,7 @@
 const SVG = "http://www.w3.org/2000/svg";
 const STRIP_S = 180; // of each condition's strip
 const SHOWN_WINDOWS = 12;
-const FAULTLESS = new Set(["frames", "reconnects", "receive_buffer_bytes", "timestamps", "unmapped", "sinks_sent"]); // count nothing bad
+const FAULTLESS = new Set(["absent", "frames", "reconnects", "receive_buffer_bytes", "timestamps", "unmapped", "sinks_sent"]); // count nothing bad
 
 export const { digits, element } = O2;
 export const signed = (value, n) => (value == null ? "–" : (value >= 0 ? "+" : "") + digits(value, n));
