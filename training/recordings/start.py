@@ -19,7 +19,6 @@ def start_of(begin_ns: int, path: str | PurePath) -> datetime | None:
         return datetime.fromtimestamp(begin_ns // 1000 / 1e6, UTC)
     found = _IN_NAME.search(PurePath(path).name)
     try:
-        text = "".join(found.groups()) if found else ""
-        return datetime.strptime(text, "%Y%m%d%H%M").replace(tzinfo=UTC)
-    except ValueError:  # none, or numbers that are no date
+        return datetime.fromisoformat("{}{}{}T{}{}Z".format(*found.groups())) if found else None
+    except ValueError:  # numbers that are no date
         return None
