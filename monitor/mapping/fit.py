@@ -30,7 +30,6 @@ from monitor.mapping.words import KNOWN, OTHER, VOCABULARY, match, words_of
 
 SURE: Final = 0.6  # a signal of this confidence is proposed
 BY_MESSAGE: Final = 0.85  # confidence that is left where name and message say it together
-BY_COMMENT: Final = 0.8  # where only the comment says so
 NO_UNIT: Final = 0.85
 UNKNOWN_UNIT: Final = 0.4
 ODD: Final = 0.6
@@ -47,21 +46,7 @@ MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
 PRESSURES_KPA: Final = ((8.0, "bar"), (700.0, "kPa"), (math.inf, "hPa"))  # up to, in words
 RAIL_KPA: Final = ((60.0, "MPa"), (600.0, "bar"), (math.inf, "kPa"))
 _VOLUMES: Final = {"fuel_mass_mg": "volume", FUEL_FLOW_NAME: "volume flow"}
-_OTHER_SENSOR: Final = re.compile(
-    r"downstream|post|nach|hinter|behind|rear|after|second|\bk?[ck]at(?!e)|catalyst|\b(?:hk|nk|ds|lsf|lsh|sec)\b|"
-    r"\b(?:bank|sensor|sonde|[bs]) ?0?[2-9]\b|\bb\d ?s[2-9]\b|\bb[2-9] ?s\d\b|right|links|rechts|"
-    r"\bleft|\bh?o2s?(?:\d[2-9]|[2-9]\d?)\b"
-)
-_UPSTREAM: Final = re.compile(
-    r"upstream|pre ?cat|vor ?kat|stromauf|before ?cat|\b(pre|vk|us|vor|front|primary|lsu|b1s1)\b"
-)
-# of a name or its message: an electric machine, other traffic, comfort
-_ELSEWHERE: Final = re.compile(
-    r"\bhv|\bhyb|\bev\b|\bmcu\b|\bbms\b|inverter|charger|radar|object|\bobj|\btrack|cruise|\bnav|"
-    r"\bgps\b|seat|massage|heater"
-)
-_PART: Final = re.compile(r"transm|gear|getr|clutch|kuppl|turb|fan|pump")
-_ENGINE: Final = re.compile(r"eng|mot|mo\b|\bmd|\b(ecm|ems|dme|cmm)\b")
+_SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
 _ENGLISH: Final = frozenset({"rpm", "speed", "torque"})  # beside which a motor is electric
 _PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU and "_"
 _BARE: Final = frozenset(VOCABULARY["words"]["bare"].split())
@@ -152,11 +137,7 @@ def _by_name(name: str, quantity: MapQuantity, d: Description) -> QuantityFit | 
         rest = [word for word in (rest if sure else words) if word in own]
         sure, why = max(sure, SURE), why if sure else f"its unit is {d.unit}"
     if not sure:
-        sure = BY_COMMENT * match(quantity.phrases, words_of(d.comment))[0]
-        if not sure:
-            return None
-        why = f"only its comment says so: {short(d.comment)}"
-        return QuantityFit(sure, is_named=False).doubted(why)
+        return None
     fit = QuantityFit(sure, (why,))
     for doubt in _doubts(name, quantity, d, words, rest):
         fit = replace(fit, doubts=(*fit.doubts, doubt), is_named=False)
@@ -167,43 +148,37 @@ def _doubts(
     name: str, quantity: MapQuantity, d: Description, words: tuple[str, ...], rest: list[str]
 ) -> list[str]:
     """Return why a name may not say the quantity: by a word that the quantity does not explain."""
-    of_message = words_of(d.message)
-    if rest and rest[0] == words[0] and _is_device(d.name, words, of_message):
+    first, of_message = (
+        next(iter(words), ""),
+        words_of(d.message),
+    )  # perhaps an ECU's, which says nothing
+    is_short = len(first) <= _PREFIX_LETTERS and first not in OTHER
+    is_apart = re.match(rf"{first}\d*_", d.name.lower()) and not _BARE.issuperset(words[1:])
+    if rest[:1] == [first] and is_short and (is_apart or first in of_message):
         rest = rest[1:]
     odd = [word for word in rest if word not in quantity.also]
     doubts = [f"its name says {odd[0]!r}, too"] if odd else []
     names = (d.name, d.message)
-    other = _ELSEWHERE.search(" ".join((*names, *map(" ".join, map(words_of, names)))).lower())
+    other = _SAYS["elsewhere"].search(
+        " ".join((*names, *map(" ".join, map(words_of, names)))).lower()
+    )
     if other and name != "sensor_heater_percent":
         doubts.append(f"{d.message}.{d.name} says {other[0]!r}")
-    part = _PART.search(d.message.lower())
-    if part and _BARE.issuperset(words):
-        doubts.append(f"its message {d.message} says {part[0]!r}")
-    if name == "vehicle_speed_km_h" and d.unit == "m/s" and _BARE.issuperset(words):
-        doubts.append("any speed in m/s: perhaps of an object ahead")
     if "motor" in words and _ENGLISH & set(words):
         doubts.append("its name says 'motor', which is an electric one in English")
-    if name == "engine_torque_nm" and not _ENGINE.search(" ".join(words + of_message)):
+    if name == "engine_torque_nm" and not _SAYS["engine"].search(" ".join(words + of_message)):
         doubts.append("its name does not say that the torque is the engine's")
     return doubts
-
-
-def _is_device(name: str, words: tuple[str, ...], of_message: tuple[str, ...]) -> bool:
-    """Return whether a name begins with its ECU's abbreviation, which says nothing against it."""
-    first, rest = words[0], words[1:]
-    is_prefix = len(first) <= _PREFIX_LETTERS and first not in OTHER
-    is_apart = re.search(rf"{first}\d*_", name.lower()) and not _BARE.issuperset(rest)
-    return is_prefix and bool(first in of_message or is_apart)
 
 
 def _of_one_sensor(name: str, d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit, doubted if name, message or comment are of another sensor."""
     texts = [(text, " ".join(words_of(text))) for text in (d.message, d.name, d.comment)]
     for text, words in texts:
-        if found := _OTHER_SENSOR.search(words):
+        if found := _SAYS["other_sensor"].search(words):
             why = f"{short(text)} says {found[0]!r}: perhaps another sensor or bank"
             return fit.doubted(why, 0.5, is_named=False)
-    if any(_UPSTREAM.search(words) for _, words in texts):
+    if any(_SAYS["upstream"].search(words) for _, words in texts):
         return fit.judged("it is said to be upstream", 1.1, is_upstream=True)
     if name == "lambda_measured":
         return fit.judged("nothing says whether it is upstream: check")
@@ -259,9 +234,7 @@ def _flag(d: Description, fit: QuantityFit) -> QuantityFit | None:
     meaning = d.choices.get(1, "")
     if _CONTRARY & {meaning, *words_of(d.name)}:
         fit = fit.judged("turned round", 0.8, factor=-1.0, offset=1.0)
-    if d.choices:
-        return fit.judged(f"where 1 is {meaning!r}")
-    many = d.span[1] > 1.0 and d.carried[1] > 3.0
+    many = d.span[1] > 1.0 and d.carried[1] > 3.0 and not d.choices
     return fit.doubted("more than two values without a meaning", 0.7) if many else fit
 
 

@@ -21,7 +21,7 @@ from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.units import unit_of
 from monitor.mapping.fit import Description, QuantityFit, fit_of
 from monitor.mapping.quantities import QUANTITIES, STOICHIOMETRIC, VARYING
-from monitor.mapping.text import quoted
+from monitor.mapping.text import toml
 
 _ENOUGH: Final = 6  # columns to know a logger by
 _OWN: Final = (
@@ -44,13 +44,13 @@ def proposed(raw: RawTable) -> Iterator[str]:
     used = {source.column for source in found.values()} | set(times)
     yield f'title = "{raw.path.stem}"'
     yield "# stoich_afr = 14.7   # of the fuel: 9.0 for E85"
-    yield f"time = [{', '.join(map(quoted, times))}]{'' if times else '   # which column?'}"
+    yield f"time = {toml(times)}{'' if times else '   # which column?'}"
     yield ""
     yield "[[recognise]]         # a file with all these columns is read with this profile"
     named = list(filter(None, raw.names))
     own = [name for name in named if name not in used][:_OWN]
     chosen = [*times[:1], *own, *(source.column for source in found.values()), *named]
-    yield f"columns = [{', '.join(map(quoted, list(dict.fromkeys(chosen))[:_ENOUGH]))}]"
+    yield f"columns = {toml(list(dict.fromkeys(chosen))[:_ENOUGH])}"
     yield ""
     yield "[signals]             # canonical name = column; unit where the file states none"
     yield from (f"{s.name} = {_source(found[s.name])}" for s in SIGNALS if s.name in found)
@@ -69,7 +69,7 @@ def proposed(raw: RawTable) -> Iterator[str]:
     yield "# columns that are not used:"
     for i, column in enumerate(raw.columns):
         if column.name and column.name not in used:
-            yield f"# {quoted(column.name)}{_range(column.unit, cells[:, i])}"
+            yield f"# {toml(column.name)}{_range(column.unit, cells[:, i])}"
 
     yield "# signals without a column:"
     for signal in SIGNALS:
@@ -151,17 +151,12 @@ def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:
 
 
 def _source(source: Source) -> str:
-    """Return a source in TOML."""
-    parts = [f"column = {quoted(source.column)}"]
-    if source.units:
-        units = ", ".join(map(quoted, source.units))
-        parts.append(f"unit = {units if len(source.units) == 1 else f'[{units}]'}")
-    for name, plain in (("factor", 1.0), ("offset", 0.0)):
-        if (value := getattr(source, name)) != plain:
-            parts.append(f"{name} = {value:g}")
-    if source.pinned:
-        parts.append(f"pinned = [{', '.join(f'{value:g}' for value in source.pinned)}]")
-    return quoted(source.column) if len(parts) == 1 else f"{{ {', '.join(parts)} }}"
+    """Return a source in TOML, as its column alone if that says all."""
+    unit = source.units[0] if len(source.units) == 1 else source.units
+    entry = {"column": source.column, "unit": unit, "factor": source.factor}
+    text = toml({**entry, "offset": source.offset, "pinned": source.pinned})
+    alone = toml({"column": source.column})
+    return toml(source.column) if text == alone else text
 
 
 def _range(unit: str, cells: FloatArray) -> str:

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 from cantools.database.can import Database
 
@@ -22,6 +22,7 @@ Signal map for {dbc}, proposed by o2mon map from names, units and ranges{log}.
 Confirm every line: the number is how sure the proposal is, 0 to 1, with its reason behind it.
 What is commented out was not sure enough, or there was a choice; take one and remove the #.
 value = factor * signal + offset, a value older than timeout_s is stale."""
+_PLAIN: Final = {"factor": 1.0, "offset": 0.0}
 
 
 def make_map(
@@ -66,33 +67,34 @@ def map_text(
     if notes:
         lines += [*map(comment, ("Changed or left out to read the database:", *notes)), ""]
     for name, own in guards.items():
-        lines += [comment("holds in the recording"), f"[messages.{quoted(name)}]"]
-        lines += [f"counter = {quoted(own.counter)}"] if own.counter else []
-        if own.checksum:
-            lines += [f"checksum = {quoted(own.checksum)}", f'algorithm = "{own.algorithm}"']
-        lines.append("")
+        held = {"counter": own.counter, "checksum": own.checksum}
+        held |= {"algorithm": own.algorithm} if own.checksum else {}
+        lines += [comment("holds in the recording"), f"[messages.{toml(name)}]"]
+        lines += [*(f"{key} = {toml(text)}" for key, text in held.items() if text), ""]
     lines += ["[signals]", *_entries(proposals.signals)]
     if proposals.auxiliary:
         lines += ["[auxiliary]", *_entries(proposals.auxiliary)]
     for each in proposals.derived:
-        lines += [
-            comment(f"made of {', '.join(each.sources)}"),
-            f"[derived.{each.name}]",
-            f"factor = {each.factor!r}",
-            f"numerator = {json.dumps(list(each.numerator))}",
-            f"denominator = {json.dumps(list(each.denominator))}",
-            "",
-        ]
+        lines += [comment(f"made of {', '.join(each.sources)}"), f"[derived.{each.name}]"]
+        of = {"factor": each.factor, "numerator": each.numerator, "denominator": each.denominator}
+        lines += [*(f"{key} = {toml(value)}" for key, value in of.items()), ""]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def quoted(text: str) -> str:
-    """Return the text as a TOML string.
+def toml(value: str | float | Sequence[str] | Mapping[str, Any]) -> str:
+    """Return a value in TOML; what is its default in a map or a profile is left out of a table.
 
-    >>> quoted('a"b')
-    '"a\\\\"b"'
+    >>> toml({"column": "AFR", "factor": 1.0, "pinned": [7.4, 22.3]})
+    '{ column = "AFR", pinned = [7.4, 22.3] }'
     """
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
+    if isinstance(value, float):
+        return repr(float(f"{value:.10g}"))
+    if isinstance(value, Mapping):
+        told = {key: each for key, each in value.items() if each not in (_PLAIN.get(key), ())}
+        return f"{{ {', '.join(f'{key} = {toml(each)}' for key, each in told.items())} }}"
+    return f"[{', '.join(map(toml, value))}]"
 
 
 def comment(text: str) -> str:
@@ -134,14 +136,14 @@ def _why(candidate: MapCandidate) -> str:
 
 def _entry(name: str, candidate: MapCandidate) -> str:
     """Return the line of one signal."""
-    message = candidate.message
-    parts = [f"message = {quoted(message.name)}", f"signal = {quoted(candidate.signal.name)}"]
-    if candidate.fit.factor != 1.0:
-        parts.append(f"factor = {_number(candidate.fit.factor)}")
-    if candidate.fit.offset != 0.0:
-        parts.append(f"offset = {_number(candidate.fit.offset)}")
-    parts.append(f"timeout_s = {_timeout_s(candidate)!r}")
-    return f"{name} = {{ {', '.join(parts)} }}"
+    entry = {
+        "message": candidate.message.name,
+        "signal": candidate.signal.name,
+        "factor": candidate.fit.factor,
+        "offset": candidate.fit.offset,
+        "timeout_s": _timeout_s(candidate),
+    }
+    return f"{name} = {toml(entry)}"
 
 
 def _timeout_s(candidate: MapCandidate) -> float:
@@ -155,8 +157,3 @@ def _timeout_s(candidate: MapCandidate) -> float:
     if message.cycle_time:
         return round(min(max(5 * cycle_ms(message) / 1000, 0.3), LONGEST_TIMEOUT_S), 3)
     return 3.0 if message.is_multiplexed() else 0.5
-
-
-def _number(value: float) -> str:
-    """Return a number as short as it can be read back, to ten digits."""
-    return repr(float(f"{value:.10g}"))
