@@ -76,8 +76,8 @@ def map_text(
         lines += ["[auxiliary]", *_entries(proposals.auxiliary)]
     for each in proposals.derived:
         lines += [comment(f"made of {', '.join(each.sources)}"), f"[derived.{each.name}]"]
-        of = {"factor": each.factor, "numerator": each.numerator, "denominator": each.denominator}
-        lines += [*(f"{key} = {toml(value)}" for key, value in of.items()), ""]
+        lines += [f"factor = {toml(each.factor)}", f"numerator = {toml(each.numerator)}"]
+        lines += [f"denominator = {toml(each.denominator)}", ""]
     return "\n".join(lines).rstrip() + "\n"
 
 

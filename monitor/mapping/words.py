@@ -103,6 +103,6 @@ def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> tuple[float, 
         rest = [] if concepts & of_whole else [w for w in words if not here[w] & concepts]
         rest = [w for w in rest if not (w in NOISE or (w.isdigit() and int(w) <= 1))]
         sure = weight * (1.0 - 0.35 * len(rest) / len(words))
-        if sure > best[0]:
+        if (not rest, sure) > (best[0] > 0.0 and not best[1], best[0]):  # none left over, if any
             best = sure, rest
     return best
