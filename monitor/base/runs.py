@@ -19,8 +19,6 @@ def since(broken: BoolArray, start: int | IntArray = 0) -> IntArray:
     >>> since(np.array([False, True, False, False]), 5).tolist()
     [6, 0, 1, 2]
     """
-    if len(broken) == 1:
-        return (start + 1) * ~broken
     places = np.arange(len(broken))
     if broken.ndim == 2:
         places = places[:, np.newaxis]
@@ -65,9 +63,7 @@ def alike(codes: NDArray[Any]) -> Iterator[tuple[int, int, int]]:
     [(0, 2, 7), (2, 3, 3)]
     """
     n = len(codes)
-    if n == 1:
-        yield 0, 1, codes.item()
-    if n < 2:
+    if n == 0:
         return
     edges = [0, *((codes[1:] != codes[:-1]).nonzero()[0] + 1).tolist(), n]
     for (begin, end), code in zip(pairwise(edges), codes[edges[:-1]].tolist(), strict=True):

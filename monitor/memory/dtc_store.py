@@ -4,7 +4,7 @@ Sources: 13 CCR 1968.2 (d)(2) and (d)(4), 40 CFR 86.1806, UN R83 annex 11. The c
 the numbers of cycles per regulation.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -231,20 +231,15 @@ class DtcStore:
         self._counts = replace(self._counts, warm_ups_since_clear=warm_ups)
         self._dtcs = {code: dtc.warm_up() for code, dtc in self._dtcs.items()}
 
-    def drive(self, driven: Iterable[tuple[float, float]]) -> None:
-        """Count stretches of driving: engine running time in s and distance in km of each."""
+    def drive(self, engine_run_s: float, distance_km: float) -> None:
+        """Count a stretch of driving."""
         counts, lit = self._counts, float(self.mil)
-        run_s, km = counts.engine_run_since_clear_s, counts.distance_since_clear_km
-        lit_s, lit_km = counts.engine_run_with_mil_s, counts.distance_with_mil_km
-        for engine_run_s, distance_km in driven:
-            run_s, km = run_s + engine_run_s, km + distance_km
-            lit_s, lit_km = lit_s + lit * engine_run_s, lit_km + lit * distance_km
         self._counts = replace(
             counts,
-            distance_since_clear_km=km,
-            engine_run_since_clear_s=run_s,
-            distance_with_mil_km=lit_km,
-            engine_run_with_mil_s=lit_s,
+            distance_since_clear_km=counts.distance_since_clear_km + distance_km,
+            engine_run_since_clear_s=counts.engine_run_since_clear_s + engine_run_s,
+            distance_with_mil_km=counts.distance_with_mil_km + lit * distance_km,
+            engine_run_with_mil_s=counts.engine_run_with_mil_s + lit * engine_run_s,
         )
 
     @property

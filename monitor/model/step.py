@@ -15,7 +15,7 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from monitor.base.errors import ModelError
-from monitor.base.types import BoolArray, FloatArray, Shown
+from monitor.base.types import FloatArray, Shown
 from monitor.model import model_file
 from monitor.model.card import USUAL_PREDICTION, ModelCard, prediction_name
 
@@ -87,7 +87,6 @@ class Model(Shown):
         self.path, self.sha256 = path, sha256  # of the file
         self.n_inputs = len(card.inputs)
         self._u = np.zeros((batch, self.n_inputs), np.float32)
-        self._row, self._ones = self._u[0], np.ones(self.n_inputs, np.float32)
         self._predicted = np.zeros((batch, 1), np.float32)
         even, odd = (np.zeros((batch, card.state.size), np.float32) for _ in range(2))
         self._bindings = tuple(
@@ -140,11 +139,7 @@ class Model(Shown):
         u : shape (n_inputs,)
         Raises ValueError if an input is not finite.
         """
-        self._row[:] = u
-        if not math.isfinite(self._row.dot(self._ones)):
-            raise ValueError(f"inputs of the model must be finite: {self._bad_inputs()}")
-        self._advance()
-        return self._predicted.item()
+        return self.step_batch(np.asarray(u)[np.newaxis]).item()
 
     def step_batch(self, u: Inputs) -> Float32Array:
         """Return the predictions for one tick, shape (batch,), in the output's unit.
@@ -153,16 +148,16 @@ class Model(Shown):
         Raises ValueError if an input is not finite.
         """
         self._u[:] = u
-        if not np.isfinite(self._u).all():
-            raise ValueError(f"inputs of the model must be finite: {self._bad_inputs()}")
+        self._check_finite(self._u)
         self._advance()
         return self._predicted[:, 0].copy()
 
-    def _bad_inputs(self) -> str:
-        return self._names(np.asarray(~np.isfinite(self._u).all(axis=0)))
-
-    def _names(self, bad: BoolArray) -> str:
-        return ", ".join(n for n, b in zip(self.card.input_names, bad, strict=True) if b)
+    def _check_finite(self, u: Float32Array) -> None:
+        """Raise ValueError if an input, (…, n_inputs), is not finite."""
+        if not math.isfinite(np.add.reduce(u, axis=None)) and not np.isfinite(u).all():
+            bad = np.asarray(~np.isfinite(u).reshape(-1, self.n_inputs).all(axis=0))
+            names = ", ".join(n for n, b in zip(self.card.input_names, bad, strict=True) if b)
+            raise ValueError(f"inputs of the model must be finite: {names}")
 
     def _advance(self) -> None:
         current = self._bindings[self._turn]
@@ -203,21 +198,13 @@ class Model(Shown):
         if batch != self.batch:
             raise ValueError(f"u has {batch} rows, the model was made for {self.batch}")
         u = np.asarray(u, dtype=np.float32)
-        if not math.isfinite(np.add.reduce(u, axis=None)) and not np.isfinite(u).all():
-            bad = np.asarray(~np.isfinite(u).all(axis=(0, 1)))
-            raise ValueError(f"inputs of the model must be finite: {self._names(bad)}")
+        self._check_finite(u)
         result = np.empty((n, batch))
         for k in range(n):
             self._u[:] = u[:, k]
             self._advance()
             result[k] = self._predicted[:, 0]
         return result.T
-
-    def keep(self, rows: int) -> "Model":
-        """Return a model that continues with the first ``rows`` vehicles and their state."""
-        rest = self.with_batch(rows)
-        rest.state[:] = self._state[:rows]
-        return rest
 
 
 def open_session(content: bytes, path: str) -> ort.InferenceSession:

@@ -118,7 +118,7 @@ class Conclusions:
 
     def _drive(self, driven: Driven, _: SamplePlace) -> Iterable[Happening]:
         """Let the fault memory count driving."""
-        self._store.drive([driven])
+        self._store.drive(*driven)
         return ()
 
     def _count(self, moment: Moment, at: SamplePlace) -> Iterator[Happening]:

@@ -7,7 +7,7 @@ asked for one PID, so live run, recording and replay decode the same frames.
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Final
 
 from monitor.base.types import Frame
@@ -94,16 +94,9 @@ class ObdPoller(Attachment):
 
     def close(self) -> None:
         """Say the counts."""
-        counters = self.counters
-        line = f"OBD-II: {counters.requests} requests, {counters.answers} answered"
-        told = {
-            "silent": counters.silent,
-            "busy": counters.busy,
-            "refused": counters.refused,
-            "malformed": counters.malformed,
-        }
-        parts = [f"{name} {n}" for name, n in told.items() if n]
-        self._say(", ".join([line, *parts]))
+        told = asdict(self.counters)
+        line = f"OBD-II: {told.pop('requests')} requests, {told.pop('answers')} answered"
+        self._say(", ".join([line, *(f"{name} {n}" for name, n in told.items() if n)]))
 
     def receive(self, frame: Frame) -> Iterable[Frame]:
         """Take a frame; return frames for those PIDs of its answer that it does not show itself."""

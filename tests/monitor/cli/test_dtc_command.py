@@ -34,7 +34,7 @@ def memory(tmp_path: Path) -> Path:
     store.count_ignition_cycle()
     store.count_judged("response")
     store.count_general_denominator()
-    store.drive([(7200.0, 120.0)])
+    store.drive(7200.0, 120.0)
     with closing(Memory(path)) as memory:
         memory.save(store.saved)
     return path

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from monitor.memory import obd_records
-from monitor.memory.codes import OPTIONAL, TESTS
+from monitor.memory.codes import BEHIND, TESTS
 from monitor.memory.dtc import Dtc
 from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.obd_records import Counts, FreezeFrame
@@ -22,7 +22,7 @@ def test_clearing_leaves_permanent_codes_ratios_and_ignition_cycles() -> None:
     store.count_general_denominator()
     store.count_judged("bias")
     store.count_warm_up()
-    store.drive([(60.0, 1.0)])
+    store.drive(60.0, 1.0)
     ratios = store.ratios
     assert store.counts == Counts(
         ignition_cycles=1,
@@ -195,7 +195,7 @@ def test_a_code_that_keeps_a_test_from_judging_pauses_its_ratio() -> None:
     assert not store.count_judged("response")
     assert store.count_judged("communication")
     paused = {r.test for r in store.ratios if not r.denominator}
-    assert paused == {"response", "bias", "activity", *OPTIONAL}
+    assert paused == {"response", "bias", "activity", *BEHIND}
     assert store.counts.general_denominator == 1
 
 
@@ -224,12 +224,12 @@ def test_a_counter_at_its_end_is_halved_with_its_partner(numerator: int, denomin
 def test_what_is_driven_counts_since_clearing_and_with_the_lamp_on() -> None:
     store = confirmed()
     store.clear()
-    store.drive([(100.0, 2.0)])
+    store.drive(100.0, 2.0)
     assert store.counts == Counts(distance_since_clear_km=2.0, engine_run_since_clear_s=100.0)
     store = confirmed()
-    store.drive([(100.0, 2.0)])
+    store.drive(100.0, 2.0)
     store.fail("gain_low", 1)  # another code, the lamp is on already
-    store.drive([(50.0, 1.0)])
+    store.drive(50.0, 1.0)
     store.fail("biased_lean", 1)
     assert store.counts == Counts(
         distance_since_clear_km=3.0,
@@ -239,7 +239,7 @@ def test_what_is_driven_counts_since_clearing_and_with_the_lamp_on() -> None:
     )
     heal(store)
     store.fail("slow_symmetric", 1)  # a pending code lights no lamp
-    store.drive([(50.0, 1.0)])  # with the lamp off what was driven with it stays
+    store.drive(50.0, 1.0)  # with the lamp off what was driven with it stays
     assert store.counts == Counts(
         distance_since_clear_km=4.0,
         distance_with_mil_km=3.0,
