@@ -158,11 +158,7 @@ def _freeze_frame(code: Annotated[Sequence[str], "CODE"] = (), *, args: DtcOptio
             f"{args.memory}: no freeze frame of {', '.join(missing)}; there are: {there}"
         )
     chosen = [frame for name, frame in frames.items() if not code or name in code]
-    later = [store.latest_frames[f.code] for f in chosen if f.code in store.latest_frames]
-    fields = {
-        name: [{"code": f.code, "t_ns": f.t_ns, "values": dict(f.values)} for f in group]
-        for name, group in (("freeze_frames", chosen), ("latest_frames", later))
-    }
+    told = [{"code": f.code, "t_ns": f.t_ns, "values": dict(f.values)} for f in chosen]
 
     def lines() -> Iterator[str]:
         if not chosen:
@@ -172,7 +168,7 @@ def _freeze_frame(code: Annotated[Sequence[str], "CODE"] = (), *, args: DtcOptio
             for name, value in frame.values.items():
                 yield f"  {name:<28} {plain(value):>10} {unit_of(name)}"
 
-    return _print(args, found, fields, lines())
+    return _print(args, found, {"freeze_frames": told}, lines())
 
 
 _EPOCH_FROM_NS = 10**18  # the year 2001; a smaller time counts from the start of a recording

@@ -48,6 +48,7 @@ def content_of(text: bytes) -> Content:
 
 
 def _saved_of(fields: dict[str, Any]) -> Saved:
+    fields.pop("latest_frames", None)  # of older memories
     made = {name: tuple(make(**each) for each in fields[name]) for name, make in _RECORDS.items()}
     others = {"counts": Counts(**fields["counts"]), "completed": frozenset(fields["completed"])}
     return Saved(**fields | made | others)
@@ -60,7 +61,6 @@ def _dtc(also: list[str], status: int, **others: Any) -> Dtc:
 _RECORDS: Final[dict[str, Callable[..., Any]]] = {
     "dtcs": _dtc,
     "freeze_frames": FreezeFrame,
-    "latest_frames": FreezeFrame,
     "results": TestResult,
     "ratios": Ratio,
 }

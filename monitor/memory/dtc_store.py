@@ -40,7 +40,6 @@ class Saved:
     ratios: tuple[Ratio, ...] = ()
     counts: Counts = field(default_factory=Counts)
     completed: frozenset[str] = frozenset()  # tests completed since the codes were cleared
-    latest_frames: tuple[FreezeFrame, ...] = ()  # of the latest failure of the same codes
 
 
 class DtcStore:
@@ -56,7 +55,6 @@ class DtcStore:
         self._dtcs = {c: Dtc(c) for c in every()}
         self._dtcs |= {dtc.code: dtc for dtc in saved.dtcs}
         self._frames = {frame.code: frame for frame in saved.freeze_frames}
-        self._latest = self._frames | {frame.code: frame for frame in saved.latest_frames}
         self._permanent = dict(saved.permanent)
         self._results = {(r.test, r.quantity): r for r in saved.results}
         self._ratios = {test: Ratio(test) for test in OF_VEHICLE}
@@ -133,9 +131,8 @@ class DtcStore:
         return not self._dtcs[code].fault and self._passed >= tests_of(code)
 
     def freeze(self, frame: FreezeFrame) -> None:
-        """Keep the signals of a failure: as the latest, and first unless the state has a frame."""
+        """Keep the signals of a failure, unless the code's state has a frame."""
         self._frames.setdefault(frame.code, frame)
-        self._latest[frame.code] = frame
 
     def start_driving_cycle(self) -> list[Dtc]:
         """Begin the next driving cycle; return the codes that changed."""
@@ -149,7 +146,6 @@ class DtcStore:
         self._is_general = False
         changed = self._update(new)
         self._frames = {c: f for c, f in self._frames.items() if self._dtcs[c].state}
-        self._latest = {c: f for c, f in self._latest.items() if c in self._frames}
         return changed
 
     def _heals(self, code: str, new: Mapping[str, Dtc]) -> bool:
@@ -172,7 +168,6 @@ class DtcStore:
         Permanent codes, ratios, ignition cycles and the general denominator stay.
         """
         self._frames.clear()
-        self._latest.clear()
         self._results.clear()
         self._completed.clear()
         self._passed.clear()
@@ -274,11 +269,6 @@ class DtcStore:
         return MappingProxyType({frame.code: frame for frame in frames})
 
     @property
-    def latest_frames(self) -> Mapping[str, FreezeFrame]:
-        """Return the freeze frame of the latest failure per code."""
-        return MappingProxyType(self._latest)
-
-    @property
     def permanent(self) -> tuple[str, ...]:
         """Return the permanent codes, the oldest first."""
         return tuple(self._permanent)
@@ -317,7 +307,6 @@ class DtcStore:
         return Saved(
             dtcs=self.all,
             freeze_frames=tuple(self._frames.values()),
-            latest_frames=tuple(self._latest[code] for code in self._frames),
             permanent=dict(self._permanent),
             results=tuple(sorted(self.results, key=lambda r: (r.test, r.quantity))),
             ratios=self.ratios,

@@ -8,15 +8,13 @@ from monitor.bus.diagnostics.state import RefusedError, State
 from monitor.bus.transmit import dtc_number
 from monitor.memory.codes import tests_of
 from monitor.memory.dtc import Dtc, Status
-from monitor.memory.obd_records import FreezeFrame
 
 OUT_OF_RANGE: Final = 0x31
 STATUS_AVAILABLE: Final = 0xFF
 DTC_FORMAT: Final = 0x00  # SAE J2012-DA: two bytes of code, one of failure type
 FAILURE_TYPES: Final = {"U0100": 0x87, "U0401": 0x81}  # message missing; invalid data received
 ALL_RECORDS: Final = 0xFF
-FIRST, LATEST = 0x00, 0xF0  # snapshot records of the first and the latest failure
-SNAPSHOT: Final = 0x01  # another number of the first
+FIRST, SNAPSHOT = 0x00, 0x01  # numbers of the only snapshot record
 PARAMETERS_FROM: Final = 0xF400  # the low byte is a parameter of SAE J1979
 
 
@@ -51,28 +49,18 @@ def _with_status(dtcs: Iterable[Dtc]) -> bytes:
 
 
 def _snapshot(wanted: bytes, state: State) -> bytes:
-    """Subfunction 0x04: the freeze frames of one code, as parameters under 0xF4xx."""
-    dtc = _find(wanted, state)
-    frames = _frames(dtc, state)
-    if wanted[3] != ALL_RECORDS:
-        if wanted[3] not in (FIRST, LATEST, SNAPSHOT):
-            raise RefusedError(OUT_OF_RANGE)
-        kept = FIRST if wanted[3] == SNAPSHOT else wanted[3]
-        frames = {wanted[3]: frames[kept]} if kept in frames else {}
-    records = [bytes((number,)) + _record(frame) for number, frame in frames.items()]
-    return dtc_bytes(dtc.code) + bytes((dtc.status,)) + b"".join(records)
-
-
-def _frames(dtc: Dtc, state: State) -> dict[int, FreezeFrame]:
-    """Return the freeze frames of a code by their record numbers."""
-    kept = {FIRST: state.store.freeze_frames, LATEST: state.store.latest_frames}
-    return {number: frames[dtc.code] for number, frames in kept.items() if dtc.code in frames}
-
-
-def _record(frame: FreezeFrame) -> bytes:
+    """Subfunction 0x04: the freeze frame of one code, as parameters under 0xF4xx."""
+    dtc, number = _find(wanted, state), wanted[3]
+    if number not in (FIRST, SNAPSHOT, ALL_RECORDS):
+        raise RefusedError(OUT_OF_RANGE)
+    told = dtc_bytes(dtc.code) + bytes((dtc.status,))
+    frame = state.store.freeze_frames.get(dtc.code)
+    if frame is None:
+        return told
     data = encoded(frame.values)
     rows = [unsigned(PARAMETERS_FROM + pid, 2) + item for pid, item in data.items()]
-    return bytes((len(rows),)) + b"".join(rows)
+    own = FIRST if number == ALL_RECORDS else number
+    return told + bytes((own, len(rows))) + b"".join(rows)
 
 
 def _extended_data(wanted: bytes, state: State) -> bytes:

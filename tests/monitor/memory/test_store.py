@@ -71,7 +71,7 @@ saved_stores = st.builds(
         quantities,
     ),
     st.frozensets(tests),
-).map(lambda saved: replace(saved, latest_frames=saved.freeze_frames[1:]))
+)
 
 
 def reopened(path: Path) -> Saved:

@@ -64,7 +64,7 @@ def test_every_report_of_codes_is_answered_or_refused(subfunction: int) -> None:
         assert found == bytes((0x7F, 0x19, 0x12))
 
 
-def test_a_code_has_its_first_and_its_latest_freeze_frame(tmp_path: Path) -> None:
+def test_a_code_keeps_the_freeze_frame_of_its_first_failure(tmp_path: Path) -> None:
     # GIVEN a code that failed at 1000 and again at 3000 rpm, stored and loaded again
     store = DtcStore()
     store.fail("slow_symmetric", 1)
@@ -75,7 +75,7 @@ def test_a_code_has_its_first_and_its_latest_freeze_frame(tmp_path: Path) -> Non
     with closing(Memory(tmp_path / "o2.db")) as memory:
         vehicle = Vehicle()
         vehicle.state.store = DtcStore(memory.load())
-    # THEN UDS reads both, and J1979 the first
+    # THEN UDS and J1979 read the first
     codec = {"default": "2s"}
     read = told(
         Subfunction.reportDTCSnapshotRecordByDTCNumber,
@@ -84,8 +84,5 @@ def test_a_code_has_its_first_and_its_latest_freeze_frame(tmp_path: Path) -> Non
         didconfig=codec,
     )
     frames = {s.record_number: (s.did, s.raw_data) for s in read.dtcs[0].snapshots}
-    assert frames == {
-        0x00: (0xF40C, (4 * 1000).to_bytes(2, "big")),
-        0xF0: (0xF40C, (4 * 3000).to_bytes(2, "big")),
-    }
+    assert frames == {0x00: (0xF40C, (4 * 1000).to_bytes(2, "big"))}
     assert (ask("02 0C 00", vehicle) or "").endswith("0f a0")
