@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -23,15 +23,12 @@ from monitor.model.step import Model, to_model_units
 from training.narx.export import Network, save
 from training.narx.model_file import measures, shape_of
 from training.narx.network import Spec
-from training.narx.search.stages import N_SAMPLES, Trained, free_run, train
-from training.narx.search.structure import SEARCHED
+from training.narx.search.stages import HORIZONS, N_SAMPLES, Trained, free_run, train
+from training.narx.search.structure import FOLDS
 from training.narx.work import Work
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, Samples
 from training.recordings.samples.transforms import apply
-
-MOST_TWINS: Final = 4  # with more recordings, each twin misses several
-BLOCKS: Final = 5  # of a single recording, each missed by one twin
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,17 +53,6 @@ class CrossFit:
     data: Prepared  # with the samples as they were recorded
     predicted: FloatArray  # (n,) in model units, NaN where no twin predicts
     twins: tuple[Twin, ...]
-
-    def of_recording(self, number: int) -> FloatArray:
-        """Return the unseen free run over a recording's rows (n,) in model units, NaN where none.
-
-        number : of the recording in ``data.recordings``
-        """
-        run = np.full(len(self.data.recordings[number].values), np.nan)
-        for s in self.data.segments:
-            if s.recording == number:
-                run[s.first : s.first + s.stop - s.start] = self.predicted[s.start : s.stop]
-        return run
 
     def unseen(self, card: ModelCard) -> Iterator[tuple[Model, list[Recording]]]:
         """Yield each twin as a model with the parts of recordings that it did not see.
@@ -110,8 +96,9 @@ def cross_fit(
 ) -> CrossFit:
     """Train a twin of the shape ``spec`` without each recording and let it run over that one.
 
-    A single recording is cut into five blocks. Recordings that only validate are left with all
-    twins. A twin for which too few samples are left is not trained.
+    A single recording is cut into four blocks; of more than four recordings each twin misses
+    several. Recordings that only validate are left with all twins. A twin for which too few samples
+    are left is not trained.
     work : budget, of which each twin has an equal part
     """
     recorded = replace(data, samples=_as_recorded(data))
@@ -163,8 +150,8 @@ def _left_out(data: Prepared) -> list[BoolArray]:
     ]
     if len(numbers) == 1:
         own = np.flatnonzero(_of_recordings(data, numbers))
-        return [np.isin(np.arange(len(data.role)), part) for part in np.array_split(own, BLOCKS)]
-    groups = np.array_split(np.array(numbers), min(len(numbers), MOST_TWINS))
+        return [np.isin(np.arange(len(data.role)), part) for part in np.array_split(own, FOLDS)]
+    groups = np.array_split(np.array(numbers), min(len(numbers), FOLDS))
     return [_of_recordings(data, group.tolist()) for group in groups]
 
 
@@ -196,7 +183,7 @@ def _trained(
             spec,
             seed,
             work,
-            horizons=SEARCHED,
+            horizons=HORIZONS[:-1],
             n_samples=N_SAMPLES,
             decay=decay,
         )

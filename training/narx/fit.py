@@ -18,8 +18,8 @@ from training.narx.model_file import HeldOut, held_out, write_model
 from training.narx.network import Spec
 from training.narx.search.folds import folds_of, free_folds, trained_on_all
 from training.narx.search.mean import NetworkChoice, choose
-from training.narx.search.stages import N_SAMPLES, Trained, free_run, train
-from training.narx.search.structure import MEMBERS, Search, Try
+from training.narx.search.stages import N_SAMPLES, Trained, train
+from training.narx.search.structure import FOLDS, Search, Try
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role, prepare
 
@@ -27,10 +27,8 @@ if TYPE_CHECKING:
     from training.recordings.recording import Recording
 
 LAGS, HIDDEN = 5, (8, 8)  # of the paper's network
-SEARCH_SHARE = 0.6  # of the work is the search, the rest trains the members of the mean
-FOLDS = 4  # at most, of a search: as many as the samples of one candidate allow
-CROSS_FIT_SHARE = 0.5  # of the work is that of the twins
 STARTS = 3  # trainings from different random weights
+PARTS = 3  # of equal work: the search, the members of its mean, the twins
 ENDED_EARLY = "the wall limit ended the training early: it would end elsewhere on another machine"
 SAMPLES_PER_WEIGHT = 10  # with fewer the network overfits
 
@@ -122,7 +120,7 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     seed, threads = options.seed, options.threads
     began_s = time.monotonic()
     whole = Work.of_minutes(options.budget_minutes, options.wall_minutes)
-    work = whole.up_to((1.0 - CROSS_FIT_SHARE) * whole.limit)
+    work = whole.up_to(whole.limit * (PARTS - 1) / PARTS)
     data = source.prepared(options.lags or LAGS, seed)
     if options.lags is None and options.hidden is None:
         data, chosen, tries = _searched(source, data, options, work)
@@ -134,25 +132,18 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
             f"the budget of {options.budget_minutes:g} min ended before the first epoch"
         )
     whole.join([work])
-    spare = whole.up_to(CROSS_FIT_SHARE / (1.0 - CROSS_FIT_SHARE) * work.spent)
-    twins = cross_fit(
-        data,
-        chosen.best_member.spec,
-        decay=chosen.best_member.decay,
-        seed=seed,
-        work=spare,
-        threads=threads,
-    )
-    whole.join([spare])
-    written = _write(out, data, chosen, twins, whole)
+    best = chosen.best_member
+    twins = cross_fit(data, best.spec, decay=best.decay, seed=seed, work=whole, threads=threads)
+    unseen = twins.to_card()
+    network, card, run = write_model(out, data, chosen.model, chosen.gap, unseen, whole)
     return FitResult(
         path=Path(out),
-        card=written.card,
-        network=written.network,
+        card=card,
+        network=network,
         data=data,
         starts=chosen.starts,
         best=chosen.best,
-        predicted=written.predicted,
+        predicted=run,
         held_out=held_out(data),
         unseen=twins,
         tries=tries,
@@ -161,7 +152,7 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
             *warnings,
             *_training_warnings(chosen, data.memory),
             *([ENDED_EARLY] if whole.ended_by_wall else []),
-            *_parity_warnings(written.card),
+            *_parity_warnings(card),
         ),
     )
 
@@ -182,12 +173,12 @@ def _searched(
     folds = folds_of(data, (source.prepared(LAGS, seed + i) for i in range(1, count)))
     keep = source.validate or options.keep_validation
     free = 1 if keep else free_folds(folds)
-    searching = work.up_to(SEARCH_SHARE * work.limit)
+    searching = work.up_to(work.limit / (PARTS - 1))
     search = Search(folds, seed, searching, options.threads, options.tried, options.progress)
     search.run()
     work.join([searching])
     chosen = choose(
-        data, search.members(free, work, options.starts or MEMBERS), seed, work, join=True
+        data, search.members(free, work, options.starts or FOLDS), seed, work, join=True
     )
     return (trained_on_all(data) if free > 1 else data), chosen, tuple(search.ranked)
 
@@ -207,34 +198,6 @@ def _trained(data: Prepared, options: FitOptions, work: Work) -> NetworkChoice:
         found = list(pool.map(one, range(count)))
     work.join(parts)
     return choose(data, found, options.seed, work, join=False)
-
-
-@dataclass(frozen=True, slots=True)
-class _Written:
-    """The model file's card and network, and their free run."""
-
-    card: ModelCard
-    network: Network
-    predicted: FloatArray  # (n,) in model units
-
-
-def _write(
-    out: Path | str, data: Prepared, chosen: NetworkChoice, twins: CrossFit, work: Work
-) -> _Written:
-    model = chosen.model
-    predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
-    network, card = write_model(
-        out,
-        data,
-        spec=model.spec,
-        weights=model.weights,
-        predicted=predicted,
-        gap=chosen.gap,
-        members=model.members,
-        unseen=twins.to_card(),
-        work=work,
-    )
-    return _Written(card, network, predicted)
 
 
 def _size_warnings(data: Prepared, spec: Spec) -> list[str]:

@@ -13,9 +13,9 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import from_model_units
 from training.narx.export import Network, save
-from training.narx.network import Spec
 from training.narx.parity import parity
 from training.narx.search.stability import Contraction
+from training.narx.search.stages import Trained, free_run
 from training.narx.work import Work
 from training.recordings import metrics
 from training.recordings.recording import training_recording
@@ -80,39 +80,43 @@ def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[st
 def write_model(
     out: Path | str,
     data: Prepared,
-    spec: Spec,
-    weights: FloatArray,
-    predicted: FloatArray,
+    model: Trained,
     gap: Contraction,
-    members: int = 1,
     unseen: Mapping[str, Any] | None = None,
     work: Work | None = None,
-) -> tuple[Network, ModelCard]:
-    """Write trained weights as a model file; return its network and its card.
+) -> tuple[Network, ModelCard, FloatArray]:
+    """Write a training as a model file; return its network, its card and its free run.
 
-    predicted : (n,) free run over ``data.samples`` in model units, for the card's measures
-    members : number of trainings whose mean the weights are, for the card
     unseen : measures of twins that did not see what they predict, for the card
     work : of the training, for the card
+    The free run is that over ``data.samples``, (n,) in model units, NaN at the beginnings.
     Raises ModelError if ONNX and numpy disagree.
     """
     network = Network(
-        spec=spec,
-        weights=weights,
+        spec=model.spec,
+        weights=model.weights,
         scaling=data.scaling,
         transform=data.transform,
         transforms=data.transforms,
         inputs=data.names,
     )
+    predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
     checks: dict[str, Any] = {"contraction": gap.to_card()}
     if work:
         checks["work"] = {"counted": work.spent, "ended_by_wall": work.ended_by_wall}
-    save(out, network, _card(data, network, predicted, checks, members))
-    checks["parity"] = _parity(out, network, data)
-    card = _card(data, network, predicted, checks, members)
-    card = replace(card, fit={**card.fit, **({"unseen": dict(unseen)} if unseen else {})})
+    card = card_of(
+        data,
+        predicted,
+        kind="narx",
+        transforms=data.transforms,
+        checks=checks,
+        **shape_of(network, model.members),
+    )
     save(out, network, card)
-    return network, card
+    checks = {**checks, "parity": _parity(out, network, data)}
+    card = replace(card, checks=checks, fit={**card.fit, **({"unseen": unseen} if unseen else {})})
+    save(out, network, card)
+    return network, card, predicted
 
 
 def _parity(out: Path | str, network: Network, data: Prepared) -> dict[str, float]:
@@ -128,18 +132,6 @@ def _parity(out: Path | str, network: Network, data: Prepared) -> dict[str, floa
         "onnx_numpy": result.onnx_numpy,
         "tolerance": result.tolerance,
     }
-
-
-def _card(
-    data: Prepared,
-    network: Network,
-    predicted: FloatArray,
-    checks: Mapping[str, Any],
-    members: int,
-) -> ModelCard:
-    shape = shape_of(network, members)
-    own = {"kind": "narx", "transforms": data.transforms, "checks": dict(checks)}
-    return card_of(data, predicted, **own, **shape)
 
 
 def shape_of(network: Network, members: int = 1) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from training.narx.model_file import held_out, write_model
 from training.narx.network import Spec, describe
 from training.narx.search.mean import mean_of
 from training.narx.search.stability import CONTRACTION_SAMPLES, contraction
-from training.narx.search.stages import blocks_of, free_run, train
+from training.narx.search.stages import Trained, blocks_of, train
 from training.narx.work import Work
 from training.recordings.samples.preparation import Role
 from training.study.free_runs import FreeRun, judged_on
@@ -210,8 +210,7 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
     """Write ``model.onnx`` with decision limits in its card; return them."""
     data, model, path = task.data, chosen(task, parts), task.folder / "model.onnx"
     gap = contraction(data, model.spec, model.weights, task.settings.seed)
-    predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
-    _, card = write_model(path, data, model.spec, model.weights, predicted, gap)
+    _, card, _ = write_model(path, data, Trained(model.spec, model.weights, np.inf), gap)
     warnings = []
     if not gap.gap <= gap.limit:
         warnings.append(

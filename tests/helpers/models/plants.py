@@ -4,11 +4,14 @@ They are continuous (exact solutions by scipy between the samples, dead times th
 number of samples) or nonlinear tanks.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.signal import cont2discrete, dlsim, lfilter
 
 from monitor.base.types import FloatArray
-from training.narx.linear.regressors import Stretch
+from training.narx.linear.arx import Arx, solve_arx
+from training.narx.linear.regressors import Stretch, triangle
 
 RNG = np.random.default_rng
 PERIOD_S = 0.1
@@ -72,3 +75,8 @@ def modes(n: int, rng: np.random.Generator, poles: FloatArray, disturbed: float)
     driven = np.column_stack([u, disturbed * rng.standard_normal(n)])
     y = dlsim(discrete, driven)[1][:, 0]
     return u, y + 0.2 * disturbed * rng.standard_normal(n)
+
+
+def fit_arx(records: Sequence[Stretch], na: int, nb: int, *delays: int) -> Arx:
+    """The least-squares ARX model with orders ``na`` and ``nb`` and a dead time for each input."""
+    return solve_arx(triangle(records, na, max(delays) + nb - 1), na, nb, delays)

@@ -10,11 +10,12 @@ from tests.helpers.models.plants import (
     RNG,
     coloured,
     continuous,
+    fit_arx,
     held_steps,
     modes,
     two_inputs,
 )
-from training.narx.linear.arx import Arx, arx_delays, fit_arx, order_grid
+from training.narx.linear.arx import Arx, arx_delays, order_grid
 from training.narx.linear.free_run import free_run_error, free_runs
 from training.narx.linear.output_error import OutputError, fit_output_error, refine
 from training.narx.linear.regressors import Stretch, triangle
@@ -69,7 +70,7 @@ def test_no_regressor_reaches_across_a_gap() -> None:
             targets.append(y[t])
     theta = np.linalg.lstsq(np.array(rows), np.array(targets), rcond=None)[0]
     # WHEN the model is fitted
-    model = fit_arx(stretches, 2, 3, (1, 3))
+    model = fit_arx(stretches, 2, 3, 1, 3)
     # THEN it is the least-squares solution of just these
     assert np.allclose(np.concatenate([[model.offset], *model.b, model.a]), theta, atol=1e-9)
 
@@ -107,7 +108,7 @@ def test_criteria_choose_sensible_orders() -> None:
     # and every loss is that of the model fitted by itself
     for c in (mdl, aic, best):
         u, y = stretches[1]
-        model = fit_arx(stretches[:1], c.na, c.nb, c.delays)
+        model = fit_arx(stretches[:1], c.na, c.nb, *c.delays)
         error = (y - model.predict(u, y))[24:]
         assert np.mean(error**2) == pytest.approx(c.validation_loss, rel=0.01)
 
@@ -159,7 +160,7 @@ def test_output_error_reaches_in_ten_steps_what_numerical_least_squares_reaches(
     # GIVEN a start by ARX on noisy samples, two inputs, initial conditions unknown
     u, y = two_inputs(700, 21, noise=0.0)
     y += 0.3 * RNG(22).standard_normal(700)
-    start, skip = fit_arx([(u, y)], 3, 4, (4, 2)), 15
+    start, skip = fit_arx([(u, y)], 3, 4, 4, 2), 15
 
     def error(theta: FloatArray) -> FloatArray:
         model = Arx(theta[:3], theta[4:].reshape(2, 4), start.delays, theta[3])

@@ -10,9 +10,9 @@ import pytest
 from scipy.signal import lfilter
 
 from monitor.base.errors import RecordingError
-from tests.helpers.models.plants import PERIOD_S, RNG, modes, tank, two_inputs
+from tests.helpers.models.plants import PERIOD_S, RNG, fit_arx, modes, tank, two_inputs
 from training.narx.fit import FitOptions
-from training.narx.linear.arx import choose_arx, fit_arx
+from training.narx.linear.arx import choose_arx
 from training.narx.linear.free_run import free_run_error
 from training.narx.linear.regressors import Stretch
 from training.narx.linear.responses import independence, whiteness
@@ -133,7 +133,7 @@ def test_the_reference_arx_is_the_best_free_run_of_the_grid(plants: list[Stretch
     error = free_run_error(chosen, validate, 16)
     for order in (1, 2, 4, 8):
         for delay in (0, 1, 3):
-            rival = fit_arx(train, order, order, delay)
+            rival = fit_arx(train, order, order, delay, delay)
             assert error <= 1.001 * free_run_error(rival, validate, 16)
     assert error < 0.05**2 * 1.5  # near the noise
 

@@ -7,7 +7,7 @@ from threading import Lock
 from typing import TextIO
 
 from training.cli.console.progress import Progress
-from training.narx.search.stages import EPOCHS
+from training.narx.search.stages import EPOCHS, HORIZONS
 from training.narx.search.structure import Try
 
 
@@ -26,7 +26,7 @@ class Bar(Progress):
     ) -> None:
         super().__init__(out, monotonic_s, unit="epoch")
         self._lock, self._tries = Lock(), 0
-        self._before = {h: sum(n for g, n in EPOCHS.items() if g < h) for h in EPOCHS}
+        self._before = {h: EPOCHS * i for i, h in enumerate((1, *HORIZONS))}
         self._at: dict[int, int] = {}
         self._best = float("inf")
         self._first_s: float | None = None  # when the first epoch ended
@@ -52,7 +52,7 @@ class Bar(Progress):
 
     @property
     def _total(self) -> int:
-        return len(self._at) * sum(EPOCHS.values())
+        return len(self._at) * EPOCHS * len(self._before)
 
     @property
     def left_s(self) -> float:

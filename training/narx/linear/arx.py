@@ -80,17 +80,6 @@ class Arx:
         return np.asarray(predicted)
 
 
-def fit_arx(records: Sequence[Stretch], na: int, nb: int, nk: int | Sequence[int]) -> Arx:
-    """Return the least-squares ARX model with orders ``na`` and ``nb``.
-
-    nk : dead time in samples, one number for all inputs or one per input
-    Raises RecordingError if the records hold too few samples.
-    """
-    n_inputs = records[0][0].shape[1]
-    delays = (nk,) * n_inputs if isinstance(nk, int) else tuple(nk)
-    return solve_arx(triangle(records, na, max(delays) + nb - 1), na, nb, delays)
-
-
 def solve_arx(data: Triangle, na: int, nb: int, delays: Sequence[int]) -> Arx:
     """Return the least-squares ARX model from condensed samples with at least its lags."""
     theta = data.solve(_columns(data, na, nb, delays))

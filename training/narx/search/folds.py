@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from training.narx.search.structure import FAR
+from training.narx.search.structure import LADDERS
 from training.recordings.samples.preparation import Prepared, Role
 
 LIMIT_SAMPLES: Final = 500  # ten windows, with which limits can be set
@@ -34,7 +34,7 @@ def _scored(data: Prepared) -> int:
     """Return the validation samples that even the longest memory lets score."""
     late = np.zeros(len(data.role), dtype=bool)
     for segment in data.segments:
-        late[segment.start + max(FAR) : segment.stop] = True
+        late[segment.start + LADDERS["longest"][-1] : segment.stop] = True
     held_out = (data.role == Role.VALIDATE) & (data.samples.weight > 0.0)
     return int((held_out & late).sum())
 

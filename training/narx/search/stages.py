@@ -1,8 +1,8 @@
 """The stages of one training: series-parallel, then closed loop over growing horizons.
 
 A good one-step prediction says nothing about free run, and the full horizon can hurt. So free-run
-validation judges every stage, and the training keeps the best weights of all stages. From horizon
-20 on, some stretches begin with a random history. They are scored only after the model should have
+validation judges every stage, and the training keeps the best weights of all stages. In closed
+loop some stretches begin with a random history. They are scored only after the model should have
 forgotten it, so that the network learns to forget.
 """
 
@@ -22,13 +22,10 @@ from training.narx.search.stability import contraction
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role
 
-HORIZONS = (5, 20, 100, 1000)
-EPOCHS = {1: 20, 5: 15, 20: 15, 100: 20, 1000: 30}  # most epochs of each stage
+HORIZONS = (20, 100, 1000)  # samples
+EPOCHS = 20  # most of each stage
 N_SAMPLES = 30_000  # training samples of horizons below 100, and of a candidate of the search
-WARM_UP = 1000  # most samples of free run before a block is scored
-FORGET_FROM = 20  # horizon from which random histories take part
-FORGET = 0.6  # of the memory: after it a random history must no longer matter
-RANDOM_LENGTH = 1.6  # of the memory: a stretch that starts from a random history
+FORGET = 0.6  # of the memory: after it a random history must no longer matter; one memory is scored
 RANDOM_SHARE = 0.15  # of the training samples
 LESS_FEEDBACK = 0.8  # factor of the weights on the model's output, repeated until it forgets
 SAFELY = 0.5  # share of the limit to reach, because the final check draws other histories
@@ -78,13 +75,13 @@ def free_run_score(
 def blocks_of(
     data: Prepared, spec: Spec, role: Role = Role.VALIDATE, memory: int = 0
 ) -> ClosedLoop:
-    """Return the free run over every block of ``role``, begun ``WARM_UP`` samples before it.
+    """Return the free run over every block of ``role``, begun up to 1,000 samples before it.
 
     memory : first samples of a segment that are not scored, at least the model's memory
     Raises RecordingError if no block is longer than the model's memory.
     """
     found = [
-        (max(low, first - WARM_UP), stop, max(0, first - max(low, first - WARM_UP)))
+        (begin := max(low, first - HORIZONS[-1]), stop, first - begin)
         for low, first, stop in _blocks(data, max(spec.memory, memory), role)
     ]
     if not found:
@@ -135,7 +132,7 @@ def random_pieces(data: Prepared, spec: Spec, rng: np.random.Generator, n_sample
     There are ``n_samples`` in all, none if a model need not forget its history. A stretch is scored
     from the sample on at which the history must be forgotten.
     """
-    length, skip = max(1, round(RANDOM_LENGTH * data.memory)), round(FORGET * data.memory)
+    length, skip = max(1, round((1.0 + FORGET) * data.memory)), round(FORGET * data.memory)
     count = int(n_samples / length) if data.memory else 0
     train = pieces(data, spec, length)
     whole = np.flatnonzero(train.stop - train.start == length)
@@ -178,7 +175,7 @@ def train(
     for horizon in horizons:
         early = N_SAMPLES if horizon < 100 else sys.maxsize
         cut = pieces(data, spec, horizon, min(early, n_samples or early))
-        taken = cut + random if horizon >= FORGET_FROM else cut
+        taken = cut + random if horizon > 1 else cut
         objective = ClosedLoop(spec, data.samples, taken, decay=decay)
         meter = work.on(objective.n_samples, spec.n_weights)
         if meter.is_over():
@@ -188,10 +185,7 @@ def train(
         outcome = minimise(
             objective,
             weights,
-            LmOptions(
-                epochs=EPOCHS.get(horizon, EPOCHS[1000]),
-                max_fail=MAX_FAIL if horizon > 1 else EPOCHS[1],
-            ),
+            LmOptions(epochs=EPOCHS, max_fail=MAX_FAIL if horizon > 1 else EPOCHS),
             validate=validation.score,
             meter=meter,
             progress=_tell(progress, horizon, best),
@@ -220,7 +214,7 @@ def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) 
         layers(spec, weights)[0][0][:, -spec.lags :] *= LESS_FEEDBACK
         if spec.linear_path:
             linear_path(spec, weights)[-spec.lags :] *= LESS_FEEDBACK
-    length = max(100, round(RANDOM_LENGTH * data.memory))
+    length = max(100, round((1.0 + FORGET) * data.memory))
     n_samples = int((data.role == Role.TRAIN).sum())
     many = random_pieces(data, spec, np.random.default_rng(seed), n_samples)
     objective = ClosedLoop(
@@ -230,7 +224,7 @@ def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) 
     outcome = minimise(
         objective,
         weights,
-        LmOptions(epochs=EPOCHS[100], max_fail=MAX_FAIL),
+        LmOptions(epochs=EPOCHS, max_fail=MAX_FAIL),
         lambda w: validation.score(w) if forgets(w) else np.inf,
         work.on(objective.n_samples, spec.n_weights),
     )

@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any, Final
 
@@ -21,7 +22,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.narx.network import Spec
-from training.narx.search.stages import N_SAMPLES, Trained, blocks_of, train
+from training.narx.search.stages import HORIZONS, N_SAMPLES, Trained, blocks_of, train
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role
 
@@ -31,14 +32,11 @@ LADDERS: Final[dict[str, tuple[Any, ...]]] = {
     "hidden": ((), (3,), (5,), (8,), (12,), (20,)),
     "decay": (1e-6, 1e-5, 1e-4, 1e-3, 1e-2),
 }
-FAR: Final = (5, 34, 12, 60)  # longest lags at first: all of a dead time shows, or nothing of it
+FOLDS: Final = 4  # at most, and members of the mean, about
 SINGLE_LAGS: Final = 8  # boxes are single lags up to here, then they widen
 WIDENING: Final = 1.35
-SEARCHED: Final = (20, 100)  # horizons of a candidate
-LONG: Final = (100, 1000)  # and of the members of the mean
 SAMPLES_PER_WEIGHT: Final = 2.0  # below this a candidate is not tried
 SAMPLES_PER_LAG: Final = 20
-MEMBERS: Final = 4  # of the mean, about
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +127,9 @@ class Search:
         data = folds[0]
         self.n_train = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
         longest = max(s.stop - s.start for s in data.segments)
-        self.most_lags = int(min(self.n_train / SAMPLES_PER_LAG, longest / 2, max(FAR)))
+        self.most_lags = int(
+            min(self.n_train / SAMPLES_PER_LAG, longest / 2, LADDERS["longest"][-1])
+        )
 
     @property
     def ranked(self) -> list[Try]:
@@ -138,8 +138,8 @@ class Search:
 
     def run(self) -> None:
         """Try candidates until no neighbour of the best one is left, or the work is used up."""
-        first = Structure()
-        begin = [replace(first, longest=longest) for longest in FAR]
+        first, ladder = Structure(), LADDERS["longest"]  # a dead time shows whole, or not at all
+        begin = [replace(first, longest=n) for n in ladder[ladder.index(first.longest) :: 2]]
         begin = [c for c in begin if self._possible(c)] or [Structure(1, 1, ())]
         while begin and not self.work.is_over():
             self._try(begin)
@@ -154,30 +154,36 @@ class Search:
         return self.n_train >= SAMPLES_PER_WEIGHT * spec.n_weights and spec.memory <= self.most_lags
 
     def _try(self, candidates: Sequence[Structure]) -> None:
-        """Train the candidates on every fold; the first of all however late it is."""
+        """Train the candidates on every fold; one that the work cuts short is left out.
+
+        The very first one counts all the same.
+        """
         for structure in candidates:
             if self.tries and self.work.is_over():
                 return
-            jobs = [structure] * len(self.folds)
+            parts = self.work.split(len(self.folds))
             with ThreadPoolExecutor(self.threads) as pool:
-                found = list(pool.map(self._short, jobs, range(len(jobs))))
-            self.work.join([work for _, work in found])
-            self.tries[structure] = done = self._judged(structure, [t for t, _ in found])
+                found = list(pool.map(partial(self._short, structure), range(len(parts)), parts))
+            self.work.join(parts)
+            if self.tries and any(part.is_over() for part in parts):
+                self.work.is_used_up = True
+                return
+            self.tries[structure] = done = self._judged(structure, found)
             if self.tried:
                 self.tried(done)
 
-    def _short(self, structure: Structure, fold: int) -> tuple[Trained, Work]:
-        work, data = Work(), self.folds[fold]
+    def _short(self, structure: Structure, fold: int, work: Work) -> Trained:
+        data = self.folds[fold]
         trained = train(
             data,
             structure.spec(data),
             seed=self.seed + fold,
             work=work,
-            horizons=SEARCHED,
+            horizons=HORIZONS[:-1],
             n_samples=N_SAMPLES // len(self.folds),
             decay=structure.decay if structure.hidden else 0.0,
         )
-        return replace(trained, fold=fold), work
+        return replace(trained, fold=fold)
 
     def _judged(self, structure: Structure, trained: Sequence[Trained]) -> Try:
         longest = max(self.most_lags, trained[0].spec.memory)
@@ -187,7 +193,7 @@ class Search:
         shares = weights / weights.sum()
         return Try(structure, tuple(trained), np.concatenate(errors), shares)
 
-    def members(self, free: int, work: Work, count: int = MEMBERS) -> list[Trained]:
+    def members(self, free: int, work: Work, count: int = FOLDS) -> list[Trained]:
         """Return about ``count`` trainings of the best structures, trained on.
 
         free : folds, the first ones, on which they may be trained
@@ -205,7 +211,7 @@ class Search:
                 self.seed + old.fold,
                 parts[number],
                 (lambda h, e, s: told(number, h, e, s)) if told else None,
-                horizons=LONG,
+                horizons=HORIZONS[1:],
                 decay=old.decay,
                 weights=old.weights,
             )
