@@ -81,8 +81,11 @@ def run(args: DoctorOptions) -> int:
     found = [*_scan(args, interface)] if args.scan else []
     found = found or [*(of_interface(interface) if interface else ())]
     found = found or [*_listened(args, interface)]
-    for number, each in enumerate(found, 1):
-        say("\n   -> ".join([f"{number}. {each.lines[0]}", each.lines[1]]))
+    by_remedy: dict[str, list[str]] = {}
+    for said, remedy in (each.lines for each in found):
+        by_remedy.setdefault(remedy, []).append(said)
+    for number, (remedy, each) in enumerate(by_remedy.items(), 1):
+        say("\n   ".join([f"{number}. {each[0]}", *each[1:], f"-> {remedy}"]))
     if not found:
         say("nothing wrong was found")
     return NOT_JUDGED if found else 0

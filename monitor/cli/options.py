@@ -160,11 +160,7 @@ def tell_if_too_slow(args: ObdOptions, setup: "Setup", tell: Callable[[str], Non
 
 
 def set_up(
-    args: SetupOptions,
-    columns: Path | None = None,
-    *,
-    obd: bool = False,
-    judges: bool = True,
+    args: SetupOptions, columns: Path | None = None, *, obd: bool = False, judges: bool = True
 ) -> "Setup":
     """Load the files of the options; raises O2Error if one is unusable.
 
@@ -210,7 +206,6 @@ def write_outputs(
             args.html,
             result,
             traces,
-            title="Oxygen sensor monitor",
             model_info=model_info(setup),
             output=predicted_quantity(setup),
             steps=steps,
@@ -254,4 +249,6 @@ def open_bus(args: argparse.Namespace) -> "can.BusABC":
         where = bus_name(args) or "no -i and -c given"
         cause = error.__cause__ or error
         reason = str(cause) or type(cause).__name__
+        if "msgpack" in reason:
+            reason += ": pip install '.[multicast]' in the project's folder"
         raise BusError(f"cannot open the bus ({where}): {reason}") from None

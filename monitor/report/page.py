@@ -32,7 +32,7 @@ def write_report(
     result: Mapping[str, Any],
     traces: Sequence[Trace],
     *,
-    title: str,
+    title: str = "Oxygen sensor monitor",
     model_info: Mapping[str, str],
     output: str = "lambda",
     steps: Mapping[str, str] | None = None,
