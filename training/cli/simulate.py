@@ -117,10 +117,7 @@ def run(args: SimulateCommand) -> int:
             f"--fault {downstream_fault.name}: only of a downstream sensor that switches"
         )
     hidden = effects.from_severities(dict(map(_severity, args.effect)))
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"{args.out}: {error.strerror}") from None
+    args.out.mkdir(parents=True, exist_ok=True)
     seeds = range(args.seed, args.seed + args.count)
     for seed in tqdm(seeds, unit="drive", disable=args.count == 1):
         experiment = Experiment(

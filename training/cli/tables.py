@@ -12,6 +12,7 @@ from training.api.parameters import TableParameters
 from training.cli.options import Folder, GridOptions, load_all
 
 WIDENED = 1.05  # of which a line is worth telling
+NAMES = ("lambda_[dl]*", "wall_film_*", "injector_[df]*", "sensor_lag*")  # of the tables' files
 
 if TYPE_CHECKING:
     from training.recordings.ecu_table import EcuTable, TableAxes
@@ -41,6 +42,13 @@ class TablesCommand(TableParameters, GridOptions):
     rough: bool = False
 
 
+def also_written(args: TablesCommand) -> list[Path]:
+    """Return the files that the command writes; tables in a folder of its own are its own, too."""
+    own = [args.out / "report.html", args.out / "tables.json"]
+    each = () if own[1].exists() else (path for name in NAMES for path in args.out.glob(name))
+    return [*own, *each]
+
+
 def run(args: TablesCommand) -> int:
     """Estimate lambda delay and lag, wall film, injector dead time and flow, and the sensor's own
     lag from recordings of one car. Each cell has an estimate, a 90 % interval and its number of
@@ -62,7 +70,7 @@ def run(args: TablesCommand) -> int:
     load = {"kpa": "manifold_pressure_kpa", "mg": "air_mass_mg", None: None}[args.load]
     subject = signals.subject_of(recordings, load, args.displacement_l, args.cylinders)
     axes = axes_for(args.axes, subject.load)
-    _make_folder(args.out)
+    args.out.mkdir(parents=True, exist_ok=True)
     with Share("tables") as bar:
         fitted = fit.fit(subject, bar.update)
     strict, rough = config.defaults(), config.rough()
@@ -111,13 +119,6 @@ def axes_for(path: Path | None, load: str) -> "TableAxes":
     from training.recordings.ecu_table import axes_of
 
     return axes_of(load) if path is None else axes_of(load, *read_axes(path))
-
-
-def _make_folder(path: Path) -> None:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"{path}: {error.strerror}") from None
 
 
 def summary(made: "list[EcuTable]", rough: "list[EcuTable]") -> list[str]:

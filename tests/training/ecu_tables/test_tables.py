@@ -190,6 +190,10 @@ def test_a_log_without_fuel_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
     path.write_text(f"time_s,engine_speed_rpm,lambda_measured,manifold_pressure_kpa\n{rows}\n")
     assert main(["tables", str(path), "--out", str(tmp_path / "out")]) == 2
     assert "injector_pulse_width_ms or fuel_mass_mg" in capsys.readouterr().err
+    # AND a file of somebody else in the folder is left as it is
+    (tmp_path / "lambda_delay.csv").write_text("mine")
+    assert main(["tables", str(path), "--out", str(tmp_path)]) == 2
+    assert "lambda_delay.csv: is there already" in capsys.readouterr().err
 
 
 def test_a_log_without_a_usable_sample_is_refused_with_the_reasons(
