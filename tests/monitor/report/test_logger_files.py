@@ -79,9 +79,7 @@ def torque(path: Path, **more: np.ndarray | list[str]) -> Path:
     return write_text_table(path, {"Device Time": clock, **names, **more})
 
 
-def test_check_says_profile_column_unit_range_and_what_is_missing(
-    tmp_path: Path, capsys: Capture
-) -> None:
+def test_check_says_profile_range_and_what_is_missing(tmp_path: Path, capsys: Capture) -> None:
     lambda_ = {LAMBDA: drive(300)["afr"] / 14.7}
     path = torque(tmp_path / "drive.csv", **lambda_)
     assert cli.main(["check", str(path)]) == 0
@@ -177,9 +175,7 @@ def test_a_fit_is_recommended_only_where_sensor_and_engine_were_on(
     assert ("of the 100 rows in which the engine runs" in text) == ("learns" in said)
 
 
-def test_times_in_milliseconds_without_their_unit_are_pointed_out(
-    tmp_path: Path, capsys: Capture
-) -> None:
+def test_times_in_ms_without_their_unit_are_pointed_out(tmp_path: Path, capsys: Capture) -> None:
     rows = "\n".join(f"{100 * i},{900 + i},1.0" for i in range(5))
     log = tmp_path / "ms.csv"
     log.write_text(f"time_s,engine_speed_rpm,lambda_measured\n{rows}\n")
