@@ -12,7 +12,7 @@ from monitor.judge import trust
 from monitor.judge.causes.causes import Cause
 from monitor.pipeline.entry import fault_words
 from monitor.report import catalyst, evidence
-from monitor.report.elements import number, path, row, table, term_list, text
+from monitor.report.elements import number, path, table, term_list, text
 from monitor.report.words import (
     CATALYST_ALONE,
     VERDICTS,
@@ -85,13 +85,13 @@ def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
     names = [PurePath(str(r["path"])).name for r in recordings]
     alike = len(set(names)) < len(names)
     rows = [
-        row(
-            ("Recording", f'<a href="#recording-{i}">{path(name)}</a>{_tag(recording)}'),
-            ("Verdict", _badge(recording)),
-            ("Reason", _sentence(recording)),
-            ("Windows", _counts(recording)),
-            ("Enabled", _enabled(recording)),
-        )
+        {
+            "Recording": f'<a href="#recording-{i}">{path(name)}</a>{_tag(recording)}',
+            "Verdict": _badge(recording),
+            "Reason": _sentence(recording),
+            "Windows": _counts(recording),
+            "Enabled": _enabled(recording),
+        }
         for i, recording in enumerate(recordings)
         for name in (recording["path"] if alike else names[i],)
     ]
@@ -101,10 +101,9 @@ def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
         for verdict, (_, label) in VERDICTS.items()
         if verdict in verdicts
     )
-    head = ("Recording", "Verdict", "Reason", "Windows", "Enabled")
     return (
         f'<section><h2>Summary</h2><p class="quiet">{counted(len(recordings), "recording")} · '
-        f"{words}</p>{table(head, rows, 'summary cards')}</section>"
+        f"{words}</p>{table(rows, 'summary cards')}</section>"
     )
 
 
@@ -181,17 +180,16 @@ def _confidence(recording: Mapping[str, Any]) -> str:
 def _causes(recording: Mapping[str, Any]) -> str:
     """Return the causes why a recording was not judged as a table."""
     rows = [
-        row(
-            ("Condition", text(_words(cause["condition"]))),
-            ("Held", _share(cause["held_share"])),
-            ("Signal", f"<code>{text(cause['signal'])}</code>" if cause["signal"] else ""),
-            ("Reason", text(cause["reason"].replace("_", " "))),
-            ("Advice", f'<span class="wide">{text(cause["advice"])}</span>'),
-        )
+        {
+            "Condition": text(_words(cause["condition"])),
+            "Held": _share(cause["held_share"]),
+            "Signal": f"<code>{text(cause['signal'])}</code>" if cause["signal"] else "",
+            "Reason": text(_words(cause["reason"])),
+            "Advice": f'<span class="wide">{text(cause["advice"])}</span>',
+        }
         for cause in recording["not_judged"] or ()
     ]
-    head = ("Condition", "Held", "Signal", "Reason", "Advice")
-    return f"<h3>Why not judged</h3>{table(head, rows, 'cards')}" if rows else ""
+    return f"<h3>Why not judged</h3>{table(rows, 'cards')}" if rows else ""
 
 
 def _share(share: float | None) -> str:
@@ -201,52 +199,48 @@ def _share(share: float | None) -> str:
 def _dtcs(recording: Mapping[str, Any]) -> str:
     if not recording["dtcs"]:
         return '<h3>Trouble codes</h3><p class="quiet">None is pending or confirmed.</p>'
-    rows = []
-    for dtc in recording["dtcs"]:
-        show = ""
-        if dtc.get("t_s") is not None:
-            show = f'<button type="button" data-show="{float(dtc["t_s"])!r}">show</button>'
-        rows.append(
-            row(
-                ("Code", f'<strong class="code">{text(dtc["code"])}</strong>'),
-                ("Fault", f"<code>{text(fault_words(dtc))}</code>"),
-                ("Meaning", text(meaning(names(dtc)))),
-                ("State", text(dtc["state"])),
-                ("Set at", (seconds(dtc) or "earlier driving cycle") + show),
-                (
-                    "Status byte",
-                    f"<code>0x{int(dtc['status']):02X}</code>" if "status" in dtc else "",
-                ),
-            )
-        )
-    return (
-        "<h3>Trouble codes</h3>"
-        + table(("Code", "Fault", "Meaning", "State", "Set at", "Status byte"), rows, "cards")
-        + "".join(
-            f"<h3>What to do about {codes}</h3><p>{text(each.effect)}</p>"
-            f"<p>Likely causes: {text('; '.join(each.causes))}.</p>"
-            f"<p>Next: {text(each.check)}.</p>"
-            for codes, each in advice(recording["dtcs"])
-        )
+    rows = [
+        {
+            "Code": f'<strong class="code">{text(dtc["code"])}</strong>',
+            "Fault": f"<code>{text(fault_words(dtc))}</code>",
+            "Meaning": text(meaning(names(dtc))),
+            "State": text(dtc["state"]),
+            "Set at": _set_at(dtc),
+            "Status byte": f"<code>0x{int(dtc['status']):02X}</code>" if "status" in dtc else "",
+        }
+        for dtc in recording["dtcs"]
+    ]
+    told = "".join(
+        f"<h3>What to do about {codes}</h3><p>{text(each.effect)}</p>"
+        f"<p>Likely causes: {text('; '.join(each.causes))}.</p><p>Next: {text(each.check)}.</p>"
+        for codes, each in advice(recording["dtcs"])
     )
+    return f"<h3>Trouble codes</h3>{table(rows, 'cards')}{told}"
+
+
+def _set_at(dtc: Mapping[str, Any]) -> str:
+    """Return when a code was set, with a button that shows the plots there."""
+    if dtc.get("t_s") is None:
+        return "earlier driving cycle"
+    show = f'<button type="button" data-show="{float(dtc["t_s"])!r}">show</button>'
+    return seconds(dtc) + show
 
 
 def _evidence(recording: Mapping[str, Any]) -> str:
     """Return the evidence about each fault of the response test, folded up."""
     rows = [
-        row(
-            ("Fault", f"<code>{text(fault)}</code>"),
-            ("Evidence", text(amount)),
-            ("Decision", text(left)),
-        )
+        {
+            "Fault": f"<code>{text(fault)}</code>",
+            "Evidence": text(amount),
+            "Decision": text(left),
+        }
         for fault, amount, left in evidence.rows(recording)
     ]
     if not any(each["log_odds"] for each in recording.get("evidence", {}).values()):
         return ""
-    shown = table(("Fault", "Evidence", "Decision"), rows, "cards")
     title = "Evidence about each fault of the response test"
     is_open = " open" if recording["not_judged"] else ""
-    return f"<details{is_open}><summary>{title}</summary>{shown}</details>"
+    return f"<details{is_open}><summary>{title}</summary>{table(rows, 'cards')}</details>"
 
 
 def _behind(recording: Mapping[str, Any]) -> str:
@@ -266,32 +260,30 @@ def _windows(recording: Mapping[str, Any]) -> str:
 
 
 def _enable(recording: Mapping[str, Any]) -> str:
-    conditions = recording.get("enable", {})
-    if not conditions:
-        return ""
     rows = []
-    for name, share in conditions.items():
-        if isinstance(share, str):
-            rows.append(row(("", text(_words(name))), ("", ""), ("", text(share))))
-            continue
-        percent = 100.0 * float(share)
-        bar = (
-            '<svg class="bar" viewBox="0 0 100 8" preserveAspectRatio="none" aria-hidden="true">'
-            f'<rect class="all" width="100" height="8"/><rect width="{percent:.1f}" height="8"/>'
-            "</svg>"
-        )
-        rows.append(row(("", text(_words(name))), ("", bar), ("", f"{percent:.1f} %")))
+    for name, share in recording.get("enable", {}).items():
+        bar, held = "", text(share)
+        if not isinstance(share, str):
+            held = f"{100.0 * share:.1f} %"
+            bar = (
+                '<svg class="bar" viewBox="0 0 1 8" preserveAspectRatio="none" aria-hidden="true">'
+                f'<rect class="all" width="1" height="8"/><rect width="{share:.3f}" height="8"/>'
+                "</svg>"
+            )
+        rows.append({"condition": text(_words(name)), "bar": bar, "held": held})
+    if not rows:
+        return ""
     return (
         "<section><h3>Enable conditions</h3>"
         '<p class="quiet">Share of samples in which each held. A sample is judged when all hold; '
         "one that is unavailable does not block.</p>"
-        f"{table((), rows, 'conditions')}</section>"
+        f"{table(rows, 'conditions', head=False)}</section>"
     )
 
 
 def _counters(recording: Mapping[str, Any]) -> str:
-    rows = [row(("", text(words)), ("", text(n))) for words, n in counted_out(recording)]
-    shown = table((), rows, "counters")
+    rows = [{"what": text(words), "n": text(n)} for words, n in counted_out(recording)]
+    shown = table(rows, "counters", head=False)
     return f"<section><h3>Left out, late or missing</h3>{shown}</section>" if rows else ""
 
 
@@ -363,4 +355,4 @@ def _limits(limits: Mapping[str, Any], unit: str) -> list[tuple[str, str]]:
     if "offset_low" in limits:
         low, high = number(limits["offset_low"]), number(limits["offset_high"])
         words.append(f"offset {low} to {high} {unit}")
-    return [("Limits", ", ".join(words))] if words else []
+    return [("Limits", f'<span class="wide">{", ".join(words)}</span>')] if words else []

@@ -3,7 +3,7 @@
 import html
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 
 def text(value: object) -> str:
@@ -42,23 +42,18 @@ def path(path: object) -> str:
     return re.sub(r"([/\\_])", r"\1<wbr>", text(path))
 
 
-def row(*cells: tuple[str, str]) -> str:
-    """Return a row of a table from (label, HTML) of each cell."""
-    return (
-        "<tr>"
-        + "".join(
-            f'<td data-label="{label}"><div>{cell}</div></td>' if label else f"<td>{cell}</td>"
-            for label, cell in cells
-        )
-        + "</tr>"
-    )
+def table(rows: Sequence[Mapping[str, str]], css_class: str = "", *, head: bool = True) -> str:
+    """Return a table of rows, each HTML by the name of its column; "" without a row.
 
-
-def table(head: Iterable[str], rows: Iterable[str], css_class: str = "") -> str:
-    """Return a table; ``rows`` are HTML."""
-    cells = "".join(f"<th>{text(cell)}</th>" for cell in head)
-    header = f"<thead><tr>{cells}</tr></thead>" if cells else ""
-    return f'<table class="{css_class}">{header}<tbody>{"".join(rows)}</tbody></table>'
+    head : whether the names stand above; on a phone the class ``cards`` sets them beside the cells
+    """
+    if not rows:
+        return ""
+    names = "".join(f"<th>{text(name)}</th>" for name in rows[0])
+    cell = '<td data-label="{}"><div>{}</div></td>'.format
+    body = "".join(f"<tr>{''.join(cell(text(k), v) for k, v in row.items())}</tr>" for row in rows)
+    above = f"<thead><tr>{names}</tr></thead>" if head else ""
+    return f'<table class="{css_class}">{above}<tbody>{body}</tbody></table>'
 
 
 def term_list(facts: Iterable[tuple[str, str]]) -> str:

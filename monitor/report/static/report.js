@@ -99,8 +99,9 @@
         return;
       }
       const window = { stroke: color("measured"), width: 2, paths: uPlot.paths.stepped({ align: 1 }) };
-      const { vehicle_offset: offset, limits } = this.data;
-      for (const [title, height, of, series, axis] of O2.judged(name, offset, limits, [narrow ? 240 : 280, 160, 140], window, range)) {
+      const { vehicle_offset: offset, limits, windows, enabled } = this.data;
+      const judged = O2.judged(name, offset, limits, [narrow ? 240 : 280, 160, 140], window, range);
+      for (const [title, height, of, series, axis] of judged.slice(0, windows.length ? 4 : enabled.length ? 2 : 1)) {
         this.add(title, height, of(c), series, axis);
       }
       this.strip();
