@@ -422,22 +422,21 @@ def _frame(groups: dict[str, str | None], time_s: float, base: int) -> Frame | N
 
 def _data(groups: dict[str, str | None], base: int) -> bytes:
     """Return the data, as many bytes as the line says; raises ValueError if some lack."""
+    length, code = int(groups.get("length") or -1), groups.get("dlc")
+    if code:
+        length = int(code, 16 if len(code) == 1 else 10)
+        if groups.get("fd") and length > _CLASSIC:
+            length = _FD_LENGTHS[length - _CLASSIC - 1]
     if (packed := groups.get("base64")) is not None:
         data = b64decode(packed, validate=True)
     else:
         text = (groups.get("data") or "").replace(";", " ").replace(",", " ").split()
         if len(text) == 1 and len(text[0]) > 3 and "x" not in text[0]:  # without spaces
             text = re.findall("..", text[0])
+        text = text if length < 0 else text[:length]  # a counter may stand behind the bytes
         data = bytes(int(byte, base) for byte in text)
-    length = len(data)
-    if said := groups.get("length"):
-        length = int(said)
-    elif said := groups.get("dlc"):
-        length = int(said, 16 if len(said) == 1 else 10)
-        if groups.get("fd") and length > _CLASSIC:
-            length = _FD_LENGTHS[length - _CLASSIC - 1]
     if _CLASSIC < length < 16 and len(data) <= _CLASSIC:
         length = _CLASSIC  # codes 9 to 15 of classic frames
     if len(data) < length:
         raise ValueError("bytes lack")
-    return data[:length]
+    return data if length < 0 else data[:length]
