@@ -1,6 +1,7 @@
 """``o2mon check``: say which mapped signals are present."""
 
 import argparse
+import re
 import time
 import tomllib
 from collections.abc import Sequence
@@ -100,6 +101,9 @@ def _concluded(
     missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
     if missing:
         say(f"missing for the model: {', '.join(missing)}")
+        maps = "".join(path.read_text(errors="replace") for _, path in setup.bus_map.pairs)
+        if commented := [n for n in missing if re.search(rf"^#\s*{n} = {{", maps, re.M)]:
+            say(f"comments of the map, to be confirmed: {', '.join(commented)}")
         return NOT_JUDGED
     held = f"every signal, but stale at times: {', '.join(stale)}" if stale else "all it needs"
     say(f"the model has {held}")

@@ -1,6 +1,7 @@
 """``o2mon map``: propose a signal map for a CAN database."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -49,23 +50,17 @@ def run(
     text, proposals = make_map(
         database, dbc, log=log, channel=of.channel, cylinders=cylinders, notes=notes
     )
-    tell = say if out else _tell_apart
+    tell = say if out else partial(print, file=sys.stderr)  # the map goes to stdout
     if out is None:
         say(text.rstrip("\n"))
     else:
         write_text(out, text)
     missing = [name for name in (*NARX_INPUTS, OUTPUT) if name not in proposals.names]
-    for note in notes:
-        tell(f"database: {note}")
-    tell(f"proposed: {', '.join(proposals.names) or 'nothing'}")
-    if missing:
-        tell(f"not proposed, though a model needs it: {', '.join(missing)}")
-    if out:
-        tell(f"confirm every line of {out}, then:")
-        tell(f"  o2mon check LOG --dbc {dbc} --map {out}")
+    lines = [*(f"database: {note}" for note in notes)]
+    lines += [f"proposed: {', '.join(proposals.names) or 'nothing'}"]
+    lines += [f"not proposed, though a model needs it: {', '.join(missing)}"] if missing else []
+    for each in (p for p in proposals.signals if p.name in missing and p.others):
+        lines += [f"  {each.name} stands as a comment, perhaps {each.others[0].place}: {each.note}"]
+    check = f"  o2mon check LOG --dbc {dbc} --map {out}"
+    tell("\n".join([*lines, *([f"confirm every line of {out}, then:", check] if out else [])]))
     return NOT_JUDGED if missing else 0
-
-
-def _tell_apart(line: str) -> None:
-    """Print to stderr, because the map goes to stdout."""
-    print(line, file=sys.stderr)

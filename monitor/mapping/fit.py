@@ -176,7 +176,7 @@ def _of_one_sensor(name: str, d: Description, fit: QuantityFit) -> QuantityFit:
     texts = [(text, " ".join(words_of(text))) for text in (d.message, d.name, d.comment)]
     for text, words in texts:
         if found := _SAYS["other_sensor"].search(words):
-            why = f"{short(text)} says {found[0]!r}: perhaps another sensor or bank"
+            why = f"{short(text)} says {found[0]!r}: not the upstream sensor of bank 1?"
             return fit.doubted(why, 0.5, is_named=False)
     if any(_SAYS["upstream"].search(words) for _, words in texts):
         return fit.judged("it is said to be upstream", 1.1, is_upstream=True)

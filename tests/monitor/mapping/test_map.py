@@ -92,9 +92,6 @@ def test_its_examples_run(module: ModuleType) -> None:
     assert not ran.failed
 
 
-# a recording
-
-
 def test_a_recording_bears_out_counters_checksums_and_signals() -> None:
     (log,) = ROOT.glob("replay_logs/healthy_micro*.blf")
     text, proposals = proposed(load_database(dbc.path("o2_ecu.dbc")), log=log)
@@ -141,9 +138,6 @@ def test_a_recording_finds_out_a_unit_that_is_wrong(tmp_path: Path) -> None:
     assert "implausible in the recording" in text
 
 
-# the command
-
-
 def test_the_command_writes_a_map_and_says_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -156,7 +150,12 @@ def test_the_command_writes_a_map_and_says_what_is_missing(
     assert main(["map", str(dbc.path("wideband.dbc"))]) == 3
     printed = capsys.readouterr()
     assert printed.out.startswith("# Signal map for wideband.dbc")
-    assert "a model needs it" in printed.err
+    assert "lambda_measured stands as a comment, perhaps " in printed.err
+    # THEN a check of a log points to what a model needs, too
+    log, wideband = next(ROOT.glob("replay_logs/healthy_micro*.blf")), dbc.path("wideband.dbc")
+    assert main(["map", str(wideband), "--out", str(out), "--force"]) == 3
+    assert main(["check", str(log), "--dbc", str(wideband), "--map", str(out)]) == 3
+    assert "comments of the map, to be confirmed: lambda_measured" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("cycle", ["-" + 400 * "9", 400 * "9", "86400000"])
@@ -265,7 +264,6 @@ def test_no_database_upsets_it_and_what_it_writes_is_a_map(
     else:
         with pytest.raises(SignalMapError, match="is empty"):
             load_signal_map(path)
-    assert map_text(proposals, Path("x.dbc"))
 
 
 @inputs(60, suppress_health_check=list(HealthCheck))
