@@ -48,7 +48,7 @@ whole: venv build/.kernels
 	$(VENV)/bin/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder --durations 20 \
 	  -m '$(if $(WITHOUT),not $(subst $(SPACE), and not ,$(strip $(WITHOUT))))' # one of three waits for a bus
 
-build/.kernels: $(shell grep -rl numba training monitor/base/faults.py --include=*.py) | venv
+build/.kernels: $(shell grep -rl numba training benchmarks monitor/base/faults.py --include=*.py) | venv
 	$(VENV)/bin/python -m tests.helpers.models.kernels # while the types are checked, not in each worker
 	@mkdir -p build && touch $@
 

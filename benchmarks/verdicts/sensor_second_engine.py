@@ -208,8 +208,8 @@ def offsets(bench: MonitoredVehicle, repetitions: int) -> tuple[list[int], int]:
 
 def main(argv: Sequence[str]) -> int:
     """Fit and judge."""
-    few = {"vehicles": 1, "healthy": 1, "repetitions": 1}
-    options = BenchmarkOptions(__name__, __doc__, kinds=["greybox"], faults=["gain_low"], **few)
+    few = {"vehicles": 1, "healthy": 1, "repetitions": 1, "budget": 0.05}
+    options = BenchmarkOptions(__name__, __doc__, kinds=["narx"], faults=["gain_low"], **few)
     options.add_argument("first_vehicle", type=int, nargs="?", default=301)
     options.add_argument("vehicles", type=int, nargs="?", default=2)
     options.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)

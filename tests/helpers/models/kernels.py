@@ -1,4 +1,4 @@
-"""Compile the kernels of training, before workers that start together would each do it.
+"""Compile kernels of training and benchmarks, before workers that start together do it each.
 
 python -m tests.helpers.models.kernels
 """
@@ -9,11 +9,13 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from benchmarks.studies.second import brick
 from training.cli import main as o2train
 
 
 def main() -> int:
-    """Simulate a drive, fit both kinds of model to it, make its tables; return the exit code."""
+    """Simulate drives, fit both kinds of model to one, make its tables; return the exit code."""
+    brick.drive(1, 1, brick.brick(1, 0.2))
     with (
         TemporaryDirectory() as folder,
         Path(os.devnull).open("w") as nowhere,

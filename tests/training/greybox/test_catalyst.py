@@ -17,7 +17,7 @@ PERIOD_S = 0.1
 START = (Catalyst(capacity_g=0.1),)
 
 
-def a_drive(vehicle: int, capacity_g: float, n: int = 4000) -> CatalystDrive:
+def a_drive(vehicle: int, capacity_g: float, n: int = 3000) -> CatalystDrive:
     own = second_catalyst.brick(vehicle, capacity_g)
     values = second_catalyst.drive(vehicle, vehicle, own)[:n]
     column = dict(zip(second_catalyst.NAMES, values.T, strict=True))

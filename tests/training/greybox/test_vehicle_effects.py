@@ -11,13 +11,11 @@ import numpy as np
 from benchmarks.studies.workflow.drive import recording
 from benchmarks.studies.workflow.plan import Part
 from monitor.base.types import BoolArray, FloatArray
-from training.gap.name.naming import name
 from training.greybox.chain import base_path, simulate
 from training.greybox.fit.constants import fit_constants
 from training.greybox.fit.drive import from_recording
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.model import fit_greybox
-from training.healthy import yardstick
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
@@ -68,19 +66,3 @@ def test_walls_that_take_much_of_the_fuel_are_part_of_a_healthy_vehicles_model(
         without.append((plain - d.phi_measured)[d.scored])
     rms = [float(np.sqrt(np.mean(np.concatenate(e) ** 2))) for e in (with_walls, without)]
     assert rms[0] < 0.6 * rms[1]
-
-
-def test_an_effect_is_named_on_a_vehicle_that_has_walls_when_healthy() -> None:
-    # GIVEN drives with strong walls, and drives with these and an injector's offset
-    healthy = [from_recording(each) for each in drives(23_200_000, *WALLS.items())]
-    both = WALLS | {"injector_offset": 8.0}
-    new = [from_recording(each) for each in drives(23_400_000, *both.items())[:2]]
-    # WHEN the offset is looked for
-    start = fit_constants(*known(drives(23_200_000, *WALLS.items())), 0.1).constants
-    reference = yardstick.learn(healthy, start)
-    found = name(new, reference)
-    # THEN the walls are the vehicle's own, and the offset is what is new
-    # looked for before volumes, which imitate walls
-    assert reference.own[0][0].name == "wall_film"
-    assert found.verdict == "named"
-    assert [effect.name for effect in found.answer.effects] == ["injector_offset"]
