@@ -73,7 +73,7 @@ def drives_of(
     if not card.effects:
         return made
     if card.kind == GREYBOX:
-        alone, read = Greybox.of(card), predicted_phi(model, recordings)
+        alone, read = replace(Greybox.of(card), effects=()), predicted_phi(model, recordings)
         seen = plain_drives_of(card, recordings)
         return [
             replace(drive, moved_phi=phi - _plain(own, alone))

@@ -11,7 +11,6 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import Constants, Path, simulate
 from training.greybox.charge.error import ChargeError, fit_with_charge_error
 from training.greybox.effects import LIBRARY, Effect, Own
-from training.greybox.effects.form.dynamics import ramp_lag
 from training.greybox.fit import ridge
 from training.greybox.fit.case import WHITE, Case, Run, Term, reading
 from training.greybox.fit.comparison import BLOCK_S, FOLDS
@@ -20,6 +19,7 @@ from training.greybox.fit.joint import JointFit, fit
 from training.greybox.fit.ridge import Ridge
 from training.greybox.fit.sensor_faults import FAULTS
 from training.greybox.fit.vehicle_effects import own_of, with_more
+from training.greybox.quantity.dynamics import ramp_lag
 from training.healthy.config import CONFIG
 from training.healthy.features import features
 from training.healthy.operating_points import Visited

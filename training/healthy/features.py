@@ -13,9 +13,9 @@ from numba import njit
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import Path
-from training.greybox.effects.form.dynamics import charged, lag, slope
-from training.greybox.effects.form.place import ArrayPlace
+from training.greybox.effects.form.place import Place
 from training.greybox.fit.drive import ChainDrive
+from training.greybox.quantity.dynamics import charged, lag, slope
 from training.healthy.config import CONFIG
 
 SPEED_KNOTS_RPM: Final = (800.0, 1300.0, 1800.0, 2400.0, 3200.0)
@@ -38,7 +38,7 @@ def features(drive: ChainDrive, path: Path, phi: FloatArray) -> dict[str, FloatA
 def _at_valve(drive: ChainDrive, path: Path) -> dict[str, FloatArray]:
     s, period_s = drive.signals, drive.period_s
     air, fuel, rpm = path.air_mg, path.fuel_mg, s["engine_speed_rpm"]
-    at = ArrayPlace(path, s, period_s)
+    at = Place(path, s, period_s)
     running = at.injecting().astype(np.float64)
     speeds, loads = _hats(rpm, SPEED_KNOTS_RPM), _hats(air, LOAD_KNOTS_MG)
     made = {
@@ -67,7 +67,7 @@ def _at_valve(drive: ChainDrive, path: Path) -> dict[str, FloatArray]:
     return made
 
 
-def _context(drive: ChainDrive, at: ArrayPlace, running: FloatArray) -> dict[str, FloatArray]:
+def _context(drive: ChainDrive, at: Place, running: FloatArray) -> dict[str, FloatArray]:
     s, air, flow = drive.signals, at.path.air_mg, at.flow_kg_h()
     made: dict[str, FloatArray] = {}
     if "rail_pressure_mpa" in s:
@@ -88,7 +88,7 @@ def _context(drive: ChainDrive, at: ArrayPlace, running: FloatArray) -> dict[str
 
 
 def _at_sensor(drive: ChainDrive, path: Path, phi: FloatArray) -> dict[str, FloatArray]:
-    at = ArrayPlace(path, drive.signals, drive.period_s)
+    at = Place(path, drive.signals, drive.period_s)
     flow = at.flow_kg_h()
     above, rate = np.clip(phi - 1.0, -0.3, 0.3), np.clip(slope(phi, drive.period_s), -1.0, 1.0)
     curve = np.clip(slope(rate, drive.period_s), -5.0, 5.0)

@@ -9,7 +9,6 @@ from training.greybox.chain import (
     Constants,
     Path,
     base_path,
-    part,
     settled,
     simulate,
     valve_phi,
@@ -133,12 +132,6 @@ def test_the_two_lags_read_the_same_in_either_order() -> None:
         simulate(path(phi, mixing_s=m, sensor_s=s), PERIOD_S) for m, s in ((0.3, 0.1), (0.1, 0.3))
     )
     assert np.allclose(a, b, atol=1e-12)
-
-
-def test_a_part_of_a_path_is_simulated_as_a_drive_of_its_own() -> None:
-    whole = path(np.r_[np.ones(50), ramp()])
-    assert np.allclose(simulate(part(whole, slice(50, 130)), PERIOD_S)[0], 1.0)
-    assert len(part(whole, slice(50, 130))) == 80
 
 
 def test_samples_soon_after_fuel_cut_are_not_settled() -> None:

@@ -14,6 +14,7 @@ from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.gap.add import greybox, network
+from training.gap.add.network_parity import ParityError
 from training.gap.config import CONFIG
 from training.gap.inputs.roles import ACCEPTED, GapOptions, Material
 from training.greybox.chain import Constants
@@ -21,7 +22,6 @@ from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import Ranges
-from training.greybox.graph.effect_parity import ParityError
 from training.healthy import base
 from training.healthy.behaviour import Healthy
 from training.jobs import Progress
@@ -142,7 +142,6 @@ class _Forms:
             ranges=self.ranges,
             recordings=tuple(map(training_recording, self.fit)),
             vehicle=vehicle,
-            drives=self.drives,
         )
         return self._tried(base.GREYBOX, added, out, whole(self.fit))
 

@@ -1,4 +1,4 @@
-"""Effects become part of a grey-box model's file, with proof that file and fit agree."""
+"""Effects become part of a grey-box model's file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -15,10 +15,14 @@ from training.greybox.charge.error import ChargeError
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import Fitted, described, reference
 from training.greybox.fit.drive import ChainDrive
-from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
-from training.greybox.graph.effect import graph_effect
+from training.greybox.graph.chain_graph import (
+    Entry,
+    Greybox,
+    longest_dead_time_s,
+    register_for,
+    save,
+)
 from training.greybox.graph.effect_inputs import SPEED, Ranges, channel_of, limits_of, reads_of
-from training.greybox.graph.effect_parity import TOLERANCE, Entry, parity
 from training.healthy.behaviour import Healthy
 
 BEFORE = "before_effects"  # what the card's measures are of: the new model's are not known here
@@ -49,7 +53,6 @@ def add(
     ranges: Ranges,
     recordings: Sequence[TrainingRecording],
     vehicle: ChainVehicle | None = None,
-    drives: Sequence[ChainDrive] = (),
 ) -> ModelCard:
     """Write ``model`` with effects behind those it has already to ``out``; return its card.
 
@@ -57,9 +60,7 @@ def add(
         that is not among them was not there, and the effect takes its own default for it
     recordings : what the effects were fitted to
     vehicle : with which the effects were fitted, if it is not that of the model
-    drives : further inputs on which ONNX must agree with numpy, beside made ones
-    Raises ModelError if the model is not a grey-box, a signal is missing, or ONNX and numpy differ
-    by more than 1e-5 in phi.
+    Raises ModelError if the model is not a grey-box or a signal is missing.
     """
     card = Model.load(model).card
     if card.kind != "greybox":
@@ -79,23 +80,7 @@ def add(
     card = _card(card, greybox, entries, ranges, recordings)
     if vehicle is not None:
         card = _with_constants(card, vehicle.constants)
-    path = Path(out)
-    partial = path.with_suffix(".partial")
-    save(partial, greybox, card)
-    try:
-        same = parity(partial, greybox, [Entry.of(entry) for entry in card.effects], drives)
-    except ModelError:
-        partial.unlink()
-        raise
-    found = {
-        "samples": same.samples,
-        "onnx_numpy": same.onnx_numpy,
-        "tolerance": TOLERANCE,
-        "largest": same.largest,
-    }
-    card = replace(card, checks={"parity": found})
-    save(path, greybox, card)
-    partial.unlink()
+    save(out, greybox, card)
     return card
 
 
@@ -111,11 +96,9 @@ def _extended(
     inputs = (*old.inputs, *further)
     known = dict(zip(old.inputs, zip(old.u_low, old.u_high, strict=True), strict=True))
     limits = np.array([limits_of(name, known.get(name), ranges.get(name)) for name in inputs])
-    new = tuple(
-        graph_effect(each, old.period_s, names) for each, names in zip(added, reads, strict=True)
-    )
+    new = tuple(Entry(each, tuple(names)) for each, names in zip(added, reads, strict=True))
     dead_time_s = longest_dead_time_s(old.constants, inputs, limits[:, 0])
-    dead_time_s += sum(effect.dead_time_s for effect in (*old.on_the_way, *new))
+    dead_time_s += sum(entry.dead_time_s for entry in (*old.on_the_way, *new))
     return replace(
         old,
         inputs=inputs,

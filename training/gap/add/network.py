@@ -48,7 +48,7 @@ def add(
     *,
     ranges: Ranges,
     recordings: Sequence[TrainingRecording],
-    drives: Sequence[ChainDrive] = (),
+    drives: Sequence[ChainDrive],
 ) -> ModelCard:
     """Write ``model`` with effects beside its output to ``out``; return its card.
 
@@ -56,7 +56,7 @@ def add(
     ranges : low and high of every signal present in the drives of the fit; an optional signal
         that is not among them was not there, and the effect takes its own default for it
     recordings : what the effects were fitted to
-    drives : on which ONNX and numpy must agree; made inputs if there are none
+    drives : on which ONNX and numpy must agree
     Effects that the model has already stay, in the chain of the new constants.
     Raises ModelError if the model is not a network, was retrained with effects, a signal is
     missing, or ONNX and numpy disagree.

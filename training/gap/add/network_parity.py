@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
-from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.gap.add.network_graph import TO_OUTPUT, NetworkWithEffects
 from training.greybox.fit.drive import ChainDrive
-from training.greybox.graph.effect_parity import ParityError, made_inputs
 from training.narx.network import simulate
 from training.narx.parity import TOLERANCE, Parity
 from training.recordings.prediction import stacked
@@ -24,17 +23,19 @@ SAMPLES = 3000  # of each drive
 TOGETHER = 300  # samples that run side by side and alone
 
 
-def parity(
-    path: Path | str, model: NetworkWithEffects, drives: Sequence[ChainDrive] = ()
-) -> Parity:
-    """Compare free runs of a file with those of numpy over ``drives``, or made inputs.
+class ParityError(ModelError):
+    """ONNX and numpy compute different values for a model with effects."""
+
+
+def parity(path: Path | str, model: NetworkWithEffects, drives: Sequence[ChainDrive]) -> Parity:
+    """Compare free runs of a file with those of numpy over ``drives``.
 
     The network starts from the measured output, the chains settled at the first sample. Returned
     are the samples of all runs, and the run that differs most of what it may.
     Raises ParityError if a difference exceeds 2e-3 of the standard deviation of the run's output,
     or if runs side by side are not bit for bit those alone.
     """
-    runs = [_of_drive(model, drive) for drive in drives] or _made(model, Model.load(path).card)
+    runs = [_of_drive(model, drive) for drive in drives]
     exact = [_numpy(model, u, y) for u, y in runs]
     y = stacked([y for _, y in runs])
     onnx = _onnx(path, model, stacked([u for u, _ in runs]), y)
@@ -66,13 +67,6 @@ def _of_drive(model: NetworkWithEffects, drive: ChainDrive) -> tuple[FloatArray,
     y = drive.phi_measured[:SAMPLES]
     scale = model.network.scaling
     return _single(u), np.clip(y, scale.y_low, scale.y_high)
-
-
-def _made(model: NetworkWithEffects, card: ModelCard) -> list[tuple[FloatArray, FloatArray]]:
-    low, high = (np.array([getattr(c, end) for c in card.inputs]) for end in ("minimum", "maximum"))
-    ranges = replace(model.difference.without, inputs=model.inputs, u_low=low, u_high=high)
-    made = made_inputs(ranges, SAMPLES)
-    return [(_single(u), np.ones(len(u))) for u in made]
 
 
 def _single(u: FloatArray) -> FloatArray:

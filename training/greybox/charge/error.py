@@ -17,11 +17,13 @@ from scipy.signal import lfilter
 
 from monitor.base.types import BoolArray, FloatArray
 from training.greybox.chain import Constants, base_path, charge_mg, simulate
-from training.greybox.charge.map import hats, knots_of
+from training.greybox.charge.map import knots_of
 from training.greybox.effects import Own, along
 from training.greybox.fit import ridge
 from training.greybox.fit.constants import Fitted, fit_constants
 from training.greybox.fit.told import Told
+from training.greybox.quantity.dynamics import lag
+from training.greybox.quantity.value import Quantity, bilinear, clip, hats
 
 SPEEDS, CHARGES = 4, 4  # knots
 TIMES_S = (1.0, 2.0, 4.0, 8.0)  # over which an air meter may correct
@@ -44,19 +46,17 @@ class ChargeError:
     before: FloatArray  # (a, b) at the operating points of the last ``time_s``
     time_s: float
 
-    def air_mass_mg(self, signals: Mapping[str, FloatArray], period_s: float) -> FloatArray:
+    def air_mass_mg(self, signals: Mapping[str, Quantity], period_s: float) -> Quantity:
         """Return the corrected charge (n,) in mg per stroke, settled at the first sample.
 
         signals : (n,) each: engine_speed_rpm, and air_mass_mg or maf_kg_h
         """
-        air = charge_mg(signals)
-        by_speed = hats(signals["engine_speed_rpm"], self.speeds_rpm)
-        by_charge = hats(air, self.charges_mg)
+        air, knots = charge_mg(signals), (self.speeds_rpm, self.charges_mg)
         now, before = (
-            ((by_speed @ values) * by_charge).sum(axis=1) for values in (self.now, self.before)
+            bilinear(signals["engine_speed_rpm"], air, knots, each)
+            for each in (self.now, self.before)
         )
-        factor = 1.0 + now + settled_lag(before[:, None], self.time_s, period_s)[:, 0]
-        return np.asarray(air / np.clip(factor, LEAST, MOST))
+        return air / clip(1.0 + now + lag(before, self.time_s, period_s), LEAST, MOST)
 
     def to_card(self) -> dict[str, Any]:
         """Return the entry for a card, see ``from_card``."""
@@ -79,13 +79,8 @@ class ChargeError:
 
 def settled_lag(u: FloatArray, time_s: float, period_s: float) -> FloatArray:
     """Return ``u`` (n, k) behind a first-order lag that starts settled."""
-    share = share_of(time_s, period_s)
+    share = 1.0 - np.exp(-period_s / time_s)
     return np.asarray(lfilter([share], [1.0, share - 1.0], u - u[:1], axis=0) + u[:1])
-
-
-def share_of(time_s: float, period_s: float) -> float:
-    """Return the share of the remaining distance that a lag covers in one sample."""
-    return float(1.0 - np.exp(-period_s / time_s))
 
 
 def fit_with_charge_error(

@@ -16,6 +16,7 @@ from monitor.base.types import BoolArray, FloatArray
 from training.greybox.chain import STOICHIOMETRIC, Constants, base_path, simulate
 from training.greybox.fit.constants import Fitted, fit_constants
 from training.greybox.fit.told import Told
+from training.greybox.quantity.value import Quantity, bilinear, hats, maximum
 
 INPUTS = ("fuel_mass_mg", "manifold_pressure_kpa", "manifold_temperature_degc", "engine_speed_rpm")
 SPEEDS, PRESSURES = 5, 6  # knots
@@ -35,12 +36,11 @@ class ChargeMap:
     pressures_kpa: FloatArray  # (b,)
     inverse_efficiency: FloatArray  # (a, b)
 
-    def air_mass_mg(self, signals: Mapping[str, FloatArray]) -> FloatArray:
+    def air_mass_mg(self, signals: Mapping[str, Quantity]) -> Quantity:
         """Return the charge (n,) in mg per stroke."""
-        by_speed = hats(signals["engine_speed_rpm"], self.speeds_rpm)
-        by_pressure = hats(signals["manifold_pressure_kpa"], self.pressures_kpa)
-        inverse = ((by_speed @ self.inverse_efficiency) * by_pressure).sum(axis=1)
-        return np.asarray(dense_mg(signals) / inverse)
+        at = signals["engine_speed_rpm"], signals["manifold_pressure_kpa"]
+        knots = self.speeds_rpm, self.pressures_kpa
+        return dense_mg(signals) / bilinear(*at, knots, self.inverse_efficiency)
 
     def to_card(self) -> dict[str, Any]:
         """Return the entry for a card, see ``from_card``."""
@@ -56,19 +56,10 @@ class ChargeMap:
         return cls(*(np.array(given[name]) for name in cls.__slots__))
 
 
-def dense_mg(signals: Mapping[str, FloatArray]) -> FloatArray:
+def dense_mg(signals: Mapping[str, Quantity]) -> Quantity:
     """Return the mass (n,) in mg of 0.5 l of air in the manifold."""
-    kelvin = np.maximum(signals["manifold_temperature_degc"] + KELVIN, TEMPERATURE_LEAST_K)
-    return np.asarray(MG_K_PER_KPA * signals["manifold_pressure_kpa"] / kelvin)
-
-
-def hats(x: FloatArray, knots: FloatArray) -> FloatArray:
-    """Return the shares (n, k) of the knots in a linear interpolation at ``x``.
-
-    >>> hats(np.array([0.0, 15.0, 99.0]), np.array([10.0, 20.0, 40.0])).tolist()
-    [[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, 1.0]]
-    """
-    return np.stack([np.interp(x, knots, only) for only in np.eye(len(knots))], axis=1)
+    kelvin = maximum(signals["manifold_temperature_degc"] + KELVIN, TEMPERATURE_LEAST_K)
+    return MG_K_PER_KPA * signals["manifold_pressure_kpa"] / kelvin
 
 
 def fit_with_charge(

@@ -15,7 +15,6 @@ from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
 from training.greybox.effects.form.shape import (
     FARTHEST,
-    STATES,
     Bend,
     Bump,
     Curve,
@@ -25,7 +24,7 @@ from training.greybox.effects.form.shape import (
     Step,
     Words,
 )
-from training.greybox.effects.form.value import Quantity, clip, maximum
+from training.greybox.quantity.value import Quantity, clip, maximum
 
 PREFIX: Final = "empirical"
 PERCENT: Final = 100.0
@@ -42,7 +41,6 @@ class Target:
     changed: Callable[[Place, Quantity, Values], Changed]
     parameters: tuple[Parameter, ...] = ()  # of its own, after those of the shape
     needs: tuple[str, ...] = ()
-    n_states: int = 0
 
 
 def _mixture(place: Place, percent: Quantity, own: Values) -> Changed:
@@ -73,7 +71,7 @@ _LEARNED: Final = (
     Parameter("learned", "-", 0.0, 1.0, (0.5,), spread=0.5),
     replace(SLOWLY, spread=2.0),
 )
-AIR: Final = Target("%", 40.0, _air, _LEARNED, n_states=STATES)
+AIR: Final = Target("%", 40.0, _air, _LEARNED)
 GROWTH: Final = Parameter("growth", "", -4.0, 4.0, (0.1,))  # of the size, per u of a second signal
 FORMS: Final[Mapping[str, tuple[Target, Shape]]] = {
     "factor": (MIXTURE, Line()),
@@ -182,7 +180,6 @@ def effect_of(name: str) -> Effect:
         tag="physics",
         source="found in the recordings",
         equation=equation,
-        n_states=max(shape.n_states, target.n_states),
     )
 
 

@@ -15,18 +15,9 @@ from monitor.base.types import FloatArray
 from monitor.model.card import Channel, ModelCard, TrainingRecording
 from training.greybox.chain import Constants, inputs_of
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.graph.chain_graph import (
-    Greybox,
-    chain_nodes,
-    longest_dead_time_s,
-    register_for,
-)
-from training.greybox.graph.effect import graph_effect
+from training.greybox.graph.chain_graph import Entry, Greybox, longest_dead_time_s, register_for
 from training.greybox.graph.effect_inputs import SPEED, Ranges, limits_of, reads_of
-from training.greybox.graph.effect_parity import Entry, reading
 from training.narx.export import Graph
-
-PHI_PLACES = 4  # states of a chain, beside the register, that hold a phi
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +59,7 @@ class ChainDifference:
         entries = tuple(Entry(each, names) for each, names in zip(added, reads, strict=True))
         period_s = card.period_ns / 1e9
         longest_s = longest_dead_time_s(constants, inputs, bounds[:, 0])
-        longest_s += sum(effect.dead_time_s for effect in _effects(entries, period_s))
+        longest_s += sum(entry.dead_time_s for entry in entries)
         register = register_for(longest_s, period_s)
         low, high = bounds.T
         without = Greybox(
@@ -125,8 +116,7 @@ class ChainDifference:
     @property
     def with_effects(self) -> Greybox:
         """The chain with the effects."""
-        effects = _effects(self.entries, self.without.period_s)
-        return replace(self.without, effects=effects)
+        return replace(self.without, effects=self.entries)
 
     @property
     def n_states(self) -> int:
@@ -144,52 +134,19 @@ class ChainDifference:
         Both chains start settled at the first sample.
         """
         u = np.column_stack([signals[name] for name in self.inputs])
-        return reading(self.without, self.entries, u) - reading(self.without, (), u)
+        return self.with_effects.reading(u) - self.without.reading(u)
 
     def nodes(self, graph: Graph, signals: Mapping[str, str], state: str) -> tuple[str, str]:
         """Add both chains; return the difference (batch, 1) and their next state.
 
-        signals : by name, in physical units, each (batch, 1); state : (batch, n_states), in which
-        phi is held as its distance from 1: a state of zeros is a steady stoichiometric mixture.
+        signals : by name, in physical units, each (batch, 1); state : (batch, n_states)
         """
         graph = graph.part("chain_")
-        inputs = self.clipped(graph, signals)
-        phi, parts, at, offset = [], list[str](), 0, _offset(self.without, self.with_effects)
-        middle = graph.constant("middle", offset[None])
-        state = graph.add("Add", [state, middle], "state")
-        for name, chain in (("without_", self.without), ("with_", self.with_effects)):
-            own, size = graph.part(name), chain.state_layout.size
-            one, following = chain_nodes(
-                own, chain, inputs, own.take(state, at, at + size, "state")
-            )
-            phi.append(one)
-            parts += following
-            at += size
-        ahead = graph.add("Concat", parts, "next", axis=1)
-        difference = graph.add("Sub", [phi[1], phi[0]], "difference")
-        return difference, graph.add("Sub", [ahead, middle], "next_state")
-
-    def clipped(self, graph: Graph, signals: Mapping[str, str]) -> dict[str, str]:
-        """Add the inputs, limited to their ranges; return them by name."""
-        limited = {}
-        for i, name in enumerate(self.inputs):
-            bounds = [
-                graph.constant(f"{name}_low", self.without.u_low[i]),
-                graph.constant(f"{name}_high", self.without.u_high[i]),
-            ]
-            limited[name] = graph.add("Clip", [signals[name], *bounds], f"{name}_clipped")
-        return limited
-
-
-def _effects(entries: Sequence[Entry], period_s: float) -> tuple[Any, ...]:
-    return tuple(graph_effect(entry.added, period_s, entry.reads) for entry in entries)
+        without, before = self.without.traced(graph, signals, state)
+        read, behind = self.with_effects.traced(graph, signals, state, before.size)
+        ahead = graph.add("Concat", [*before.next_state, *behind.next_state], "next", axis=1)
+        return graph.add("Sub", [read.name, without.name], "difference"), ahead
 
 
 def _trained(channel: Channel | None) -> tuple[float, float] | None:
     return None if channel is None else (channel.minimum, channel.maximum)
-
-
-def _offset(*chains: Greybox) -> FloatArray:
-    """Return 1 for each state of the chains that holds a phi, 0 for those of effects."""
-    sizes = [(PHI_PLACES + chain.register, chain.state_layout.size) for chain in chains]
-    return np.concatenate([np.arange(size) < phis for phis, size in sizes]).astype(np.float64)

@@ -1,16 +1,16 @@
-"""The grey-box chain as the ONNX graph ``step``.
+"""The grey-box chain as the ONNX graph ``step``: its equations, traced.
 
-State: the reading (phi, so that the monitor can force it), the shift register of phi at the valve,
-newest first, the states of the lags, those of the charge's error, and last those of the effects.
-All nodes work element by element, and the one sum has at most two terms that are not zero: single
-and batched runs give the same bits. Constants and names follow ``chain``; change both together.
+State: the reading (phi, so that the monitor can force it), the mark of a trace, what charge and
+effects keep, and last what the chain does: the register of phi at the valve, newest first, and the
+inputs and states of its lags. All nodes work element by element, and each sum has at most two terms
+that are not zero: single and batched runs give the same bits.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from onnx import ModelProto
@@ -18,29 +18,42 @@ from onnx import ModelProto
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard, StateLayout
-from monitor.model.step import LAMBDA_MAX, PHI_MAX
-from training.greybox.chain import SPEED_LEAST_RPM, Constants, base_path, with_speed
+from monitor.model.step import LAMBDA_MAX
+from training.greybox.chain import SPEED_LEAST_RPM, Constants, base_path, simulate, with_speed
 from training.greybox.chain import Path as ChainPath
 from training.greybox.charge.error import ChargeError
 from training.greybox.charge.map import ChargeMap
-from training.greybox.effects import along
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.graph.effect import GraphEffect, effects_nodes, graph_effect
-from training.greybox.graph.nodes import (
-    base_nodes,
-    charge_error_nodes,
-    charge_nodes,
-    lag_nodes,
-    lag_weights,
-    late_nodes,
-    pumped_nodes,
-    sensor_weights,
-    speed_nodes,
-    valve_nodes,
-)
+from training.greybox.quantity.trace import Trace
+from training.greybox.quantity.value import Quantity, Value, clip, maximum
 from training.narx.export import Graph, finished, write
 
 FORGOTTEN = 12.0  # time constants after which the start of a lag no longer matters
+FUEL: Final = "fuel_mass_mg"  # every effect reads it
+LAGS: Final = 3  # states of the chain's lags: two of mixing, one of the sensor beside its reading
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """An effect of a card and the signals that it reads beside the fuel; it sees no others."""
+
+    added: ModelEffect
+    reads: tuple[str, ...]
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> "Entry":
+        """Return the entry of a card."""
+        return cls(ModelEffect.from_card(given), tuple(given["reads"]))
+
+    def apply(self, path: ChainPath, signals: Mapping[str, Quantity], period_s: float) -> ChainPath:
+        """Return the path with the effect."""
+        seen = {name: signals[name] for name in (FUEL, *self.reads)}
+        return self.added.effect.apply(path, self.added.values, seen, period_s)
+
+    @property
+    def dead_time_s(self) -> float:
+        """Return the dead time beside the base's, at most."""
+        return self.added.effect.dead_time_s(self.added.values.tolist())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +67,7 @@ class Greybox:
     period_s: float
     register: int  # samples of phi at the valve in the state
     charge_map: ChargeMap | None = None  # None: the charge is an input
-    effects: tuple[GraphEffect, ...] = ()
+    effects: tuple[Entry, ...] = ()
     charge_error: ChargeError | None = None  # of a charge that is an input
     own: tuple[ModelEffect, ...] = ()  # of the healthy vehicle, before the effects
 
@@ -80,10 +93,7 @@ class Greybox:
                 for name, values in given.get("own", {}).items()
             )
             period_s = card.period_ns / 1e9
-            effects = tuple(
-                graph_effect(ModelEffect.from_card(entry), period_s, entry["reads"])
-                for entry in card.effects
-            )
+            effects = tuple(map(Entry.of, card.effects))
         except (KeyError, TypeError) as error:
             raise ModelError(
                 f"the card of a greybox lacks part of its structure: {error}"
@@ -115,35 +125,35 @@ class Greybox:
     @property
     def state_layout(self) -> StateLayout:
         """Size of the state; the reading comes first."""
-        return StateLayout(self.chain_states + sum(e.n_states for e in self.on_the_way), 0, 1, 1)
+        return StateLayout(self.traced(Graph(), {}, "state")[1].size, 0, 1, 1)
 
     @property
-    def on_the_way(self) -> tuple[GraphEffect, ...]:
+    def on_the_way(self) -> tuple[Entry, ...]:
         """The healthy vehicle's own effects, then the added ones."""
-        own = (graph_effect(e, self.period_s, e.effect.signals_of(self.inputs)) for e in self.own)
+        own = (Entry(each, each.effect.signals_of(self.inputs)) for each in self.own)
         return (*own, *self.effects)
-
-    @property
-    def chain_states(self) -> int:
-        """Number of states before those of the effects."""
-        return 4 + self.register + (0 if self.charge_error is None else 2)
 
     @property
     def memory(self) -> int:
         """Samples after which a steady input has filled the register and all lags."""
         lags_s = self.constants.mixing_s + self.constants.sensor_s
-        for effect in self.on_the_way:
-            lags_s = lags_s * (1.0 + effect.slower) + effect.lag_s
+        for entry in self.on_the_way:
+            effect, values = entry.added.effect, entry.added.values.tolist()
+            lags_s = lags_s * (1.0 + effect.slower(values)) + effect.lag_s(values)
         return self.register + math.ceil(FORGOTTEN * lags_s / self.period_s)
 
     def signals(self, u: FloatArray) -> dict[str, FloatArray]:
-        """Return the signals (n,) of ``u`` (n, n_inputs) as the graph sees them.
+        """Return ``seen`` of the inputs ``u`` (n, n_inputs)."""
+        return self.seen({name: u[:, i] for i, name in enumerate(self.inputs)})
+
+    def seen(self, inputs: Mapping[str, Quantity]) -> dict[str, Quantity]:
+        """Return the signals (n,) that the chain sees of its inputs (n,).
 
         The inputs are clipped. Engine speed is computed if it is no input; ``air_mass_mg`` comes
         from the charge map or is corrected by the charge's error, if the chain has one.
         """
-        limited = np.clip(u, self.u_low, self.u_high)
-        signals = {name: limited[:, i] for i, name in enumerate(self.inputs)}
+        limits = zip(self.inputs, self.u_low, self.u_high, strict=True)
+        signals = {name: clip(inputs[name], low, high) for name, low, high in limits}
         if self.charge_map is not None:
             signals["air_mass_mg"] = self.charge_map.air_mass_mg(signals)
         signals = with_speed(signals)
@@ -151,10 +161,28 @@ class Greybox:
             signals["air_mass_mg"] = self.charge_error.air_mass_mg(signals, self.period_s)
         return signals
 
-    def path(self, signals: Mapping[str, FloatArray]) -> ChainPath:
-        """Return the path of the healthy vehicle, without added effects, for these ``signals``."""
-        own = tuple((each.effect, each.values) for each in self.own)
-        return along(base_path(self.constants, signals), own, signals, self.period_s)
+    def path(self, signals: Mapping[str, Quantity]) -> ChainPath:
+        """Return the path with all effects for what the chain sees."""
+        path = base_path(self.constants, signals)
+        for entry in self.on_the_way:
+            path = entry.apply(path, signals, self.period_s)
+        return path
+
+    def reading(self, u: FloatArray) -> FloatArray:
+        """Return the phi (n,) that the sensor reads for inputs ``u`` (n, n_inputs)."""
+        return np.asarray(simulate(self.path(self.signals(u)), self.period_s))
+
+    def traced(
+        self, graph: Graph, inputs: Mapping[str, str], state: str, first: int = 0
+    ) -> tuple[Value, Trace]:
+        """Add the chain to a graph; return the reading phi and the trace with the next state.
+
+        inputs : tensor (batch, 1) of each; state : tensor of which the chain has the columns from
+        ``first`` on
+        """
+        trace = Trace(graph, state, self.register, first)
+        given = {name: Value(trace, inputs.get(name, name)) for name in self.inputs}
+        return simulate(self.path(self.seen(given)), self.period_s), trace
 
 
 def register_for(longest_s: float, period_s: float) -> int:
@@ -181,73 +209,12 @@ def longest_dead_time_s(constants: Constants, inputs: Sequence[str], u_low: Floa
 def build(greybox: Greybox) -> ModelProto:
     """Return the graph ``step``, float32, without a card."""
     graph = Graph()
-    limits = [
-        graph.constant("u_low", greybox.u_low[None]),
-        graph.constant("u_high", greybox.u_high[None]),
-    ]
-    raised = graph.add("Max", ["u", limits[0]], "u_raised")
-    clipped = graph.add("Min", [raised, limits[1]], "u_clipped")
-    signals = {
-        name: graph.take(clipped, i, i + 1, f"signal_{name}")
-        for i, name in enumerate(greybox.inputs)
-    }
-    phi, parts = chain_nodes(graph, greybox, signals, "state")
-    least = graph.constant("phi_least", 1.0 / LAMBDA_MAX)
-    graph.add("Reciprocal", [graph.add("Max", [phi, least], "phi_readable")], "lambda_hat")
-    graph.add("Concat", parts, "next_state", axis=1)
-    return finished(graph, len(greybox.inputs), greybox.state_layout.size)
-
-
-def chain_nodes(
-    graph: Graph, greybox: Greybox, signals: Mapping[str, str], state: str
-) -> tuple[str, list[str]]:
-    """Add the chain with its effects; return the reading phi and the parts of its next state.
-
-    signals : clipped inputs by name; state : (batch, n) as in ``state_layout``
-    Two chains in one graph need a ``graph.part`` each.
-    """
-    signals, register = dict(signals), greybox.register
-    if greybox.charge_map is not None:
-        signals["air_mass_mg"] = charge_nodes(graph, greybox.charge_map, signals)
-    if "engine_speed_rpm" not in signals:
-        signals["engine_speed_rpm"] = speed_nodes(graph, signals)
-    kept = list[str]()
-    if greybox.charge_error is not None:
-        begun, held = (
-            graph.take(state, i, i + 1, f"charge_state{i}") for i in (4 + register, 5 + register)
-        )
-        signals["air_mass_mg"], kept = charge_error_nodes(
-            graph, greybox.charge_error, signals, (begun, held), greybox.period_s
-        )
-    nodes = base_nodes(graph, greybox.constants, signals)
-    nodes, after = effects_nodes(
-        graph,
-        greybox.on_the_way,
-        path=nodes,
-        signals=signals,
-        state=state,
-        first=greybox.chain_states,
-    )
-    kept = [*kept, *after]
-    valve = valve_nodes(graph, nodes)
-    places = {"read": 0, "late": 1 + register, "mixed": 2 + register, "pumped": 3 + register}
-    old = {name: graph.take(state, i, i + 1, f"old_{name}") for name, i in places.items()}
-    past = graph.take(state, 1, 1 + register, "past")
-    history = graph.add("Concat", [valve, past], "history", axis=1)
-    late = late_nodes(graph, history, nodes.dead_time_s, register, greybox.period_s)
-    weights = lag_weights(graph, nodes.mixing_s, "mixing", greybox.period_s)
-    mixed = lag_nodes(
-        graph, "mixed", state=old["mixed"], new=late, last=old["late"], weights=weights
-    )
-    pumped = pumped_nodes(graph, nodes, mixed)
-    weights = sensor_weights(graph, nodes, pumped, old["read"], greybox.period_s)
-    read = lag_nodes(
-        graph, "read", state=old["read"], new=pumped, last=old["pumped"], weights=weights
-    )
-    limits = [graph.constant("phi_low", 0.0), graph.constant("phi_high", PHI_MAX)]
-    phi = graph.add("Clip", [read, *limits], "phi")
-    rest = graph.take(history, 0, register, "next_register")
-    return phi, [phi, rest, late, mixed, pumped, *kept]
+    columns = {n: graph.take("u", i, i + 1, f"signal_{n}") for i, n in enumerate(greybox.inputs)}
+    phi, trace = greybox.traced(graph, columns, "state")
+    readable = maximum(phi, 1.0 / LAMBDA_MAX)
+    graph.add("Reciprocal", [readable.name], "lambda_hat")
+    graph.add("Concat", trace.next_state, "next_state", axis=1)
+    return finished(graph, len(greybox.inputs), trace.size)
 
 
 def save(path: Path | str, greybox: Greybox, card: ModelCard) -> None:

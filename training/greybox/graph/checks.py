@@ -1,43 +1,17 @@
-"""Checks of a grey-box file: ONNX equals numpy, and the start of the state is forgotten."""
+"""Check of a grey-box file: the start of the state is forgotten."""
 
 from pathlib import Path
 
 import numpy as np
 
-from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
-from training.greybox.chain import simulate
-from training.greybox.graph.chain_graph import Greybox
+from training.greybox.graph.chain_graph import LAGS, Greybox
+from training.greybox.quantity.value import READING
 from training.narx.search.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
 from training.recordings.samples.preparation import Prepared
 
-TOLERANCE = 1e-5  # phi, ONNX against numpy over a free run
-PARITY_SAMPLES = 3000
 PAIRS = 500  # of random states whose predictions must come together
-
-
-def parity(path: Path | str, greybox: Greybox, data: Prepared) -> tuple[int, float]:
-    """Return the samples compared and the largest difference of ONNX from numpy, in phi.
-
-    Raises ModelError if it is above 1e-5.
-    """
-    segment = max(data.segments, key=lambda s: s.stop - s.start)
-    u = physical_inputs(data)[segment.start : min(segment.stop, segment.start + PARITY_SAMPLES)]
-    expected = simulate(greybox.path(greybox.signals(u)), greybox.period_s)
-    model = Model.load(path)
-    model.reset(u[0])
-    graph = np.empty(len(u))
-    for k, inputs in enumerate(u):
-        model.step(inputs)
-        graph[k] = model.state[0, 0]
-    off = float(np.abs(graph - expected)[greybox.memory :].max())
-    if not off <= TOLERANCE:
-        raise ModelError(
-            f"{path}: free runs of ONNX and numpy differ by {off:.2g} in phi, "
-            f"tolerance {TOLERANCE:.2g}"
-        )
-    return len(u) - greybox.memory, off
 
 
 def contraction(path: Path | str, data: Prepared, seed: int, pairs: int = PAIRS) -> Contraction:
@@ -54,8 +28,9 @@ def contraction(path: Path | str, data: Prepared, seed: int, pairs: int = PAIRS)
     )
     at = np.tile(rng.choice(places, pairs), 2)
     model.reset(u[at])
-    chain = model.state[:, : 4 + Greybox.of(model.card).register]
-    chain[:] = rng.uniform(*model.card.output_limits, size=chain.shape)
+    chain = np.arange(-(LAGS + Greybox.of(model.card).register), READING + 1)  # the last, the first
+    drawn = rng.uniform(*model.card.output_limits, size=(2 * pairs, len(chain)))
+    model.state[:, chain] = drawn
     for k in range(CONTRACTION_SAMPLES + 1):
         model.step_batch(u[np.minimum(at + k, len(u) - 1)])
     phi = model.state[:, model.card.state.output_start]

@@ -21,10 +21,10 @@ from tests.helpers.gap.gap_networks import (
 )
 from training.gap.add import choice, network, network_parity
 from training.gap.add.network_graph import NetworkWithEffects
+from training.gap.add.network_parity import ParityError
 from training.gap.inputs.roles import GapOptions, Material
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import ChainDrive, from_recording
-from training.greybox.graph.effect_parity import ParityError
 from training.narx.export import update_card
 from training.narx.fit import FitResult
 from training.narx.model_file import HeldOut

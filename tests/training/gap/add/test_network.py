@@ -33,7 +33,7 @@ from training.gap.add.network_graph import AS_INPUT, DIFFERENCE, TO_OUTPUT, netw
 from training.gap.add.network_training import old_weights, spec_of, with_difference
 from training.greybox.effects import ALL
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.drive import from_recording
+from training.greybox.fit.drive import ChainDrive, from_recording
 from training.greybox.graph.chain_difference import ChainDifference
 from training.limits.evaluation import predict
 from training.limits.judging import judge_recordings
@@ -100,6 +100,11 @@ def free(network: Network, u: FloatArray) -> FloatArray:
     return scale.unscale_y(run)[first:]
 
 
+def proof() -> list[ChainDrive]:
+    """Return the drive on which ONNX and numpy must agree."""
+    return [from_recording(gap_drives()[1])]
+
+
 @pytest.fixture(scope="module")
 def extended(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("added") / "model.onnx"
@@ -111,7 +116,7 @@ def extended(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
         out,
         ranges=ranges(*gap_drives()),
         recordings=FIT,
-        drives=[from_recording(gap_drives()[1])],
+        drives=proof(),
     )
     return out
 
@@ -137,7 +142,7 @@ def retrained(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 def test_an_effect_of_size_zero_changes_no_bit(base: FitResult, tmp_path: Path) -> None:
     out = tmp_path / "model.onnx"
-    add(base.path, [NOTHING], CHAIN, out, ranges=ranges(*gap_drives()), recordings=FIT)
+    add(base.path, [NOTHING], CHAIN, out, ranges=ranges(*gap_drives()), recordings=FIT, drives=proof())
     recordings = gap_drives()[:2]
     for old, new in zip(
         predicted_phi(base.path, recordings), predicted_phi(out, recordings), strict=True
@@ -154,7 +159,7 @@ def test_a_network_of_its_usual_inputs_needs_no_engine_speed_for_an_effect(
     del seen["engine_speed_rpm"]
     out = tmp_path / "model.onnx"
     # WHEN it is added
-    card = add(base.path, [film], chain, out, ranges=seen, recordings=FIT)
+    card = add(base.path, [film], chain, out, ranges=seen, recordings=FIT, drives=proof())
     # THEN the file does not ask for it, and predicts better, though this ECU's charge follows its
     # air meter slowly, so that the speed worked out of both is wrong in transients
     assert card.input_names == (*NARX_INPUTS, "coolant_temperature_degc")
@@ -224,6 +229,7 @@ def test_a_file_that_computes_something_else_is_refused(
             tmp_path / "model.onnx",
             ranges=ranges(*gap_drives()),
             recordings=FIT,
+            drives=proof(),
         )
     assert not list(tmp_path.iterdir())
 
@@ -286,7 +292,7 @@ def test_the_monitor_judges_with_a_network_that_has_any_effect_of_the_library(
         # WHEN an effect is added, of which several read signals that the network does not
         added = ModelEffect.with_values(effect.name, [p.start[0] for p in effect.parameters])
         out = tmp_path / f"{effect.name}.onnx"
-        add(path, [added], CHAIN, out, ranges=ranges(driven), recordings=FIT)
+        add(path, [added], CHAIN, out, ranges=ranges(driven), recordings=FIT, drives=proof())
         # THEN the monitor judges with it
         model = Model.load(out)
         limits = Limits.from_card(model.card, settings, effect.name)
@@ -301,8 +307,8 @@ def test_a_further_effect_is_added_to_a_model_that_has_one(
     more = ModelEffect.with_values("back_pressure", [1.0])
     seen = ranges(*gap_drives())
     twice, at_once = tmp_path / "twice.onnx", tmp_path / "at_once.onnx"
-    card = add(extended, [more], chain, twice, ranges=seen, recordings=FIT)
-    add(base.path, [film, more], chain, at_once, ranges=seen, recordings=FIT)
+    card = add(extended, [more], chain, twice, ranges=seen, recordings=FIT, drives=proof())
+    add(base.path, [film, more], chain, at_once, ranges=seen, recordings=FIT, drives=proof())
     assert [each["name"] for each in card.effects] == ["wall_film", "back_pressure"]
     recordings = gap_drives()[:1]
     (one,), (other,) = predicted_phi(twice, recordings), predicted_phi(at_once, recordings)
@@ -372,7 +378,7 @@ def test_what_has_no_place_for_effects_is_refused(
 ) -> None:
     seen, out = ranges(*gap_drives()), tmp_path / "model.onnx"
     with pytest.raises(ModelError, match="was retrained with effects"):
-        add(retrained, [NOTHING], CHAIN, out, ranges=seen, recordings=FIT)
+        add(retrained, [NOTHING], CHAIN, out, ranges=seen, recordings=FIT, drives=proof())
     card = replace(base.card, inputs=base.card.inputs[1:])  # without the air
     lacking = {name: each for name, each in seen.items() if name == "fuel_mass_mg"}
     with pytest.raises(ModelError, match="the chain needs engine_speed_rpm"):

@@ -14,7 +14,7 @@ import numpy as np
 from monitor.base.signals import BY_NAME, OUTPUT
 from monitor.base.types import FloatArray
 from training.greybox.chain import Constants, simulate
-from training.greybox.effects.form.place import ArrayPlace
+from training.greybox.effects.form.place import Place
 from training.greybox.fit.drive import ChainDrive, path_of
 
 # The controller's answer to the mixture and the flags explain nothing.
@@ -103,7 +103,7 @@ def columns(drive: ChainDrive, base: Constants, functions: Sequence[Function]) -
         small = STEP / max(float(np.abs(x).max()), 1e-9)
         if function.kind == "mass":
             step = small * mass
-            more = step * x * ArrayPlace(path, drive.signals, drive.period_s).injecting()
+            more = step * x * Place(path, drive.signals, drive.period_s).injecting()
             changed = replace(path, fuel_mg=path.fuel_mg + more)
         else:
             step = small * PERCENT

@@ -10,7 +10,7 @@ from training.greybox.effects.form.air_meter import SLOWLY
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
 from training.greybox.effects.form.quantities import KELVIN
-from training.greybox.effects.form.value import Quantity, maximum
+from training.greybox.quantity.value import Quantity, maximum
 
 HALF_FLOW_KG_H: Final = 30.0  # at which the charge warms half as much as without flow
 CHARGE_MIN_K: Final = 100.0
@@ -37,5 +37,4 @@ EFFECT: Final = Effect(
     needs=("coolant_temperature_degc", "manifold_temperature_degc", "maf_kg_h"),
     tag="physics",
     equation=_equation,
-    n_states=2,
 )

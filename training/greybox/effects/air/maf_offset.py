@@ -9,7 +9,7 @@ from typing import Final
 from training.greybox.effects.form.air_meter import FOLLOWED, metered_kg_h, taken_over
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity
+from training.greybox.quantity.value import Quantity
 
 
 def _equation(at: Place, p: Values) -> dict[str, Quantity]:
@@ -24,5 +24,4 @@ EFFECT: Final = Effect(
     needs=("maf_kg_h",),
     tag="fault-like",
     equation=_equation,
-    n_states=3,
 )

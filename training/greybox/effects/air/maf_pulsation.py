@@ -10,7 +10,7 @@ from typing import Final
 from training.greybox.effects.form.air_meter import FOLLOWED, metered_kg_h, taken_over
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, exp, maximum, tanh
+from training.greybox.quantity.value import Quantity, exp, maximum, tanh
 
 BUMP_RPM: Final = 450.0  # width over engine speed
 LOAD_MIN: Final = 0.6  # manifold over ambient pressure
@@ -40,5 +40,4 @@ EFFECT: Final = Effect(
     optional=("ambient_pressure_kpa",),
     tag="physics",
     equation=_equation,
-    n_states=4,
 )

@@ -10,7 +10,7 @@ from typing import Final
 from training.greybox.chain import AIR_LEAST_MG
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, maximum
+from training.greybox.quantity.value import Quantity, maximum
 
 REFERENCE_RPM: Final = 1500.0  # at which the time constant is the parameter
 FILLING_MIN_RPM: Final = 500.0
@@ -19,7 +19,7 @@ FILLING_MIN_RPM: Final = 500.0
 def _equation(at: Place, p: Values) -> dict[str, Quantity]:
     time_s = abs(p[0]) * REFERENCE_RPM / maximum(at.signal("engine_speed_rpm"), FILLING_MIN_RPM)
     charge = maximum(at.of("air_mg"), AIR_LEAST_MG)
-    late = at.ramp_lag_in_proportion(charge, time_s)
+    late = at.proportional_lag(charge, time_s)
     return {"air_mg": late if p[0] >= 0.0 else charge * charge / late}
 
 
@@ -30,5 +30,4 @@ EFFECT: Final = Effect(
     needs=("engine_speed_rpm",),
     tag="physics",
     equation=_equation,
-    n_states=3,
 )

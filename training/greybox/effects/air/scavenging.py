@@ -8,7 +8,7 @@ from typing import Final
 
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, clip, maximum, minimum
+from training.greybox.quantity.value import Quantity, clip, maximum, minimum
 
 LOAD_MIN: Final = 0.9  # manifold over ambient pressure
 FADE_RPM: Final = 600.0

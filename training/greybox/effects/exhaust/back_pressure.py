@@ -7,7 +7,7 @@ from typing import Final
 
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, clip
+from training.greybox.quantity.value import Quantity, clip
 
 REFERENCE_KPA: Final = 98.5
 REFERENCE_FLOW_KG_H: Final = 200.0  # at which the drop is 100 kPa

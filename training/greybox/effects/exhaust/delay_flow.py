@@ -8,7 +8,7 @@ from typing import Final
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
 from training.greybox.effects.form.quantities import longest_passage_s
-from training.greybox.effects.form.value import Quantity, clip
+from training.greybox.quantity.value import Quantity, clip
 
 DEAD_TIME_MAX_S: Final = 3.0
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, clip, exp
+from training.greybox.quantity.value import Quantity, clip, exp
 
 SHARE_MAX: Final = 0.5
 

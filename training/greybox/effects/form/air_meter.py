@@ -9,7 +9,7 @@ from typing import Final
 
 from training.greybox.effects.form.effect import Effect, Parameter
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, maximum
+from training.greybox.quantity.value import Quantity, maximum
 
 FOLLOWED: Final = Parameter("followed", "s", 0.02, 8.0, (0.05, 2.0))
 AT_ONCE: Final = replace(FOLLOWED, high=1.0, start=(0.05,))

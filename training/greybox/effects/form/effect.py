@@ -6,9 +6,8 @@ from typing import Literal
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import Path
-from training.greybox.effects.form.place import ArrayPlace, Place
-from training.greybox.effects.form.quantities import Signals
-from training.greybox.effects.form.value import Quantity
+from training.greybox.effects.form.place import Place
+from training.greybox.quantity.value import Quantity
 
 Values = Sequence[float]  # of an effect's parameters, in their order
 Tag = Literal["physics", "fault-like", "either"]
@@ -48,14 +47,15 @@ class Effect:
     gain_class: bool = False  # a constant factor on the mixture: seen against a reference only
     varies: bool = False  # from drive to drive, so that the effect may begin between two drives
     equation: Callable[[Place, Values], Mapping[str, Quantity]]  # the fields that change
-    n_states: int = 0  # of its lags in a graph
     dead_time_s: Callable[[Values], float] = _none  # at most, beside the base's
     lag_s: Callable[[Values], float] = _none  # at most, beside the base's lags
     slower: Callable[[Values], float] = _none  # relative growth of the base's lags, at most
 
-    def apply(self, path: Path, values: FloatArray, signals: Signals, period_s: float) -> Path:
-        """Return a drive's path with the effect; values (k,) of the parameters in their order."""
-        place = ArrayPlace(path, signals, period_s)
+    def apply(
+        self, path: Path, values: FloatArray, signals: Mapping[str, Quantity], period_s: float
+    ) -> Path:
+        """Return a path with the effect; values (k,) of the parameters in their order."""
+        place = Place(path, signals, period_s)
         return replace(path, **self.equation(place, values.tolist()))
 
     def signals_of(self, present: Collection[str]) -> tuple[str, ...]:
@@ -73,7 +73,7 @@ class Effect:
 Own = tuple[tuple[Effect, FloatArray], ...]  # effects of a healthy vehicle, with their values
 
 
-def along(path: Path, own: Own, signals: Signals, period_s: float) -> Path:
+def along(path: Path, own: Own, signals: Mapping[str, Quantity], period_s: float) -> Path:
     """Return the path with the effects applied one after the other."""
     for effect, values in own:
         path = effect.apply(path, values, signals, period_s)

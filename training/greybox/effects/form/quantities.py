@@ -1,11 +1,6 @@
 """Bounds and numbers of physical quantities that several effects use, see ``place.Place``."""
 
-from collections.abc import Mapping
 from typing import Final
-
-from monitor.base.types import FloatArray
-
-Signals = Mapping[str, FloatArray]
 
 FLOW_MIN_KG_H: Final = 3.0
 SPEED_MIN_RPM: Final = 400.0  # of injection; below it the engine stands

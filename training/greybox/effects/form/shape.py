@@ -9,9 +9,8 @@ from typing import Final, Protocol
 
 from training.greybox.effects.form.effect import Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, clip, exp, maximum, minimum, tanh
+from training.greybox.quantity.value import Quantity, clip, exp, maximum, minimum, tanh
 
-STATES: Final = 2  # of a lag: its value, and whether it has begun
 FARTHEST: Final = 3.0  # |u| beyond which a line goes on level
 NEAR: Final = 1.5  # |u| beyond which an exponential goes on level
 POSITIVE: Final = 4.0  # makes u positive, for a lag
@@ -32,10 +31,6 @@ class Words:
 class Shape(Protocol):
     """A function of u with constants."""
 
-    @property
-    def n_states(self) -> int:
-        """Return the states of its lag, 0 without one."""
-
     def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
         """Return its constants, with sizes of at most ``most``."""
 
@@ -51,11 +46,6 @@ class Line:
     """A straight line, also behind a lag of first order."""
 
     late: bool = False
-
-    @property
-    def n_states(self) -> int:
-        """Return the states of its lag."""
-        return STATES if self.late else 0
 
     def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
         """Return the size in the middle of the range, the size per u and the lag's time."""
@@ -81,8 +71,6 @@ class Line:
 @dataclass(frozen=True, slots=True)
 class Curve:
     """Straight between five values, level beyond them."""
-
-    n_states: int = 0
 
     def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
         """Return the sizes at the knots."""
@@ -111,8 +99,6 @@ class Curve:
 class Bump:
     """A resonance: a bell about one value of the signal."""
 
-    n_states: int = 0
-
     def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
         """Return the height, and place and half width at 1/e in u."""
         return (_size("size", unit, most), *_PLACE_AND_WIDTH)
@@ -132,8 +118,6 @@ class Bump:
 @dataclass(frozen=True, slots=True)
 class Step:
     """One value below a place and another above it: a flap, a valve, a switch."""
-
-    n_states: int = 0
 
     def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
         """Return the middle, half the step's height, and place and half width in u."""
@@ -157,8 +141,6 @@ class Step:
 @dataclass(frozen=True, slots=True)
 class Bend:
     """A line that goes on with another slope beyond a place: a threshold, a dead band."""
-
-    n_states: int = 0
 
     def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
         """Return the size at the place, the slopes per u below and above it, and the place in u."""
@@ -184,8 +166,6 @@ class Bend:
 @dataclass(frozen=True, slots=True)
 class Exponential:
     """A size that is multiplied by the same factor per unit: vapour pressure, viscosity."""
-
-    n_states: int = 0
 
     def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
         """Return a constant, the size at the end where it is largest, and the rate per u."""

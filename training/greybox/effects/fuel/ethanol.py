@@ -9,7 +9,7 @@ from typing import Final
 from training.greybox.chain import STOICHIOMETRIC
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity
+from training.greybox.quantity.value import Quantity
 
 ETHANOL_AIR_FUEL: Final = 9.0  # stoichiometric, by mass
 GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / STOICHIOMETRIC  # of the mixture, per fraction

@@ -10,7 +10,7 @@ from typing import Final
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
 from training.greybox.effects.form.quantities import FLOW_MIN_KG_H
-from training.greybox.effects.form.value import Quantity, maximum, where
+from training.greybox.quantity.value import Quantity, maximum, where
 
 REFERENCE_FLOW_KG_H: Final = 20.0  # at which the tail's time is the parameter
 FACTOR_MIN: Final = 0.2
@@ -42,6 +42,5 @@ EFFECT: Final = Effect(
     needs=("engine_speed_rpm",),
     tag="physics",
     equation=_equation,
-    n_states=2,
     lag_s=_longest_s,
 )

@@ -7,7 +7,7 @@ from typing import Final
 
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, maximum, where
+from training.greybox.quantity.value import Quantity, maximum, where
 
 
 def _equation(at: Place, p: Values) -> dict[str, Quantity]:

@@ -9,7 +9,7 @@ from typing import Final
 
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, maximum, where
+from training.greybox.quantity.value import Quantity, maximum, where
 
 VAPOUR_LAG_S: Final = 1.0  # canister line and intake
 WARM_DEGC: Final = 60.0
@@ -46,5 +46,4 @@ EFFECT: Final = Effect(
     tag="physics",
     varies=True,
     equation=_equation,
-    n_states=2,
 )

@@ -8,7 +8,7 @@ from typing import Final
 
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, maximum
+from training.greybox.quantity.value import Quantity, maximum
 
 REFERENCE_RAIL_MPA: Final = 10.0
 RAIL_MIN_MPA: Final = 0.5

@@ -10,7 +10,7 @@ from typing import Final
 
 from training.greybox.effects.form.effect import Effect, Parameter, Values
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Quantity, maximum, minimum
+from training.greybox.quantity.value import Quantity, maximum, minimum
 
 WARM_DEGC: Final = 80.0
 SHARE_MAX: Final = 0.8
@@ -42,5 +42,4 @@ EFFECT: Final = Effect(
     optional=("coolant_temperature_degc",),
     tag="physics",
     equation=_equation,
-    n_states=2,
 )

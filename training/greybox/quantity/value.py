@@ -9,24 +9,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from training.narx.export import Graph
+from monitor.base.types import FloatArray
 
+if TYPE_CHECKING:
+    from training.greybox.quantity.trace import Trace
+
+READING = 0  # place of what the sensor reads in the state of a graph
 Quantity = Any  # FloatArray (n,), Value or float; all of one equation but floats are alike
 
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A float32 tensor (batch, 1) or scalar in a graph; each operation adds a node."""
+    """A float32 tensor (batch, k) in a graph, mostly (batch, 1); each operation adds a node."""
 
-    graph: "Graph"
+    trace: "Trace"
     name: str
+
+    __array_ufunc__ = None  # so that an array on the left leaves the operation to the value
 
     def __add__(self, other: "Value | float") -> "Value":
         return self.node("Add", self, other)
 
-    def __radd__(self, other: float) -> "Value":
-        return self.node("Add", self, other)
+    __radd__ = __add__
 
     def __sub__(self, other: "Value | float") -> "Value":
         return self.node("Sub", self, other)
@@ -37,8 +41,7 @@ class Value:
     def __mul__(self, other: "Value | float") -> "Value":
         return self.node("Mul", self, other)
 
-    def __rmul__(self, other: float) -> "Value":
-        return self.node("Mul", self, other)
+    __rmul__ = __mul__
 
     def __truediv__(self, other: "Value | float") -> "Value":
         return self.node("Div", self, other)
@@ -61,15 +64,20 @@ class Value:
     def __and__(self, other: "Value") -> "Value":
         return self.node("And", self, other)
 
-    def node(self, kind: str, *operands: "Value | float") -> "Value":
+    def node(
+        self, kind: str, *operands: "Value | float | FloatArray", **attributes: int
+    ) -> "Value":
         """Add an ONNX operator of this kind; return its result."""
-        graph, names = self.graph, list[str]()
-        for x in operands:
-            if isinstance(x, Value):
-                names.append(x.name)
-            else:
-                names.append(graph.constant(f"c{len(graph.constants)}", x))
-        return Value(graph, graph.add(kind, names, f"n{len(graph.nodes)}"))
+        values = [x if isinstance(x, Value) else self.trace.constant(x) for x in operands]
+        graph = self.trace.graph
+        names, name = [x.name for x in values], f"n{len(graph.nodes)}"
+        return Value(self.trace, graph.add(kind, names, name, **attributes))
+
+    def total(self, axis: int, *, keepdims: bool = False) -> "Value":
+        """Add the sum over an axis."""
+        return self.node(
+            "ReduceSum", self, self.trace.constant([axis], np.int64), keepdims=keepdims
+        )
 
 
 def maximum(x: Quantity, least: Quantity) -> Quantity:
@@ -102,3 +110,32 @@ def where(condition: Quantity, then: Quantity, otherwise: Quantity) -> Quantity:
     if isinstance(condition, Value):
         return condition.node("Where", condition, then, otherwise)
     return np.where(condition, then, otherwise)
+
+
+def bilinear(
+    x: Quantity, y: Quantity, knots: tuple[FloatArray, FloatArray], values: FloatArray
+) -> Quantity:
+    """Return a map (a, b) over its knots (a,) and (b,) at ``x`` and ``y``, constant beyond them.
+
+    Each sum has at most two terms that are not zero, so that it has the same bits in every batch.
+    """
+    by_row, by_column = hats(x, knots[0]), hats(y, knots[1])
+    if not isinstance(x, Value):
+        return ((by_row @ values) * by_column).sum(axis=1)
+    wide = by_column.node("Unsqueeze", by_column, x.trace.constant([1], np.int64))  # (n, 1, b)
+    rows = (wide * values[None]).total(2)
+    return (rows * by_row).total(1, keepdims=True)
+
+
+def hats(x: Quantity, knots: FloatArray) -> Quantity:
+    """Return the shares (n, k) of the knots in a linear interpolation at ``x``.
+
+    >>> hats(np.array([0.0, 15.0, 99.0]), np.array([10.0, 20.0, 40.0])).tolist()
+    [[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, 1.0]]
+    """
+    gaps = np.diff(knots)
+    column = x if isinstance(x, Value) else np.asarray(x)[:, None]
+    away = clip(column, knots[0], knots[-1]) - knots[None]
+    rising = 1.0 + away / np.append(gaps[:1], gaps)[None]
+    falling = 1.0 - away / np.append(gaps, gaps[-1:])[None]
+    return maximum(minimum(rising, falling), 0.0)

@@ -1,0 +1,196 @@
+"""Lags and delays at the sample period, slope and store: of arrays (n,), or as nodes with a state.
+
+Lags are exact for inputs that run straight between samples (ramp invariance; Franklin, Powell,
+Workman, Digital Control of Dynamic Systems, section 6.3): a time constant means the same at any
+sample period. ``lag`` alone takes its input as steady between samples.
+"""
+# mypy: disable-error-code="no-untyped-def"
+
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from monitor.base.types import BoolArray, FloatArray
+from monitor.model.step import PHI_MAX
+from training.greybox.quantity.value import READING, Quantity, Value, clip, exp, maximum, where
+
+LEAST_S: Final = 1e-6  # time constant of ``lag``
+LEAST_SAMPLES: Final = 1e-4  # time constant of ``ramp_lag`` and of a sensor in samples
+LEAST_PROPORTIONAL: Final = 1e-9  # of ``proportional_lag``
+
+
+@register_jitable
+def _ramp_step(x, last, u, drop, newest):
+    """Return the next state of a lag of ``u``, for a tensor of a graph or a number."""
+    return (x + newest * (u - last)) + drop * (last - x)
+
+
+def lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity:
+    """Return ``u`` behind a first-order lag that starts settled; ``time_s`` is its time constant.
+
+    >>> lag(np.array([0.0, 1.0, 1.0]), 1.0 / np.log(2.0), 1.0).tolist()
+    [0.0, 0.5, 0.75]
+    """
+    share = 1.0 - exp(-period_s / maximum(time_s, LEAST_S))
+    if not isinstance(u, Value):
+        return _lag(u, _row(share))
+    place = u.trace.place()
+    x = u.trace.old(place, u)
+    return u.trace.keep(place, x + share * (u - x))
+
+
+@njit(cache=True)
+def _lag(u, share):  # pragma: no cover
+    out = np.empty_like(u)
+    x, step = u[0], len(share) > 1
+    for k in range(len(u)):
+        x += share[k * step] * (u[k] - x)
+        out[k] = x
+    return out
+
+
+def ramp_lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity:
+    """Return ``u`` behind a lag whose time constant may be far below the sample period."""
+    drop, newest = _weights(time_s, period_s)
+    if not isinstance(u, Value):
+        return _ramp_lag(u, _row(drop), _row(newest))
+    x, last, keep = _remembered(u)
+    return keep(_ramp_step(x, last, u, drop, newest))
+
+
+@njit(cache=True)
+def _ramp_lag(u, drop, newest):  # pragma: no cover
+    out = np.empty_like(u)
+    x = last = u[0]
+    step = len(drop) > 1
+    for k in range(len(u)):
+        x = _ramp_step(x, last, u[k], drop[k * step], newest[k * step])
+        last = u[k]
+        out[k] = x
+    return out
+
+
+def proportional_lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity:
+    """Return a positive ``u`` whose logarithm is behind a ramp's lag, which may be none at all.
+
+    A graph takes powers instead, see ``value``.
+    """
+    drop, newest = _weights(time_s, period_s, LEAST_PROPORTIONAL)
+    if not isinstance(u, Value):
+        return np.exp(_ramp_lag(np.log(u), _row(drop), _row(newest)))
+    x, last, keep = _remembered(u)
+    return keep(x * (last / x) ** drop * (u / last) ** newest)
+
+
+def _remembered(
+    u: Value, place: int | None = None
+) -> tuple[Value, Value, Callable[[Value], Value]]:
+    """Return a lag's state and last input, and what keeps its next state, by default a new one."""
+    trace = u.trace
+    before = trace.place()
+    at = trace.place() if place is None else place
+    trace.keep(before, u)
+    return trace.old(at, u), trace.old(before, u), partial(trace.keep, at)
+
+
+def sensor_lag(u: Quantity, rising_s: Quantity, falling_s: Quantity, period_s: float) -> Quantity:
+    """Return the phi that a sensor reads of ``u``, within 0 .. 1.7, by direction."""
+    rising = _weights(rising_s, period_s)
+    falling = rising if falling_s is rising_s else _weights(falling_s, period_s)
+    if not isinstance(u, Value):
+        weights = tuple(map(_row, (*rising, *falling)))
+        free = _ramp_lag(u, *weights[:2])
+        if falling is rising and free.min() >= 0.0 and free.max() <= PHI_MAX:
+            return free  # half the time of the loop with both limits
+        return _sensor_lag(u, *weights)
+    x, last, keep = _remembered(u, READING)
+    weights = rising
+    if falling is not rising:
+        weights = tuple(where(u > x, up, down) for up, down in zip(rising, falling, strict=True))
+    return keep(clip(_ramp_step(x, last, u, *weights), 0.0, PHI_MAX))
+
+
+@njit(cache=True)
+def _sensor_lag(u, rising, rising_newest, falling, falling_newest):  # pragma: no cover
+    out = np.empty_like(u)
+    x = last = u[0]
+    up, down = len(rising) > 1, len(falling) > 1
+    for k in range(len(u)):
+        if u[k] > x:
+            drop, newest = rising[k * up], rising_newest[k * up]
+        else:
+            drop, newest = falling[k * down], falling_newest[k * down]
+        x = min(max(_ramp_step(x, last, u[k], drop, newest), 0.0), PHI_MAX)
+        last = u[k]
+        out[k] = x
+    return out
+
+
+def delayed(u: Quantity, samples: Quantity) -> Quantity:
+    """Return ``u`` of so many samples ago, straight between samples, the first one before it.
+
+    In a graph, whose register holds past samples, a longer delay is that of the register.
+    """
+    if not isinstance(u, Value):
+        return _delayed(u, _row(samples))
+    trace, register = u.trace, u.trace.register
+    place = trace.place(register)
+    history = u.node("Concat", u, trace.old(place, u, register), axis=1)
+    trace.keep(place, trace.take(history.name, 0, register))
+    away = np.arange(register + 1.0)[None] - clip(samples, 0.0, float(register))
+    return (history * maximum(1.0 - away.node("Abs", away), 0.0)).total(1, keepdims=True)
+
+
+@njit(cache=True)
+def _delayed(u, samples):  # pragma: no cover
+    out, step = np.empty_like(u), len(samples) > 1
+    for k in range(len(u)):
+        at = max(k - max(samples[k * step], 0.0), 0.0)
+        i = int(at)
+        out[k] = u[i] if i >= k else u[i] + (at - i) * (u[i + 1] - u[i])
+    return out
+
+
+def _weights(
+    time_s: Quantity, period_s: float, least: float = LEAST_SAMPLES
+) -> tuple[Quantity, Quantity]:
+    """Return 1 minus the weight of the state in a lag, and that of the newest input."""
+    time = maximum(time_s / period_s, least)
+    drop = 1.0 - exp(-1.0 / time)
+    return drop, 1.0 - time * drop
+
+
+def _row(x: FloatArray | float) -> FloatArray:
+    """Return an array (n,) as it is, a number as (1,), for a loop that reads both alike."""
+    return x if isinstance(x, np.ndarray) and x.ndim else np.full(1, x)
+
+
+def slope(u: FloatArray, period_s: float) -> FloatArray:
+    """Return the time derivative of ``u`` (n,) by central differences, per second."""
+    return np.asarray(np.gradient(u) / period_s)
+
+
+@njit(cache=True)
+def _decay(active, share_up, share_down):  # pragma: no cover
+    out = np.zeros(len(active))
+    x = 0.0
+    for k in range(len(active)):
+        x = x + share_up * (1.0 - x) if active[k] else x * (1.0 - share_down[k])
+        out[k] = x
+    return out
+
+
+def charged(
+    active: BoolArray, up_s: float, down_s: FloatArray | float, period_s: float
+) -> FloatArray:
+    """Return a store (n,) that fills to 1 while ``active`` and empties afterwards.
+
+    up_s, down_s : time constants in s of filling and emptying
+    """
+    down = 1.0 - np.exp(-period_s / np.maximum(down_s, LEAST_S))
+    share_up = 1.0 - np.exp(-period_s / up_s)
+    return _decay(active, share_up, np.broadcast_to(down, active.shape))
