@@ -71,7 +71,7 @@ def balance(p: Parameters) -> Balance:
 
     period_s = drives[0].drive.period_s
     weights = [p.grid.weights(d.drive.rpm[d.at], d.drive.load[d.at]) for d in drives]
-    gain = np.concatenate([w.dense(p.grid.size) for w in weights])
+    gain = np.concatenate([w.dense for w in weights])
     size = round(BLOCK_S / period_s)
     places = [np.stack([np.full(len(d.at), k), d.at // size]) for k, d in enumerate(drives)]
     _, block = np.unique(np.concatenate(places, axis=1), axis=1, return_inverse=True)

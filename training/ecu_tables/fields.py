@@ -6,6 +6,7 @@ depend on how fine the table is.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -18,22 +19,23 @@ NUGGET: Final = 0.02  # of the prior's variance, that no neighbour shares
 EDGES: Final = (1.0, 99.0)  # percentiles of the samples between which the knots stand
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Weights:
     """Bilinear weights of n places: four knots each."""
 
     at: IntArray  # (n, 4)
     share: FloatArray  # (n, 4), rows add up to 1
+    n_knots: int
 
     def apply(self, knots: FloatArray) -> FloatArray:
         """Return the field (n,) with these values at the knots (n_knots,)."""
-        return np.asarray((knots[self.at] * self.share).sum(axis=1))
+        return np.asarray(np.einsum("nk,nk->n", knots[self.at], self.share))
 
-    def dense(self, n_knots: int) -> FloatArray:
+    @cached_property
+    def dense(self) -> FloatArray:
         """Return the weights as a matrix (n, n_knots)."""
-        full = np.zeros((len(self.at), n_knots))
-        for k in range(4):
-            np.add.at(full, (np.arange(len(full)), self.at[:, k]), self.share[:, k])
+        full = np.zeros((len(self.at), self.n_knots))
+        np.put_along_axis(full, self.at, self.share, axis=1)
         return full
 
 
@@ -56,7 +58,7 @@ class Grid:
         n = len(self.loads)
         at = np.column_stack([i * n + j, i * n + j + 1, (i + 1) * n + j, (i + 1) * n + j + 1])
         share = np.column_stack([(1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b])
-        return Weights(at, share)
+        return Weights(at, share, self.size)
 
     def precision(self, sd: float) -> FloatArray:
         """Return the inverse of the prior's covariance (size, size)."""

@@ -13,8 +13,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.ecu_tables.fields import Grid
+from training.ecu_tables.fields import Grid, Weights
 from training.ecu_tables.signals import KG_H_PER_MG_RPM, Air, TableDrive, TableSubject
+from training.greybox.quantity.dual import Dual, Group
+from training.greybox.quantity.value import Quantity, clip, exp, maximum, tanh
 from training.recordings.ecu_table import KPA
 
 FLOW_REFERENCE_KG_H: Final = 40.0
@@ -58,15 +60,6 @@ SCALARS: Final = (
     Scalar("span", 1.0, 0.2),  # of the reading about phi 1: an air that errs in time weakens it
 )
 FUEL: Final = ("flow", "dead_ms", "dead_exponent")
-AIR: Final = ("filling", "meter", "charge_s")
-DELAY: Final = ("delay_s", "delay_rev", "gas_heat", "delay_flow")
-HEAT: Final = ("gas_heat",)
-MIXING: Final = ("mixed_flow",)
-SENSOR: Final = ("sensor_s", "sensor_flow")
-FILM: Final = ("film", "film_cold", "film_load", "film_speed")
-FILM_TIME: Final = ("time", "time_cold", "time_load", "time_speed")
-SPAN: Final = ("span",)
-FIRST: Final = tuple(n[0] for n in (FUEL, AIR, FILM, FILM_TIME, DELAY, HEAT, MIXING, SENSOR, SPAN))
 FIELDS: Final = ("gain", "delay", "lag", "share", "tau")
 FIELD_SD: Final = {"gain": 0.05, "delay": 0.15, "lag": 0.12, "share": 0.15, "tau": 0.12}
 GAIN_SD_WITHOUT_VE: Final = 0.15
@@ -78,6 +71,21 @@ class Balance(NamedTuple):
     mean: FloatArray  # (3,)
     covariance: FloatArray  # (3, 3)
     seconds: float  # of steady samples
+
+
+class Moving:
+    """A parameter vector over which derivatives are wanted."""
+
+    def __init__(self, x: FloatArray) -> None:
+        self.x = x
+        self._groups: dict[str, Group] = {}
+
+    def dual(self, name: str, value: FloatArray | float, shares: FloatArray | None = None) -> Dual:
+        """Return a constant, or the field of knots with these shares, with its derivative."""
+        return Dual(value, {self._groups.setdefault(name, Group(name, shares)): 1.0})
+
+
+Vector = FloatArray | Moving
 
 
 @dataclass(frozen=True)
@@ -124,9 +132,24 @@ class Parameters:
             full[self.at[name], self.at[name]] = self.grid.precision(sd)
         return full
 
-    def value(self, x: FloatArray, name: str) -> float:
+    def value(self, x: Vector, name: str) -> Quantity:
         """Return one constant."""
-        return float(x[self.at[name]][0])
+        if isinstance(x, Moving):
+            return x.dual(name, self.value(x.x, name))
+        return float(x[self.at[name].start])
+
+    def field(self, x: Vector, name: str, weights: Weights) -> Quantity:
+        """Return one field at some places (n,)."""
+        if isinstance(x, Moving):
+            return x.dual(name, self.field(x.x, name, weights), weights.dense)
+        return weights.apply(x[self.at[name]])
+
+    def jacobian(self, of: Dual) -> FloatArray:
+        """Return the derivatives (n, size) of a quantity over all parameters."""
+        full = np.zeros((len(of.value), self.size))
+        for group in of.slopes:
+            full[:, self.at[group.name]] = of.spread(group)
+        return full
 
 
 class Point(NamedTuple):
@@ -144,83 +167,81 @@ def point_of(drive: TableDrive, charge_mg: FloatArray) -> Point:
     return Point(drive.rpm, drive.load, np.maximum(flow, FLOW_LEAST_KG_H), drive.cold)
 
 
-def delay_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+def delay_s(p: Parameters, x: Vector, at: Point, field: Quantity) -> Quantity:
     """Return the dead time from injection to sensor in s at steady operating points."""
     return near_delay_s(p, x, at) + pipe_kg_h_s(p, x, field) / gas_flow(p, x, at)
 
 
-def gas_flow(p: Parameters, x: FloatArray, at: Point) -> FloatArray:
+def gas_flow(p: Parameters, x: Vector, at: Point) -> Quantity:
     """Return the volume flow in the exhaust, as kg/h of gas that is as hot as at 40 kg/h.
 
     Exhaust is hotter, so less dense, at a larger flow: some 450 °C at idle and 800 °C at high
     load (Heywood, Internal Combustion Engine Fundamentals, section 6.5).
     """
     relative = at.flow_kg_h / FLOW_REFERENCE_KG_H
-    return np.asarray(at.flow_kg_h * relative ** p.value(x, "gas_heat"))
+    return at.flow_kg_h * relative ** p.value(x, "gas_heat")
 
 
-def near_delay_s(p: Parameters, x: FloatArray, at: Point) -> FloatArray:
+def near_delay_s(p: Parameters, x: Vector, at: Point) -> Quantity:
     """Return the part of the dead time that is none of the pipe's, in s."""
     revolutions = p.value(x, "delay_rev") * 60.0 / at.rpm
-    return np.asarray(np.maximum(p.value(x, "delay_s") + revolutions, 0.0))
+    return maximum(p.value(x, "delay_s") + revolutions, 0.0)
 
 
-def pipe_kg_h_s(p: Parameters, x: FloatArray, field: FloatArray) -> FloatArray:
+def pipe_kg_h_s(p: Parameters, x: Vector, field: Quantity) -> Quantity:
     """Return the gas between valve and sensor as flow times time, in s kg/h."""
-    return np.asarray(np.exp(p.value(x, "delay_flow") + field))
+    return exp(p.value(x, "delay_flow") + field)
 
 
-def mixing_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+def mixing_s(p: Parameters, x: Vector, at: Point, field: Quantity) -> Quantity:
     """Return the lag of the mixed exhaust volume in s."""
-    return np.asarray(np.exp(p.value(x, "mixed_flow") + field) / gas_flow(p, x, at))
+    return exp(p.value(x, "mixed_flow") + field) / gas_flow(p, x, at)
 
 
-def sensor_s(p: Parameters, x: FloatArray, flow_kg_h: FloatArray) -> FloatArray:
+def sensor_s(p: Parameters, x: Vector, flow_kg_h: FloatArray) -> Quantity:
     """Return the lag of the sensor in s."""
-    share = min(max(p.value(x, "sensor_flow"), 0.0), 1.0)
+    share = clip(p.value(x, "sensor_flow"), 0.0, 1.0)
     falls = np.sqrt(FLOW_REFERENCE_KG_H / flow_kg_h)
-    return np.asarray(np.exp(p.value(x, "sensor_s")) * (1.0 + share * (falls - 1.0)))
+    return exp(p.value(x, "sensor_s")) * (1.0 + share * (falls - 1.0))
 
 
-def lag_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+def lag_s(p: Parameters, x: Vector, at: Point, field: Quantity) -> Quantity:
     """Return the lags of mixing and sensor together in s."""
-    sensor = sensor_s(p, x, at.flow_kg_h) * np.exp(field)
-    return np.asarray(mixing_s(p, x, at, field) + sensor)
+    sensor = sensor_s(p, x, at.flow_kg_h) * exp(field)
+    return mixing_s(p, x, at, field) + sensor
 
 
-def film_odds(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+def film_odds(p: Parameters, x: Vector, at: Point, field: Quantity) -> Quantity:
     """Return the log odds of the fraction of the fuel that wets the wall."""
-    return np.asarray(p.value(x, "film") + _law(p, x, "film", at) + field)
+    return p.value(x, "film") + _law(p, x, "film", at) + field
 
 
-def share_of(odds: FloatArray) -> FloatArray:
+def share_of(odds: Quantity) -> Quantity:
     """Return the fraction of these log odds, at most ``SHARE_MOST``."""
-    return np.asarray(SHARE_MOST / (1.0 + np.exp(-odds)))
+    return SHARE_MOST / (1.0 + exp(-odds))
 
 
-def film_level(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+def film_level(p: Parameters, x: Vector, at: Point, field: Quantity) -> Quantity:
     """Return the logarithm of the film's time constant as if it had no limits, scaled."""
     free = p.value(x, "time") + _law(p, x, "time", at) + field
-    return np.asarray((free - LOG_TIME) / LOG_TIME_SPAN)
+    return (free - LOG_TIME) / LOG_TIME_SPAN
 
 
-def time_of(level: FloatArray) -> FloatArray:
+def time_of(level: Quantity) -> Quantity:
     """Return the film's time constant of a level in s."""
-    return np.asarray(np.exp(LOG_TIME + LOG_TIME_SPAN * np.tanh(level)))
+    return exp(LOG_TIME + LOG_TIME_SPAN * tanh(level))
 
 
-def dead_ms(p: Parameters, x: FloatArray, volts: FloatArray) -> FloatArray:
+def dead_ms(p: Parameters, x: Vector, volts: FloatArray) -> Quantity:
     """Return the dead time of the injectors in ms."""
-    return np.asarray(
-        np.exp(p.value(x, "dead_ms") + p.value(x, "dead_exponent") * np.log(14.0 / volts))
-    )
+    return exp(p.value(x, "dead_ms") + p.value(x, "dead_exponent") * np.log(14.0 / volts))
 
 
-def _law(p: Parameters, x: FloatArray, of: str, at: Point) -> FloatArray:
+def _law(p: Parameters, x: Vector, of: str, at: Point) -> Quantity:
     """Return how a film's constant moves with temperature, load and speed."""
     load = np.log(np.maximum(at.load, 1.0) / LOAD_REFERENCE[p.subject.load])
     speed = np.log(at.rpm / SPEED_REFERENCE_RPM)
-    return np.asarray(
+    return (
         p.value(x, f"{of}_cold") * at.cold
         + p.value(x, f"{of}_load") * load
         + p.value(x, f"{of}_speed") * speed

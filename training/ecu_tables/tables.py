@@ -16,8 +16,9 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.ecu_tables import parameters as laws
 from training.ecu_tables.config import TablesConfig
 from training.ecu_tables.fit import FittedTables
-from training.ecu_tables.parameters import Parameters, Point
+from training.ecu_tables.parameters import Moving, Parameters, Point, Vector
 from training.ecu_tables.signals import WARM_DEGC
+from training.greybox.quantity.value import Quantity, log
 from training.recordings.ecu_table import (
     COOLANT_BANDS,
     MG_PER_STROKE,
@@ -27,8 +28,7 @@ from training.recordings.ecu_table import (
     TableAxes,
 )
 
-Quantity = Callable[[FloatArray], FloatArray]  # parameters → each cell on its free scale
-STEP: Final = 1e-4
+Cells = Callable[[Vector], Quantity]  # parameters → each cell on its free scale
 LAWS: Final = {  # table → field, law
     "lambda_delay": ("delay", laws.delay_s),
     "lambda_lag": ("lag", laws.lag_s),
@@ -80,7 +80,7 @@ class _Law(NamedTuple):
     name: str
     unit: str
     axes: tuple[Axis, ...]
-    cells: Quantity
+    cells: Cells
     at: IntArray | tuple[IntArray, ...]
     counted: BoolArray | None = None
     coolant: CoolantBand | None = None
@@ -118,9 +118,9 @@ def _laws(fitted: FittedTables, axes: TableAxes) -> list[_Law]:
         weights = p.grid.weights(point.rpm, point.load)
         field, of = LAWS[name]
 
-        def cells(x: FloatArray) -> FloatArray:
-            value = of(p, x, point, weights.apply(x[p.at[field]]))
-            return value if name in LINKS else np.log(value)
+        def cells(x: Vector) -> Quantity:
+            value = of(p, x, point, p.field(x, field, weights))
+            return value if name in LINKS else log(value)
 
         return _Law(name, unit, (axes.speed, axes.load), cells, at, *counted)
 
@@ -131,7 +131,7 @@ def _laws(fitted: FittedTables, axes: TableAxes) -> list[_Law]:
         made.append(law("wall_film_fraction", "-", cold, inside, band))
         made.append(law("wall_film_time", "s", cold, inside, band))
     flow, at_flow = np.asarray(axes.exhaust_flow.values), axes.exhaust_flow.nearest(samples.flow)
-    of_flow = lambda x: np.log(laws.sensor_s(p, x, flow))  # noqa: E731
+    of_flow = lambda x: log(laws.sensor_s(p, x, flow))  # noqa: E731
     lag = _Law("sensor_lag", "s", (axes.exhaust_flow,), of_flow, (at_flow,))
     return [*made, *_of_injectors(p, axes, samples), lag]
 
@@ -142,10 +142,16 @@ def _of_injectors(p: Parameters, axes: TableAxes, samples: CellSamples) -> list[
         return []
     volts, at = np.asarray(axes.volts.values), axes.volts.nearest(samples.volts)
     known = np.full(len(at), p.subject.has_volts)
-    of_volts = lambda x: np.log(laws.dead_ms(p, x, volts))  # noqa: E731
+    of_volts = lambda x: log(laws.dead_ms(p, x, volts))  # noqa: E731
     dead = _Law("injector_dead_time", "ms", (axes.volts,), of_volts, (at,), known)
     pressure = axes.pressure(direct=p.subject.has_rail)
-    flow = _Law("injector_flow_scale", "mg/ms", (pressure,), lambda x: x[p.at["flow"]], (0 * at,))
+    flow = _Law(
+        "injector_flow_scale",
+        "mg/ms",
+        (pressure,),
+        lambda x: p.value(x, "flow") + np.zeros(1),
+        (0 * at,),
+    )
     return [dead, flow] if p.subject.absolute_air else [dead]
 
 
@@ -242,14 +248,9 @@ def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfi
     )
 
 
-def _variance(fitted: FittedTables, cells: Quantity) -> FloatArray:
+def _variance(fitted: FittedTables, cells: Cells) -> FloatArray:
     """Return the variance of each cell on its free scale (n_cells,)."""
-    base = cells(fitted.x)
-    slopes = np.empty((len(base), len(fitted.x)))
-    for k in range(len(fitted.x)):
-        moved = fitted.x.copy()
-        moved[k] += STEP
-        slopes[:, k] = (cells(moved) - base) / STEP
+    slopes = fitted.parameters.jacobian(cells(Moving(fitted.x)))
     return np.maximum(np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes), 0.0)
 
 

@@ -134,16 +134,17 @@ def base_path(constants: Constants, signals: Mapping[str, Quantity]) -> Path:
 
 def valve_phi(path: Path) -> Quantity:
     """Return phi at the valve (n,), within 0 .. 3."""
-    of_mixture = path.factor * STOICHIOMETRIC * path.fuel_mg / maximum(path.air_mg, AIR_LEAST_MG)
-    return clip(of_mixture, 0.0, PHI_VALVE_MOST)
+    per_mg = path.factor * STOICHIOMETRIC / maximum(path.air_mg, AIR_LEAST_MG)
+    return clip(per_mg * path.fuel_mg, 0.0, PHI_VALVE_MOST)
 
 
-def simulate(path: Path, period_s: float) -> Quantity:
+def simulate(path: Path, period_s: float, *, smooth: bool = False) -> Quantity:
     """Return the phi that the sensor reads (n,), within 0 .. 1.7.
 
+    smooth : the mixture runs along a cubic between samples instead of straight, see ``delayed``
     The chain starts settled at the first sample.
     """
-    late = delayed(valve_phi(path), path.dead_time_s / period_s)
+    late = delayed(valve_phi(path), path.dead_time_s / period_s, smooth=smooth)
     mixed = ramp_lag(late, path.mixing_s, period_s)
     pumped = (1.0 - path.span) + (path.span * path.gas_factor) * mixed
     return sensor_lag(pumped, path.sensor_rising_s, path.sensor_falling_s, period_s)

@@ -16,10 +16,12 @@ from numba.extending import register_jitable
 
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.step import PHI_MAX
+from training.greybox.quantity.dual import Dual, moved, value_of
 from training.greybox.quantity.value import READING, Quantity, Value, clip, exp, maximum, where
 
 LEAST_S: Final = 1e-6  # time constant of ``lag``
 LEAST_SAMPLES: Final = 1e-4  # time constant of ``ramp_lag`` and of a sensor in samples
+NEAR: Final = 1e-4  # samples: half of a difference over a delay
 LEAST_PROPORTIONAL: Final = 1e-9  # of ``proportional_lag``
 
 
@@ -56,10 +58,47 @@ def _lag(u, share):  # pragma: no cover
 def ramp_lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity:
     """Return ``u`` behind a lag whose time constant may be far below the sample period."""
     drop, newest = _weights(time_s, period_s)
-    if not isinstance(u, Value):
-        return _ramp_lag(u, _row(drop), _row(newest))
-    x, last, keep = _remembered(u)
-    return keep(_ramp_step(x, last, u, drop, newest))
+    if isinstance(u, Value):
+        x, last, keep = _remembered(u)
+        return keep(_ramp_step(x, last, u, drop, newest))
+    late = _ramp_lag(value_of(u), _row(value_of(drop)), _row(value_of(newest)))
+    return _with_slopes(late, u, drop, newest)
+
+
+def _with_slopes(late: FloatArray, u: Quantity, drop: Quantity, newest: Quantity) -> Quantity:
+    """Return what a lag made of ``u``, with its derivatives if there are any to have."""
+    if not any(isinstance(each, Dual) for each in (u, drop, newest)):
+        return late
+    last, weights = _before(value_of(u)), (_row(value_of(drop)), _row(value_of(newest)))
+    moves = moved(late, (drop, last - _before(late)), (newest, value_of(u) - last))
+    slopes = {}
+    for group in {**moves.slopes, **(u.slopes if isinstance(u, Dual) else {})}:
+        none = group.spread(0.0, 1)
+        source = moves.spread(group) if group in moves.slopes else none
+        own = u.spread(group) if isinstance(u, Dual) and group in u.slopes else none
+        slopes[group] = _carried(own, *weights, source, len(late))
+    return Dual(late, slopes)
+
+
+def _before(x: FloatArray) -> FloatArray:
+    return np.concatenate([x[:1], x[:-1]])
+
+
+@njit(cache=True)
+def _carried(u, drop, newest, source, n):  # pragma: no cover
+    """Return derivatives (n, k) behind a lag: of its input, and ``source`` over its weights.
+
+    u, source : (n, k), or (1, k) of zeros
+    """
+    step, has_own, has_source = len(drop) > 1, len(u) > 1, len(source) > 1
+    out = np.empty((n, u.shape[1]))
+    out[0] = u[0]
+    for k in range(1, n):
+        d, w = drop[k * step], newest[k * step]
+        for j in range(u.shape[1]):
+            x, last = out[k - 1, j], u[(k - 1) * has_own, j]
+            out[k, j] = _ramp_step(x, last, u[k * has_own, j], d, w) + source[k * has_source, j]
+    return out
 
 
 @njit(cache=True)
@@ -101,6 +140,14 @@ def sensor_lag(u: Quantity, rising_s: Quantity, falling_s: Quantity, period_s: f
     """Return the phi that a sensor reads of ``u``, within 0 .. 1.7, by direction."""
     rising = _weights(rising_s, period_s)
     falling = rising if falling_s is rising_s else _weights(falling_s, period_s)
+    if isinstance(u, Dual):  # at a limit it has the slope of one without
+        weights = tuple(_row(value_of(each)) for each in (*rising, *falling))
+        read = _sensor_lag(u.value, *weights)
+        up = u.value > _before(read)
+        chosen = rising
+        if falling is not rising:
+            chosen = tuple(where(up, *pair) for pair in zip(rising, falling, strict=True))
+        return _with_slopes(read, u, *chosen)
     if not isinstance(u, Value):
         weights = tuple(map(_row, (*rising, *falling)))
         free = _ramp_lag(u, *weights[:2])
@@ -130,13 +177,26 @@ def _sensor_lag(u, rising, rising_newest, falling, falling_newest):  # pragma: n
     return out
 
 
-def delayed(u: Quantity, samples: Quantity) -> Quantity:
-    """Return ``u`` of so many samples ago, straight between samples, the first one before it.
+def delayed(u: Quantity, samples: Quantity, *, smooth: bool = False) -> Quantity:
+    """Return ``u`` of so many samples ago, the first one before it.
 
-    In a graph, whose register holds past samples, a longer delay is that of the register.
+    smooth : by a cubic between samples (Catmull and Rom, 1974), whose slope does not jump, instead
+        of straight; not in a graph, whose register holds past samples. There a longer delay is that
+        of the register.
     """
-    if not isinstance(u, Value):
-        return _delayed(u, _row(samples))
+    if isinstance(u, Value):
+        return _registered(u, samples)
+    at = _row(value_of(samples))
+    late = _delayed(value_of(u)[:, None], at, smooth)
+    if not (isinstance(u, Dual) or isinstance(samples, Dual)):
+        return late[:, 0]
+    around = (_delayed(value_of(u)[:, None], at + by, smooth) for by in (NEAR, -NEAR))
+    partial_slope = np.subtract(*around)[:, 0] / (2.0 * NEAR)
+    own = {g: _delayed(u.spread(g), at, smooth) for g in u.slopes} if isinstance(u, Dual) else {}
+    return Dual(late[:, 0], own) + moved(0.0, (samples, partial_slope))
+
+
+def _registered(u: Value, samples: Quantity) -> Value:
     trace, register = u.trace, u.trace.register
     place = trace.place(register)
     history = u.node("Concat", u, trace.old(place, u, register), axis=1)
@@ -146,12 +206,21 @@ def delayed(u: Quantity, samples: Quantity) -> Quantity:
 
 
 @njit(cache=True)
-def _delayed(u, samples):  # pragma: no cover
+def _delayed(u, samples, smooth):  # pragma: no cover
+    """Return the rows of ``u`` (n, m) so many samples ago."""
     out, step = np.empty_like(u), len(samples) > 1
     for k in range(len(u)):
         at = max(k - max(samples[k * step], 0.0), 0.0)
         i = int(at)
-        out[k] = u[i] if i >= k else u[i] + (at - i) * (u[i + 1] - u[i])
+        s, after = at - i, min(i + 1, k)
+        bend = s * (1.0 - s) / 2.0 if smooth else 0.0
+        first, last = max(i - 1, 0), min(i + 2, k)
+        for j in range(u.shape[1]):
+            rise = u[after, j] - u[i, j]
+            out[k, j] = u[i, j] + s * rise
+            if smooth:
+                before, behind = u[i, j] - u[first, j], u[last, j] - u[after, j]
+                out[k, j] += bend * ((1.0 - s) * (before - rise) + s * (rise - behind))
     return out
 
 

@@ -1,21 +1,23 @@
-"""Arithmetic on arrays (n,) or on tensors of a graph, to which it adds nodes.
+"""Arithmetic on arrays (n,), on those with derivatives, or on tensors of a graph, which gets nodes.
 
 Only operations that give the same bits in every batch size are here: onnxruntime's ``Pow``,
 ``Exp`` and ``Tanh`` do, its ``Log`` does not.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from monitor.base.types import FloatArray
+from training.greybox.quantity.dual import Dual, moved, value_of
 
 if TYPE_CHECKING:
     from training.greybox.quantity.trace import Trace
 
 READING = 0  # place of what the sensor reads in the state of a graph
-Quantity = Any  # FloatArray (n,), Value or float; all of one equation but floats are alike
+Quantity = Any  # FloatArray (n,), Dual, Value or float; one equation has duals or values, not both
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,34 +84,67 @@ class Value:
 
 def maximum(x: Quantity, least: Quantity) -> Quantity:
     """Return the larger of the two."""
-    return x.node("Max", x, least) if isinstance(x, Value) else np.maximum(x, least)
+    if isinstance(x, Value):
+        return x.node("Max", x, least)
+    return _chosen(np.maximum, x, least)
 
 
 def minimum(x: Quantity, most: Quantity) -> Quantity:
     """Return the smaller of the two."""
-    return x.node("Min", x, most) if isinstance(x, Value) else np.minimum(x, most)
+    if isinstance(x, Value):
+        return x.node("Min", x, most)
+    return _chosen(np.minimum, x, most)
 
 
 def clip(x: Quantity, low: float, high: float) -> Quantity:
     """Return ``x`` within the limits."""
+    if isinstance(x, Dual):
+        return maximum(minimum(x, high), low)
     return x.node("Clip", x, low, high) if isinstance(x, Value) else np.clip(x, low, high)
 
 
 def exp(x: Quantity) -> Quantity:
     """Return e to the power of ``x``."""
-    return x.node("Exp", x) if isinstance(x, Value) else np.exp(x)
+    return x.node("Exp", x) if isinstance(x, Value) else _followed(x, np.exp, lambda y: y)
 
 
 def tanh(x: Quantity) -> Quantity:
     """Return the hyperbolic tangent."""
-    return x.node("Tanh", x) if isinstance(x, Value) else np.tanh(x)
+    if isinstance(x, Value):
+        return x.node("Tanh", x)
+    return _followed(x, np.tanh, lambda y: 1.0 - y * y)
+
+
+def log(x: Quantity) -> Quantity:
+    """Return the natural logarithm, not in a graph."""
+    return _followed(x, np.log, lambda y: np.exp(-y))
 
 
 def where(condition: Quantity, then: Quantity, otherwise: Quantity) -> Quantity:
     """Return ``then`` where the condition holds, else ``otherwise``."""
     if isinstance(condition, Value):
         return condition.node("Where", condition, then, otherwise)
-    return np.where(condition, then, otherwise)
+    value = np.where(condition, value_of(then), value_of(otherwise))
+    if not (isinstance(then, Dual) or isinstance(otherwise, Dual)):
+        return value
+    return moved(value, (then, condition), (otherwise, ~condition))
+
+
+def _followed(x: Quantity, of: Callable[[Any], Any], slope: Callable[[Any], Any]) -> Quantity:
+    """Return a function of an array or dual; ``slope`` is its derivative for its own value."""
+    y = of(value_of(x))
+    return moved(y, (x, slope(y))) if isinstance(x, Dual) else y
+
+
+def _chosen(of: Callable[[Any, Any], Any], x: Quantity, other: Quantity) -> Quantity:
+    """Return the chosen of two arrays or duals."""
+    y = of(value_of(x), value_of(other))
+    if not (isinstance(x, Dual) or isinstance(other, Dual)):
+        return y
+    first = np.asarray(y == value_of(x))
+    if first.all():
+        return moved(y, (x, 1.0))
+    return moved(y, (x, first), (other, ~first))
 
 
 def bilinear(

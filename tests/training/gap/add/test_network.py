@@ -142,7 +142,15 @@ def retrained(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 def test_an_effect_of_size_zero_changes_no_bit(base: FitResult, tmp_path: Path) -> None:
     out = tmp_path / "model.onnx"
-    add(base.path, [NOTHING], CHAIN, out, ranges=ranges(*gap_drives()), recordings=FIT, drives=proof())
+    add(
+        base.path,
+        [NOTHING],
+        CHAIN,
+        out,
+        ranges=ranges(*gap_drives()),
+        recordings=FIT,
+        drives=proof(),
+    )
     recordings = gap_drives()[:2]
     for old, new in zip(
         predicted_phi(base.path, recordings), predicted_phi(out, recordings), strict=True
