@@ -9,7 +9,7 @@ expanded.
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
-from xml.parsers import expat
+from xml.etree import ElementTree
 
 from monitor.base.errors import UsageError
 from training.greybox.chain import STOICHIOMETRIC
@@ -83,44 +83,30 @@ def _constants(path: Path) -> dict[str, str]:
         raise UsageError(f"{path}: {error.strerror}") from None
     if len(data) > MOST_BYTES:
         raise UsageError(f"{path}: {len(data)} bytes, at most {MOST_BYTES} are wanted")
-    reader = _Reader(path)
     try:
-        reader.parser.Parse(data, True)
-    except expat.ExpatError as error:
+        root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_Tune(path)))
+    except ElementTree.ParseError as error:
         raise UsageError(f"{path}: no tune in XML: {error}") from None
-    if reader.root.rpartition(" ")[2] != "msq":
-        raise UsageError(f"{path}: the root is <{reader.root}>, a tune's is <msq>")
-    return {name: "".join(parts) for name, parts in reader.constants.items()}
+    if _plain(root.tag) != "msq":
+        raise UsageError(f"{path}: the root is <{_plain(root.tag)}>, a tune's is <msq>")
+    constants = (each for each in root.iter() if _plain(each.tag) == "constant")
+    return {each.get("name", ""): "".join(each.itertext()) for each in constants}
 
 
-class _Reader:
-    """Collects the constants of a tune while expat reads it."""
+def _plain(tag: str) -> str:
+    return tag.rpartition("}")[2]
+
+
+class _Tune(ElementTree.TreeBuilder):
+    """The elements of a tune, which declares no document type and so no entities."""
 
     def __init__(self, path: Path) -> None:
-        self.root = ""
-        self.constants: dict[str, list[str]] = {}
-        self._path, self._now = path, None
-        self._text: list[str] | None = None
-        self.parser = expat.ParserCreate(namespace_separator=" ")
-        self.parser.StartDoctypeDeclHandler = self._refuse
-        self.parser.StartElementHandler = self._start
-        self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._take
+        super().__init__()
+        self._path = path
 
-    def _refuse(self, *_: object) -> None:
+    def doctype(self, *_: object) -> None:
+        """Refuse the file."""
         raise UsageError(f"{self._path}: a tune has no document type declaration")
-
-    def _start(self, name: str, attributes: dict[str, str]) -> None:
-        self.root = self.root or name
-        if name.rpartition(" ")[2] == "constant" and "name" in attributes:
-            self._text = self.constants.setdefault(attributes["name"], [])
-
-    def _end(self, _: str) -> None:
-        self._text = None
-
-    def _take(self, text: str) -> None:
-        if self._text is not None:
-            self._text.append(text)
 
 
 def _axis(path: Path, name: str, text: str) -> tuple[float, ...]:

@@ -18,6 +18,7 @@ from monitor.base.types import BoolArray, FloatArray
 from monitor.grid.column_times import interval
 from training.recordings.ecu_table import KPA, MG_PER_STROKE
 from training.recordings.recording import Recording
+from training.recordings.samples.rows import hold
 
 R_AIR: Final = 287.0  # J/(kg K)
 KELVIN: Final = 273.15
@@ -188,8 +189,8 @@ class _Size(NamedTuple):
 
 def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> TableDrive:
     period_s = r.period_ns / 1e9
-    hold = max(round(HOLD_MOST_S / period_s), 1)
-    held = {name: _held(r.values[:, i], hold) for i, name in enumerate(r.names)}
+    most = max(round(HOLD_MOST_S / period_s), 1)
+    held = {name: _held(r.values[:, i], most) for i, name in enumerate(r.names)}
     rpm = held["engine_speed_rpm"]
     charge = _charge(held, air, size)
     fuel = held["injector_pulse_width_ms" if has_pulse else "fuel_mass_mg"]
@@ -215,7 +216,7 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> T
     }
     usable = ~np.any(list(rejected.values()), axis=0)
     first = np.argmax([*rejected.values(), usable], axis=0)
-    filled = [_filled(values) for values in known]
+    filled = [hold(values) for values in known]
     half = round(AIR_ACROSS_S / 2.0 / period_s)
     raw = np.maximum(filled[1], 10.0)
     smooth = raw if air is Air.METER else np.maximum(_smooth(raw, _odd(AIR_S / period_s)), 10.0)
@@ -228,16 +229,14 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> T
         load=filled[3],
         commanded=filled[2],
         volts=np.clip(_smooth(filled[4], _odd(VOLTS_S / period_s)), 6.0, 18.0),
-        pressure=np.ones(len(rpm))
-        if rail is None
-        else np.sqrt(np.maximum(_filled(rail), 0.1) / 10),
+        pressure=np.ones(len(rpm)) if rail is None else np.sqrt(np.maximum(hold(rail), 0.1) / 10),
         air=smooth,
         command=np.ones(len(rpm)) if air is Air.METER else smooth / raw,
         cold=np.maximum(WARM_DEGC - filled[5], 0.0) / 60.0,
-        phi=_filled(phi),
+        phi=hold(phi),
         usable=usable,
         rejected={why: int((first == k).sum()) for k, why in enumerate(rejected)},
-        move=_range(_filled(phi), round(ACROSS_S / period_s)),
+        move=_range(hold(phi), round(ACROSS_S / period_s)),
         air_move=_before(_range(np.log(np.maximum(filled[1], 10.0)), half), half),
     )
 
@@ -263,15 +262,6 @@ def _held(values: FloatArray, most: int) -> FloatArray:
     last = np.maximum.accumulate(at)
     near = (last >= 0) & (np.arange(len(values)) - last <= most)
     return np.where(near, values[np.maximum(last, 0)], np.nan)
-
-
-def _filled(values: FloatArray) -> FloatArray:
-    """Return the values with every gap filled with the last value, the first one at the start."""
-    good = np.flatnonzero(np.isfinite(values))
-    if len(good) == 0:
-        return np.ones(len(values))
-    last = good[np.maximum(np.searchsorted(good, np.arange(len(values)), side="right") - 1, 0)]
-    return np.asarray(values[last])
 
 
 def _stuck(phi: FloatArray, samples: int) -> BoolArray:

@@ -16,7 +16,6 @@ from training.greybox.chain import (
     AIR_LEAST_MG,
     RANGES,
     SPEED_LEAST_RPM,
-    Constants,
     inputs_of,
     settled,
     with_speed,
@@ -38,7 +37,7 @@ from training.greybox.fit.constants import (
 )
 from training.greybox.fit.told import Report, Told, nobody
 from training.greybox.fit.vehicle_effects import own_of
-from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
+from training.greybox.graph.chain_graph import Greybox, save
 from training.greybox.graph.checks import contraction, physical_inputs
 from training.narx.model_file import HeldOut, card_of, held_out
 from training.narx.search.stability import CONTRACTION_SAMPLES
@@ -127,12 +126,16 @@ def fit_greybox(
     else:
         told = Told(progress, ROUNDS * len(STARTS))
         fitted = fit_constants(*measured, own=own, told=told)
-    greybox = replace(
-        _greybox(data, limits, fitted.constants),
+    greybox = Greybox(
+        constants=fitted.constants,
+        inputs=data.names,
+        u_low=limits[0],
+        u_high=limits[1],
+        period_s=_period_s(data),
         charge_map=charge_map,
         charge_error=charge_error,
         own=tuple(ModelEffect.with_values(effect.name, values.tolist()) for effect, values in own),
-    )
+    ).with_register()
     predicted = _free_run(data, greybox)
     card = write_model(out, greybox, fitted=fitted, data=data, predicted=predicted, seed=seed)
     warnings = (*data.warnings, *_warnings(fitted, card))
@@ -237,21 +240,6 @@ def _free_run(data: Prepared, greybox: Greybox) -> FloatArray:
     for s in data.segments:
         predicted[s.start + washout : s.stop] = greybox.reading(u[s.start : s.stop])[washout:]
     return predicted
-
-
-def _greybox(
-    data: Prepared, limits: tuple[FloatArray, FloatArray], constants: Constants
-) -> Greybox:
-    longest_s = longest_dead_time_s(constants, data.names, limits[0])
-    register = register_for(longest_s, _period_s(data))
-    return Greybox(
-        constants=constants,
-        inputs=data.names,
-        u_low=limits[0],
-        u_high=limits[1],
-        period_s=_period_s(data),
-        register=register,
-    )
 
 
 def _card(greybox: Greybox, fitted: Fitted, data: Prepared, predicted: FloatArray) -> ModelCard:

@@ -12,14 +12,7 @@ from tests.helpers.gap.gap_graphs import driven, plain, ranges_of
 from training.greybox.chain import Constants, Path, base_path, inputs_of
 from training.greybox.effects import LIBRARY, Effect
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.graph.chain_graph import (
-    FUEL,
-    Entry,
-    Greybox,
-    build,
-    longest_dead_time_s,
-    register_for,
-)
+from training.greybox.graph.chain_graph import FUEL, Entry, Greybox, build
 
 CONSTANTS = Constants(
     gain=1.01, dead_time_s=0.17, dead_time_revolutions=1.6, mixing_s=0.05, sensor_s=0.12, span=0.96
@@ -40,17 +33,15 @@ def chain_with(effect: ModelEffect, reads: tuple[str, ...]) -> Greybox:
     inputs = tuple(dict.fromkeys((*inputs_of(plain().signals), *reads)))
     ranges = ranges_of(*inputs)
     low, high = (np.array([ranges[name][i] for name in inputs]) for i in (0, 1))
-    added = Entry(effect, reads)
-    longest_s = longest_dead_time_s(CONSTANTS, inputs, low) + added.dead_time_s
-    return Greybox(
+    chain = Greybox(
         constants=CONSTANTS,
         inputs=inputs,
         u_low=low,
         u_high=high,
         period_s=PERIOD_S,
-        register=register_for(longest_s, PERIOD_S),
-        effects=(added,),
+        effects=(Entry(effect, reads),),
     )
+    return chain.with_register()
 
 
 def run(greybox: Greybox, u: FloatArray) -> FloatArray:

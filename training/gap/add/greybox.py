@@ -15,13 +15,7 @@ from training.greybox.charge.error import ChargeError
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import Fitted, described, reference
 from training.greybox.fit.drive import ChainDrive
-from training.greybox.graph.chain_graph import (
-    Entry,
-    Greybox,
-    longest_dead_time_s,
-    register_for,
-    save,
-)
+from training.greybox.graph.chain_graph import Entry, Greybox, save
 from training.greybox.graph.effect_inputs import SPEED, Ranges, channel_of, limits_of, reads_of
 from training.healthy.behaviour import Healthy
 
@@ -97,16 +91,9 @@ def _extended(
     known = dict(zip(old.inputs, zip(old.u_low, old.u_high, strict=True), strict=True))
     limits = np.array([limits_of(name, known.get(name), ranges.get(name)) for name in inputs])
     new = tuple(Entry(each, tuple(names)) for each, names in zip(added, reads, strict=True))
-    dead_time_s = longest_dead_time_s(old.constants, inputs, limits[:, 0])
-    dead_time_s += sum(entry.dead_time_s for entry in (*old.on_the_way, *new))
-    return replace(
-        old,
-        inputs=inputs,
-        u_low=limits[:, 0],
-        u_high=limits[:, 1],
-        register=max(register_for(dead_time_s, old.period_s), old.register),
-        effects=(*old.effects, *new),
-    )
+    low, high = limits.T
+    extended = replace(old, inputs=inputs, u_low=low, u_high=high, effects=(*old.effects, *new))
+    return extended.with_register()
 
 
 def _card(

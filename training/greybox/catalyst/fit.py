@@ -20,6 +20,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.files.outputs import write_text
 from monitor.base.types import BoolArray, FloatArray
 from training.greybox.catalyst.chain import RANGES, Catalyst, volts
+from training.greybox.fit.constants import sandwich
 
 if TYPE_CHECKING:
     from training.recordings.recording import Recording
@@ -167,26 +168,22 @@ def _errors(
     drives: Sequence[CatalystDrive], theta: FloatArray, jacobian: FloatArray, error: FloatArray
 ) -> Catalyst:
     """Return one standard error of each constant, in its unit."""
-    # the rows come scaled by (1 + z²)^-0.75, so that their product is the Hessian of the soft L1
-    bread = np.linalg.pinv(jacobian.T @ jacobian)
-    pull = jacobian * ((1.0 + (error / ROBUST_V) ** 2) ** 0.25 * error)[:, np.newaxis]
-    ends, sums, at = [], [], 0
+    blocks, first = [], 0
     for d in drives:
-        size = round(BLOCK_S / d.period_s)
-        block = (np.arange(len(d.x)) // size)[d.counts]
-        cuts = np.flatnonzero(np.diff(block)) + 1
-        ends += [at, *(at + cuts).tolist()]
-        at += len(block)
-    for begin, end in zip(ends, [*ends[1:], at], strict=True):
-        sums.append(pull[begin:end].sum(axis=0))
-    meat = np.array(sums)
-    covariance = bread @ (meat.T @ meat) @ bread * len(sums) / max(len(sums) - len(theta), 1)
+        own = np.arange(len(d.x)) // round(BLOCK_S / d.period_s) + first
+        blocks.append(own[d.counts])
+        first = int(own[-1]) + 1
+    block = np.concatenate(blocks)
+    # the rows come scaled by (1 + z²)^-0.75, so that their product is the Hessian of the soft L1
+    pull = (1.0 + (error / ROBUST_V) ** 2) ** 0.25 * error
+    number = len(np.unique(block))
+    covariance = sandwich(jacobian, pull, block) * number / max(number - len(theta), 1)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    own = list(_constants(theta))
+    values = list(_constants(theta))
     return Catalyst(
         *(
             float(s * value if r.is_log else s)
-            for s, value, r in zip(std, own, RANGES.values(), strict=True)
+            for s, value, r in zip(std, values, RANGES.values(), strict=True)
         )
     )
 

@@ -60,13 +60,7 @@ class ChargeError:
 
     def to_card(self) -> dict[str, Any]:
         """Return the entry for a card, see ``from_card``."""
-        return {
-            "speeds_rpm": self.speeds_rpm.tolist(),
-            "charges_mg": self.charges_mg.tolist(),
-            "now": self.now.tolist(),
-            "before": self.before.tolist(),
-            "time_s": self.time_s,
-        }
+        return {name: np.asarray(getattr(self, name)).tolist() for name in self.__slots__}
 
     @classmethod
     def from_card(cls, given: Mapping[str, Any]) -> "ChargeError":

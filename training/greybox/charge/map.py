@@ -44,11 +44,7 @@ class ChargeMap:
 
     def to_card(self) -> dict[str, Any]:
         """Return the entry for a card, see ``from_card``."""
-        return {
-            "speeds_rpm": self.speeds_rpm.tolist(),
-            "pressures_kpa": self.pressures_kpa.tolist(),
-            "inverse_efficiency": self.inverse_efficiency.tolist(),
-        }
+        return {name: np.asarray(getattr(self, name)).tolist() for name in self.__slots__}
 
     @classmethod
     def from_card(cls, given: Mapping[str, Any]) -> "ChargeMap":

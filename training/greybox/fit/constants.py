@@ -154,18 +154,9 @@ def sandwich(jacobian: FloatArray, residual: FloatArray, block: np.ndarray) -> F
 
 def described(fitted: Fitted) -> dict[str, Any]:
     """Return the constants for a card: value, unit, bounds and standard error of each."""
-    errors = fitted.standard_errors
+    bounds = {name: {"low": RANGES[name].low, "high": RANGES[name].high} for name in RANGES}
     return {
-        "constants": {
-            name: {
-                "value": value,
-                "standard_error": error,
-                "unit": RANGES[name].unit,
-                "low": RANGES[name].low,
-                "high": RANGES[name].high,
-            }
-            for name, value, error in zip(Constants._fields, fitted.constants, errors, strict=True)
-        },
+        "constants": {name: one | bounds[name] for name, one in _each(fitted).items()},
         "covariance": fitted.covariance.tolist(),
         "standard_errors": STANDARD_ERRORS,
         "fixed": {
@@ -186,7 +177,6 @@ def reference(fitted: Fitted) -> dict[str, Any]:
 
     A single lag or part of the dead time may be uncertain although their sum is not.
     """
-    c, errors = fitted.constants, fitted.standard_errors
     sums = {
         "dead_time_at_1500_rpm_s": {
             "dead_time_s": 1.0,
@@ -199,9 +189,18 @@ def reference(fitted: Fitted) -> dict[str, Any]:
     for name, parts in sums.items():
         w = np.array([parts.get(field, 0.0) for field in Constants._fields])
         error = float(np.sqrt(max(w @ fitted.covariance @ w, 0.0)))
-        derived[name] = {"value": float(w @ np.array(c)), "standard_error": error, "unit": "s"}
-    single = {
+        derived[name] = {
+            "value": float(w @ np.array(fitted.constants)),
+            "standard_error": error,
+            "unit": "s",
+        }
+    return {"constants": _each(fitted), "derived": derived, "standard_errors": STANDARD_ERRORS}
+
+
+def _each(fitted: Fitted) -> dict[str, dict[str, Any]]:
+    return {
         name: {"value": value, "standard_error": error, "unit": RANGES[name].unit}
-        for name, value, error in zip(Constants._fields, c, errors, strict=True)
+        for name, value, error in zip(
+            Constants._fields, fitted.constants, fitted.standard_errors, strict=True
+        )
     }
-    return {"constants": single, "derived": derived, "standard_errors": STANDARD_ERRORS}

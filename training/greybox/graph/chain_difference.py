@@ -15,7 +15,7 @@ from monitor.base.types import FloatArray
 from monitor.model.card import Channel, ModelCard, TrainingRecording
 from training.greybox.chain import Constants, inputs_of
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.graph.chain_graph import Entry, Greybox, longest_dead_time_s, register_for
+from training.greybox.graph.chain_graph import Entry, Greybox
 from training.greybox.graph.effect_inputs import SPEED, Ranges, limits_of, reads_of
 from training.narx.export import Graph
 
@@ -57,20 +57,16 @@ class ChainDifference:
         )
         bounds[inputs.index("fuel_mass_mg"), 0] = 0.0  # fuel cut must reach the chain
         entries = tuple(Entry(each, names) for each, names in zip(added, reads, strict=True))
-        period_s = card.period_ns / 1e9
-        longest_s = longest_dead_time_s(constants, inputs, bounds[:, 0])
-        longest_s += sum(entry.dead_time_s for entry in entries)
-        register = register_for(longest_s, period_s)
         low, high = bounds.T
-        without = Greybox(
+        both = Greybox(
             constants=constants,
             inputs=inputs,
             u_low=low,
             u_high=high,
-            period_s=period_s,
-            register=register,
-        )
-        return cls(without, entries)
+            period_s=card.period_ns / 1e9,
+            effects=entries,
+        ).with_register()
+        return cls(replace(both, effects=()), entries)
 
     @classmethod
     def from_card(cls, card: ModelCard) -> "ChainDifference":

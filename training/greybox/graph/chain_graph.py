@@ -7,8 +7,8 @@ that are not zero: single and batched runs give the same bits.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -50,11 +50,6 @@ class Entry:
         seen = {name: signals[name] for name in (FUEL, *self.reads)}
         return self.added.effect.apply(path, self.added.values, seen, period_s)
 
-    @property
-    def dead_time_s(self) -> float:
-        """Return the dead time beside the base's, at most."""
-        return self.added.effect.dead_time_s(self.added.values.tolist())
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Greybox:
@@ -65,7 +60,7 @@ class Greybox:
     u_low: FloatArray  # (n_inputs,), inputs are clipped to this range first
     u_high: FloatArray
     period_s: float
-    register: int  # samples of phi at the valve in the state
+    register: int = 1  # samples of phi at the valve in the state
     charge_map: ChargeMap | None = None  # None: the charge is an input
     effects: tuple[Entry, ...] = ()
     charge_error: ChargeError | None = None  # of a charge that is an input
@@ -133,6 +128,17 @@ class Greybox:
         own = (Entry(each, each.effect.signals_of(self.inputs)) for each in self.own)
         return (*own, *self.effects)
 
+    def with_register(self) -> "Greybox":
+        """Return the chain with a register for its longest dead time, not shorter than before."""
+        lowest = dict(zip(self.inputs, self.u_low.tolist(), strict=True))
+        slowest_rpm = max(lowest.get("engine_speed_rpm", SPEED_LEAST_RPM), SPEED_LEAST_RPM)
+        c = self.constants
+        longest_s = c.dead_time_s + c.dead_time_revolutions * 60.0 / slowest_rpm
+        longest_s += sum(
+            entry.added.effect.dead_time_s(entry.added.values.tolist()) for entry in self.on_the_way
+        )
+        return replace(self, register=max(math.ceil(longest_s / self.period_s), self.register))
+
     @property
     def memory(self) -> int:
         """Samples after which a steady input has filled the register and all lags."""
@@ -183,27 +189,6 @@ class Greybox:
         trace = Trace(graph, state, self.register, first)
         given = {name: Value(trace, inputs.get(name, name)) for name in self.inputs}
         return simulate(self.path(self.seen(given)), self.period_s), trace
-
-
-def register_for(longest_s: float, period_s: float) -> int:
-    """Return the samples that a register for a dead time of ``longest_s`` holds.
-
-    >>> register_for(0.25, 0.1)
-    3
-    """
-    return max(math.ceil(longest_s / period_s), 1)
-
-
-def longest_dead_time_s(constants: Constants, inputs: Sequence[str], u_low: FloatArray) -> float:
-    """Return the chain's dead time at the lowest engine speed in the range of the inputs.
-
-    >>> longest_dead_time_s(Constants(dead_time_s=0.1, dead_time_revolutions=2.0),
-    ...                     ["engine_speed_rpm"], np.array([480.0]))
-    0.35
-    """
-    lowest = dict(zip(inputs, u_low.tolist(), strict=True))
-    slowest_rpm = max(lowest.get("engine_speed_rpm", SPEED_LEAST_RPM), SPEED_LEAST_RPM)
-    return float(constants.dead_time_s + constants.dead_time_revolutions * 60.0 / slowest_rpm)
 
 
 def build(greybox: Greybox) -> ModelProto:
