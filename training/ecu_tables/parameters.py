@@ -15,7 +15,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.ecu_tables.fields import Grid, Weights
 from training.ecu_tables.signals import KG_H_PER_MG_RPM, Air, TableDrive, TableSubject
-from training.greybox.quantity.dual import Dual, Group
+from training.greybox.quantity.dual import Dual, ParameterGroup
 from training.greybox.quantity.value import Quantity, clip, exp, maximum, tanh
 from training.recordings.ecu_table import KPA
 
@@ -78,11 +78,11 @@ class Moving:
 
     def __init__(self, x: FloatArray) -> None:
         self.x = x
-        self._groups: dict[str, Group] = {}
+        self._groups: dict[str, ParameterGroup] = {}
 
     def dual(self, name: str, value: FloatArray | float, shares: FloatArray | None = None) -> Dual:
         """Return a constant, or the field of knots with these shares, with its derivative."""
-        return Dual(value, {self._groups.setdefault(name, Group(name, shares)): 1.0})
+        return Dual(value, {self._groups.setdefault(name, ParameterGroup(name, shares)): 1.0})
 
 
 Vector = FloatArray | Moving

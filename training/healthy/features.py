@@ -4,23 +4,22 @@ They stand where the mixture is made (and travel the chain's way), at the sensor
 same functions serve two ends: what the base model misses on healthy drives, and the ceiling against
 which an effect is adequate.
 """
-# mypy: disable-error-code="no-untyped-def"
 
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import Path
 from training.greybox.effects.form.place import Place
 from training.greybox.fit.drive import ChainDrive
-from training.greybox.quantity.dynamics import charged, lag, slope
+from training.greybox.quantity.dynamics import charged, delayed, lag, slope
+from training.greybox.quantity.value import hats
 from training.healthy.config import CONFIG
 
-SPEED_KNOTS_RPM: Final = (800.0, 1300.0, 1800.0, 2400.0, 3200.0)
-LOAD_KNOTS_MG: Final = (90.0, 160.0, 260.0, 400.0, 600.0)
-COOLANT_KNOTS_DEGC: Final = (0.0, 30.0, 55.0, 75.0, 90.0)
+SPEED_KNOTS_RPM: Final = np.array([800.0, 1300.0, 1800.0, 2400.0, 3200.0])
+LOAD_KNOTS_MG: Final = np.array([90.0, 160.0, 260.0, 400.0, 600.0])
+COOLANT_KNOTS_DEGC: Final = np.array([0.0, 30.0, 55.0, 75.0, 90.0])
 
 
 def features(drive: ChainDrive, path: Path, phi: FloatArray) -> dict[str, FloatArray]:
@@ -29,9 +28,9 @@ def features(drive: ChainDrive, path: Path, phi: FloatArray) -> dict[str, FloatA
     path, phi : the base's path and what it reads (n,)
     """
     made = _at_valve(drive, path)
-    share = 1.0 - np.exp(-drive.period_s / (path.mixing_s + path.sensor_rising_s))
-    dead = path.dead_time_s / drive.period_s
-    columns = {name: _carry(np.ascontiguousarray(x), dead, share) for name, x in made.items()}
+    lag_s, dead = path.mixing_s + path.sensor_rising_s, path.dead_time_s / drive.period_s
+    late = {name: delayed(np.ascontiguousarray(x), dead) for name, x in made.items()}
+    columns = {name: lag(x, lag_s, drive.period_s) for name, x in late.items()}
     return columns | _at_sensor(drive, path, phi)
 
 
@@ -40,7 +39,7 @@ def _at_valve(drive: ChainDrive, path: Path) -> dict[str, FloatArray]:
     air, fuel, rpm = path.air_mg, path.fuel_mg, s["engine_speed_rpm"]
     at = Place(path, s, period_s)
     running = at.injecting().astype(np.float64)
-    speeds, loads = _hats(rpm, SPEED_KNOTS_RPM), _hats(air, LOAD_KNOTS_MG)
+    speeds, loads = hats(rpm, SPEED_KNOTS_RPM), hats(air, LOAD_KNOTS_MG)
     made = {
         f"map {i}{j}": speeds[:, i] * loads[:, j] * running
         for i in range(len(SPEED_KNOTS_RPM))
@@ -61,7 +60,7 @@ def _at_valve(drive: ChainDrive, path: Path) -> dict[str, FloatArray]:
         late = lag(fuel * strokes, time_s, period_s) / strokes
         made[f"fuel film {time_s}"] = np.clip(late / np.maximum(fuel, 4.0) - 1.0, -1.5, 3.0)
         made[f"cold film {time_s}"] = cold * made[f"fuel film {time_s}"]
-    for i, hat in enumerate(_hats(coolant, COOLANT_KNOTS_DEGC).T if coolant is not None else ()):
+    for i, hat in enumerate(hats(coolant, COOLANT_KNOTS_DEGC).T if coolant is not None else ()):
         made[f"coolant {i}"] = hat
     made |= _context(drive, at, running)
     return made
@@ -111,25 +110,3 @@ def _at_sensor(drive: ChainDrive, path: Path, phi: FloatArray) -> dict[str, Floa
     for time_s in (0.5, 1.2, 3.0):
         columns[f"after cut {time_s}"] = charged(cut, 1.0, time_s, drive.period_s)
     return columns
-
-
-def _hats(x: FloatArray, knots: tuple[float, ...]) -> FloatArray:
-    """Return linear hat functions (n, k) that sum to 1, constant beyond the outer knots."""
-    identity = np.eye(len(knots))
-    return np.column_stack([np.interp(x, knots, row) for row in identity])
-
-
-@njit(cache=True)
-def _carry(u, dead, share):  # pragma: no cover
-    """Return ``u`` (n,) late by ``dead`` samples and through a lag."""
-    out = np.empty_like(u)
-    x = u[0]
-    for k in range(len(u)):
-        at = max(k - dead[k], 0.0)
-        i = int(at)
-        late = u[i]
-        if i < k:
-            late += (at - i) * (u[i + 1] - u[i])
-        x += share[k] * (late - x)
-        out[k] = x
-    return out

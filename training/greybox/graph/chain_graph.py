@@ -24,7 +24,7 @@ from training.greybox.chain import Path as ChainPath
 from training.greybox.charge.error import ChargeError
 from training.greybox.charge.map import ChargeMap
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.quantity.trace import Trace
+from training.greybox.quantity.trace import StepTrace
 from training.greybox.quantity.value import Quantity, Value, clip, maximum
 from training.narx.export import Graph, finished, write
 
@@ -180,13 +180,13 @@ class Greybox:
 
     def traced(
         self, graph: Graph, inputs: Mapping[str, str], state: str, first: int = 0
-    ) -> tuple[Value, Trace]:
+    ) -> tuple[Value, StepTrace]:
         """Add the chain to a graph; return the reading phi and the trace with the next state.
 
         inputs : tensor (batch, 1) of each; state : tensor of which the chain has the columns from
         ``first`` on
         """
-        trace = Trace(graph, state, self.register, first)
+        trace = StepTrace(graph, state, self.register, first)
         given = {name: Value(trace, inputs.get(name, name)) for name in self.inputs}
         return simulate(self.path(self.seen(given)), self.period_s), trace
 

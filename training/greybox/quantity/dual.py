@@ -13,7 +13,7 @@ from monitor.base.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Group:
+class ParameterGroup:
     """Parameters that enter the equations in one place: a constant, or the knots of a field."""
 
     name: str
@@ -36,7 +36,7 @@ class Dual:
     """
 
     value: Any
-    slopes: Mapping[Group, Any]
+    slopes: Mapping[ParameterGroup, Any]
 
     __array_ufunc__ = None  # so that an array on the left leaves the operation to the dual
 
@@ -73,7 +73,7 @@ class Dual:
         power = other**self.value
         return moved(power, (self, np.log(other) * power))
 
-    def spread(self, group: Group) -> FloatArray:
+    def spread(self, group: ParameterGroup) -> FloatArray:
         """Return the derivatives (n, k) over the parameters of a group."""
         return group.spread(self.slopes[group], len(self.value))
 
@@ -86,11 +86,11 @@ def value_of(x: Any) -> Any:
 def moved(value: Any, *parts: tuple[Any, Any]) -> Dual:
     """Return a dual of this value from its operands and the partial derivatives over them.
 
-    >>> gain = Group("gain")
+    >>> gain = ParameterGroup("gain")
     >>> moved(6.0, (Dual(2.0, {gain: 1.0}), 3.0)).slopes[gain]
     3.0
     """
-    slopes: dict[Group, Any] = {}
+    slopes: dict[ParameterGroup, Any] = {}
     for x, partial in parts:
         for group, slope in x.slopes.items() if isinstance(x, Dual) else ():
             own = slope
@@ -100,7 +100,7 @@ def moved(value: Any, *parts: tuple[Any, Any]) -> Dual:
     return Dual(value, slopes)
 
 
-def _sum(group: Group, a: Any, b: Any) -> Any:
+def _sum(group: ParameterGroup, a: Any, b: Any) -> Any:
     if np.ndim(a) == 2 or np.ndim(b) == 2:
         n = max(len(each) for each in (a, b) if np.ndim(each) == 2)
         return group.spread(a, n) + group.spread(b, n)

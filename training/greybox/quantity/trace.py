@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from training.narx.export import Graph
 
 
-class Trace:
+class StepTrace:
     """Nodes of equations with the places of their states.
 
     state : name of the tensor (batch, n), of which the columns from ``first`` on are this trace's

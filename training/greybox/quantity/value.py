@@ -14,7 +14,7 @@ from monitor.base.types import FloatArray
 from training.greybox.quantity.dual import Dual, moved, value_of
 
 if TYPE_CHECKING:
-    from training.greybox.quantity.trace import Trace
+    from training.greybox.quantity.trace import StepTrace
 
 READING = 0  # place of what the sensor reads in the state of a graph
 Quantity = Any  # FloatArray (n,), Dual, Value or float; one equation has duals or values, not both
@@ -24,7 +24,7 @@ Quantity = Any  # FloatArray (n,), Dual, Value or float; one equation has duals 
 class Value:
     """A float32 tensor (batch, k) in a graph, mostly (batch, 1); each operation adds a node."""
 
-    trace: "Trace"
+    trace: "StepTrace"
     name: str
 
     __array_ufunc__ = None  # so that an array on the left leaves the operation to the value
