@@ -1,8 +1,8 @@
 """Cross-fit: the free run over every recording by a twin that did not see it.
 
 A twin has the model's shape and begins at new random weights. Trained on from the model's weights
-it would keep what these know of the recording that it must not see. Its training is short, so it
-errs rather more than the model would.
+it would keep what these know of the recording that it must not see. It is the mean of a few short
+trainings, since one alone may be far off where the others are not.
 Source: Stone, Cross-validatory choice and assessment of statistical predictions, J. Royal
 Statistical Society B 36 (1974).
 """
@@ -23,8 +23,9 @@ from monitor.model.step import Model, to_model_units
 from training.narx.export import Network, save
 from training.narx.model_file import measures, shape_of
 from training.narx.network import Spec
+from training.narx.search.mean import mean_of
 from training.narx.search.stages import HORIZONS, N_SAMPLES, Trained, free_run, train
-from training.narx.search.structure import FOLDS
+from training.narx.search.structure import FOLDS, STARTS
 from training.narx.work import Work
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, Samples
@@ -107,18 +108,19 @@ def cross_fit(
     parts = work.split(len(left_out))
 
     def one(rows: BoolArray, part: Work) -> tuple[Twin, FloatArray] | None:
-        twin = _trained(data, spec, rows, decay, seed, part)
-        if twin is None or not np.isfinite(twin.score):
+        members = _trained(data, spec, rows, decay, seed, part)
+        if not members:
             return None
+        shape, weights = mean_of([(each.spec, each.weights) for each in members])
         network = Network(
-            spec=spec,
-            weights=twin.weights,
+            spec=shape,
+            weights=weights,
             scaling=data.scaling,
             transform=data.transform,
             transforms=data.transforms,
             inputs=data.names,
         )
-        return Twin(network, rows), free_run(recorded, spec, twin.weights)
+        return Twin(network, rows), free_run(recorded, shape, weights)
 
     with ThreadPoolExecutor(max(1, threads)) as pool:
         found = [each for each in pool.map(one, left_out, parts) if each]
@@ -164,10 +166,10 @@ def _of_recordings(data: Prepared, numbers: list[int]) -> BoolArray:
 
 def _trained(
     data: Prepared, spec: Spec, rows: BoolArray, decay: float, seed: int, work: Work
-) -> Trained | None:
-    """Return the training without ``rows``, None if the other samples do not suffice.
+) -> list[Trained]:
+    """Return trainings without ``rows``, as many as the work allows, none if the rest is too short.
 
-    Blocks that chose the weights stop it. Where none is left, those of the test do.
+    Blocks that chose the weights stop them. Where none is left, those of the test do.
     """
     role = data.role.copy()
     if (role[~rows] == Role.VALIDATE).any():
@@ -176,19 +178,21 @@ def _trained(
         role[role == Role.TEST] = Role.VALIDATE
     role[rows] = Role.TEST
     if ((role == Role.TRAIN) & (data.samples.weight > 0)).sum() < spec.n_weights:
-        return None
-    try:
-        return train(
-            replace(data, role=role),
-            spec,
-            seed,
-            work,
-            horizons=HORIZONS[:-1],
-            n_samples=N_SAMPLES,
-            decay=decay,
-        )
-    except RecordingError:  # no validation block is longer than the memory
-        return None
+        return []
+    seen, horizons, found = replace(data, role=role), HORIZONS[:-1], list[Trained]()
+    for start in range(STARTS):
+        own = work.up_to(work.left)
+        try:
+            trained = train(
+                seen, spec, seed + start, own, None, horizons, n_samples=N_SAMPLES, decay=decay
+            )
+        except RecordingError:  # no validation block is longer than the memory
+            return []
+        work.join([own])
+        if not np.isfinite(trained.score) or (found and own.is_over()):
+            break
+        found.append(trained)
+    return found
 
 
 def _as_recorded(data: Prepared) -> Samples:

@@ -19,7 +19,7 @@ from training.narx.network import Spec
 from training.narx.search.folds import folds_of, free_folds, trained_on_all
 from training.narx.search.mean import NetworkChoice, choose
 from training.narx.search.stages import N_SAMPLES, Trained, train
-from training.narx.search.structure import FOLDS, Search, Try
+from training.narx.search.structure import FOLDS, STARTS, Search, Try
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role, prepare
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from training.recordings.recording import Recording
 
 LAGS, HIDDEN = 5, (8, 8)  # of the paper's network
-STARTS = 3  # trainings from different random weights
 PARTS = 3  # of equal work: the search, the members of its mean, the twins
 ENDED_EARLY = "the wall limit ended the training early: it would end elsewhere on another machine"
 SAMPLES_PER_WEIGHT = 10  # with fewer the network overfits

@@ -1,7 +1,7 @@
 """The model file of a training: its graph, its card with measures, its parity proved."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
@@ -126,12 +126,7 @@ def _parity(out: Path | str, network: Network, data: Prepared) -> dict[str, floa
     n = min(PARITY_SAMPLES, segment.stop - segment.start)
     u = recording.values[segment.first : segment.first + n, order]
     y = data.scaling.unscale_y(data.samples.y[segment.start : segment.start + n])
-    result = parity(out, network, u, y)
-    return {
-        "samples": result.samples,
-        "onnx_numpy": result.onnx_numpy,
-        "tolerance": result.tolerance,
-    }
+    return asdict(parity(out, network, u, y))
 
 
 def shape_of(network: Network, members: int = 1) -> dict[str, Any]:

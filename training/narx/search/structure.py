@@ -33,6 +33,7 @@ LADDERS: Final[dict[str, tuple[Any, ...]]] = {
     "decay": (1e-6, 1e-5, 1e-4, 1e-3, 1e-2),
 }
 FOLDS: Final = 4  # at most, and members of the mean, about
+STARTS: Final = 3  # of a shape that is given, and of a twin
 SINGLE_LAGS: Final = 8  # boxes are single lags up to here, then they widen
 WIDENING: Final = 1.35
 SAMPLES_PER_WEIGHT: Final = 2.0  # below this a candidate is not tried
