@@ -156,7 +156,7 @@ def test_only_limits_and_trust_of_the_file_change(drives: Path, calibrated: Path
     assert replace(new, limits=old.limits, trust=old.trust) == old
     assert new.limits["j_mu"] != old.limits["j_mu"]
     # older cards lack them
-    learned = {"evidence", "evidence_window", "gain_model", "still_s", "still_end_s"}
+    learned = {"evidence", "gain_model", "still_s", "still_end_s"}
     assert new.limits.keys() == old.limits.keys() | learned
     assert 0.0 < new.limits["evidence"].value <= 0.75
 
