@@ -70,8 +70,11 @@ class ResponseConfig:
 
     @property
     def evidence_window(self) -> float:
-        """Return the most log odds that a window gives: a model errs for a whole manoeuvre."""
-        return 0.5 * self.evidence_fail
+        """Return the most log odds that a window gives, for a model errs for a whole manoeuvre.
+
+        Two such windows decide, whatever their rounding.
+        """
+        return 0.51 * self.evidence_fail
 
     @property
     def evidence_pass(self) -> float:

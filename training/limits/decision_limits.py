@@ -198,7 +198,7 @@ def with_limits(
     limits = limits_of(drives, model.card, config, origin, recordings)
     card = replace(
         model.card,
-        limits={**model.card.limits, **limits},
+        limits=limits,
         trust={},  # what was counted with other limits no longer holds
     )
     used = Limits.from_card(card, config, origin)

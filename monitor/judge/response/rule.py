@@ -52,9 +52,9 @@ class ResponseRule:
     least squares with the windows weighted by the inverse of their error's variance, and fading by
     ``gain_memory`` per window. The log likelihood of a window, whose scale is unknown and at least
     ``noise_least`` of the healthy innovation's variance, is added to the claim's evidence;
-    ``evidence_weight`` of its samples count as independent. No window decides alone: a model predicts
-    some step early or late, which then looks like a delay. As it may be late by ``timing_s``, a
-    sensor is called sound only if it were so that much slower, too.
+    ``evidence_weight`` of its samples count as independent. No window decides alone, for a model
+    predicts some step early or late, which then looks like a delay. As it may be late by
+    ``timing_s``, a sensor is called sound only if it were so that much slower, too.
 
     noise : of the healthy residual
     gain_reference : this vehicle's healthy gain, which the gains of the claims are relative to

@@ -45,7 +45,8 @@ def other(response: dict[str, Any] | None = None, **card: Any) -> Setup:
 def test_another_card_other_settings_and_signals_give_the_same_verdicts(
     kind: str, drives: list[ReadRecording], tmp_path: Path
 ) -> None:
-    # GIVEN a model that may stand still or mistakes a fault, delays between samples, or a controller without any signal but the model's
+    # GIVEN a model whose reading may stand still or that mistakes a fault, delays between samples,
+    # or a controller without any signal but the model's
     setup = {
         "still": lambda: other(limits={"still_s": 40.0, "still_end_s": 300.0}),
         "trust": lambda: other(trust=DRIVES),
