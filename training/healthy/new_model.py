@@ -14,7 +14,8 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.healthy.reference import set_reference
 from training.limits.decision_limits import MANY_WINDOWS, set_limits
-from training.limits.trust import Unseen, trust_of
+from training.limits.response.response_limits import Unseen
+from training.limits.trust import trust_of
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
 from training.recordings.recording import Recording
