@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from monitor.base.settings import ShippedSettings, built
+from monitor.base.files.settings import ShippedSettings, built
 
 
 @dataclass(frozen=True, slots=True)

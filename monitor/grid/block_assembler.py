@@ -13,7 +13,7 @@ looked at in a few passes: where they rise, every frame is in time; where some d
 than the open tick are found by the newest time before each.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -104,7 +104,7 @@ class BlockAssembler:
         begun = set(gaps)
         for begin, end in pairwise(sorted({0, *begun, len(t_ns)})):
             if begin in begun:
-                found += self._gap(int(t_ns[begin]))
+                found += self.begin(int(t_ns[begin]))
             found += self._push(t_ns, parts, begin, end)
         return joined(found, self._n_names)
 
@@ -130,36 +130,18 @@ class BlockAssembler:
                 found.append(self._close(grid, grid.open_tick(self._newest_ns)))
         return found
 
-    def _gap(self, t_ns: int) -> list[SampleBlock]:
-        """Begin anew behind a pause that ends at ``t_ns``, of which nothing is known."""
+    def begin(
+        self, t_ns: int, quality: Quality = Quality.GAP, *, is_jump: bool = False
+    ) -> list[SampleBlock]:
+        """Begin anew at ``t_ns``, behind a pause of which nothing is known.
+
+        quality : of what is not received behind it, for as long as its timeout
+        is_jump : the open tick is complete
+        """
         if self._grid is None:
             self._anchor(t_ns)
             return []
-        return self._break(self._grid, t_ns, is_jump=False, quality=_GAP)
-
-    def push_series(
-        self, t_ns: IntArray, series: Sequence[Series], break_quality: Quality = Quality.STALE
-    ) -> SampleBlock:
-        """Take the times of frames, (n,), never decreasing, and the values of each channel.
-
-        Breaks of the recording lie between the times of one call and those of the next.
-        break_quality : of what has not been received since the break before these times
-        """
-        found = []
-        if self._grid is None:
-            grid = self._anchor(int(t_ns[0]))
-        else:
-            found = self._break(self._grid, int(t_ns[0]), is_jump=True, quality=int(break_quality))
-            grid = self._grid
-        self._newest_ns = int(t_ns[-1])
-        for channel, (times_ns, values) in enumerate(series):
-            inside = slice(
-                np.searchsorted(times_ns, t_ns[0], "left"),
-                np.searchsorted(times_ns, t_ns[-1], "right"),
-            )
-            grid.keep((channel,), times_ns[inside], values[np.newaxis, inside])
-        found.append(self._close(grid, grid.open_tick(self._newest_ns)))
-        return joined(found, self._n_names)
+        return self._break(self._grid, t_ns, is_jump=is_jump, quality=int(quality))
 
     def _until_break(self, grid: "_Grid", t_ns: IntArray) -> tuple[int, IntArray, bool]:
         """Return how many frames come before a break, which of them are late, and if it is a jump.
@@ -352,12 +334,24 @@ def assemble_arrays(
     pauses = np.flatnonzero(steps_ns > min(longest_ns, MAX_JUMP_NS))
     kinds = [Quality.STALE if steps_ns[k] > MAX_JUMP_NS else Quality.GAP for k in pauses.tolist()]
     cuts = [0, *(pauses + 1).tolist(), len(frame_times_ns)]
-    blocks = [
-        assembler.push_series(frame_times_ns[begin:end], series, kind)
-        for (begin, end), kind in zip(pairwise(cuts), [Quality.STALE, *kinds], strict=True)
-        if begin < end
-    ]
+    blocks: list[SampleBlock] = []
+    for (begin, end), kind in zip(pairwise(cuts), [Quality.STALE, *kinds], strict=True):
+        if begin < end:
+            t_ns = frame_times_ns[begin:end]
+            blocks += assembler.begin(int(t_ns[0]), kind, is_jump=True)
+            blocks.append(assembler.push(t_ns, _decoded(t_ns, series)))
     return joined(blocks, len(names))
+
+
+def _decoded(t_ns: IntArray, series: Sequence[Series]) -> Iterator[Decoded]:
+    """Yield the values of each channel within the times of frames, (n,)."""
+    for channel, (times_ns, values) in enumerate(series):
+        first, last = (
+            np.searchsorted(times_ns, t_ns[0]),
+            np.searchsorted(times_ns, t_ns[-1], "right"),
+        )
+        rows = np.searchsorted(t_ns, times_ns[first:last])
+        yield Decoded(rows, (channel,), values[np.newaxis, first:last])
 
 
 def check_grid(period_ns: int) -> None:

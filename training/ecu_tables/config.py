@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
-from monitor.base.settings import ShippedSettings
+from monitor.base.files.settings import ShippedSettings
 from training.ecu_tables.signals import Air
 
 

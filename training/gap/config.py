@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from monitor.base.settings import ShippedSettings, built
+from monitor.base.files.settings import ShippedSettings, built
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import pytest
 
 from monitor.base import config
 from monitor.base.errors import ConfigError
-from monitor.base.settings import ShippedSettings
+from monitor.base.files.settings import ShippedSettings
 
 SETTINGS = ShippedSettings("monitor.base")
 SHIPPED = SETTINGS.values()

@@ -126,7 +126,7 @@ def test_an_input_far_outside_of_the_model_s_training_is_named(
 
     assert cli.main(["replay", str(written(hotter))]) == 3
     said = capsys.readouterr().out
-    assert "not judged: trained_range held " in said
+    assert "not judged: trained range held " in said
     assert "manifold_temperature_degc is above " in said
 
 
