@@ -62,7 +62,6 @@ def diagnostics(
 
 
 def _state(args: DiagnosticsOptions, setup: "Setup", loop: "Loop") -> "State":
-    from monitor import __version__
     from monitor.bus.diagnostics.state import Identity, State
 
     monitor, config = loop.pipeline.monitor, setup.config
@@ -71,13 +70,11 @@ def _state(args: DiagnosticsOptions, setup: "Setup", loop: "Loop") -> "State":
         identity=Identity(
             model_name=setup.model_path.name,
             model_sha256=setup.model_sha256,
-            version=__version__,
             profile=config.obd.profile,
             vin=args.vin,
         ),
         clear=loop.clear_codes,
         names=monitor.names,
-        output=monitor.output,
         running_rpm=config.plausibility.engine_running_rpm,
         clear_while_running=args.clear_while_running,
     )

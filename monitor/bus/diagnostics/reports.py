@@ -1,6 +1,6 @@
 """Reports of UDS service 0x19 about codes (ISO 14229-1:2020)."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from monitor.bus.diagnostics.parameters import encoded, unsigned
@@ -11,7 +11,6 @@ from monitor.memory.dtc import Dtc, Status
 
 OUT_OF_RANGE: Final = 0x31
 STATUS_AVAILABLE: Final = 0xFF
-DTC_FORMAT: Final = 0x00  # SAE J2012-DA: two bytes of code, one of failure type
 FAILURE_TYPES: Final = {"U0100": 0x87, "U0401": 0x81}  # message missing; invalid data received
 ALL_RECORDS: Final = 0xFF
 FIRST, SNAPSHOT = 0x00, 0x01  # numbers of the only snapshot record
@@ -27,24 +26,9 @@ def dtc_bytes(code: str) -> bytes:
     return unsigned(dtc_number(code), 2) + bytes((FAILURE_TYPES.get(code, 0x00),))
 
 
-def _count(mask: bytes, state: State) -> bytes:
-    """Subfunction 0x01: number of codes with a status bit of the mask."""
-    n_codes = sum(bool(d.status & mask[0]) for d in state.store.all)
-    return bytes((STATUS_AVAILABLE, DTC_FORMAT)) + unsigned(n_codes, 2)
-
-
 def _by_mask(mask: bytes, state: State) -> bytes:
     """Subfunction 0x02: codes with a status bit of the mask."""
-    return _with_status(d for d in state.store.all if d.status & mask[0])
-
-
-def _supported(_: bytes, state: State) -> bytes:
-    """Subfunction 0x0A: all codes that can be set."""
-    return _with_status(state.store.all)
-
-
-def _with_status(dtcs: Iterable[Dtc]) -> bytes:
-    rows = [dtc_bytes(d.code) + bytes((d.status,)) for d in dtcs]
+    rows = [dtc_bytes(d.code) + bytes((d.status,)) for d in state.store.all if d.status & mask[0]]
     return bytes((STATUS_AVAILABLE,)) + b"".join(rows)
 
 
@@ -99,9 +83,7 @@ def _find(wanted: bytes, state: State) -> Dtc:
 
 # subfunction of 0x19 → length of the request in bytes, function that makes the answer
 REPORTS: Final[Mapping[int, tuple[int, Callable[[bytes, State], bytes]]]] = {
-    0x01: (3, _count),
     0x02: (3, _by_mask),
     0x04: (6, _snapshot),
     0x06: (6, _extended_data),
-    0x0A: (2, _supported),
 }

@@ -8,7 +8,7 @@ from typing import Final
 
 from monitor.base.errors import UsageError
 from monitor.memory.dtc_store import DtcStore
-from monitor.pipeline.events import Event, Tick, WindowJudged
+from monitor.pipeline.events import Event, Tick
 
 DEFAULT_SESSION: Final = 0x01
 EXTENDED_SESSION: Final = 0x03
@@ -28,7 +28,6 @@ class Identity:
 
     model_name: str  # file name
     model_sha256: str
-    version: str  # of this package
     profile: str  # "carb" or "eobd"
     vin: str | None = None
 
@@ -60,27 +59,17 @@ class State:
     identity: Identity
     clear: Callable[[], None]
     names: Sequence[str]
-    output: str
     running_rpm: float
     clear_while_running: bool = False
     session: int = DEFAULT_SESSION
     tick: Tick | None = None
-    window: WindowJudged | None = None
-    samples: int = 0
-    enabled_samples: int = 0
-    windows: int = 0
     ignored_frames: int = 0  # frames over the accepted rate, or without a request
     failed_transfers: int = 0  # transfers of several frames that failed
 
     def push(self, event: Event) -> None:
-        """Keep the latest sample and window, and count them."""
+        """Keep the latest sample."""
         if isinstance(event, Tick):
             self.tick = event
-            self.samples += 1
-            self.enabled_samples += event.enabled
-        elif isinstance(event, WindowJudged):
-            self.window = event
-            self.windows += 1
 
     @property
     def values(self) -> dict[str, float]:
@@ -89,16 +78,6 @@ class State:
             return {}
         pairs = zip(self.names, self.tick.sample.values.tolist(), strict=True)
         return {name: value for name, value in pairs if math.isfinite(value)}
-
-    @property
-    def measured(self) -> float:
-        """Return the measured output, NaN if its quality is not good."""
-        return self.values.get(self.output, math.nan)
-
-    @property
-    def predicted(self) -> float:
-        """Return the predicted output, NaN if there is none."""
-        return self.tick.predicted if self.tick else math.nan
 
     def check_may_clear(self) -> None:
         """Raise RefusedError if the engine runs or its speed is unknown."""

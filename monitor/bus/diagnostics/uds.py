@@ -1,24 +1,20 @@
-"""Unified diagnostic services of ISO 14229-1: 0x10, 0x14, 0x19, 0x22 and 0x3E."""
+"""Unified diagnostic services of ISO 14229-1: 0x10, 0x14, 0x19 and 0x3E."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
 
 from monitor.base.errors import O2Error
-from monitor.bus.diagnostics.identifiers import IDENTIFIERS
 from monitor.bus.diagnostics.obd import POSITIVE
 from monitor.bus.diagnostics.reports import OUT_OF_RANGE, REPORTS
 from monitor.bus.diagnostics.state import DEFAULT_SESSION, EXTENDED_SESSION, RefusedError, State
 
 SUBFUNCTION_NOT_SUPPORTED: Final = 0x12
 WRONG_LENGTH: Final = 0x13
-RESPONSE_TOO_LONG: Final = 0x14
 PROGRAMMING_FAILURE: Final = 0x72
 SERVICE_NOT_IN_SESSION: Final = 0x7F
 SUPPRESS: Final = 0x80  # bit of the subfunction: send no positive response
 TIMING: Final = bytes((0x00, 0x32, 0x01, 0xF4))  # P2 50 ms, P2* 5 s
 GROUPS: Final = (0xFFFFFF, 0xFFFF33)  # all codes; codes of the emission system
-MOST_IDENTIFIERS: Final = 16  # per request
-LONGEST_ANSWER: Final = 512
 
 
 def _session(request: bytes, state: State) -> bytes | None:
@@ -66,25 +62,6 @@ def _codes(request: bytes, state: State) -> bytes | None:
     return None if is_silent else bytes((request[0] + POSITIVE, subfunction)) + body
 
 
-def _read(request: bytes, state: State) -> bytes:
-    """Answer 0x22: the values of up to 16 identifiers; unknown identifiers are left out."""
-    if len(request) < 3 or len(request) % 2 == 0 or len(request) > 1 + 2 * MOST_IDENTIFIERS:
-        raise RefusedError(WRONG_LENGTH)
-    wanted = [request[i : i + 2] for i in range(1, len(request), 2)]
-    items = [name + data for name in wanted if (data := _value(name, state)) is not None]
-    if not items:
-        raise RefusedError(OUT_OF_RANGE)
-    answer = bytes((request[0] + POSITIVE,)) + b"".join(items)
-    if len(answer) > LONGEST_ANSWER:
-        raise RefusedError(RESPONSE_TOO_LONG)
-    return answer
-
-
-def _value(name: bytes, state: State) -> bytes | None:
-    identifier = IDENTIFIERS.get(int.from_bytes(name, "big"))
-    return None if identifier is None else identifier(state)
-
-
 def _subfunction(request: bytes, length: int | None = None) -> tuple[int, bool]:
     """Return the subfunction, and whether a positive response is suppressed."""
     if len(request) < 2:
@@ -103,6 +80,5 @@ SERVICES: Final[Mapping[int, Callable[[bytes, State], bytes | None]]] = {
     0x10: _session,
     0x14: _clear,
     0x19: _codes,
-    0x22: _read,
     0x3E: _tester_present,
 }

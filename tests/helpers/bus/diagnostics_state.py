@@ -81,10 +81,9 @@ class Vehicle:
         self.store, self.clearings, self.fails = DtcStore(saved()), 0, False
         self.state = State(
             store=self.store,
-            identity=Identity("shipped.onnx", SHA256, "0.1.0", "carb", vin),
+            identity=Identity("shipped.onnx", SHA256, "carb", vin),
             clear=self.clear,
             names=NAMES,
-            output="lambda_measured",
             running_rpm=500.0,
         )
         if engine_speed_rpm is not None:

@@ -194,7 +194,7 @@ def test_vehicle_information_names_vin_calibration_and_its_check() -> None:
     [("m.onnx", "m-01234567"), ("own", "own-01234567"), ("größer als.onnx", "gr??er -01234567")],
 )
 def test_the_calibration_is_ascii_of_at_most_16_characters(model: str, calibration: str) -> None:
-    assert Identity(model, SHA256, "0.1.0", "carb").calibration_id == calibration
+    assert Identity(model, SHA256, "carb").calibration_id == calibration
 
 
 def test_without_a_vin_there_is_none() -> None:
@@ -210,4 +210,4 @@ def test_in_use_performance_reports_the_lowest_ratio_of_the_sensor_monitor() -> 
 
 def test_a_vin_with_a_letter_that_no_vin_has_is_refused() -> None:
     with pytest.raises(UsageError, match="without I, O and Q"):
-        Identity("m.onnx", SHA256, "0.1.0", "carb", "WVWZZZ1JZXW38675O")
+        Identity("m.onnx", SHA256, "carb", "WVWZZZ1JZXW38675O")

@@ -108,18 +108,18 @@ def test_frames_keep_the_separation_asked_for_and_no_less_than_two_milliseconds(
     separation: str, least_s: float
 ) -> None:
     tester = Tester()
-    tester.send("03 22 FD 00")
+    tester.send("02 09 08")
     tester.send(f"30 00 {separation}")
     before_s = tester.now_s
     assert tester.work() == []
-    assert len(tester.rest()) == 5
-    assert 5 * least_s <= tester.now_s - before_s < 5 * least_s + 0.001
+    assert len(tester.rest()) == 6
+    assert 6 * least_s <= tester.now_s - before_s < 6 * least_s + 0.001
 
 
 @pytest.mark.parametrize("separation", ["7F", "80", "F0", "FA", "FF"])
 def test_a_reserved_separation_is_the_longest(separation: str) -> None:
     tester = Tester()
-    tester.send("03 22 FD 00")
+    tester.send("02 09 08")
     tester.send(f"30 00 {separation}")
     assert tester.server.due_s - tester.now_s == pytest.approx(0.127, abs=0.001)
 
@@ -138,9 +138,8 @@ def test_an_answer_that_nobody_lets_go_on_is_given_up_after_a_second() -> None:
 
 def test_a_request_in_several_frames_is_answered() -> None:
     tester = Tester()
-    assert tester.send("10 09 22 F1 86 F1 8A FE") == ["30 00 00 cc cc cc cc cc"]
-    (first,) = tester.send("21 00 FE 01")
-    assert first.startswith("10 10 62 f1 86 01 f1 8a")
+    assert tester.send("10 09 19 02 FF FF FF FF") == ["30 00 00 cc cc cc cc cc"]
+    assert tester.send("21 FF FF FF") == ["03 7f 19 13 cc cc cc cc"]
 
 
 @pytest.mark.parametrize("length", ["10 41", "1F FF", "10 00 00 00 10 00", "10 00 FF FF FF FF"])
@@ -156,17 +155,17 @@ def test_a_request_that_is_too_long_is_refused_at_its_first_frame(length: str) -
 
 def test_a_wrong_sequence_number_ends_the_request() -> None:
     tester = Tester()
-    tester.send("10 09 22 F1 86 F1 8A FE")
-    assert tester.send("22 00 FE 01") == []
-    assert tester.send("21 00 FE 01") == []
+    tester.send("10 09 19 02 FF FF FF FF")
+    assert tester.send("22 FF FF FF") == []
+    assert tester.send("21 FF FF FF") == []
     assert tester.server.state.failed_transfers == 2
     assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
 
 
 def test_several_frames_to_all_are_no_request() -> None:
     tester = Tester()
-    assert tester.send("10 09 22 F1 86 F1 8A FE", FUNCTIONAL) == []
-    assert tester.send("21 00 FE 01", FUNCTIONAL) == []
+    assert tester.send("10 09 19 02 FF FF FF FF", FUNCTIONAL) == []
+    assert tester.send("21 FF FF FF", FUNCTIONAL) == []
 
 
 @pytest.mark.parametrize(
@@ -194,9 +193,11 @@ def test_the_extended_session_ends_five_seconds_after_the_last_request() -> None
     tester.now_s += 4.9
     assert tester.send("02 3E 80") == []
     tester.now_s += 4.9
-    assert tester.send("03 22 F1 86") == ["04 62 f1 86 03 cc cc cc"]
+    assert tester.send("02 3E 80") == []
+    assert tester.vehicle.state.session == 3
     tester.now_s += 5.0
-    assert tester.send("03 22 F1 86") == ["04 62 f1 86 01 cc cc cc"]
+    assert tester.send("02 3E 80") == []
+    assert tester.vehicle.state.session == 1
 
 
 def test_clearing_is_announced_before_it_is_done() -> None:
