@@ -4,11 +4,11 @@ They have no transform of lambda: the simulated dynamometer puts them into the p
 and default severities stand here, so that commands and reports share them.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
 from monitor.base.errors import UsageError
+from monitor.base.faults import severity_of
 
 CATALYST: Final = "catalyst_low"
 _SLOW_S, _LATE_S = 1.5, 1.5
@@ -66,11 +66,7 @@ def resolve(name: str, severity: float | None = None) -> DownstreamFault:
     >>> resolve("catalyst_low", 0.03).capacity_g
     0.03
     """
-    if name not in DEFAULT_SEVERITY:
-        raise UsageError(f"fault {name!r} is unknown; there are {', '.join(NAMES)}")
-    s = DEFAULT_SEVERITY[name] if severity is None else float(severity)
-    if not math.isfinite(s) or s <= 0.0:
-        raise UsageError(f"fault {name}: severity {s} is not positive")
+    s = severity_of(name, severity, DEFAULT_SEVERITY)
     if name in _PARTS and s >= 1.0:
         raise UsageError(f"fault {name}: severity {s} is the part that is left, wanted below 1")
     if name == CATALYST:

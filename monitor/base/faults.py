@@ -15,7 +15,7 @@ control loop. ``fault_streams`` applies them to readings one after the other.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -129,6 +129,16 @@ LIMIT_SEVERITY = {  # from which the monitor must detect a fault
 }
 
 
+def severity_of(name: str, given: float | None, usual: Mapping[str, float]) -> float:
+    """Return the severity of a fault, without one the usual; raises UsageError as ``resolve``."""
+    if name not in usual:
+        raise UsageError(f"fault {name!r} is unknown; there are {', '.join(usual)}")
+    severity = usual[name] if given is None else float(given)
+    if not math.isfinite(severity) or severity <= 0.0:
+        raise UsageError(f"fault {name}: severity {severity} is not positive")
+    return severity
+
+
 def resolve(name: str, severity: float | None = None) -> Fault:
     """Return the fault of a name; without a severity, ``DEFAULT_SEVERITY`` holds.
 
@@ -138,11 +148,7 @@ def resolve(name: str, severity: float | None = None) -> Fault:
         drift_lean and drift_rich: offset in lambda after half an hour
     Raises UsageError if the name is unknown or the severity impossible.
     """
-    if name not in DEFAULT_SEVERITY:
-        raise UsageError(f"fault {name!r} is unknown; there are {', '.join(NAMES)}")
-    s = DEFAULT_SEVERITY[name] if severity is None else float(severity)
-    if not math.isfinite(s) or s <= 0.0:
-        raise UsageError(f"fault {name}: severity {s} is not positive")
+    s = severity_of(name, severity, DEFAULT_SEVERITY)
     if name == "gain_low" and s >= 1.0:
         raise UsageError(f"fault gain_low: severity {s} is the gain that is left, wanted below 1")
     if name == "intermittent" and s >= HOLD_EVERY_S:

@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from monitor.base.errors import RecordingError
+from monitor.base.files.outputs import take_place
 from monitor.memory.content import Content, content_of, text_of
 
 SUFFIX: Final = ".b"
@@ -190,10 +191,5 @@ def _checksum(line: bytes) -> bytes:
 def _replace(file: Path, data: bytes) -> None:
     """Replace a file in one step, once the data are on the disk; raises OSError."""
     begun = file.with_name(file.name + "-begun")
-    with begun.open("wb") as opened:
-        opened.write(data)
-        opened.flush()
-        os.fsync(opened.fileno())
-    if file.exists():
-        shutil.copymode(file, begun)
-    begun.replace(file)
+    begun.write_bytes(data)
+    take_place(begun, file)

@@ -108,14 +108,14 @@ def replaced(path: str | Path) -> Iterator[Path]:
             begun = place.with_name(f".begun_{os.getpid()}_{place.name[-_NAME_KEPT:]}")
             try:
                 yield begun
-                _take_place(begun, place)
+                take_place(begun, place)
             finally:
                 begun.unlink(missing_ok=True)
     except OSError as error:
         raise UsageError(f"{path}: cannot write it: {error.strerror or error}") from None
 
 
-def _take_place(begun: Path, place: Path) -> None:
+def take_place(begun: Path, place: Path) -> None:
     """Rename a file once its content is on the disk: the new name may get there before it."""
     with begun.open("rb+") as file:  # Windows syncs only what may be written
         os.fsync(file.fileno())

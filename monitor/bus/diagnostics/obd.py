@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
-from monitor.base.errors import O2Error
 from monitor.bus.diagnostics.parameters import bitmap, encoded, unsigned
 from monitor.bus.diagnostics.results import monitors, test_results
 from monitor.bus.diagnostics.state import RefusedError, State
@@ -116,11 +115,7 @@ def _with(status: Status) -> Callable[[State], Iterable[str]]:
 def _clear(request: bytes, state: State) -> bytes:
     """Answer service $04."""
     _check_alone(request)
-    state.check_may_clear()
-    try:
-        state.clear()
-    except O2Error:
-        raise RefusedError(CONDITIONS_NOT_CORRECT) from None
+    state.try_to_clear(CONDITIONS_NOT_CORRECT)
     return bytes((request[0] + POSITIVE,))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from monitor.base.errors import UsageError
+from monitor.base.errors import O2Error, UsageError
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import Event, Tick
 
@@ -79,8 +79,15 @@ class State:
         pairs = zip(self.names, self.tick.sample.values.tolist(), strict=True)
         return {name: value for name, value in pairs if math.isfinite(value)}
 
-    def check_may_clear(self) -> None:
-        """Raise RefusedError if the engine runs or its speed is unknown."""
+    def try_to_clear(self, failure: int) -> None:
+        """Clear the codes; raise RefusedError if the engine runs or its speed is unknown.
+
+        failure : reason of the refusal if the change cannot be stored
+        """
         speed_rpm = self.values.get("engine_speed_rpm", math.inf)
         if speed_rpm >= self.running_rpm and not self.clear_while_running:
             raise RefusedError(0x22)
+        try:
+            self.clear()
+        except O2Error:
+            raise RefusedError(failure) from None

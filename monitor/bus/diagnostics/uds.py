@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from monitor.base.errors import O2Error
 from monitor.bus.diagnostics.obd import POSITIVE
 from monitor.bus.diagnostics.reports import OUT_OF_RANGE, REPORTS
 from monitor.bus.diagnostics.state import DEFAULT_SESSION, EXTENDED_SESSION, RefusedError, State
@@ -42,11 +41,7 @@ def _clear(request: bytes, state: State) -> bytes:
     _check_length(request, 4)
     if int.from_bytes(request[1:], "big") not in GROUPS:
         raise RefusedError(OUT_OF_RANGE)
-    state.check_may_clear()
-    try:
-        state.clear()
-    except O2Error:
-        raise RefusedError(PROGRAMMING_FAILURE) from None
+    state.try_to_clear(PROGRAMMING_FAILURE)
     return bytes((request[0] + POSITIVE,))
 
 
