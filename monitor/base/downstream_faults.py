@@ -30,6 +30,7 @@ DEFAULT_SEVERITY: Final[dict[str, float]] = {
 }
 NAMES: Final = tuple(DEFAULT_SEVERITY)
 _PARTS: Final = ("downstream_weak", "downstream_heater")
+_PARAMETERS: Final = {CATALYST: "capacity_g", _PARTS[0]: "gain", _PARTS[1]: "heating"}
 _HELD: Final = tuple(f"downstream_{kind}" for kind in ("stuck", "low", "high", "inactive"))
 
 
@@ -69,12 +70,8 @@ def resolve(name: str, severity: float | None = None) -> DownstreamFault:
     s = severity_of(name, severity, DEFAULT_SEVERITY)
     if name in _PARTS and s >= 1.0:
         raise UsageError(f"fault {name}: severity {s} is the part that is left, wanted below 1")
-    if name == CATALYST:
-        return DownstreamFault(name, s, capacity_g=s)
-    if name == "downstream_weak":
-        return DownstreamFault(name, s, gain=s)
-    if name == "downstream_heater":
-        return DownstreamFault(name, s, heating=s)
+    if name in _PARAMETERS:
+        return DownstreamFault(name, s, **{_PARAMETERS[name]: s})
     if name.startswith(_HELD):
         return DownstreamFault(name, s, stuck_v=s)
     to_rich = s if not name.endswith("rich_to_lean") else 0.0
