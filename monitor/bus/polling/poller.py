@@ -78,7 +78,9 @@ class ObdPoller(Attachment):
         self._reassembly = Reassembly()
         self._asked: tuple[int, ...] = ()  # PIDs of the open request, empty if there is none
         self._sent_s = self._deadline_s = self._next_s = -math.inf
-        self._then: Callable[[float], None] | None = None  # next action of ``work``
+        # what the next ``work`` is to do: wait for so long, or rest before the next request
+        self._wait_s: float | None = None
+        self._rest_s: float | None = None
         self._flow_control = False
         self._silent = self._busy = 0  # times in a row
 
@@ -118,7 +120,7 @@ class ObdPoller(Attachment):
             return self._answered(frame, answer, is_shown=kind == 0)
         if self._reassembly.is_running:
             self._flow_control = self._flow_control or kind == 1
-            self._then = self._wait(TIMEOUT_S)
+            self._wait_s = TIMEOUT_S
         elif was_running:
             self.counters.malformed += 1
         return ()
@@ -129,11 +131,13 @@ class ObdPoller(Attachment):
         if self._flow_control:
             self._flow_control = False
             frames.append(self._frame(self._addresses[self._at].physical, FLOW_CONTROL))
-        if self._then is not None:
-            self._then(now_s)
-            self._then = None
+        if self._wait_s is not None:
+            self._deadline_s, self._wait_s = now_s + self._wait_s, None
         if self._asked and now_s >= self._deadline_s:
-            self._nothing_came(now_s)
+            self._nothing_came()
+        if self._rest_s is not None:
+            rested_s, self._rest_s = now_s + self._rest_s, None
+            self._next_s = max(rested_s, self._sent_s + self._pause_s)
         if not self._asked and now_s >= self._next_s:
             self._asked = self.schedule.choose(now_s)
             if self._asked:
@@ -149,21 +153,10 @@ class ObdPoller(Attachment):
     def _frame(self, can_id: int, data: bytes) -> Frame:
         return Frame(0, can_id, self._addresses[self._at].is_extended, data)
 
-    def _wait(self, wait_s: float) -> Callable[[float], None]:
-        def then(now_s: float) -> None:
-            self._deadline_s = now_s + wait_s
-
-        return then
-
-    def _done(self, pause_s: float) -> Callable[[float], None]:
-        """Close the open request; return the action that schedules the next one after a pause."""
-        self._asked = ()
+    def _done(self, rest_s: float) -> None:
+        """Close the open request; the next one follows after a rest."""
+        self._asked, self._rest_s = (), rest_s
         self._reassembly.is_running = self._flow_control = False
-
-        def then(now_s: float) -> None:
-            self._next_s = max(now_s + pause_s, self._sent_s + self._pause_s)
-
-        return then
 
     def _answered(self, frame: Frame, answer: bytes, *, is_shown: bool) -> list[Frame]:
         """Take a complete answer; return a frame for each PID that the bus does not show alone."""
@@ -176,7 +169,7 @@ class ObdPoller(Attachment):
         self._silent = self._busy = 0
         is_bitmap = self.schedule.bitmap is not None
         self.schedule.answered(asked, dict(values))
-        self._then = self._done(0.0)
+        self._done(0.0)
         if is_bitmap:
             return []
         first = 1 if is_shown and frame[1:3] == (ANSWER_ID, False) else 0
@@ -187,19 +180,19 @@ class ObdPoller(Attachment):
 
     def _negative(self, code: int) -> None:
         if code == PENDING:
-            self._then = self._wait(PENDING_S)
+            self._wait_s = PENDING_S
         elif code == BUSY:
             self.counters.busy += 1
-            self._then = self._done(_back_off_s(self._busy))
+            self._done(_back_off_s(self._busy))
             self._busy += 1
         else:
             self.counters.refused += 1
             self._silent = 0
             self.schedule.refused(self._asked)
-            self._then = self._done(_back_off_s(self._busy))
+            self._done(_back_off_s(self._busy))
             self._busy += 1
 
-    def _nothing_came(self, now_s: float) -> None:
+    def _nothing_came(self) -> None:
         self.counters.silent += 1
         self._silent += 1
         if self.schedule.is_first:
@@ -209,7 +202,7 @@ class ObdPoller(Attachment):
             self.schedule.begin()
         else:
             self.schedule.silent(self._asked, self._silent)
-        self._done(_back_off_s(self._silent - 2) if self._silent > 1 else 0.0)(now_s)
+        self._done(_back_off_s(self._silent - 2) if self._silent > 1 else 0.0)
 
 
 def _back_off_s(n: int) -> float:
