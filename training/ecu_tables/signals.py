@@ -12,6 +12,8 @@ from enum import StrEnum
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.signal import savgol_filter
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
@@ -286,8 +288,6 @@ def _repeated(phi: FloatArray, every: int) -> BoolArray:
 
 def _smooth(values: FloatArray, samples: int) -> FloatArray:
     """Return the values smoothed by a moving parabola (Savitzky and Golay, 1964)."""
-    from scipy.signal import savgol_filter  # noqa: PLC0415
-
     if samples < SMOOTH_LEAST or samples > len(values):
         return values
     return np.asarray(savgol_filter(values, samples, 2, mode="nearest"))
@@ -303,7 +303,5 @@ def _before(values: FloatArray, samples: int) -> FloatArray:
 
 
 def _range(values: FloatArray, half: int) -> FloatArray:
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # noqa: PLC0415
-
     size = 2 * half + 1
     return np.asarray(maximum_filter1d(values, size) - minimum_filter1d(values, size))

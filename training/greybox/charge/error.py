@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from monitor.base.types import BoolArray, FloatArray
 from training.greybox.chain import Constants, base_path, charge_mg, simulate
@@ -52,10 +51,8 @@ class ChargeError:
         signals : (n,) each: engine_speed_rpm, and air_mass_mg or maf_kg_h
         """
         air, knots = charge_mg(signals), (self.speeds_rpm, self.charges_mg)
-        now, before = (
-            bilinear(signals["engine_speed_rpm"], air, knots, each)
-            for each in (self.now, self.before)
-        )
+        maps = self.now, self.before
+        now, before = bilinear(signals["engine_speed_rpm"], air, knots, maps)
         return air / clip(1.0 + now + lag(before, self.time_s, period_s), LEAST, MOST)
 
     def to_card(self) -> dict[str, Any]:
@@ -69,12 +66,6 @@ class ChargeError:
             np.array(given[name]) for name in ("speeds_rpm", "charges_mg", "now", "before")
         )
         return cls(speeds, charges, now, before, float(given["time_s"]))
-
-
-def settled_lag(u: FloatArray, time_s: float, period_s: float) -> FloatArray:
-    """Return ``u`` (n, k) behind a first-order lag that starts settled."""
-    share = 1.0 - np.exp(-period_s / time_s)
-    return np.asarray(lfilter([share], [1.0, share - 1.0], u - u[:1], axis=0) + u[:1])
 
 
 def fit_with_charge_error(
@@ -140,7 +131,8 @@ def _error(
     now, smooth = carried(cells), _smooth()
     best, least = None, float(target @ target)
     for time_s in TIMES_S:
-        columns = np.hstack([now, carried(settled_lag(cells, time_s, period_s))])
+        before = np.column_stack([lag(own, time_s, period_s) for own in cells.T])
+        columns = np.hstack([now, carried(before)])
         found = ridge.fit(columns @ smooth, target, fold, penalties=PENALTIES, alike=True)
         left = float(((target - found.held_out) ** 2).sum())
         if left < least:

@@ -40,7 +40,8 @@ class ChargeMap:
         """Return the charge (n,) in mg per stroke."""
         at = signals["engine_speed_rpm"], signals["manifold_pressure_kpa"]
         knots = self.speeds_rpm, self.pressures_kpa
-        return dense_mg(signals) / bilinear(*at, knots, self.inverse_efficiency)
+        (inverse,) = bilinear(*at, knots, [self.inverse_efficiency])
+        return dense_mg(signals) / inverse
 
     def to_card(self) -> dict[str, Any]:
         """Return the entry for a card, see ``from_card``."""

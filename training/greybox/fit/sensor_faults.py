@@ -13,6 +13,7 @@ from numba import njit
 
 from monitor.base.types import FloatArray
 from training.greybox.effects.form.effect import Parameter
+from training.greybox.quantity.dynamics import delayed
 
 Read = Callable[[FloatArray, FloatArray, float], FloatArray]
 LAMBDA_MAX, LAMBDA_MIN = 16.0, 0.5
@@ -39,16 +40,6 @@ def _lag(u, keep_rising, keep_falling):  # pragma: no cover
     return out
 
 
-@njit(cache=True)
-def _late(u, steps):  # pragma: no cover
-    out = np.empty_like(u)
-    for k in range(len(u)):
-        at = max(k - steps, 0.0)
-        i = int(at)
-        out[k] = u[i] if i >= k else u[i] + (at - i) * (u[i + 1] - u[i])
-    return out
-
-
 def _slow(phi: FloatArray, rising_s: float, falling_s: float, period_s: float) -> FloatArray:
     keep = np.exp(-period_s / np.maximum([rising_s, falling_s], 1e-4))
     return _lag(phi, keep[0], keep[1])
@@ -67,15 +58,15 @@ def _slow_symmetric(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArr
 
 
 def _delay_lean_to_rich(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
-    return np.minimum(phi, _late(phi, p[0] / period_s))
+    return np.minimum(phi, delayed(phi, p[0] / period_s))
 
 
 def _delay_rich_to_lean(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
-    return np.maximum(phi, _late(phi, p[0] / period_s))
+    return np.maximum(phi, delayed(phi, p[0] / period_s))
 
 
 def _delay_symmetric(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
-    return _late(phi, p[0] / period_s)
+    return np.asarray(delayed(phi, p[0] / period_s))
 
 
 def _gain(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:

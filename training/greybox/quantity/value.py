@@ -4,7 +4,7 @@ Only operations that give the same bits in every batch size are here: onnxruntim
 ``Exp`` and ``Tanh`` do, its ``Log`` does not.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -148,18 +148,18 @@ def _chosen(of: Callable[[Any, Any], Any], x: Quantity, other: Quantity) -> Quan
 
 
 def bilinear(
-    x: Quantity, y: Quantity, knots: tuple[FloatArray, FloatArray], values: FloatArray
-) -> Quantity:
-    """Return a map (a, b) over its knots (a,) and (b,) at ``x`` and ``y``, constant beyond them.
+    x: Quantity, y: Quantity, knots: tuple[FloatArray, FloatArray], maps: Sequence[FloatArray]
+) -> list[Quantity]:
+    """Return maps (a, b) over the same knots (a,) and (b,) at ``x`` and ``y``, constant beyond.
 
     Each sum has at most two terms that are not zero, so that it has the same bits in every batch.
     """
     by_row, by_column = hats(x, knots[0]), hats(y, knots[1])
     if not isinstance(x, Value):
-        return ((by_row @ values) * by_column).sum(axis=1)
+        return [((by_row @ values) * by_column).sum(axis=1) for values in maps]
     wide = by_column.node("Unsqueeze", by_column, x.trace.constant([1], np.int64))  # (n, 1, b)
-    rows = (wide * values[None]).total(2)
-    return (rows * by_row).total(1, keepdims=True)
+    rows = [(wide * values[None]).total(2) for values in maps]
+    return [(row * by_row).total(1, keepdims=True) for row in rows]
 
 
 def hats(x: Quantity, knots: FloatArray) -> Quantity:
