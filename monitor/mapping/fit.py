@@ -39,9 +39,7 @@ USUAL: Final = (0.7, 1.5)  # times the ends of the typical range: of the median
 STILL: Final = 1e-9  # range of a signal that never moves
 MOST_ABOVE: Final = 100.0  # times the plausible range; a stated range beyond has another unit
 UNIT_IN_NAME: Final = frozenset({"rpm", "kph", "kmh", "mph"})
-TEMPERATURE_OFFSETS: Final = frozenset(
-    {-40.0, -48.0, -50.0, -60.0}
-)  # usual in degC, in no other unit
+TEMPERATURE_OFFSETS: Final = frozenset({-40.0, -48.0, -50.0, -60.0})  # of degC alone
 MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
 PRESSURES_KPA: Final = ((8.0, "bar"), (700.0, "kPa"), (math.inf, "hPa"))  # up to, in words
 RAIL_KPA: Final = ((60.0, "MPa"), (600.0, "bar"), (math.inf, "kPa"))
@@ -50,9 +48,7 @@ _SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].
 _ENGLISH: Final = frozenset({"rpm", "speed", "torque"})  # beside which a motor is electric
 _PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU and "_"
 _BARE: Final = frozenset(VOCABULARY["words"]["bare"].split())
-_CONTRARY: Final = frozenset(
-    ("open", "openloop", "not", "inactive", "invalid", "inaktiv", "no", "off", "aus", "nein")
-)
+_CONTRARY: Final = frozenset(VOCABULARY["words"]["contrary"].split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +160,11 @@ def _doubts(
     )
     if other and name != "sensor_heater_percent":
         doubts.append(f"{d.message}.{d.name} says {other[0]!r}")
+    is_bare = _BARE.issuperset(words)
+    if is_bare and (part := _SAYS["part"].search(d.message.lower())):
+        doubts.append(f"its message {d.message} says {part[0]!r}")
+    if is_bare and name == "vehicle_speed_km_h" and d.unit == "m/s":
+        doubts.append("any speed in m/s: perhaps of an object ahead")
     if "motor" in words and _ENGLISH & set(words):
         doubts.append("its name says 'motor', which is an electric one in English")
     if name == "engine_torque_nm" and not _SAYS["engine"].search(" ".join(words + of_message)):
