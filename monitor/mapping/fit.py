@@ -154,10 +154,7 @@ def _doubts(
         rest = rest[1:]
     odd = [word for word in rest if word not in quantity.also]
     doubts = [f"its name says {odd[0]!r}, too"] if odd else []
-    names = (d.name, d.message)
-    other = _SAYS["elsewhere"].search(
-        " ".join((*names, *map(" ".join, map(words_of, names)))).lower()
-    )
+    other = _SAYS["elsewhere"].search(" ".join((d.name, d.message, *words, *of_message)).lower())
     if other and name != "sensor_heater_percent":
         doubts.append(f"{d.message}.{d.name} says {other[0]!r}")
     is_bare = _BARE.issuperset(words)
