@@ -19,14 +19,11 @@ class GapParameters:
     sensor_known_good : the sensor was checked: try and suspect no sensor fault
     add : effects to add although they may be faults, for example exhaust_leak, because the vehicle
         was checked
-    retrain : minutes to train a network again with the effect as an additional input; the better of
-        both ways to add the effect is kept (default: 3; 0: no training)
     """
 
     steps: Number = 1
     sensor_known_good: bool = False
     add: Annotated[Sequence[str], "EFFECT"] = ()
-    retrain: Annotated[float, "MIN"] = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)

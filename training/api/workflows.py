@@ -70,7 +70,6 @@ def find_gap(
     steps: int = GapParameters.steps,
     sensor_known_good: bool = False,
     add: Sequence[str] = (),
-    retrain_minutes: float = GapParameters.retrain,
     period_s: float | None = None,
     buses: Pairs | None = None,
     columns: str | Path | None = None,
@@ -82,11 +81,10 @@ def find_gap(
     healthy : recordings on which the model was accepted; verify : recordings that no fit may see
     steps : most effects to add; add : effects to add although they may be faults
     sensor_known_good : the sensor was checked
-    retrain_minutes : for a network with the effect as a further input
     Other parameters as in ``load_recordings``.
     Raises O2Error with one line that names what cannot be used.
     """
-    options = options_of(steps, sensor_known_good, add, retrain_minutes)
+    options = options_of(steps, sensor_known_good, add)
     card = Model.load(model).card
 
     def read(given: Given | Sequence[Given]) -> list[Recording]:

@@ -52,8 +52,8 @@ class GapCommand(GapParameters, GridOptions):
     healthy : recordings of the same vehicle without the gap, usually the recordings on which the
         model was accepted (default: the healthy reference that o2train fit stored in the model; if
         the model has none, the command cannot tell a weakness of the model from an effect)
-    verify : recordings that verify the new model; no fit sees them. They also choose between the
-        ways to add the effect (default: every third RECORDING, which the naming sees)
+    verify : recordings that verify the new model; no fit sees them (default: each RECORDING, by
+        constants from the others; the naming sees all)
     library : list the effects with constants, bounds and sources, those of plug-ins too, and exit
     out : folder for report.html, gap.json and model.onnx
     """
@@ -90,7 +90,7 @@ def run(args: GapCommand) -> int:
     from training.jobs.cache import cached
 
     gc.freeze()  # of the imported modules nothing becomes garbage
-    options = options_of(args.steps, args.sensor_known_good, args.add, args.retrain)
+    options = options_of(args.steps, args.sensor_known_good, args.add)
     period_s = args.period if args.period is not None else _period_s(args.model)
     material = Material(
         args.model,

@@ -14,7 +14,6 @@ class InputsConfig:
     moves_min: float
     moves_quantiles: tuple[float, float]
     correlation_min: float
-    held_out_every: int
     effects_max: int
     bias_lambda: float
 
@@ -50,13 +49,6 @@ class DifferenceConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class AddConfig:
-    """Choice between forms."""
-
-    as_good: float
-
-
-@dataclass(frozen=True, slots=True)
 class VerifyConfig:
     """Regimes of the held-out drives and their bounds."""
 
@@ -75,7 +67,6 @@ class GapConfig:
     error_alone: ErrorAloneConfig
     drivers: DriversConfig
     response: DifferenceConfig
-    add: AddConfig
     verify: VerifyConfig
 
 

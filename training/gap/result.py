@@ -22,6 +22,8 @@ from training.recordings.recording import sha256
 
 SCHEMA: Final = "o2train.gap/1"
 HELD_OUT_DRIVES: Final = "recordings that no fit saw"
+UNSEEN_DRIVES: Final = "recordings that the constants have not seen"
+WHOLE: Final = "the recordings"
 HELD_OUT_BLOCKS: Final = "blocks held out of the recordings"
 PHI: Final = "phi = 1 / lambda, outside fuel cut"
 NOTHING_FITTED: Final = "recordings to which nothing was fitted"
@@ -48,24 +50,15 @@ class Inputs:
     model: NewModelFile
     recordings: tuple[TrainingRecording, ...]  # in which the effect was looked for
     healthy: tuple[TrainingRecording, ...]
-    held_out: tuple[TrainingRecording, ...]  # for verifying; no parameter of the new model saw them
+    verify: tuple[TrainingRecording, ...]  # seen by no fit
     sensor_known_good: bool = False
     unit: str = "phi"  # of errors
 
     @property
     def simulated(self) -> tuple[bool, ...]:
         """Return for every recording whether it says that it is simulated."""
-        used = (*self.recordings, *self.healthy, *self.held_out)
+        used = (*self.recordings, *self.healthy, *self.verify)
         return tuple("simulated" in r.source for r in used)
-
-
-@dataclass(frozen=True, slots=True)
-class GapStep:
-    """One round of adding: the effect, the error after it and the ranking it came from."""
-
-    added: str  # the effect, "" for the model as it came
-    rmse: float  # phi, outside fuel cut, after it was added
-    ranking: tuple[Candidate, ...] = ()  # out of which it was chosen, best first
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,19 +99,12 @@ class Result:
         if verified is not None and verified.overall.floor is not None:
             whole = verified.overall
             after = whole.after if added else None
-            return whole.before, after, verified.overall.floor, HELD_OUT_DRIVES
+            unseen = UNSEEN_DRIVES if added else WHOLE
+            measured_on = HELD_OUT_DRIVES if self.inputs.verify else unseen
+            return whole.before, after, verified.overall.floor, measured_on
         after = error.after if added else None
         measured_on = HELD_OUT_BLOCKS if self.tried else NOTHING_FITTED
         return error.before, after, error.floor, measured_on
-
-    @property
-    def steps(self) -> tuple[GapStep, ...]:
-        """Return the model as it came, then each round of the naming; none if none was tried."""
-        if not self.tried:
-            return ()
-        rounds = self.naming.trials.rounds
-        first = GapStep("", self.naming.error.before)
-        return (first, *(GapStep(r.effect.name, r.rmse, r.ranking) for r in rounds))
 
     @property
     def all_warnings(self) -> tuple[str, ...]:
@@ -130,15 +116,12 @@ class Result:
         ]
         return tuple(dict.fromkeys((*self.naming.warnings, *self.warnings, *worse)))
 
-    def ranking_of(self, name: str) -> tuple[Candidate, ...]:
-        """Return the ranking out of which an effect was chosen, best first."""
-        chosen = next((s.ranking for s in self.steps if s.added == name and s.ranking), ())
-        return chosen or self.naming.trials.ranking
-
 
 def runner_up(result: Result, effect: Candidate) -> Candidate | None:
     """Return the best other candidate of the ranking out of which an effect was chosen."""
-    others = [c for c in result.ranking_of(effect.name) if c.name != effect.name]
+    trials = result.naming.trials
+    rankings = [r.ranking for r in trials.rounds if r.effect.name == effect.name]
+    others = [c for c in (*rankings, trials.ranking)[0] if c.name != effect.name]
     return max(others, key=lambda c: c.merit.score, default=None)
 
 
@@ -159,7 +142,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "measured_on": measured_on,
         "detection_before": None if verified is None else verified.rate_before,
         "detection_after": None if verified is None else verified.rate_after,
-        "experiment": None if answer.experiment is None else str(answer.experiment),
+        "experiment": answer.experiment,
         "model": None if addition.path is None else str(addition.path),
         "form": addition.form or None,
         "offer": None if addition.offer is None else str(addition.offer),
@@ -172,7 +155,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "posterior": dict(result.naming.posterior),
         "ranking": [_candidate(c) for c in trials.ranking],
         "skipped": {name: list(signals) for name, signals in trials.skipped.items()},
-        "steps": [{"added": s.added or None, "rmse": s.rmse} for s in result.steps],
+        "steps": _steps(result),
         **_base(result.naming.base),
         "verified": None if verified is None else verified.as_json(),
         "warnings": list(result.all_warnings),
@@ -188,13 +171,21 @@ def as_json(result: Result) -> dict[str, Any]:
             for role, used in (
                 ("recordings", inputs.recordings),
                 ("healthy", inputs.healthy),
-                ("held_out", inputs.held_out),
+                ("held_out", inputs.verify),
             )
         },
         "seconds": result.seconds,
     }
     tree: dict[str, Any] = plain(found, digits=None)
     return tree
+
+
+def _steps(result: Result) -> list[dict[str, Any]]:
+    """Return the error of the model as it came and after each effect; none if none was tried."""
+    first = {"added": None, "rmse": result.naming.error.before}
+    rounds = result.naming.trials.rounds
+    then = [{"added": r.effect.name, "rmse": r.rmse} for r in rounds]
+    return [first, *then] if result.tried else []
 
 
 def _where(result: Result) -> list[dict[str, Any]]:
@@ -258,8 +249,6 @@ def _candidate(c: Candidate) -> dict[str, Any]:
         "score_needed": merit.needed,
         "physical": merit.physical,
         "t": merit.t,
-        "adequacy": merit.adequacy,
-        "win": merit.win,
     }
 
 

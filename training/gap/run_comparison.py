@@ -8,7 +8,7 @@ than lambda.
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import ceil, nan
+from math import nan
 from pathlib import Path
 from typing import Final
 
@@ -32,7 +32,6 @@ from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.error_alone
 RUNS_MIN: Final = CONFIG.response.runs_min
-HEALTHY_LEAST: Final = 2  # pieces of a single run all differ from any other run
 
 
 def investigate(
@@ -51,11 +50,10 @@ def investigate(
     Raises RecordingError if healthy recordings are too few, an input of the model is missing or too
     little can be scored.
     """
-    if len(healthy) < HEALTHY_LEAST:
+    if len(healthy) < RUNS_MIN:
         raise RecordingError(
             f"{model}: on these recordings no effect of the library can be tried; to compare them "
-            f"with healthy ones (--healthy, {len(healthy)} here), {HEALTHY_LEAST} of these are "
-            f"wanted, better {RUNS_MIN} or more"
+            f"with healthy ones (--healthy, {len(healthy)} here), {RUNS_MIN} or more are wanted"
         )
     began_s = time.monotonic()
     progress("comparing runs")
@@ -63,19 +61,17 @@ def investigate(
     for role, runs in (("new", new), ("healthy", known)):
         suitability.check_long(runs, role)
     error = float(np.sqrt(np.mean(np.concatenate([r.residual[r.scored] for r in new]) ** 2)))
-    enough, unit = len(known) >= RUNS_MIN, _unit(card)
-    if not enough:
-        new, known = _pieces(new, known)
+    unit = _unit(card)
     references = References.learn(known, card.input_names)
     difference = difference_of(new, references, unit)
-    verdict, suspected = _verdict(difference, enough=enough, sensor_known_good=sensor_known_good)
+    verdict, suspected = _verdict(difference, sensor_known_good=sensor_known_good)
     best = difference.best
     return Result(
         inputs=Inputs(
             model=NewModelFile.of(model, card),
             recordings=tuple(map(training_recording, recordings)),
             healthy=tuple(map(training_recording, healthy)),
-            held_out=(),
+            verify=(),
             sensor_known_good=sensor_known_good,
             unit=unit,
         ),
@@ -86,7 +82,7 @@ def investigate(
             trials=Trials(skipped={effect.name: tuple(missing) for effect in ALL}),
             base=None,
             error=BlockError(before=error, after=None, floor=references.error, explained_share=nan),
-            warnings=_warnings(missing, enough=enough),
+            warnings=(_warning(missing),),
         ),
         unknown=best.sentence if best is not None and verdict == "unknown_effect" else None,
         warnings=tuple(suitability.poor_model_warnings(card)),
@@ -107,65 +103,21 @@ def _beside(model: Path, card: ModelCard, recordings: Sequence[Recording]) -> li
     ]
 
 
-def _pieces(
-    new: Sequence[Comparison], healthy: Sequence[Comparison]
-) -> tuple[list[Comparison], list[Comparison]]:
-    """Return few healthy runs in as many equal pieces as are wanted, new runs in such pieces."""
-    parts = ceil(RUNS_MIN / len(healthy))
-    length = np.mean([len(r.residual) for r in healthy]) / parts
+def _warning(missing: Mapping[str, Sequence[str]]) -> str:
+    names = sorted({name for group in missing.values() for name in group})
+    why = "" if not missing else f", and {', '.join(names)} cannot give {', '.join(missing)}"
     return (
-        [p for r in new for p in _cut(r, max(round(len(r.residual) / length), 1))],
-        [p for r in healthy for p in _cut(r, parts)],
+        "no effect could be tried: the library acts on lambda through the chain of charge and "
+        f"fuel{why}; the verdict is by a comparison of runs"
     )
 
 
-def _cut(run: Comparison, parts: int) -> list[Comparison]:
-    """Return a run in equal parts; filters settle in each before it is scored."""
-    found = []
-    for rows in np.array_split(np.arange(len(run.residual)), parts):
-        scored = run.scored[rows]
-        scored[: round(AFTER_GAP_S / run.period_s)] = False
-        found.append(
-            Comparison(
-                name=f"{rows[0] * run.period_s:.0f} s of {run.name}",
-                period_s=run.period_s,
-                signals={name: x[rows] for name, x in run.signals.items()},
-                phi_measured=run.phi_measured[rows],
-                phi_predicted=run.phi_predicted[rows],
-                scored=scored,
-            )
-        )
-    return found
-
-
-def _warnings(missing: Mapping[str, Sequence[str]], *, enough: bool) -> tuple[str, ...]:
-    names = sorted({name for group in missing.values() for name in group})
-    why = "" if not missing else f", and {', '.join(names)} cannot give {', '.join(missing)}"
-    found = [
-        "no effect could be tried: the library acts on lambda through the chain of charge and "
-        f"fuel{why}; the verdict is by a comparison of runs"
-    ]
-    if not enough:
-        found.append(
-            f"{RUNS_MIN} healthy recordings or more tell how much runs differ anyway; with fewer, "
-            "chance is judged within the recordings"
-        )
-    return tuple(found)
-
-
-def _verdict(
-    difference: Difference, *, enough: bool, sensor_known_good: bool
-) -> tuple[Verdict, str | None]:
-    """Return the verdict and, if the sensor is suspected, the reason.
-
-    enough : healthy runs to say how runs differ anyway; else only a change within the recordings
-        speaks for the sensor
-    """
+def _verdict(difference: Difference, *, sensor_known_good: bool) -> tuple[Verdict, str | None]:
+    """Return the verdict and, if the sensor is suspected, the reason."""
     best = difference.best
     if best is None:
         return "no_gap", None
-    of_sensor = difference.like_sensor if enough else best.kind == "begins"
-    if of_sensor and not sensor_known_good:
+    if difference.like_sensor and not sensor_known_good:
         return "sensor_fault_suspected", best.sentence.rstrip(".")
     return "unknown_effect", None
 

@@ -1,24 +1,27 @@
 """The gap workflow from recordings to a new model: name, add, verify.
 
-The name is looked for in all recordings. The constants in the new model come from those that are
-not held out, and the errors of the new model are measured on those that are.
+Name and constants come from all recordings. The errors of the new model are measured on recordings
+that verify, else on each recording by constants from the others.
 """
 
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 from training.gap import run_comparison
 from training.gap.add.addition import Addition, add
+from training.gap.add.constants import groups
 from training.gap.inputs import suitability
 from training.gap.inputs.roles import GapOptions, Material
 from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
+from training.gap.response.drivers import name_of
 from training.gap.result import Inputs, NewModelFile, Result
 from training.gap.verify.evidence import Verification
-from training.gap.verify.verification import verify
+from training.gap.verify.verification import Fold, verify
 from training.greybox.effects.model_effect import uncertain
 from training.healthy import base
 from training.healthy.behaviour import Healthy
@@ -27,7 +30,6 @@ from training.recordings.recording import training_recording
 
 NEW_MODEL: Final = "model.onnx"
 OFFER: Final = "offer.onnx"
-UNVERIFIED: Final = "unverified.onnx"  # until the monitor has run with it
 
 
 def investigate(
@@ -73,22 +75,17 @@ def investigate(
         progress=progress,
     )
     knowledge = found.after(naming, subject)
-    addition = add(
-        subject=subject,
-        naming=naming,
-        knowledge=knowledge,
-        out=out / UNVERIFIED,
-        options=options,
-        progress=progress,
-    )
-    verification = _verification(subject, addition, knowledge, options, progress)
-    addition = delivered(addition, verification, out)
+    out.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=out) as folder:
+        addition = add(subject, naming, knowledge, Path(folder), options, progress)
+        verification = _verification(subject, addition, knowledge, options, progress)
+        addition = delivered(addition, verification, out)
     return Result(
         inputs=_inputs(subject, options),
         naming=naming,
         addition=addition,
         verified=verification,
-        unknown=knowledge.unknown_effect(subject.drives, naming),
+        unknown=_described(naming, verification),
         warnings=_warnings(subject, knowledge, naming, addition),
         seconds=time.monotonic() - began_s,
     )
@@ -101,20 +98,36 @@ def _verification(
     options: GapOptions,
     progress: Progress,
 ) -> Verification | None:
-    """Return how the new model does on held-out recordings; None if nothing is held out."""
-    material = subject.material
-    if not material.held_out:
+    """Return how the new model does on recordings that its constants have not seen, if any."""
+    material, new = subject.material, addition.path
+    folds = [Fold(None, material.recordings)]
+    if material.verify:
+        folds = [Fold(new, material.verify)]
+    elif new is not None:
+        of = list(zip(material.recordings, groups(len(material.recordings)), strict=True))
+        folds = [
+            Fold(path, [r for r, own in of if own == group])
+            for group, path in enumerate(addition.left_out)
+        ]
+    if not folds:
         return None
     return verify(
         material.model,
-        addition.path,
-        material.held_out,
+        folds,
         material.healthy,
         chain=knowledge.plain,
-        accepted=material.fit if addition.path else (),
+        new=new,
         faults=options.faults,
         progress=progress,
     )
+
+
+def _described(naming: Naming, verification: Verification | None) -> str | None:
+    """Return on what the error of an effect without name and formula depends most."""
+    curve = verification.curve if verification else None
+    if naming.verdict != "unknown_effect" or naming.answer.effects or curve is None:
+        return None
+    return f"Measured minus predicted phi depends most on the {name_of(curve.driver)}."
 
 
 def delivered(addition: Addition, verification: Verification | None, out: Path) -> Addition:
@@ -127,15 +140,14 @@ def delivered(addition: Addition, verification: Verification | None, out: Path) 
 def _inputs(subject: Subject, options: GapOptions) -> Inputs:
     """Return the model and the recordings as the report names them."""
     material = subject.material
-    recordings, healthy, held_out = (
-        tuple(map(training_recording, each))
-        for each in (material.recordings, material.healthy, material.held_out)
+    recordings, healthy, verify = (
+        tuple(map(training_recording, each)) for each in material.roles.values()
     )
     return Inputs(
         model=NewModelFile.of(material.model, subject.card),
         recordings=recordings,
         healthy=healthy,
-        held_out=held_out,
+        verify=verify,
         sensor_known_good=options.sensor_known_good,
     )
 
@@ -150,8 +162,7 @@ def _warnings(
         *knowledge.coverage_warnings(subject.drives),
         *knowledge.doubts,
         *suitability.poor_model_warnings(card),
-        *knowledge.mix_warnings(subject, naming),
         *addition.warnings,
         *uncertain(addition.effects),
-        *suitability.held_out_warnings(card, material.held_out),
+        *suitability.held_out_warnings(card, material),
     )

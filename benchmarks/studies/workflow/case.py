@@ -52,9 +52,6 @@ from training.recordings.recording import Recording
 BUDGET_MINUTES: Final = 3.0  # upper bound; a training on two hours of driving takes half a minute
 LAGS: Final = 5
 HIDDEN: Final = (8, 8)
-# Minutes to retrain a network that was trained on drives with the effect. The command's default is
-# three minutes.
-RETRAIN_MINUTES: Final = 0.5
 RANKED: Final = 5  # number of candidates that a row keeps of the last naming step
 # The workflow adds these fault-like effects only if they are listed; every case lists them.
 ADD: Final = tuple(effect.name for effect in ALL if effect.tag == "fault-like")
@@ -137,24 +134,24 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> dict[str, Any]:
         model = reference = vehicle.model
         if study.fitted_with_effect:
             model, reference = Path(folder) / "base.onnx", Path(folder) / "reference.onnx"
-            seen = Material(model, recordings, vehicle.healthy).fit_numbers
-            fit_base(study.base, [recordings[i] for i in seen], model)
-            fit_base(study.base, [nothing[i] for i in seen], reference)
-        material = Material(model, recordings, vehicle.healthy)
+            n_seen = 2 * len(recordings) // 3
+            fit_base(study.base, recordings[:n_seen], model)
+            fit_base(study.base, nothing[:n_seen], reference)
+            material = Material(model, recordings[:n_seen], vehicle.healthy, recordings[n_seen:])
+            nothing = nothing[n_seen:]
+        else:
+            material = Material(model, recordings, vehicle.healthy)
         options = GapOptions(
             2 if case.kind == "two" else 1,
             study.sensor_known_good,
             ADD,
-            RETRAIN_MINUTES if study.fitted_with_effect else 0.0,
             faults=FAULTS if case.hidden else (),
         )
         began_s = time.perf_counter()
         found = investigate(material, Path(folder), options, known=vehicle.known)
         took_s = time.perf_counter() - began_s
-        held_out = {each.sha256 for each in found.inputs.held_out}
-        pairs = zip(recordings, nothing, strict=True)
-        without = rms_phi(reference, [b for a, b in pairs if a.sha256 in held_out])
-    gap = moved_phi(vehicle.model, recordings, nothing)
+        without = rms_phi(reference, nothing)
+    gap = moved_phi(vehicle.model, recordings[-len(nothing) :], nothing)
     return {
         **_said(found),
         **_closed(found.verified, without, found.addition.withdrawn is not None),
@@ -177,15 +174,14 @@ def _said(found: Result) -> dict[str, Any]:
         "suspected": answer.suspected,
         "indistinguishable": [candidate.name for candidate in answer.indistinguishable],
         "ranking": [
-            {"name": c.name}
-            | {k: getattr(c.merit, k) for k in ("score", "needed", "t", "adequacy", "win")}
+            {"name": c.name} | {k: getattr(c.merit, k) for k in ("score", "needed", "t")}
             for c in ranking[:RANKED]
         ],
     }
 
 
 def _closed(verified: Verification | None, without: float, withdrawn: bool) -> dict[str, Any]:
-    """Return the errors on the held-out recordings before and after the new model.
+    """Return the errors on the recordings that verify before and after the new model.
 
     withdrawn : the new model was not written, so the old one's error stays; what the monitor found
         with both is counted all the same
@@ -209,14 +205,14 @@ def _closed(verified: Verification | None, without: float, withdrawn: bool) -> d
 def _counts(found: Sequence[Detection]) -> dict[str, int] | None:
     """Return the number of drives and how many of them each model finds faulty.
 
-    Keys: ``before`` (old model), ``after`` (new model), ``alike`` (old model with limits set on the
-    same drives as the new model's), and the same with ``_named`` for right fault names.
+    Keys: ``before`` (old model), ``after`` (new model), and the same with ``_named`` for right
+    fault names.
     Return None without a new model.
     """
     if not any(each.after for each in found):
         return None
     counts = {"drives": sum(each.before.drives for each in found)}
-    for name in ("before", "after", "alike"):
+    for name in ("before", "after"):
         told = [count for each in found if (count := getattr(each, name)) is not None]
         if told:
             counts |= {

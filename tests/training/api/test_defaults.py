@@ -13,7 +13,7 @@ from training.cli.kinds.fit_command import FitCommand
 from training.cli.tables import TablesCommand
 from training.narx.fit import FitOptions
 
-NAMES = {"period_s": "period", "retrain_minutes": "retrain", "budget_minutes": "budget"}
+NAMES = {"period_s": "period", "budget_minutes": "budget"}
 
 
 def defaults(function: Callable[..., Any]) -> dict[str, Any]:
@@ -25,7 +25,7 @@ def defaults(function: Callable[..., Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("function", "command", "shared"),
     [
-        (training.find_gap, GapCommand, {"steps", "sensor_known_good", "add", "retrain"}),
+        (training.find_gap, GapCommand, {"steps", "sensor_known_good", "add"}),
         (training.estimate_tables, TablesCommand, {"axes", "load", "displacement_l", "cylinders"}),
         (training.evaluate, evaluate.run, {"washout"}),
         (training.fit, FitCommand, {"kind", "inputs", "validate", "seed"}),

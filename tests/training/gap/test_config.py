@@ -6,7 +6,7 @@ from importlib.resources import files
 
 import pytest
 
-from training.gap.config import CONFIG, AddConfig
+from training.gap.config import CONFIG, ErrorAloneConfig
 from training.healthy.config import CONFIG as HEALTHY
 
 
@@ -30,7 +30,7 @@ def test_a_number_is_of_the_type_that_its_section_declares() -> None:
 
 def test_an_unknown_number_is_refused() -> None:
     with pytest.raises(TypeError, match="worse"):
-        AddConfig(as_good=1.02, worse=2.0)  # type: ignore[call-arg]
+        ErrorAloneConfig(same_correlation=1.0, lean_phi=0.7, before_cut_s=1.0, worse=2.0)  # type: ignore[call-arg]
 
 
 def test_the_numbers_of_the_healthy_behaviour_are_those_of_their_file() -> None:

@@ -1,27 +1,39 @@
-"""The named effects in a new model: whether they may be added, and the file that came of it."""
+"""The named effects in a new model: whether they may be added, and the files that come of it."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from monitor.base.errors import ModelError
-from training.gap.add import choice, constants
-from training.gap.inputs.roles import GapOptions
+import numpy as np
+
+from monitor.base import config
+from monitor.base.errors import ModelError, RecordingError
+from monitor.judge.limits import Limits
+from monitor.model.step import Model
+from training.gap.add import greybox, network
+from training.gap.add.constants import Effects, constants_of, groups
+from training.gap.inputs.roles import ACCEPTED, GapOptions
 from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
 from training.gap.name.verdict import Naming
 from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.fit.drive import ChainDrive
+from training.greybox.graph.chain_graph import Greybox
+from training.greybox.graph.effect_inputs import Ranges
 from training.healthy import card
 from training.jobs import Progress
+from training.limits.decision_limits import whole, with_limits
+from training.limits.judging import judge_recordings
+from training.narx.export import update_card
+from training.recordings.recording import Recording, training_recording
 
 NO_BETTER: Final = (
-    "what was named is not added: with it the model predicts no better, it follows the effect "
-    "already"
+    "what was named is not added: with constants from the other recordings the model predicts a "
+    "recording no better; it follows the effect already, or this is another in every drive"
 )
-DIFFERS_BY_DRIVE: Final = (
-    "what was named is not added: fitted to some of the recordings it predicts the others no "
-    "better, so it is another in every drive"
-)
+IN_CHAIN: Final = "inside the chain, where it acts on the mixture's way"
+AT_OUTPUT: Final = "beside the network: its output plus the chain with the effect less that without"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +41,7 @@ class Addition:
     """A new model and its effects; without a path nothing was added, and warnings may say why."""
 
     path: Path | None = None
+    left_out: tuple[Path, ...] = ()  # per group of recordings, with constants from the others
     form: str = ""  # a sentence
     effects: tuple[ModelEffect, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -50,35 +63,43 @@ def add(
     subject: Subject,
     naming: Naming,
     knowledge: Knowledge,
-    out: Path,
+    folder: Path,
     options: GapOptions,
     progress: Progress,
 ) -> Addition:
-    """Write the model with the named effects to ``out`` and return the addition."""
+    """Write the model with the named effects into ``folder`` and return the addition.
+
+    Beside it stands, unless others verify, a model for each group of recordings that its constants
+    have not seen.
+    """
     if naming.verdict not in ("named", "unknown_effect") or not naming.answer.effects:
         return Addition()
     progress("adding")
     material, known = subject.material, knowledge.known
-    choices = constants.constant_choices(subject, naming, known, knowledge.start)
-    if not choices:
-        return Addition(warnings=(DIFFERS_BY_DRIVE,))
-    try:
-        new, form, effects = choice.add(
-            material=material,
-            out=out,
-            choices=choices,
-            known=known,
-            start=knowledge.start,
-            options=options,
-            progress=progress,
-        )
-    except ModelError as error:  # ParityError is one
-        return Addition(warnings=(f"what was named is not added: {error}",))
-    if new is None:
+    found = constants_of(subject, naming, known, knowledge.start)
+    if not found.ratio < 1.0:
         return Addition(warnings=(NO_BETTER,))
+    files, each = _NewFiles.of(subject, knowledge), list(material.recordings)
+    new = folder / "new.onnx"
+    try:
+        files.write(new, found.whole, each)
+    except ModelError as error:
+        return Addition(warnings=(f"what was named is not added: {error}",))
+    left_out = list[Path]()
+    for group, effects in enumerate(() if material.verify else found.left_out):
+        others = [r for r, own in zip(each, groups(len(each)), strict=True) if own != group]
+        if len(others) < len(each):
+            left_out.append(folder / f"{group}.onnx")
+            files.write(left_out[-1], effects, others)
     if known is not None and material.healthy and subject.is_greybox:
         card.store(new, known, material.healthy)  # with which its constants go
-    return Addition(new, form, effects, withdrawn=withheld_effects(naming, options))
+    return Addition(
+        path=new,
+        left_out=tuple(left_out),
+        form=IN_CHAIN if subject.is_greybox else AT_OUTPUT,
+        effects=found.whole,
+        withdrawn=withheld_effects(naming, options),
+    )
 
 
 def withheld_effects(naming: Naming, options: GapOptions) -> str | None:
@@ -96,3 +117,68 @@ def withheld_effects(naming: Naming, options: GapOptions) -> str | None:
         f"{' and '.join(names)} may be a fault of the vehicle; where it is known to be none, say "
         f"so with --add {' '.join(names)}"
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _NewFiles:
+    """The old model, and what files with effects take beside the effects."""
+
+    subject: Subject
+    knowledge: Knowledge
+    ranges: Ranges  # low and high of the signals that all recordings have
+    vehicle: greybox.ChainVehicle | None = field(default=None)
+
+    @classmethod
+    def of(cls, subject: Subject, knowledge: Knowledge) -> "_NewFiles":
+        known, vehicle = knowledge.known, None
+        if known is not None and subject.is_greybox:
+            old = Greybox.of(subject.card)
+            vehicle = greybox.ChainVehicle.of(known, old, subject.drives)
+        return cls(
+            subject, knowledge, _ranges(subject.material.recordings, subject.drives), vehicle
+        )
+
+    def write(self, out: Path, effects: Effects, recordings: Sequence[Recording]) -> None:
+        """Write the model with effects that were fitted to recordings, limits set on these."""
+        model, of = self.subject.model, tuple(map(training_recording, recordings))
+        if self.subject.is_greybox:
+            greybox.add(
+                model, effects, out, ranges=self.ranges, recordings=of, vehicle=self.vehicle
+            )
+        else:
+            chain = self.knowledge.plain
+            network.add(model, effects, chain, out, ranges=self.ranges, recordings=of)
+        _set_limits(out, recordings)
+
+
+def _ranges(recordings: Sequence[Recording], drives: Sequence[ChainDrive]) -> Ranges:
+    return {
+        name: (
+            float(min(np.min(d.signals[name]) for d in drives)),
+            float(max(np.max(d.signals[name]) for d in drives)),
+        )
+        for name in drives[0].signals
+        if all(name in d.signals for d in drives)
+        and all(name in recording.known for recording in recordings)  # not worked out
+    }
+
+
+def _set_limits(new: Path, recordings: Sequence[Recording]) -> None:
+    """Set the limits of the new model on recordings, unless its old ones let it see more.
+
+    A model without limits keeps none, and too few windows change nothing. The old limits stay
+    where they give evidence more weight and no code stands on the recordings with them.
+    """
+    settings, model = config.load(), Model.load(new)
+    if not model.card.limits:
+        return
+    try:
+        set_anew, _ = with_limits(model, recordings, whole(recordings), settings, ACCEPTED)
+    except RecordingError:
+        return
+    found, old = (Limits.from_card(c, settings, str(new)) for c in (set_anew, model.card))
+    if old.evidence > found.evidence:
+        judged = judge_recordings(recordings, model, old, settings)
+        if not any(each.dtcs for each in judged):
+            return
+    update_card(new, set_anew)

@@ -1,78 +1,171 @@
-"""Constants of the named effects, from the recordings that are not held out.
+"""Constants of the named effects: from all drives, and from all but one in turn, or a few of many.
 
-There are up to three sets of constants, of which the best predictor is kept.
+There are two sets, of which the one that predicts the left-out drives better is kept.
 
 1. Those of the naming. It corrects the chain by its error on healthy drives and whitens errors:
    that tells effects from each other, but takes part of an effect's size, because the corrections
    follow signals that the effect has moved.
-2. Those fitted to the plain errors of the chain alone.
-3. Beside a network, those fitted to the network's errors beyond its errors on healthy drives,
-   because the network reads an effect in its own way.
+2. Those fitted to the plain errors of the model itself.
+
+An effect may be strong in one drive and weak in the next: vapour of a full and of an empty
+canister. Least squares follow the strongest drive then and spoil the others. So every drive has a
+variance of its own, which the fit finds together with the constants.
 """
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 
-from training.gap.add.drive_weights import fit_weighted, left_out_ratio
+from monitor.base.types import FloatArray
 from training.gap.inputs.subject import Subject
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.case import Case
+from training.greybox.fit.case import Case, plain_errors, predict
+from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.joint import JointFit, fit
-from training.healthy import base, behaviour, scoring
-from training.healthy.base_state import BaseState, base_state
+from training.healthy import scoring
+from training.healthy.base_state import base_state
 from training.healthy.behaviour import Healthy
+from training.recordings.prediction import predicted_phi
+
+ROUNDS: Final = 4
+GROUPS_MOST: Final = 4  # of drives, each left out in turn
+Effects = tuple[ModelEffect, ...]
 
 
-def constant_choices(
+@dataclass(frozen=True, slots=True)
+class EffectConstants:
+    """The named effects with their constants."""
+
+    whole: Effects  # from all drives
+    left_out: tuple[Effects, ...]  # per group of drives, from all others; empty of one drive
+    ratio: float  # RMSE of the left-out drives with them over that without, geometric mean
+
+
+def constants_of(
     subject: Subject, naming: Naming, known: Healthy | None, start: Constants
-) -> list[tuple[ModelEffect, ...]]:
-    """Return the named effects with every possible set of constants, the naming's first.
-
-    A set is left out if, fitted to some of the recordings, it predicts the rest no better than no
-    effect. A grey-box model takes over the base of the naming and gets the best set alone; beside
-    a network stands the plain chain.
-    """
-    material, last = subject.material, naming.answer.effects[-1].fit
-    state = base_state(subject.fit_drives, known, known.base if known else start)
-    alone = _alone(state)
+) -> EffectConstants:
+    """Return the constants that predict the drives best, each by a fit to others."""
+    last = naming.answer.effects[-1].fit
+    state = base_state(subject.drives, known, known.base if known else start)
+    judge = replace(
+        scoring.as_they_are(state.case, state.current),
+        corrections=_corrections(subject, state.case, state.current),
+    )
     # An effect that varies between drives would follow the drive in which it is strongest.
-    also = () if any(getattr(term, "varies", False) for term in last.terms) else (alone,)
-    if subject.is_greybox:
-        found = [_alike(state, case, alone, last) for case in (state.case, *also)]
-        return [_added(naming, fitted) for fitted, ratio in [min(found, key=_ratio)] if ratio < 1.0]
-    found = [_alike(state, state.case, state.case, last)]
-    if known and material.healthy:
-        plain = replace(known, base=known.plain, own=(), charge=None)
-        other = behaviour.learn(base.read_by(material.model, material.healthy), known.plain, plain)
-        own = base_state(base.read_by(material.model, material.fit), other, other.base)
-        found.append(_alike(own, own.case, own.case, last))
-    found += [_alike(state, case, case, last) for case in also]
-    return [_added(naming, fitted) for fitted, ratio in found if ratio < 1.0]
+    varies = any(getattr(term, "varies", False) for term in last.terms)
+    groups = _groups_of(state.case, subject.drives)
+    cases = (state.case, judge)[: 1 if varies else 2]
+    tried = [fit_and_leave_out(case, last, groups) for case in cases]
+    ratios = [left_out_ratio(judge, state.current, *each, groups) for each in tried]
+    whole, left = tried[int(np.argmin(ratios))]
+    names = [c.name for c in naming.answer.effects]
+    left_out = tuple(_effects(names, each) for each in left)
+    return EffectConstants(_effects(names, whole), left_out, min(ratios))
 
 
-def _alone(state: BaseState) -> Case:
-    """Return the case of the chain without corrections, errors as they are."""
-    nothing = tuple(np.zeros(len(drive)) for drive in state.case.drives)
-    return replace(scoring.as_they_are(state.case, state.current), corrections=nothing)
+def fit_weighted(case: Case, found: JointFit) -> tuple[Case, JointFit]:
+    """Return the fit in which every drive counts by its own variance, and the case with these.
+
+    found : a fit of the same terms, with which to begin
+    Source: Seber and Wild, Nonlinear Regression, 1989, section 2.8 (iteratively reweighted).
+    """
+    lengths = [int(kept.sum()) for kept in case.kept]
+    for _ in range(ROUNDS):
+        error = found.residual * np.repeat(case.scales or [1.0] * len(lengths), lengths)
+        scales = [max(float(np.sqrt(np.mean(own**2))), 1.0) for own in _by_drive(case, error)]
+        case = replace(case, scales=tuple(scales))
+        found = fit(case, found.terms, [found])
+    return case, found
 
 
-def _alike(state: BaseState, case: Case, judge: Case, last: JointFit) -> tuple[JointFit, float]:
-    """Return the fit to drives that count alike, and ``left_out_ratio`` of it."""
+def groups(n: int) -> list[int]:
+    """Return for each of n drives the group with which it is left out.
+
+    >>> groups(6)
+    [0, 1, 2, 3, 0, 1]
+    """
+    return [i % GROUPS_MOST for i in range(n)]
+
+
+def fit_and_leave_out(
+    case: Case, last: JointFit, of: Sequence[int]
+) -> tuple[JointFit, list[JointFit]]:
+    """Return the fit to all drives, and those without each group, none if a group is all.
+
+    of : group of each drive
+    """
     case, found = fit_weighted(case, fit(case, last.terms, [last]))
-    return found, left_out_ratio(case, judge, state.current, found)
+    left = [[i for i, own in enumerate(of) if own != group] for group in range(GROUPS_MOST)]
+    if not all(left):
+        return found, []
+    return found, [
+        found if len(rows) == len(of) else fit(_part(case, rows), found.terms, [found])
+        for rows in left
+    ]
 
 
-def _ratio(found: tuple[JointFit, float]) -> float:
-    return found[1]
+def left_out_ratio(
+    judge: Case, before: JointFit, whole: JointFit, left: Sequence[JointFit], of: Sequence[int]
+) -> float:
+    """Return ``EffectConstants.ratio``; one drive alone is judged by its own fit."""
+    old, new = _rms(judge, before), _rms(judge, whole)
+    if left:
+        runs = [_rms(judge, each) for each in left]
+        new = np.array([runs[group][i] for i, group in enumerate(of)])
+    return float(np.exp(np.mean(np.log(new / old))))
 
 
-def _added(naming: Naming, found: JointFit) -> tuple[ModelEffect, ...]:
-    """Return the named effects with the constants of a fit."""
-    named = (c.name for c in naming.answer.effects)
-    values = zip(named, found.parameters, found.standard_errors, strict=True)
+def _groups_of(case: Case, drives: Sequence[ChainDrive]) -> list[int]:
+    """Return the groups of a case's drives, which may lack some of all."""
+    every, found = iter(zip(drives, groups(len(drives)), strict=True)), list[int]()
+    for own in case.drives:
+        found.append(next(group for drive, group in every if drive.name == own.name))
+    return found
+
+
+def _part(case: Case, rows: Sequence[int]) -> Case:
+    """Return the case of some of its drives."""
+
+    def some(values: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(values[i] for i in rows) if values else ()
+
+    return replace(
+        case,
+        drives=some(case.drives),
+        corrections=some(case.corrections),
+        shrinks=some(case.shrinks),
+        scales=some(case.scales),
+    )
+
+
+def _rms(case: Case, found: JointFit) -> FloatArray:
+    """Return the RMSE of every drive in phi, (n_drives,)."""
+    e = plain_errors(case, predict(case, found.base, found.terms, found.parameters))
+    return np.array([np.sqrt(np.mean(own**2)) for own in _by_drive(case, e)])
+
+
+def _by_drive(case: Case, values: FloatArray) -> list[FloatArray]:
+    """Return values (m,) of the kept samples, drive by drive."""
+    return np.split(values, np.cumsum([int(kept.sum()) for kept in case.kept])[:-1])
+
+
+def _corrections(subject: Subject, case: Case, current: JointFit) -> tuple[FloatArray, ...]:
+    """Return what the model predicts beyond the chain without the effects, (n,) per drive."""
+    if subject.is_greybox:
+        return tuple(np.zeros(len(drive)) for drive in case.drives)
+    runs = predicted_phi(subject.model, subject.material.recordings)
+    by_name = {d.name: phi for d, phi in zip(subject.drives, runs, strict=True)}
+    alone = replace(case, corrections=tuple(np.zeros(len(drive)) for drive in case.drives))
+    chain = predict(alone, current.base, (), ())
+    return tuple(by_name[d.name] - phi for d, phi in zip(case.drives, chain, strict=True))
+
+
+def _effects(names: Sequence[str], found: JointFit) -> Effects:
+    values = zip(names, found.parameters, found.standard_errors, strict=True)
     return tuple(
         ModelEffect.with_values(name, own.tolist(), errors.tolist()) for name, own, errors in values
     )

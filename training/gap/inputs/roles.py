@@ -27,7 +27,6 @@ class GapOptions:
     steps: int = 1
     sensor_known_good: bool = False
     add: tuple[str, ...] = ()  # effects that may be faults, and are known to be none
-    retrain_minutes: float = 0.0  # for a network with the effect as an input; 0 is none
     faults: tuple[Fault, ...] = FAULTS  # put on for verifying; none leaves the monitor out
 
 
@@ -38,45 +37,19 @@ class Material:
     model: Path
     recordings: Sequence[Recording]
     healthy: Sequence[Recording] = ()
-    verify: Sequence[Recording] = ()  # seen by no fit; may choose the form, too
+    verify: Sequence[Recording] = ()  # seen by no fit
 
     @property
     def roles(self) -> dict[str, Sequence[Recording]]:
         """Return the recordings by the command's names of their roles."""
         return {"RECORDING": self.recordings, "--healthy": self.healthy, "--verify": self.verify}
 
-    @property
-    def fit(self) -> list[Recording]:
-        """Return the recordings that the new model's constants come from."""
-        return [self.recordings[i] for i in self.fit_numbers]
 
-    @property
-    def fit_numbers(self) -> list[int]:
-        """Return the places of ``fit`` among the recordings."""
-        return [i for i in range(len(self.recordings)) if i not in self._held_out_numbers]
-
-    @property
-    def held_out(self) -> list[Recording]:
-        """Return the recordings that no fit sees: those for verifying, else every third."""
-        return [*self.verify, *(self.recordings[i] for i in sorted(self._held_out_numbers))]
-
-    @property
-    def _held_out_numbers(self) -> set[int]:
-        n, every = len(self.recordings), LIMITS.held_out_every
-        if self.verify:
-            return set()
-        return {n - 1} if n == every - 1 else set(range(every - 1, n, every))
-
-
-def options_of(
-    steps: int, sensor_known_good: bool, add: Sequence[str], retrain_minutes: float
-) -> GapOptions:
+def options_of(steps: int, sensor_known_good: bool, add: Sequence[str]) -> GapOptions:
     """Return the options; raises UsageError if they make no sense."""
     if not 1 <= steps <= LIMITS.effects_max:
         raise UsageError(f"--steps is 1 to {LIMITS.effects_max}")
-    if not 0.0 <= retrain_minutes < float("inf"):
-        raise UsageError("--retrain takes minutes, 0 or more")
     unknown = [name for name in add if name not in LIBRARY]
     if unknown:
         raise UsageError(f"effect {unknown[0]!r} is unknown; there are {', '.join(LIBRARY)}")
-    return GapOptions(steps, sensor_known_good, tuple(add), retrain_minutes)
+    return GapOptions(steps, sensor_known_good, tuple(add))

@@ -42,17 +42,8 @@ class Subject:
         """Return the chain's constants from the model's card, usual ones for a network."""
         return base.constants_of(self.card)
 
-    @property
-    def fit_drives(self) -> list[ChainDrive]:
-        """Return the drives that the new model's constants come from."""
-        return [self.drives[i] for i in self.material.fit_numbers]
-
     def healthy_drives(self) -> list[ChainDrive]:
         """Return the healthy recordings as drives; raises RecordingError if they are too short."""
         drives = base.drives_of(self.model, self.material.healthy, self.material.healthy)
         suitability.check_long(drives, "healthy")
         return drives
-
-    def plain_healthy_drives(self) -> list[ChainDrive]:
-        """Return the healthy recordings as drives, without the effects that the model has."""
-        return base.plain_drives_of(self.card, self.material.healthy, self.material.healthy)

@@ -10,6 +10,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.gap.config import CONFIG
+from training.gap.inputs.roles import Material
 from training.greybox.chain import Constants, base_path, valve_phi
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Comparison
@@ -155,9 +156,10 @@ def seen_in_fit_warnings(card: ModelCard, recordings: Sequence[Recording]) -> li
     ]
 
 
-def held_out_warnings(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
+def held_out_warnings(card: ModelCard, material: Material) -> list[str]:
     """Return a warning if nothing is held out of the new model's fit, or was in the old one's."""
-    if not recordings:
+    recordings = material.verify or material.recordings
+    if not material.verify and len(recordings) == 1:
         return ["one recording: nothing could be held out, the figures are of held-out blocks"]
     return [
         f"{names}: the model was fitted to what is held out here, so its error before is "

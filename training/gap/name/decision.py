@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.gap.name.manoeuvres import ProposedDrive, propose
+from training.gap.name.manoeuvres import propose
 from training.gap.name.onset import onset_s
 from training.gap.name.posterior import NONE, ONSET, UNKNOWN, Posterior, posterior
 from training.gap.name.ranking import RANKED_CLOSELY, WIN, rank
@@ -38,7 +38,7 @@ class StepOutcome:
     best: tuple[Candidate, ...] = ()  # named, ambiguous, reversed, or effects alike to the fault
     suspected: str | None = None
     fault: Candidate | None = None  # suspected, as it was fitted; None of an onset
-    experiment: ProposedDrive | None = None
+    experiment: str | None = None
     posterior: Posterior = field(default_factory=dict)
     part: Candidate | None = None  # effect that leads, but explains too little by itself
 
@@ -92,7 +92,7 @@ def _of_effects(
     return StepOutcome(verdict, ranking, best=best, experiment=experiment, posterior=odds)
 
 
-def _next_drive(state: BaseState, candidates: Sequence[Candidate]) -> ProposedDrive | None:
+def _next_drive(state: BaseState, candidates: Sequence[Candidate]) -> str | None:
     """Return the drive that tells candidates apart, None of less than two."""
     return propose(state, [c.fit for c in candidates]) if len(candidates) > 1 else None
 

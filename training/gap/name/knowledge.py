@@ -10,14 +10,11 @@ from pathlib import Path
 
 from training.gap.inputs import suitability
 from training.gap.inputs.subject import Subject
-from training.gap.name import vehicle_mix
-from training.gap.name.formulas.description import describe
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
 from training.greybox.fit.drive import ChainDrive
 from training.healthy import card as reference_card
 from training.healthy import coverage, yardstick
-from training.healthy.base_state import base_state
 from training.healthy.behaviour import Healthy
 from training.jobs import Progress
 
@@ -69,20 +66,3 @@ class Knowledge:
     def coverage_warnings(self, drives: Sequence[ChainDrive]) -> list[str]:
         """Return warnings of drives where no healthy recording has been."""
         return coverage.coverage_warnings(drives, self.known)
-
-    def mix_warnings(self, subject: Subject, naming: Naming) -> list[str]:
-        """Return warnings if the recordings seem to be of several vehicles."""
-        return vehicle_mix.warn(
-            self._with_own(subject.drives),
-            vehicle_mix.chain_of(naming, self.base),
-            self._with_own(subject.plain_healthy_drives()),
-        )
-
-    def unknown_effect(self, drives: Sequence[ChainDrive], naming: Naming) -> str | None:
-        """Return the description of an effect that has neither a name nor a formula."""
-        if naming.verdict != "unknown_effect" or naming.answer.effects:
-            return None
-        return describe(base_state(drives, self.known, self.base))
-
-    def _with_own(self, drives: Sequence[ChainDrive]) -> list[ChainDrive]:
-        return [self.known.with_own(drive) if self.known else drive for drive in drives]

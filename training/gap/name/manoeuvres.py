@@ -1,20 +1,18 @@
 """Manoeuvres that one can drive, as signals from plain kinematics, to tell candidates apart."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
 import numpy as np
-from scipy import stats
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import MG_RPM_PER_KG_H, STOICHIOMETRIC
 from training.greybox.effects import Effect
-from training.greybox.fit.case import Case, reading
+from training.greybox.fit.case import reading
 from training.greybox.fit.drive import ChainDrive, make
 from training.greybox.fit.joint import NEARBY, JointFit, JointSearch, fit
-from training.healthy import scoring
 from training.healthy.base_state import BaseState
 
 SECONDS: Final = 240.0  # of a manoeuvre
@@ -22,39 +20,18 @@ MODULATION_S: Final = 1.8  # the lambda controller's forced oscillation
 MODULATION_PHI: Final = 0.025
 AMBIENT_KPA, WARM_DEGC, INTAKE_DEGC = 99.0, 88.0, 32.0
 FULL_CHARGE_MG: Final = 480.0  # at ambient pressure
-
-
-LONG_S: Final = 600.0  # of the proposed drive
-CERTAIN: Final = 0.99  # beyond it odds mean nothing: no model is that good
 ONE_LOOK: Final = JointSearch(NEARBY.scale, NEARBY.tolerance, 1)  # errors and slopes, no step
 
 
-@dataclass(frozen=True, slots=True)
-class ProposedDrive:
-    """The manoeuvre that tells candidates apart best, and how surely ten minutes of it do."""
+def propose(state: BaseState, candidates: Sequence[JointFit]) -> str | None:
+    """Return the manoeuvre that parts candidates most; None if they need other signals.
 
-    name: str
-    right: float  # probability that the true one then explains more than each rival
-    each: Mapping[str, float]  # every manoeuvre's
-
-    def __str__(self) -> str:
-        right = min(self.right, CERTAIN)
-        more = "more than " if self.right > CERTAIN else ""
-        odds = f"{more}{right / (1.0 - right):.0f} to 1"
-        return f"{self.name} (ten minutes of it tell them apart with odds of {odds})"
-
-
-def propose(state: BaseState, candidates: Sequence[JointFit]) -> ProposedDrive | None:
-    """Return the manoeuvre with the surest answer; None if the candidates need other signals.
-
-    Evidence is the sum of squares, in sigma, that a rival leaves of what the leader reads, after
-    its constants have followed as far as the present drives let them, where healthy drives have
-    been. It varies more than by noise from block to block, as much as in the present drives.
+    That is the sum of squares, in sigma, that a rival leaves of what the leader reads, after its
+    constants have followed as far as the present drives let them, where healthy drives have been.
     Source: Atkinson and Fedorov, The design of experiments for discriminating between two rival
     models, Biometrika 62 (1975).
     """
-    case, known = state.case, state.known
-    drives = courses(case.drives)
+    drives, known = courses(state.case.drives), state.known
     if known is not None:
         drives = {name: known.known_of(drive) for name, drive in drives.items()}
     first, *rivals = candidates
@@ -62,22 +39,11 @@ def propose(state: BaseState, candidates: Sequence[JointFit]) -> ProposedDrive |
     needs = {n for c in candidates for t in c.terms if isinstance(t, Effect) for n in t.needs}
     if any(not needs <= set(drive.signals) for drive in drives.values()):
         return None
-    usual = max(_varies(case, first, rival) for rival in rivals)
-    each = {
-        name: min(_evidence(state, drive, *pair) for pair in pairs) / usual
-        for name, drive in drives.items()
-    }
-    best = max(each, key=lambda name: each[name])
-    return ProposedDrive(best, _right(each[best]), {name: _right(e) for name, e in each.items()})
-
-
-def _right(evidence: float) -> float:
-    """Return how often evidence of this mean, with a variance of four times it, is above 0."""
-    return float(stats.norm.cdf(0.5 * np.sqrt(evidence)))
+    return max(drives, key=lambda name: min(_evidence(state, drives[name], *p) for p in pairs))
 
 
 def _evidence(state: BaseState, drive: ChainDrive, true: JointFit, rival: JointFit) -> float:
-    """Return the sum of squares in sigma that the rival leaves in ten minutes of a drive.
+    """Return the sum of squares in sigma that the rival leaves per second of a drive.
 
     What healthy drives differ by counts as little as it does in a fit.
     """
@@ -94,17 +60,7 @@ def _evidence(state: BaseState, drive: ChainDrive, true: JointFit, rival: JointF
     found = fit(driven, rival.terms, [rival], ONE_LOOK)
     e, slopes = found.residual, found.jacobian
     step = np.linalg.lstsq(rival.hessian + slopes.T @ slopes, slopes.T @ e)[0]
-    left = max(float(e @ e - (slopes.T @ e) @ step), 0.0)
-    return left * LONG_S / (len(drive) * drive.period_s)
-
-
-def _varies(case: Case, one: JointFit, other: JointFit) -> float:
-    """Return how much more than by noise the evidence varies in the present drives, at least 1."""
-    blocks = case.blocks
-    gains = scoring.deviance(other, blocks) - scoring.deviance(one, blocks)
-    moved = scoring.moved(one, other, blocks)
-    rest = gains - moved * gains.sum() / max(float(moved.sum()), 1e-12)
-    return max(float(rest @ rest) / max(4.0 * float(moved.sum()), 1e-12), 1.0)
+    return max(float(e @ e - (slopes.T @ e) @ step), 0.0) / (len(drive) * drive.period_s)
 
 
 def courses(drives: Sequence[ChainDrive]) -> Mapping[str, ChainDrive]:

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
-from training.gap.name.formulas.description import plainest
+from training.gap.name.formulas.plain_function import plainest
 from training.gap.name.ranking import HALF, USUAL_SHARE
 from training.gap.name.verdict import Candidate
 from training.healthy import scoring

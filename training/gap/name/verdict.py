@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from training.gap.name.manoeuvres import ProposedDrive
 from training.greybox.chain import Constants
 from training.greybox.effects import Effect
 from training.greybox.effects.empirical import is_empirical
@@ -24,8 +23,6 @@ class Merit:
     needed: float  # score from which it exceeds its score on healthy drives
     t: float  # of the signed square roots of the blocks' falls
     physical: bool  # whether the effect has the sign that it can have
-    adequacy: float | None  # of all that can be explained; None if not worked out
-    win: float | None  # how often resampled blocks prefer the best to this; None for the best
 
     @property
     def is_large(self) -> bool:
@@ -126,7 +123,7 @@ class Answer:
     suspected: str | None = None  # the sensor fault, or the onset; one that bars a formula, too
     indistinguishable: tuple[Candidate, ...] = ()  # effects that the suspected fault looks like
     beside: tuple[Candidate, ...] = ()  # one of these after a name, all beside a suspected fault
-    experiment: ProposedDrive | None = None  # drive that tells an ambiguous set apart
+    experiment: str | None = None  # drive that tells an ambiguous set apart
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,11 +43,9 @@ def all_faults(faults: Sequence[Detection]) -> tuple[str, ...]:
     """Return the rates over all faults, in the columns of ``detection``."""
     before = [f.before for f in faults]
     after = [f.after for f in faults if f.after is not None]
-    alike = [f.alike for f in faults if f.alike is not None]
     return (
         "all faults",
         *(percent(rate(before, of)) for of in ("judged", "found", "named")),
-        *(percent(rate(alike, of)) for of in ("found", "named")),
         *(percent(rate(after, of)) for of in ("judged", "found", "named")),
         "",
     )
@@ -57,8 +55,8 @@ def detection(f: Detection) -> tuple[str, ...]:
     """Return a fault, how often it was found and named before and after, and whether it is lost."""
     unit = {"slow": " s", "dela": " s", "bias": " lambda"}.get(f.fault[:4], "")
     words = f"{f.fault} {f.severity:g}{unit}" if f.severity is not None else f.fault
-    before, alike, after = (_counts(c, f.fault) for c in (f.before, f.alike, f.after))
-    return (words, *before, *alike[1:], *after, "lost" if f.lost else "")
+    before, after = (_counts(c, f.fault) for c in (f.before, f.after))
+    return (words, *before, *after, "lost" if f.lost else "")
 
 
 def _counts(c: Count | None, fault: str) -> tuple[str, str, str]:
@@ -93,7 +91,7 @@ def at_bound(parameter: Parameter, value: float) -> bool:
 def recordings(result: Result) -> list[tuple[str, TrainingRecording]]:
     """Return every recording after the use that was made of it."""
     groups: tuple[tuple[str, tuple[TrainingRecording, ...]], ...] = (
-        ("held out", result.inputs.held_out),
+        ("verifies", result.inputs.verify),
         ("looked at", result.inputs.recordings),
         ("healthy", result.inputs.healthy),
     )

@@ -1,21 +1,20 @@
-"""Figures of the gap report: how much a new model helps, how candidates rank, what is added."""
+"""Figures of the gap report: how much a new model helps, the hypotheses, where the error is."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
-from training.gap.name.verdict import Candidate
 from training.gap.response.account import ResponseCurve
-from training.gap.response.drivers import UNITS, WORDS
+from training.gap.response.drivers import UNITS, name_of
+from training.gap.verify.error_curve import ErrorCurve
 from training.gap.verify.evidence import Error, ErrorTrace
-from training.gap.verify.operating_map import OperatingMap
 from training.pages.drawing import Drawing, axis, layer, plot, unscored
-from training.pages.heat import Heat, over_plane
-from training.pages.numbers import percent, with_unit, words
+from training.pages.numbers import with_unit, words
 
 ROW: Final = 22  # px
-KINDS: Final = {"effect": "measured", "sensor fault": "predicted"}
+SHOWN: Final = 8  # hypotheses
+SHOWN_LEAST: Final = 0.001  # probability
 
 
 def error_figure(errors: Sequence[Error]) -> Drawing:
@@ -83,45 +82,37 @@ def trace_figure(trace: ErrorTrace) -> Drawing:
     return Drawing([top, bottom], together=True)
 
 
-def map_figures(over: OperatingMap) -> list[tuple[str, Heat]]:
-    """Return the error of each model over speed and load with its name, in the same colours."""
-    shown = [("model before", over.before)]
-    shown += [] if over.after is None else [("model after", over.after)]
-    every = np.concatenate([error.ravel() for _, error in shown])
-    corner = "air per stroke [mg] over engine speed [1/min], lower ends; phi × 1000"
-    return [
-        (name, over_plane(corner, over.speed_rpm, over.load_mg, 1e3 * error, ".0f", 1e3 * every))
-        for name, error in shown
+def posterior_figure(posterior: Mapping[str, float], chosen: Sequence[str]) -> Drawing:
+    """Draw the probabilities of the likeliest hypotheses, the chosen ones in full."""
+    shown = [(name, p) for name, p in posterior.items() if p >= SHOWN_LEAST][:SHOWN]
+    bars = layer(
+        "bars",
+        x=[p for _, p in shown],
+        y=[*range(len(shown))],
+        alpha=[1.0 if name in chosen else 0.45 for name, _ in shown],
+        color="measured",
+    )
+    rows = axis(rows=[words(name) for name, _ in shown])
+    over, height = axis("probability", low=0.0, high=1.0), 30 + ROW * len(shown)
+    return Drawing([plot("hypotheses", bars, x=over, y=rows, height=height)])
+
+
+def curve_figure(curve: ErrorCurve) -> Drawing:
+    """Draw the mean error before and after over the variable on which it depends most."""
+    shown = (("before", "band", curve.before), ("after", "measured", curve.after))
+    lines = [
+        layer("line", y=y, label=name, color=color, width=2)
+        for name, color, y in shown
+        if y is not None
     ]
-
-
-def ranking_figure(ranking: Sequence[Candidate], chosen: Sequence[str]) -> Drawing:
-    """Draw the scores, effects and sensor faults in their colours, the chosen ones in full."""
-    bars = []
-    for kind, color in KINDS.items():
-        own = [(i, c) for i, c in enumerate(ranking) if c.kind == kind]
-        wins = [c.merit.win for _, c in own]
-        bar = layer(
-            "bars",
-            x=[c.merit.score for _, c in own],
-            y=[i for i, _ in own],
-            alpha=[1.0 if c.name in chosen else 0.45 for _, c in own],
-            text=["" if w is None else f"beaten in {percent(w)} of draws" for w in wins],
-            label=kind,
-            color=color,
-        )
-        bars += [bar] if own else []
-    scores = [c.merit.score for c in ranking]
-    low, high = min(0.0, *scores), 1.3 * max(scores)
-    over = axis("fall of the deviance on held-out blocks", low=low, high=high)
-    rows = axis(rows=[c.name for c in ranking])
-    height = 30 + ROW * len(ranking)
-    return Drawing([plot("score", *bars, x=over, y=rows, height=height)])
+    zero = layer("rule", y=[0.0], color="line")
+    over = axis(label(curve.driver))
+    return Drawing([plot("measured minus predicted [phi]", zero, *lines, x=over, at=curve.at)])
 
 
 def label(name: str) -> str:
     """Return a signal's words with its unit."""
-    return with_unit(WORDS.get(name, words(name)), UNITS.get(name))
+    return with_unit(name_of(name), UNITS.get(name))
 
 
 def added_figure(curve: ResponseCurve, driver: str, unit: str) -> Drawing:

@@ -15,7 +15,7 @@ from training.greybox.chain import RANGES
 from training.pages.numbers import p_value
 from training.pages.page import page, part
 
-SHOWN: Final = 8  # candidates before the rest folds away
+SHOWN: Final = 8  # questions of a comparison of runs
 PACKAGES: Final = ("numpy", "scipy", "onnx", "onnxruntime")
 
 
@@ -32,11 +32,9 @@ def as_page(result: Result) -> str:
         actions=actions(result),
         cautions=cautions(result),
         rankings=_rankings(result),
-        chosen=[c.name for c in result.effects],
-        added={a.name: a for a in result.addition.effects},
+        chosen=[c.label for c in result.effects],
         units={name: limits.unit for name, limits in RANGES.items()},
         difference=_difference(result),
-        shown=SHOWN,
         cells=cells,
         draw=gap_figures,
         footer=[
@@ -70,10 +68,10 @@ def save(result: Result, path: Path) -> None:
 
 def _rankings(result: Result) -> list[tuple[str, tuple[Candidate, ...]]]:
     """Return the ranking of each step; the last one, too, if the step added nothing."""
-    found = [(f"Ranking: {s.added}", s.ranking) for s in result.steps if s.added and s.ranking]
     last, rounds = result.naming.trials.ranking, result.naming.trials.rounds
+    found = [(f"Candidates: {r.effect.name}", r.ranking) for r in rounds]
     if last and not any(_is_same(r.ranking, last) for r in rounds):
-        found.append(("Ranking of the last step" if found else "Ranking", last))
+        found.append(("Candidates of the last step" if found else "Candidates", last))
     return found
 
 

@@ -1,11 +1,10 @@
 """Sentences of the gap report: the verdict with its figures, the next steps, the warnings."""
 
-from training.gap.name.ranking import HALF
 from training.gap.name.verdict import Candidate
 from training.gap.pages.cells import phi
 from training.gap.response.difference import COMMAND
 from training.gap.result import Result
-from training.gap.verify.evidence import Count, Detection, Error
+from training.gap.verify.evidence import Count, Detection
 from training.greybox.effects.empirical import formula
 from training.pages.numbers import percent
 
@@ -92,7 +91,7 @@ def _unknown(result: Result) -> str:
     if result.effects and result.effects[0].is_reversed:
         return _reversed(result, result.effects[0])
     if result.tried:
-        found = f"no candidate of the library explains enough of it{_nearest(result)}"
+        found = "no candidate of the library explains enough of it"
     else:
         found = "it exceeds the noise; no effect could be tried"
         if result.inputs.healthy:
@@ -125,20 +124,6 @@ def _formula(result: Result) -> str:
         return ""
     terms = [formula(e.name, list(e.parameters.values())) for e in result.addition.effects]
     return f" As an empirical effect: {_and(terms)}. {_with_it(result)}"
-
-
-def _nearest(result: Result) -> str:
-    """Return the reason why the best candidate is no name, where it is far above chance."""
-    best = result.naming.trials.ranking[0]
-    merit = best.merit
-    if not merit.is_large:
-        return ""
-    if merit.adequacy is None or merit.adequacy >= HALF:
-        return ""
-    return (
-        f"; {best.label} comes first with {percent(merit.adequacy)} of what can be explained "
-        f"({percent(HALF)} needed)"
-    )
 
 
 def _sensor(result: Result) -> str:
@@ -209,7 +194,10 @@ def _drive(result: Result) -> list[str]:
     experiment = result.naming.answer.experiment
     if experiment is None:
         return ["Record more varied driving and run again."]
-    return [f"To tell them apart drive: {experiment}. Then run again with that recording added."]
+    return [
+        f"To tell them apart drive: {experiment}. Then run again with that recording added.",
+        "That it tells more than another mixed drive is not shown.",
+    ]
 
 
 def _describe(result: Result) -> list[str]:
@@ -276,7 +264,7 @@ def cautions(result: Result) -> list[str]:
             f"On the healthy recordings the error rises from {phi(verified.healthy.before)} to "
             f"{phi(verified.healthy.after)}: the new model is one of the vehicle as it is now."
         )
-    found += [_lost(f, f.after, verified.overall) for f in verified.faults if f.lost and f.after]
+    found += [_lost(f, f.after) for f in verified.faults if f.lost and f.after]
     for alarms, which in (
         (verified.alarms, "held-out drives without any fault"),
         (verified.healthy_alarms, "healthy recordings, which are of the vehicle as it was"),
@@ -289,19 +277,12 @@ def cautions(result: Result) -> list[str]:
     return found
 
 
-def _lost(f: Detection, after: Count, whole: Error) -> str:
-    """Return the fault that is no longer found, and whether the gap had helped to find it."""
-    text = (
-        f"{f.fault} {f.severity:g} was found in {f.before.found} of {f.before.drives} held-out "
-        f"drives with the old model, in {after.found} with the new one"
+def _lost(f: Detection, after: Count) -> str:
+    """Return the fault that is no longer found."""
+    return (
+        f"{f.fault} {f.severity:g} was found in {f.before.found} of {f.before.drives} drives with "
+        f"the old model, in {after.found} with the new one."
     )
-    if f.alike is not None:
-        text += f", in {f.alike.found} with the old one where its limits are set alike"
-    side = {"biased_rich": 1.0, "biased_lean": -1.0}.get(f.fault, 0.0)
-    helped = side * (whole.mean_before - (whole.mean_after or 0.0))
-    if helped <= 0.0:
-        return f"{text}."
-    return f"{text}; the gap itself read {helped:.4f} in phi to that side and is gone."
 
 
 def _and(parts: list[str], word: str = "and") -> str:

@@ -18,7 +18,7 @@ from training.gap.response.account import (
     past_s,
     response_of,
 )
-from training.gap.response.drivers import UNITS, WORDS, find_drivers
+from training.gap.response.drivers import UNITS, find_drivers, name_of
 from training.gap.response.families import Family, families_of
 from training.gap.response.reference import ResponseReference
 from training.gap.response.trial import Questions, Trial, p_value
@@ -224,7 +224,7 @@ def _sentence(
     place: _Place, response: ResponseAccount | None, curve: ResponseCurve | None, unit: str
 ) -> str:
     found, of = place.finding, unit or "phi"
-    words = WORDS.get(found.driver, found.driver.replace("_", " "))
+    words = name_of(found.driver)
     if found.kind in _OF_RUNS:
         return _OF_RUNS[found.kind](place, of)
     if response is not None:

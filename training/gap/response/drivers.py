@@ -1,11 +1,13 @@
 """Variables that a difference may depend on: the signals, and a few made from them."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
 from training.greybox.fit.comparison import Comparison
@@ -15,25 +17,11 @@ from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.drivers
 
-# What a reader calls them; any other signal goes by its own name.
+# What a reader calls them; any other signal goes by its own name without the unit.
 WORDS: Final[Mapping[str, str]] = {
     "air_mass_mg": "load (air per stroke)",
     "fuel_mass_mg": "fuel per stroke",
     "maf_kg_h": "air flow",
-    "rail_pressure_mpa": "rail pressure",
-    "manifold_pressure_kpa": "manifold pressure",
-    "manifold_temperature_degc": "manifold temperature",
-    "engine_speed_rpm": "engine speed",
-    "engine_torque_nm": "torque",
-    "vehicle_speed_km_h": "vehicle speed",
-    "throttle_percent": "throttle",
-    "coolant_temperature_degc": "coolant temperature",
-    "ambient_temperature_degc": "ambient temperature",
-    "ambient_pressure_kpa": "ambient pressure",
-    "battery_voltage_v": "battery voltage",
-    "purge_duty_percent": "purge duty",
-    "lambda_controller": "lambda controller",
-    "lambda_target": "lambda target",
     "inverse_flow_h_kg": "1 / air flow",
     "load_times_speed": "load × engine speed",
     "after_fuel_cut_s": "time since fuel cut",
@@ -45,32 +33,28 @@ WORDS: Final[Mapping[str, str]] = {
     "phi_predicted": "predicted phi",
 }
 UNITS: Final[Mapping[str, str]] = {
-    "air_mass_mg": "mg",
-    "fuel_mass_mg": "mg",
-    "maf_kg_h": "kg/h",
-    "rail_pressure_mpa": "MPa",
-    "manifold_pressure_kpa": "kPa",
-    "manifold_temperature_degc": "°C",
-    "engine_speed_rpm": "1/min",
-    "engine_torque_nm": "Nm",
-    "vehicle_speed_km_h": "km/h",
-    "throttle_percent": "%",
-    "coolant_temperature_degc": "°C",
-    "ambient_temperature_degc": "°C",
-    "battery_voltage_v": "V",
-    "ambient_pressure_kpa": "kPa",
-    "purge_duty_percent": "%",
+    **{name: signal.unit for name, signal in BY_NAME.items()},
     "inverse_flow_h_kg": "h/kg",
     "load_times_speed": "mg/min",
     "after_fuel_cut_s": "s",
     "fuel_rate_mg_s": "mg/s",
     "load_rate_mg_s": "mg/s",
-    "phi_slope_1_s": "1/s",
     "cold_fuel_rate_mg_s": "mg/s",
     "purge_per_flow": "% h/kg",
+    "phi_slope_1_s": "1/s",
 }
+SUFFIX: Final = re.compile(r"_(kg_h|km_h|degc|percent|mpa|kpa|rpm|nm|v)$")
 # States and targets rather than causes, and what the loop is closed through.
 NO_DRIVERS: Final = frozenset({"closed_loop", "fuel_cut", "sensor_ready", "lambda_measured"})
+
+
+def name_of(driver: str) -> str:
+    """Return what a reader calls a driver.
+
+    >>> name_of("manifold_pressure_kpa")
+    'manifold pressure'
+    """
+    return WORDS.get(driver) or SUFFIX.sub("", driver).replace("_", " ")
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from math import comb
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr, ndtri, stdtr
 
 from monitor.base.types import FloatArray, IntArray
 from training.gap.response.equations import EquationBlocks, Equations, Held, hold, two_sided
@@ -156,7 +156,7 @@ def as_normal(t: float, freedom: int) -> float:
     >>> round(as_normal(2.228, 10), 2)
     1.96
     """
-    return float(np.sign(t) * stats.norm.isf(stats.t.sf(abs(t), max(freedom, 1))))
+    return float(np.sign(t) * -ndtri(stdtr(max(freedom, 1), -abs(t))))
 
 
 def p_value(z: float, chance: FloatArray) -> float:
@@ -169,5 +169,5 @@ def p_value(z: float, chance: FloatArray) -> float:
     >>> round(p_value(2.0, chance), 3), round(p_value(4.0, chance), 4)
     (0.5, 0.001)
     """
-    n_questions = max(LOG_HALF / np.log1p(-stats.norm.sf(float(np.median(chance)))), 1.0)
-    return float(-np.expm1(n_questions * np.log1p(-stats.norm.sf(z))))
+    n_questions = max(LOG_HALF / np.log1p(-ndtr(-float(np.median(chance)))), 1.0)
+    return float(-np.expm1(n_questions * np.log1p(-ndtr(-z))))

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import norm as normal
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 from monitor.base.types import BoolArray, FloatArray
 from training.gap.config import CONFIG
@@ -133,8 +132,6 @@ def compare(
                 floor=None if floor is None else rms(floor[rows]),
                 change_low=low,
                 change_high=high,
-                mean_before=float(old[rows].mean()),
-                mean_after=None if new is None else float(new[rows].mean()),
             )
         )
     return tuple(found)
@@ -197,4 +194,4 @@ def _few(blocks: FloatArray) -> FloatArray:
     """
     n = np.maximum(blocks, 2.0)
     tail = 0.5 + LIMITS.confidence / 2.0
-    return np.sqrt(n / (n - 1.0)) * student.ppf(tail, n - 1.0) / normal.ppf(tail)
+    return np.sqrt(n / (n - 1.0)) * stdtrit(n - 1.0, tail) / ndtri(tail)

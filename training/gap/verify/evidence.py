@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from monitor.base.types import BoolArray, FloatArray
-from training.gap.verify.operating_map import OperatingMap
+from training.gap.verify.error_curve import ErrorCurve
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +21,6 @@ class Error:
     floor: float | None  # what a flexible model leaves; None if it is not known
     change_low: float | None = None  # of after minus before, 95 % for all regimes together
     change_high: float | None = None  # both None if the blocks are too few
-    mean_before: float = 0.0  # of the residual in phi; above 0 the sensor reads richer
-    mean_after: float | None = None
 
     @property
     def worse(self) -> bool:
@@ -54,7 +52,6 @@ class Detection:
     severity: float | None
     before: Count
     after: Count | None  # None without a new model
-    alike: Count | None = None  # the old model, its limits set on the drives the new one's are
 
     @property
     def lost(self) -> bool:
@@ -86,7 +83,7 @@ class Verification:
     healthy_alarms: Detection | None = None  # without a fault, on healthy recordings
     notes: tuple[str, ...] = ()
     trace: ErrorTrace | None = None  # where the new model helps most; None without one
-    map: OperatingMap | None = None
+    curve: ErrorCurve | None = None
 
     @property
     def worse(self) -> tuple[Error, ...]:
@@ -117,44 +114,21 @@ class Verification:
     def harm(self) -> str | None:
         """Return why the monitor is worse off with the new model, in words; None if it is not.
 
-        The old model counts with its own limits if it is quiet on drives without a fault, else
-        with those set as the new one's if it is quiet then: a model that takes the gap for a fault
-        finds every fault put on. If it is quiet with neither, only decisions are compared.
+        If the old model raises codes without a fault, only decisions are compared: a model that
+        takes the gap for a fault finds every fault put on.
         """
-        runs = [*self.faults, *([] if self.alarms is None else [self.alarms])]
-        pairs = [(self._reference(run), run.after) for run in runs]
-        old = [reference for reference, after in pairs if after is not None]
-        new = [after for _, after in pairs if after is not None]
-        judged = sum(c.judged for c in old), sum(c.judged for c in new)
-        if judged[1] < judged[0]:
-            return (
-                f"the monitor decides in {judged[1]} of {sum(c.drives for c in new)} drives with "
-                f"the new model, in {judged[0]} with the old one{self._limits_words}"
-            )
-        faulty = [(b, a) for (b, a), run in zip(pairs, runs, strict=True) if run.fault and a]
-        found = sum(b.found for b, _ in faulty), sum(a.found for _, a in faulty)
-        if found[1] < found[0] and self._quiet is not None:
-            return (
-                f"the monitor finds {found[1]} of {sum(a.drives for _, a in faulty)} faults put on "
-                f"with the new model, {found[0]} with the old one{self._limits_words}"
-            )
+        quiet = self.alarms is None or not self.alarms.before.found
+        for of, words in (("judged", "decides in"), ("found", "finds a fault put on in")):
+            runs = [f for f in self.faults if of == "judged" or quiet]
+            old = sum(getattr(f.before, of) for f in runs if f.after)
+            new = sum(getattr(f.after, of) for f in runs if f.after)
+            if new < old:
+                drives = sum(f.before.drives for f in runs)
+                return (
+                    f"the monitor {words} {new} of {drives} drives with the new model, in {old} "
+                    "with the old one"
+                )
         return None
-
-    @property
-    def _quiet(self) -> str | None:
-        """Return with which limits the old model raises no code without a fault."""
-        if self.alarms is None or not self.alarms.before.found:
-            return "before"
-        alike = self.alarms.alike
-        return "alike" if alike is not None and not alike.found else None
-
-    @property
-    def _limits_words(self) -> str:
-        return " and limits set alike" if self._quiet == "alike" else ""
-
-    def _reference(self, run: Detection) -> Count:
-        """Return how the old model is counted in one comparison."""
-        return run.alike if self._quiet == "alike" and run.alike is not None else run.before
 
     def where(self) -> list[dict[str, Any]]:
         """Return the regimes in which the old model's excess error is dense, most of it first.

@@ -1,22 +1,20 @@
 """The check of a new model: a smaller gap on unseen drives, no regime worse, faults still found."""
 
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from monitor.base.errors import ConfigError, ModelError, RecordingError
+from monitor.base.errors import ConfigError, ModelError
 from monitor.base.faults import Fault
 from monitor.base.types import FloatArray, IntArray
-from monitor.model.step import Model
 from training.gap.inputs.roles import FAULTS
-from training.gap.verify.detection import Monitors, Trial, detect, monitor_of
+from training.gap.verify.detection import detect, monitor_of
+from training.gap.verify.error_curve import error_curve
 from training.gap.verify.error_regimes import compare, rms, scored
 from training.gap.verify.evidence import Detection, Error, ErrorTrace, Verification
-from training.gap.verify.operating_map import operating_map
 from training.greybox.chain import Constants
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import BLOCK_S, FOLDS, Comparison
@@ -24,88 +22,77 @@ from training.greybox.fit.drive import ChainDrive
 from training.healthy.base import check, plain_drives_of
 from training.healthy.behaviour import columns
 from training.jobs import Progress
-from training.limits.repeated_model import RepeatedModel
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
 TRACE_S: Final = 40.0
-ALIKE: Final = (
-    "A new model's limits are set on the recordings of the fit (of a network trained anew on the "
-    "blocks held out of its training), by the rule of o2train fit, unless its card says that the "
-    "old ones stayed. Beside the old model's own limits stands what it finds with limits set on "
-    "the recordings of the fit: with its own it may take the gap for a fault, and then finds every "
-    "fault put on, by the wrong name."
-)
 AFTERWARDS: Final = (
     "The faults were put on the measured lambda afterwards: the control loop has not seen them and "
     "did not answer, as it would in a car."
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Fold:
+    """Recordings, and the new model whose constants have not seen them."""
+
+    new: Path | None
+    recordings: Sequence[Recording]
+
+
 def verify(
     old: Path,
-    new: Path | None,
-    recordings: Sequence[Recording],
+    folds: Sequence[Fold],
     healthy: Sequence[Recording] = (),
     *,
     chain: Constants,
-    accepted: Sequence[Recording] = (),
+    new: Path | None = None,
     faults: Sequence[Fault] = FAULTS,
     progress: Progress = lambda _: None,
 ) -> Verification:
     """Return errors and detection of the old and the new model.
 
-    recordings : of the vehicle with the gap, not used by any fit of either model
+    folds : of the vehicle with the gap
     healthy : on which the old model was accepted
     chain : base constants of the vehicle, for the functions of the floor
-    accepted : to which the new model was fitted; the old model's limits are set there, beside its
-        own: only where both are as quiet does what they find compare
+    new : from all recordings, for the healthy ones; None if there is no new model
     faults : put on the measured lambda of the recordings; none leaves the monitor out
     Raises RecordingError if a recording cannot be scored.
     """
     progress("errors on held-out recordings")
-    card = check(old)
-    drives, known = (plain_drives_of(card, each) for each in (recordings, healthy))
-    run, run_new = _compared(old, new, [*recordings, *healthy], [*drives, *known])
-    n = len(drives)
-    before, after = run[:n], run_new and run_new[:n]
+    card, recordings = check(old), [r for fold in folds for r in fold.recordings]
+    drives = plain_drives_of(card, recordings)
+    before, after = _compared(old, folds, drives)
     overall, regimes = _errors(drives, before, after, chain)
+    of_healthy = None
+    if healthy:
+        of_healthy = _compared(old, [Fold(new, healthy)], plain_drives_of(card, healthy))
     found = Verification(
         overall=overall,
         regimes=regimes,
-        healthy=_plain(run[n:], run_new and run_new[n:]) if healthy else None,
+        healthy=None if of_healthy is None else _plain(*of_healthy),
         trace=_trace(before, after) if after else None,
-        map=operating_map(before, after),
+        curve=error_curve(before, after),
     )
     if not faults:
         return found
     progress("faults put on held-out recordings")
     try:
-        monitors = _monitors(old, new, accepted)
+        monitor = monitor_of(old)
+        monitors = [
+            (monitor_of(each.new) if each.new else None, each.recordings)
+            for each in (*folds, Fold(new, healthy))
+        ]
     except (ModelError, ConfigError) as error:
         return replace(found, notes=(f"The monitor was not asked: {error}.",))
-    trials: list[Trial] = [(recordings, None), *((recordings, fault) for fault in faults)]
-    alarms, *detected = detect([*trials, (healthy, None)] if healthy else trials, monitors)
-    healthy_alarms = detected.pop() if healthy else None
-    told = () if monitors.alike is None else (ALIKE,)
-    notes = (AFTERWARDS, *told, *_undecided(alarms, detected), *_alarmed(alarms))
+    alarms, *detected = detect(monitor, monitors[:-1], faults)
     return replace(
         found,
         faults=tuple(detected),
         alarms=alarms,
-        healthy_alarms=healthy_alarms,
-        notes=notes,
+        healthy_alarms=detect(monitor, monitors[-1:], ())[0] if healthy else None,
+        notes=(AFTERWARDS, *_undecided(alarms, detected), *_alarmed(alarms)),
     )
-
-
-def _monitors(old: Path, new: Path | None, accepted: Sequence[Recording]) -> Monitors:
-    model = RepeatedModel.of(Model.load(old))  # judged with two sets of limits
-    if new is None:
-        return Monitors(monitor_of(model))
-    alike = None
-    with suppress(RecordingError):  # too few windows to set limits: nothing to compare with
-        alike = monitor_of(model, accepted) if accepted else None
-    return Monitors(monitor_of(model), monitor_of(Model.load(new)), alike)
 
 
 def _errors(
@@ -129,20 +116,22 @@ def _plain(before: Sequence[Comparison], after: Sequence[Comparison] | None) -> 
 
 
 def _compared(
-    old: Path, new: Path | None, recordings: Sequence[Recording], drives: Sequence[ChainDrive]
+    old: Path, folds: Sequence[Fold], drives: Sequence[ChainDrive]
 ) -> tuple[list[Comparison], list[Comparison] | None]:
     """Return the drives with each model's prediction, scored on the same samples."""
-    before = predicted_phi(old, recordings)
-    after = before if new is None else predicted_phi(new, recordings)
-    drives = [
-        replace(d, scored=d.scored & np.isfinite(b) & np.isfinite(a))
-        for d, b, a in zip(drives, before, after, strict=True)
+    before = predicted_phi(old, [r for fold in folds for r in fold.recordings])
+    by_fold = [predicted_phi(f.new, f.recordings) for f in folds if f.new]
+    after = [phi for runs in by_fold for phi in runs]
+    scored = [
+        d.scored & np.all(np.isfinite(runs), axis=0)
+        for d, *runs in zip(drives, before, *([after] if after else []), strict=True)
     ]
-    old_run, new_run = (
-        [Comparison.of(d, phi) for d, phi in zip(drives, each, strict=True)]
-        for each in (before, after)
+    drives = [replace(d, scored=own) for d, own in zip(drives, scored, strict=True)]
+    old_runs, new_runs = (
+        [Comparison.of(d, phi) for d, phi in zip(drives, runs, strict=bool(runs))]
+        for runs in (before, after)
     )
-    return old_run, None if new is None else new_run
+    return old_runs, new_runs or None
 
 
 def _trace(before: Sequence[Comparison], after: Sequence[Comparison]) -> ErrorTrace:

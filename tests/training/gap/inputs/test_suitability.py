@@ -1,6 +1,5 @@
 """What the gap workflow refuses or warns of before and beside the naming; its stages."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,9 +13,7 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers.drives.recordings import recording_of
 from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from training.gap.inputs import suitability
-from training.gap.name.vehicle_mix import Chain, partitions, warn
 from training.greybox.chain import Constants, base_path, simulate
-from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect, uncertain
 from training.greybox.fit.drive import ChainDrive, make
 from training.healthy import behaviour, coverage
@@ -80,46 +77,6 @@ def test_a_model_that_hardly_follows_its_own_vehicle_is_warned_of() -> None:
     assert suitability.poor_model_warnings(CARD) == []
     weak = replace(CARD, fit={"test": {}, "test_enabled": {"correlation": 0.2}})
     assert "0.20" in suitability.poor_model_warnings(weak)[0]
-
-
-def test_drives_of_one_vehicle_are_not_warned_of() -> None:
-    assert warn([drive(seed) for seed in range(1, 7)], Chain(USUAL)) == []
-
-
-@pytest.mark.parametrize(
-    ("other", "differs"),
-    [
-        (USUAL._replace(gain=1.03), r"gain 3\.\d\s%"),
-        (USUAL._replace(dead_time_s=0.25), r"dead time and lag 0\.\d{3}\ss"),
-    ],
-)
-def test_recordings_of_two_vehicles_are_warned_of_by_name(other: Constants, differs: str) -> None:
-    drives = [drive(1), drive(2, other), drive(3), drive(4), drive(5, other)]
-    (text,) = warn(drives, Chain(USUAL), [drive(seed) for seed in (11, 12, 13)])
-    assert re.match(f"drive_2, drive_5: {differs} above that of the other recordings", text)
-    assert "different vehicles, or something changed" in text
-
-
-def test_what_healthy_drives_differ_by_anyway_is_not_warned_of() -> None:
-    fuels = [drive(seed, USUAL._replace(gain=g)) for seed, g in ((11, 1.0), (12, 1.035), (13, 1.0))]
-    drives = [drive(1), drive(2, USUAL._replace(gain=1.03)), drive(3)]
-    assert warn(drives, Chain(USUAL)) != []
-    assert warn(drives, Chain(USUAL), fuels) == []
-
-
-def test_what_is_missing_in_all_drives_does_not_part_them() -> None:
-    # GIVEN an effect that is strong in one drive, which has high rail pressure
-    effect, size = LIBRARY["rail_exponent"], np.array([0.1])
-    made = []
-    for seed, pressure in ((1, 6.0), (2, 6.0), (3, 18.0), (4, 6.0)):
-        signals = plain_signals(6000, seed) | {"rail_pressure_mpa": np.full(6000, pressure)}
-        path = effect.apply(base_path(USUAL, signals), size, signals, PERIOD_S)
-        noise = 0.002 * np.random.default_rng([seed, 8]).standard_normal(6000)
-        phi = np.maximum(simulate(path, PERIOD_S) + noise, 0.07)
-        made.append(make(f"drive_{seed}", PERIOD_S, signals, 1.0 / phi))
-    # THEN it parts the drives only as long as it is not known
-    assert max(p.t for p in partitions(made, Chain(USUAL))) > 10.0
-    assert warn(made, Chain(USUAL, (effect,), (size,))) == []
 
 
 def test_a_constant_smaller_than_its_standard_error_is_warned_of() -> None:

@@ -9,10 +9,8 @@ import pytest
 from tests.helpers.gap.gap_simulated import known, two_drives
 from training.gap.name.decision import StepOutcome
 from training.gap.name.naming import name
-from training.gap.name.vehicle_mix import chain_of
 from training.gap.name.verdict import Naming
 from training.gap.response.regressors import delayed
-from training.greybox.chain import Constants
 from training.greybox.fit.drive import ChainDrive
 
 
@@ -54,8 +52,6 @@ def test_a_hidden_effect_is_named_and_the_gap_shrinks(
     assert found.error.after is not None
     gap = found.error.before**2 - found.error.floor**2
     assert found.error.after**2 - found.error.floor**2 < 0.4 * gap
-    assert found.trials.ranking[1].merit.win is not None
-    assert found.trials.ranking[1].merit.win > 0.95
 
 
 def test_a_small_leak_that_looks_like_a_rail_exponent_is_ambiguous_with_an_experiment() -> None:
@@ -101,7 +97,6 @@ def test_a_sensor_fault_that_leads_is_suspected_though_it_explains_less_than_hal
     found = name(two_drives(2_200_310, fault=("delay_rich_to_lean", 2.0)), known())
     first = found.trials.ranking[0]
     assert first.kind == "sensor fault"
-    assert first.merit.adequacy == pytest.approx(0.43, abs=0.05)
     # THEN the sensor is suspected, and nothing is added
     assert (found.verdict, found.answer.suspected) == ("sensor_fault_suspected", first.name)
     assert found.answer.effects == ()
@@ -128,8 +123,6 @@ def test_an_effect_that_a_formula_clearly_beats_is_unknown_and_not_named() -> No
     found = name([replace(drive, phi_measured=drive.phi_measured * share)], known())
     first = found.trials.ranking[0]
     assert first.merit.is_large
-    assert first.merit.adequacy is not None
-    assert 0.5 < first.merit.adequacy < 1.0
     # THEN the formula stands in its place, and no hypothesis is likelier than an unknown cause
     assert found.verdict == "unknown_effect"
     assert {term.kind for term in found.answer.effects} == {"empirical"}
@@ -211,8 +204,6 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
     assert text.startswith(f"{small.name} came first and explains too little by itself")
     # and the probabilities are of both together
     assert found.posterior == pytest.approx({f"{small.name}+wall_film": 0.8, "unknown": 0.2})
-    # and drives are held against each other beside what explains most
-    assert chain_of(found, Constants()).terms == film.fit.terms
 
 
 def test_a_sensor_slow_in_one_direction_may_be_made_so_and_an_effect_beside_it_is_said() -> None:

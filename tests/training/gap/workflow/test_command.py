@@ -14,14 +14,13 @@ from tests.helpers.gap.gap_files import drives, run
 from tests.helpers.logs.replays import replays
 from training import cli
 from training.gap import workflow
-from training.gap.add import choice
+from training.gap.add import greybox
 from training.gap.add.addition import withheld_effects
 from training.gap.inputs.roles import GapOptions, Material
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import ChainDrive
-from training.healthy import base, yardstick
+from training.healthy import yardstick
 from training.healthy.behaviour import Healthy
 from training.healthy.card import KEY, from_card
 from training.recordings.recording import load
@@ -110,7 +109,7 @@ def named(chain: Path, healthy: list[Path], film: list[Path]) -> Iterator[Stoppe
         return call
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(choice, "add", stop)
+        patch.setattr(workflow, "add", stop)
         stopped.codes.append(run(*arguments))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(yardstick, "learn", again("learn"))
@@ -146,19 +145,23 @@ def test_the_report_shows_the_name_the_model_and_that_all_is_simulated(named: St
     assert page.index("Named: wall_film") < page.index("What now")
     assert str(named.out / "model.onnx") in page
     assert "simulated" in page
-    assert "Error over speed and load" in page
+    assert "The mean error over what it depends on most" in page
     assert page.count('<figure class="plots">') >= 3
 
 
-def test_the_constants_come_from_the_recordings_that_are_not_held_out(
+def test_the_constants_come_from_all_recordings_and_each_is_judged_by_the_others(
     named: Stopped, film: list[Path]
 ) -> None:
-    card = Model.load(named.out / "model.onnx").card
-    (added,) = card.effects
-    used = {each["sha256"] for each in added["recordings"]}
-    held_out = {each["sha256"] for each in named.result["held_out"]}
-    assert used == {load(path).sha256 for path in film[:2]}
-    assert held_out == {load(film[2]).sha256}
+    (added,) = Model.load(named.out / "model.onnx").card.effects
+    assert {each["sha256"] for each in added["recordings"]} == {load(p).sha256 for p in film}
+    assert named.result["measured_on"] == "recordings that the constants have not seen"
+    assert {f["before"]["drives"] for f in named.result["verified"]["detection"]} == {1}
+    assert named.result["verified"]["false_alarms"]["after"]["drives"] == 3
+    assert {path.name for path in named.out.iterdir()} == {
+        "gap.json",
+        "model.onnx",
+        "report.html",
+    }
 
 
 def test_the_monitor_replays_with_the_new_model(
@@ -210,15 +213,15 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     assert told.rmse[1] is not None
     assert told.rmse[1] < 0.8 * told.rmse[0]
     assert withheld_effects(told.naming, GapOptions(sensor_known_good=True)) is None
-    # and a model that takes no effect, such as a network retrained with one, leaves a result too
-    monkeypatch.setattr(choice, "add", _takes_none)
+    # and a model that takes no effect leaves a result too
+    monkeypatch.setattr(greybox, "add", _takes_none)
     without = found(add=("exhaust_leak",))
     assert (without.verdict, without.addition.path) == ("named", None)
-    assert "what was named is not added: was retrained with effects" in without.all_warnings
+    assert "what was named is not added: has effects in an older form" in without.all_warnings
 
 
 def _takes_none(**_: Any) -> NoReturn:
-    raise ModelError("was retrained with effects")
+    raise ModelError("has effects in an older form")
 
 
 def test_a_slow_sensor_is_suspected_and_no_model_is_written(
@@ -237,24 +240,3 @@ def test_a_slow_sensor_is_suspected_and_no_model_is_written(
     assert not (out / "model.onnx").exists()
     assert "Nothing was added" in (out / "report.html").read_text()
     assert "Sensor fault suspected" in capsys.readouterr().out
-
-
-def test_a_model_that_predicts_no_better_with_the_effect_is_not_written(
-    chain: Path, healthy: list[Path], tmp_path: Path
-) -> None:
-    # GIVEN healthy drives, which lack the effect
-    recordings = [load(path) for path in healthy[:2]]
-    material = Material(chain, recordings, verify=recordings[:1])
-    lag = ModelEffect.with_values("mix_flow", [4.0])
-    # WHEN it is to be added all the same
-    new, form, added = choice.add(
-        material,
-        tmp_path / "m.onnx",
-        choices=[[lag]],
-        known=None,
-        start=base.constants_of(base.check(chain)),
-        options=GapOptions(),
-    )
-    # THEN the error grows, and no file is left
-    assert (new, form, added) == (None, "", ())
-    assert not list(tmp_path.iterdir())

@@ -152,8 +152,8 @@ def _best(plain: BaseState, used: Collection[str]) -> Candidate | None:
     terms = _forms(plain, used)
     if not terms:
         return None
-    ranking = rank(plain, terms, closely=0)
-    ranking = (*ranking, *rank(plain, _placed(ranking), closely=0))
+    ranking = rank(plain, terms)
+    ranking = (*ranking, *rank(plain, _placed(ranking)))
     before = float(plain.deviance.sum())
     least = min(before - c.merit.score for c in ranking)
     most = min(NEARLY * least, (1.0 - SHARE_LEAST) * before)

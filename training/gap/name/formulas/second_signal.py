@@ -32,7 +32,7 @@ def grown(state: BaseState, term: Candidate, without: Sequence[str]) -> Candidat
     others = [n for n in names if n not in (signal_of(term.name), *without)]
     effects = [e for n in others for e in _with_a_second(state.case.drives, term, n)]
     best = max(effects, key=lambda each: _explained(state.case, term, each), default=None)
-    return rank(state, [best], closely=0)[0] if best else None
+    return rank(state, [best])[0] if best else None
 
 
 def _with_a_second(drives: Sequence[ChainDrive], term: Candidate, signal: str) -> Iterator[Effect]:

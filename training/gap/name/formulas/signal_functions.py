@@ -24,18 +24,6 @@ RANGE: Final = (0.01, 0.99)  # quantiles between which the knots are spread even
 WITHIN_LEAST: Final = 0.3  # of a signal's spread that must lie within drives, not between them
 PERCENT: Final = 100.0
 STEP: Final = 1e-3  # of the mixture, for derivatives
-SUFFIXES: Final = (
-    "_kg_h",
-    "_km_h",
-    "_degc",
-    "_percent",
-    "_mpa",
-    "_kpa",
-    "_rpm",
-    "_nm",
-    "_mg",
-    "_v",
-)
 
 
 class Function(NamedTuple):
@@ -45,23 +33,6 @@ class Function(NamedTuple):
     kind: str  # "factor", "mass" or "about"
     at: float  # the value that counts as none, or the one it is about
     width: float  # to the next value; 1 for the others
-
-    @property
-    def words(self) -> str:
-        """Return the function in words."""
-        name = self.signal
-        for suffix in SUFFIXES:
-            name = name.removesuffix(suffix)
-        name = name.replace("_", " ")
-        at = f"{self.at:,.0f}" if abs(self.at) >= 100.0 else f"{self.at:.3g}"
-        if self.kind == "about":
-            return f"{name} around {at} {self._signal_unit}"
-        return f"({name} - {at} {self._signal_unit})" + ", as fuel" * (self.kind == "mass")
-
-    @property
-    def _signal_unit(self) -> str:
-        known = BY_NAME.get(self.signal)
-        return known.unit if known else "unit"
 
     def of(self, x: FloatArray) -> FloatArray:
         """Return its value (n,) for a signal (n,)."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.helpers.gap.gap_drives import BASE, case_of, noisy_drive
-from training.gap.add.drive_weights import fit_weighted, left_out_ratio
+from training.gap.add.constants import fit_and_leave_out, fit_weighted, groups, left_out_ratio
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.case import Case, Prior
 from training.greybox.fit.joint import JointFit, fit
@@ -59,5 +59,6 @@ def test_an_effect_is_kept_if_drives_left_out_are_predicted_better_with_it(
 ) -> None:
     case = _case(*offsets_mg)
     before, plain = _plain(case)
-    weighed, alike = fit_weighted(case, plain)
-    assert (left_out_ratio(weighed, weighed, before, alike) < 1.0) is holds
+    of = groups(len(case.drives))
+    found = fit_and_leave_out(case, plain, of)
+    assert (left_out_ratio(case, before, *found, of) < 1.0) is holds
