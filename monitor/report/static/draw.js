@@ -21,6 +21,17 @@ const O2 = (() => {
     return parent.appendChild(Object.assign(document.createElement(tag), properties));
   }
 
+  /** A table under its head; a cell is a text, or a text with its class. */
+  function table(parent, head, rows) {
+    const made = element(parent, "table"), names = element(element(made, "thead"), "tr"), body = element(made, "tbody");
+    for (const textContent of head) element(names, "th", { textContent, scope: "col" });
+    for (const row of rows) {
+      const line = element(body, "tr");
+      for (const [textContent, className = ""] of row.map((each) => [each].flat())) element(line, "td", { textContent, className });
+    }
+    return made;
+  }
+
   function symmetric(low, high, least) {
     const far = Math.max(Math.abs(low || 0), Math.abs(high || 0), least) * 1.1;
     return [-far, far];
@@ -204,5 +215,5 @@ const O2 = (() => {
     });
   }
 
-  return { SYMBOLS, color, digits, shift, places, element, symmetric, outputRange, rule, tag, limits, shade, pen, plot, judged, follow };
+  return { SYMBOLS, color, digits, shift, places, element, table, symmetric, outputRange, rule, tag, limits, shade, pen, plot, judged, follow };
 })();

@@ -288,19 +288,12 @@
     if (details.querySelector("table")) return;
     const all = new Set(windows.flatMap((w) => Object.keys(w.statistics ?? {})));
     const keys = Object.keys(STATISTICS).filter((key) => all.delete(key)).concat([...all].sort());
-    const rows = element(element(details, "div", { className: "scroll" }), "table");
-    const head = element(element(rows, "thead"), "tr");
-    for (const name of ["#", "time, s", "mean", "std", "verdict", "paper’s rule", ...keys.map((key) => STATISTICS[key] ?? key)]) {
-      element(head, "th", { textContent: name });
-    }
-    const body = element(rows, "tbody");
-    for (const w of windows) {
-      const line = element(body, "tr");
-      const verdict = [SYMBOLS[w.verdict], w.verdict, w.fault].filter(Boolean).join(" ");
-      const own = [w.index, `${w.t_start_s.toFixed(1)}–${w.t_end_s.toFixed(1)}`, w.mean, w.std, verdict, w.paper_failed ? "failed" : "–"];
-      for (const value of own.concat(keys.map((key) => w.statistics?.[key]))) element(line, "td", { textContent: cell(value) });
-      line.children[4].className = `mark ${w.verdict}`;
-    }
+    const head = ["#", "time, s", "mean", "std", "verdict", "paper’s rule", ...keys.map((key) => STATISTICS[key] ?? key)];
+    O2.table(element(details, "div", { className: "scroll" }), head, windows.map((w) => [
+      w.index, `${w.t_start_s.toFixed(1)}–${w.t_end_s.toFixed(1)}`, cell(w.mean), cell(w.std),
+      [[SYMBOLS[w.verdict], w.verdict, w.fault].filter(Boolean).join(" "), `mark ${w.verdict}`],
+      w.paper_failed ? "failed" : "–", ...keys.map((key) => cell(w.statistics?.[key])),
+    ]));
   }
 
   for (const section of document.querySelectorAll(".plots")) {

@@ -204,35 +204,23 @@ function gauge(table, label, unit, value, std, { low, high, from, to }) {
   if (value != null) shape(svg, "rect", { x: Math.max(0, Math.min(x(value) - 0.6, 98.8)), y: 0, width: 1.2, height: 10, rx: 0.5, class: "value" });
 }
 
-let lines = null;
+const WINDOW = ["#", "end", "mean", "std", "verdict", "fault", "paper"];
 function windows(state, changed) {
   if (!changed.windows && !changed.limits) return;
   const { j_mu: mu, j_sigma: sigma } = state.limits;
-  if (changed.limits || !lines) {
-    const body = fresh("windows");
-    element(body, "p", { className: "quiet", textContent: `${state.window_samples} enabled samples each, newest first. Paper’s rule: |mean| ≥ Jμ ${digits(mu, 4)} and std ≥ Jσ ${digits(sigma, 4)}.` });
-    const scroll = element(body, "div", { className: "scroll", tabIndex: 0 });
-    scroll.setAttribute("role", "region");
-    scroll.setAttribute("aria-label", "Latest windows");
-    const table = element(scroll, "table");
-    const head = element(element(table, "thead"), "tr");
-    for (const name of ["#", "end", "mean", "std", "verdict", "fault", "paper"]) element(head, "th", { textContent: name, scope: "col" });
-    lines = element(table, "tbody");
-  }
-  lines.replaceChildren();
-  for (const each of state.windows.slice(-SHOWN_WINDOWS).reverse()) {
-    const line = element(lines, "tr");
-    element(line, "td", { textContent: each.index });
-    element(line, "td", { textContent: `${digits(each.end_ms / 1000, 1)} s` });
-    element(line, "td", { textContent: signed(each.mean, 4), className: Math.abs(each.mean) >= mu ? "over" : "" });
-    element(line, "td", { textContent: digits(each.std, 4), className: each.std >= sigma ? "over" : "" });
-    element(line, "td", { className: `mark ${each.verdict}`, textContent: `${O2.SYMBOLS[each.verdict]} ${each.verdict}` });
-    element(line, "td", { textContent: [each.fault, ...each.also].filter(Boolean).map(words).join(" or ") });
-    element(line, "td", { className: each.paper_failed ? "mark failed" : "", textContent: each.paper_failed ? "✕ failed" : "–" });
-  }
-  if (!state.windows.length) {
-    element(element(lines, "tr"), "td", { colSpan: 7, className: "quiet", textContent: "No window has been filled yet." });
-  }
+  const body = fresh("windows");
+  element(body, "p", { className: "quiet", textContent: `${state.window_samples} enabled samples each, newest first. Paper’s rule: |mean| ≥ Jμ ${digits(mu, 4)} and std ≥ Jσ ${digits(sigma, 4)}.` });
+  if (!state.windows.length) return element(body, "p", { className: "quiet", textContent: "No window has been filled yet." });
+  const scroll = element(body, "div", { className: "scroll", tabIndex: 0 });
+  scroll.setAttribute("role", "region");
+  scroll.setAttribute("aria-label", "Latest windows");
+  O2.table(scroll, WINDOW, state.windows.slice(-SHOWN_WINDOWS).reverse().map((each) => [
+    each.index, `${digits(each.end_ms / 1000, 1)} s`,
+    [signed(each.mean, 4), Math.abs(each.mean) >= mu ? "over" : ""], [digits(each.std, 4), each.std >= sigma ? "over" : ""],
+    [`${O2.SYMBOLS[each.verdict]} ${each.verdict}`, `mark ${each.verdict}`],
+    [each.fault, ...each.also].filter(Boolean).map(words).join(" or "),
+    [each.paper_failed ? "✕ failed" : "–", each.paper_failed ? "mark failed" : ""],
+  ]));
 }
 
 function health(state, changed) {
@@ -263,16 +251,10 @@ function memory(state, changed) {
   if (text === memoryText) return;
   memoryText = text;
   const body = fresh("memory");
-  const table = element(body, "table", { className: "tests" });
-  const head = element(element(table, "thead"), "tr");
-  for (const name of ["test", "since clearing", "in-use ratio"]) element(head, "th", { textContent: name, scope: "col" });
-  const rowsOfTests = element(table, "tbody");
-  for (const each of tests) {
-    const line = element(rowsOfTests, "tr");
-    element(line, "td", { textContent: each.test });
-    element(line, "td", { className: `mark ${each.complete ? "passed" : "inconclusive"}`, textContent: each.complete ? "✓ complete" : "? not complete" });
-    element(line, "td", { textContent: `${each.numerator} / ${each.denominator}` });
-  }
+  O2.table(body, ["test", "since clearing", "in-use ratio"], tests.map((each) => [
+    each.test, [each.complete ? "✓ complete" : "? not complete", `mark ${each.complete ? "passed" : "inconclusive"}`],
+    `${each.numerator} / ${each.denominator}`,
+  ])).className = "tests";
   pairs(body, [...Object.entries(counts), ...(behind ?? [])]);
 }
 
