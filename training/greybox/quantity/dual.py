@@ -23,8 +23,8 @@ class ParameterGroup:
         """Return the derivatives (n, k) over the parameters for those over the value there."""
         if np.ndim(slope) == 2:
             return np.asarray(slope)
-        column = np.broadcast_to(slope, (n,))[:, None]
-        return np.array(column if self.shares is None else column * self.shares[:n])
+        column = np.full((n, 1), np.reshape(slope, (-1, 1)))
+        return column if self.shares is None else column * self.shares[:n]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +101,7 @@ def moved(value: Any, *parts: tuple[Any, Any]) -> Dual:
 
 
 def _sum(group: ParameterGroup, a: Any, b: Any) -> Any:
-    if np.ndim(a) == 2 or np.ndim(b) == 2:
-        n = max(len(each) for each in (a, b) if np.ndim(each) == 2)
-        return group.spread(a, n) + group.spread(b, n)
-    return a + b
+    if np.ndim(a) == np.ndim(b) or max(np.ndim(a), np.ndim(b)) < 2:
+        return a + b
+    wide, own = (a, b) if np.ndim(a) == 2 else (b, a)
+    return group.spread(own, len(wide)) + wide
