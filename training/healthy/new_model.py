@@ -78,7 +78,7 @@ def _set_limits(
     path: Path,
     held_out: Sequence[HeldOut],
     recordings: Sequence[Recording],
-    unseen: Callable[[ModelCard], Unseen] | None,
+    unseen: Callable[[ModelCard], Unseen] | None = None,
 ) -> list[str]:
     """Set the decision limits from the held-out blocks; return warnings."""
     try:
