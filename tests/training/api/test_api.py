@@ -75,7 +75,7 @@ def test_a_gap_is_looked_for_in_any_output(model: Path, tmp_path: Path) -> None:
     wrong = [drive_of(seed) for seed in (6, 7)]
     for each in wrong:
         each[OUTPUT] = each[OUTPUT] + 0.04 * each["fuel"]
-    gap = find_gap(model, wrong, tmp_path / "gap", healthy=[drive_of(8), drive_of(9)])
+    gap = find_gap(model, wrong, tmp_path / "gap", healthy=[*map(drive_of, (8, 9, 10))])
     assert gap.verdict != "no_gap"
     assert gap.model is None
     assert repr(gap).startswith(f"<Gap verdict: {gap.verdict}, effects: ")
