@@ -220,7 +220,7 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     assert "what was named is not added: has effects in an older form" in without.all_warnings
 
 
-def _takes_none(**_: Any) -> NoReturn:
+def _takes_none(*_: Any, **__: Any) -> NoReturn:
     raise ModelError("has effects in an older form")
 
 
