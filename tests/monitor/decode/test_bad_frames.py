@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from monitor import cli
 from monitor.base import faults
 from monitor.base.types import Frame
 from monitor.decode.checksum import payload_checksum
@@ -98,19 +97,3 @@ def test_a_short_drive_does_not_heal_a_sensor_that_never_gets_ready(tmp_path: Pa
     _, recordings = replays(*logs, "--memory", tmp_path / "m.db")
     # THEN the code stays
     assert [[d["code"] for d in r["dtcs"]] for r in recordings] == [["P0134"]] * 5
-
-
-def test_check_says_of_a_log_that_all_is_there(
-    capsys: pytest.CaptureFixture[str], drive: Path, tmp_path: Path
-) -> None:
-    assert cli.main(["check", str(drive)]) == 0
-    out = capsys.readouterr().out
-    assert "the model has all it needs" in out
-    assert "lambda_measured" in out
-    # and of one from which the fuel has gone that it has stopped
-    log = tmp_path / "stopped.log"
-    frames = list(read_frames(drive))
-    end = frames[0].t_ns + 30_000_000_000
-    write_log(log, block([f for f in frames if f.can_id != FUEL_ID or f.t_ns < end]))
-    assert cli.main(["check", str(log)]) == 3
-    assert "missing for the model: fuel_mass_mg" in capsys.readouterr().out

@@ -1,25 +1,45 @@
 """An effect of no library becomes a formula of one signal, which a model can hold."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
-from tests.training.gap.name.test_description import BASE, Change, made
+from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from tests.training.greybox.test_effect_forms import (
     test_the_arrays_and_the_graph_of_an_effect_agree as graph_agrees,
 )
 from training.gap.name.formulas.formula import _place_of, _rate_of, first_term, formula_of
 from training.gap.name.verdict import Candidate
-from training.greybox.chain import Path
+from training.greybox.chain import Constants, Path, base_path, simulate
 from training.greybox.effects.empirical import FORMS, effect_of, formula, growing, name_of
+from training.greybox.fit.drive import ChainDrive, make
 from training.healthy.base_state import base_state
 from training.healthy.scoring import Score
+
+BASE = Constants(
+    gain=1.0, dead_time_s=0.15, dead_time_revolutions=1.5, mixing_s=0.06, sensor_s=0.1, span=1.0
+)
+Change = Callable[[Path, dict[str, FloatArray]], Path]
+
+
+def made(change: Change, seed: int, noise: float = 0.003) -> ChainDrive:
+    """A drive of plain formulas on which the chain reads something more, in coloured noise."""
+    rng = np.random.default_rng(seed)
+    signals = plain_signals(seed=seed)
+    n = len(signals["fuel_mass_mg"])
+    wander = lfilter([np.sqrt(1 - 0.98**2)], [1, -0.98], rng.standard_normal(n))
+    signals |= {"battery_voltage_v": 13.9 + 0.4 * wander}
+    path = change(base_path(BASE, signals), signals)
+    coloured = lfilter([noise * np.sqrt(1 - 0.8**2)], [1, -0.8], rng.standard_normal(n))
+    phi = simulate(path, PERIOD_S) + coloured
+    return make(f"made {seed}", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
 
 
 def found(change: Change, seeds: Sequence[int] = (1,)) -> tuple[Candidate, ...]:
@@ -179,9 +199,6 @@ def test_a_bend_begins_at_the_corner_of_a_curve_and_an_exponential_with_its_rate
 
 
 def _base_path() -> tuple[Path, dict[str, FloatArray]]:
-    from tests.helpers.gap.gap_drives import plain_signals
-    from training.greybox.chain import base_path
-
     signals = plain_signals(n=600)
     return base_path(BASE, signals), signals
 
