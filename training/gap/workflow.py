@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from training.gap import run_comparison
-from training.gap.add.addition import Addition, add
+from training.gap.add.addition import NO_BETTER, Addition, add
 from training.gap.add.constants import groups
 from training.gap.inputs import suitability
 from training.gap.inputs.roles import GapOptions, Material
@@ -79,6 +79,9 @@ def investigate(
     with TemporaryDirectory(dir=out) as folder:
         addition = add(subject, naming, knowledge, Path(folder), options, progress)
         verification = _verification(subject, addition, knowledge, options, progress)
+        if verification is not None and addition.path and not verification.overall.fell:
+            addition = Addition(warnings=(NO_BETTER,))
+            verification = _verification(subject, addition, knowledge, options, progress)
         addition = delivered(addition, verification, out)
     return Result(
         inputs=_inputs(subject, options),

@@ -164,7 +164,7 @@ def test_walls_that_a_model_has_taken_in_are_named_and_not_added_again(tmp_path:
     # THEN they are what is new, and nothing is to be added
     assert [each.name for each in found.naming.answer.effects] == ["wall_film"]
     assert found.addition.path is None
-    assert any("follows the effect already" in each for each in found.warnings)
+    assert any("follows the effect already" in each for each in found.all_warnings)
 
 
 def test_recordings_that_the_model_was_fitted_to_are_told_from_others(chain: Path) -> None:
@@ -174,8 +174,9 @@ def test_recordings_that_the_model_was_fitted_to_are_told_from_others(chain: Pat
     (warning,) = suitability.seen_in_fit_warnings(card, (*driven, healthy[1]))
     assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to them")
     # and what is held out should be none of them
-    assert suitability.held_out_warnings(card, driven) == []
-    (warning,) = suitability.held_out_warnings(card, (*driven, healthy[1]))
+    assert suitability.held_out_warnings(card, Material(chain, driven)) == []
+    both = Material(chain, driven, verify=healthy[1:2])
+    (warning,) = suitability.held_out_warnings(card, both)
     assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to what is held out")
 
 
