@@ -79,7 +79,8 @@ def investigate(
     with TemporaryDirectory(dir=out) as folder:
         addition = add(subject, naming, knowledge, Path(folder), options, progress)
         verification = _verification(subject, addition, knowledge, options, progress)
-        if verification is not None and addition.path and not verification.overall.fell:
+        whole = verification.overall if verification else None
+        if whole and whole.after is not None and whole.after >= whole.before:
             addition = Addition(warnings=(NO_BETTER,))
             verification = _verification(subject, addition, knowledge, options, progress)
         addition = delivered(addition, verification, out)

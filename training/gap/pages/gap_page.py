@@ -8,8 +8,7 @@ from typing import Final
 from monitor.base.files.outputs import write_text
 from training.gap.name.verdict import Candidate
 from training.gap.pages import cells, gap_figures
-from training.gap.pages.confidence_words import confidence
-from training.gap.pages.verdict_words import actions, cautions, verdict_sentence
+from training.gap.pages.verdict_words import actions, cautions, confidence, verdict_sentence
 from training.gap.result import Result
 from training.greybox.chain import RANGES
 from training.pages.numbers import p_value

@@ -1,5 +1,6 @@
 """Sentences of the gap report: the verdict with its figures, the next steps, the warnings."""
 
+from training.gap.name.posterior import NONE
 from training.gap.name.verdict import Candidate
 from training.gap.pages.cells import phi
 from training.gap.response.difference import COMMAND
@@ -289,3 +290,13 @@ def _and(parts: list[str], word: str = "and") -> str:
     """Return a list in words."""
     *others, last = parts or [""]
     return f"{', '.join(others)} {word} {last}" if others else last
+
+
+def confidence(result: Result) -> str:
+    """Return the likeliest hypothesis with its probability."""
+    for name, p in result.naming.posterior.items():  # the likeliest first
+        words = "no gap" if name == NONE else name.replace("_", " ")
+        return f"of all hypotheses, {percent(p)} for {words}."
+    if result.verdict == "no_gap":
+        return "the error is what chance and healthy driving explain; no effect could be tried."
+    return "no effect could be tried; the parts below say how far each answer is beyond chance."

@@ -23,11 +23,6 @@ class Error:
     change_high: float | None = None  # both None if the blocks are too few
 
     @property
-    def fell(self) -> bool:
-        """Return whether the new model's error is the smaller one."""
-        return self.after is not None and self.after < self.before
-
-    @property
     def worse(self) -> bool:
         """Return whether the new model is worse beyond confidence."""
         return self.change_low is not None and self.change_low > 0.0
