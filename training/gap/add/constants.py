@@ -1,6 +1,7 @@
 """Constants of the named effects: from all drives, and from all but one in turn, or a few of many.
 
-There are two sets, of which the one that predicts the left-out drives better is kept.
+There are two sets, of which a chain keeps the one that predicts the left-out drives better. A
+network keeps the first one: in the second, effects take on what it makes wrong on this vehicle.
 
 1. Those of the naming. It corrects the chain by its error on healthy drives and whitens errors:
    that tells effects from each other, but takes part of an effect's size, because the corrections
@@ -58,7 +59,7 @@ def constants_of(
     # An effect that varies between drives would follow the drive in which it is strongest.
     varies = any(getattr(term, "varies", False) for term in last.terms)
     groups = _groups_of(state.case, subject.drives)
-    cases = (state.case, judge)[: 1 if varies else 2]
+    cases = (state.case, judge) if subject.is_greybox and not varies else (state.case,)
     tried = [fit_and_leave_out(case, last, groups) for case in cases]
     ratios = [left_out_ratio(judge, state.current, *each, groups) for each in tried]
     whole, left = tried[int(np.argmin(ratios))]
