@@ -172,13 +172,14 @@ def _of_response(source: ExportSource) -> Iterator[tuple[str, float | bool, str]
     noise = Noise(limits.noise, limits.noise_memory)
     yield "NOISE_VAR", noise.std**2, "phi squared, of the healthy residual"
     yield "LEAST_VAR", response.noise_least * noise.innovation_var, "phi squared, of what is new"
-    yield "WEIGHT", limits.evidence, "part of the samples that count as independent"
+    weight = min(limits.evidence, response.evidence_weight)
+    yield "WEIGHT", weight, "part of the samples that count as independent"
     yield "GAIN_KNOWN", response.gain_known, "information on the gain"
     yield "GAIN_MEMORY", response.gain_memory, "kept per window"
     yield "EVIDENCE_FAIL", response.evidence_fail, "log odds"
     yield "EVIDENCE_PASS", response.evidence_pass, "log odds"
     yield "EVIDENCE_MOST", response.evidence_most, "log odds"
-    yield "EVIDENCE_WINDOW", response.evidence_window, "log odds"
+    yield "EVIDENCE_WINDOW", min(limits.evidence_window, response.evidence_window), "log odds"
 
 
 def _of_movement(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
@@ -344,12 +345,13 @@ def _gains(source: ExportSource) -> list[tuple[float, float]]:
 
 
 def _claims(source: ExportSource) -> list[str]:
-    response = source.config.response
+    response, limits = source.config.response, source.limits
+    errs = min(limits.evidence_window, response.evidence_window) < response.evidence_fail
     found, ranges = [], _gains(source)
     for each in claims(response, bank.build(response)):
-        kind = "BARELY" if each.hypothesis.near_limit else "SURELY"
-        if each.fault:
-            kind = "FAULTY"
+        kind = "SURELY" if each.fault == "" else "FAULTY"
+        if each.fault == "" and errs and each.hypothesis.near_limit:
+            kind = "BARELY"
         if each.fault == UNRELATED:
             kind = "UNRELATED"
         name = f"O2_FAULT_{each.fault.upper()}" if kind == "FAULTY" else "O2_SOUND"

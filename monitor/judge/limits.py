@@ -21,6 +21,7 @@ NAMES: Final = (
 # not every card has them
 OPTIONAL: Final = (
     "evidence",
+    "evidence_window",
     "gain_model",
     "still_s",
     "still_end_s",
@@ -38,7 +39,8 @@ class Limits:
     offset_low: float  # bias, output's unit
     offset_high: float
     offset_std: float  # of healthy windows' means, output's unit
-    evidence: float = 0.75  # part of a window's samples that count as independent
+    evidence: float = 1.0  # most of a window's samples that count as independent
+    evidence_window: float = inf  # most that one window says against a claim
     gain_model: float = 1.0  # measurement over prediction of healthy sensors
     still_s: float = 0.0  # time for which the healthy reading may stand still, if it is long
     still_end_s: float = 0.0  # the same at the end of its range, where no signal tells a fuel cut

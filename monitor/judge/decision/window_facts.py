@@ -51,6 +51,8 @@ class WindowFacts:
             noise=Noise(limits.noise, limits.noise_memory),
             period_s=period_s,
             evidence_weight=limits.evidence,
+            # a model errs for a whole manoeuvre: a window may decide, but not turn a decision over
+            window_most=min(limits.evidence_window, config.response.evidence_window),
             gain_reference=limits.gain_expected,
         )
         self._n_cuts = 0  # windows around fuel cuts

@@ -52,11 +52,13 @@ class ResponseRule:
     least squares with the windows weighted by the inverse of their error's variance, and fading by
     ``gain_memory`` per window. The log likelihood of a window, whose scale is unknown and at least
     ``noise_least`` of the healthy innovation's variance, is added to the claim's evidence;
-    ``evidence_weight`` of its samples count as independent. No window decides alone, for a model
-    predicts some step early or late, which then looks like a delay. As it may be late by
-    ``timing_s``, a sensor is called sound only if it were so that much slower, too.
+    ``evidence_weight`` of its samples count as independent.
 
     noise : of the healthy residual
+    evidence_weight : at most that of the settings; lower for a model whose errors look like faults
+    window_most : no claim falls further behind the best one in one window; for a model that
+        predicts steps early or late, which then look like a delay. Where no window may decide, the
+        timing is unsure, and a sensor is called sound only if it were so ``timing_s`` slower, too
     gain_reference : this vehicle's healthy gain, which the gains of the claims are relative to
     """
 
@@ -68,10 +70,12 @@ class ResponseRule:
         period_s: float,
         evidence_weight: float = 1.0,
         gain_reference: float = 1.0,
+        window_most: float = math.inf,
     ) -> None:
         self._config, self._noise = config, noise
-        self._weight = evidence_weight
+        self._weight = min(evidence_weight, config.evidence_weight)
         self._least_var = config.noise_least * noise.innovation_var
+        self._window_most = window_most
         self._claims, self._n_columns = claims(config, bank), len(bank)
         self._columns = np.array([c.column for c in self._claims])
         self._gain_reference = gain_reference
@@ -79,7 +83,8 @@ class ResponseRule:
         self._gain_high = np.array([c.gain_high for c in self._claims])
         names = np.array([c.fault for c in self._claims])
         self._sound = np.flatnonzero(names == "")
-        near = np.array([c.hypothesis.near_limit for c in self._claims])
+        errs = window_most < config.evidence_fail  # the model errs more than its noise
+        near = np.array([errs and c.hypothesis.near_limit for c in self._claims])
         self._surely = np.flatnonzero((names == "") & ~near)
         self._barely = np.flatnonzero((names == "") & near)
         self._faults = np.flatnonzero((names != "") & (names != UNRELATED))
@@ -196,8 +201,7 @@ class ResponseRule:
         sums += weighted
         error_var = self._error_var(moments, self._gain(sums))
         log_likelihood = -0.5 * self._weight * n_new * np.log(error_var)
-        least = log_likelihood.max() - self._config.evidence_window
-        np.maximum(log_likelihood, least, out=log_likelihood)
+        np.maximum(log_likelihood, log_likelihood.max() - self._window_most, out=log_likelihood)
         log_likelihood -= log_likelihood[0]
         evidence += log_likelihood
         # a long healthy time must not outweigh the fault that follows it (Page's test)

@@ -139,9 +139,17 @@ def healthy_noise() -> Noise:
     return Noise(float(windows.std()), float(memory))
 
 
-def new_rule(gain_reference: float = 1.0) -> ResponseRule:
+def new_rule(
+    gain_reference: float = 1.0,
+    window_most: float = math.inf,
+) -> ResponseRule:
     return ResponseRule(
-        CONFIG, BANK, healthy_noise(), PERIOD_S, evidence_weight=0.75, gain_reference=gain_reference
+        CONFIG,
+        BANK,
+        healthy_noise(),
+        PERIOD_S,
+        gain_reference=gain_reference,
+        window_most=window_most,
     )
 
 
@@ -295,7 +303,7 @@ def test_a_small_step_that_fits_a_weak_sensor_by_chance_says_little() -> None:
         return judge(measured, predicted, rule)[-1].statistics.evidence
 
     # THEN a model that errs by less is believed, and one that errs by more is not
-    assert evidence(0.001) == pytest.approx(CONFIG.evidence_window)
+    assert evidence(0.001) > CONFIG.evidence_fail
     assert evidence(0.02) < 1.0
 
 
@@ -333,38 +341,45 @@ def test_after_a_repair_the_sensor_passes_within_a_driving_cycle() -> None:
     assert {v.outcome for v in after[25:]} == {"passed"}
 
 
-def test_after_a_long_healthy_time_a_fault_is_found_nearly_as_soon_as_from_the_start() -> None:
+def test_after_a_long_healthy_time_a_fault_is_found_as_soon_as_from_the_start() -> None:
     rule = new_rule()
     judge(*drive(healthy, 9, 1000.0), rule)
     after = judge(*drive(slow("symmetric", 1.0), 10), rule)
-    # within 45 s, with its code within a minute
-    assert {v.outcome for v in after[9:]} == {"failed"}
+    # within half a minute, with its code within a minute
+    assert {v.outcome for v in after[6:]} == {"failed"}
     assert {CODES[v.fault or ""] for v in after[12:]} == {CODES["slow_symmetric"]}
 
 
-def test_one_window_says_no_more_than_half_of_what_decides() -> None:
+def test_one_window_says_no_more_than_its_bound() -> None:
     # GIVEN a healthy drive with one step that the model predicts a second early
     measured, predicted = drive(healthy, 21, 60.0)
-    step, early = np.zeros((2, len(predicted)))
-    step[345:380] = early[335:380] = 0.3
-    # WHEN it is judged
-    found = judge(measured + step, predicted + early, new_rule())
-    # THEN the step's window speaks for a fault by so much, and no more
-    steps = np.diff(np.array([v.statistics.evidence for v in found]))
-    assert steps.max() == pytest.approx(CONFIG.evidence_window)
+    step = np.zeros(len(predicted))
+    step[345:380] = 0.3
+    early = np.zeros(len(predicted))
+    early[335:380] = 0.3
+
+    def steps(rule: ResponseRule) -> FloatArray:
+        found = judge(measured + step, predicted + early, rule)
+        return np.diff(np.array([v.statistics.evidence for v in found], dtype=float))
+
+    # THEN its window alone would decide, and with a bound it does not
+    assert steps(new_rule()).max() > CONFIG.evidence_fail
+    assert steps(new_rule(window_most=5.0)).max() <= 5.0 + 1e-9
 
 
-def test_no_sensor_is_called_sound_that_is_near_its_limit() -> None:
-    # GIVEN a sensor late by 0.2 s, and a punctual one
+def test_a_model_of_unsure_timing_calls_no_sensor_sound_that_is_near_its_limit() -> None:
+    # GIVEN a model of which no window may decide, since it errs more than its noise
+    bound = 0.5 * CONFIG.evidence_fail
     near, punctual = drive(late("symmetric", 0.2), 5), drive(healthy, 5)
-    # THEN the late one is neither faulty nor sound, for the prediction may be late itself
-    rule = new_rule()
+    # THEN a sensor late by 0.2 s is neither faulty nor sound, for the prediction may be late itself
+    rule = new_rule(window_most=bound)
     assert {v.outcome for v in judge(*near, rule)} == {"inconclusive"}
     # and the evidence that is missing is that against this dead time
     assert max(rule.odds.values()) == rule.odds["delay_symmetric"] > -CONFIG.evidence_pass
-    # THEN the punctual one passes
-    assert judge(*punctual, rule := new_rule())[-1].outcome == "passed"
+    # THEN a punctual one passes, and with a model that errs no more than its noise both do
+    assert judge(*punctual, rule := new_rule(window_most=bound))[-1].outcome == "passed"
     assert max(rule.odds.values()) <= -CONFIG.evidence_pass
+    assert judge(*near, new_rule())[-1].outcome == "passed"
 
 
 def test_a_manoeuvre_on_which_the_model_errs_turns_no_decision_over() -> None:
@@ -374,7 +389,7 @@ def test_a_manoeuvre_on_which_the_model_errs_turns_no_decision_over() -> None:
     wrong = slice(20 * WINDOW, 22 * WINDOW)
     predicted[wrong] = 1.0 + 2.0 * (predicted[wrong] - 1.0)
     # THEN no window fails, and the sensor passes again soon
-    found = judge(measured, predicted, new_rule())
+    found = judge(measured, predicted, new_rule(window_most=CONFIG.evidence_window))
     assert "failed" not in {v.outcome for v in found}
     assert {v.outcome for v in found[26:]} == {"passed"}
 

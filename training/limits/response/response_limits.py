@@ -1,26 +1,26 @@
-"""Limits of the response rule from healthy recordings: gain, weight of evidence, stillness."""
+"""Limits of the response rule from healthy recordings: gains, movement, weights of evidence."""
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
-from scipy.optimize import brentq
 
 from monitor.base.config import Config
-from monitor.base.types import FloatArray
 from monitor.judge.limits import Limits
 from monitor.judge.response.estimates import Estimates
 from monitor.model.card import Limit
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged, WindowJudged
-from training.limits.judging import Judged, judge_recordings
-from training.limits.repeated_model import RepeatedModel
+from training.limits.judging import judge_recordings
 from training.limits.response.stillness import still_limits
 from training.recordings.recording import Recording
 
-Unseen = Iterable[tuple[Model, Sequence[Recording]]]  # models, each with drives it has not seen
-LEAST_EVIDENCE: Final = 1e-3  # with less the response rule decides nothing within a day
+CODE_PROBABILITY = 0.003  # at most, of a code's evidence in a healthy drive like the recordings
+PROMISED = 1.0  # mean of a healthy drive's largest evidence, if the errors are the noise supposed
+WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
+STEPS = (0.5, 0.8)  # of a weight that is still too large, at least and at most
+LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
 
 
 def response_limits(
@@ -28,62 +28,41 @@ def response_limits(
     recordings: Sequence[Recording],
     limits: Limits,
     config: Config,
-    unseen: Unseen | None = None,
 ) -> dict[str, Limit]:
-    """Return the healthy gain, the weight of evidence and how long the reading may stand still.
+    """Return the healthy gains, the weights of evidence and how long the reading may stand still.
 
     The gain's spread from drive to drive, and a model that follows its vehicle poorly, look like a
-    weak or late sensor: evidence counts for so much that it speaks for no fault of healthy drives.
-    A coarse or clipped reading that stands still in healthy recordings is given more time before
-    it is stuck.
+    weak or late sensor. Where healthy recordings show more evidence of a fault than the noise
+    supposed would, no window alone may say more than half of a code's evidence, and the evidence
+    counts less by as much as a code would still be too probable in another healthy drive
+    (``_probability``). A coarse or clipped reading that stands still in healthy recordings is
+    given more time before it is stuck.
 
     limits : of the windows; what an earlier calibration says of the response does not count
-    unseen : tell the weight; default this model and all recordings
     """
     where = f"{len(recordings)} healthy recordings"
-    plain = replace(limits, still_s=0.0, still_end_s=0.0, gain_model=1.0, evidence=1.0)
+    unbound = 2.0 * config.response.evidence_most  # beyond that of the settings
+    plain = replace(limits, still_s=0.0, still_end_s=0.0, evidence_window=unbound)
+    plain = replace(plain, gain_model=1.0, evidence=math.inf)
     judged = judge_recordings(recordings, model, plain, config)
     gains = [gain for each in judged if (gain := _last_gain(each.windows)) is not None]
     gain = _healthy_gain(gains, config)
-    used = replace(plain, gain_model=gain)
-    # what is cut off below would hide how much speaks for a sound sensor
-    endless = replace(config, response=replace(config.response, evidence_most=np.inf))
-    pairs = list(unseen or ())
-    drives = [
-        _evidence(each)
-        for runs, own in pairs or [(model, recordings)]
-        for each in judge_recordings(own, RepeatedModel.of(runs), used, endless)
-    ]
-    weight = weight_of(drives, config.response.evidence_window)
-    told = f"most at which a bet on a fault does not win, {len(drives)} healthy recordings"
+    used = replace(plain, gain_model=gain, evidence=config.response.evidence_weight)
+    most = _most_evidence(model, recordings, used, config)
+    if _scale(most) > PROMISED:
+        used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
+        used = _calmed(model, recordings, used, config)
     found = {
         "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
-        "evidence": Limit(weight, "-", f"{told} that the model had not seen" if pairs else told),
+        "evidence": Limit(used.evidence, "-", _origin(most, where)),
+        "evidence_window": Limit(
+            used.evidence_window,
+            "-",
+            f"half of a code's evidence where {where} show more evidence of a fault than noise "
+            "would, else only that of the settings",
+        ),
     }
     return found | still_limits(recordings, model.card, config)
-
-
-def weight_of(drives: Sequence[FloatArray], most: float) -> float:
-    """Return the weight of evidence at which a bet on the likeliest fault does not win on average.
-
-    The weight times the evidence is the logarithm of a stake; where its mean factor is at most 1,
-    no healthy drive ever reaches the odds 1/alpha with a probability above alpha (Ville; Dey,
-    Martin and Williams, Generalized universal inference on risk minimizers, arXiv 2402.00202).
-
-    drives : evidence of the likeliest fault after each window, of healthy drives
-    most : evidence of a window; one that says so much of a fault is imagined beside those seen
-
-    >>> round(weight_of([np.cumsum([-1.0, 0.5] * 200)], 5.8), 2)
-    0.54
-    """
-    steps = np.concatenate([[most], *(np.diff(drive, prepend=0.0) for drive in drives)])
-
-    def gains(weight: float) -> float:
-        return float(np.exp(weight * steps).mean()) - 1.0
-
-    if gains(LEAST_EVIDENCE) >= 0.0:
-        return LEAST_EVIDENCE
-    return 1.0 if gains(1.0) <= 0.0 else float(brentq(gains, LEAST_EVIDENCE, 1.0))
 
 
 def _healthy_gain(gains: Sequence[float], config: Config) -> float:
@@ -92,14 +71,62 @@ def _healthy_gain(gains: Sequence[float], config: Config) -> float:
     return min(max(float(np.median(gains)), least), 1.0 / least) if gains else 1.0
 
 
-def _evidence(judged: Judged) -> FloatArray:
-    """Return the evidence of the likeliest fault after each window of either kind, (w,)."""
-    seen = [(w.window.t_end_ns, _estimates(w)) for w in judged.windows]
-    seen += [(cut.t_ns, _estimates(cut)) for cut in judged.cuts]
-    return np.array([each.evidence for _, each in sorted(seen, key=lambda at: at[0])])
+def _origin(most: Sequence[float], where: str) -> str:
+    return f"largest evidence of a fault {max(most):.3g} at full weight, {where}"
 
 
-def _last_gain(windows: Sequence[WindowJudged]) -> float | None:
+def _calmed(
+    model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
+) -> Limits:
+    """Return limits whose weight makes a code in a healthy drive improbable."""
+    most = _most_evidence(model, recordings, limits, config)
+    if _probability(most, config) <= CODE_PROBABILITY:
+        return limits
+    allowed = -config.response.evidence_fail / math.log(CODE_PROBABILITY)
+    weight = config.response.evidence_weight
+    while _scale(most) > allowed and weight > LEAST_EVIDENCE:  # bounded evidence is not linear
+        weight *= float(np.clip(allowed / _scale(most), *STEPS))
+        limits = replace(limits, evidence=weight)
+        most = _most_evidence(model, recordings, limits, config)
+    return limits
+
+
+def _probability(most: Sequence[float], config: Config) -> float:
+    """Return the probability that another healthy drive shows the evidence of a code.
+
+    most : largest evidence of a fault in each healthy drive, which falls off exponentially
+    Source: Basseville and Nikiforov, Detection of Abrupt Changes, section 5.2 (the exceedance of a
+    level by a sum of log likelihood ratios falls exponentially with the level).
+    """
+    scale = _scale(most)
+    return math.exp(-config.response.evidence_fail / scale) if scale else 0.0
+
+
+def _scale(most: Sequence[float]) -> float:
+    """Return the mean of exponentially distributed values, from their mean or their largest one.
+
+    The larger of both estimates, in case that a few drives are worse than the others. The largest
+    of n values is 1 + 1/2 + … + 1/n times the mean (David and Nagaraja, Order Statistics, section
+    2.5).
+    """
+    largest = max(most) / sum(1.0 / k for k in range(1, len(most) + 1))
+    return max(math.fsum(most) / len(most), largest)
+
+
+def _most_evidence(
+    model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
+) -> list[float]:
+    """Return the largest evidence of a fault in each healthy recording with windows, at least 0."""
+    found = []
+    for judged in judge_recordings(recordings, model, limits, config):
+        seen: list[WindowJudged | CutJudged] = [*judged.windows, *judged.cuts]
+        evidence = [_estimates(each).evidence for each in seen]
+        if evidence:  # a drive without windows does not show that the evidence is small
+            found.append(max(0.0, *evidence))
+    return found or [0.0]
+
+
+def _last_gain(windows: Sequence[WindowJudged | CutJudged]) -> float | None:
     return _estimates(windows[-1]).gain if windows else None
 
 
