@@ -12,7 +12,7 @@ from monitor.model.step import Model
 from training.dyno import vehicle
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.gap.verify.verification import verify
+from training.gap.verify.verification import Fold, verify
 from training.greybox.chain import base_path, settled, simulate
 from training.greybox.charge.map import INPUTS
 from training.greybox.effects.model_effect import ModelEffect
@@ -303,7 +303,7 @@ def test_a_chain_with_its_own_charge_is_verified_without_a_broadcast_one(
 ) -> None:
     silent = without(drives[2], "air_mass_mg", "maf_kg_h")
     found, told = (
-        verify(dense.path, None, [each], chain=dense.fitted.constants, faults=())
+        verify(dense.path, [Fold(None, [each])], chain=dense.fitted.constants, faults=())
         for each in (silent, drives[2])
     )
     assert found.overall.before == told.overall.before > 0.0
