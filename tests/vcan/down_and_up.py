@@ -7,14 +7,19 @@ the monitor with ``--json-lines``. Runs where vcan0 is up and may be changed; se
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
+from pathlib import Path
 
 import can
 from listening import n_receivers, wait_until_listening
 
 CHECK = [sys.executable, "-m", "tests.vcan.check_obd"]
 MONITOR = ["-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--json-lines"]
+PATIENT = (
+    "[plausibility]\nstart_patience_s = 300\n"  # silence is no fault, however slow this is
+)
 N_FRAMES = 20
 DOWN_S = 1.0
 BACK_S = 6.0  # longer than the longest wait between two tries to open the bus
@@ -22,7 +27,9 @@ BACK_S = 6.0  # longer than the longest wait between two tries to open the bus
 
 def main() -> int:
     """Return the monitor's exit code, 99 when it never listened, 98 when the check failed."""
-    with subprocess.Popen([sys.executable, *MONITOR]) as monitor:
+    settings = Path(tempfile.mkdtemp()) / "patient.toml"
+    settings.write_text(PATIENT)
+    with subprocess.Popen([sys.executable, *MONITOR, "--config", str(settings)]) as monitor:
         try:
             wait_until_listening(monitor, 60.0)
             send()
