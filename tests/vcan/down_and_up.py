@@ -17,9 +17,7 @@ from listening import n_receivers, wait_until_listening
 
 CHECK = [sys.executable, "-m", "tests.vcan.check_obd"]
 MONITOR = ["-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--json-lines"]
-PATIENT = (
-    "[plausibility]\nstart_patience_s = 300\n"  # silence is no fault, however slow this is
-)
+PATIENT = "[plausibility]\nstart_patience_s = 300\n"  # silence is no fault, however slow this is
 N_FRAMES = 20
 DOWN_S = 1.0
 BACK_S = 6.0  # longer than the longest wait between two tries to open the bus
