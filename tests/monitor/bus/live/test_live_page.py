@@ -46,7 +46,7 @@ def at_work(player: Player, frames: list[Frame] | None = None) -> Iterator[None]
     def work() -> None:
         player.feed.due_s = -1e9
         if frames:
-            player.push(frames, 20)
+            player.push(frames, 10)  # a busy machine opens a page in ten seconds
         while not stop.is_set():
             player.work(0.1)
 
