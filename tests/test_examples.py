@@ -40,7 +40,7 @@ def test_an_example_runs_as_it_is(name: str) -> None:
 @pytest.mark.waits
 def test_a_drive_on_a_virtual_bus_sets_the_flag_that_is_read_back_from_the_bus() -> None:
     # GIVEN the beginning of a drive whose sensor is late from its fifth second on
-    call = [sys.executable, str(EXAMPLES / "virtual_bus.py"), "--live", "", "--seconds", "50"]
+    call = [sys.executable, str(EXAMPLES / "virtual_bus.py"), "--live", "", "--seconds", "75"]
     # WHEN it is played in real time into a bus of this machine
     ran = subprocess.run(
         [*call, "--fault", "delay_rich_to_lean=0.8@5"],
