@@ -5,7 +5,8 @@ ECU protects each message over the low byte of its identifier, then all payload 
 checksum's own, in their order; so a frame under a wrong identifier does not pass.
 """
 
-from typing import Final
+from collections.abc import Iterable
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,8 @@ def _table() -> bytes:
     return bytes(entries)
 
 
-_TABLE: Final = np.frombuffer(_table(), dtype=np.uint8)
+_TABLE: Final = _table()
+_TABLE_ARRAY: Final = np.frombuffer(_TABLE, dtype=np.uint8)
 
 ALGORITHMS: Final = ("crc8_sae_j1850", "crc8_sae_j1850_id")  # the second begins with the id
 
@@ -38,13 +40,8 @@ def payload_checksums(
     algorithm : one of ALGORITHMS
     checksum_byte : place of the checksum in a row, which does not count
     """
-    begin = INITIAL ^ (can_id & 0xFF)
-    start = _TABLE[begin] if algorithm == "crc8_sae_j1850_id" else INITIAL
-    crc = np.full(len(payloads), start, dtype=np.uint8)
-    for position in range(payloads.shape[1]):
-        if position != checksum_byte:
-            crc = _TABLE[crc ^ payloads[:, position]]
-    return crc ^ np.uint8(FINAL_XOR)
+    start = np.full(len(payloads), _start(algorithm, can_id), dtype=np.uint8)
+    return np.asarray(_through(_TABLE_ARRAY, start, payloads.T, checksum_byte), dtype=np.uint8)
 
 
 def payload_checksum(
@@ -57,5 +54,16 @@ def payload_checksum(
     >>> hex(payload_checksum("crc8_sae_j1850", 0, b"123456789", checksum_byte=9))
     '0x4b'
     """
-    row = np.frombuffer(data, dtype=np.uint8)[np.newaxis]
-    return int(payload_checksums(algorithm, can_id, row, checksum_byte)[0])
+    return int(_through(_TABLE, _start(algorithm, can_id), data, checksum_byte))
+
+
+def _start(algorithm: str, can_id: int) -> int:
+    return _TABLE[INITIAL ^ (can_id & 0xFF)] if algorithm == "crc8_sae_j1850_id" else INITIAL
+
+
+def _through(table: Any, crc: Any, payload: Iterable[Any], checksum_byte: int) -> Any:
+    """Return the checksum of bytes: one number each, or one array each for many payloads."""
+    for position, byte in enumerate(payload):
+        if position != checksum_byte:
+            crc = table[crc ^ byte]
+    return crc ^ FINAL_XOR
