@@ -10,12 +10,12 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
 from training.narx.linear import arx
-from training.narx.linear.arx import Arx, common_delays, solve_arx
-from training.narx.linear.free_run import LinearModel, free_runs
-from training.narx.linear.output_error import fit_output_error
-from training.narx.linear.regressors import Stretch, Triangle, checked, largest_order, triangle
+from training.narx.linear.arx import common_delays, solve_arx
+from training.narx.linear.models import LinearModel, free_run_error, free_runs
+from training.narx.linear.output_error import refine
+from training.narx.linear.regressors import Stretch, Triangle, largest_order, triangle
 from training.narx.linear.responses import BAND, impulse_response, independence, whiteness
-from training.narx.linear.subspace import StateSpace, best_state_space, subspace
+from training.narx.linear.subspace import subspace
 from training.recordings.metrics import correlation, fit_percent, rmse
 from training.recordings.recording import Recording
 from training.recordings.samples.linear_data import LinearData, LinearStretch, linear_stretches
@@ -65,20 +65,22 @@ def linear(
 ) -> Figures:
     """Return the linear study of one output.
 
-    train, validate, test : stretches (u (n, k), y (n,)) without gaps; models are fitted on
+    train, validate, test : stretches (u (n, k), y (n,)) of finite samples; models are fitted on
         ``train``, orders chosen on ``validate``, fits in percent taken on ``test``
     unit : unit of the output, for the axes
     max_order : largest order of the ARX models; few samples and short stretches lower it
     The first samples of a stretch (``skip`` in the result, twice the order) set the state of every
     model and are not scored. Stretches shorter than twice ``skip`` are left out.
-    Raises RecordingError for values that are not finite, wrong shapes or too few samples.
+    Raises RecordingError for too few samples or a constant output.
     """
     roles = {"training": train, "validation": validate, "test": test}
-    order = largest_order(checked(train, inputs, "training"), max_order)
+    if not train:
+        raise RecordingError("training: no stretch of samples, at least one is wanted")
+    order = largest_order(train, max_order)
     longest = min(max((len(y) for _, y in each), default=0) for each in roles.values())
     order = min(order, max(LEAST_ORDER, longest // 4))
     skip = 2 * order
-    usable = {role: _usable(each, inputs, role, skip) for role, each in roles.items()}
+    usable = {role: _usable(each, role, skip) for role, each in roles.items()}
     data = triangle(usable["training"], skip, skip)
     learn, choose, judge = usable.values()
     case = BaselineCase(learn, choose, judge, order, skip, data, arx.arx_delays(data, order))
@@ -109,23 +111,20 @@ def linear(
     return dict(plain(result))
 
 
-def _usable(
-    stretches: Sequence[Stretch], inputs: Sequence[str], role: str, skip: int
-) -> list[Stretch]:
+def _usable(stretches: Sequence[Stretch], role: str, skip: int) -> list[Stretch]:
     """Return the stretches of at least twice ``skip`` samples."""
-    every = checked(stretches, inputs, role)
-    kept = [s for s in every if len(s[1]) >= 2 * skip]
-    if kept and np.ptp(np.concatenate([y for _, y in kept])) == 0.0:
-        raise RecordingError(f"{role}: the output is constant ({kept[0][1][0]:g})")
+    kept = [s for s in stretches if len(s[1]) >= 2 * skip]
     if not kept:
-        longest = max(len(y) for _, y in every)
+        longest = max((len(y) for _, y in stretches), default=0)
         raise RecordingError(
             f"{role}: the longest stretch has {longest} samples, {2 * skip} are wanted"
         )
+    if np.ptp(np.concatenate([y for _, y in kept])) == 0.0:
+        raise RecordingError(f"{role}: the output is constant ({kept[0][1][0]:g})")
     return kept
 
 
-def _arx_models(case: BaselineCase) -> tuple[dict[str, Arx], Figures]:
+def _arx_models(case: BaselineCase) -> tuple[dict[str, LinearModel], Figures]:
     """Return four ARX models, chosen by four criteria, and the figures of the grid of orders."""
     data, order = case.data, case.order
     grid_delays, run_delays = (
@@ -141,38 +140,37 @@ def _arx_models(case: BaselineCase) -> tuple[dict[str, Arx], Figures]:
     return models, {"candidates": len(grid), "choices": orders}
 
 
-def _state_space(case: BaselineCase) -> tuple[Sequence[StateSpace], Figures]:
+def _state_space(case: BaselineCase) -> tuple[Sequence[LinearModel], Figures]:
     """Return the state space models of all orders, and the figures with the best order."""
     found = subspace(case.data, case.skip, min(MAX_STATES, case.skip - 1))
-    best, _ = best_state_space(found, case.validate, case.skip)
-    return found.models, {
-        "past": case.skip,
-        "order": best.order,
-        "order_by_gap": found.order_by_gap,
-    }
+    errors = [free_run_error(m, case.validate, case.skip) for m in found.models]
+    order = int(np.argmin(errors)) + 1
+    return found.models, {"past": case.skip, "order": order, "order_by_gap": found.order_by_gap}
 
 
 def _output_error(
-    case: BaselineCase, states: Sequence[StateSpace], free: Arx
+    case: BaselineCase, states: Sequence[LinearModel], free: LinearModel
 ) -> tuple[LinearModel, Figures]:
     """Return the best output error model from many starts, and the figures of all starts."""
     data, none, wide = case.data, (0,) * case.data.n_inputs, min(12, case.order)
-    starts = [("subspace", m.transfer()) for m in states[:8]]
+    starts = [("subspace", m) for m in states[:8]]
     shapes = [(n, n, case.delays) for n in (1, 2, 3)] + [(n, wide, none) for n in (1, 2, 4, 6)]
     starts += [("ARX", solve_arx(data, *shape)) for shape in shapes if shape[0] <= case.order]
     if 1 <= len(free.a) <= MAX_STATES:
         starts.append(("ARX, free run", free))
-    starts = [(name, m) for name, m in starts if m.lags + len(m.a) <= case.skip]
-    best, tried = fit_output_error(case.train, case.validate, [m for _, m in starts], case.skip)
-    rows = [
-        {"start": name, **_shape(m)}
-        | {"training_rmse": np.sqrt(cost), "validation_rmse": np.sqrt(error)}
-        for (name, _), (m, cost, error) in zip(starts, tried, strict=True)
-    ]
-    return best, {**_shape(best.transfer), "starts": rows}
+    rows, models = [], []
+    for name, start in starts:
+        if start.lags + len(start.a) <= case.skip:
+            model, cost = refine(start, case.train, case.skip)
+            error = free_run_error(model, case.validate, case.skip)
+            errors = {"training_rmse": np.sqrt(cost), "validation_rmse": np.sqrt(error)}
+            rows.append({"start": name, **_shape(model), **errors})
+            models.append(model)
+    best = models[int(np.argmin([row["validation_rmse"] for row in rows]))]
+    return best, {**_shape(best), "starts": rows}
 
 
-def _shape(model: Arx) -> Figures:
+def _shape(model: LinearModel) -> Figures:
     return {"nf": len(model.a), "nb": model.b.shape[1], "nk": model.delays}
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.signal import cont2discrete, dlsim, lfilter
 
 from monitor.base.types import FloatArray
-from training.narx.linear.arx import Arx, solve_arx
+from training.narx.linear.arx import solve_arx
+from training.narx.linear.models import LinearModel
 from training.narx.linear.regressors import Stretch, triangle
 
 RNG = np.random.default_rng
@@ -77,6 +78,6 @@ def modes(n: int, rng: np.random.Generator, poles: FloatArray, disturbed: float)
     return u, y + 0.2 * disturbed * rng.standard_normal(n)
 
 
-def fit_arx(records: Sequence[Stretch], na: int, nb: int, *delays: int) -> Arx:
+def fit_arx(records: Sequence[Stretch], na: int, nb: int, *delays: int) -> LinearModel:
     """The least-squares ARX model with orders ``na`` and ``nb`` and a dead time for each input."""
     return solve_arx(triangle(records, na, max(delays) + nb - 1), na, nb, delays)

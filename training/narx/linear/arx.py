@@ -9,10 +9,8 @@ from itertools import product
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.signal import lfilter, lfiltic
 
-from monitor.base.types import FloatArray
-from training.narx.linear.free_run import free_run_error
+from training.narx.linear.models import LinearModel, free_run_error
 from training.narx.linear.regressors import Stretch, Triangle, largest_order, triangle
 
 MAX_ORDER = 20
@@ -22,70 +20,12 @@ FREE_RUN_ORDERS = (0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 30, 40)
 FREE_RUN_DELAYS = 4  # largest dead time, in samples, of the search by free run
 
 
-@dataclass(frozen=True, slots=True)
-class Arx:
-    """An ARX model in the units of its samples."""
-
-    a: FloatArray  # (na,) coefficients of y(t-1) .. y(t-na), on the left side of the equation
-    b: FloatArray  # (k, nb) coefficients of the k inputs
-    delays: tuple[int, ...]  # (k,) dead time of each input in samples
-    offset: float
-
-    @property
-    def lags(self) -> int:
-        """The number of past samples that the model needs."""
-        return max(len(self.a), max(self.delays) + self.b.shape[1] - 1)
-
-    @property
-    def n_parameters(self) -> int:
-        """The number of estimated coefficients."""
-        return len(self.a) + self.b.size + 1
-
-    @property
-    def poly(self) -> FloatArray:
-        """The polynomial A = [1, a1 ..]."""
-        return np.concatenate([[1.0], self.a])
-
-    @property
-    def stable(self) -> bool:
-        """Whether the free run forgets its start."""
-        return bool(np.all(np.abs(np.roots(self.poly)) < 1.0))
-
-    def drive(self, u: FloatArray) -> FloatArray:
-        """Return offset + B u (n,); the values before sample ``lags`` are not valid."""
-        total = np.full(len(u), self.offset)
-        for i, (delay, b) in enumerate(zip(self.delays, self.b, strict=True)):
-            total += lfilter(np.concatenate([np.zeros(delay), b]), [1.0], u[:, i])
-        return total
-
-    def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
-        """Return the free run (n,) over inputs ``u`` (n, k).
-
-        y0 : (m,) measured outputs, m at least ``lags``; they are returned unchanged and the model
-            runs freely from sample m
-        Raises ValueError if ``y0`` is too short.
-        """
-        m = len(y0)
-        if m < self.lags:
-            raise ValueError(f"{m} first outputs, the model needs {self.lags}")
-        drive = self.drive(u)
-        past = lfiltic([1.0], self.poly, np.asarray(y0)[::-1][: len(self.a)])
-        free, _ = lfilter([1.0], self.poly, drive[m:], zi=past)
-        return np.concatenate([y0, free])[: len(u)]
-
-    def predict(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the one-step predictions (n,); the first ``lags`` values are the measured ones."""
-        predicted = self.drive(u) - lfilter(np.concatenate([[0.0], self.a]), [1.0], y)
-        predicted[: self.lags] = y[: self.lags]
-        return np.asarray(predicted)
-
-
-def solve_arx(data: Triangle, na: int, nb: int, delays: Sequence[int]) -> Arx:
+def solve_arx(data: Triangle, na: int, nb: int, delays: Sequence[int]) -> LinearModel:
     """Return the least-squares ARX model from condensed samples with at least its lags."""
     theta = data.solve(_columns(data, na, nb, delays))
     n_b = nb * data.n_inputs
     b = theta[1 : 1 + n_b].reshape(data.n_inputs, nb)
-    return Arx(-theta[1 + n_b :], b, tuple(delays), float(theta[0]))
+    return LinearModel(-theta[1 + n_b :], b, tuple(delays), float(theta[0]))
 
 
 def _columns(data: Triangle, na: int, nb: int, delays: Sequence[int]) -> list[int]:
@@ -101,8 +41,7 @@ class ArxCandidate:
     nb: int
     delays: tuple[int, ...]
     n_parameters: int
-    loss: float  # mean squared one-step error on the training samples
-    validation_loss: float
+    validation_loss: float  # mean squared one-step error
     aic: float
     mdl: float
 
@@ -142,7 +81,6 @@ def order_grid(
                     nb=nb,
                     delays=choice,
                     n_parameters=d,
-                    loss=loss,
                     validation_loss=held_out_loss,
                     aic=float(aic),
                     mdl=float(mdl),
@@ -184,7 +122,7 @@ def common_delays(n_inputs: int, largest: int, *others: tuple[int, ...]) -> list
 
 def best_in_free_run(
     data: Triangle, validate: Sequence[Stretch], max_order: int, delays: Sequence[tuple[int, ...]]
-) -> Arx:
+) -> LinearModel:
     """Return the ARX model with the least free-run error on ``validate``.
 
     data : condensed training samples
@@ -194,7 +132,7 @@ def best_in_free_run(
     none is better.
     """
     skip = max(data.y_lags, data.u_lags)
-    known: dict[tuple[int, int, tuple[int, ...]], tuple[float, Arx]] = {}
+    known: dict[tuple[int, int, tuple[int, ...]], tuple[float, LinearModel]] = {}
 
     def score(key: tuple[int, int, tuple[int, ...]]) -> float:
         if key not in known:
@@ -220,7 +158,7 @@ def best_in_free_run(
 
 def choose_arx(
     train: Sequence[Stretch], validate: Sequence[Stretch], max_order: int = MAX_ORDER
-) -> Arx:
+) -> LinearModel:
     """Return the ARX model fitted on ``train`` with the least free-run error on ``validate``.
 
     It is the linear reference for the free-run error of nonlinear models. na goes up to

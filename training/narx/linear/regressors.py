@@ -3,8 +3,7 @@
 A stretch is ``(u, y)`` with shapes (n, k) and (n,) on one sample grid. No regressor reaches across
 the end of a stretch. R is the triangular factor of the rows
 ``[1, y(t) .. y(t-Ly), u1(t) .. u1(t-Lu), u2(t) ..]``. Least squares on any columns of R gives the
-same result as on all samples, but R has only as many rows as columns. All linear models of the
-study are solved from R.
+same result as on all samples, but R has only as many rows as columns.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,30 +17,6 @@ from monitor.base.types import FloatArray
 
 Stretch = tuple[FloatArray, FloatArray]
 CHUNK = 4000  # rows condensed at a time
-
-
-def checked(stretches: Sequence[Stretch], inputs: Sequence[str], role: str) -> list[Stretch]:
-    """Return the stretches as float64.
-
-    role : name of the stretches' role, for messages
-    Raises RecordingError without a stretch, for a wrong shape or a value that is not finite.
-    """
-    if not stretches:
-        raise RecordingError(f"{role}: no stretch of samples, at least one is wanted")
-    result = []
-    for index, stretch in enumerate(stretches):
-        where = f"{role}, stretch {index}"
-        u, y = (np.asarray(signal, dtype=np.float64) for signal in stretch)
-        if u.shape != (len(y), len(inputs)) or y.ndim != 1:
-            raise RecordingError(
-                f"{where}: inputs {u.shape} and output {y.shape}, wanted (n, {len(inputs)}), (n,)"
-            )
-        bad = [name for i, name in enumerate(inputs) if not np.isfinite(u[:, i]).all()]
-        bad += [] if np.isfinite(y).all() else ["the output"]
-        if bad:
-            raise RecordingError(f"{where}: {', '.join(bad)} has values that are not finite")
-        result.append((u, y))
-    return result
 
 
 def largest_order(stretches: Sequence[Stretch], wanted: int) -> int:
@@ -79,18 +54,12 @@ class Triangle:
         """Return the column numbers of input ``index`` at t - lag."""
         return [2 + self.y_lags + index * (self.u_lags + 1) + lag for lag in lags]
 
-    def solve(self, columns: Sequence[int], target: Sequence[int] = (1,)) -> FloatArray:
-        """Return the least-squares coefficients (n_columns,) or (n_columns, n_target).
-
-        columns : column numbers of the regressors
-        target : column numbers of the targets; default: y(t)
-        """
+    def solve(self, columns: Sequence[int]) -> FloatArray:
+        """Return the least-squares coefficients (n_columns,) of y(t) on these columns."""
         left = self.factor[:, columns]
         scale = np.linalg.norm(left, axis=0)
         scale[scale == 0.0] = 1.0
-        right = self.factor[:, target]
-        theta = np.linalg.lstsq(left / scale, right, rcond=1e-10)[0] / scale[:, None]
-        return theta[:, 0] if len(target) == 1 else np.asarray(theta)
+        return np.asarray(np.linalg.lstsq(left / scale, self.factor[:, 1], rcond=1e-10)[0] / scale)
 
 
 def lagged_rows(stretch: Stretch, y_lags: int, u_lags: int) -> Iterator[FloatArray]:
