@@ -21,7 +21,8 @@ from benchmarks.speed.training_packages import package
 from benchmarks.training_sets.public_data import Plant, PlantRecord
 from training.limits.evaluation import predict
 from training.narx.fit import FitOptions, FitSource, fit
-from training.narx.linear.arx import choose_arx
+from training.narx.linear.arx import MAX_ORDER, arx_delays, best_in_free_run
+from training.narx.linear.regressors import largest_order, triangle
 from training.narx.network import describe
 from training.recordings.prediction import Model
 from training.recordings.recording import of_columns
@@ -82,7 +83,9 @@ def begun(record: PlantRecord, washout: int, lags: int) -> tuple[PlantRecord, in
 def arx(plant: Plant, work: Work) -> FreeRuns:
     """Return the free runs of the best ARX in free run of all orders up to 20."""
     fitted, held_out = ([(r.u, r.y) for r in part] for part in halves(plant))
-    model = choose_arx(fitted, held_out)
+    order = largest_order(fitted, MAX_ORDER)
+    data = triangle(fitted, order, 2 * order)
+    model = best_in_free_run(data, held_out, order, arx_delays(data, order))
     runs = {}
     for name, test in plant.tests.items():
         record, extra = begun(test, plant.washout, model.lags)
@@ -165,12 +168,8 @@ def jax_sysid(plant: Plant, work: Work) -> FreeRuns:
     def scaled(record: PlantRecord) -> tuple[np.ndarray, np.ndarray]:
         return (record.u - u_mean) / u_std, ((record.y - y_mean) / y_std)[:, None]
 
-    draw, k, h, n = (
-        np.random.default_rng(work.seed).standard_normal,
-        every.u.shape[1],
-        NEURONS,
-        STATES,
-    )
+    draw, k = np.random.default_rng(work.seed).standard_normal, every.u.shape[1]
+    h, n = NEURONS, STATES
     weights = [
         *(0.5 * np.eye(n), 0.1 * draw((n, k)), 0.1 * draw((1, n))),
         *(0.1 * draw((h, n)), 0.5 * draw((h, k)), 0.5 * draw((n, h)), np.zeros(h), np.zeros(n)),

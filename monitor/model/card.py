@@ -118,7 +118,7 @@ class ModelCard:
     effects: tuple[Mapping[str, Any], ...] = ()  # added by the gap workflow
     structure: Mapping[str, Any] = field(default_factory=dict)  # form of the lags, by kind
     fit: Mapping[str, Any] = field(default_factory=dict)  # fit measures on held-out samples
-    checks: Mapping[str, Any] = field(default_factory=dict)  # parity, stability
+    checks: Mapping[str, Any] = field(default_factory=dict)  # contraction, work of the training
     limits: Mapping[str, Limit] = field(default_factory=dict)
     reference: Mapping[str, Any] = field(default_factory=dict)  # healthy reference of this vehicle
     packages: Mapping[str, str] = field(default_factory=dict)

@@ -135,7 +135,7 @@ def _print_fit(result: "FitResult") -> None:
     spec = result.network.spec
     n = len(result.data.role)
     if result.tries:
-        members = result.starts[result.best].members
+        members = result.chosen.model.members
         mean = f", the mean of {members} trainings" if members > 1 else ""
         print(f"chosen of {len(result.tries)} structures: {describe(spec)}{mean}")
     print(

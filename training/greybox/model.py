@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -189,7 +189,7 @@ def write_model(
     """Write the model file and how it forgets its start; return its card."""
     card = _card(greybox, fitted, data, predicted)
     save(out, greybox, card)
-    checks = {"contraction": contraction(out, data, seed).to_card()}
+    checks = {"contraction": asdict(contraction(out, data, seed))}
     card = replace(card, checks=checks)
     save(out, greybox, card)
     return card

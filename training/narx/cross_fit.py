@@ -21,7 +21,7 @@ from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model, to_model_units
 from training.narx.export import Network, save
-from training.narx.model_file import measures, shape_of
+from training.narx.model_file import measures, network_of, shape_of
 from training.narx.network import Spec
 from training.narx.search.mean import mean_of
 from training.narx.search.stages import HORIZONS, N_SAMPLES, Trained, free_run, train
@@ -102,7 +102,7 @@ def cross_fit(
     are left is not trained.
     work : budget, of which each twin has an equal part
     """
-    recorded = replace(data, samples=_as_recorded(data))
+    recorded = replace(data, samples=as_recorded(data))
     left_out = _left_out(data)
     work = work or Work()
     parts = work.split(len(left_out))
@@ -112,15 +112,7 @@ def cross_fit(
         if not members:
             return None
         shape, weights = mean_of([(each.spec, each.weights) for each in members])
-        network = Network(
-            spec=shape,
-            weights=weights,
-            scaling=data.scaling,
-            transform=data.transform,
-            transforms=data.transforms,
-            inputs=data.names,
-        )
-        return Twin(network, rows), free_run(recorded, shape, weights)
+        return Twin(network_of(data, shape, weights), rows), free_run(recorded, shape, weights)
 
     with ThreadPoolExecutor(max(1, threads)) as pool:
         found = [each for each in pool.map(one, left_out, parts) if each]
@@ -183,9 +175,8 @@ def _trained(
     for start in range(STARTS):
         own = work.up_to(work.left)
         try:
-            trained = train(
-                seen, spec, seed + start, own, None, horizons, n_samples=N_SAMPLES, decay=decay
-            )
+            begun = Trained(spec, decay=decay, seed=seed + start)
+            trained = train(seen, begun, own, horizons=horizons, n_samples=N_SAMPLES)
         except RecordingError:  # no validation block is longer than the memory
             return []
         work.join([own])
@@ -195,7 +186,7 @@ def _trained(
     return found
 
 
-def _as_recorded(data: Prepared) -> Samples:
+def as_recorded(data: Prepared) -> Samples:
     """Return the scaled samples without the changes that training makes to them."""
     inputs, outputs = [], []
     for s in data.segments:

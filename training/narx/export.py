@@ -1,4 +1,4 @@
-"""The NARX as an ONNX graph with its card, and the proof that graph and numpy agree.
+"""The NARX as an ONNX graph with its card, and the file of any graph.
 
 State: for every lag, newest first, the scaled inputs and then the output in model units, so that
 one slice shifts it. The matrix products are Gemm with the batch as rows: of the formulations

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,20 +41,13 @@ class FitResult:
     card: ModelCard
     network: Network
     data: Prepared
-    starts: tuple[Trained, ...]
-    best: int  # number of the training that is the model
+    chosen: NetworkChoice
     predicted: FloatArray  # (n,) free run over data.samples in model units, NaN at the beginnings
     held_out: tuple[HeldOut, ...]
     unseen: CrossFit  # free runs of twins over what they did not see
     tries: tuple[Try, ...]  # structures that were tried, none if the shape was given
     seconds: float
     warnings: tuple[str, ...]
-
-    @property
-    def members(self) -> tuple[Trained, ...]:
-        """Return the trainings whose mean the model is."""
-        model = self.starts[self.best]
-        return tuple(t for t in self.starts if t.members == 1) if model.members > 1 else (model,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,8 +134,7 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
         card=card,
         network=network,
         data=data,
-        starts=chosen.starts,
-        best=chosen.best,
+        chosen=chosen,
         predicted=run,
         held_out=held_out(data),
         unseen=twins,
@@ -151,7 +144,6 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
             *warnings,
             *_training_warnings(chosen, data.memory),
             *([ENDED_EARLY] if whole.ended_by_wall else []),
-            *_parity_warnings(card),
         ),
     )
 
@@ -190,8 +182,8 @@ def _trained(data: Prepared, options: FitOptions, work: Work) -> NetworkChoice:
     parts = work.split(count)
 
     def one(start: int) -> Trained:
-        progress = (lambda h, e, s: told(start, h, e, s)) if told else None
-        return train(data, spec, options.seed + 1000 * start, parts[start], progress)
+        begun, progress = options.seed + 1000 * start, partial(told, start) if told else None
+        return train(data, Trained(spec, seed=begun), parts[start], progress)
 
     with ThreadPoolExecutor(max(1, min(options.threads, count))) as pool:
         found = list(pool.map(one, range(count)))
@@ -223,13 +215,3 @@ def _training_warnings(chosen: NetworkChoice, memory: int) -> list[str]:
     if cut:
         warnings.append(f"the budget ended {cut} of {len(begun)} starts before their last stage")
     return warnings
-
-
-def _parity_warnings(card: ModelCard) -> list[str]:
-    found = card.checks["parity"]
-    if found["onnx_numpy"] <= found["tolerance"]:
-        return []
-    return [
-        f"the model file's float32 rounding adds up to {found['onnx_numpy']:.2g} over "
-        f"{found['samples']} samples of free run: the output integrates"
-    ]

@@ -1,7 +1,7 @@
-"""The model file of a training: its graph, its card with measures, its parity proved."""
+"""The model file of a training: its graph, its card with measures."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +13,7 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import from_model_units
 from training.narx.export import Network, save
-from training.narx.parity import parity
+from training.narx.network import Spec
 from training.narx.search.stability import Contraction
 from training.narx.search.stages import Trained, free_run
 from training.narx.work import Work
@@ -21,7 +21,6 @@ from training.recordings import metrics
 from training.recordings.recording import training_recording
 from training.recordings.samples.preparation import Prepared, Role
 
-PARITY_SAMPLES = 3000
 PACKAGES = ("numpy", "onnx", "onnxruntime", "scipy")  # whose versions stand in the card
 
 
@@ -90,18 +89,10 @@ def write_model(
     unseen : measures of twins that did not see what they predict, for the card
     work : of the training, for the card
     The free run is that over ``data.samples``, (n,) in model units, NaN at the beginnings.
-    Raises ModelError if ONNX and numpy disagree.
     """
-    network = Network(
-        spec=model.spec,
-        weights=model.weights,
-        scaling=data.scaling,
-        transform=data.transform,
-        transforms=data.transforms,
-        inputs=data.names,
-    )
+    network = network_of(data, model.spec, model.weights)
     predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
-    checks: dict[str, Any] = {"contraction": gap.to_card()}
+    checks: dict[str, Any] = {"contraction": asdict(gap)}
     if work:
         checks["work"] = {"counted": work.spent, "ended_by_wall": work.ended_by_wall}
     card = card_of(
@@ -109,24 +100,18 @@ def write_model(
         predicted,
         kind="narx",
         transforms=data.transforms,
+        unseen=unseen,
         checks=checks,
         **shape_of(network, model.members),
     )
     save(out, network, card)
-    checks = {**checks, "parity": _parity(out, network, data)}
-    card = replace(card, checks=checks, fit={**card.fit, **({"unseen": unseen} if unseen else {})})
-    save(out, network, card)
     return network, card, predicted
 
 
-def _parity(out: Path | str, network: Network, data: Prepared) -> dict[str, float]:
-    segment = max(data.segments, key=lambda s: s.stop - s.start)
-    recording = data.recordings[segment.recording]
-    order = [list(recording.names).index(name) for name in network.inputs]
-    n = min(PARITY_SAMPLES, segment.stop - segment.start)
-    u = recording.values[segment.first : segment.first + n, order]
-    y = data.scaling.unscale_y(data.samples.y[segment.start : segment.start + n])
-    return asdict(parity(out, network, u, y))
+def network_of(data: Prepared, spec: Spec, weights: FloatArray) -> Network:
+    """Return the network with the scaling, transforms and inputs of its data."""
+    own = (data.scaling, data.transform, data.transforms, data.names)
+    return Network(spec, weights, *own)
 
 
 def shape_of(network: Network, members: int = 1) -> dict[str, Any]:
@@ -145,10 +130,13 @@ def shape_of(network: Network, members: int = 1) -> dict[str, Any]:
     }
 
 
-def card_of(data: Prepared, predicted: FloatArray, **own: Any) -> ModelCard:
+def card_of(
+    data: Prepared, predicted: FloatArray, *, unseen: Mapping[str, Any] | None = None, **own: Any
+) -> ModelCard:
     """Return the card of a model that was fitted to ``data``.
 
     predicted : (n,) free run over ``data.samples`` in model units, for the measures
+    unseen : measures of twins
     own : fields that depend on the kind of model
     """
     test = data.role == Role.TEST
@@ -162,7 +150,7 @@ def card_of(data: Prepared, predicted: FloatArray, **own: Any) -> ModelCard:
         recordings=recordings_of(data),
         residual_mean=enabled.get("residual_mean", 0.0),
         residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
-        fit={"test": everything, "test_enabled": enabled},
+        fit={"test": everything, "test_enabled": enabled} | ({"unseen": unseen} if unseen else {}),
         packages={name: version(name) for name in PACKAGES},
         **own,
     )

@@ -59,26 +59,16 @@ class Work:
         self.spent += sum(part.spent for part in parts)
         self.ended_by_wall |= any(part.ended_by_wall for part in parts)
 
-    def on(self, n_samples: int, n_weights: int) -> "Meter":
-        """Return the meter of a run of epochs over so many samples and weights."""
-        return Meter(self, of_epoch(n_samples, n_weights))
+    def allows(self, epoch: float) -> bool:
+        """Return whether an epoch of this work may begin; the first that may not ends the budget.
 
+        epoch : from ``of_epoch``
+        """
+        self.is_used_up |= self.spent + epoch > self.limit
+        return not self.is_over()
 
-class Meter:
-    """Counts the epochs of one run."""
-
-    def __init__(self, work: Work, per_epoch: float) -> None:
-        self._work, self._per_epoch = work, per_epoch
-
-    def is_over(self) -> bool:
-        """Return whether the budget allows no further epoch."""
-        work = self._work
-        work.is_used_up |= work.spent + self._per_epoch > work.limit
-        return work.is_over()
-
-    def begins_epoch(self) -> bool:
-        """Count a further epoch; return False if the budget allows none."""
-        if self.is_over():
-            return False
-        self._work.spent += self._per_epoch
-        return True
+    def begins(self, epoch: float) -> bool:
+        """Count an epoch of this work; return False if the budget allows none."""
+        may = self.allows(epoch)
+        self.spent += epoch if may else 0.0
+        return may

@@ -127,15 +127,12 @@ def _usable(stretches: Sequence[Stretch], role: str, skip: int) -> list[Stretch]
 def _arx_models(case: BaselineCase) -> tuple[dict[str, LinearModel], Figures]:
     """Return four ARX models, chosen by four criteria, and the figures of the grid of orders."""
     data, order = case.data, case.order
-    grid_delays, run_delays = (
-        common_delays(data.n_inputs, min(most, order), case.delays)
-        for most in (arx.GRID_DELAYS, arx.FREE_RUN_DELAYS)
-    )
+    grid_delays = common_delays(data.n_inputs, min(arx.GRID_DELAYS, order), case.delays)
     held_out = triangle(case.validate, case.skip, case.skip)
     grid = arx.order_grid(data, held_out, order, grid_delays)
     best = {n: min(grid, key=lambda c: getattr(c, key)) for n, key in CRITERIA.items()}
     models = {n: solve_arx(data, c.na, c.nb, c.delays) for n, c in best.items()}
-    models["arx_free_run"] = arx.best_in_free_run(data, case.validate, order, run_delays)
+    models["arx_free_run"] = arx.best_in_free_run(data, case.validate, order, case.delays)
     orders = {n: {"na": len(m.a), "nb": m.b.shape[1], "nk": m.delays} for n, m in models.items()}
     return models, {"candidates": len(grid), "choices": orders}
 

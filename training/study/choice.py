@@ -64,11 +64,11 @@ def free_structure(task: Task, _: Parts) -> dict[str, Any]:
 
 
 def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
-    spec, members = result.network.spec, result.members
-    limit_minutes = max(task.settings.budget_minutes, 0.1) / 5
+    spec, members = result.network.spec, result.chosen.members
+    limits = [Work.of_minutes(max(task.settings.budget_minutes, 0.1) / 5) for _ in members]
     alone = [  # the same initial weights, one step ahead only
-        train(task.data, t.spec, t.seed, Work.of_minutes(limit_minutes), horizons=(), decay=t.decay)
-        for t in members
+        train(task.data, Trained(t.spec, decay=t.decay, seed=t.seed), work, horizons=())
+        for t, work in zip(members, limits, strict=True)
     ]
     one_step = mean_of([(t.spec, t.weights) for t in alone])[1]
     best = min(members, key=lambda t: t.score)
@@ -79,7 +79,7 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
         "n_weights": spec.n_weights,
         "warnings": result.warnings,
         "stage": min(best.stages, key=lambda s: min(s.scores)).name if best.stages else "none",
-        "starts": [t.score for t in result.starts],
+        "starts": [t.score for t in result.chosen.starts],
         "tries": [asdict(t.structure) | {"n_weights": t.n_weights, "rmse": t.rmse} for t in tries],
     }
     return plain(tables) | {
@@ -236,6 +236,5 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
                 k: {"value": v.value, "z": v.value / spread, "unit": v.unit, "origin": v.origin}
                 for k, v in card.limits.items()
             },
-            "parity": card.checks["parity"],
         }
     )

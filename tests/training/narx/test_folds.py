@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from tests.helpers.drives.recordings import recording_of
 from training.narx.search.folds import folds_of, free_folds, trained_on_all
 from training.narx.search.mean import choose
-from training.narx.search.stages import free_run_score
+from training.narx.search.stages import blocks_of
 from training.narx.search.structure import Search
 from training.narx.work import PER_MINUTE, Work
 from training.recordings.recording import Recording
@@ -41,7 +41,7 @@ def test_the_mean_has_seen_all_folds_and_is_better_on_unseen_blocks_than_most_me
     assert {each.fold for each in members} == set(range(len(data)))
     mean = choose(data[0], members, 0, Work(), join=True).model
     assert mean.members == len(members)
-    unseen = [free_run_score(data[0], t.spec, t.weights, Role.TEST) for t in (mean, *members)]
+    unseen = [blocks_of(data[0], t.spec, Role.TEST).score(t.weights) for t in (mean, *members)]
     assert unseen[0] < np.median(unseen[1:])
 
 

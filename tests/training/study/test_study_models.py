@@ -13,7 +13,7 @@ from monitor.base.types import FloatArray
 from tests.helpers.drives.recordings import recording_of
 from tests.helpers.drives.tanks import TANK_PERIOD_S, leaking_tank
 from training.narx.network import Spec, initial_weights
-from training.narx.search.stages import free_run_score
+from training.narx.search.stages import blocks_of
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, prepare
 from training.study.narx.candidates import (
@@ -192,7 +192,7 @@ def test_the_best_model_is_tuned_and_stored_with_its_weights(
     network = (stored(folder / f"{tuned['weights_key']}.json") or {})["network"]
     spec, weights = spec_from(network["spec"]), np.array(network["weights"])
     assert spec.lags == FEW[tuned["number"] - 1].lags
-    score = free_run_score(data, spec, weights)
+    score = blocks_of(data, spec).score(weights)
     assert score == pytest.approx(tuned["after"]["validation_score"], rel=1e-4)
 
 

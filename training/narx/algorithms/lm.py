@@ -13,7 +13,6 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from monitor.base.types import FloatArray
-from training.narx.work import Meter
 
 
 class Objective(Protocol):
@@ -55,7 +54,7 @@ class Watch:
 
     max_fail : accepted steps in a row without a better validation score, which end the run
     min_gradient : a shorter gradient ends the run
-    validate, meter, progress : as in ``minimise``
+    validate, begins, progress : as in ``minimise``
     Raises ValueError if the cost at the start is not finite.
     """
 
@@ -66,7 +65,7 @@ class Watch:
         max_fail: int,
         min_gradient: float,
         validate: Callable[[FloatArray], float] | None = None,
-        meter: Meter | None = None,
+        begins: Callable[[], bool] | None = None,
         progress: Callable[[int, float], None] | None = None,
     ) -> None:
         if not np.isfinite(cost):
@@ -74,11 +73,11 @@ class Watch:
         score = validate(weights) if validate else cost
         self.outcome = LmOutcome(weights.copy(), score, "epochs", [cost], [score])
         self._max_fail, self._min_gradient, self._failures = max_fail, min_gradient, 0
-        self._validate, self._meter, self._progress = validate, meter, progress
+        self._validate, self._begins, self._progress = validate, begins, progress
 
     def over_budget(self) -> bool:
         """Count an epoch; return whether none may begin, and note it as the reason of the end."""
-        return self._ends(self._meter is not None and not self._meter.begins_epoch(), "budget")
+        return self._ends(self._begins is not None and not self._begins(), "budget")
 
     def at_rest(self, gradient: FloatArray) -> bool:
         """Return whether the gradient is too short, and note it as the reason of the end."""
@@ -117,13 +116,13 @@ def minimise(
     weights: FloatArray,
     options: LmOptions | None = None,
     validate: Callable[[FloatArray], float] | None = None,
-    meter: Meter | None = None,
+    begins: Callable[[], bool] | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> LmOutcome:
     """Return the best weights that the method reaches from ``weights``; the cost never rises.
 
     validate : score of weights, lower is better; the weights with the best score are returned
-    meter : counts the epochs and ends the run when the budget is used up
+    begins : counts an epoch; False ends the run, because the budget is used up
     progress : called with the epoch and the cost after every epoch
     Raises ValueError if the objective is not finite at the start.
     """
@@ -136,7 +135,7 @@ def minimise(
         max_fail=options.max_fail,
         min_gradient=options.min_gradient,
         validate=validate,
-        meter=meter,
+        begins=begins,
         progress=progress,
     )
     for _ in range(options.epochs):

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from training.narx.linear.models import LinearModel, free_run_error
-from training.narx.linear.regressors import Stretch, Triangle, largest_order, triangle
+from training.narx.linear.regressors import Stretch, Triangle
 
 MAX_ORDER = 20
 MAX_DELAY = 20  # samples
@@ -121,12 +121,12 @@ def common_delays(n_inputs: int, largest: int, *others: tuple[int, ...]) -> list
 
 
 def best_in_free_run(
-    data: Triangle, validate: Sequence[Stretch], max_order: int, delays: Sequence[tuple[int, ...]]
+    data: Triangle, validate: Sequence[Stretch], max_order: int, delays: tuple[int, ...]
 ) -> LinearModel:
     """Return the ARX model with the least free-run error on ``validate``.
 
     data : condensed training samples
-    delays : choices of dead times, (k,) samples each
+    delays : (k,) samples, tried beside dead times that are common to all inputs
     The search goes over na up to ``max_order`` and nb up to twice that: first a coarse grid (na = 0
     is the impulse response model and always stable), then the neighbours of the best model until
     none is better.
@@ -144,9 +144,9 @@ def best_in_free_run(
         longest = min(2 * max_order, data.u_lags + 1 - max(choice))
         return 0 <= na <= max_order and 1 <= nb <= longest
 
-    best = min(
-        (k for k in product(FREE_RUN_ORDERS, FREE_RUN_ORDERS, delays) if possible(*k)), key=score
-    )
+    choices = common_delays(data.n_inputs, min(FREE_RUN_DELAYS, max_order), delays)
+    grid = product(FREE_RUN_ORDERS, FREE_RUN_ORDERS, choices)
+    best = min((k for k in grid if possible(*k)), key=score)
     while True:
         na, nb, choice = best
         near = [(na + i, nb + j, choice) for i, j in product((-1, 0, 1), repeat=2)]
@@ -154,20 +154,3 @@ def best_in_free_run(
         if score(better) >= score(best):
             return known[best][1]
         best = better
-
-
-def choose_arx(
-    train: Sequence[Stretch], validate: Sequence[Stretch], max_order: int = MAX_ORDER
-) -> LinearModel:
-    """Return the ARX model fitted on ``train`` with the least free-run error on ``validate``.
-
-    It is the linear reference for the free-run error of nonlinear models. na goes up to
-    ``max_order`` or less with few samples, nb up to twice that. Dead times are common to all inputs
-    or those of ``arx_delays``.
-    Raises RecordingError if there are too few samples.
-    """
-    order = largest_order(train, max_order)
-    data = triangle(train, order, 2 * order)
-    n_inputs = data.n_inputs
-    choices = common_delays(n_inputs, min(FREE_RUN_DELAYS, order), arx_delays(data, order))
-    return best_in_free_run(data, validate, order, choices)

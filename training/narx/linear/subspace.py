@@ -68,7 +68,5 @@ def _realise(x: FloatArray, x_next: FloatArray, factor: FloatArray, feed: list[i
     theta = np.linalg.lstsq(np.hstack([x, v, innovation[:, None]]), x_next, rcond=None)[0].T
     A, B, K, C, D = theta[:, :n], theta[:, n:-1], theta[:, -1], output[:n], output[n:]
     sides = [ss2tf(A, B[:, [i]], C[None], D[[i], None])[0][0] for i in range(len(D))]
-    poly, filtered = (np.poly(m).real[1:] for m in (A, A - np.outer(K, C)))
-    return LinearModel(
-        poly, np.array(sides[:-1]), (0,) * (len(D) - 1), float(sides[-1].sum()), filtered
-    )
+    a, c = (np.poly(m).real[1:].astype(np.float64) for m in (A, A - np.outer(K, C)))
+    return LinearModel(a, np.array(sides[:-1]), (0,) * (len(D) - 1), float(sides[-1].sum()), c)

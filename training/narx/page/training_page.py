@@ -22,15 +22,15 @@ from training.pages.page import page
 
 def write_report(path: Path | str, result: FitResult) -> None:
     """Write the page; figures are embedded, nothing is loaded from elsewhere."""
-    chosen = {each.spec for each in result.members}
+    chosen = {each.spec for each in result.chosen.members}
     write_page(
         path,
         result,
         "fit/training.html",
         f"Training of {result.path.name}",
         shape=describe(result.network.spec),
-        trainings=sum(t.members == 1 for t in result.starts),
-        members=len(result.members),
+        trainings=sum(t.members == 1 for t in result.chosen.starts),
+        members=len(result.chosen.members),
         tries=sorted(result.tries, key=lambda t: t.rmse),
         is_chosen=lambda t: t.structure.spec(result.data) in chosen,
         unseen=result.card.fit.get("unseen"),
@@ -62,15 +62,16 @@ def write_page(
 
 def _training_curves(result: FitResult) -> Drawing:
     """Draw the error of each start over its epochs, and the horizons of the chosen one."""
-    runs = [_joined([np.array(stage.scores) for stage in start.stages]) for start in result.starts]
+    starts, model = result.chosen.starts, result.chosen.model
+    runs = [_joined([np.array(stage.scores) for stage in start.stages]) for start in starts]
     at = np.arange(max(map(len, runs)), dtype=np.float64)
     lines = []
     for index, scores in enumerate(runs):
         y = np.full(len(at), np.nan)
         y[: len(scores)] = scores * result.data.scaling.y_std
-        name = f"start {index + 1}" + (", chosen" if index == result.best else "")
+        name = f"start {index + 1}" + (", chosen" if starts[index] is model else "")
         lines.append(layer("line", y=y, label=name, color=index))
-    stages = result.starts[result.best].stages
+    stages = model.stages
     begins = np.cumsum([0, *(len(stage.scores) - 1 for stage in stages)])[: len(stages)]
     names = [stage.name.removeprefix("horizon ") for stage in stages]
     horizons = layer("rule", x=begins, text=names, color="quiet", width=0.7)

@@ -23,23 +23,17 @@ Member = tuple[Spec, FloatArray]  # shape and weights of one training
 
 @dataclass(frozen=True, slots=True)
 class NetworkChoice:
-    """The trainings that may be the model, the number of the model, how well it forgets."""
+    """The trainings that may be the model, the model, how well it forgets."""
 
     starts: tuple[Trained, ...]
-    best: int
+    model: Trained
     gap: Contraction
 
     @property
-    def model(self) -> Trained:
-        """Return the training that is the model."""
-        return self.starts[self.best]
-
-    @property
-    def members(self) -> list[Trained]:
+    def members(self) -> tuple[Trained, ...]:
         """Return the trainings whose mean the model is."""
-        return (
-            [t for t in self.starts if t.members == 1] if self.model.members > 1 else [self.model]
-        )
+        alone = tuple(t for t in self.starts if t.members == 1)
+        return alone if self.model.members > 1 else (self.model,)
 
     @property
     def best_member(self) -> Trained:
@@ -71,8 +65,7 @@ def choose(
             best = mean
     if all(t is not best for t in starts):
         starts.append(best)
-    number = next(i for i, t in enumerate(starts) if t is best)
-    return NetworkChoice(tuple(starts), number, settling(data, best.spec, best.weights, seed))
+    return NetworkChoice(tuple(starts), best, settling(data, best.spec, best.weights, seed))
 
 
 def _forgets(data: Prepared, trained: Trained, seed: int) -> bool:

@@ -23,15 +23,6 @@ class Contraction:
     pairs: int
     samples: int = CONTRACTION_SAMPLES
 
-    def to_card(self) -> dict[str, float]:
-        """Return the entry for a card."""
-        return {
-            "gap": self.gap,
-            "samples": self.samples,
-            "pairs": self.pairs,
-            "limit": self.limit,
-        }
-
 
 def contraction(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
     """Return how far predictions from random pairs of histories are apart after a while.

@@ -9,6 +9,7 @@ forgotten it, so that the network learns to forget.
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +20,7 @@ from training.narx.algorithms.lm import LmOptions, LmOutcome, minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, measured_history
 from training.narx.network import Spec, initial_weights, layers, linear_path, simulate
 from training.narx.search.stability import contraction
-from training.narx.work import Work
+from training.narx.work import Work, of_epoch
 from training.recordings.samples.preparation import Prepared, Role
 
 HORIZONS = (20, 100, 1000)  # samples
@@ -47,11 +48,11 @@ class Trained:
     """The best weights of one start."""
 
     spec: Spec
-    weights: FloatArray
-    score: float  # free-run validation, mean of the blocks' RMSE, scaled and weighted
+    weights: FloatArray = field(default_factory=lambda: np.zeros(0))  # none before the training
+    score: float = np.inf  # free-run validation, mean of the blocks' RMSE, scaled and weighted
     stages: list[Stage] = field(default_factory=list)
     members: int = 1  # trainings of a mean, which has no stages
-    decay: float = 0.0  # of the weights, see ``ClosedLoop``
+    decay: float = 0.0  # this times every squared weight is added to the error, scaled units
     seed: int = 0  # of the first weights
     fold: int = 0  # whose validation blocks stopped it
 
@@ -63,13 +64,6 @@ def free_run(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
     stop = np.array([s.stop for s in whole], dtype=np.int64)
     history = measured_history(data.samples, spec.lags, start)
     return simulate(spec, weights, u=data.samples.u, start=start, stop=stop, history=history)
-
-
-def free_run_score(
-    data: Prepared, spec: Spec, weights: FloatArray, role: Role = Role.VALIDATE
-) -> float:
-    """Return the free-run score on the blocks of ``role``: mean of their RMSE, scaled units."""
-    return blocks_of(data, spec, role).score(weights)
 
 
 def blocks_of(
@@ -146,29 +140,26 @@ def random_pieces(data: Prepared, spec: Spec, rng: np.random.Generator, n_sample
 
 def train(
     data: Prepared,
-    spec: Spec,
-    seed: int,
+    start: Trained,
     work: Work | None = None,
     progress: Callable[[int, int, float], None] | None = None,
     horizons: tuple[int, ...] = HORIZONS,
     n_samples: int | None = None,
-    decay: float = 0.0,
-    weights: FloatArray | None = None,
 ) -> Trained:
     """Return the best weights of one start by free-run validation on the way through ``horizons``.
 
+    start : trained on from its weights; without weights it begins with random ones, series-parallel
     work : budget; when it is used up, no further epoch begins
     progress : called with horizon, epoch and best validation score after every epoch
     n_samples : most training samples, about; horizons below 100 take at most ``N_SAMPLES``,
         because they only prepare the longer ones
-    decay : this times every squared weight is added to the mean squared error, scaled units
-    weights : first weights; None begins with random ones and series-parallel training
     """
-    work = work or Work()
-    rng = np.random.default_rng(seed)
-    if weights is None:
-        weights, horizons = initial_weights(spec, rng), (1, *horizons)
-    best = Trained(spec, weights, np.inf, decay=decay, seed=seed)
+    work, spec = work or Work(), start.spec
+    rng = np.random.default_rng(start.seed)
+    best = replace(start, stages=list(start.stages))
+    if not len(start.weights):
+        best.weights, horizons = initial_weights(spec, rng), (1, *horizons)
+    weights = best.weights
     validation = blocks_of(data, spec)
     n_train = int((data.role == Role.TRAIN).sum())
     random = random_pieces(data, spec, rng, RANDOM_SHARE * min(n_train, n_samples or n_train))
@@ -176,9 +167,9 @@ def train(
         early = N_SAMPLES if horizon < 100 else sys.maxsize
         cut = pieces(data, spec, horizon, min(early, n_samples or early))
         taken = cut + random if horizon > 1 else cut
-        objective = ClosedLoop(spec, data.samples, taken, decay=decay)
-        meter = work.on(objective.n_samples, spec.n_weights)
-        if meter.is_over():
+        objective = ClosedLoop(spec, data.samples, taken, decay=start.decay)
+        epoch = of_epoch(objective.n_samples, spec.n_weights)
+        if not work.allows(epoch):
             if best.stages:
                 best.stages[-1] = replace(best.stages[-1], stop="budget")
             break
@@ -187,7 +178,7 @@ def train(
             weights,
             LmOptions(epochs=EPOCHS, max_fail=MAX_FAIL if horizon > 1 else EPOCHS),
             validate=validation.score,
-            meter=meter,
+            begins=partial(work.begins, epoch),
             progress=_tell(progress, horizon, best),
         )
         best.stages.append(_stage(f"horizon {horizon}", outcome))
@@ -226,7 +217,7 @@ def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) 
         weights,
         LmOptions(epochs=EPOCHS, max_fail=MAX_FAIL),
         lambda w: validation.score(w) if forgets(w) else np.inf,
-        work.on(objective.n_samples, spec.n_weights),
+        partial(work.begins, of_epoch(objective.n_samples, spec.n_weights)),
     )
     stages = [*trained.stages, _stage("less feedback", outcome)]
     return replace(trained, weights=outcome.weights, score=outcome.score, stages=stages)

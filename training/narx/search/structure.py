@@ -174,17 +174,10 @@ class Search:
                 self.tried(done)
 
     def _short(self, structure: Structure, fold: int, work: Work) -> Trained:
-        data = self.folds[fold]
-        trained = train(
-            data,
-            structure.spec(data),
-            seed=self.seed + fold,
-            work=work,
-            horizons=HORIZONS[:-1],
-            n_samples=N_SAMPLES // len(self.folds),
-            decay=structure.decay if structure.hidden else 0.0,
-        )
-        return replace(trained, fold=fold)
+        data, decay = self.folds[fold], structure.decay if structure.hidden else 0.0
+        start = Trained(structure.spec(data), decay=decay, seed=self.seed + fold, fold=fold)
+        most = N_SAMPLES // len(self.folds)
+        return train(data, start, work, horizons=HORIZONS[:-1], n_samples=most)
 
     def _judged(self, structure: Structure, trained: Sequence[Trained]) -> Try:
         longest = max(self.most_lags, trained[0].spec.memory)
@@ -205,19 +198,8 @@ class Search:
         parts, told = work.split(len(begun)), self.progress
 
         def one(number: int) -> Trained:
-            old = begun[number]
-            further = train(
-                self.folds[old.fold],
-                old.spec,
-                self.seed + old.fold,
-                parts[number],
-                (lambda h, e, s: told(number, h, e, s)) if told else None,
-                horizons=HORIZONS[1:],
-                decay=old.decay,
-                weights=old.weights,
-            )
-            best = further if further.score < old.score else old
-            return replace(best, fold=old.fold, stages=[*old.stages, *further.stages])
+            data, progress = self.folds[begun[number].fold], partial(told, number) if told else None
+            return train(data, begun[number], parts[number], progress, HORIZONS[1:])
 
         with ThreadPoolExecutor(self.threads) as pool:
             found = list(pool.map(one, range(len(begun))))

@@ -63,7 +63,8 @@ def trained(data: Sequence[Prepared], starts: Sequence[Start], jobs: int) -> lis
 def _trained(data: Sequence[Prepared], start: Start) -> stages.Trained:
     work = Work.of_minutes(start.budget_s / 60.0)
     own = data[start.data]
-    return stages.train(own, start.spec, start.seed, work, horizons=start.horizons)
+    begun = stages.Trained(start.spec, seed=start.seed)
+    return stages.train(own, begun, work, horizons=start.horizons)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +152,7 @@ def tune_one(data: Prepared, job: Job) -> dict[str, Any]:
     data, spec = _writable(data), spec_of(data, job.candidate)
     began_cpu = time.process_time()
     before = np.array(job.weights)
-    found = stages.train(data, spec, job.seed, horizons=HORIZONS, weights=before)
+    found = stages.train(data, stages.Trained(spec, before, seed=job.seed))
     result = {
         "start": job.start,
         "before": figures(data, spec, before) | _forgets(data, spec, before),
@@ -184,7 +185,7 @@ def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
     return {
         "one_step": _by_role(data, spec, one_step),
         "free_run": _by_role(data, spec, free),
-        "validation_score": stages.free_run_score(data, spec, weights),
+        "validation_score": stages.blocks_of(data, spec).score(weights),
         "stuck_share": stuck,
         "diverged": bool(worse or stuck > STUCK_SHARE),
     }

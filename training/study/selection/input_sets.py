@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from monitor.base.types import FloatArray
+from training.narx.cross_fit import as_recorded
 from training.narx.network import Spec
 from training.narx.search.stages import Trained, free_run
 from training.recordings import metrics
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.outliers import outlier_mask
-from training.recordings.samples.preparation import Prepared, Role, Samples, prepare
+from training.recordings.samples.preparation import Prepared, Role, prepare
 from training.study.narx.models import SEED_STEP, Start, trained
 
 LAGS, HIDDEN, HORIZONS, STARTS = 5, (8,), (5, 20, 100), 2  # lags and horizons in samples
@@ -71,16 +72,6 @@ def aligned(recordings: Sequence[Recording], names: Sequence[str]) -> list[Recor
     return result
 
 
-def exact_inputs(data: Prepared) -> FloatArray:
-    """Return the scaled inputs (n, k) without the noise that training adds to the controller."""
-    parts = []
-    for s in data.segments:
-        r = data.recordings[s.recording]
-        order = [list(r.names).index(c.name) for c in data.inputs]
-        parts.append(r.values[s.first : s.first + s.stop - s.start, order])
-    return data.scaling.scale_u(np.concatenate(parts))
-
-
 def try_sets(
     recordings: Sequence[Recording],
     sets: Sequence[InputSet],
@@ -116,7 +107,7 @@ def _prepared(recordings: Sequence[Recording], each: InputSet, output: str, seed
     data = prepare(recordings, each.inputs, output, lags=LAGS, seed=seed)
     samples, role = data.samples, data.role.copy()
     if each.exact and CONTROLLER in each.inputs:
-        samples = Samples(exact_inputs(data), samples.y, samples.weight)
+        samples = replace(samples, u=as_recorded(data).u)
     keep = min(1.0, MOST_TRAINING / len(role))
     for s in data.segments:
         window = (s.first + np.arange(s.stop - s.start)) // WINDOW

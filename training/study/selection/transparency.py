@@ -19,6 +19,7 @@ from scipy import linalg, signal
 from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units, to_model_units
+from training.narx.cross_fit import as_recorded
 from training.narx.search.stages import free_run
 from training.recordings.metrics import correlation
 from training.recordings.recording import Recording
@@ -26,7 +27,7 @@ from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.preparation import Role, enabled_rows
 from training.recordings.samples.rows import runs
 from training.recordings.sensor_fault import faulty_readings
-from training.study.selection.input_sets import Tried, correlations, exact_inputs
+from training.study.selection.input_sets import Tried, correlations
 
 COMMAND = "lambda_target"
 TAPS = 5  # past samples of the mixture in the controller's law
@@ -161,7 +162,7 @@ def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> dict[s
         read = faulty_readings(resolve(fault, severity), healthy, data.period_ns / 1e9)
         change[rows] = to_model_units("phi", read) - phi[rows]
         extra[rows] = law.response(change[rows], data.enabled[rows])
-    u = exact_inputs(data)
+    u = as_recorded(data).u
     moved = u.copy()
     for i, channel in enumerate(data.inputs):
         if channel.name == CONTROLLER:
