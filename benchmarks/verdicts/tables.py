@@ -4,11 +4,20 @@ Every vehicle has an engine of its own (port or direct injection, speed density 
 two logged drives of 20 minutes with a record every 50 ms. The vehicles of the report were not used
 to choose anything; those of the calibration set ``[widening]`` in ``training/ecu_tables``.
 
+With ``--logs``, tables of disjoint sets of one car's own logs: the two halves of each log, every
+two logs, the first halves of all against the second ones, and each half against the one that
+follows. Nobody knows the truth there, but intervals of 90 % of the common cells should overlap;
+cells count as ``o2train tables --rough`` writes them.
+
 python -m benchmarks tables [--calibrate] [--vehicles N] [--seconds 1200]
+python -m benchmarks tables --logs LOG… [--displacement-l L]
 """
 
+import argparse
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +29,7 @@ from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.dyno.truth import tables as truth
 from training.ecu_tables import config, fit, signals, tables
+from training.ecu_tables.signals import TableSubject
 from training.recordings.ecu_table import EcuTable, axes_of
 from training.recordings.recording import load
 
@@ -34,6 +44,7 @@ TARGETS = {  # table → (largest error, relative)
     "wall_film_time": (0.15, True),
     "injector_dead_time": (0.05, False),
 }
+OVERLAP = 0.9  # share of the common cells
 
 
 def main(argv: Sequence[str]) -> int:
@@ -42,7 +53,11 @@ def main(argv: Sequence[str]) -> int:
     options.add_argument("--calibrate", action="store_true", help="the vehicles of the calibration")
     options.add_argument("--vehicles", type=int, help="number of vehicles (default: all)")
     options.add_argument("--seconds", type=float, default=1200.0, help="of each drive")
+    options.add_argument("--logs", type=Path, nargs="+", help="logs of one real car")
+    options.add_argument("--displacement-l", type=float, help="of the car of the logs")
     args = options.parse_args(argv)
+    if args.logs:
+        return of_logs(args)
     vehicles = (CALIBRATION if args.calibrate else REPORT)[: args.vehicles]
     cells: list[dict[str, Any]] = []
     for place, vehicle in enumerate(vehicles):
@@ -51,6 +66,46 @@ def main(argv: Sequence[str]) -> int:
         say(f"{vehicle} {layout.name}: {len(cells)} cells so far")
     names = dict.fromkeys(cell["table"] for cell in cells)
     return finish(args, [row_of(n, [c for c in cells if c["table"] == n]) for n in names])
+
+
+def of_logs(args: argparse.Namespace) -> int:
+    """Fit disjoint sets of one car's logs; return 1 if too few of their common cells overlap."""
+    recordings = [load(path) for path in args.logs]
+    slowest_s = max(r.period_ns for r in recordings) / 1e9
+    recordings = [load(path, period_s=slowest_s) for path in args.logs]
+    whole, rows = signals.subject_of(recordings, displacement_l=args.displacement_l), list[Row]()
+    for name, *sets in disjoint(whole):
+        made = [tables.tables(fit.fit(each), axes_of(each.load), config.rough()) for each in sets]
+        flows = [t.estimate[0] for of in made for t in of if t.name == "injector_flow_scale"]
+        n, n_apart = np.sum([overlap(*pair) for pair in zip(*made, strict=True)], axis=0).tolist()
+        told = dict(zip(("flow mg/ms", "flow of the others"), map(float, flows), strict=False))
+        rows.append({"sets": name, "common cells": n, "apart": n_apart, **told})
+        say(f"{name}: {n} common cells, {n_apart} apart")
+    n, n_apart = (sum(int(row[key] or 0) for row in rows) for key in ("common cells", "apart"))
+    rows.append({"sets": "all", "common cells": n, "apart": n_apart})
+    short = n_apart > (1.0 - OVERLAP) * n
+    return finish(args, rows, [f"{n - n_apart} of {n} common cells overlap"] if short else [])
+
+
+def disjoint(whole: TableSubject) -> Iterator[tuple[str, TableSubject, TableSubject]]:
+    """Yield pairs of sets of a car's logs that share no sample, each with its name."""
+    logs = [replace(whole, drives=(drive,)) for drive in whole.drives]
+    halves = [tuple(half.drives[0] for half in log.logs()) for log in logs]
+    for log, two in zip(logs, halves, strict=True):
+        yield f"{log.drives[0].name}: halves", *(replace(whole, drives=(h,)) for h in two)
+    for one, other in combinations(logs, 2):
+        yield f"{one.drives[0].name} and {other.drives[0].name}", one, other
+    if len(logs) > 1:
+        for name, turn in (("first and second halves", 0), ("halves in turn", 1)):
+            sides = [[two[(k * turn + s) % 2] for k, two in enumerate(halves)] for s in (0, 1)]
+            yield name, *(replace(whole, drives=tuple(side)) for side in sides)
+
+
+def overlap(one: EcuTable, other: EcuTable) -> tuple[int, int]:
+    """Return how many cells both tables fill, and in how many the intervals do not overlap."""
+    common = np.isfinite(one.estimate) & np.isfinite(other.estimate)
+    apart = common & ((one.high < other.low) | (other.high < one.low))
+    return int(common.sum()), int(apart.sum())
 
 
 def of_vehicle(vehicle: int, layout: EngineLayout, seconds: float) -> list[dict[str, Any]]:

@@ -5,9 +5,8 @@ the signal can carry, and the values of a recording. Each may lower the confiden
 the signal a comment, or the column unused, until a person confirms it.
 """
 
-import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -16,22 +15,15 @@ import numpy as np
 from monitor.base.signals import plausible_range
 from monitor.base.types import FloatArray
 from monitor.frames.units import UNITS, Unit, conversion, unit_of
-from monitor.mapping.quantities import (
-    FUEL_FLOW_NAME,
-    GASOLINE_KG_L,
-    LAMBDA_FAMILY,
-    OF_ONE_SENSOR,
-    QUANTITIES,
-    STOICHIOMETRIC,
-    VARYING,
-    MapQuantity,
-)
+from monitor.mapping.quantities import GASOLINE_KG_L, QUANTITIES, STOICHIOMETRIC, VARYING
+from monitor.mapping.quantities import MapQuantity as Quantity
 from monitor.mapping.words import KNOWN, OTHER, VOCABULARY, match, words_of
 
 SURE: Final = 0.6  # a signal of this confidence is proposed
 BY_MESSAGE: Final = 0.85  # confidence that is left where name and message say it together
 NO_UNIT: Final = 0.85
 UNKNOWN_UNIT: Final = 0.4
+OTHER_NAME: Final = 0.4  # so that it is no rival of a sensor that is named
 ODD: Final = 0.6
 ANY: Final = (-1e30, 1e30)  # range of a float
 FEW: Final = 20  # values that say nothing
@@ -41,9 +33,7 @@ MOST_ABOVE: Final = 100.0  # times the plausible range; a stated range beyond ha
 UNIT_IN_NAME: Final = frozenset({"rpm", "kph", "kmh", "mph"})
 TEMPERATURE_OFFSETS: Final = frozenset({-40.0, -48.0, -50.0, -60.0})  # of degC alone
 MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
-PRESSURES_KPA: Final = ((8.0, "bar"), (700.0, "kPa"), (math.inf, "hPa"))  # up to, in words
-RAIL_KPA: Final = ((60.0, "MPa"), (600.0, "bar"), (math.inf, "kPa"))
-_VOLUMES: Final = {"fuel_mass_mg": "volume", FUEL_FLOW_NAME: "volume flow"}
+PRESSURES: Final = ("kPa", "MPa", "bar", "hPa")  # of a column without a unit
 _SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
 _ENGLISH: Final = frozenset({"rpm", "speed", "torque"})  # beside which a motor is electric
 _PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU and "_"
@@ -84,7 +74,6 @@ class QuantityFit:
     unit: str = ""  # taken where none is stated
     is_phi: bool = False  # the value is 1 / lambda
     is_upstream: bool = False  # said to be the sensor before the catalyst
-    is_named: bool = True  # nothing in name, message or comment says another quantity or sensor
 
     @property
     def stands(self) -> bool:
@@ -111,23 +100,23 @@ class QuantityFit:
 def fit_of(name: str, described: Description) -> QuantityFit | None:
     """Return how well something fits a quantity, None if it is another one."""
     quantity = QUANTITIES[name]
-    fit = _by_name(name, quantity, described)
+    fit = _by_name(quantity, described)
     for look in (_by_unit, _by_range, _by_values):
-        fit = look(name, quantity, described, fit) if fit else None
+        fit = look(quantity, described, fit) if fit else None
     return fit
 
 
-def _by_name(name: str, quantity: MapQuantity, d: Description) -> QuantityFit | None:
+def _by_name(quantity: Quantity, d: Description) -> QuantityFit | None:
     """Return the fit of the words."""
     words = words_of(d.name)
     sure, rest = match(quantity.phrases, words)
     why = f"its name says {d.name}"
-    if not sure and (quantity.is_flag or name in OF_ONE_SENSOR):
+    if not sure and (quantity.is_flag or quantity.one_sensor):
         both, rest = match(quantity.phrases, words + words_of(d.message))
         rest = [word for word in words if word in rest]
         if len(rest) < len(words):
             sure, why = BY_MESSAGE * both, f"its name and message say {d.message} {d.name}"
-    if name == "lambda_measured" and _afr(d, words):  # no other measurement has this unit
+    if quantity.name == "lambda_measured" and _afr(d, words):  # no other one has this unit
         before = dict(zip(words[1:], words, strict=False))
         own = {w for w in words if (before.get(w, "") if w.isdigit() else w) in KNOWN} - {"afr"}
         rest = [word for word in (rest if sure else words) if word in own]
@@ -135,68 +124,64 @@ def _by_name(name: str, quantity: MapQuantity, d: Description) -> QuantityFit | 
     if not sure:
         return None
     fit = QuantityFit(sure, (why,))
-    for doubt in _doubts(name, quantity, d, words, rest):
-        fit = replace(fit, doubts=(*fit.doubts, doubt), is_named=False)
-    return _of_one_sensor(name, d, fit) if name in OF_ONE_SENSOR else fit
+    for doubt in _doubts(quantity, d, words, rest):
+        fit = fit.doubted(doubt, OTHER_NAME)
+    return _of_one_sensor(quantity, d, fit) if quantity.one_sensor else fit
 
 
 def _doubts(
-    name: str, quantity: MapQuantity, d: Description, words: tuple[str, ...], rest: list[str]
-) -> list[str]:
-    """Return why a name may not say the quantity: by a word that the quantity does not explain."""
-    first, of_message = (
-        next(iter(words), ""),
-        words_of(d.message),
-    )  # perhaps an ECU's, which says nothing
-    is_short = len(first) <= _PREFIX_LETTERS and first not in OTHER
-    is_apart = re.match(rf"{first}\d*_", d.name.lower()) and not _BARE.issuperset(words[1:])
-    if rest[:1] == [first] and is_short and (is_apart or first in of_message):
-        rest = rest[1:]
-    odd = [word for word in rest if word not in quantity.also]
-    doubts = [f"its name says {odd[0]!r}, too"] if odd else []
+    quantity: Quantity, d: Description, words: tuple[str, ...], rest: list[str]
+) -> Iterator[str]:
+    """Yield why a name may not say the quantity: by a word that the quantity does not explain."""
+    first, of_message = next(iter(words), ""), words_of(d.message)
+    if rest[:1] == [first] and len(first) <= _PREFIX_LETTERS and first not in OTHER:
+        is_apart = re.match(rf"{first}\d*_", d.name.lower()) and not _BARE.issuperset(words[1:])
+        if is_apart or first in of_message:  # an ECU's, which says nothing
+            rest = rest[1:]
+    if odd := [word for word in rest if word not in quantity.also]:
+        yield f"its name says {odd[0]!r}, too"
     other = _SAYS["elsewhere"].search(" ".join((d.name, d.message, *words, *of_message)).lower())
-    if other and name != "sensor_heater_percent":
-        doubts.append(f"{d.message}.{d.name} says {other[0]!r}")
+    if other and other[0] not in quantity.also:
+        yield f"{d.message}.{d.name} says {other[0]!r}"
     is_bare = _BARE.issuperset(words)
     if is_bare and (part := _SAYS["part"].search(d.message.lower())):
-        doubts.append(f"its message {d.message} says {part[0]!r}")
-    if is_bare and name == "vehicle_speed_km_h" and d.unit == "m/s":
-        doubts.append("any speed in m/s: perhaps of an object ahead")
+        yield f"its message {d.message} says {part[0]!r}"
+    if is_bare and quantity.name == "vehicle_speed_km_h" and d.unit == "m/s":
+        yield "any speed in m/s: perhaps of an object ahead"
     if "motor" in words and _ENGLISH & set(words):
-        doubts.append("its name says 'motor', which is an electric one in English")
-    if name == "engine_torque_nm" and not _SAYS["engine"].search(" ".join(words + of_message)):
-        doubts.append("its name does not say that the torque is the engine's")
-    return doubts
+        yield "its name says 'motor', which is an electric one in English"
+    if quantity.name == "engine_torque_nm" and not _SAYS["engine"].search(
+        " ".join(words + of_message)
+    ):
+        yield "its name does not say that the torque is the engine's"
 
 
-def _of_one_sensor(name: str, d: Description, fit: QuantityFit) -> QuantityFit:
+def _of_one_sensor(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit, doubted if name, message or comment are of another sensor."""
     texts = [(text, " ".join(words_of(text))) for text in (d.message, d.name, d.comment)]
     for text, words in texts:
         if found := _SAYS["other_sensor"].search(words):
             why = f"{short(text)} says {found[0]!r}: not the upstream sensor of bank 1?"
-            return fit.doubted(why, 0.5, is_named=False)
+            return fit.doubted(why, OTHER_NAME)
     if any(_SAYS["upstream"].search(words) for _, words in texts):
         return fit.judged("it is said to be upstream", 1.1, is_upstream=True)
-    if name == "lambda_measured":
+    if quantity.name == "lambda_measured":
         return fit.judged("nothing says whether it is upstream: check")
     return fit
 
 
-def _by_unit(
-    name: str, quantity: MapQuantity, d: Description, fit: QuantityFit
-) -> QuantityFit | None:
+def _by_unit(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFit | None:
     """Return the fit with the way to the canonical unit; a stated unit is a constraint."""
     unit = unit_of(d.unit, STOICHIOMETRIC)
     if unit is None and d.unit:
         return fit.doubted(f"its unit {d.unit!r} is not known", UNKNOWN_UNIT)
     if quantity.is_flag:
         return _flag(d, fit) if unit in (None, UNITS["-"]) else None
-    if name in LAMBDA_FAMILY:
-        return _mixture(name, d, unit, fit)
+    if quantity.unit == UNITS["-"]:
+        return _mixture(quantity, d, unit, fit)
     if unit is None or unit == UNITS["-"]:
         return _assumed(quantity, d, fit)
-    if unit.quantity == _VOLUMES.get(name):
+    if unit.quantity == quantity.volume:
         unit = Unit(quantity.unit.quantity, unit.factor * GASOLINE_KG_L)
     if unit.quantity != quantity.unit.quantity:
         return None
@@ -204,14 +189,14 @@ def _by_unit(
     return fit.judged(f"its unit is {d.unit}", factor=factor, offset=offset)
 
 
-def _assumed(quantity: MapQuantity, d: Description, fit: QuantityFit) -> QuantityFit:
+def _assumed(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit in the unit that name and range suggest, doubted if they leave several."""
-    low, high = d.span
-    kind, text, factor = quantity.unit.quantity, "", 1.0
+    (low, high), kind, text, factor = d.span, quantity.unit.quantity, "", 1.0
     if kind == "pressure":
-        steps = PRESSURES_KPA if quantity.unit == UNITS["kpa"] else RAIL_KPA
-        text = next(text for end, text in steps if max(abs(low), abs(high)) <= end)
-        factor = UNITS[text.lower()].factor / quantity.unit.factor
+        factors = {each: conversion(UNITS[each.lower()], quantity.unit)[0] for each in PRESSURES}
+        least, most = quantity.typical[1] / 2, 2 * plausible_range(quantity.name)[1]
+        likely = [each for each in PRESSURES if least <= high * factors[each] <= most]
+        text, factor = (likely[0], factors[likely[0]]) if likely else ("", 1.0)
     elif kind == "share" and high <= 1.5:
         factor = 100.0
     is_plain = (
@@ -222,7 +207,7 @@ def _assumed(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Quantit
     )
     why = "no unit is given, taken for the one that its range suggests: check"
     fit = fit.judged(why, NO_UNIT, factor=factor, unit=text)
-    return fit if is_plain else replace(fit, doubts=(*fit.doubts, "no unit is given"))
+    return fit if is_plain else fit.doubted("no unit is given")
 
 
 def _flag(d: Description, fit: QuantityFit) -> QuantityFit | None:
@@ -236,10 +221,12 @@ def _flag(d: Description, fit: QuantityFit) -> QuantityFit | None:
     return fit.doubted("more than two values without a meaning", 0.7) if many else fit
 
 
-def _mixture(name: str, d: Description, unit: Unit | None, fit: QuantityFit) -> QuantityFit | None:
+def _mixture(
+    quantity: Quantity, d: Description, unit: Unit | None, fit: QuantityFit
+) -> QuantityFit | None:
     """Return the fit of lambda, AFR or phi, or of a trim."""
     kind = unit.quantity if unit else "lambda"
-    if name == "lambda_controller":
+    if quantity.name == "lambda_controller":
         return _trim(d, kind == "share", fit) if kind in ("lambda", "share") else None
     if kind not in ("lambda", "phi"):
         return None
@@ -277,9 +264,7 @@ def _trim(d: Description, is_share: bool, fit: QuantityFit) -> QuantityFit:
     return fit.judged("1 is no correction")
 
 
-def _by_range(
-    name: str, quantity: MapQuantity, d: Description, fit: QuantityFit
-) -> QuantityFit | None:
+def _by_range(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFit | None:
     """Return the fit, doubted if the stated range is odd, None if it is another quantity's."""
     if quantity.is_flag or fit.is_phi:
         return fit
@@ -289,29 +274,29 @@ def _by_range(
     )
     if not carried[0] <= low < high <= carried[1] or step > (high - low) / 3:
         return None
-    if d.stated != d.carried and max(stated) > MOST_ABOVE * plausible_range(name)[1]:
+    if d.stated != d.carried and max(stated) > MOST_ABOVE * plausible_range(quantity.name)[1]:
         fit = fit.doubted(f"its range reaches {max(stated):g}: another unit?", ODD)
     if not stated[0] <= low < high <= stated[1]:
         why = f"its range {stated[0]:g} to {stated[1]:g} does not hold {low:g} to {high:g}"
         fit = fit.doubted(why, ODD)
-    if name.endswith("_pressure_kpa") and ANY[0] < d.stated[0] < 0.0:
+    if quantity.unit == UNITS["kpa"] and ANY[0] < d.stated[0] < 0.0:
         fit = fit.doubted(f"its range begins at {stated[0]:g} kPa: a gauge pressure?", ODD)
     return fit
 
 
-def _by_values(name: str, quantity: MapQuantity, d: Description, fit: QuantityFit) -> QuantityFit:
+def _by_values(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit as the values of a recording bear it out."""
     if d.values is None:
         return fit
     values = fit.canonical(d.values[~np.isnan(d.values)])
-    low, high = plausible_range(name)
+    low, high = plausible_range(quantity.name)
     inside = values[(values >= low) & (values <= high)]
     if 2 * len(inside) <= len(values):
         seen = f"{values.min():.4g} to {values.max():.4g}" if len(values) else "no value"
         return fit.doubted(f"implausible in the recording: {seen}", 0.3)
     fit = fit.judged(f"in the recording {inside.min():.4g} to {inside.max():.4g}")
     moves, middle = np.ptp(inside) > STILL, float(np.median(inside))
-    if name in VARYING and len(inside) >= FEW:
+    if quantity.name in VARYING and len(inside) >= FEW:
         low, high = USUAL[0] * quantity.typical[0], USUAL[1] * quantity.typical[1]
         if not moves or not low <= middle <= high:
             return fit.doubted(

@@ -6,7 +6,7 @@ from typing import Final
 from monitor.base.signals import OWN
 from monitor.decode.signal_map import Derived
 from monitor.mapping.candidates import MapCandidate, Ranked
-from monitor.mapping.quantities import FUEL_FLOW_NAME, OF_ONE_SENSOR
+from monitor.mapping.quantities import FUEL_FLOW_NAME, QUANTITIES
 
 RIVAL: Final = 0.4  # another sensor's signal of this confidence is a choice for a person
 SHOWN: Final = 4  # candidates in the file
@@ -100,8 +100,8 @@ def _doubt(ranked: Ranked, name: str) -> str:
     best, *others = ranked[name]
     if not best.fit.stands:
         return "; ".join(best.fit.doubts) or "not sure enough"
-    rivals = [c.fit for c in others if c.fit.is_named and c.fit.confidence >= RIVAL]
+    rivals = [c.fit for c in others if c.fit.confidence >= RIVAL]
     tell_apart = best.fit.is_upstream and not any(rival.is_upstream for rival in rivals)
-    if name in OF_ONE_SENSOR and rivals and not tell_apart:
+    if QUANTITIES[name].one_sensor and rivals and not tell_apart:
         return "AMBIGUOUS: several sensors, say which is the upstream one of bank 1"
     return ""

@@ -1,7 +1,7 @@
 """Each canonical signal as databases and loggers name it, and its values in an engine that runs."""
 
-from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Final
 
 from monitor.base.signals import BY_NAME
 from monitor.frames.units import Unit, unit_of
@@ -10,35 +10,34 @@ from monitor.mapping.words import VOCABULARY
 STOICHIOMETRIC: Final = 14.7  # kg of air per kg of gasoline, the number of most AFR gauges
 FUEL_FLOW_NAME: Final = "fuel_flow_kg_h"  # not canonical: fuel per stroke follows from it
 GASOLINE_KG_L: Final = 0.745
-_OWN_UNITS: Final = {"mg/stroke": "mg", FUEL_FLOW_NAME: "kg/h"}
+VARYING: Final = frozenset(VOCABULARY["words"]["varying"].split())  # while an engine runs
 
 
-class MapQuantity(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class MapQuantity:
     """One canonical signal as a database may describe it."""
 
-    phrases: Mapping[str, float]  # see ``words.match``
+    name: str
+    unit: Unit  # the canonical one
+    phrases: dict[str, float]  # see ``words.match``
     typical: tuple[float, float]  # a signal that cannot carry these values is another quantity
     also: frozenset[str]  # words that may stand beside those of a phrase
-    unit: Unit  # the canonical one
-    is_flag: bool
+    one_sensor: bool = False  # must be upstream, of the first bank
+    volume: str = ""  # quantity of units that the density converts
+
+    @property
+    def is_flag(self) -> bool:
+        """Return whether it is 0 or 1."""
+        return self.typical[0] == self.typical[1]
 
 
 def _quantity(name: str, row: dict[str, Any]) -> MapQuantity:
-    text = BY_NAME[name].unit if name in BY_NAME else ""
-    unit = unit_of(_OWN_UNITS.get(text or name, text), STOICHIOMETRIC)
+    unit = unit_of(row.pop("unit", "") or BY_NAME[name].unit, STOICHIOMETRIC)
     assert unit is not None
-    low, high = row["typical"]
-    also = frozenset(row.get("also", "").split())
-    return MapQuantity(row["phrases"], (low, high), also, unit, low == high)
+    (low, high), also = row.pop("typical"), frozenset(row.pop("also", "").split())
+    return MapQuantity(name, unit, typical=(low, high), also=also, **row)
 
 
-QUANTITIES: Final = {name: _quantity(name, row) for name, row in VOCABULARY["quantities"].items()}
-LAMBDA_FAMILY: Final = {"lambda_measured", "lambda_controller", "sensor_ready", "lambda_target"}
-# must be upstream, of the first bank
-OF_ONE_SENSOR: Final = LAMBDA_FAMILY - {"lambda_target"} | {"sensor_heater_percent"}
-_VARYING: Final = (
-    "lambda_measured lambda_controller maf_kg_h air_mass_mg fuel_mass_mg manifold_pressure_kpa "
-    "engine_speed_rpm rail_pressure_mpa fuel_flow_kg_h injector_pulse_width_ms load_g_per_rev "
-    "sensor_heater_percent"
-)
-VARYING: Final = frozenset(_VARYING.split())  # move while an engine runs
+QUANTITIES: Final = {
+    name: _quantity(name, {**row}) for name, row in VOCABULARY["quantities"].items()
+}
