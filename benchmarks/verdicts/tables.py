@@ -10,7 +10,7 @@ follows. Nobody knows the truth there, but intervals of 90 % of the common cells
 cells count as ``o2train tables --rough`` writes them.
 
 python -m benchmarks tables [--calibrate] [--vehicles N] [--seconds 1200]
-python -m benchmarks tables --logs LOG… [--displacement-l L]
+python -m benchmarks tables --logs LOG… [--columns FILE] [--displacement-l L]
 """
 
 import argparse
@@ -54,6 +54,7 @@ def main(argv: Sequence[str]) -> int:
     options.add_argument("--vehicles", type=int, help="number of vehicles (default: all)")
     options.add_argument("--seconds", type=float, default=1200.0, help="of each drive")
     options.add_argument("--logs", type=Path, nargs="+", help="logs of one real car")
+    options.add_argument("--columns", type=Path, help="profile of the logs")
     options.add_argument("--displacement-l", type=float, help="of the car of the logs")
     args = options.parse_args(argv)
     if args.logs:
@@ -70,9 +71,8 @@ def main(argv: Sequence[str]) -> int:
 
 def of_logs(args: argparse.Namespace) -> int:
     """Fit disjoint sets of one car's logs; return 1 if too few of their common cells overlap."""
-    recordings = [load(path) for path in args.logs]
-    slowest_s = max(r.period_ns for r in recordings) / 1e9
-    recordings = [load(path, period_s=slowest_s) for path in args.logs]
+    slowest_s = max(load(path, columns=args.columns).period_ns for path in args.logs) / 1e9
+    recordings = [load(path, period_s=slowest_s, columns=args.columns) for path in args.logs]
     whole, rows = signals.subject_of(recordings, displacement_l=args.displacement_l), list[Row]()
     for name, *sets in disjoint(whole):
         made = [tables.tables(fit.fit(each), axes_of(each.load), config.rough()) for each in sets]

@@ -6,7 +6,7 @@ what there is.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Final
 
 import numpy as np
@@ -14,7 +14,13 @@ import numpy as np
 from monitor.base.signals import BY_NAME, SIGNALS
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.conversion import is_of_quantity, stated_texts
-from monitor.frames.profiles.profile import ProfileEngine, Source, shipped, shipped_profile
+from monitor.frames.profiles.profile import (
+    ProfileEngine,
+    Source,
+    shipped,
+    shipped_profile,
+    source_tree,
+)
 from monitor.frames.profiles.recognition import key, keys_of
 from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
@@ -55,17 +61,9 @@ def proposed(raw: RawTable) -> Iterator[str]:
     yield "[signals]             # canonical name = column; unit where the file states none"
     yield from (f"{s.name} = {_source(found[s.name])}" for s in SIGNALS if s.name in found)
     yield ""
-    own_engine = ProfileEngine()
-    if "injector_pulse_width_ms" in found:
-        yield "# [engine]            # for the fuel mass; a model's gain takes up an error"
-        yield f"# injector_mg_per_ms = {own_engine.injector_mg_per_ms:g}"
-        yield f"# injector_dead_time_ms = {own_engine.injector_dead_time_ms:g}   # at 14 V"
-        yield ""
-    elif "fuel_cut" not in found and "manifold_pressure_kpa" in found:
-        yield "# [engine]            # no column tells fuel cuts: the pressure may"
-        yield "# overrun_below_kpa = 22.0   # below that of idle; 0: never"
-        yield f"# overrun_above_rpm = {own_engine.overrun_above_rpm:g}"
-        yield ""
+    yield "# [engine]            # for signals that no column has; 0 kPa: no fuel cut by pressure"
+    yield from (f"# {each.name} = {each.default}" for each in fields(ProfileEngine))
+    yield ""
     yield "# columns that are not used:"
     for i, column in enumerate(raw.columns):
         if column.name and column.name not in used:
@@ -99,13 +97,16 @@ def _offers(raw: RawTable, cells: FloatArray) -> Iterator[tuple[float, int, str,
                 known.setdefault(key(source.column), []).append((name, source))
     for i, column in enumerate(raw.columns):
         values = cells[:, i]
+        if not column.name or not np.isfinite(values).any():
+            continue
+        moves = np.nanmax(values) > np.nanmin(values)
         for name, source in (known[each][0] for each in keys_of(column.name) if each in known):
-            if is_of_quantity(name, source, column, STOICHIOMETRIC) and not _rests(name, values):
+            if not is_of_quantity(name, source, column, STOICHIOMETRIC):
+                continue
+            if moves or name not in VARYING:
                 is_plain = (source.factor, source.offset) == (1.0, 0.0)
                 sure = _KNOWN if is_plain else _CONVERTED
                 yield sure, i, name, replace(source, column=column.name)
-        if not column.name or not np.isfinite(values).any():
-            continue
         for text in dict.fromkeys(name_and_unit(each)[0] for each in (column.name, *column.others)):
             described = Description(text, _unit(column), values=values)
             for name in BY_NAME.keys() & QUANTITIES.keys():
@@ -132,12 +133,6 @@ def _unit(column: RawColumn) -> str:
     return next(iter((*known, *odd)), "")
 
 
-def _rests(name: str, cells: FloatArray) -> bool:
-    """Return whether a column never moves that does while an engine runs."""
-    known = cells[np.isfinite(cells)]
-    return name in VARYING and len(known) > 1 and bool((known == known[0]).all())
-
-
 def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:
     """Return the columns that tell the time: by name, as clocks, else the first that rises."""
     clocks = [column.name for column in raw.columns if column.kind == "clock"]
@@ -152,11 +147,8 @@ def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:
 
 def _source(source: Source) -> str:
     """Return a source in TOML, as its column alone if that says all."""
-    unit = source.units[0] if len(source.units) == 1 else source.units
-    entry = {"column": source.column, "unit": unit, "factor": source.factor}
-    text = toml({**entry, "offset": source.offset, "pinned": source.pinned})
-    alone = toml({"column": source.column})
-    return toml(source.column) if text == alone else text
+    tree = source_tree(source) | ({"unit": source.units[0]} if len(source.units) == 1 else {})
+    return toml(tree if len(tree) > 1 else source.column)
 
 
 def _range(unit: str, cells: FloatArray) -> str:

@@ -12,6 +12,7 @@ RIVAL: Final = 0.4  # another sensor's signal of this confidence is a choice for
 SHOWN: Final = 4  # candidates in the file
 NOTHING: Final = "nothing in the database looks like it"
 PHI_NAMES: Final = {"lambda_measured": "phi_measured", "lambda_target": "phi_target"}
+FLOWS: Final = {"fuel_mass_mg": FUEL_FLOW_NAME, "air_mass_mg": "maf_kg_h"}
 STROKES_MG_PER_KG_H: Final = 1e6 / 30.0  # kg/h to mg per stroke: this / cylinders / speed
 
 
@@ -57,27 +58,20 @@ def propose(ranked: Ranked, cylinders: int = 4) -> Proposals:
         if name in taken and taken[name].fit.is_phi:
             auxiliary.append(Proposal(phi, taken[name]))
             derived.append(Derived(name, 1.0, (), (phi,)))
-    flow = taken.get(FUEL_FLOW_NAME)
-    flows = {"air_mass_mg": "maf_kg_h"} if "maf_kg_h" in taken else {}
-    if flow and "fuel_mass_mg" not in taken and "engine_speed_rpm" in taken:
-        auxiliary.append(Proposal(FUEL_FLOW_NAME, flow))
-        flows = {"fuel_mass_mg": FUEL_FLOW_NAME, **flows}
-    for name, source in flows.items():
-        if name not in taken and "engine_speed_rpm" in taken:
+    for name, flow in FLOWS.items() if "engine_speed_rpm" in taken else ():
+        if flow in taken and name not in taken:
+            auxiliary += [Proposal(flow, taken[flow])] if flow == FUEL_FLOW_NAME else []
             factor = STROKES_MG_PER_KG_H / cylinders
-            derived.append(Derived(name, factor, (source,), ("engine_speed_rpm",)))
+            derived.append(Derived(name, factor, (flow,), ("engine_speed_rpm",)))
     made = {each.name for each in derived}
     signals = []
     for name in (signal.name for signal in OWN):
-        best, every = taken.get(name), ranked.get(name, ())
+        best, every = None if name in made else taken.get(name), ranked.get(name, ())
         others = tuple(c for c in every if c is not best)[: SHOWN - (best is not None)]
-        if name in made:
-            signals.append(Proposal(name, None, others, "derived below"))
-        elif best:
-            signals.append(Proposal(name, best, others))
-        else:
-            note = _doubt(ranked, name) or f"{every[0].place} is taken for another signal"
-            signals.append(Proposal(name, None, others, note))
+        note = "derived below" if name in made else "" if best else _doubt(ranked, name)
+        if not (best or note):
+            note = f"{every[0].place} is taken for another signal"
+        signals.append(Proposal(name, best, others, note))
     return Proposals(tuple(signals), tuple(auxiliary), tuple(derived))
 
 

@@ -87,7 +87,7 @@ def toml(value: str | float | Sequence[str] | Mapping[str, Any]) -> str:
     >>> toml({"column": "AFR", "factor": 1.0, "pinned": [7.4, 22.3]})
     '{ column = "AFR", pinned = [7.4, 22.3] }'
     """
-    if isinstance(value, str):
+    if isinstance(value, (str, int)):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
     if isinstance(value, float):
         return repr(float(f"{value:.10g}"))

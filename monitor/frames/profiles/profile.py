@@ -172,16 +172,17 @@ def tree_of(profile: Profile) -> dict[str, Any]:
     return {
         "title": profile.title,
         "stoich_afr": profile.stoich_afr,
-        "time": [_source_tree(source) for source in profile.time],
+        "time": [source_tree(source) for source in profile.time],
         "signals": {
-            name: [_source_tree(source) for source in sources]
+            name: [source_tree(source) for source in sources]
             for name, sources in profile.signals.items()
         },
         "engine": {each.name: getattr(profile.engine, each.name) for each in fields(ProfileEngine)},
     }
 
 
-def _source_tree(source: Source) -> dict[str, Any]:
+def source_tree(source: Source) -> dict[str, Any]:
+    """Return the tree of a source: its column, and what differs from the defaults."""
     plain = Source(column=source.column)
     changed = {
         _SOURCE_NAMES.get(each.name, each.name): getattr(source, each.name)
