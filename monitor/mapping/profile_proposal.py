@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.base.signals import BY_NAME, SIGNALS
 from monitor.base.types import FloatArray
-from monitor.frames.profiles.conversion import is_of_quantity, stated_texts
+from monitor.frames.profiles.conversion import is_of_quantity, stated_unit
 from monitor.frames.profiles.profile import (
     ProfileEngine,
     Source,
@@ -38,7 +38,6 @@ _RISING: Final = (
     0.95  # of the steps of a column that tells the time; the first row may be an old one
 )
 _KNOWN, _CONVERTED = 2.0, 0.5  # how sure a known name is: of the quantity, of a gauge pressure
-_OF_UNITS: Final = "/%°"  # marks of a unit in brackets, where other words may stand, too
 
 
 def proposed(raw: RawTable) -> Iterator[str]:
@@ -108,7 +107,7 @@ def _offers(raw: RawTable, cells: FloatArray) -> Iterator[tuple[float, int, str,
                 sure = _KNOWN if is_plain else _CONVERTED
                 yield sure, i, name, replace(source, column=column.name)
         for text in dict.fromkeys(name_and_unit(each)[0] for each in (column.name, *column.others)):
-            described = Description(text, _unit(column), values=values)
+            described = Description(text, stated_unit(column, STOICHIOMETRIC), values=values)
             for name in BY_NAME.keys() & QUANTITIES.keys():
                 fit = fit_of(name, described)
                 if fit and fit.stands and not fit.is_phi:
@@ -117,20 +116,12 @@ def _offers(raw: RawTable, cells: FloatArray) -> Iterator[tuple[float, int, str,
 
 def _by_words(name: str, column: RawColumn, fit: QuantityFit) -> Source:
     """Return the source of a column that no profile knows; what its file states needs no word."""
-    stated = unit_of(_unit(column), STOICHIOMETRIC)
+    stated = unit_of(stated_unit(column, STOICHIOMETRIC), STOICHIOMETRIC)
     if stated and stated.quantity == QUANTITIES[name].unit.quantity:
         return Source(column=column.name)
     if fit.unit:
         return Source(column=column.name, units=(fit.unit,))
     return Source(column=column.name, factor=fit.factor, offset=fit.offset)
-
-
-def _unit(column: RawColumn) -> str:
-    """Return the unit that a file states; of others in brackets, those that look like one."""
-    texts = [text for text in stated_texts(column) if text not in ("", "-")]
-    known = [text for text in texts if unit_of(text, STOICHIOMETRIC)]
-    odd = [text for text in texts if any(mark in text for mark in _OF_UNITS)]
-    return next(iter((*known, *odd)), "")
 
 
 def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:

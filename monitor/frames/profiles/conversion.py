@@ -13,10 +13,6 @@ from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import RawColumn, RawTable
 from monitor.frames.units import Unit, conversion, unit_of
 
-# unit texts of canonical signals are units of loggers, too; a name here says its quantity
-_TARGETS: Final = {"degC": "°c", "1/min": "rpm", "Nm": "nm", "mg/stroke": "mg"}
-
-
 _OF_UNITS: Final = "/%°"  # marks of a unit in brackets, where other words may stand, too
 
 
@@ -31,8 +27,7 @@ class Choice:
 
 def target_of(name: str, stoich_afr: float) -> Unit | None:
     """Return the unit of a canonical signal, None if loggers have none for it."""
-    canonical = BY_NAME[name].unit
-    return unit_of(_TARGETS.get(canonical, canonical), stoich_afr)
+    return unit_of(BY_NAME[name].unit, stoich_afr)
 
 
 class LoggerSetting:
@@ -90,23 +85,26 @@ def stated_texts(column: RawColumn) -> tuple[str, str]:
     return column.unit, name_and_unit(column.name)[1]
 
 
+def stated_unit(column: RawColumn, stoich_afr: float) -> str:
+    """Return the unit that a file states; of others in brackets, those that look like one."""
+    texts = [text for text in stated_texts(column) if text not in ("", "-")]
+    known = [text for text in texts if unit_of(text, stoich_afr)]
+    odd = [text for text in texts if any(mark in text for mark in _OF_UNITS)]
+    return next(iter((*known, *odd)), "")
+
+
 def is_of_quantity(name: str, source: Source, column: RawColumn, stoich_afr: float) -> bool:
     """Return whether a column may carry a signal: no unit that it states is of another quantity.
 
     A unit that is not known counts as another one, unless the profile gives the column's unit.
     """
     target = target_of(name, stoich_afr)
-    if source.is_flag or target is None:
+    if source.is_flag or target is None or source.factor != 1.0:  # the profile converts
         return True
-    in_name = name_and_unit(column.name)[1]
-    units = [unit_of(text, stoich_afr) for text in (column.unit, in_name) if text not in ("", "-")]
-    known = [unit for unit in units if unit is not None]
-    if source.factor != 1.0:  # the profile converts
-        return True
-    if known:
-        return any(unit.quantity == target.quantity for unit in known)
-    looks_like_one = any(mark in text for mark in _OF_UNITS for text in (in_name, column.unit))
-    return bool(source.units) or not looks_like_one
+    units = [unit_of(text, stoich_afr) for text in stated_texts(column) if text not in ("", "-")]
+    if any(units):
+        return any(unit is not None and unit.quantity == target.quantity for unit in units)
+    return bool(source.units) or not stated_unit(column, stoich_afr)
 
 
 def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
