@@ -52,23 +52,27 @@ class ResponseConfig:
     delay_limit_s: float
     gain_sound_min: float
     gain_weak_max: float
-    gain_slow_min: float
     gain_max: float
     gain_least: float
-    gain_known: float
     gain_memory: float
     noise_least: float
-    evidence_weight: float
     false_alarm_probability: float
     miss_probability: float
     evidence_alike: float
-    evidence_window: float
     evidence_most: float
 
     @property
     def evidence_fail(self) -> float:
         """Return the log odds from which a fault is called."""
         return math.log((1.0 - self.miss_probability) / self.false_alarm_probability)
+
+    @property
+    def evidence_window(self) -> float:
+        """Return the most log odds that a window gives, for a model errs for a whole manoeuvre.
+
+        Two such windows decide, whatever their rounding.
+        """
+        return 0.51 * self.evidence_fail
 
     @property
     def evidence_pass(self) -> float:

@@ -23,7 +23,8 @@ from monitor.judge.electrical.readiness import ENGINE, READY
 from monitor.judge.enable import CONDITIONS, NO_CUT, Enable
 from monitor.judge.limits import Limits
 from monitor.judge.response import bank
-from monitor.judge.response.claims import UNRELATED, Noise, claims
+from monitor.judge.response.claims import claims
+from monitor.judge.response.rule import GAIN_FOLLOWS, GAIN_KNOWN
 from monitor.memory.codes import CODES, TEST_OF, TESTS
 from monitor.model.card import ModelCard
 from monitor.model.step import PHI_MAX
@@ -35,7 +36,7 @@ FAULTS_INSIDE: Final = ("", *(fault for test in TESTS_INSIDE for fault in TESTS[
 CODES_INSIDE: Final = tuple(
     dict.fromkeys(code for fault in FAULTS_INSIDE[1:] for code in CODES[fault])
 )
-_KINDS: Final = ("SURELY", "BARELY", "FAULTY", "UNRELATED")  # of claims
+_KINDS: Final = ("SURELY", "BARELY", "FAULTY", "UNTESTED")  # of claims
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,17 +170,19 @@ def _of_response(source: ExportSource) -> Iterator[tuple[str, float | bool, str]
     yield "LEAST_MEASURED", LAMBDA_LEAST, "output's unit"
     yield "NOISE_MEMORY", limits.noise_memory, "correlation of neighbouring samples"
     yield "GAIN_MODEL", limits.gain_model, "measurement over prediction"
-    noise = Noise(limits.noise, limits.noise_memory)
-    yield "NOISE_VAR", noise.std**2, "phi squared, of the healthy residual"
-    yield "LEAST_VAR", response.noise_least * noise.innovation_var, "phi squared, of what is new"
-    weight = min(limits.evidence, response.evidence_weight)
-    yield "WEIGHT", weight, "part of the samples that count as independent"
-    yield "GAIN_KNOWN", response.gain_known, "information on the gain"
+    new = limits.errors.innovation_var
+    yield "NOISE_VAR", limits.noise**2, "phi squared, of the healthy residual"
+    yield "INNOVATION_VAR", new, "phi squared, of what is new in a sample"
+    yield "LEAST_VAR", response.noise_least * new, "phi squared, of an error in a window"
+    yield "WEIGHT", limits.evidence, "of what the edges say"
+    yield "WEIGHT_GAIN", limits.evidence_gain, "of what the amplitude says"
+    yield "GAIN_KNOWN", GAIN_KNOWN, "information on the gain"
+    yield "GAIN_FOLLOWS", GAIN_FOLLOWS, "least gain of the timing"
     yield "GAIN_MEMORY", response.gain_memory, "kept per window"
     yield "EVIDENCE_FAIL", response.evidence_fail, "log odds"
     yield "EVIDENCE_PASS", response.evidence_pass, "log odds"
     yield "EVIDENCE_MOST", response.evidence_most, "log odds"
-    yield "EVIDENCE_WINDOW", min(limits.evidence_window, response.evidence_window), "log odds"
+    yield "EVIDENCE_WINDOW", response.evidence_window, "log odds"
 
 
 def _of_movement(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
@@ -345,16 +348,13 @@ def _gains(source: ExportSource) -> list[tuple[float, float]]:
 
 
 def _claims(source: ExportSource) -> list[str]:
-    response, limits = source.config.response, source.limits
-    errs = min(limits.evidence_window, response.evidence_window) < response.evidence_fail
+    response, untested = source.config.response, source.limits.trust.untested
     found, ranges = [], _gains(source)
     for each in claims(response, bank.build(response)):
-        kind = "SURELY" if each.fault == "" else "FAULTY"
-        if each.fault == "" and errs and each.hypothesis.near_limit:
-            kind = "BARELY"
-        if each.fault == UNRELATED:
-            kind = "UNRELATED"
-        name = f"O2_FAULT_{each.fault.upper()}" if kind == "FAULTY" else "O2_SOUND"
+        kind = "UNTESTED" if each.fault in untested else "FAULTY"
+        if not each.fault:
+            kind = "BARELY" if each.hypothesis.near_limit else "SURELY"
+        name = f"O2_FAULT_{each.fault.upper()}" if each.fault else "O2_SOUND"
         at = ranges.index((each.gain_low, each.gain_high))
         found.append(f"{{{each.column}U, O2_{kind}, {name}, {at}U}}")
     return found

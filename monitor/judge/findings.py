@@ -29,11 +29,16 @@ class WindowJudged:
 class CutJudged:
     """The response test has judged a window around a fuel cut."""
 
-    t_ns: int
+    window: Window
     std: float  # of the residual, oriented like phi
     outcome: Outcome
     fault: str | None
     statistics: Estimates
+
+    @property
+    def t_ns(self) -> int:
+        """Return the time of the window's last sample."""
+        return self.window.t_end_ns
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from typing import Final
 
 from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import ConfigError, ModelError
+from monitor.judge.response.claims import ErrorModel
 from monitor.judge.trust import UNKNOWN, Trust
 from monitor.memory.reference import Reference
 from monitor.model.card import ModelCard
@@ -21,7 +22,7 @@ NAMES: Final = (
 # not every card has them
 OPTIONAL: Final = (
     "evidence",
-    "evidence_window",
+    "evidence_gain",
     "gain_model",
     "still_s",
     "still_end_s",
@@ -39,9 +40,9 @@ class Limits:
     offset_low: float  # bias, output's unit
     offset_high: float
     offset_std: float  # of healthy windows' means, output's unit
-    evidence: float = 1.0  # most of a window's samples that count as independent
-    evidence_window: float = inf  # most that one window says against a claim
-    gain_model: float = 1.0  # measurement over prediction of healthy sensors
+    evidence: float = 0.5  # weight of a window's edges, which tell the timing
+    evidence_gain: float = 1.0  # weight of its amplitude, which tells the gain
+    gain_model: float = 1.0  # amplitude of healthy readings over that of the prediction
     still_s: float = 0.0  # time for which the healthy reading may stand still, if it is long
     still_end_s: float = 0.0  # the same at the end of its range, where no signal tells a fuel cut
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
@@ -56,6 +57,17 @@ class Limits:
     def gain_expected(self) -> float:
         """Return measurement over prediction of this vehicle's healthy sensor."""
         return self.gain_model * self.gain
+
+    @property
+    def errors(self) -> ErrorModel:
+        """Return how the model errs on this vehicle."""
+        return ErrorModel(
+            std=self.noise,
+            memory=self.noise_memory,
+            gain=self.gain_expected,
+            evidence=self.evidence,
+            evidence_gain=self.evidence_gain,
+        )
 
     @classmethod
     def from_card(cls, card: ModelCard, config: Config, where: str) -> "Limits":

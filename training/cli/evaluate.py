@@ -66,7 +66,7 @@ def _alarms(found: dict[str, Any]) -> str:
     return (
         f"healthy drives with a code: {found['events']} of {found['trials']} (95 %: "
         f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %), stated are at most "
-        f"{100 * found['stated']:g} % of drives like those that set the limits, "
+        f"{100 * found['stated']:.2g} % of drives like those that set the limits, "
         f"{found['trials']} drives prove no less than {100 * found['provable']:.1f} %; "
         f"{found['completed']} decided by the response test{named}"
     )

@@ -14,7 +14,8 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.healthy.reference import set_reference
 from training.limits.decision_limits import MANY_WINDOWS, set_limits
-from training.limits.trust import Unseen, trust_of
+from training.limits.response.response_limits import Unseen
+from training.limits.trust import trust_of
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
 from training.recordings.recording import Recording
@@ -37,7 +38,7 @@ def complete(
     """
     _keep_profile(path, columns)
     _keep_times(path, recordings)
-    warnings = _set_limits(path, held_out, recordings)
+    warnings = _set_limits(path, held_out, recordings, unseen)
     _set_trust(path, unseen or (lambda _: [(Model.load(path), recordings)]))
     card, doubt = set_reference(path, recordings, progress)
     return card, (*warnings, *([doubt] if doubt else []))
@@ -74,11 +75,15 @@ def _set_trust(path: Path, unseen: Callable[[ModelCard], Unseen]) -> None:
 
 
 def _set_limits(
-    path: Path, held_out: Sequence[HeldOut], recordings: Sequence[Recording]
+    path: Path,
+    held_out: Sequence[HeldOut],
+    recordings: Sequence[Recording],
+    unseen: Callable[[ModelCard], Unseen] | None = None,
 ) -> list[str]:
     """Set the decision limits from the held-out blocks; return warnings."""
     try:
-        _, n_windows = set_limits(path, recordings, held_out, config.load())
+        own = unseen(Model.load(path).card) if unseen else None
+        _, n_windows = set_limits(path, recordings, held_out, config.load(), unseen=own)
     except RecordingError as error:
         return [f"no decision limits: {error}"]
     warnings = []

@@ -19,7 +19,7 @@ from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
 from training.limits.judging import judge_recordings, most_common_cause
 from training.limits.repeated_model import RepeatedModel
-from training.limits.response.response_limits import response_limits
+from training.limits.response.response_limits import Unseen, response_limits
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
 from training.recordings.recording import Recording
@@ -157,12 +157,13 @@ def set_limits(
     held_out: Sequence[HeldOut],
     config: Config,
     origin: str = HELD_OUT,
+    unseen: Unseen | None = None,
 ) -> tuple[ModelCard, int]:
     """Write the limits of ``with_limits`` into the model file ``path``.
 
     Returns the new card and the number of windows. Raises as ``with_limits``.
     """
-    card, windows = with_limits(Model.load(path), recordings, held_out, config, origin)
+    card, windows = with_limits(Model.load(path), recordings, held_out, config, origin, unseen)
     update_card(path, card)
     return card, windows
 
@@ -173,14 +174,15 @@ def with_limits(
     held_out: Sequence[HeldOut],
     config: Config,
     origin: str = HELD_OUT,
+    unseen: Unseen | None = None,
 ) -> tuple[ModelCard, int]:
     """Return the model card with limits from held-out blocks, and the number of their windows.
 
     Short recordings, whose test blocks hold fewer than 10 windows, give those of the blocks that
     chose the weights, too, and the limits say so; no weight was fitted to either. If these are too
     few, all windows of the recordings count.
-    The healthy gain is the median over the recordings. The weight of evidence falls until a code is
-    improbable in another healthy drive.
+    The healthy gain is the median over the recordings; models of the same kind tell the weight of
+    evidence by drives that they have not seen, this one by the recordings if there are none.
     Raises RecordingError if there are fewer than 10 windows.
     """
     model = RepeatedModel.of(model)
@@ -196,11 +198,11 @@ def with_limits(
     limits = limits_of(drives, model.card, config, origin, recordings)
     card = replace(
         model.card,
-        limits={**model.card.limits, **limits},
+        limits=limits,
         trust={},  # what was counted with other limits no longer holds
     )
     used = Limits.from_card(card, config, origin)
-    response = response_limits(model, recordings, used, config)
+    response = response_limits(model, recordings, used, config, unseen)
     return replace(card, limits={**card.limits, **response}), sum(map(len, drives))
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,6 @@ from monitor.judge.limits import Limits
 from monitor.model.step import Model, from_model_units, to_model_units
 from training.limits.judging import enabled_samples, judge_recordings
 from training.limits.rates import rate
-from training.limits.response.response_limits import CODE_PROBABILITY
 from training.recordings import metrics
 from training.recordings.recording import Recording
 from training.recordings.samples.rows import runs
@@ -72,7 +72,7 @@ def false_alarms(model: Model, recordings: Sequence[Recording]) -> dict[str, Any
     named = {str(r.path): faults for r, faults in zip(recordings, told, strict=True) if faults}
     return {
         **rate(len(named), len(told)),
-        "stated": CODE_PROBABILITY,
+        "stated": math.exp(-settings.response.evidence_fail),
         "provable": 1.0 / (len(told) + 1.0),
         "completed": sum(each.completed for each in judged),
         "named": named,

@@ -5,7 +5,6 @@ loop would answer in a car.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -16,9 +15,9 @@ from monitor.base.faults import Fault, resolve
 from monitor.base.signals import OUTPUT
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
-from monitor.model.step import Model
 from training.limits.judging import judge_recordings
 from training.limits.repeated_model import RepeatedModel
+from training.limits.response.response_limits import Unseen
 from training.recordings.recording import Recording
 from training.recordings.sensor_fault import faulty_readings
 
@@ -35,8 +34,6 @@ LIMIT_FAULTS: Final = (
 LEAST_WINDOWS: Final = 10  # of a drive that counts
 MOST_DRIVES: Final = 10
 MOST_S: Final = 3600.0  # of a drive
-
-Unseen = Iterable[tuple[Model, Sequence[Recording]]]  # models, each with drives it has not seen
 
 
 def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dict[str, Any]:

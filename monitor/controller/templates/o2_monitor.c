@@ -493,7 +493,7 @@ void o2_init(o2_monitor *m, const o2_vehicle *vehicle)
     for (uint16_t i = 0U; i < O2_N_RECOVERIES; i++) {
         m->since[i] = (o2_recoveries[i].condition == O2_OK_MODEL_SETTLED) ? 0U : o2_recoveries[i].samples;
     }
-    for (uint16_t c = 0U; c < O2_N_CLAIMS; c++) {
+    for (uint16_t c = 0U; c < O2_N_COLUMNS; c++) {
         m->sxx[c] = O2_GAIN_KNOWN;
         m->sxy[c] = O2_GAIN_KNOWN;
     }

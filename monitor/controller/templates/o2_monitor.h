@@ -77,8 +77,8 @@ typedef struct {
     uint8_t kind;
     /* response rule */
     float evidence[O2_N_CLAIMS];
-    float sxx[O2_N_CLAIMS];
-    float sxy[O2_N_CLAIMS];
+    float sxx[O2_N_COLUMNS];
+    float sxy[O2_N_COLUMNS];
     /* movement, in decisions */
     float dead;
     float holds;

@@ -209,10 +209,10 @@ static void regressed(const o2_monitor *m, const o2_rule *rule, float gain, cons
     walk(m, rule, gain, y, mean, s);
 }
 
-static float gain_of(const o2_monitor *m, uint16_t c)
+/* The gain of the timing, from all windows. */
+static float gain_of(const o2_monitor *m, uint16_t column)
 {
-    const o2_bounds *range = &o2_gains[o2_claims[c].gains];
-    return limited(m->sxy[c] / m->sxx[c], range->low, range->high);
+    return fmaxf(m->sxy[column] / m->sxx[column], O2_GAIN_FOLLOWS);
 }
 
 static float error_var(const o2_moments *s, uint16_t column, float gain, float least)
@@ -243,8 +243,35 @@ static void bound_evidence(o2_monitor *m)
         best = fmaxf(best, m->evidence[c]);
     }
     for (uint16_t c = 0U; c < O2_N_CLAIMS; c++) {
-        m->evidence[c] = fmaxf(m->evidence[c], best - O2_EVIDENCE_MOST);
+        m->evidence[c] = fmaxf(m->evidence[c] - best, -O2_EVIDENCE_MOST);
     }
+}
+
+/* Add a window to the columns' gains. */
+static void add_gains(o2_monitor *m, const o2_moments *s, float n_new)
+{
+    for (uint16_t c = 0U; c < O2_N_COLUMNS; c++) {
+        float part = n_new / error_var(s, c, gain_of(m, c), O2_LEAST_VAR);
+        m->sxx[c] = (O2_GAIN_MEMORY * m->sxx[c]) + (part * s->xx[c]);
+        m->sxy[c] = (O2_GAIN_MEMORY * m->sxy[c]) + (part * s->xy[c]);
+    }
+}
+
+/* Return the log likelihood of a claim's timing; errors of the prediction only lower a gain. */
+static float timing(const o2_monitor *m, const o2_moments *s, const o2_claim *claim, float n_new)
+{
+    float gain = fminf(gain_of(m, claim->column), o2_gains[claim->gains].high);
+    return -0.5f * n_new * logf(error_var(s, claim->column, gain, O2_LEAST_VAR));
+}
+
+/* Return how far a window's amplitude is from those of a claim, as logarithms of squares. */
+static float amplitude_off(const o2_moments *s, const o2_claim *claim)
+{
+    const o2_bounds *range = &o2_gains[claim->gains];
+    float measured = logf(s->yy + O2_LEAST_VAR);
+    float least = logf((square_of(range->low) * s->xx[claim->column]) + O2_INNOVATION_VAR);
+    float most = logf((square_of(range->high) * s->xx[claim->column]) + O2_INNOVATION_VAR);
+    return fmaxf(least - measured, 0.0f) + fmaxf(measured - most, 0.0f);
 }
 
 /* Add a window to gains and evidence; phi : the measurement, oriented like phi. */
@@ -265,20 +292,14 @@ static void add_window(o2_monitor *m, const o2_rule *rule, float gain, const flo
         y[k] -= mean;
     }
     regressed(m, rule, gain, y, &s);
+    add_gains(m, &s, (float)n_new);
     for (uint16_t c = 0U; c < O2_N_CLAIMS; c++) {
-        uint16_t column = o2_claims[c].column;
-        float part = (float)n_new / error_var(&s, column, gain_of(m, c), O2_LEAST_VAR);
-        m->sxx[c] = (O2_GAIN_MEMORY * m->sxx[c]) + (part * s.xx[column]);
-        m->sxy[c] = (O2_GAIN_MEMORY * m->sxy[c]) + (part * s.xy[column]);
-        said[c] = -0.5f * O2_WEIGHT * (float)n_new *
-                  logf(error_var(&s, column, gain_of(m, c), O2_LEAST_VAR));
+        said[c] = (O2_WEIGHT * timing(m, &s, &o2_claims[c], (float)n_new)) -
+                  (O2_WEIGHT_GAIN * amplitude_off(&s, &o2_claims[c]));
         best = fmaxf(best, said[c]);
     }
     for (uint16_t c = 0U; c < O2_N_CLAIMS; c++) {
-        said[c] = fmaxf(said[c], best - O2_EVIDENCE_WINDOW);
-    }
-    for (uint16_t c = 0U; c < O2_N_CLAIMS; c++) {
-        m->evidence[c] += said[c] - said[0];
+        m->evidence[c] += fmaxf(said[c] - best, -O2_EVIDENCE_WINDOW);
     }
     bound_evidence(m);
 }
@@ -291,7 +312,7 @@ static uint16_t report(const o2_monitor *m, bool counts, o2_facts *facts)
     uint16_t likeliest = 0U;
     float surely = best_evidence(m, O2_SURELY);
     float barely = best_evidence(m, O2_BARELY);
-    float unrelated = best_evidence(m, O2_UNRELATED);
+    float tested = best_evidence(m, O2_FAULTY);
     facts->fault = O2_SOUND;
     facts->outcome = O2_INCONCLUSIVE;
     for (uint16_t c = 0U; c < O2_N_CLAIMS; c++) {
@@ -299,17 +320,18 @@ static uint16_t report(const o2_monitor *m, bool counts, o2_facts *facts)
             best = m->evidence[c];
             likeliest = c;
         }
-        if ((o2_claims[c].kind == O2_FAULTY) && (m->evidence[c] > fault)) {
+        bool faulty = (o2_claims[c].kind == O2_FAULTY) || (o2_claims[c].kind == O2_UNTESTED);
+        if (faulty && (m->evidence[c] > fault)) {
             fault = m->evidence[c];
             facts->fault = o2_claims[c].fault;
         }
     }
-    facts->evidence = fault - fmaxf(fmaxf(surely, barely), unrelated);
+    facts->evidence = fault - fmaxf(surely, barely);
     if (counts && (facts->evidence >= O2_EVIDENCE_FAIL)) {
         facts->outcome = O2_FAILED;
     } else {
         facts->fault = O2_SOUND;
-        if (counts && ((surely - fmaxf(fmaxf(fault, barely), unrelated)) >= O2_EVIDENCE_PASS)) {
+        if (counts && ((surely - fmaxf(tested, barely)) >= O2_EVIDENCE_PASS)) {
             facts->outcome = O2_PASSED;
         }
     }
@@ -434,10 +456,10 @@ void o2_window(o2_monitor *m, o2_facts *facts)
     }
     skip = (high - low) <= O2_STUCK_RANGE;
     facts->no_evidence = (!around_cut) && skip;
-    if (!facts->no_evidence) {
+    if (!skip) {
         add_window(m, rule, O2_GAIN_MODEL * m->vehicle.gain, phi);
     }
-    column = report(m, !facts->no_evidence, facts);
+    column = report(m, !skip, facts);
     facts->offset = around_cut ? 0.0f : beside(m, rule->n, column);
     if (around_cut) { /* a reading at the end of its range is in air */
         skip = skip || (low >= (O2_RANGE_END - O2_STUCK_RANGE));

@@ -155,10 +155,9 @@ class Decisions:
     def cut(self, window: Window, facts: Facts) -> Iterator[CutJudged | Change]:
         """Take a full window around a fuel cut; yield its verdict, then the codes it changes."""
         response = self._told(self._unless_dead(facts.response, facts.moved))
-        t_ns = window.t_end_ns
-        yield CutJudged(t_ns, facts.std, response.outcome, response.fault, response.statistics)
+        yield CutJudged(window, facts.std, response.outcome, response.fault, response.statistics)
         self._suspicious |= response.outcome == "failed"
-        yield from self._response_step(response, t_ns)
+        yield from self._response_step(response, window.t_end_ns)
 
     def probability(self, fault: str) -> float:
         """Return the probability of a fault's name among the names with the same code."""

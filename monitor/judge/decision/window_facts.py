@@ -14,7 +14,6 @@ from monitor.judge.findings import Evidence, Facts
 from monitor.judge.limits import Limits
 from monitor.judge.residual import lambda_of, means_and_stds
 from monitor.judge.response.bank import Hypothesis
-from monitor.judge.response.claims import Noise
 from monitor.judge.response.movement import MovementRule
 from monitor.judge.response.rule import Response, ResponseRule
 from monitor.judge.window import Window
@@ -48,12 +47,9 @@ class WindowFacts:
         self._response = ResponseRule(
             config=config.response,
             bank=hypotheses,
-            noise=Noise(limits.noise, limits.noise_memory),
+            errors=limits.errors,
             period_s=period_s,
-            evidence_weight=limits.evidence,
-            # a model errs for a whole manoeuvre: a window may decide, but not turn a decision over
-            window_most=min(limits.evidence_window, config.response.evidence_window),
-            gain_reference=limits.gain_expected,
+            untested=limits.trust.untested,
         )
         self._n_cuts = 0  # windows around fuel cuts
         self._movement = MovementRule(
@@ -106,15 +102,15 @@ class WindowFacts:
 
     def _around_cuts(self, windows: Sequence[Window]) -> list[Facts]:
         measured = np.array([window.measured for window in windows])
-        phi, banks = self._orient(measured), [window.bank for window in windows]
+        phi, banks = phi_of(windows, self._transform), [window.bank for window in windows]
         healthy = np.array([bank[:, 0] for bank in banks])
         mean, std = means_and_stds(phi - healthy)
-        ignore = np.zeros(len(windows), dtype=np.bool_)
-        responses = self._response.judge(phi, banks, ignore)
-        self._n_cuts += len(windows)
         # a reading that stands still is the activity test's, one at the end of its range is in air
         low, high = np.minimum.reduce(measured, axis=1), np.maximum.reduce(measured, axis=1)
-        still = (high - low <= self._stuck_range) | (low >= self._range_end - self._stuck_range)
+        ignore = high - low <= self._stuck_range
+        responses = self._response.judge(phi, banks, ignore)
+        self._n_cuts += int(np.count_nonzero(~ignore))
+        still = ignore | (low >= self._range_end - self._stuck_range)
         moved = self._movement.judge_around_cuts(phi, healthy, still)
         return [
             Facts(m, s, no_evidence=False, offset=0.0, response=each, moved=moves)
@@ -126,8 +122,7 @@ class WindowFacts:
         mean, std = means_and_stds(np.array([window.residual for window in windows]))
         span = np.maximum.reduce(measured, axis=1) - np.minimum.reduce(measured, axis=1)
         ignore = span <= self._stuck_range
-        # an offset in lambda would change the gain in phi
-        phi = self._orient(measured - mean[:, np.newaxis])
+        phi = phi_of(windows, self._transform)
         banks = [window.bank for window in windows]
         responses = self._response.judge(phi, banks, ignore)
         offset = self._offset(measured, banks, responses)
@@ -149,7 +144,13 @@ class WindowFacts:
         beside = measured - lambda_of(np.array(likeliest), self._transform)
         return np.asarray(np.median(beside, axis=1))
 
-    def _orient(self, measured: FloatArray) -> FloatArray:
-        if self._transform == "phi":
-            return np.asarray(1.0 / np.maximum(measured, LAMBDA_LEAST))
-        return -measured
+
+def phi_of(windows: Sequence[Window], transform: str) -> FloatArray:
+    """Return the measurements of windows of one kind, (w, n), like phi, as the rules see them.
+
+    An offset in lambda would change the gain in phi: around fuel cuts it hardly does.
+    """
+    measured = np.array([window.measured for window in windows])
+    if not windows[0].is_cut:
+        measured -= np.array([window.residual.mean() for window in windows])[:, np.newaxis]
+    return np.asarray(1.0 / np.maximum(measured, LAMBDA_LEAST)) if transform == "phi" else -measured

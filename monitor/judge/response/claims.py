@@ -1,20 +1,27 @@
 """Claims about the sensor: its lag or dead time, and the range of its gain."""
 
+import math
 from dataclasses import dataclass
 from functools import cache
+from typing import Final
 
 from monitor.base.config import ResponseConfig
+from monitor.base.faults import TRANSIENT_GAIN
 from monitor.judge.response.bank import Hypothesis
 
-UNRELATED = "unrelated"  # the prediction says nothing of the measurement: neither sound nor a fault
+# a slow sensor with at least this gain is only slow, with less it is weak, too
+SLOW_LEAST: Final = math.sqrt(TRANSIENT_GAIN)
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
-    """The healthy residual within windows, oriented like phi, as a first-order process."""
+class ErrorModel:
+    """How readings of healthy sensors are apart from a model's prediction, both like phi."""
 
-    std: float
+    std: float  # of the residual within windows, a first-order process
     memory: float  # correlation of neighbouring samples, 0 to below 1
+    gain: float = 1.0  # amplitude of the reading over that of the prediction
+    evidence: float = 1.0  # weight of what the edges say of a lag or dead time
+    evidence_gain: float = 1.0  # weight of what the amplitude says of the gain
 
     @property
     def innovation_var(self) -> float:
@@ -24,18 +31,18 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class SensorClaim:
-    """A sensor with this lag or dead time and a gain in this range."""
+    """A sensor with this lag or dead time and a gain in this range, over a healthy sensor's."""
 
     column: int  # of the bank; behind its last one stands the sensor quicker than the model's
     hypothesis: Hypothesis
     gain_low: float
     gain_high: float
-    fault: str  # "" is a sound sensor, UNRELATED none at all
+    fault: str  # "" is a sound sensor
 
 
 @cache
 def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[SensorClaim, ...]:
-    """Return every claim about the sensor, the healthy one first."""
+    """Return every claim about the sensor, that of a sound and punctual one first."""
     least, top = config.gain_least, config.gain_max
     found = []
     # a sensor quicker than the training vehicle's; without it a dead time of one period of a
@@ -48,9 +55,7 @@ def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[Sensor
         elif each.kind == "delay":
             found.append(SensorClaim(column, each, config.gain_weak_max, top, each.fault))
         else:
-            found.append(SensorClaim(column, each, config.gain_slow_min, top, each.fault))
+            found.append(SensorClaim(column, each, SLOW_LEAST, top, each.fault))
             if each.direction == "symmetric":
-                weak = config.gain_slow_min
-                found.append(SensorClaim(column, each, least, weak, "transient"))
-    found.append(SensorClaim(len(bank), quick, 0.0, 0.0, UNRELATED))
+                found.append(SensorClaim(column, each, least, SLOW_LEAST, "transient"))
     return tuple(found)

@@ -1,23 +1,24 @@
 """The response rule: which sensor, run on the prediction, reads like the real one?
 
 Every claim says how a sensor follows the mixture: one column of the bank of ``hypotheses`` (a lag
-or a dead time on one edge direction or both) and a range for its gain. Evidence for each claim is
-summed over windows until one fault, or the sound sensor, leads by enough. Every window counts by
-how well its prediction separates the claims: one in which the mixture hardly moves, or which the
-model follows badly, adds little, and none is left out for it.
+or a dead time on one edge direction or both) and a range for its gain. Edges tell the timing,
+amplitudes the gain. What a window says of both adds to each claim's evidence, until one fault, or
+the sound sensor, leads by enough. Every window counts by how well its prediction separates the
+claims: one in which the mixture hardly moves, or which the model follows badly, adds little.
 
 Sources: Basseville and Nikiforov, Detection of Abrupt Changes, chapter 4 (log likelihood ratios
 summed until a threshold); Wald, Sequential Analysis, section 3.2 (the thresholds for stated
 probabilities of a false alarm and of a miss); Kay, Fundamentals of Statistical Signal Processing
 II, section 9.3 (linear model in coloured noise: whiten both sides); Lange, Little and Taylor,
 Robust statistical modeling using the t distribution, JASA 84 (1989) (a scale of its own for each
-window, and the weights that follow from it).
+window, and the weights that follow from it); Fuller, Measurement Error Models, section 1.1 (errors
+of the prediction dilute a slope; they do not dilute an amplitude).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -25,12 +26,14 @@ from monitor.base.config import ResponseConfig
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.residual import means_and_stds, whitened
 from monitor.judge.response.bank import Hypothesis
-from monitor.judge.response.claims import UNRELATED, Noise, claims
+from monitor.judge.response.claims import ErrorModel, claims
 from monitor.judge.response.estimates import Estimates
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 EDGES = ("rich_to_lean", "lean_to_rich")
 _WINDOWS = 8  # regressed at once: what fits into the processor's cache
+GAIN_KNOWN: Final = 1e-3  # information on a regression's gain before the drive: hardly any
+GAIN_FOLLOWS: Final = 0.05  # least gain of a regression: no sensor reads the mixture reversed
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,66 +47,76 @@ class Response:
     statistics: Estimates
 
 
+class Moments(NamedTuple):
+    """Windows of whitened readings: means of products, and of how many samples."""
+
+    sxx: FloatArray  # (w, n_columns) of what each sensor of the bank reads with itself
+    sxy: FloatArray  # (w, n_columns) and with the measurement
+    syy: FloatArray  # (w,) of the measurement with itself
+    n: FloatArray  # (w,)
+
+
+class Said(NamedTuple):
+    """What windows say, before it is weighted."""
+
+    timing: FloatArray  # (w, n_claims) log likelihood
+    gain: FloatArray  # (w, n_claims) log likelihood
+    ratio: FloatArray  # (w, n_columns) log of the reading's variance over that of a sound sensor
+    moved: FloatArray  # (w, n_columns) share of the prediction in that variance, 0 to 1
+
+
 class ResponseRule:
     """Sequential comparison of claims, constant memory.
 
     In each window measurement and bank are whitened by the healthy residual's memory, and the
-    offset is taken off. Each claim has one gain, within its range, estimated over the drive by
-    least squares with the windows weighted by the inverse of their error's variance, and fading by
-    ``gain_memory`` per window. The log likelihood of a window, whose scale is unknown and at least
-    ``noise_least`` of the healthy innovation's variance, is added to the claim's evidence;
-    ``evidence_weight`` of its samples count as independent.
+    offset is taken off. Timing: each column has one gain, estimated over the drive by least squares
+    with the windows weighted by the inverse of their error's variance, and fading by
+    ``gain_memory`` per window. Errors of the prediction can only lower it, so only the upper end of
+    a claim's range bounds it. The log likelihood has an unknown scale of at least ``noise_least``
+    of the healthy innovation's variance. Gain: ``said``. No window decides alone, for a model
+    predicts some step early or late, which then looks like a delay. As it may be late by
+    ``timing_s``, a sensor is called sound only if it were so that much slower, too.
 
-    noise : of the healthy residual
-    evidence_weight : at most that of the settings; lower for a model whose errors look like faults
-    window_most : no claim falls further behind the best one in one window; for a model that
-        predicts steps early or late, which then look like a delay. Where no window may decide, the
-        timing is unsure, and a sensor is called sound only if it were so ``timing_s`` slower, too
-    gain_reference : this vehicle's healthy gain, which the gains of the claims are relative to
+    errors : of the model; the gains of the claims are relative to its gain
+    untested : faults that the model cannot exclude, so that a sensor may be sound without it
     """
 
     def __init__(
         self,
         config: ResponseConfig,
         bank: tuple[Hypothesis, ...],
-        noise: Noise,
+        errors: ErrorModel,
         period_s: float,
-        evidence_weight: float = 1.0,
-        gain_reference: float = 1.0,
-        window_most: float = math.inf,
+        untested: Collection[str] = (),
     ) -> None:
-        self._config, self._noise = config, noise
-        self._weight = min(evidence_weight, config.evidence_weight)
-        self._least_var = config.noise_least * noise.innovation_var
-        self._window_most = window_most
-        self._claims, self._n_columns = claims(config, bank), len(bank)
-        self._columns = np.array([c.column for c in self._claims])
-        self._gain_reference = gain_reference
-        self._gain_low = np.array([c.gain_low for c in self._claims])
-        self._gain_high = np.array([c.gain_high for c in self._claims])
-        names = np.array([c.fault for c in self._claims])
-        self._sound = np.flatnonzero(names == "")
-        errs = window_most < config.evidence_fail  # the model errs more than its noise
-        near = np.array([errs and c.hypothesis.near_limit for c in self._claims])
+        self._config, self._errors = config, errors
+        self._least_var = config.noise_least * errors.innovation_var
+        self.claims, self._n_columns = claims(config, bank), len(bank)
+        self._columns = np.array([c.column for c in self.claims])
+        self._gain_low = np.array([c.gain_low for c in self.claims])
+        self._gain_high = np.array([c.gain_high for c in self.claims])
+        names = np.array([c.fault for c in self.claims])
+        near = np.array([c.hypothesis.near_limit for c in self.claims])
         self._surely = np.flatnonzero((names == "") & ~near)
         self._barely = np.flatnonzero((names == "") & near)
-        self._faults = np.flatnonzero((names != "") & (names != UNRELATED))
-        times = np.array([_times(c.hypothesis) for c in self._claims]).T
+        self._faults = np.flatnonzero(names != "")
+        self._tested = np.flatnonzero((names != "") & ~np.isin(names, [*untested]))
+        times = np.array([_times(c.hypothesis) for c in self.claims]).T
         self._moments = np.vstack((times, times**2))
         self._lead = config.lead_s / period_s
         self._ahead = math.ceil(self._lead)
-        n = len(self._claims)
-        self._evidence: FloatArray = np.zeros(n)
-        # weighted sums of prediction squared, and of measurement times prediction, per claim
-        self._gain_sums: FloatArray = np.zeros((2, n))
+        self._evidence: FloatArray = np.zeros(len(self.claims))
+        # weighted sums of prediction squared and of measurement times prediction, of a column
+        self._sums: FloatArray = np.zeros((2, self._n_columns + 1))
+        # sums of ``moved``, of its square and of its product with ``ratio``, of a column
+        self._amplitudes: FloatArray = np.zeros((3, self._n_columns + 1))
         self.reset()
 
     def reset(self) -> None:
         """Forget all evidence."""
-        n, known = len(self._claims), self._config.gain_known
         self._evidence.fill(0.0)
-        self._gain_sums.fill(known)
-        self._drive_sums = np.zeros((3, n))  # like gain sums and evidence, but nothing fades
+        self._sums.fill(GAIN_KNOWN)
+        self._amplitudes.fill(0.0)
         self.windows = 0  # that were not ignored
 
     @property
@@ -113,24 +126,25 @@ class ResponseRule:
         Against a fault, a sound sensor that is near its limit counts as the fault.
         """
         evidence = self._evidence
-        other = max(evidence[self._sound].max(), evidence[-1])
+        surely = evidence[self._surely].max()
+        other = max(surely, evidence[self._barely].max(initial=-math.inf))
         leads: dict[str, float] = {}
         for i in self._faults.tolist():
-            name = self._claims[i].fault
+            name = self.claims[i].fault
             leads[name] = max(leads.get(name, -math.inf), float(evidence[i] - other))
-        surely = max(evidence[self._surely].max(), evidence[-1])
         for i in self._barely.tolist():
-            name = self._claims[i].hypothesis.fault
+            name = self.claims[i].hypothesis.fault
             if leads[name] < 0.0:
                 leads[name] = max(leads[name], min(float(evidence[i] - surely), 0.0))
         return leads
 
     @property
     def drive_gain(self) -> float:
-        """Return the gain of the likeliest sound sensor over all judged windows; 1 without one."""
-        sound = self._sound[self._drive_sums[2, self._sound].argmax()]
-        sxx, sxy, _ = self._drive_sums[:, sound].tolist()
-        return self._gain_reference * sxy / sxx if sxx > 0.0 else 1.0
+        """Return the gain of the likeliest sound sensor; 1 without a window."""
+        sound = np.concatenate((self._surely, self._barely))
+        column = self._columns[sound[self._evidence[sound].argmax()]]
+        gain, _ = self._gain(*self._amplitudes[:, column].tolist())
+        return 1.0 if gain is None else gain
 
     def judge(
         self, measured: FloatArray, banks: Sequence[FloatArray], ignore: BoolArray
@@ -142,86 +156,91 @@ class ResponseRule:
         ignore : (w,)
         """
         _, excitation = means_and_stds(np.array([bank[:, 0] for bank in banks]))
-        usable = ~ignore
-        moments = self._regressed(measured, banks, usable)
-        summed = self._summed(usable, moments, measured.shape[1] - self._ahead - 1)
-        return self._reports(usable, excitation, *summed)
+        places = np.flatnonzero(~ignore)
+        moments = self.regressed(measured[places], [banks[i] for i in places.tolist()])
+        return self._reports(~ignore, excitation, *self._summed(~ignore, self.said(moments)))
 
-    def _regressed(
-        self, measured: FloatArray, banks: Sequence[FloatArray], usable: BoolArray
-    ) -> FloatArray:
-        """Return sxx, sxy and syy of each claim in usable windows, means, (w, 3, n_claims)."""
-        places = np.flatnonzero(usable)
-        moments = np.empty((len(places), 3, len(self._claims)))
-        for first in range(0, len(places), _WINDOWS):
-            chosen = places[first : first + _WINDOWS]
-            part = [banks[i] for i in chosen.tolist()]
-            moments[first : first + _WINDOWS] = self._regressed_some(measured[chosen], part)
-        return moments
+    def regressed(self, measured: FloatArray, banks: Sequence[FloatArray]) -> Moments:
+        """Return the moments of windows, in which nothing is summed; arguments as for ``judge``."""
+        sxx = np.empty((len(banks), self._n_columns + 1))
+        sxy, syy = np.empty_like(sxx), np.empty(len(banks))
+        m = measured.shape[1] - self._ahead
+        for first in range(0, len(banks), _WINDOWS):
+            part = slice(first, first + _WINDOWS)
+            some = banks[part]
+            x = np.empty((len(some), m, self._n_columns + 1))
+            for each, bank in zip(x, some, strict=True):
+                each[:, :-1] = bank[:m]
+                each[:, -1] = self._quicker(bank[:, 0], m)
+            y = whitened(measured[part, :m], self._errors.memory)
+            x = whitened(x, self._errors.memory)
+            np.einsum("wij,wij->wj", x, x, out=sxx[part])
+            sxy[part] = (y[:, np.newaxis] @ x)[:, 0]
+            syy[part] = np.einsum("wi,wi->w", y, y)
+        n = m - 1
+        return Moments(sxx / n, sxy / n, syy / n, np.full(len(banks), float(n)))
 
-    def _regressed_some(self, measured: FloatArray, banks: Sequence[FloatArray]) -> FloatArray:
-        n = measured.shape[1]
-        m = n - self._ahead
-        x = np.empty((len(banks), m, self._n_columns + 1))
-        for each, bank in zip(x, banks, strict=True):
-            each[:, :-1] = bank[:m]
-            each[:, -1] = self._quicker(bank[:, 0], m)
-        y = whitened(measured[:, :m], self._noise.memory)
-        x = whitened(x, self._noise.memory)
-        moments = np.empty((len(banks), 3, len(self._claims)))
-        np.einsum("wij,wij->wj", x, x).take(self._columns, 1, moments[:, 0], "clip")
-        (y[:, np.newaxis] @ x)[:, 0].take(self._columns, 1, moments[:, 1], "clip")
-        moments[:, 2] = (y[:, np.newaxis] @ y[:, :, np.newaxis])[:, 0]
-        moments /= y.shape[1]
-        moments[:, 0] *= self._gain_reference**2
-        moments[:, 1] *= self._gain_reference
-        return moments
+    def said(self, moments: Moments) -> Said:
+        """Return what windows that follow each other say; the gains of the timing go on.
 
-    def _summed(
-        self, usable: BoolArray, moments: FloatArray, n_new: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return evidence, (w, n_claims), and gain sums, (w, 2, n_claims), after each window.
-
-        n_new : whitened samples of a window
+        A window's amplitude says less of a claim the further it is from the claim's gains: the
+        logarithm of its square has a Laplace distribution, whose scale is the weight's inverse.
         """
-        evidence = np.empty((len(usable), len(self._claims)))
-        gain_sums = np.empty((len(usable), 2, len(self._claims)))
-        rest = iter(moments)
-        for now, sums, is_usable in zip(evidence, gain_sums, usable.tolist(), strict=True):
+        errors = self._errors
+        predicted, product = errors.gain**2 * moments.sxx, errors.gain * moments.sxy
+        timing = np.empty((len(predicted), len(self.claims)))
+        for each, *own in zip(timing, predicted, product, moments.syy, moments.n, strict=True):
+            each[:] = self._timing(*own)
+        sound = predicted + errors.innovation_var
+        measured = np.log(moments.syy + self._least_var)[:, np.newaxis]
+        least, most = (
+            np.log(gain**2 * predicted[:, self._columns] + errors.innovation_var)
+            for gain in (self._gain_low, self._gain_high)
+        )
+        beyond = np.maximum(least - measured, 0.0) + np.maximum(measured - most, 0.0)
+        return Said(timing, -beyond, measured - np.log(sound), predicted / sound)
+
+    def weighted(self, said: Said) -> FloatArray:
+        """Return what windows add to the claims' evidence, (w, n_claims), the best claim's 0."""
+        log_likelihood = self._errors.evidence * said.timing
+        log_likelihood += self._errors.evidence_gain * said.gain
+        log_likelihood -= log_likelihood.max(axis=1, keepdims=True)
+        return np.asarray(np.maximum(log_likelihood, -self._config.evidence_window))
+
+    def _timing(self, sxx: FloatArray, sxy: FloatArray, syy: float, n: float) -> FloatArray:
+        """Return each claim's log likelihood in a window, (n_claims,); add it to the gains."""
+        part = n / self._unexplained(self._gains(), sxx, sxy, syy)
+        self._sums *= self._config.gain_memory
+        self._sums += part * sxx, part * sxy
+        at = self._columns
+        gains = np.minimum(self._gains()[at], self._gain_high)
+        return np.asarray(-0.5 * n * np.log(self._unexplained(gains, sxx[at], sxy[at], syy)))
+
+    def _gains(self) -> FloatArray:
+        return np.asarray(np.maximum(self._sums[1] / self._sums[0], GAIN_FOLLOWS))
+
+    def _unexplained(
+        self, gain: FloatArray, sxx: FloatArray, sxy: FloatArray, syy: float
+    ) -> FloatArray:
+        rest: FloatArray = np.maximum(syy - gain * (2.0 * sxy - gain * sxx), 0.0)
+        return rest + self._least_var
+
+    def _summed(self, usable: BoolArray, said: Said) -> tuple[FloatArray, FloatArray]:
+        """Return evidence, (w, n_claims), and amplitudes, (w, 3, n_columns), after each window."""
+        evidence = np.empty((len(usable), len(self.claims)))
+        amplitudes = np.empty((len(usable), *self._amplitudes.shape))
+        rest = zip(self.weighted(said), said.moved, said.ratio, strict=True)
+        for now, sums, is_usable in zip(evidence, amplitudes, usable.tolist(), strict=True):
             if is_usable:
-                self._add(next(rest), n_new)
-            now[:], sums[:] = self._evidence, self._gain_sums
-        return evidence, gain_sums
-
-    def _add(self, moments: FloatArray, n_new: int) -> None:
-        """Add a window's moments, (3, n_claims), to gains and evidence."""
-        sums, evidence = self._gain_sums, self._evidence
-        weighted = moments[:2] * (n_new / self._error_var(moments, self._gain(sums)))
-        sums *= self._config.gain_memory
-        sums += weighted
-        error_var = self._error_var(moments, self._gain(sums))
-        log_likelihood = -0.5 * self._weight * n_new * np.log(error_var)
-        np.maximum(log_likelihood, log_likelihood.max() - self._window_most, out=log_likelihood)
-        log_likelihood -= log_likelihood[0]
-        evidence += log_likelihood
-        # a long healthy time must not outweigh the fault that follows it (Page's test)
-        np.maximum(evidence, evidence.max() - self._config.evidence_most, out=evidence)
-        self._drive_sums[:2] += weighted
-        self._drive_sums[2] += log_likelihood
-
-    def _gain(self, sums: FloatArray) -> FloatArray:
-        """Return each claim's gain over the reference, within its range, from all windows."""
-        gain: FloatArray = sums[1] / sums[0]
-        np.maximum(gain, self._gain_low, out=gain)
-        np.minimum(gain, self._gain_high, out=gain)
-        return gain
-
-    def _error_var(self, moments: FloatArray, gain: FloatArray) -> FloatArray:
-        """Return the variance of each claim's error in a window, its least part added."""
-        sxx, sxy, syy = moments
-        error_var: FloatArray = np.maximum(syy - gain * (2.0 * sxy - gain * sxx), 0.0)
-        error_var += self._least_var
-        return error_var
+                added, moved, ratio = next(rest)
+                self._evidence += added
+                # a long healthy time must not outweigh the fault that follows it (Page's test)
+                self._evidence -= self._evidence.max()
+                np.maximum(self._evidence, -self._config.evidence_most, out=self._evidence)
+                self._amplitudes *= self._config.gain_memory
+                self._amplitudes += moved, moved**2, moved * ratio
+            now[:], sums[:] = self._evidence, self._amplitudes
+        return evidence, amplitudes
 
     def _quicker(self, now: FloatArray, m: int) -> FloatArray:
         """Return the prediction ``lead_s`` ahead of its time, (m,)."""
@@ -235,17 +254,15 @@ class ResponseRule:
         usable: BoolArray,
         excitation: FloatArray,
         evidence: FloatArray,
-        gain_sums: FloatArray,
+        amplitudes: FloatArray,
     ) -> list[Response]:
         faulty = evidence.take(self._faults, 1)
         fault = faulty.argmax(axis=1)
-        likeliest_fault = faulty.max(axis=1)
         surely = evidence.take(self._surely, 1).max(axis=1)
         barely = evidence.take(self._barely, 1).max(axis=1, initial=-np.inf)
-        sound = np.maximum(surely, barely)
-        unrelated = evidence[:, -1]
-        margin = likeliest_fault - np.maximum(sound, unrelated)
-        lead = surely - np.maximum(np.maximum(likeliest_fault, barely), unrelated)
+        tested = evidence.take(self._tested, 1).max(axis=1, initial=-np.inf)
+        margin = faulty.max(axis=1) - np.maximum(surely, barely)
+        lead = surely - np.maximum(tested, barely)
         best = evidence.argmax(axis=1)
         times = self._estimated_times(evidence)
         found = []
@@ -257,12 +274,12 @@ class ResponseRule:
             also: tuple[str, ...] = ()
             likeliest = int(self._faults[fault[i]])
             if is_usable and gap >= self._config.evidence_fail:
-                outcome, name = "failed", self._claims[likeliest].fault
+                outcome, name = "failed", self.claims[likeliest].fault
                 also = self._alike(evidence[i], likeliest)
             elif is_usable and sound_gap >= self._config.evidence_pass:
                 outcome = "passed"
-            claim = self._claims[own]
-            gain = self._estimated_gain(gain_sums[i, :, own].tolist())
+            claim = self.claims[own]
+            gain = self._gain(*amplitudes[i, :, claim.column].tolist())
             hypothesis = claim.fault or "healthy"
             statistics = Estimates._make((float(excitation[i]), gap, hypothesis, *times[i], *gain))
             column = claim.column if claim.column < self._n_columns else 0
@@ -272,7 +289,7 @@ class ResponseRule:
     def _alike(self, evidence: FloatArray, best: int) -> tuple[str, ...]:
         behind = evidence[best] - evidence[self._faults]
         close = self._faults[behind < self._config.evidence_alike].tolist()
-        return tuple(sorted({self._claims[i].fault for i in close} - {self._claims[best].fault}))
+        return tuple(sorted({self.claims[i].fault for i in close} - {self.claims[best].fault}))
 
     def _estimated_times(self, evidence: FloatArray) -> list[list[float]]:
         """Return lags and dead times, each with its standard deviation, after each window.
@@ -287,14 +304,14 @@ class ResponseRule:
         rows: list[list[float]] = found.swapaxes(1, 2).reshape(len(evidence), -1).tolist()
         return rows
 
-    def _estimated_gain(self, sums: Sequence[float]) -> tuple[float | None, float | None]:
-        """Return the gain with its standard deviation; None before any window."""
-        if not self.windows:
+    def _gain(self, moved: float, square: float, ratio: float) -> tuple[float | None, float | None]:
+        """Return the gain with its standard deviation from sums; None before a window moved."""
+        if not moved:
             return None, None
-        sxx, sxy = sums
-        reference = self._gain_reference
-        std = reference * math.sqrt(1.0 / (self._weight * sxx))
-        return reference * sxy / sxx, std
+        share, least = square / moved, self._config.gain_least
+        relative = (math.exp(ratio / moved) - 1.0 + share) / share
+        gain = self._errors.gain * math.sqrt(max(relative, least**2))
+        return gain, gain * math.sqrt(0.5 / moved) / self._errors.evidence_gain
 
 
 _TIMES = tuple(f"{what}_{edge}" for what in ("lag", "dead_time") for edge in EDGES)

@@ -32,7 +32,7 @@ def test_a_late_sensor_has_its_code_and_the_time_to_its_detection(late: Scenario
     assert 10.0 < time_s < 30.0
     assert late.assert_codes("P015A", state="pending", within_s=30.0) is late
     assert repr(late) == f"<ScenarioResult drive 1: {late.verdict}>"
-    assert "FAULT: P015A delay_rich_to_lean (pending, 38 s)" in str(late.verdict)
+    assert "FAULT: P015A delay_rich_to_lean (pending, 43 s)" in str(late.verdict)
 
 
 @pytest.mark.parametrize(

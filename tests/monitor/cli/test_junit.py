@@ -54,7 +54,7 @@ def test_a_fault_fails_a_drive_without_verdict_is_skipped_a_healthy_one_passes(
     tag, kind, message = found["short.log"]
     assert (tag, kind) == ("skipped", None)
     assert message and message.startswith("not judged: ")
-    sentence = "FAULT: P015A delay_rich_to_lean (pending, 38 s)"
+    sentence = "FAULT: P015A delay_rich_to_lean (pending, 43 s)"
     assert found["late.log"] == ("failure", "P015A", sentence)
     # and the next run replaces its own report with the same bytes, no other's file
     before = report.read_bytes()

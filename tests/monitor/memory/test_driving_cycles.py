@@ -40,7 +40,7 @@ from training.recordings.files.can_log import write_log
 @pytest.fixture(scope="module")
 def late_sensor() -> list[Frame]:
     (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
-    return list(read_frames(log))[: 200 * 80]
+    return list(read_frames(log))[: 200 * 100]
 
 
 def later(frames: list[Frame], by_s: float) -> list[Frame]:

@@ -125,7 +125,7 @@ def test_a_fit_to_one_drive_says_what_it_cannot_know(
     drives: int, warns: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # GIVEN windows enough for limits
-    monkeypatch.setattr(new_model, "set_limits", lambda *_: (None, MANY_WINDOWS))
+    monkeypatch.setattr(new_model, "set_limits", lambda *_, **__: (None, MANY_WINDOWS))
     # WHEN they come from one drive THEN the fit warns, and from several it does not
     recordings = load_recordings([drive_of(i) for i in range(drives)])
     said = new_model._set_limits(Path("model.onnx"), (), recordings)

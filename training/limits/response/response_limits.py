@@ -1,26 +1,33 @@
-"""Limits of the response rule from healthy recordings: gains, movement, weights of evidence."""
+"""How a model errs, from healthy recordings: amplitude, weights of evidence, stillness."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
+from operator import attrgetter
+from typing import Final
 
 import numpy as np
+from scipy.optimize import brentq
 
 from monitor.base.config import Config
+from monitor.base.types import BoolArray, FloatArray
+from monitor.judge.decision.window_facts import phi_of
 from monitor.judge.limits import Limits
-from monitor.judge.response.estimates import Estimates
+from monitor.judge.response.bank import build
+from monitor.judge.response.claims import ErrorModel
+from monitor.judge.response.rule import Moments, ResponseRule
+from monitor.judge.window import Window
 from monitor.model.card import Limit
 from monitor.model.step import Model
-from monitor.pipeline.events import CutJudged, WindowJudged
-from training.limits.judging import judge_recordings
+from training.limits.judging import Judged, judge_recordings
+from training.limits.repeated_model import RepeatedModel
 from training.limits.response.stillness import still_limits
 from training.recordings.recording import Recording
 
-CODE_PROBABILITY = 0.003  # at most, of a code's evidence in a healthy drive like the recordings
-PROMISED = 1.0  # mean of a healthy drive's largest evidence, if the errors are the noise supposed
-WINDOWS_OF_A_CODE = 2  # must speak for a fault where healthy recordings show evidence of one
-STEPS = (0.5, 0.8)  # of a weight that is still too large, at least and at most
-LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
+Unseen = Iterable[tuple[Model, Sequence[Recording]]]  # models, each with drives it has not seen
+LEAST_EVIDENCE: Final = 1e-3  # with less the response rule decides nothing within a day
+GAIN_MOST: Final = 10.0  # of a model that follows its vehicle, and its inverse
 
 
 def response_limits(
@@ -28,108 +35,134 @@ def response_limits(
     recordings: Sequence[Recording],
     limits: Limits,
     config: Config,
+    unseen: Unseen | None = None,
 ) -> dict[str, Limit]:
-    """Return the healthy gains, the weights of evidence and how long the reading may stand still.
+    """Return how the model errs, and how long the reading may stand still.
 
-    The gain's spread from drive to drive, and a model that follows its vehicle poorly, look like a
-    weak or late sensor. Where healthy recordings show more evidence of a fault than the noise
-    supposed would, no window alone may say more than half of a code's evidence, and the evidence
-    counts less by as much as a code would still be too probable in another healthy drive
-    (``_probability``). A coarse or clipped reading that stands still in healthy recordings is
-    given more time before it is stuck.
+    A model's errors look like a weak or late sensor: evidence counts for so much that it speaks for
+    no fault of healthy drives. A coarse or clipped reading that stands still in healthy recordings
+    is given more time before it is stuck.
 
     limits : of the windows; what an earlier calibration says of the response does not count
+    unseen : more drives, which tell the weights, too
     """
-    where = f"{len(recordings)} healthy recordings"
-    unbound = 2.0 * config.response.evidence_most  # beyond that of the settings
-    plain = replace(limits, still_s=0.0, still_end_s=0.0, evidence_window=unbound)
-    plain = replace(plain, gain_model=1.0, evidence=math.inf)
-    judged = judge_recordings(recordings, model, plain, config)
-    gains = [gain for each in judged if (gain := _last_gain(each.windows)) is not None]
-    gain = _healthy_gain(gains, config)
-    used = replace(plain, gain_model=gain, evidence=config.response.evidence_weight)
-    most = _most_evidence(model, recordings, used, config)
-    if _scale(most) > PROMISED:
-        used = replace(used, evidence_window=config.response.evidence_fail / WINDOWS_OF_A_CODE)
-        used = _calmed(model, recordings, used, config)
+    plain = replace(limits, still_s=0.0, still_end_s=0.0)
+    period_s, errors = model.card.period_ns / 1e9, ErrorModel(limits.noise, limits.noise_memory)
+    rule = ResponseRule(config.response, build(config.response), errors, period_s)
+
+    def drives(of: Model, healthy: Sequence[Recording]) -> Iterator[Moments]:
+        for judged in judge_recordings(healthy, RepeatedModel.of(of), plain, config):
+            if windows := _moving(judged, config.plausibility.stuck_range):
+                yield _moments(windows, rule, model.card.transform)
+
+    seen = list(drives(model, recordings))
+    others = [each for of, healthy in unseen or () for each in drives(of, healthy)]
+    gain = healthy_gain(seen, errors, config.response.noise_least)
+    errors = replace(errors, gain=gain)
+    late: list[FloatArray] = []
+    weak: list[FloatArray] = []
+    for moments in (*seen, *others):
+        rule = ResponseRule(config.response, build(config.response), errors, period_s)
+        for steps, raised in zip((late, weak), _steps(moments, rule), strict=True):
+            steps.append(raised)
+    limits_of = config.response
+    still = 2.0 * math.log(limits_of.gain_sound_min / limits_of.gain_least)
+    where = f"{len(seen)} healthy recordings"
+    bet = f"most at which a bet on a fault does not win on {where}"
+    bet += f" and {len(others)} that a twin had not seen" if others else ""
     found = {
-        "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
-        "evidence": Limit(used.evidence, "-", _origin(most, where)),
-        "evidence_window": Limit(
-            used.evidence_window,
-            "-",
-            f"half of a code's evidence where {where} show more evidence of a fault than noise "
-            "would, else only that of the settings",
-        ),
+        "gain_model": Limit(gain, "-", f"amplitude over the prediction's, median window, {where}"),
+        "evidence": Limit(weight_of(late, limits_of.evidence_window), "-", bet),
+        "evidence_gain": Limit(weight_of(weak, still), "-", bet),
     }
     return found | still_limits(recordings, model.card, config)
 
 
-def _healthy_gain(gains: Sequence[float], config: Config) -> float:
-    """Return the median of the drives' gains, 1 without any."""
-    least = config.response.gain_least  # a model that follows less says nothing of its vehicle
-    return min(max(float(np.median(gains)), least), 1.0 / least) if gains else 1.0
+def weight_of(drives: Sequence[FloatArray], most: float) -> float:
+    """Return the weight of evidence at which a bet on a fault does not win on average, above 0.
 
+    The weight times the evidence is the logarithm of a stake; where its mean factor is at most 1,
+    no healthy drive ever reaches the odds 1/alpha with a probability above alpha (Ville; Dey,
+    Martin and Williams, Generalized universal inference on risk minimizers, arXiv 2402.00202).
 
-def _origin(most: Sequence[float], where: str) -> str:
-    return f"largest evidence of a fault {max(most):.3g} at full weight, {where}"
+    drives : of each healthy drive by how much every window raises the evidence of a fault
+    most : evidence of a window; one that says so much of a fault is imagined beside those seen
 
-
-def _calmed(
-    model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
-) -> Limits:
-    """Return limits whose weight makes a code in a healthy drive improbable."""
-    most = _most_evidence(model, recordings, limits, config)
-    if _probability(most, config) <= CODE_PROBABILITY:
-        return limits
-    allowed = -config.response.evidence_fail / math.log(CODE_PROBABILITY)
-    weight = config.response.evidence_weight
-    while _scale(most) > allowed and weight > LEAST_EVIDENCE:  # bounded evidence is not linear
-        weight *= float(np.clip(allowed / _scale(most), *STEPS))
-        limits = replace(limits, evidence=weight)
-        most = _most_evidence(model, recordings, limits, config)
-    return limits
-
-
-def _probability(most: Sequence[float], config: Config) -> float:
-    """Return the probability that another healthy drive shows the evidence of a code.
-
-    most : largest evidence of a fault in each healthy drive, which falls off exponentially
-    Source: Basseville and Nikiforov, Detection of Abrupt Changes, section 5.2 (the exceedance of a
-    level by a sum of log likelihood ratios falls exponentially with the level).
+    >>> round(weight_of([np.array([-1.0, 0.5] * 200)], 5.8), 2)
+    0.54
     """
-    scale = _scale(most)
-    return math.exp(-config.response.evidence_fail / scale) if scale else 0.0
+    steps = np.concatenate([[most], *drives])
+
+    def wins(weight: float) -> float:
+        return float(np.exp(weight * steps).mean()) - 1.0
+
+    certain = np.log(len(steps)) / most  # with which the imagined window alone wins
+    return (
+        float(brentq(wins, LEAST_EVIDENCE, certain))
+        if wins(LEAST_EVIDENCE) < 0.0
+        else LEAST_EVIDENCE
+    )
 
 
-def _scale(most: Sequence[float]) -> float:
-    """Return the mean of exponentially distributed values, from their mean or their largest one.
+def healthy_gain(drives: Sequence[Moments], errors: ErrorModel, noise_least: float) -> float:
+    """Return the amplitude of healthy readings over the prediction's: that of the median window.
 
-    The larger of both estimates, in case that a few drives are worse than the others. The largest
-    of n values is 1 + 1/2 + … + 1/n times the mean (David and Nagaraja, Order Statistics, section
-    2.5).
+    Windows count by how much of the reading's variance the prediction gives.
     """
-    largest = max(most) / sum(1.0 / k for k in range(1, len(most) + 1))
-    return max(math.fsum(most) / len(most), largest)
+    if not drives:
+        return 1.0
+    predicted = np.concatenate([moments.sxx[:, 0] for moments in drives])
+    measured = np.concatenate([moments.syy for moments in drives])
+    measured += noise_least * errors.innovation_var
+
+    def median(log_gain: float) -> float:
+        moved = np.exp(2.0 * log_gain) * predicted
+        whole = moved + errors.innovation_var
+        ratio = np.log(measured / whole)
+        order = np.argsort(ratio)
+        total = np.cumsum((moved / whole)[order])
+        return float(ratio[order[np.searchsorted(total, 0.5 * total[-1])]])
+
+    most = math.log(GAIN_MOST)
+    if not median(-most) > 0.0 > median(most):
+        return 1.0
+    return math.exp(brentq(median, -most, most, xtol=1e-9))
 
 
-def _most_evidence(
-    model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
-) -> list[float]:
-    """Return the largest evidence of a fault in each healthy recording with windows, at least 0."""
+def _moving(judged: Judged, still: float) -> list[Window]:
+    """Return a drive's windows of either kind in their order, without those that are ignored."""
+    windows = [each.window for each in judged.windows] + [cut.window for cut in judged.cuts]
+    moving = [window for window in windows if np.ptp(window.measured) > still]
+    return sorted(moving, key=attrgetter("t_end_ns"))
+
+
+def _moments(windows: Sequence[Window], rule: ResponseRule, transform: str) -> Moments:
     found = []
-    for judged in judge_recordings(recordings, model, limits, config):
-        seen: list[WindowJudged | CutJudged] = [*judged.windows, *judged.cuts]
-        evidence = [_estimates(each).evidence for each in seen]
-        if evidence:  # a drive without windows does not show that the evidence is small
-            found.append(max(0.0, *evidence))
-    return found or [0.0]
+    for _, group in groupby(windows, attrgetter("is_cut")):
+        alike = list(group)
+        found.append(rule.regressed(phi_of(alike, transform), [w.bank for w in alike]))
+    return Moments._make(np.concatenate(each) for each in zip(*found, strict=True))
 
 
-def _last_gain(windows: Sequence[WindowJudged | CutJudged]) -> float | None:
-    return _estimates(windows[-1]).gain if windows else None
+def _steps(moments: Moments, rule: ResponseRule) -> tuple[FloatArray, FloatArray]:
+    """Return by how much each window raises the evidence of a late and of a weak sensor, (w,).
+
+    Late is a lag or dead time beyond its limit against any within it, whatever the gain; weak a
+    punctual sensor of little gain against one that is sound.
+    """
+    is_late = np.array([claim.hypothesis.beyond_limit for claim in rule.claims])
+    is_sound = np.array([not claim.fault for claim in rule.claims])
+    punctual = np.array([claim.column == 0 for claim in rule.claims])
+    said = rule.said(moments)
+    late = rule.weighted(said._replace(gain=np.zeros_like(said.gain)))
+    weak = rule.weighted(said._replace(timing=np.zeros_like(said.timing)))
+    return (
+        _raised(late, is_late, is_sound),
+        _raised(weak, punctual & ~is_sound, punctual & is_sound),
+    )
 
 
-def _estimates(judged: WindowJudged | CutJudged) -> Estimates:
-    found = judged.statistics
-    return found if isinstance(found, Estimates) else found.response
+def _raised(added: FloatArray, fault: BoolArray, sound: BoolArray) -> FloatArray:
+    summed = np.cumsum(added, axis=0)
+    margin = summed[:, fault].max(axis=1) - summed[:, sound].max(axis=1)
+    return np.diff(margin, prepend=0.0)

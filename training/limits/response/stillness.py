@@ -36,7 +36,7 @@ class Stretches(NamedTuple):
 def still_limits(
     recordings: Sequence[Recording], card: ModelCard, config: Config
 ) -> dict[str, Limit]:
-    """Return how long the reading of healthy recordings may stand still; 0 is the usual time."""
+    """Return how long the reading of healthy recordings may stand still, if unusually long."""
     own = config.plausibility
     found = [still_stretches(recording, card, config) for recording in recordings]
     times_s = {
@@ -49,9 +49,8 @@ def still_limits(
     where = f"exceeded in {FALSE_SHARE:g} of the drives, by {len(recordings)} healthy recordings"
     return {
         name: Limit(time_s, "s", where)
-        if time_s > usual_s
-        else Limit(0.0, "s", f"usual time: {time_s:.3g} s {where}")
         for name, (time_s, usual_s) in times_s.items()
+        if time_s > usual_s
     }
 
 
