@@ -1,7 +1,7 @@
 """Days of bus time through the live loop at full speed: constant memory, no false code.
 
 A healthy simulated drive is played again and again from memory. The loop has all attachments of a
-service: fault memory on disk, transmitter, JSON lines, status line. The bus is silent for a moment
+service: fault memory on disk, transmitter, journal, status line. The bus is silent for a moment
 between two drives. The drives are healthy, so every code is wrong.
 
 python -m benchmarks soak [--hours 24] [--every 1] [--trace]
@@ -30,7 +30,7 @@ from monitor.base import config
 from monitor.base.types import Frame
 from monitor.bus.link.recorder import message_of
 from monitor.bus.loop import Loop
-from monitor.bus.terminal import JsonEvents, Out, Screen
+from monitor.bus.terminal import EventLines, Out, Screen
 from monitor.bus.transmit import Transmitter
 from monitor.frames.logs import read_frames
 from monitor.memory.store import Memory
@@ -88,7 +88,7 @@ def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) 
         monitor, out = loop.pipeline.monitor, Out(Nowhere())
         loop.attachments += [
             Transmitter(monitor),
-            JsonEvents(monitor, loop.health, out),
+            EventLines(monitor, loop.health, loop.collector, out),
             Screen(monitor, loop.health, loop.collector, out),
         ]
         if trace:

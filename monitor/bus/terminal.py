@@ -1,37 +1,22 @@
-"""The terminal of ``o2mon run``: a status line, plain lines, or lines of JSON."""
+"""The terminal of ``o2mon run``: a status line or plain lines."""
 
-import json
 import math
 import os
 import shutil
 import stat
-import time
 from collections import deque
-from collections.abc import Callable, Mapping
-from typing import Any, Final, TextIO
+from typing import Final, TextIO
 
-from monitor.base.files.json_text import rounded
 from monitor.base.types import Frame
 from monitor.bus.attachment import Attachment
 from monitor.bus.link.port import BusHealth
 from monitor.judge.enable import CONDITIONS
 from monitor.pipeline.collector import Collector
-from monitor.pipeline.entry import window_fields
-from monitor.pipeline.events import (
-    Counted,
-    CutJudged,
-    CycleStarted,
-    DtcChanged,
-    Event,
-    Tick,
-    WindowJudged,
-)
+from monitor.pipeline.events import Event, Tick, WindowJudged
 from monitor.pipeline.monitor import SensorMonitor
 from monitor.report.lines import event_line
 
-SCHEMA: Final = "o2mon.run/1"
 REDRAW_S: Final = 0.25
-HEALTH_S: Final = 10.0  # between two lines of JSON about the bus
 WAITING_LINES: Final = 1000  # kept for a reader that hangs
 _ERASE: Final = "\r\x1b[K"
 _STATE_WIDTH: Final = len("waits: ") + max(map(len, CONDITIONS))
@@ -45,7 +30,7 @@ class Out:
     """
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+        self.stream = stream
         self._number = _not_blocking(stream)
         self._waiting: deque[str] = deque(maxlen=WAITING_LINES)
         self._rest = b""  # of what was begun
@@ -89,8 +74,8 @@ class Out:
     def _write(self, text: str) -> None:
         try:
             if self._number is None:
-                self._stream.write(text)
-                self._stream.flush()
+                self.stream.write(text)
+                self.stream.flush()
                 return
             self._rest += text.encode()
             self._rest = self._rest[os.write(self._number, self._rest) :]
@@ -200,86 +185,3 @@ class Screen(EventLines):
             columns = shutil.get_terminal_size().columns
             self._out.draw(self.line()[: max(columns - 1, 20)])
         return ()
-
-
-class JsonEvents(StatusLine):
-    """Every event but ticks, and the bus health from time to time, as one line of JSON each."""
-
-    due_s = -math.inf
-
-    def __init__(
-        self,
-        monitor: SensorMonitor,
-        health: BusHealth,
-        out: Out,
-        wall_s: Callable[[], float] = time.time,
-    ) -> None:
-        super().__init__(monitor, health)
-        self._out, self._wall_s = out, wall_s
-
-    def push(self, event: Event) -> None:
-        """Print an event that is no tick."""
-        super().push(event)
-        if isinstance(event, WindowJudged):
-            window = event.window
-            self._print(
-                "window",
-                t_start_ns=window.t_start_ns,
-                t_end_ns=window.t_end_ns,
-                **window_fields(event),
-            )
-        elif isinstance(event, DtcChanged):
-            dtc = event.dtc
-            self._print(
-                "dtc",
-                t_ns=event.t_ns,
-                code=dtc.code,
-                fault=dtc.fault or None,
-                also=list(dtc.also),
-                status=int(dtc.status),
-                state=dtc.state,
-            )
-        elif isinstance(event, CutJudged):
-            self._print(
-                "fuel_cut",
-                t_end_ns=event.t_ns,
-                verdict=event.outcome,
-                fault=event.fault,
-                statistics=event.statistics._asdict(),
-            )
-        elif isinstance(event, CycleStarted):
-            self._print("cycle", t_ns=event.t_ns)
-        elif isinstance(event, Counted):
-            self._print("counted", t_ns=event.t_ns, what=event.what)
-
-    def work(self, now_s: float) -> tuple[Frame, ...]:
-        """Print the bus health if it is time."""
-        if now_s >= self.due_s:
-            self.due_s = now_s + HEALTH_S
-            self._health_line()
-        self._out.flush()
-        return ()
-
-    def close(self) -> None:
-        """Print the health once more and the remaining lines."""
-        self._health_line()
-        self._out.close()
-
-    def _health_line(self) -> None:
-        monitor = self._monitor
-        self._print(
-            "health",
-            samples=monitor.samples,
-            enabled_samples=monitor.enabled_samples,
-            windows=self._windows,
-            **self._health.as_dict(),
-        )
-
-    def _print(self, kind: str, **fields: Any) -> None:
-        self._out.say(json_line(kind, self._wall_s(), fields))
-
-
-def json_line(kind: str, wall_s: float, fields: Mapping[str, Any]) -> str:
-    """Return one line of ``o2mon.run/1``; docs/reference/json.md has the fields of each kind."""
-    line = {"schema": SCHEMA, "type": kind, "wall_s": round(wall_s, 3), **fields}
-    return json.dumps(rounded(line), allow_nan=False)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import BusFiles, Input, Output, SettingsFile
@@ -101,14 +101,15 @@ class ObdOptions:
     obd_request: Annotated[int | None, hexadecimal, "ID"] = None
 
 
-def say(line: str) -> None:
+def say(line: str, stream: TextIO | None = None) -> None:
     """Print a line; if the reader is gone, go on silently, because the exit code still counts."""
+    stream = stream or sys.stdout
     try:
-        print(line, flush=True)
+        print(line, file=stream, flush=True)
     except OSError as error:  # a pipe without a reader, or a terminal that hung up
         if error.errno not in (errno.EPIPE, errno.EIO):
             raise
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def warn(line: str) -> None:

@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 from monitor.base.command_line.signature import REPEATED
 from monitor.cli.options import Hertz
@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from monitor.bus.loop import Loop
     from monitor.bus.sink_feed import SinkFeed
     from monitor.sinks.record import Sink
+
+
+STDOUT: Final = "jsonl:-"
 
 
 def _tag(text: str) -> tuple[str, str]:
@@ -25,8 +28,8 @@ def _tag(text: str) -> tuple[str, str]:
 class SinkOptions:
     """Where results go.
 
-    sink : send events and signals there: mqtt://HOST/TOPIC, jsonl:FILE (lines of JSON, - for the
-        output), or the kind of a plug-in; may repeat
+    sink : send events and signals there: mqtt://HOST/TOPIC, jsonl:FILE (lines of JSON; with
+        jsonl:- on stdout, a run then speaks on stderr), or the kind of a plug-in; may repeat
     sink_rate : most signal records per second
     sink_tag : tag of everything that is sent, as vehicle=17; may repeat
     """

@@ -1,6 +1,6 @@
 """Lines of JSON, appended to a file or printed, for Telegraf, Vector, Loki and the like."""
 
-import sys
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
@@ -30,15 +30,17 @@ class JsonLines:
         Raises OSError if the file cannot be written.
         """
         if self._file is None:
-            self._file = sys.stdout if self._path == STDOUT else self._open()
+            self._file = self._open()
         self._file.writelines(json_of(record, self._tags) + "\n" for record in records)
         self._file.flush()
 
     def _open(self) -> TextIO:
+        if self._path == STDOUT:  # a file of its own: one that hangs does not hold up the exit
+            return os.fdopen(os.dup(1), "w", encoding="utf-8")
         return Path(self._path).open("a", encoding="utf-8")
 
     def close(self) -> None:
-        """Close the file, not the output."""
-        if self._file and self._path != STDOUT:
+        """Close the file."""
+        if self._file:
             self._file.close()
         self._file = None

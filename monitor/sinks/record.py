@@ -11,7 +11,7 @@ Tags = Mapping[str, str]  # said by the user, constant during a run
 class Record(NamedTuple):
     """One event, or the signals of one moment."""
 
-    kind: str  # "signals", "verdict", "code" or "cycle"
+    kind: str  # "signals", "verdict", "code", "cycle" or "health"
     t_ns: int  # clock of the frames
     values: Mapping[str, Value]
 

@@ -1,7 +1,7 @@
 """Take vcan0 down and up, then away and back, under a monitor that listens on it.
 
 While the monitor waits for vcan0, ``o2mon check --obd`` polls an ECU there. Prints what both print,
-the monitor with ``--json-lines``. Runs where vcan0 is up and may be changed; see ``guest``.
+the monitor with ``--sink jsonl:-``. Runs where vcan0 is up and may be changed; see ``guest``.
 """
 
 import signal
@@ -16,7 +16,7 @@ import can
 from listening import n_receivers, wait_until_listening
 
 CHECK = [sys.executable, "-m", "tests.vcan.check_obd"]
-MONITOR = ["-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--json-lines"]
+MONITOR = ["-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--sink", "jsonl:-"]
 PATIENT = "[plausibility]\nstart_patience_s = 300\n"  # silence is no fault, however slow this is
 N_FRAMES = 20
 DOWN_S = 1.0

@@ -9,21 +9,24 @@ from pathlib import Path
 
 from monitor.bus.ending import ended_by_signals
 
-HEALTH = '"type": "health"'
+HEALTH = '"kind": "health"'
 
 
 def test_a_terminal_that_hangs_up_ends_a_run_with_verdict_json_and_report(tmp_path: Path) -> None:
     out, page = tmp_path / "out.json", tmp_path / "out.html"
-    argv = ["run", "-i", "virtual", "-c", "silent", "--json-lines"]
+    argv = ["run", "-i", "virtual", "-c", "silent", "--quiet", "--sink", "jsonl:-"]
     command = [sys.executable, "-m", "monitor.cli", *argv, "--json", str(out), "--html", str(page)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         assert HEALTH in process.stdout.readline()
         process.send_signal(signal.SIGHUP)  # the kernel's
         process.send_signal(signal.SIGHUP)  # the shell's
-        rest, _ = process.communicate(timeout=60.0)
+        rest, words = process.communicate(timeout=60.0)
     assert process.returncode == 3  # nothing was judged
-    assert '"type": "end"' in rest
+    assert HEALTH in rest
+    assert "not judged" in words
     (recording,) = json.loads(out.read_text())["recordings"]
     assert recording["completed"] is False
     assert "</html>" in page.read_text()

@@ -18,15 +18,7 @@ import pytest
 from monitor.base import config
 from monitor.base.types import Frame
 from monitor.bus.loop import Loop
-from monitor.bus.terminal import (
-    REDRAW_S,
-    WAITING_LINES,
-    EventLines,
-    JsonEvents,
-    Out,
-    Screen,
-    StatusLine,
-)
+from monitor.bus.terminal import REDRAW_S, WAITING_LINES, EventLines, Out, Screen, StatusLine
 from monitor.bus.watchdog import Watchdog
 from monitor.judge.enable import CONDITIONS
 from monitor.memory.store import Memory
@@ -119,26 +111,6 @@ def test_the_screen_is_drawn_four_times_a_second_at_most(loop: Loop) -> None:
     assert stream.getvalue().endswith("\r\x1b[K")
 
 
-def test_every_line_of_json_has_its_schema_and_is_finite(loop: Loop) -> None:
-    stream = io.StringIO()
-    told(JsonEvents(loop.pipeline.monitor, loop.health, Out(stream), lambda: 5.0), loop)
-    lines = [
-        json.loads(line, parse_constant=pytest.fail) for line in stream.getvalue().splitlines()
-    ]
-    assert {(line["schema"], line["wall_s"]) for line in lines} == {("o2mon.run/1", 5.0)}
-    kinds = {line["type"] for line in lines}
-    assert kinds >= {"window", "dtc", "health"}
-    windows = [line for line in lines if line["type"] == "window"]
-    recorded = loop.result("played")["windows"]
-    assert [w["mean"] for w in windows] == pytest.approx([w["mean"] for w in recorded], abs=1e-8)
-    assert [w["verdict"] for w in windows] == [w["verdict"] for w in recorded]
-    codes = {line["code"]: line["state"] for line in lines if line["type"] == "dtc"}
-    assert codes["P015A"] == "pending"
-    last = lines[-1]
-    assert last["type"] == "health"
-    assert (last["frames"], last["state"]) == (loop.health.frames, "active")
-
-
 def test_a_terminal_that_hangs_holds_up_nothing_and_gets_the_latest_when_it_goes_on() -> None:
     # GIVEN a terminal whose other side reads nothing
     master, slave = pty.openpty()
@@ -226,12 +198,13 @@ def test_a_service_is_ready_and_ends_by_sigterm_with_its_memory_stored(
 ) -> None:
     # GIVEN the monitor as a service manager starts it, on a bus nobody sends to
     memory = tmp_path / "o2.db"
-    command = ["run", "-i", "virtual", "-c", "silent", "--json-lines", "--memory", str(memory)]
+    command = ["run", "-i", "virtual", "-c", "silent", "--sink", "jsonl:-", "--memory", str(memory)]
     environment = os.environ | {"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "200000"}
     with subprocess.Popen(
         [sys.executable, "-m", "monitor.cli", *command],
         env=environment,
         stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
     ) as process:
         manager.settimeout(120.0)
@@ -239,13 +212,13 @@ def test_a_service_is_ready_and_ends_by_sigterm_with_its_memory_stored(
         assert "WATCHDOG=1" in heard(manager)
         # WHEN it is to end
         process.send_signal(signal.SIGTERM)
-        output, _ = process.communicate(timeout=60.0)
+        records, words = process.communicate(timeout=60.0)
     # THEN it ends by itself, says so, and has stored its memory
     assert process.returncode == 3  # nothing was judged
     told = []
     while not told or told[-1] != "STOPPING=1":
         told += heard(manager)
-    lines = [json.loads(line) for line in output.splitlines()]
-    assert [line["type"] for line in lines] == ["health", "health", "end"]
+    assert [json.loads(line)["kind"] for line in records.splitlines()] == ["health", "health"]
+    assert "not judged" in words
     with closing(Memory(memory)) as stored:
         assert stored.load().counts is not None

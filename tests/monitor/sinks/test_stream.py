@@ -71,10 +71,10 @@ def test_tags_and_rate_are_the_user_s(tmp_path: Path) -> None:
 
 
 def test_records_are_printed_as_lines_where_the_address_is_a_dash(
-    capsys: pytest.CaptureFixture[str],
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     assert cli.main(["replay", str(LATE), "--quiet", "--sink", "jsonl:-"]) == 1
-    kinds = {json.loads(line)["kind"] for line in capsys.readouterr().out.splitlines()}
+    kinds = {json.loads(line)["kind"] for line in capfd.readouterr().out.splitlines()}
     assert kinds == {"signals", "verdict", "code"}
 
 
