@@ -18,6 +18,8 @@ from monitor.pipeline.events import Event, singly
 from monitor.pipeline.frames import FramePipeline
 from tests.conftest import ROOT
 
+GATHERED = 6  # frames of 25 ms
+
 
 class Sink:
     """Takes the feed's lines in place of a server."""
@@ -66,12 +68,12 @@ class Player:
         return [each for event in found for each in singly(event)]
 
     def push(self, frames: Sequence[Frame], speed: float | None = None) -> None:
-        """Judge frames, four at once, and feed the page by their times, or so many times as fast.
+        """Judge frames as they gather, and feed the page by their times, or so many times as fast.
 
         speed : times real time; without it as fast as possible
         """
         begin_s, first_ns = time.monotonic(), frames[0].t_ns
-        for part in (frames[k : k + 4] for k in range(0, len(frames), 4)):
+        for part in (frames[k : k + GATHERED] for k in range(0, len(frames), GATHERED)):
             self.health["frames"] += len(part)
             for event in self.judged(part):
                 self.feed.push(event)

@@ -29,8 +29,8 @@ class Conversation:
         self.ecu = ecu
         self.bus = SimulatedBus(ecu)
         self.decoding = Decoding(bus_map, bus_map.names)
-        channels = self.decoding.decoder.channels
-        self.values: dict[str, list[float]] = {name: [] for name in channels}
+        self._values: dict[str, list[float]] = {n: [] for n in self.decoding.decoder.channels}
+        self._n_decoded = 0
         self.frames: list[Frame] = []
 
     def run(self, seconds: float) -> "Conversation":
@@ -41,12 +41,9 @@ class Conversation:
             message = self.bus.recv(min(max(left_s, 0.0), 0.1))
             if message is not None:
                 frame = frame_of(message)
-                made = [
-                    *([frame] if (frame.can_id, frame.is_extended) == (0x7E8, False) else []),
-                    *self.poller.receive(frame),
-                ]
-                for each in made:
-                    self._take(each)
+                if (frame.can_id, frame.is_extended) == (0x7E8, False):
+                    self.frames.append(frame)
+                self.frames += self.poller.receive(frame)
                 self._send()
         return self
 
@@ -54,10 +51,13 @@ class Conversation:
         for frame in self.poller.work(self.bus.now_s):
             self.bus.send(message_of(frame))
 
-    def _take(self, frame: Frame) -> None:
-        self.frames.append(frame)
-        for name, value in (self.decoding.one(frame) or {}).items():
-            self.values[name].append(value)
+    @property
+    def values(self) -> dict[str, list[float]]:
+        new, self._n_decoded = self.frames[self._n_decoded :], len(self.frames)
+        for found in self.decoding.push(new):
+            for name, value in (found or {}).items():
+                self._values[name].append(value)
+        return self._values
 
     @property
     def asked(self) -> list[tuple[int, ...]]:
