@@ -40,7 +40,7 @@ class Size(NamedTuple):
 
 
 WHOLE: Final = Size()
-SMALLEST: Final = Size(120.0, 5)
+SMALLEST: Final = Size(120.0, 3)
 
 
 @dataclass(frozen=True, slots=True)

@@ -94,10 +94,10 @@ def columns(vehicle: int, case: SensorCase) -> dict[str, FloatArray]:
 class MonitoredVehicle:
     """A vehicle and its monitor."""
 
-    def __init__(self, vehicle: int, kind: str, folder: Path, budget: float) -> None:
+    def __init__(self, vehicle: int, kind: str, folder: Path, drives: int, budget: float) -> None:
         self.vehicle, path = vehicle, folder / f"{kind}_{vehicle}.onnx"
         if not path.exists():
-            healthy = [columns(vehicle, SensorCase(i)) for i in range(TRAINING_DRIVES)]
+            healthy = [columns(vehicle, SensorCase(i)) for i in range(drives)]
             if kind == "greybox":
                 training.fit(healthy, path, kind="greybox")
             else:
@@ -208,12 +208,13 @@ def offsets(bench: MonitoredVehicle, repetitions: int) -> tuple[list[int], int]:
 
 def main(argv: Sequence[str]) -> int:
     """Fit and judge."""
-    few = {"vehicles": 1, "healthy": 1, "repetitions": 1, "budget": 0.05}
+    few = {"vehicles": 1, "drives": 2, "healthy": 1, "repetitions": 1, "budget": 0.02}
     options = BenchmarkOptions(__name__, __doc__, kinds=["narx"], faults=["gain_low"], **few)
     options.add_argument("first_vehicle", type=int, nargs="?", default=301)
     options.add_argument("vehicles", type=int, nargs="?", default=2)
     options.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     options.add_argument("--models", type=Path)
+    options.add_argument("--drives", type=int, default=TRAINING_DRIVES, help="that train")
     options.add_argument("--budget", type=float, default=10.0)
     options.add_argument("--faults", nargs="+", choices=NAMES, default=NAMES)
     options.add_argument("--healthy", type=int, default=8, help="drives of each vehicle")
@@ -226,7 +227,7 @@ def main(argv: Sequence[str]) -> int:
         for kind in args.kinds:
             drives, when, false = list[Said](), list[int](), 0
             for vehicle in range(args.first_vehicle, args.first_vehicle + args.vehicles):
-                bench = MonitoredVehicle(vehicle, kind, folder, args.budget)
+                bench = MonitoredVehicle(vehicle, kind, folder, args.drives, args.budget)
                 each = list(cases(args.faults, args.healthy, args.repetitions))
                 verdicts = bench.judged(each)
                 drives += [said(vehicle, *pair) for pair in zip(each, verdicts, strict=True)]

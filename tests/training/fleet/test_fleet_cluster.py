@@ -58,11 +58,11 @@ def test_a_cluster_gives_the_same_and_a_killed_worker_costs_only_time(
 
 
 def test_runs_that_share_a_cluster_do_not_end_each_other(
-    folder: Path, local: tuple[pl.DataFrame, pl.DataFrame], tmp_path: Path
+    folder: Path, local: tuple[pl.DataFrame, pl.DataFrame], dask: Cluster, tmp_path: Path
 ) -> None:
     # GIVEN a fleet on a cluster
     bench, drives = Bench.of(shipped_model(), config.load()), drives_of([str(folder)])
-    chunks = []
+    on_it, chunks = {"scheduler": dask.address}, []
 
     def done(chunk: dict[str, Any]) -> None:
         # WHEN another run begins and ends there meanwhile
@@ -70,9 +70,7 @@ def test_runs_that_share_a_cluster_do_not_end_each_other(
             judged([str(next(folder.glob("*.parquet")))], tmp_path / "b.parquet", **on_it)
         chunks.append(chunk["drives"])
 
-    with cluster(tmp_path, workers=1) as dask:
-        on_it = {"scheduler": dask.address}
-        fleet.run(drives, bench, tmp_path / "a.parquet", done, **on_it)
+    fleet.run(drives, bench, tmp_path / "a.parquet", done, **on_it)
     # THEN the first goes on
     assert chunks == [4] * 6
     assert_alike(tables(tmp_path / "a.parquet"), local)
