@@ -56,7 +56,7 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def chain(drives: list[Path]) -> Path:
-    """A grey-box chain of one of them: of three a healthy reference is learned, which takes long."""
+    """A chain of one of them: from three on a healthy reference is learned, which takes long."""
     path = drives[0].parent / "chain.onnx"
     assert cli.main(["fit", str(drives[0]), "--kind", "greybox", "--out", str(path)]) == 0
     return path
