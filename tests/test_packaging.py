@@ -47,15 +47,18 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     work = tmp_path_factory.mktemp("wheel")
     tree = work / "tree"  # a copy: a build leaves files behind, and takes old ones in
     for name in SOURCES:
-        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy2
         tree.mkdir(exist_ok=True)
-        copy(ROOT / name, tree / name)
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy2(ROOT / name, tree / name)
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
     build = ["wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(work), str(tree)]
     run([*pip, *build], cwd=work)
     (wheel,) = work.glob("o2_monitor-*.whl")
     target = work / "installed"
-    run([*pip, "install", "--no-deps", "--no-index", "--target", str(target), str(wheel)], cwd=work)
+    options = ["--no-deps", "--no-index", "--no-compile", "--target", str(target)]
+    run([*pip, "install", *options, str(wheel)], cwd=work)
     return target
 
 
