@@ -30,7 +30,7 @@ from monitor.base import config
 from monitor.base.types import Frame
 from monitor.bus.link.recorder import message_of
 from monitor.bus.loop import Loop
-from monitor.bus.terminal import EventLines, Out, Screen
+from monitor.bus.terminal import Out, Screen
 from monitor.bus.transmit import Transmitter
 from monitor.frames.logs import read_frames
 from monitor.memory.store import Memory
@@ -88,7 +88,6 @@ def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) 
         monitor, out = loop.pipeline.monitor, Out(Nowhere())
         loop.attachments += [
             Transmitter(monitor),
-            EventLines(monitor, loop.health, loop.collector, out),
             Screen(monitor, loop.health, loop.collector, out),
         ]
         if trace:

@@ -29,15 +29,12 @@ class JsonLines:
 
         Raises OSError if the file cannot be written.
         """
-        if self._file is None:
-            self._file = self._open()
+        if self._file is None and self._path == STDOUT:  # its own: one that hangs holds up no exit
+            self._file = os.fdopen(os.dup(1), "w", encoding="utf-8")
+        elif self._file is None:
+            self._file = Path(self._path).open("a", encoding="utf-8")
         self._file.writelines(json_of(record, self._tags) + "\n" for record in records)
         self._file.flush()
-
-    def _open(self) -> TextIO:
-        if self._path == STDOUT:  # a file of its own: one that hangs does not hold up the exit
-            return os.fdopen(os.dup(1), "w", encoding="utf-8")
-        return Path(self._path).open("a", encoding="utf-8")
 
     def close(self) -> None:
         """Close the file."""
