@@ -56,9 +56,9 @@ def write(path: Path, frames: list[Frame]) -> None:
     assert write_log(path, frames) == len(frames)
 
 
-def first_minutes(folder: Path) -> Path:
-    """Write the first 210 s of a healthy drive to a log."""
-    path = folder / "healthy.log"
+def first_minutes(folder: Path, seconds: float = 210.0) -> Path:
+    """Write the begin of a healthy drive to a log."""
+    path = folder / f"healthy_{seconds:g}.log"
     frames = list(read_frames(HEALTHY))
-    write(path, [frame for frame in frames if frame.t_ns - frames[0].t_ns < 210e9])
+    write(path, [frame for frame in frames if frame.t_ns - frames[0].t_ns < 1e9 * seconds])
     return path
