@@ -32,7 +32,7 @@ class JsonLines:
         if self._file is None and self._path == STDOUT:  # its own: one that hangs holds up no exit
             self._file = os.fdopen(os.dup(1), "w", encoding="utf-8")
         elif self._file is None:
-            self._file = Path(self._path).open("a", encoding="utf-8")
+            self._file = Path(self._path).open("a", encoding="utf-8")  # noqa: SIM115 - in ``close``
         self._file.writelines(json_of(record, self._tags) + "\n" for record in records)
         self._file.flush()
 

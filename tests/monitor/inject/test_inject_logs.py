@@ -25,10 +25,6 @@ from tests.helpers.logs.injected_frames import (
 )
 
 
-def stem(path: Path) -> str:
-    return path.stem
-
-
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The first minutes of a healthy drive."""
@@ -87,7 +83,9 @@ def test_an_expectation_that_is_not_met_ends_with_1_and_a_table(
     assert lines[-1].startswith("1      no other code  P2A00 pending")
 
 
-@pytest.mark.parametrize("scenario", sorted((ROOT / "docs" / "scenarios").glob("*.toml")), ids=stem)
+@pytest.mark.parametrize(
+    "scenario", sorted((ROOT / "docs" / "scenarios").glob("*.toml")), ids=lambda p: p.stem
+)
 def test_the_shipped_scenarios_are_met(
     scenario: Path, drive: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
