@@ -89,18 +89,19 @@ def timed(work: Callable[[], tuple[int, np.ndarray]]) -> TrainedRun:
 
 def ours(case: TrainingCase, start: np.ndarray, iterations: int) -> TrainedRun:
     """Levenberg–Marquardt of this project, one step ahead."""
-    history: list[tuple[float, float]] = []
-    began = time.process_time()
+    began, ends_s, costs = time.process_time(), list[float](), list[float]()
 
-    def note(_: int, cost: float) -> None:
-        history.append((time.process_time() - began, float(np.sqrt(cost))))
+    def begins() -> bool:
+        ends_s.append(time.process_time() - began)  # of the epoch before
+        return True
 
     def work() -> tuple[int, np.ndarray]:
-        found = minimise(case.error(), start, LmOptions(epochs=iterations), progress=note)
-        return len(history), found.weights
+        found = minimise(case.error(), start, LmOptions(epochs=iterations), begins=begins)
+        costs.extend(found.costs[1:])
+        return len(costs), found.weights
 
     run = timed(work)
-    run.history = history
+    run.history = list(zip(ends_s[1:], np.sqrt(costs), strict=False))
     return run
 
 

@@ -68,9 +68,8 @@ def narx(plant: Plant, work: Work) -> FreeRuns:
 
 def halves(plant: Plant) -> tuple[list[PlantRecord], list[PlantRecord]]:
     """Return six sevenths of every training record, and the last seventh of each."""
-    cuts = [6 * len(record.y) // 7 for record in plant.train]
-    both = list(zip(plant.train, cuts, strict=True))
-    return [r[:cut] for r, cut in both], [r[cut:] for r, cut in both]
+    cuts = [(record, 6 * len(record.y) // 7) for record in plant.train]
+    return [r[:cut] for r, cut in cuts], [r[cut:] for r, cut in cuts]
 
 
 def begun(record: PlantRecord, washout: int, lags: int) -> tuple[PlantRecord, int]:

@@ -176,7 +176,7 @@ def _trained(
         own = work.up_to(work.left)
         try:
             begun = Trained(spec, decay=decay, seed=seed + start)
-            trained = train(seen, begun, own, horizons=horizons, n_samples=N_SAMPLES)
+            trained = train(seen, begun, own, horizons, N_SAMPLES)
         except RecordingError:  # no validation block is longer than the memory
             return []
         work.join([own])

@@ -64,8 +64,7 @@ class FitOptions:
     seed: int = 0
     threads: int = 2
     keep_validation: bool = False  # never train on the validation blocks
-    progress: Callable[[int, int, int, float], None] | None = None  # takes start, horizon, epoch
-    # and best validation RMSE after every epoch
+    progress: Callable[[float], None] = lambda _: None  # takes the work of every epoch
     tried: Callable[[Try], None] | None = None  # takes every structure of the search
 
     def __post_init__(self) -> None:
@@ -112,7 +111,7 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     options = options or FitOptions()
     seed, threads = options.seed, options.threads
     began_s = time.monotonic()
-    whole = Work.of_minutes(options.budget_minutes, options.wall_minutes)
+    whole = Work.of_minutes(options.budget_minutes, options.wall_minutes, options.progress)
     work = whole.up_to(whole.limit * (PARTS - 1) / PARTS)
     data = source.prepared(options.lags or LAGS, seed)
     if options.lags is None and options.hidden is None:
@@ -165,7 +164,7 @@ def _searched(
     keep = source.validate or options.keep_validation
     free = 1 if keep else free_folds(folds)
     searching = work.up_to(work.limit / (PARTS - 1))
-    search = Search(folds, seed, searching, options.threads, options.tried, options.progress)
+    search = Search(folds, seed, searching, options.threads, options.tried)
     search.run()
     work.join([searching])
     chosen = choose(
@@ -178,15 +177,10 @@ def _trained(data: Prepared, options: FitOptions, work: Work) -> NetworkChoice:
     """Return the best of several starts of the shape that was asked for."""
     spec = _shape(data, options)
     _size_warnings(data, spec)
-    count, told = options.starts or STARTS, options.progress
-    parts = work.split(count)
-
-    def one(start: int) -> Trained:
-        begun, progress = options.seed + 1000 * start, partial(told, start) if told else None
-        return train(data, Trained(spec, seed=begun), parts[start], progress)
-
-    with ThreadPoolExecutor(max(1, min(options.threads, count))) as pool:
-        found = list(pool.map(one, range(count)))
+    starts = [Trained(spec, seed=options.seed + 1000 * i) for i in range(options.starts or STARTS)]
+    parts = work.split(len(starts))
+    with ThreadPoolExecutor(max(1, options.threads)) as pool:
+        found = list(pool.map(partial(train, data), starts, parts))
     work.join(parts)
     return choose(data, found, options.seed, work, join=False)
 

@@ -5,7 +5,7 @@ grow with w, the normal equations with its square.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -23,17 +23,28 @@ class Work:
     """A budget of counted work, and a wall limit that may end it early.
 
     wall_end_s : ``time.monotonic()`` after which no further epoch begins
+    tell : called with the work of every epoch, also of parts of this budget
     """
 
-    def __init__(self, limit: float = np.inf, wall_end_s: float = np.inf) -> None:
-        self.limit, self.wall_end_s = limit, wall_end_s
+    def __init__(
+        self,
+        limit: float = np.inf,
+        wall_end_s: float = np.inf,
+        tell: Callable[[float], None] = lambda _: None,
+    ) -> None:
+        self.limit, self.wall_end_s, self._tell = limit, wall_end_s, tell
         self.spent, self.is_used_up, self.ended_by_wall = 0.0, False, False
 
     @classmethod
-    def of_minutes(cls, minutes: float, wall_minutes: float | None = None) -> "Work":
+    def of_minutes(
+        cls,
+        minutes: float,
+        wall_minutes: float | None = None,
+        tell: Callable[[float], None] = lambda _: None,
+    ) -> "Work":
         """Return the work that one core does in about so many minutes."""
         wall = np.inf if wall_minutes is None else time.monotonic() + 60.0 * wall_minutes
-        return cls(PER_MINUTE * minutes, wall)
+        return cls(PER_MINUTE * minutes, wall, tell)
 
     @property
     def left(self) -> float:
@@ -48,7 +59,7 @@ class Work:
 
     def up_to(self, limit: float) -> "Work":
         """Return a budget of its own within this one, to be joined again."""
-        return Work(min(limit, self.left), self.wall_end_s)
+        return Work(min(limit, self.left), self.wall_end_s, self._tell)
 
     def split(self, count: int) -> list["Work"]:
         """Return equal budgets, one for each of ``count`` jobs side by side."""
@@ -69,6 +80,8 @@ class Work:
 
     def begins(self, epoch: float) -> bool:
         """Count an epoch of this work; return False if the budget allows none."""
-        may = self.allows(epoch)
-        self.spent += epoch if may else 0.0
-        return may
+        if not self.allows(epoch):
+            return False
+        self.spent += epoch
+        self._tell(epoch)
+        return True

@@ -1,12 +1,13 @@
 """The progress of a training: best error so far and time left."""
 
 import io
+from types import SimpleNamespace
+
+import numpy as np
 
 from training.cli.console.progress import LINE_S, Progress
 from training.cli.console.progress_bar import Bar
-from training.narx.search.stages import EPOCHS, HORIZONS
-
-HORIZON = 1
+from training.narx.work import PER_MINUTE
 
 
 class Clock:
@@ -20,39 +21,38 @@ class Clock:
 
 
 def test_without_a_terminal_a_line_tells_best_error_and_time_left() -> None:
-    # GIVEN a training whose progress goes to a file, with ten minutes at most
+    # GIVEN a training whose progress goes to a file, with ten minutes of work
     clock, out = Clock(), io.StringIO()
     with Bar(10.0, out, clock) as bar:
-        bar.update(0, HORIZON, 0, 0.9)
+        bar.update(0.25 * PER_MINUTE)
+        bar.tried(SimpleNamespace(rmse=0.5))  # type: ignore[arg-type]
         assert out.getvalue() == ""
-        # WHEN half a minute has passed
+        # WHEN half a minute has brought the work of half a minute
         clock.now_s = LINE_S
-        bar.update(0, HORIZON, 1, 0.5)
-    # THEN one line tells the best error, and at most the rest of the budget
-    (line,) = out.getvalue().splitlines()
-    assert "best free run 0.500" in line
-    assert "about 9:30 left" in line
+        bar.update(0.25 * PER_MINUTE)
+    # THEN one line tells the best error, and the rest of the budget
+    line = "o2train: 1 structures tried, best free run 0.500, at most about 9:30 left\n"
+    assert out.getvalue() == line
 
 
 def test_no_error_is_told_while_no_free_run_stays_finite() -> None:
     clock, out = Clock(), io.StringIO()
     with Bar(10.0, out, clock) as bar:
-        bar.update(0, HORIZON, 0, float("inf"))
+        bar.update(0.5 * PER_MINUTE)
         clock.now_s = LINE_S
-        bar.update(0, HORIZON, 1, float("inf"))
-    assert out.getvalue() == f"o2train: horizon {HORIZON}, about 9:30 left\n"
+        bar.tried(SimpleNamespace(rmse=np.inf))  # type: ignore[arg-type]
+    assert out.getvalue() == "o2train: 1 structures tried, at most about 9:30 left\n"
 
 
-def test_the_time_left_follows_the_pace_and_never_exceeds_the_budget() -> None:
+def test_the_time_left_follows_the_pace() -> None:
     clock = Clock()
     with Bar(10.0, io.StringIO(), clock) as bar:
         assert bar.left_s == 600.0
-        for epoch in range(5):
-            clock.now_s = 0.1 * epoch
-            bar.update(0, HORIZON, epoch, 1.0)
-        rest = EPOCHS * (1 + len(HORIZONS)) - 5
-        assert abs(bar.left_s - 0.1 * rest) < 1e-6
-        clock.now_s = 700.0
+        # WHEN a busy machine has done two minutes of work in six THEN the rest takes 24
+        clock.now_s = 360.0
+        bar.update(2.0 * PER_MINUTE)
+        assert abs(bar.left_s - 24 * 60.0) < 1e-6
+        bar.update(9.0 * PER_MINUTE)
         assert bar.left_s == 0.0
 
 

@@ -54,7 +54,7 @@ class Watch:
 
     max_fail : accepted steps in a row without a better validation score, which end the run
     min_gradient : a shorter gradient ends the run
-    validate, begins, progress : as in ``minimise``
+    validate, begins : as in ``minimise``
     Raises ValueError if the cost at the start is not finite.
     """
 
@@ -66,14 +66,13 @@ class Watch:
         min_gradient: float,
         validate: Callable[[FloatArray], float] | None = None,
         begins: Callable[[], bool] | None = None,
-        progress: Callable[[int, float], None] | None = None,
     ) -> None:
         if not np.isfinite(cost):
             raise ValueError(f"the error is {cost} at the initial weights")
         score = validate(weights) if validate else cost
         self.outcome = LmOutcome(weights.copy(), score, "epochs", [cost], [score])
         self._max_fail, self._min_gradient, self._failures = max_fail, min_gradient, 0
-        self._validate, self._begins, self._progress = validate, begins, progress
+        self._validate, self._begins = validate, begins
 
     def over_budget(self) -> bool:
         """Count an epoch; return whether none may begin, and note it as the reason of the end."""
@@ -87,7 +86,8 @@ class Watch:
         """Record an accepted step; return whether validation ends the run."""
         outcome = self.outcome
         score = self._validate(weights) if self._validate else cost
-        self._note(cost, score)
+        outcome.costs.append(cost)
+        outcome.scores.append(score)
         if score < outcome.score:
             outcome.weights, outcome.score, self._failures = weights.copy(), score, 0
             return False
@@ -97,13 +97,8 @@ class Watch:
 
     def repeat(self) -> None:
         """Record an epoch whose step was taken back."""
-        self._note(self.outcome.costs[-1], self.outcome.scores[-1])
-
-    def _note(self, cost: float, score: float) -> None:
-        self.outcome.costs.append(cost)
-        self.outcome.scores.append(score)
-        if self._progress:
-            self._progress(len(self.outcome.costs) - 2, cost)
+        self.outcome.costs.append(self.outcome.costs[-1])
+        self.outcome.scores.append(self.outcome.scores[-1])
 
     def _ends(self, ends: bool, stop: str) -> bool:
         if ends:
@@ -117,13 +112,11 @@ def minimise(
     options: LmOptions | None = None,
     validate: Callable[[FloatArray], float] | None = None,
     begins: Callable[[], bool] | None = None,
-    progress: Callable[[int, float], None] | None = None,
 ) -> LmOutcome:
     """Return the best weights that the method reaches from ``weights``; the cost never rises.
 
     validate : score of weights, lower is better; the weights with the best score are returned
     begins : counts an epoch; False ends the run, because the budget is used up
-    progress : called with the epoch and the cost after every epoch
     Raises ValueError if the objective is not finite at the start.
     """
     options = options or LmOptions()
@@ -136,7 +129,6 @@ def minimise(
         min_gradient=options.min_gradient,
         validate=validate,
         begins=begins,
-        progress=progress,
     )
     for _ in range(options.epochs):
         if watch.over_budget():

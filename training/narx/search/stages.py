@@ -7,7 +7,7 @@ forgotten it, so that the network learns to forget.
 """
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -142,7 +142,6 @@ def train(
     data: Prepared,
     start: Trained,
     work: Work | None = None,
-    progress: Callable[[int, int, float], None] | None = None,
     horizons: tuple[int, ...] = HORIZONS,
     n_samples: int | None = None,
 ) -> Trained:
@@ -150,7 +149,6 @@ def train(
 
     start : trained on from its weights; without weights it begins with random ones, series-parallel
     work : budget; when it is used up, no further epoch begins
-    progress : called with horizon, epoch and best validation score after every epoch
     n_samples : most training samples, about; horizons below 100 take at most ``N_SAMPLES``,
         because they only prepare the longer ones
     """
@@ -179,7 +177,6 @@ def train(
             LmOptions(epochs=EPOCHS, max_fail=MAX_FAIL if horizon > 1 else EPOCHS),
             validate=validation.score,
             begins=partial(work.begins, epoch),
-            progress=_tell(progress, horizon, best),
         )
         best.stages.append(_stage(f"horizon {horizon}", outcome))
         if outcome.score < best.score:
@@ -226,11 +223,3 @@ def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) 
 def _stage(name: str, outcome: LmOutcome) -> Stage:
     costs, scores = tuple(outcome.costs), tuple(outcome.scores)
     return Stage(name, costs, scores, outcome.stop)
-
-
-def _tell(
-    progress: Callable[[int, int, float], None] | None, horizon: int, best: Trained
-) -> Callable[[int, float], None] | None:
-    if progress is None:
-        return None
-    return lambda epoch, _: progress(horizon, epoch, best.score)

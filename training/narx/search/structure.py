@@ -120,11 +120,9 @@ class Search:
         work: Work,
         threads: int = 2,
         tried: Callable[[Try], None] | None = None,
-        progress: Callable[[int, int, int, float], None] | None = None,
     ) -> None:
         self.folds, self.seed, self.work, self.threads = folds, seed, work, threads
-        self.tried, self.progress = tried, progress
-        self.tries: dict[Structure, Try] = {}
+        self.tried, self.tries = tried, dict[Structure, Try]()
         data = folds[0]
         self.n_train = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
         longest = max(s.stop - s.start for s in data.segments)
@@ -195,13 +193,12 @@ class Search:
         best = self.ranked[0]
         good = [each for each in self.ranked if not each.surely_behind(best)]
         begun = [t for each in good[: -(-count // free)] for t in each.trained[:free]]
-        parts, told = work.split(len(begun)), self.progress
+        parts = work.split(len(begun))
 
-        def one(number: int) -> Trained:
-            data, progress = self.folds[begun[number].fold], partial(told, number) if told else None
-            return train(data, begun[number], parts[number], progress, HORIZONS[1:])
+        def one(start: Trained, part: Work) -> Trained:
+            return train(self.folds[start.fold], start, part, HORIZONS[1:])
 
         with ThreadPoolExecutor(self.threads) as pool:
-            found = list(pool.map(one, range(len(begun))))
+            found = list(pool.map(one, begun, parts))
         work.join(parts)
         return found
