@@ -39,7 +39,7 @@ from training.greybox.fit.told import Report, Told, nobody
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, save
 from training.greybox.graph.checks import contraction, physical_inputs
-from training.narx.model_file import HeldOut, card_of, held_out
+from training.narx.model_file import FreeRunFit, card_of, held_out
 from training.narx.search.stability import CONTRACTION_SAMPLES
 from training.recordings.samples.preparation import Prepared, Role, prepare
 from training.recordings.samples.scaling import MARGIN
@@ -52,18 +52,11 @@ WASHOUT_S = 5.0  # start of a stretch that is not fitted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GreyboxResult:
+class GreyboxResult(FreeRunFit):
     """The model and its fit."""
 
-    path: Path
-    card: ModelCard
     greybox: Greybox
     fitted: Fitted
-    data: Prepared
-    predicted: FloatArray  # (n,) free run over data.samples in phi, NaN at starts of stretches
-    held_out: tuple[HeldOut, ...]
-    seconds: float
-    warnings: tuple[str, ...]
 
 
 def greybox_inputs(recordings: "Sequence[Recording]") -> tuple[str, ...]:

@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.types import FloatArray
-from monitor.model.card import ModelCard
 from training.narx.cross_fit import CrossFit, cross_fit
 from training.narx.export import Network
-from training.narx.model_file import HeldOut, held_out, write_model
+from training.narx.model_file import FreeRunFit, held_out, write_model
 from training.narx.network import Spec
 from training.narx.search.folds import folds_of, free_folds, trained_on_all
 from training.narx.search.mean import NetworkChoice, choose
@@ -33,21 +31,14 @@ ENDED_EARLY = "the wall limit ended the training early: it would end elsewhere o
 SAMPLES_PER_WEIGHT = 10  # with fewer the network overfits
 
 
-@dataclass(frozen=True, slots=True)
-class FitResult:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitResult(FreeRunFit):
     """The model, its data and its trainings."""
 
-    path: Path
-    card: ModelCard
     network: Network
-    data: Prepared
     chosen: NetworkChoice
-    predicted: FloatArray  # (n,) free run over data.samples in model units, NaN at the beginnings
-    held_out: tuple[HeldOut, ...]
     unseen: CrossFit  # free runs of twins over what they did not see
     tries: tuple[Try, ...]  # structures that were tried, none if the shape was given
-    seconds: float
-    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

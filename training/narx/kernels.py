@@ -123,10 +123,14 @@ def simulate(weights, sizes, x, lags, start, stop, history, low, high, out):  # 
 
 
 @njit(nogil=True, cache=True)
-def cost(
-    weights, sizes, x, y, weight, lags, low, high, start, stop, skip, history
-):  # pragma: no cover
-    """Return the weighted sum of squared errors of every piece's free run (n_pieces,)."""
+def cost(weights, network, weight, run):  # pragma: no cover
+    """Return the weighted sum of squared errors of every piece's free run (n_pieces,).
+
+    network : sizes, x, y
+    run : lags, low, high, start, stop, skip, history
+    """
+    sizes, x, y = network
+    lags, low, high, start, stop, skip, history = run
     activations = _activation_rows(sizes)
     past = np.empty(lags)
     total = np.zeros(len(start))
@@ -174,30 +178,17 @@ def _backpropagate(weights, sizes, activations, delta, row):  # pragma: no cover
 
 
 @njit(nogil=True, cache=True, fastmath=FAST)
-def fill(
-    weights,
-    sizes,
-    x,
-    y,
-    root_weight,
-    lags,
-    low,
-    high,
-    start,
-    stop,
-    skip,
-    history,
-    cursor,
-    past,
-    ring,
-    jacobian,
-    error,
-):  # pragma: no cover
+def fill(weights, network, root_weight, run, kept):  # pragma: no cover
     """Fill rows until the buffers are full or the pieces end; return their number.
 
-    cursor : (piece, t, slot) to go on from, t < 0 at the start of a piece
-    ring : (lags + 1, n_weights), derivatives of the last predictions; ``slot`` holds the newest
+    network, run : as of ``cost``
+    kept : cursor, past, ring, jacobian, error. The cursor is (piece, t, slot) to go on from, t < 0
+        at the start of a piece; the ring, (lags + 1, n_weights), holds the derivatives of the last
+        predictions, the newest in ``slot``
     """
+    sizes, x, y = network
+    lags, low, high, start, stop, skip, history = run
+    cursor, past, ring, jacobian, error = kept
     activations = _activation_rows(sizes)
     delta = np.zeros_like(activations)
     gain = delta[0, sizes[0] - lags : sizes[0]]  # df/dy of every lag

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.types import FloatArray
-from monitor.model.card import ModelCard, TrainingRecording
+from monitor.model.card import ModelCard
 from monitor.model.step import from_model_units
 from training.narx.export import Network, save
 from training.narx.network import Spec
@@ -34,6 +34,19 @@ class HeldOut:
     role: str  # "validate" chose the weights, "test" chose nothing
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FreeRunFit:
+    """What the fit of any kind of model returns."""
+
+    path: Path
+    card: ModelCard
+    data: Prepared
+    predicted: FloatArray  # (n,) free run over data.samples in model units, NaN at the beginnings
+    held_out: tuple[HeldOut, ...]
+    seconds: float
+    warnings: tuple[str, ...]
+
+
 def held_out(data: Prepared) -> tuple[HeldOut, ...]:
     """Return the held-out ranges in rows of their recordings."""
     result = []
@@ -47,14 +60,6 @@ def held_out(data: Prepared) -> tuple[HeldOut, ...]:
                     HeldOut(segment.recording, segment.first + a, segment.first + b, name)
                 )
     return tuple(result)
-
-
-def recordings_of(data: Prepared) -> tuple[TrainingRecording, ...]:
-    """Return the recordings for a card, each with the number of samples that it gave."""
-    samples = [0] * len(data.recordings)
-    for segment in data.segments:
-        samples[segment.recording] += segment.stop - segment.start
-    return tuple(map(training_recording, data.recordings, samples))
 
 
 def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[str, float]:
@@ -139,7 +144,9 @@ def card_of(
     unseen : measures of twins
     own : fields that depend on the kind of model
     """
-    test = data.role == Role.TEST
+    test, samples = data.role == Role.TEST, [0] * len(data.recordings)
+    for segment in data.segments:
+        samples[segment.recording] += segment.stop - segment.start
     everything, enabled = (measures(data, predicted, rows) for rows in (test, test & data.enabled))
     return ModelCard(
         inputs=data.inputs,
@@ -147,7 +154,7 @@ def card_of(
         transform=data.transform,
         output_limits=(data.scaling.y_low, data.scaling.y_high),
         period_ns=data.period_ns,
-        recordings=recordings_of(data),
+        recordings=tuple(map(training_recording, data.recordings, samples)),
         residual_mean=enabled.get("residual_mean", 0.0),
         residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
         fit={"test": everything, "test_enabled": enabled} | ({"unseen": unseen} if unseen else {}),

@@ -70,9 +70,10 @@ class ClosedLoop:
         self._decay = np.full(spec.n_weights, decay)  # of every weight squared
         if spec.linear_path:
             self._decay[-spec.n_regressors :] = 0.0
-        self._x = input_regressors(spec, samples.u)
-        history = np.clip(pieces.history, spec.y_min, spec.y_max)
+        history, ends = np.clip(pieces.history, spec.y_min, spec.y_max), (spec.y_min, spec.y_max)
         self.pieces = Pieces(pieces.start, pieces.stop, pieces.skip, history)
+        self._network = (spec.sizes_array(), input_regressors(spec, samples.u), samples.y)
+        self._run = (spec.lags, *ends, pieces.start, pieces.stop, pieces.skip, history)
         self._root_weight = np.sqrt(samples.weight)
         scored = zip(pieces.start, pieces.stop, pieces.skip, strict=True)
         self.weights = np.array([samples.weight[a + s : b].sum() for a, b, s in scored])
@@ -99,50 +100,18 @@ class ClosedLoop:
 
     def squares(self, weights: FloatArray) -> FloatArray:
         """Return the weighted sum of squared errors of every piece (n_pieces,)."""
-        s, p, q = self.spec, self.pieces, self.samples
-        total: FloatArray = kernels.cost(
-            weights,
-            s.sizes_array(),
-            self._x,
-            q.y,
-            q.weight,
-            s.lags,
-            s.y_min,
-            s.y_max,
-            p.start,
-            p.stop,
-            p.skip,
-            p.history,
-        )
-        return total
+        weight = self.samples.weight
+        return np.asarray(kernels.cost(weights, self._network, weight, self._run))
 
     def blocks(self, weights: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Yield weighted Jacobian rows (m, n_weights) and errors (m,); the buffers are reused."""
-        s, p, q = self.spec, self.pieces, self.samples
+        s, weight = self.spec, self._root_weight
         jacobian = np.empty((CHUNK, s.n_weights), dtype=self.dtype)
         error = np.empty(CHUNK, dtype=self.dtype)
         cursor = np.array([0, -1, 0], dtype=np.int64)
-        past, ring = np.zeros(s.lags), np.zeros((s.lags + 1, s.n_weights))
-        while cursor[0] < len(p.start):
-            rows = kernels.fill(
-                weights,
-                s.sizes_array(),
-                self._x,
-                q.y,
-                self._root_weight,
-                s.lags,
-                s.y_min,
-                s.y_max,
-                p.start,
-                p.stop,
-                p.skip,
-                p.history,
-                cursor,
-                past,
-                ring,
-                jacobian,
-                error,
-            )
+        kept = (cursor, np.zeros(s.lags), np.zeros((s.lags + 1, s.n_weights)), jacobian, error)
+        while cursor[0] < len(self.pieces.start):
+            rows = kernels.fill(weights, self._network, weight, self._run, kept)
             if rows:
                 yield jacobian[:rows], error[:rows]
 

@@ -4,7 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from training.narx.page.free_run_figures import FreeRunFit, output_units, rows_of
+from training.narx.model_file import FreeRunFit
+from training.narx.page.free_run_figures import output_units, rows_of
 from training.recordings import metrics
 
 LEAST_SAMPLES: Final = 50  # a shorter stretch says nothing alone

@@ -1,44 +1,16 @@
 """Figures of a fit: free run and measurement on held-out blocks, prediction over measurement."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from monitor.base.types import FloatArray
-from monitor.model.card import ModelCard
 from monitor.model.step import from_model_units
-from training.narx.model_file import HeldOut
+from training.narx.model_file import FreeRunFit, HeldOut
 from training.pages.drawing import Drawing, axis, density, histogram, layer, plot
 from training.pages.numbers import with_unit
-from training.recordings.samples.preparation import Prepared
 
 FIGURE_SAMPLES = 1500  # at most this many of a held-out block are drawn
-
-
-class FreeRunFit(Protocol):
-    """The parts of a fit that every kind of model has."""
-
-    @property
-    def card(self) -> ModelCard:
-        """The model's card."""
-
-    @property
-    def data(self) -> Prepared:
-        """The samples."""
-
-    @property
-    def warnings(self) -> Sequence[str]:
-        """What speaks against the fit."""
-
-    @property
-    def predicted(self) -> FloatArray:
-        """Free run (n,) in model units."""
-
-    @property
-    def held_out(self) -> Sequence[HeldOut]:
-        """Rows that were not trained on."""
 
 
 def output_units(result: FreeRunFit) -> tuple[FloatArray, FloatArray]:

@@ -10,11 +10,11 @@ from monitor.base.files.outputs import write_text
 from monitor.base.types import FloatArray
 from training.narx.cross_fit import unseen_words
 from training.narx.fit import FitResult
+from training.narx.model_file import FreeRunFit
 from training.narx.network import describe
 from training.narx.page import free_run_figures
 from training.narx.page.fit_confidence import fit_confidence
 from training.narx.page.fit_verdict import fit_verdict
-from training.narx.page.free_run_figures import FreeRunFit
 from training.pages.drawing import Drawing, axis, layer, plot
 from training.pages.numbers import with_unit
 from training.pages.page import page
