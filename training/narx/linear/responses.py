@@ -12,11 +12,10 @@ from scipy.signal import correlate, lfilter
 from scipy.stats import chi2, norm
 
 from monitor.base.types import FloatArray
-from training.narx.linear.regressors import Stretch, triangle
+from training.narx.linear.regressors import Stretch, Triangle, triangle
 
 LEVEL = 0.01  # significance level of every test; bands hold 99 %
 NOISE_ORDER = 10  # order of the AR noise filter, the reference toolbox's default
-PASSES = 3  # least-squares passes
 VISIBLE = 0.1  # of the peak: smaller responses do not mark the dead time
 BAND = float(norm.ppf(1.0 - LEVEL / 2.0))  # half width of a band, in standard errors
 
@@ -148,23 +147,26 @@ class ImpulseResponse:
 def impulse_response(stretches: Sequence[Stretch], lags: int = 50) -> ImpulseResponse:
     """Return the impulse responses of all inputs, fitted jointly by generalised least squares.
 
-    The residuals of a pass give an AR(10) model of the disturbance. It filters inputs and output,
-    so that the next of three passes sees nearly white noise. The standard errors allow for the
+    The past outputs of a long ARX model give the disturbance's AR(10) model. It filters inputs and
+    output, so that the fit sees nearly white noise. The standard errors allow for the
     autocorrelation that remains, through Bartlett's effective number of samples.
     Raises RecordingError if there are too few samples.
     """
-    theta, error = _fir(stretches, lags)
-    whitened = stretches
-    for _ in range(PASSES - 1):
-        noise = _noise_filter(_remainders(stretches, theta, lags))
-        whitened = [
-            (lfilter(noise, [1.0], u, axis=0)[NOISE_ORDER:], lfilter(noise, [1.0], y)[NOISE_ORDER:])
-            for u, y in stretches
-        ]
-        theta, error = _fir(whitened, lags)
-    left = _remainders(whitened, theta, lags)
-    driven = [u[lags:] for u, y in whitened if len(y) > 2 * lags]
-    k = driven[0].shape[1]
+    data = triangle(stretches, NOISE_ORDER, lags - 1)
+    past = data.solve([*_taps(data, lags), *data.y_at(*range(1, NOISE_ORDER + 1))])[-NOISE_ORDER:]
+    whitened = [
+        tuple(lfilter([1.0, *-past], [1.0], z, axis=0)[NOISE_ORDER:] for z in stretch)
+        for stretch in stretches
+    ]
+    theta, error = _fir(whitened, lags)
+    left, driven = [], []
+    for u, y in whitened:
+        if len(y) > 2 * lags:
+            taps = theta[1:].reshape(-1, lags)
+            moved = [lfilter(tap, [1.0], u[:, i]) for i, tap in enumerate(taps)]
+            left.append((y - theta[0] - np.sum(moved, axis=0))[lags:])
+            driven.append(u[lags:])
+    k = data.n_inputs
     effective = np.array(
         [effective_samples(left, [u[:, i] for u in driven], 4 * lags) for i in range(k)]
     )
@@ -173,29 +175,18 @@ def impulse_response(stretches: Sequence[Stretch], lags: int = 50) -> ImpulseRes
     return ImpulseResponse(theta[1:].reshape(k, lags), widened, white, effective)
 
 
-def _remainders(stretches: Sequence[Stretch], theta: FloatArray, lags: int) -> list[FloatArray]:
-    taps = theta[1:].reshape(-1, lags)
-    result = []
-    for u, y in stretches:
-        if len(y) > 2 * lags:
-            moved = [lfilter(tap, [1.0], u[:, i]) for i, tap in enumerate(taps)]
-            result.append((y - theta[0] - np.sum(moved, axis=0))[lags:])
-    return result
+def _taps(data: Triangle, lags: int) -> list[int]:
+    """Return the columns of [1, u1(t) .., u2(t) ..]."""
+    return [0, *(c for i in range(data.n_inputs) for c in data.u_at(i, *range(lags)))]
 
 
 def _fir(stretches: Sequence[Stretch], lags: int) -> tuple[FloatArray, FloatArray]:
     """Return the coefficients of [1, u1(t) .., u2(t) ..] and their standard errors."""
     data = triangle(stretches, 0, lags - 1)
-    columns = [0, *(c for i in range(data.n_inputs) for c in data.u_at(i, *range(lags)))]
+    columns = _taps(data, lags)
     theta, left = data.solve(columns), data.factor[:, columns]
     error = data.factor[:, 1] - left @ theta
     variance = float(error @ error) / max(data.rows - len(columns), 1)
     scale = np.maximum(np.linalg.norm(left, axis=0), 1e-300)
     inverse = np.linalg.pinv(left / scale, rcond=1e-10)
     return theta, np.sqrt(variance * np.sum(inverse**2, axis=1)) / scale
-
-
-def _noise_filter(residuals: Sequence[FloatArray]) -> FloatArray:
-    """Return the polynomial [1, c1 .. c10] of an AR(10) model of the residuals."""
-    data = triangle([(np.zeros((len(r), 0)), r) for r in residuals], NOISE_ORDER, 0)
-    return np.concatenate([[1.0], -data.solve([0, *data.y_at(*range(1, NOISE_ORDER + 1))])[1:]])
