@@ -77,15 +77,8 @@ def minimise_bayesian(
         _, curvature, slope = evidence.normal(weights)
         if watch.at_rest(2.0 * slope):
             break
-        step = damped_step(
-            evidence,
-            weights,
-            cost=evidence.cost(weights),
-            hessian=curvature,
-            gradient=slope,
-            mu=mu,
-            options=options,
-        )
+        normal = (evidence.cost(weights), curvature, slope)
+        step = damped_step(evidence, weights, normal, mu, options)
         if step is None:
             watch.outcome.stop = "mu"
             break

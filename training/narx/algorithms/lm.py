@@ -122,29 +122,14 @@ def minimise(
     options = options or LmOptions()
     current, mu = weights.copy(), options.mu
     cost = objective.cost(current)
-    watch = Watch(
-        weights=current,
-        cost=cost,
-        max_fail=options.max_fail,
-        min_gradient=options.min_gradient,
-        validate=validate,
-        begins=begins,
-    )
+    watch = Watch(current, cost, options.max_fail, options.min_gradient, validate, begins)
     for _ in range(options.epochs):
         if watch.over_budget():
             break
         _, hessian, gradient = objective.normal(current)
         if watch.at_rest(gradient):
             break
-        step = damped_step(
-            objective,
-            current,
-            cost=cost,
-            hessian=hessian,
-            gradient=gradient,
-            mu=mu,
-            options=options,
-        )
+        step = damped_step(objective, current, (cost, hessian, gradient), mu, options)
         if step is None:
             watch.outcome.stop = "mu"
             break
@@ -157,14 +142,15 @@ def minimise(
 def damped_step(
     objective: Objective,
     weights: FloatArray,
-    cost: float,
-    hessian: FloatArray,
-    gradient: FloatArray,
+    normal: tuple[float, FloatArray, FloatArray],
     mu: float,
     options: LmOptions,
 ) -> tuple[FloatArray, float, float] | None:
-    """Return weights, cost and mu after one step that lowers the cost, or None if none does."""
-    diagonal = np.arange(len(weights))
+    """Return weights, cost and mu after one step that lowers the cost, or None if none does.
+
+    normal : the cost, J'J and J'e at ``weights``
+    """
+    (cost, hessian, gradient), diagonal = normal, np.arange(len(weights))
     while mu <= options.mu_max:
         damped = hessian.copy()
         damped[diagonal, diagonal] += mu
