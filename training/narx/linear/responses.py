@@ -154,9 +154,10 @@ def impulse_response(stretches: Sequence[Stretch], lags: int = 50) -> ImpulseRes
     """
     data = triangle(stretches, NOISE_ORDER, lags - 1)
     past = data.solve([*_taps(data, lags), *data.y_at(*range(1, NOISE_ORDER + 1))])[-NOISE_ORDER:]
+    noise = [1.0, *-past]
     whitened = [
-        tuple(lfilter([1.0, *-past], [1.0], z, axis=0)[NOISE_ORDER:] for z in stretch)
-        for stretch in stretches
+        (lfilter(noise, [1.0], u, axis=0)[NOISE_ORDER:], lfilter(noise, [1.0], y)[NOISE_ORDER:])
+        for u, y in stretches
     ]
     theta, error = _fir(whitened, lags)
     left, driven = [], []
