@@ -94,9 +94,8 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
 
     If neither lags nor layers are given, a search chooses memory and size, inputs of the tick
     itself enter and a linear path is added; if one is given, the other one is the paper's (5; 8,
-    8). A short recording has 8 starts, and trains on its validation blocks in the end unless these
-    are kept for a comparison with other models; up to three more starts are made while none of
-    them forgets how it began and there is time.
+    8). Trainings of short recordings take turns over the validation blocks, unless these are kept
+    for a comparison with other models.
     Raises RecordingError or UsageError if the recordings or names cannot be used.
     """
     options = options or FitOptions()
@@ -138,13 +137,6 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     )
 
 
-def _shape(data: Prepared, options: FitOptions) -> Spec:
-    """Return the shape that was asked for, the paper's where nothing was said."""
-    limits = data.scaling.y_scaled_limits
-    size = options.lags or LAGS, options.hidden or HIDDEN
-    return Spec(len(data.inputs), *size, options.input_lag_start, *limits)
-
-
 def _searched(
     source: FitSource, data: Prepared, options: FitOptions, work: Work
 ) -> tuple[Prepared, NetworkChoice, tuple[Try, ...]]:
@@ -166,7 +158,8 @@ def _searched(
 
 def _trained(data: Prepared, options: FitOptions, work: Work) -> NetworkChoice:
     """Return the best of several starts of the shape that was asked for."""
-    spec = _shape(data, options)
+    size = options.lags or LAGS, options.hidden or HIDDEN
+    spec = Spec(len(data.inputs), *size, options.input_lag_start, *data.scaling.y_scaled_limits)
     _size_warnings(data, spec)
     starts = [Trained(spec, seed=options.seed + 1000 * i) for i in range(options.starts or STARTS)]
     parts = work.split(len(starts))
