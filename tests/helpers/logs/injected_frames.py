@@ -58,7 +58,7 @@ def write(path: Path, frames: list[Frame]) -> None:
 
 def first_minutes(folder: Path, seconds: float = 210.0) -> Path:
     """Write the begin of a healthy drive to a log."""
-    path = folder / f"healthy_{seconds:g}.log"
+    path = folder / "healthy.log"
     frames = list(read_frames(HEALTHY))
     write(path, [frame for frame in frames if frame.t_ns - frames[0].t_ns < 1e9 * seconds])
     return path

@@ -17,7 +17,7 @@ LATE = "delay_rich_to_lean=0.6@20"
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return first_minutes(tmp_path_factory.mktemp("drive"))
+    return first_minutes(tmp_path_factory.mktemp("drive"), 120.0)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ SCENARIOS = ROOT / "docs" / "scenarios"
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return first_minutes(tmp_path_factory.mktemp("drive"))
+    return first_minutes(tmp_path_factory.mktemp("drive"), 120.0)
 
 
 def outcomes(report: Path) -> dict[str, tuple[str, str | None, str | None]]:
