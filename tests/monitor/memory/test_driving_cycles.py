@@ -220,7 +220,7 @@ def test_the_vehicles_reference_learns_from_each_driving_cycle_of_a_stream(
     bias = replace(CONFIG.bias, reference_windows=5)
     setup = replace(setup, config=replace(setup.config, bias=bias))
     (whole,) = ROOT.glob("replay_logs/healthy_micro_trips_*.blf")
-    healthy, log = list(read_frames(whole))[: 200 * 130], tmp_path / "healthy.log"
+    healthy, log = list(read_frames(whole))[: 200 * 90], tmp_path / "healthy.log"
     write_log(log, block(healthy))
     length_s = (healthy[-1].t_ns - healthy[0].t_ns) / 1e9
     # WHEN there are two such drives as two recordings, and as one
