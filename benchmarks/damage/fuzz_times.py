@@ -222,10 +222,10 @@ def drives(
 
 def main(argv: Sequence[str]) -> int:
     """Fuzz and count; return 1 if a drive has a false code or driving cycle."""
-    options = fuzz_options(__name__, __doc__, 10_000_000, 60_000)
+    options = fuzz_options(__name__, __doc__, 10_000_000, 30_000)
     options.add_argument("--seconds", type=float, help="of the drive; by default all")
     args = options.parse_args(argv)
-    seconds = 100.0 if args.smallest else args.seconds
+    seconds = 50.0 if args.smallest else args.seconds
     setup, frames = replay.set_up(None, (), config.load()), healthy(seconds)
     sums, missed = dict[str, Counter[str]](), []
     for form, what, found, took_s in drives(args.cases, args.seed, setup, frames):

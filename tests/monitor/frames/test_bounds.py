@@ -83,7 +83,7 @@ def test_a_packed_log_that_grows_without_end_is_refused(tmp_path: Path, kind: st
     path = tmp_path / f"drive{kind}.gz"
     once = FRAME.get(kind, "")
     *head, frame = once.splitlines(keepends=True) if once else ("", "\0")
-    again = frame if kind == ".csv" else "\n" if once else "\0"
+    again = frame if kind == ".csv" else " " * 99 + "\n" if once else "\0"
     text = "".join([*head, again * (2 * FREE_BYTES // len(again))])
     path.write_bytes(gzip.compress(text.encode(), 9))
     refused(path, f"at most {RATIO} times as many are wanted" if once else "damaged")
