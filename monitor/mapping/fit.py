@@ -210,10 +210,8 @@ def _assumed(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFi
     return fit if is_plain else fit.doubted("no unit is given")
 
 
-def _flag(d: Description, fit: QuantityFit) -> QuantityFit | None:
+def _flag(d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit of a flag, which is turned round where 1 stands for the contrary."""
-    if d.carried != ANY and not 1.0 <= d.carried[1] <= 255.0:
-        return None
     meaning = d.choices.get(1, "")
     if _CONTRARY & {meaning, *words_of(d.name)}:
         fit = fit.judged("turned round", 0.8, factor=-1.0, offset=1.0)

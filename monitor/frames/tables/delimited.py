@@ -29,8 +29,8 @@ from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 
 _ROWS: Final = 1 << 13  # of a block
 HEAD_ROWS: Final = 4096  # that tell the names of a table with one value a row
-_LONG_NAME: Final = ("pid", "name", "signal", "parameter", "channel")
-_LONG_VALUE: Final = ("value", "wert")
+_LONG_NAME: Final = ("pid", "name", "signal", "parameter", "channel", "variable", "sensor")
+_LONG_VALUE: Final = ("value", "wert", "reading")
 _LONG_UNIT: Final = ("units", "unit", "einheit")
 _MARKS: Final = ("mark", '"mark', "#", "//")  # lines that a logger writes between the rows
 
