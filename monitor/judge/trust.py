@@ -14,6 +14,8 @@ from monitor.base.counts import counted
 from monitor.base.errors import ModelError
 
 LEAST_FOUND: Final = 0.5  # of the drives, for a fault to count as tested
+_COUNTS: Final = ("found", "false")
+LEAST_EXPLAINED: Final = 0.5  # of the least share so far; a drive with less may be another car's
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +25,7 @@ class Trust:
     drives: int = 0  # judged; 0 where nothing is known, as of older models
     found: Mapping[str, int] | None = None  # drives in which each fault that was put on set a code
     false: Mapping[str, int] | None = None  # healthy drives in which a fault set a code
+    explained: float = 0.0  # least share of a healthy drive's reading that the model explained
 
     @classmethod
     def from_card(cls, given: Mapping[str, Any], where: str) -> "Trust":
@@ -30,8 +33,8 @@ class Trust:
         if not given:
             return cls()
         try:
-            counts = ({str(k): int(n) for k, n in given[key].items()} for key in ("found", "false"))
-            return cls(int(given["drives"]), *counts)
+            found, false = ({str(k): int(n) for k, n in given[key].items()} for key in _COUNTS)
+            return cls(int(given["drives"]), found, false, float(given.get("explained", 0.0)))
         except (KeyError, TypeError, ValueError, AttributeError):
             raise ModelError(f"{where}: the model card's trust is no counts of drives") from None
 
@@ -51,12 +54,17 @@ class Trust:
         """Return whether the model is known to find no fault at all."""
         return bool(self.found) and set(self.found or ()) <= set(self.untested)
 
-    def entry(self) -> dict[str, Any]:
-        """Return it for a result; {} where nothing is known."""
+    def entry(self, explained: float | None = None) -> dict[str, Any]:
+        """Return it for a result; {} where nothing is known.
+
+        explained : share of the drive's reading that the model explains
+        """
         if not self.drives or self.found is None:
             return {}
         tested = [name for name in self.found if name not in self.untested]
+        shares = {"explained": explained, "explained_before": self.explained}
         return {
+            **({} if explained is None else shares),
             "drives": self.drives,
             "faults": len(self.found),
             "tested": len(tested),
@@ -71,12 +79,19 @@ def in_words(entry: Mapping[str, Any] | None) -> str:
     >>> in_words({"drives": 4, "faults": 10, "tested": 8, "not_tested": ["gain_low", "transient"],
     ...           "no_code": ["gain_low"]})
     'tried on 4 drives, this model finds 8 of 10 faults; not tested: gain_low, transient'
+    >>> in_words({"drives": 4, "faults": 10, "tested": 10, "not_tested": [],
+    ...           "explained": 0.02, "explained_before": 0.2}).split("; ")[1]
+    "it explains 2 % of this reading, 20 % and more of those: is it another vehicle's?"
     """
     if not entry:
         return ""
     said = f"finds {entry['tested']} of {entry['faults']} faults"
     if entry["not_tested"]:
         said += f"; not tested: {', '.join(entry['not_tested'])}"
+    share, before = entry.get("explained"), entry.get("explained_before", 0.0)
+    if share is not None and share < LEAST_EXPLAINED * before:
+        said += f"; it explains {100 * share:.2g} % of this reading, {100 * before:.2g} % and more"
+        said += " of those: is it another vehicle's?"
     return f"tried on {counted(entry['drives'], 'drive')}, this model {said}"
 
 

@@ -124,6 +124,7 @@ class Collector:
         is_faulty = monitor.store.fault_flag
         why = [] if is_faulty else causes(seen, self._asked, judgement)
         behind = monitor.catalyst.entry()
+        trust = monitor.limits.trust.entry(monitor.decisions.explained)
         return {
             "path": path,
             "sha256": sha256,
@@ -144,7 +145,7 @@ class Collector:
             "evidence": evidence_entry(monitor.decisions.evidence()),
             "enable": enable_shares(seen.held.tolist(), monitor.samples, monitor.unavailable),
             "limits": limits_entry(monitor.limits),
-            **({"trust": trust} if (trust := monitor.limits.trust.entry()) else {}),
+            **({"trust": trust} if trust else {}),
             "counters": dict(counters),
             **({} if behind is None else {"catalyst": behind}),
         }

@@ -48,6 +48,7 @@ class Judged:
     reference: Reference  # of the vehicle in the last driving cycle
     limits: Limits  # that hold in the last driving cycle
     behind: dict[str, Any] | None = None  # of the catalyst, None without a downstream sensor
+    explained: float | None = None  # share of the reading that the likeliest sensor explains
 
 
 class RecordingJudge:
@@ -215,6 +216,7 @@ class _Run:
             reference=self._vehicle.reference,
             limits=self._vehicle.limits,
             behind=monitor.catalyst.entry(),
+            explained=monitor.decisions.explained,
         )
 
 

@@ -46,6 +46,7 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
     if card.transform != "phi":  # the unit of an offset is not known
         faults = [fault for fault in faults if not fault.offset_lambda]
     found, false, drives = Counter({fault.name: 0 for fault in faults}), Counter[str](), 0
+    explained = 1.0
     for model, recordings in unseen:
         runs = RepeatedModel.of(model)
         for recording in recordings[: MOST_DRIVES - drives]:
@@ -55,10 +56,11 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
             if len(healthy.windows) < LEAST_WINDOWS:
                 continue
             drives += 1
+            explained = min(explained, healthy.explained or 0.0)
             false.update({dtc.fault for dtc in healthy.dtcs})
             pairs = zip(faults, others, strict=True)
             found.update(fault.name for fault, judged in pairs if judged.dtcs)
-    counts = {"drives": drives, "found": dict(found), "false": dict(false)}
+    counts = {"drives": drives, "found": dict(found), "false": dict(false), "explained": explained}
     severities = {fault.name: fault.severity for fault in faults}
     return {**counts, "severity": severities} if drives else {}
 

@@ -163,6 +163,11 @@ class Decisions:
         """Return the probability of a fault's name among the names with the same code."""
         return self._facts.probability(fault)
 
+    @property
+    def explained(self) -> float | None:
+        """Return the share of the reading that the likeliest sensor explains; None at first."""
+        return self._facts.explained
+
     def evidence(self) -> dict[str, Evidence]:
         """Return how far the response test is from a decision about each fault."""
         return self._facts.evidence()

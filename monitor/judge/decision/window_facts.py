@@ -76,6 +76,11 @@ class WindowFacts:
         """Return the gain of the likeliest sound sensor over all windows."""
         return self._response.drive_gain
 
+    @property
+    def explained(self) -> float | None:
+        """Return the share of the reading that the likeliest sensor explains; None at first."""
+        return self._response.explained
+
     def evidence(self) -> dict[str, Evidence]:
         """Return how far the response test is from a decision about each fault.
 

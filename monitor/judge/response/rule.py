@@ -106,8 +106,8 @@ class ResponseRule:
         self._lead = config.lead_s / period_s
         self._ahead = math.ceil(self._lead)
         self._evidence: FloatArray = np.zeros(len(self.claims))
-        # weighted sums of prediction squared and of measurement times prediction, of a column
-        self._sums: FloatArray = np.zeros((2, self._n_columns + 1))
+        # weighted sums of x x, x y and y y: prediction of a column, and measurement
+        self._sums: FloatArray = np.zeros((3, self._n_columns + 1))
         # sums of ``moved``, of its square and of its product with ``ratio``, of a column
         self._amplitudes: FloatArray = np.zeros((3, self._n_columns + 1))
         self.reset()
@@ -137,6 +137,12 @@ class ResponseRule:
             if leads[name] < 0.0:
                 leads[name] = max(leads[name], min(float(evidence[i] - surely), 0.0))
         return leads
+
+    @property
+    def explained(self) -> float | None:
+        """Return the share of the reading that the likeliest sensor explains; None at first."""
+        sxx, sxy, syy = self._sums[:, self._columns[self._evidence.argmax()]].tolist()
+        return sxy**2 / (sxx * syy) if self.windows else None
 
     @property
     def drive_gain(self) -> float:
@@ -211,7 +217,7 @@ class ResponseRule:
         """Return each claim's log likelihood in a window, (n_claims,); add it to the gains."""
         part = n / self._unexplained(self._gains(), sxx, sxy, syy)
         self._sums *= self._config.gain_memory
-        self._sums += part * sxx, part * sxy
+        self._sums += part * sxx, part * sxy, part * syy
         at = self._columns
         gains = np.minimum(self._gains()[at], self._gain_high)
         return np.asarray(-0.5 * n * np.log(self._unexplained(gains, sxx[at], sxy[at], syy)))

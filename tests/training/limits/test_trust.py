@@ -51,6 +51,19 @@ def test_a_good_model_finds_the_faults_and_mistakes_none() -> None:
     assert len(trust.untested) <= 1  # a drive of seven minutes
 
 
+def test_a_drive_of_which_the_model_explains_less_than_of_any_before_is_asked_about() -> None:
+    # GIVEN a model that explained most of a reading, and a drive with another drive's reading
+    trust = Trust.from_card(trust_of([(MODEL, [healthy()])], CARD, SETTINGS, "m"), "m")
+    assert trust.explained > 0.5
+    own, values = healthy(), healthy().values.copy()
+    values[:, own.names.index(MODEL.card.output.name)] = own.column(MODEL.card.output.name)[::-1]
+    other = replace(own, values=values)
+    # WHEN both are judged THEN only of the other one is asked whose it is
+    for drive, is_told in ((own, False), (other, True)):
+        share = judge(drive, MODEL, LIMITS, SETTINGS).explained
+        assert ("is it another vehicle's?" in in_words(trust.entry(share))) is is_told
+
+
 def test_a_model_that_trusts_itself_too_much_learns_which_faults_it_mistakes() -> None:
     # GIVEN a model that takes its errors for faults, and a drive that it predicts badly
     names, drive = healthy().names, healthy()
