@@ -14,7 +14,7 @@ import can
 from monitor import Code, OxygenSensorMonitor
 
 LOG = Path(__file__).parent.parent / "replay_logs" / "delay_symmetric_micro_trips_v108_s112.blf"
-SECONDS = 35.0  # of the drive to play
+SECONDS = 50.0  # of the drive to play
 TIMES_REAL = 20.0  # as fast as it was driven
 
 
