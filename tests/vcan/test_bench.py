@@ -19,7 +19,7 @@ from tests.vcan.guest import Finished
 ROOT = Path(__file__).resolve().parents[2]
 BENCH = ROOT / "tests" / "vcan" / "bench.py"
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
-FROM_S, LENGTH_S = 10.0, 50.0  # the code is there after 15 s, later on a busy machine
+FROM_S, LENGTH_S = 10.0, 65.0  # the code is there after 25 s, later on a busy machine
 THINNED = (0xC0, 0xC1, 0xC2)  # from 50 to 25 frames/s each, so that both buses carry 250
 PASSED = (0xC0, 0xC1, 0xC8, 0x1A0, 0x2A0, 0x2A1)  # of the ECU, without lambda
 START_AND_END_S = 240.0  # boot, imports and shutdown, on one slow CPU that others use too
@@ -33,7 +33,7 @@ start_s = 5.0
 [[expect]]
 code = "P015A"
 state = "pending"
-within_s = 60.0
+within_s = 75.0
 """
 
 
@@ -54,7 +54,7 @@ def test_a_fault_put_in_between_two_buses_is_found_and_told_to_testers_and_brows
     codes = [(dtc["code"], dtc["fault"], dtc["state"]) for dtc in live["dtcs"]]
     assert codes == [("P015A", "delay_rich_to_lean", "pending")]
     table = (tmp_path / "inject.txt").read_text()
-    assert "P015A pending within 60 s  P015A pending (delay_rich_to_lean) after" in table
+    assert "P015A pending within 75 s  P015A pending (delay_rich_to_lean) after" in table
     assert " 0 not sent, 0 error frames" in table
     # AND no frame was lost, and what was recorded replays to exactly what the monitor said
     recorded = tmp_path / "recorded.log"
