@@ -8,7 +8,7 @@ All drives are simulated. The dynamometer's wall film and the workflow's are sep
 import tempfile
 from pathlib import Path
 
-from training import find_gap, fit
+from training import GapOptions, find_gap, fit
 from training.cli import main as o2train
 
 EFFECT = "wall_film=2"
@@ -30,7 +30,11 @@ def main() -> None:
         changed = drives(folder / "after", 11, "--effect", EFFECT)
         fit(healthy, folder / "chain.onnx", kind="greybox")
         gap = find_gap(
-            folder / "chain.onnx", changed, folder / "gap", healthy=healthy, sensor_known_good=True
+            folder / "chain.onnx",
+            changed,
+            folder / "gap",
+            healthy=healthy,
+            options=GapOptions(sensor_known_good=True),
         )
         found = gap.to_dict()
         print(f"{gap.verdict}: {', '.join(gap.effects) or '-'} (put in: {EFFECT})")

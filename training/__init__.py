@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from training.api.models import Evaluation, Fit, evaluate, fit
     from training.api.recordings import load_recordings
-    from training.api.workflows import Gap, estimate_tables, find_gap
+    from training.api.workflows import Gap, GapOptions, estimate_tables, find_gap
 
 __all__ = [
     "Evaluation",
     "Fit",
     "Gap",
+    "GapOptions",
     "estimate_tables",
     "evaluate",
     "find_gap",
@@ -27,6 +28,7 @@ _PLACES: Final = {
     "Evaluation": "training.api.models",
     "Fit": "training.api.models",
     "Gap": "training.api.workflows",
+    "GapOptions": "training.api.workflows",
     "estimate_tables": "training.api.workflows",
     "evaluate": "training.api.models",
     "find_gap": "training.api.workflows",

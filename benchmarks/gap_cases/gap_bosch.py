@@ -24,8 +24,8 @@ from benchmarks.verdicts.bosch import LAMBDA_PER_Z, RUNS, STOICHIOMETRIC_Z, run_
 from monitor.base.types import BoolArray, FloatArray
 from training.gap.response.account import ResponseAccount
 from training.gap.response.difference import Difference, Finding, References, difference_of
-from training.gap.response.regressors import lagged
 from training.greybox.fit.comparison import Comparison
+from training.greybox.quantity.dynamics import lag
 from training.recordings.recording import Recording
 
 NEW: Final = (
@@ -76,7 +76,7 @@ def film(driver: str, lag_s: float) -> HiddenEffect:
     """Return what a lag leaves of a signal."""
 
     def make(x: Columns, _phi: FloatArray, _n: int) -> FloatArray:
-        return lagged(x[driver], lag_s, PERIOD_S) - x[driver]
+        return lag(x[driver], lag_s, PERIOD_S) - x[driver]
 
     return HiddenEffect(f"film of {lag_s:.1f} s, {driver}", make, finding("dynamic", driver))
 
@@ -85,7 +85,7 @@ def tail(lag_s: float) -> HiddenEffect:
     """Return a lean tail after fuel cuts."""
 
     def make(x: Columns, _phi: FloatArray, _n: int) -> FloatArray:
-        return -lagged((x[CUT] > 0).astype(np.float64), lag_s, PERIOD_S)
+        return -lag((x[CUT] > 0).astype(np.float64), lag_s, PERIOD_S)
 
     return HiddenEffect(f"tail of {lag_s:.1f} s", make, finding("level", "after_fuel_cut_s"))
 
@@ -103,7 +103,7 @@ def slow(lag_s: float) -> HiddenEffect:
     """Return a lag of the reading; delay and lag together say it within a factor."""
 
     def make(_x: Columns, phi: FloatArray, _n: int) -> FloatArray:
-        return lagged(phi, lag_s, PERIOD_S)
+        return lag(phi, lag_s, PERIOD_S)
 
     def says(_best: Finding, response: ResponseAccount | None) -> bool:
         return response is not None and 0.5 <= (response.lag_s + response.delay_s) / lag_s <= 1.7

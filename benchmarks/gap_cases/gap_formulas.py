@@ -25,9 +25,9 @@ from benchmarks.studies.second.engine import STEP_S, Car, Outside
 from benchmarks.studies.second.engine import drive as second_drive
 from monitor.base.types import FloatArray
 from training.gap.name.verdict import Naming
-from training.gap.response.regressors import lagged
 from training.greybox.effects.empirical import formula
 from training.greybox.fit.drive import ChainDrive
+from training.greybox.quantity.dynamics import lag
 
 Form = Callable[[Car, FloatArray], FloatArray]  # of car and time in s
 DRIVES: Final = 6
@@ -50,7 +50,7 @@ CHOOSE: Final[dict[str, MixtureEffect]] = {
     "breather by vacuum": MixtureEffect(
         vapour_mg_s=lambda c, _: 0.35 * np.maximum(98.0 - c.manifold_kpa, 0.0)
     ),
-    "fuel behind flow": MixtureEffect(lambda c, _: -0.05 * lagged(flow_kg_h(c), 30.0, STEP_S)),
+    "fuel behind flow": MixtureEffect(lambda c, _: -0.05 * lag(flow_kg_h(c), 30.0, STEP_S)),
     "residual gas": MixtureEffect(lambda c, _: 6.0 * c.manifold_kpa / 100.0 * c.rpm / 2000.0),
 }
 REPORT: Final[dict[str, MixtureEffect]] = {
@@ -63,7 +63,7 @@ REPORT: Final[dict[str, MixtureEffect]] = {
         )
     ),
     "short pulses": MixtureEffect(lambda c, _: -10.0 * np.exp(-(c.air_mg - 80.0) / 70.0)),
-    "port that cools in cuts": MixtureEffect(lambda c, _: -8.0 * lagged(c.cut, 8.0, STEP_S)),
+    "port that cools in cuts": MixtureEffect(lambda c, _: -8.0 * lag(c.cut, 8.0, STEP_S)),
     "pump that warms up": MixtureEffect(lambda _, t_s: -7.0 * np.exp(-t_s / 100.0)),
     "bypass of the idle": MixtureEffect(lambda c, _: 6.0 / (1.0 + np.exp((c.rpm - 1000.0) / 40.0))),
     "hot intake": MixtureEffect(lambda c, _: 0.5 * (c.intake_degc - 25.0)),

@@ -1,6 +1,5 @@
 """Parameters that the functions of the API and the commands of ``o2train`` share."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,21 +8,6 @@ from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import Number
 
 LoadAxis = Literal["kpa", "mg"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class GapParameters:
-    """How ``find_gap`` names and adds effects.
-
-    steps : highest number of effects to add, one after the other: 1 to 3
-    sensor_known_good : the sensor was checked: try and suspect no sensor fault
-    add : effects to add although they may be faults, for example exhaust_leak, because the vehicle
-        was checked
-    """
-
-    steps: Number = 1
-    sensor_known_good: bool = False
-    add: Annotated[Sequence[str], "EFFECT"] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

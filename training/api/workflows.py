@@ -2,22 +2,26 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from monitor.base.types import Shown
 from monitor.model.step import Model
-from training.api.parameters import GapParameters, LoadAxis, TableParameters
+from training.api.parameters import LoadAxis, TableParameters
 from training.api.recordings import Given, load_recordings
 from training.ecu_tables import config, fit, signals, tables
 from training.ecu_tables.msq import read_axes
-from training.gap.inputs.roles import Material, options_of
+from training.gap.inputs.roles import GapOptions, Material
 from training.gap.pages import gap_page
 from training.gap.result import Result, as_json
 from training.gap.workflow import investigate
 from training.recordings.ecu_table import EcuTable, axes_of
-from training.recordings.recording import Pairs, Recording, check_each_once
+from training.recordings.recording import Pairs, check_each_once
 
+__all__ = ["Gap", "GapOptions", "estimate_tables", "find_gap"]
+
+DEFAULT: Final = GapOptions()
 LOADS = {"kpa": "manifold_pressure_kpa", "mg": "air_mass_mg", None: None}
 
 
@@ -67,36 +71,19 @@ def find_gap(
     *,
     healthy: Given | Sequence[Given] = (),
     verify: Given | Sequence[Given] = (),
-    steps: int = GapParameters.steps,
-    sensor_known_good: bool = False,
-    add: Sequence[str] = (),
-    period_s: float | None = None,
-    buses: Pairs | None = None,
-    columns: str | Path | None = None,
+    options: GapOptions = DEFAULT,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Gap:
     """Find where a model and recordings disagree, name the effect, add it, verify the new model.
 
     out : folder for the new ``model.onnx``, made if it is not there
     healthy : recordings on which the model was accepted; verify : recordings that no fit may see
-    steps : most effects to add; add : effects to add although they may be faults
-    sensor_known_good : the sensor was checked
-    Other parameters as in ``load_recordings``.
+    Files are read at the model's period and with its profile, unless ``load_recordings`` read them.
     Raises O2Error with one line that names what cannot be used.
     """
-    options = options_of(steps, sensor_known_good, add)
     card = Model.load(model).card
-
-    def read(given: Given | Sequence[Given]) -> list[Recording]:
-        return load_recordings(
-            given,
-            period_s=period_s if period_s is not None else card.period_ns / 1e9,
-            buses=buses,
-            columns=columns,
-            of_model=card.profile,
-        )
-
-    material = Material(Path(model), read(recordings), read(healthy), read(verify))
+    read = partial(load_recordings, period_s=card.period_ns / 1e9, of_model=card.profile)
+    material = Material(Path(model), *map(read, (recordings, healthy, verify)))
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     result = investigate(material, folder, options, progress=progress)

@@ -3,12 +3,12 @@
 import argparse
 import gc
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from monitor.base.command_line.parameters import Recordings
-from training.api.parameters import GapParameters
+from monitor.base.command_line.parameters import Number, Recordings
 from training.cli.options import Folder, GridOptions, ModelPath, load_all
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class _Library(argparse.Action):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GapCommand(GapParameters, GridOptions):
+class GapCommand(GridOptions):
     """Options of the gap workflow.
 
     recordings : recordings of a healthy vehicle on which the model disagrees
@@ -54,6 +54,9 @@ class GapCommand(GapParameters, GridOptions):
         the model has none, the command cannot tell a weakness of the model from an effect)
     verify : recordings that verify the new model; no fit sees them (default: each RECORDING, by
         constants from the others; the naming sees all)
+    steps : highest number of effects to add, one after the other: 1 to 3
+    sensor_known_good : the sensor was checked: try and suspect no sensor fault
+    add : effects to add although they may be faults, such as exhaust_leak: the vehicle was checked
     library : list the effects with constants, bounds and sources, those of plug-ins too, and exit
     out : folder for report.html, gap.json and model.onnx
     """
@@ -62,6 +65,9 @@ class GapCommand(GapParameters, GridOptions):
     model: ModelPath
     healthy: Recordings = ()
     verify: Recordings = ()
+    steps: Number = 1
+    sensor_known_good: bool = False
+    add: Annotated[Sequence[str], "EFFECT"] = ()
     library: Annotated[bool, {"action": _Library, "nargs": 0}] = False
     out: Folder
 
@@ -82,7 +88,7 @@ def run(args: GapCommand) -> int:
 
     import_without_mdf()
     from training.cli.console.progress import Progress
-    from training.gap.inputs.roles import Material, options_of
+    from training.gap.inputs.roles import GapOptions, Material
     from training.gap.pages import gap_page
     from training.gap.pages.verdict_words import cautions
     from training.gap.result import save
@@ -90,7 +96,7 @@ def run(args: GapCommand) -> int:
     from training.jobs.cache import cached
 
     gc.freeze()  # of the imported modules nothing becomes garbage
-    options = options_of(args.steps, args.sensor_known_good, args.add)
+    options = GapOptions(args.steps, args.sensor_known_good, args.add)
     period_s = args.period if args.period is not None else _period_s(args.model)
     material = Material(
         args.model,
@@ -137,12 +143,6 @@ def _print(result: "Result", out: Path) -> None:
     from training.gap.pages.verdict_words import verdict_sentence
 
     print(verdict_sentence(result))
-    before, after, floor, measured_on = result.rmse
-    then = "" if after is None else f", {after:.4f} after"
-    print(
-        f"RMSE in {result.inputs.unit} on {measured_on}: {before:.4f} before{then}, "
-        f"noise floor {floor:.4f}"
-    )
     for candidate in result.naming.trials.ranking[:5]:
         merit = candidate.merit
         print(

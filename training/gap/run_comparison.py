@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.gap.config import CONFIG
 from training.gap.inputs import suitability
@@ -24,7 +24,7 @@ from training.gap.response.difference import Difference, References, difference_
 from training.gap.result import Inputs, NewModelFile, Result
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Comparison
-from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, ChainDrive, make
+from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, ChainDrive, make, until
 from training.jobs import Progress
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording, training_recording
@@ -139,10 +139,10 @@ def _drive(recording: Recording, card: ModelCard) -> ChainDrive:
     )
     if "fuel_cut" in present or "fuel_mass_mg" in present:
         return drive
-    cut = _about(
-        drive.phi_measured < LIMITS.lean_phi, LIMITS.before_cut_s, AFTER_CUT_S, drive.period_s
-    )
-    return replace(drive, scored=drive.scored & ~cut)
+    lean = drive.phi_measured < LIMITS.lean_phi
+    cut = until(lean, AFTER_CUT_S, drive.period_s)
+    before = until(lean[::-1], LIMITS.before_cut_s, drive.period_s)[::-1]
+    return replace(drive, scored=drive.scored & ~cut & ~before)
 
 
 def _plain_drive(
@@ -168,17 +168,3 @@ def _same(signal: FloatArray, reading: FloatArray) -> bool:
         return False
     x, y = signal[both], reading[both]
     return max(abs(np.corrcoef(x, each)[0, 1]) for each in (y, 1.0 / y)) > LIMITS.same_correlation
-
-
-def _about(bad: BoolArray, before_s: float, after_s: float, period_s: float) -> BoolArray:
-    """Return (n,): bad within ``before_s`` to come or ``after_s`` gone by.
-
-    >>> bad = np.array([False, False, True, False, False, False])
-    >>> _about(bad, 0.1, 0.2, 0.1).tolist()
-    [False, True, True, True, True, False]
-    """
-    ahead, behind = round(before_s / period_s), round(after_s / period_s)
-    counts = np.concatenate([[0], np.cumsum(bad)])
-    at = np.arange(len(bad))
-    last = np.minimum(at + ahead + 1, len(bad))
-    return np.asarray(counts[last] - counts[np.maximum(at - behind, 0)] > 0)

@@ -29,7 +29,7 @@ def predicted_phi(model: Path, recordings: Sequence[Recording]) -> list[FloatArr
     period, lacks a signal or never has a good value of it.
     """
     loaded = Model.load(model)
-    rows = [_checked(loaded, recording) for recording in recordings]
+    rows = [checked(loaded, recording) for recording in recordings]
     keys = [(loaded.sha256, _sha256(row)) for row in rows]
     found = {key: _memory.pop(key) for key in {*keys} & _memory.keys()}
     new = {key: row for key, row in zip(keys, rows, strict=True) if key not in found}
@@ -51,7 +51,7 @@ def _sha256(row: tuple[FloatArray, FloatArray]) -> str:
     return content.hexdigest()
 
 
-def _checked(model: Model, recording: Recording) -> tuple[FloatArray, FloatArray]:
+def checked(model: Model, recording: Recording) -> tuple[FloatArray, FloatArray]:
     """Return held inputs (n, n_inputs) and the measured output (n,), NaN where not good."""
     card = model.card
     if recording.period_ns != card.period_ns:

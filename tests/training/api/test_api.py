@@ -10,7 +10,7 @@ import pytest
 import training
 from monitor import O2Error, replay
 from monitor.base.signals import OUTPUT
-from training import estimate_tables, evaluate, find_gap, fit, load_recordings
+from training import GapOptions, estimate_tables, evaluate, find_gap, fit, load_recordings
 from training.cli import main
 from training.healthy import new_model
 from training.limits.decision_limits import MANY_WINDOWS
@@ -91,7 +91,7 @@ def test_a_gap_is_looked_for_in_any_output(model: Path, tmp_path: Path) -> None:
         (lambda out: load_recordings({OUTPUT: [1.0]}), "recording 0: no column time_s"),
         (lambda out: load_recordings(out / "none.csv"), "none.csv"),
         (lambda out: estimate_tables(drive_of(1)), "lambda_measured|engine_speed_rpm"),
-        (lambda out: find_gap(out / "m.onnx", [], out, add=["wings"]), "'wings' is unknown"),
+        (lambda _: GapOptions(add=["wings"]), "'wings' is unknown"),
     ],
 )
 def test_what_cannot_be_used_is_named(call: object, says: str, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ def defaults(function: Callable[..., Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("function", "command", "shared"),
     [
-        (training.find_gap, GapCommand, {"steps", "sensor_known_good", "add"}),
+        (training.GapOptions, GapCommand, {"steps", "sensor_known_good", "add"}),
         (training.estimate_tables, TablesCommand, {"axes", "load", "displacement_l", "cylinders"}),
         (training.evaluate, evaluate.run, {"washout"}),
         (training.fit, FitCommand, {"kind", "inputs", "validate", "seed"}),

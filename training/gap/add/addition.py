@@ -32,8 +32,8 @@ NO_BETTER: Final = (
     "what was named is not added: with constants from the other recordings the model predicts a "
     "recording no better; it follows the effect already, or this is another in every drive"
 )
-IN_CHAIN: Final = "inside the chain, where it acts on the mixture's way"
-AT_OUTPUT: Final = "beside the network: its output plus the chain with the effect less that without"
+IN_CHAIN: Final = "It stands inside the chain, where it acts on the mixture's way."
+AT_OUTPUT: Final = "To the network's output comes the chain with it less the chain without it."
 
 
 @dataclass(frozen=True, slots=True)

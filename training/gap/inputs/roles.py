@@ -22,12 +22,19 @@ ACCEPTED: Final = "the recordings of the fit"
 
 @dataclass(frozen=True, slots=True)
 class GapOptions:
-    """The user's choices."""
+    """How a gap is named and what is added; raises UsageError if the choices make no sense."""
 
-    steps: int = 1
-    sensor_known_good: bool = False
-    add: tuple[str, ...] = ()  # effects that may be faults, and are known to be none
-    faults: tuple[Fault, ...] = FAULTS  # put on for verifying; none leaves the monitor out
+    steps: int = 1  # highest number of effects to add, one after the other: 1 to 3
+    sensor_known_good: bool = False  # the sensor was checked: no fault of it is tried
+    add: Sequence[str] = ()  # effects that may be faults, and are known to be none
+    faults: Sequence[Fault] = FAULTS  # put on for verifying; none leaves the monitor out
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.steps <= LIMITS.effects_max:
+            raise UsageError(f"--steps is 1 to {LIMITS.effects_max}")
+        unknown = [name for name in self.add if name not in LIBRARY]
+        if unknown:
+            raise UsageError(f"effect {unknown[0]!r} is unknown; there are {', '.join(LIBRARY)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +50,3 @@ class Material:
     def roles(self) -> dict[str, Sequence[Recording]]:
         """Return the recordings by the command's names of their roles."""
         return {"RECORDING": self.recordings, "--healthy": self.healthy, "--verify": self.verify}
-
-
-def options_of(steps: int, sensor_known_good: bool, add: Sequence[str]) -> GapOptions:
-    """Return the options; raises UsageError if they make no sense."""
-    if not 1 <= steps <= LIMITS.effects_max:
-        raise UsageError(f"--steps is 1 to {LIMITS.effects_max}")
-    unknown = [name for name in add if name not in LIBRARY]
-    if unknown:
-        raise UsageError(f"effect {unknown[0]!r} is unknown; there are {', '.join(LIBRARY)}")
-    return GapOptions(steps, sensor_known_good, tuple(add))

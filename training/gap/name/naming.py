@@ -13,10 +13,9 @@ from typing import Final
 
 import numpy as np
 
-from monitor.base.errors import RecordingError
 from training.gap.name.decision import StepOutcome
 from training.gap.name.formulas.contest import beats, may_be_beaten, unbeaten
-from training.gap.name.formulas.formula import FirstTerm, Formula, first_term, formula_of
+from training.gap.name.formulas.formula import FirstTerm, first_term, formula_of
 from training.gap.name.posterior import NONE, UNKNOWN, Posterior
 from training.gap.name.steps import Advance, advance
 from training.gap.name.verdict import (
@@ -35,7 +34,7 @@ from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.held_out import held_out_rmse
 from training.greybox.fit.joint import fit
 from training.greybox.fit.sensor_faults import FAULTS
-from training.healthy import scoring, yardstick
+from training.healthy import scoring
 from training.healthy.base_state import FREE, BaseState, base_state
 from training.healthy.behaviour import Healthy
 from training.jobs import Progress
@@ -46,7 +45,7 @@ LARGER: Final = 1.6  # times the usual error on healthy drives, from which there
 
 def name(
     drives: Sequence[ChainDrive],
-    healthy: Sequence[ChainDrive] | Healthy | None = None,
+    known: Healthy | None = None,
     reference: Constants | None = None,
     *,
     steps: int = 1,
@@ -56,17 +55,15 @@ def name(
     """Return which effect, if any, explains the drives.
 
     drives : recordings of one vehicle with the gap
-    healthy : recordings of the same vehicle on which the base was accepted; without them every
-        weakness of the base itself is part of the gap; or what ``yardstick.learn`` made of them
-    reference : base constants of the healthy vehicle, if ``healthy`` is not given
+    known : the same vehicle when healthy; without it every weakness of the base itself is part of
+        the gap
+    reference : base constants of the healthy vehicle, if ``known`` is not given
     steps : effects to add at most, one after the other
     sensor_known_good : leave the sensor's faults out
     progress : is told what goes on
-    Raises RecordingError if there is no drive or their sample periods differ.
+    Raises RecordingError if too little lies where healthy drives have been.
     """
-    _check_one_period(drives, healthy)
     progress("base")
-    known = _known(healthy, reference, progress)
     first = base_state(drives, known, known.base if known else reference)
     skipped = {effect.name: missing for effect in ALL if (missing := _missing(effect, drives))}
     candidates: list[Term] = [e for e in first.case.drives[0].effects if e.name not in skipped]
@@ -91,7 +88,7 @@ def name(
         found = Advance(first, unknown, (), found.first, _unknown(odds, won))
         naming = answer(found)
     if naming.verdict == "unknown_effect" and not naming.answer.effects:
-        naming = _with_formula(naming, first, formula, found.first)
+        naming = _with_formula(naming, formula, found.first)
     return naming
 
 
@@ -101,9 +98,7 @@ def _unknown(odds: Posterior, share: float) -> Posterior:
     return left | {UNKNOWN: left[UNKNOWN] + share}
 
 
-def _with_formula(
-    naming: Naming, first: BaseState, begun: FirstTerm | None, ranking: Sequence[Candidate]
-) -> Naming:
+def _with_formula(naming: Naming, begun: FirstTerm | None, ranking: Sequence[Candidate]) -> Naming:
     """Return the naming of an unknown effect with its formula.
 
     The library goes before: a sensor fault or a reversed effect that a formula does not clearly
@@ -114,14 +109,14 @@ def _with_formula(
     if begun is None:
         found = next((c for c in library if c is ranking[0]), None)
     else:
-        found = unbeaten(first, begun.rival, library)
+        found = unbeaten(begun.rival, library)
     if found is not None and found.is_reversed:
         return replace(naming, answer=replace(naming.answer, effects=(found,)))
     if found is not None:
         return replace(naming, answer=replace(naming.answer, suspected=found.name))
-    formula = formula_of(begun) if begun else Formula()
-    if not formula.terms:
+    if begun is None:
         return naming
+    formula = formula_of(begun)
     return replace(
         naming,
         answer=replace(naming.answer, effects=formula.terms),
@@ -129,25 +124,9 @@ def _with_formula(
     )
 
 
-def _check_one_period(
-    drives: Sequence[ChainDrive], healthy: Sequence[ChainDrive] | Healthy | None
-) -> None:
-    every = (*drives, *(() if isinstance(healthy, Healthy) else healthy or ()))
-    if not drives or len({round(d.period_s, 6) for d in every}) != 1:
-        raise RecordingError("the gap workflow wants drives of one sample period, at least one")
-
-
 def _missing(effect: Effect, drives: Sequence[ChainDrive]) -> tuple[str, ...]:
     """Return the signals of an effect that some drive lacks."""
     return tuple(n for n in effect.needs if any(n not in d.signals for d in drives))
-
-
-def _known(
-    healthy: Sequence[ChainDrive] | Healthy | None, reference: Constants | None, progress: Progress
-) -> Healthy | None:
-    if isinstance(healthy, Healthy):
-        return healthy
-    return yardstick.learn(healthy, reference or Constants(), progress) if healthy else None
 
 
 def _doubts(case: Case, known: Healthy | None) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
 from training.gap.name.formulas.plain_function import plainest
-from training.gap.name.ranking import HALF, USUAL_SHARE
+from training.gap.name.ranking import USUAL_SHARE
 from training.gap.name.verdict import Candidate
 from training.healthy import scoring
 from training.healthy.base_state import BaseState
@@ -28,8 +28,7 @@ def posterior(state: BaseState, ranking: Sequence[Candidate], whole: FloatArray)
 
     whole : deviance (n_blocks,) without any effect, of which half is to be explained by all
     """
-    blocks, drawn = state.case.blocks, scoring.draws(len(whole))
-    after = np.array([scoring.deviance(c.fit, blocks) for c in ranking])
+    drawn, after = scoring.draws(len(whole)), np.array([c.left for c in ranking])
     gains = drawn @ (state.deviance - after).T
     gains = np.where(gains >= [c.merit.needed for c in ranking], gains, 0.0)
     best, is_large = gains.argmax(axis=1), gains.max(axis=1) > 0.0
@@ -51,11 +50,10 @@ def _explains_half(
     state: BaseState, candidate: Candidate, gains: FloatArray, drawn: FloatArray
 ) -> BoolArray:
     """Return whether each draw (n, n_blocks) leaves less than was gained; an effect in another
-    form leaves the usual share.
+    form leaves the usual share of both.
     """
     rest = drawn @ scoring.explained(candidate.fit, state.roof, state.case.blocks)
-    rest -= USUAL_SHARE * drawn @ state.deviance
-    return np.asarray(gains * (1.0 - HALF) >= HALF * np.maximum(rest, 0.0))
+    return np.asarray(gains >= rest - USUAL_SHARE * (gains + rest))
 
 
 def on_top(first: Posterior, names: str, lead: str, then: Posterior) -> Posterior:

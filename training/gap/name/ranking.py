@@ -11,8 +11,8 @@ from training.healthy.base_state import BaseState
 from training.jobs import Progress
 
 WIN: Final = 0.95  # of resampled blocks
-HALF: Final = 0.5  # of what can be explained, for a name; of the best score, for a rival
-USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
+HALF: Final = 0.5  # of the best score, for a rival
+USUAL_SHARE: Final = 0.09  # of what can be explained, left by an effect in another form
 RANKED_CLOSELY: Final = 4  # candidates that may have begun within the recordings
 
 
@@ -31,5 +31,5 @@ def rank(
         score = scoring.score(state.deviance, after, moved)
         physical = has_its_signs(term, fitted.parameters[-1])
         merit = Merit(score.gain, state.needed(term.name), score.t, physical)
-        found.append(Candidate(fitted, merit))
+        found.append(Candidate(fitted, merit, after))
     return tuple(sorted(found, key=lambda each: -each.merit.score))

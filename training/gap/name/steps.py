@@ -1,6 +1,6 @@
 """Steps of the naming: effects one after the other, each on top of those before it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -10,12 +10,10 @@ from training.gap.name.verdict import Candidate, Round
 from training.greybox.effects import Effect
 from training.greybox.fit.case import Term
 from training.greybox.fit.held_out import held_out_rmse
-from training.healthy import scoring
 from training.healthy.base_state import BaseState
 from training.jobs import Progress
 
 NOTHING: Final = ("no_gap", "unknown_effect")
-PAIR: Final = 2  # effects, each of which is judged beside the other
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,22 +70,14 @@ def advance(
 
     Where nothing is found on top of an effect, what was said before it holds.
     """
-    path, told = _Path([state]), list[StepOutcome]()
-
-    def next_step(on: _Path) -> StepOutcome:
-        left = on.left(candidates)
-        return step(on.state, left, state.deviance, sensor_known_good, progress)
-
+    path, told, whole = _Path([state]), list[StepOutcome](), state.deviance
     while len(told) < steps:
-        told.append(next_step(path))
+        left = path.left(candidates)
+        told.append(step(path.state, left, whole, sensor_known_good, progress))
         lead, is_named = told[-1].lead, told[-1].verdict == "named"
         if lead is None or (len(told) == steps and not is_named):
             break
         path.take(lead, told[-1].ranking)
-        if len(path.rounds) == PAIR and is_named:
-            path, told[-1] = _first_again(path, told[-1], next_step)
-            if told[-1].verdict != "named":
-                break
     first, last = told[0].ranking, told[-1].ranking
     while len(told) > 1 and told[-1].verdict in NOTHING:
         before = told[-2].verdict
@@ -125,30 +115,9 @@ def _posterior(told: Sequence[StepOutcome], path: _Path) -> Posterior:
     return odds
 
 
-def _first_again(
-    path: _Path, outcome: StepOutcome, next_step: Callable[[_Path], StepOutcome]
-) -> tuple[_Path, StepOutcome]:
-    """Return a pair with its first effect looked for again, on top of the second.
-
-    Alone, the first had to explain part of the second, too, which another effect may do better.
-    Source: Miller, Subset Selection in Regression, 2nd ed., 2002, chapter 3, sequential
-    replacement.
-    """
-    first, second = path.effects
-    ranking = path.rounds[0].ranking
-    other = _Path([path.states[0]])
-    other.take(next(c for c in ranking if c.name == second.name), ranking)
-    again = next_step(other)
-    if again.verdict == "named" and again.best[0].name != first.name:
-        other.take(again.best[0], again.ranking)
-        return other, again
-    return (other, again) if again.verdict == "ambiguous" else (path, outcome)
-
-
 def _with(state: BaseState, added: Candidate) -> BaseState:
     """Return the start of the next step, with a candidate as part of the base."""
-    deviance = scoring.deviance(added.fit, state.case.blocks)
-    return replace(state, current=added.fit, deviance=deviance)
+    return replace(state, current=added.fit, deviance=added.left)
 
 
 def _on_top(

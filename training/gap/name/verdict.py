@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from monitor.base.types import FloatArray
 from training.greybox.chain import Constants
 from training.greybox.effects import Effect
 from training.greybox.effects.empirical import is_empirical
@@ -36,6 +37,7 @@ class Candidate:
 
     fit: JointFit  # the candidate is its last term
     merit: Merit
+    left: FloatArray  # (n_blocks,) deviance of held-out blocks with it
 
     @property
     def term(self) -> Term:

@@ -1,27 +1,16 @@
 """Cells of the gap report that take more than a number: changes, counts, constants."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from monitor.model.card import TrainingRecording
+from training.gap.name.verdict import Candidate
 from training.gap.result import Result
 from training.gap.verify.evidence import Count, Detection, Error, rate
-from training.greybox.effects import LIBRARY
-from training.greybox.effects.empirical import effect_of, is_empirical
 from training.greybox.effects.form.effect import Parameter
-from training.greybox.fit.sensor_faults import FAULTS
 from training.pages.numbers import MISSING, fixed, percent, unit_of
 
 AT_BOUND: Final = 0.01  # of the range
-KNOWN: Final[Mapping[str, tuple[Parameter, ...]]] = {
-    **{name: effect.parameters for name, effect in LIBRARY.items()},
-    **{fault.name: fault.parameters for fault in FAULTS},
-}
-
-
-def parameters_of(name: str) -> tuple[Parameter, ...]:
-    """Return the constants of an effect or sensor fault, also of a formula's term."""
-    return effect_of(name).parameters if is_empirical(name) else KNOWN.get(name, ())
 
 
 def phi(value: float | None) -> str:
@@ -66,19 +55,13 @@ def _counts(c: Count | None, fault: str) -> tuple[str, str, str]:
     return (f"{c.judged} of {c.drives}", f"{c.found} of {c.drives}", right)
 
 
-def values(
-    name: str,
-    parameters: Mapping[str, float],
-    standard_errors: Mapping[str, float],
-    units: Mapping[str, str],
-) -> str:
+def values(c: Candidate) -> str:
     """Return constants with standard errors in one line; one at its bound says so."""
-    bounds = {p.name: p for p in parameters_of(name)}
     return "; ".join(
-        f"{p} {value:.3g} ± {standard_errors.get(p, float('nan')):.2g} "
-        f"{unit_of(units.get(p, ''))}".rstrip()
-        + (", at its bound" if p in bounds and at_bound(bounds[p], value) else "")
-        for p, value in parameters.items()
+        f"{p.name} {c.parameters[p.name]:.3g} ± {c.standard_errors[p.name]:.2g} "
+        f"{unit_of(p.unit)}".rstrip()
+        + (", at its bound" if at_bound(p, c.parameters[p.name]) else "")
+        for p in c.term.parameters
     )
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.gap.response.equations import Held
 from training.gap.response.families import PASTS_S, Family
-from training.gap.response.regressors import lagged, transported
 from training.greybox.fit.comparison import Comparison
+from training.greybox.quantity.dynamics import delayed, lag
 
 DELAYS_S: Final = tuple(np.arange(0.0, 1.51, 0.1).tolist())
 LAGS_S: Final = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0)
@@ -62,7 +62,7 @@ def response_of(new: Sequence[Comparison]) -> ResponseAccount:
     for delay_s, lag_s in product(DELAYS_S, LAGS_S):
         made = np.concatenate(
             [
-                transported(r.phi_predicted, delay_s, lag_s, r.period_s)[s]
+                lag(delayed(r.phi_predicted, delay_s / r.period_s), lag_s, r.period_s)[s]
                 for r, s in zip(new, rows, strict=True)
             ]
         )
@@ -88,7 +88,7 @@ def past_s(held: Held, period_s: float) -> float:
     """Return the time after which half of a driver's step has passed, from its lags' weights."""
     t = np.arange(0.0, 60.0, period_s)
     step = sum(
-        w * (lagged(np.r_[0.0, np.ones(len(t) - 1)], s, period_s) - 1.0)
+        w * (lag(np.r_[0.0, np.ones(len(t) - 1)], s, period_s) - 1.0)
         for w, s in zip(held.coefficients, PASTS_S, strict=True)
     )
     begin = step[1]

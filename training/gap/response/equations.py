@@ -16,8 +16,9 @@ from monitor.base.types import FloatArray, IntArray
 from training.gap.response.families import Family
 from training.gap.response.reference import Spread
 from training.greybox.fit.comparison import BLOCK_S, Comparison
+from training.greybox.fit.drive import until
+from training.healthy.behaviour import noise, white
 
-MEMORY: Final = 2  # past errors that whiten one
 RIDGE: Final = 1e-3  # of the mean diagonal
 NOTHING: Final = 1e-20  # of a sum of squares: the runs do not move the columns
 TINY: Final = 1e-100
@@ -32,7 +33,7 @@ class EquationBlocks:
     number: tuple[IntArray, ...]  # of each run's rows, within the run, from 0
     run: IntArray  # (n_blocks,)
     spread: tuple[FloatArray, ...]  # (n,) of each run's errors
-    memory: FloatArray  # (p,) of the healthy errors: how much of the last p errors stays
+    ar: tuple[float, float]  # autoregression of the healthy errors, newest first
 
     @classmethod
     def of(
@@ -42,36 +43,24 @@ class EquationBlocks:
         spread = tuple(size(r) for r in (*new, *healthy))
         rows, number, run = [], [], []
         for i, r in enumerate((*new, *healthy)):
-            kept = r.scored.copy()
-            for k in range(1, MEMORY + 1):
-                kept[k:] &= r.scored[:-k]
-            kept[:MEMORY] = False
-            own = np.flatnonzero(kept)
+            bad = until(~r.scored, 2.0 * r.period_s, r.period_s)  # whitening needs two before
+            own = np.flatnonzero(~bad[2:]) + 2
             block = np.unique((own * r.period_s // BLOCK_S).astype(np.int64), return_inverse=True)
             rows.append(own)
             number.append(np.asarray(block[1], dtype=np.int64))
             run.append(np.full(len(block[0]), i))
-        past = np.concatenate(
-            [
-                np.column_stack([(r.residual / each)[own - k] for k in range(MEMORY + 1)])
-                for r, each, own in zip(healthy, spread[len(new) :], rows[len(new) :], strict=True)
-            ]
-        )
-        memory = _solve(past[:, 1:].T @ past[:, 1:], past[:, 1:].T @ past[:, 0])
+        known = zip(healthy, spread[len(new) :], strict=True)
+        errors = np.concatenate([(r.residual / each)[r.scored] for r, each in known])
+        ar, _ = noise([r.scored for r in healthy], errors)
         runs = np.concatenate(run).astype(np.int64)
-        return cls(tuple(rows), tuple(number), runs, spread, memory)
+        return cls(tuple(rows), tuple(number), runs, spread, ar)
 
     def white(self, values: FloatArray, run: int) -> FloatArray:
         """Return a run's values (n, …) over the spread, less what their past says of them.
 
         At the run's rows, (m, …).
         """
-        rows = self.rows[run]
-        values = (values.T / self.spread[run]).T
-        found = values[rows].astype(np.float64)
-        for k, part in enumerate(self.memory.tolist(), 1):
-            found -= part * values[rows - k]
-        return found
+        return white((values.T / self.spread[run]).T, self.ar)[self.rows[run]]
 
     def starts(self, run: int) -> IntArray:
         """Return where each block of a run begins among its rows, and the end."""

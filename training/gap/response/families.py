@@ -18,8 +18,8 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.gap.response.basis import Basis
 from training.gap.response.drivers import Driver, rate
-from training.gap.response.regressors import lagged
 from training.greybox.fit.comparison import Comparison
+from training.greybox.quantity.dynamics import lag
 from training.recordings.samples.rows import hold
 
 LAGS_S: Final = (0.3, 1.0, 3.0)  # of the reading
@@ -84,7 +84,7 @@ def moved(run: Comparison) -> FloatArray:
 
 def past(run: Comparison, values: FloatArray, lags_s: Sequence[float]) -> FloatArray:
     """Return lagged less present values (n, k), one column per lag."""
-    return np.column_stack([lagged(values, s, run.period_s) - values for s in lags_s])
+    return np.column_stack([lag(values, s, run.period_s) - values for s in lags_s])
 
 
 UNIFORM: Final[dict[str, Make]] = {

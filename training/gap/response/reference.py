@@ -12,8 +12,9 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.response.drivers import rate
-from training.gap.response.regressors import Regressors, lagged
+from training.gap.response.regressors import Regressors
 from training.greybox.fit.comparison import Comparison
+from training.greybox.quantity.dynamics import lag
 
 PENALTIES: Final = (1e-5, 1e-4, 1e-3, 1e-2)  # of the mean diagonal; the best predicts others
 AGAIN: Final = 2
@@ -99,8 +100,8 @@ class Spread:
 def _about(run: Comparison, middle: float) -> FloatArray:
     """Return the reading's distance from the middle and its slope (n, 2), over a second or so."""
     steep = np.abs(rate(run.phi_predicted, run.period_s))
-    both = np.column_stack([np.abs(run.phi_predicted - middle), steep])
-    return np.maximum(lagged(both, ABOUT_S, run.period_s), both)
+    both = (np.abs(run.phi_predicted - middle), steep)
+    return np.column_stack([np.maximum(lag(x, ABOUT_S, run.period_s), x) for x in both])
 
 
 def _fit(

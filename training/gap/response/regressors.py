@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.signal import lfilter
 
 from monitor.base.types import FloatArray
 from training.greybox.fit.comparison import Comparison
+from training.greybox.quantity.dynamics import delayed, lag
 from training.recordings.samples.rows import hold
 
 LAGS_S: Final = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0, 15.0, 60.0)
@@ -52,10 +52,11 @@ class Regressors:
         values = np.clip(_columns(run, self.inputs), self.low, self.high)
         scaled = (values - self.mean) / self.spread
         steps = [max(round(s / run.period_s), 1) for s in DEAD_TIMES_S]
+        columns = np.ascontiguousarray(scaled.T)
         bank = np.column_stack(
             [
-                *(lagged(scaled, s, run.period_s) for s in LAGS_S),
-                *(delayed(scaled, k) for k in dict.fromkeys(steps)),
+                *(lag(x, s, run.period_s) for s in LAGS_S for x in columns),
+                *(delayed(x, k) for k in dict.fromkeys(steps) for x in columns),
             ]
         )
         rng = np.random.default_rng(SEED)
@@ -63,34 +64,6 @@ class Regressors:
         weights = rng.standard_normal(shape) * (rng.random(shape) < SHARE) * SLOPE
         bent = np.tanh(bank @ weights + rng.uniform(-OFFSETS, OFFSETS, FUNCTIONS))
         return np.column_stack([np.ones(len(bank)), bank, bent])
-
-
-def lagged(values: FloatArray, lag_s: float, period_s: float) -> FloatArray:
-    """Return ``values`` (n,) or (n, k) after a lag of first order that begins settled."""
-    if lag_s <= 0.0:
-        return values
-    keep = float(np.exp(-period_s / lag_s))
-    made, _ = lfilter([1.0 - keep], [1.0, -keep], values, axis=0, zi=keep * values[:1])
-    return np.asarray(made)
-
-
-def delayed(values: FloatArray, steps: int) -> FloatArray:
-    """Return ``values`` (n, …) later by whole samples; the first one fills the beginning.
-
-    >>> delayed(np.array([1.0, 2.0, 3.0]), 1).tolist()
-    [1.0, 1.0, 2.0]
-    """
-    return np.concatenate([np.repeat(values[:1], min(steps, len(values)), axis=0), values])[
-        : len(values)
-    ]
-
-
-def transported(
-    values: FloatArray, dead_time_s: float, lag_s: float, period_s: float
-) -> FloatArray:
-    """Return ``values`` (n,) after a dead time, between samples in a straight line, and a lag."""
-    ticks = np.arange(len(values), dtype=np.float64)
-    return lagged(np.interp(ticks - dead_time_s / period_s, ticks, values), lag_s, period_s)
 
 
 def _columns(run: Comparison, inputs: Sequence[str]) -> FloatArray:

@@ -16,8 +16,8 @@ from monitor.base.types import FloatArray, IntArray
 from training.gap.response.equations import EquationBlocks, Equations, Held, hold, two_sided
 from training.gap.response.families import Family
 from training.gap.response.reference import Spread
-from training.gap.response.regressors import lagged
 from training.greybox.fit.comparison import Comparison
+from training.greybox.quantity.dynamics import lag
 
 SETS: Final = 60  # of healthy runs that take the part of new ones
 PART: Final = 3  # one healthy run in so many does, at most
@@ -145,7 +145,7 @@ def swing(run: Comparison, spread: FloatArray) -> FloatArray:
     spread : (n,) of the healthy error, which moves the reading too
     """
     moves, healthy = (
-        x - lagged(x, MOVEMENT_S, run.period_s) for x in (run.phi_measured, run.phi_predicted)
+        x - lag(x, MOVEMENT_S, run.period_s) for x in (run.phi_measured, run.phi_predicted)
     )
     return np.asarray(np.log(np.hypot(moves, FLOOR * spread)) - np.log(np.hypot(healthy, spread)))
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.gap.config import CONFIG
 from training.gap.response.drivers import DERIVED
 from training.gap.verify.evidence import Error
@@ -77,7 +77,7 @@ def _speed_and_load(recordings: Sequence[Comparison]) -> list[Regime]:
 
 
 def _between(edges: FloatArray, i: int, unit: str) -> str:
-    return f"{edges[i]:.0f} to {edges[i + 1]:.0f} {unit}"
+    return f"{edges[i]:.0f}–{edges[i + 1]:.0f} {unit}"
 
 
 def _edges(recordings: Sequence[Comparison]) -> list[Regime]:
@@ -109,7 +109,7 @@ def compare(
     regimes = [r for r in regimes if int(r.rows.sum()) >= LIMITS.samples_min]
     old = scored(recordings, [r.residual for r in recordings])
     new = None if after is None else scored(recordings, after)
-    blocks = _blocks(recordings)
+    blocks = blocks_of(recordings)
     counts = _sums(regimes, blocks, np.ones(len(old)))
     used = (counts > 0.0).sum(axis=1)
     bounds = None
@@ -142,17 +142,17 @@ def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _blocks(recordings: Sequence[Comparison]) -> FloatArray:
-    """Return the number of each scored sample's block, (m,)."""
+def blocks_of(recordings: Sequence[Comparison]) -> IntArray:
+    """Return the block of each scored sample, (m,), numbered through all recordings."""
     numbers, first = [], 0
     for r in recordings:
         own = (np.flatnonzero(r.scored) * r.period_s // BLOCK_S).astype(np.int64)
         numbers.append(own + first)
         first += int(len(r.residual) * r.period_s // BLOCK_S) + 1
-    return np.asarray(np.unique(np.concatenate(numbers), return_inverse=True)[1])
+    return np.asarray(np.unique(np.concatenate(numbers), return_inverse=True)[1], dtype=np.int64)
 
 
-def _sums(regimes: Sequence[Regime], blocks: FloatArray, values: FloatArray) -> FloatArray:
+def _sums(regimes: Sequence[Regime], blocks: IntArray, values: FloatArray) -> FloatArray:
     """Return the sum of ``values`` (m,) over each block in each regime, (n_regimes, n_blocks)."""
     n = int(blocks.max()) + 1
     return np.array([np.bincount(blocks, values * r.rows, n) for r in regimes])

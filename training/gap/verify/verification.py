@@ -9,20 +9,22 @@ import numpy as np
 
 from monitor.base.errors import ConfigError, ModelError
 from monitor.base.faults import Fault
-from monitor.base.types import FloatArray, IntArray
+from monitor.base.types import FloatArray
+from monitor.model.step import Model
 from training.gap.inputs.roles import FAULTS
 from training.gap.verify.detection import detect, monitor_of
 from training.gap.verify.error_curve import error_curve
-from training.gap.verify.error_regimes import compare, rms, scored
+from training.gap.verify.error_regimes import blocks_of, compare, rms, scored
 from training.gap.verify.evidence import Detection, Error, ErrorTrace, Verification
 from training.greybox.chain import Constants
 from training.greybox.fit import ridge
-from training.greybox.fit.comparison import BLOCK_S, FOLDS, Comparison
+from training.greybox.fit.comparison import FOLDS, Comparison
 from training.greybox.fit.drive import ChainDrive
-from training.healthy.base import check, plain_drives_of
+from training.greybox.graph.chain_graph import Greybox
+from training.healthy.base import GREYBOX, check, plain_drives_of
 from training.healthy.behaviour import columns
 from training.jobs import Progress
-from training.recordings.prediction import predicted_phi
+from training.recordings.prediction import checked, predicted_phi
 from training.recordings.recording import Recording
 
 TRACE_S: Final = 40.0
@@ -119,8 +121,8 @@ def _compared(
     old: Path, folds: Sequence[Fold], drives: Sequence[ChainDrive]
 ) -> tuple[list[Comparison], list[Comparison] | None]:
     """Return the drives with each model's prediction, scored on the same samples."""
-    before = predicted_phi(old, [r for fold in folds for r in fold.recordings])
-    by_fold = [predicted_phi(f.new, f.recordings) for f in folds if f.new]
+    before = free_runs(old, [r for fold in folds for r in fold.recordings])
+    by_fold = [free_runs(f.new, f.recordings) for f in folds if f.new]
     after = [phi for runs in by_fold for phi in runs]
     scored = [
         d.scored & np.all(np.isfinite(runs), axis=0)
@@ -132,6 +134,18 @@ def _compared(
         for runs in (before, after)
     )
     return old_runs, new_runs or None
+
+
+def free_runs(model: Path, recordings: Sequence[Recording]) -> list[FloatArray]:
+    """Return a model's phi (n,) over each recording: a chain's by the equations of its file.
+
+    Raises RecordingError or ModelError as ``predicted_phi``.
+    """
+    loaded = Model.load(model)
+    if loaded.card.kind != GREYBOX:
+        return predicted_phi(model, recordings)
+    chain = Greybox.of(loaded.card)
+    return [chain.reading(checked(loaded, each)[0]) for each in recordings]
 
 
 def _trace(before: Sequence[Comparison], after: Sequence[Comparison]) -> ErrorTrace:
@@ -171,17 +185,8 @@ def left_over(
     tables = [np.column_stack([each[name] for name in names]) for each in made]
     x = np.concatenate([t[r.scored] for t, r in zip(tables, compared, strict=True)])
     e = scored(compared, residuals)
-    rest = e - ridge.fit(x, e, _folds(compared)).held_out
+    rest = e - ridge.fit(x, e, blocks_of(compared) % FOLDS).held_out
     return rest if rms(rest) < rms(e) else e
-
-
-def _folds(compared: Sequence[Comparison]) -> IntArray:
-    """Return which samples (m,) are held out together: every fifth block of every recording."""
-    own = [
-        (np.flatnonzero(r.scored) * r.period_s // BLOCK_S).astype(np.int64) + i
-        for i, r in enumerate(compared)
-    ]
-    return np.asarray(np.concatenate(own) % FOLDS)
 
 
 def _undecided(alarms: Detection, found: Sequence[Detection]) -> tuple[str, ...]:

@@ -42,11 +42,7 @@ class Comparison:
 
     def __post_init__(self) -> None:
         n = len(self.phi_measured)
-        others = {
-            "predicted phi": self.phi_predicted,
-            "scored samples": self.scored,
-            **self.signals,
-        }
+        others = {"prediction": self.phi_predicted, "scored samples": self.scored, **self.signals}
         for what, values in others.items():
             if values.shape != (n,):
                 raise RecordingError(

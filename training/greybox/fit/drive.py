@@ -114,13 +114,13 @@ def make(
     cut = in_fuel_cut(held)
     if cut is None:
         cut = np.zeros(len(phi), dtype=bool)
-    scored = good & ~_until(cut, AFTER_CUT_S, period_s)
-    scored &= ~_until(good & (phi < CUT_PHI), AFTER_CUT_READ_S, period_s)
-    scored &= ~_until(~inputs_good, AFTER_GAP_S, period_s)
+    scored = good & ~until(cut, AFTER_CUT_S, period_s)
+    scored &= ~until(good & (phi < CUT_PHI), AFTER_CUT_READ_S, period_s)
+    scored &= ~until(~inputs_good, AFTER_GAP_S, period_s)
     if "sensor_ready" in held:
         scored &= held["sensor_ready"] > 0.5
     if "engine_speed_rpm" in held:
-        scored &= ~_until(held["engine_speed_rpm"] < 400.0, AFTER_GAP_S, period_s)
+        scored &= ~until(held["engine_speed_rpm"] < 400.0, AFTER_GAP_S, period_s)
     scored[: round(AFTER_GAP_S / period_s)] = False
     seconds = float(scored.sum()) * period_s
     if seconds < MIN_SCORED_S:
@@ -148,7 +148,7 @@ def in_fuel_cut(signals: Mapping[str, FloatArray]) -> BoolArray | None:
     return np.asarray(np.any(said, axis=0)) if said else None
 
 
-def _until(bad: BoolArray, seconds: float, period_s: float) -> BoolArray:
+def until(bad: BoolArray, seconds: float, period_s: float) -> BoolArray:
     """Return (n,) bool: ``bad`` at the sample or within the ``seconds`` before it."""
     steps = round(seconds / period_s)
     counts = np.concatenate([[0], np.cumsum(bad)])

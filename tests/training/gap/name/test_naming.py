@@ -10,8 +10,8 @@ from tests.helpers.gap.gap_simulated import known, two_drives
 from training.gap.name.decision import StepOutcome
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
-from training.gap.response.regressors import delayed
 from training.greybox.fit.drive import ChainDrive
+from training.greybox.quantity.dynamics import delayed
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Effects one after the other: each of a pair is judged beside the other."""
+"""Effects one after the other."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +11,7 @@ from training.gap.name import steps
 from training.gap.name.decision import StepOutcome
 from training.gap.name.ranking import rank
 from training.gap.name.steps import Advance, advance
-from training.gap.name.verdict import Candidate
+from training.gap.name.verdict import Candidate, Verdict
 from training.greybox.effects import LIBRARY
 from training.healthy.base_state import BaseState, base_state
 
@@ -39,52 +39,30 @@ def advanced(monkeypatch: pytest.MonkeyPatch, answers: Answers) -> Advance:
     return advance(ranked()[0], TRIED, 2, True, lambda _: None)
 
 
-def test_an_effect_that_alone_stood_for_another_gives_way_once_the_second_is_known(
+def test_an_effect_that_is_named_on_top_of_another_stands_beside_it(
     monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # GIVEN a wall film beside a leak, which together look like an offset of the air meter
-    _, every = ranked()
-    film, offset, leak = every
-
-    def answers(*under: str) -> StepOutcome:
-        best = {(): offset, ("maf_offset",): film, ("wall_film",): leak}[under]
-        return StepOutcome("named", every, best=(best,))
-
-    # WHEN the film is found beside the offset, THEN the leak is found beside the film
-    found = advanced(monkeypatch, answers)
-    assert [r.effect.name for r in found.rounds] == ["wall_film", "exhaust_leak"]
-    assert found.last.current is leak.fit
-
-
-def test_a_first_effect_that_has_rivals_beside_the_second_is_held_back(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    _, every = ranked()
-    film, offset, leak = every
-
-    def answers(*under: str) -> StepOutcome:
-        if under == ("wall_film",):
-            return StepOutcome("ambiguous", every, best=(leak, offset))
-        return StepOutcome("named", every, best=(film if under else offset,))
-
-    found = advanced(monkeypatch, answers)
-    assert [r.effect.name for r in found.rounds] == ["wall_film"]
-    assert found.outcome.verdict == "named"
-    assert found.beside == (leak, offset)
-
-
-@pytest.mark.parametrize("verdict", ["named", "no_gap"])
-def test_a_first_effect_that_nothing_replaces_stays(
-    verdict: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, every = ranked()
     film, offset, _ = every
+    named = {(): offset, ("maf_offset",): film}
+    found = advanced(monkeypatch, lambda *under: StepOutcome("named", every, best=(named[under],)))
+    assert [r.effect.name for r in found.rounds] == ["maf_offset", "wall_film"]
+    assert found.last.current is film.fit
+
+
+@pytest.mark.parametrize(("verdict", "beside"), [("ambiguous", (0, 2)), ("no_gap", ())])
+def test_a_name_stays_whatever_cannot_be_named_on_top_of_it(
+    verdict: Verdict, beside: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, every = ranked()
+    rivals = tuple(every[i] for i in beside)
 
     def answers(*under: str) -> StepOutcome:
-        if under == ("wall_film",) and verdict == "no_gap":
-            return StepOutcome("no_gap", every)
-        return StepOutcome("named", every, best=(film if under == ("maf_offset",) else offset,))
+        if under:
+            return StepOutcome(verdict, every, best=rivals)
+        return StepOutcome("named", every, best=(every[1],))
 
     found = advanced(monkeypatch, answers)
-    assert [r.effect.name for r in found.rounds] == ["maf_offset", "wall_film"]
+    assert [r.effect.name for r in found.rounds] == ["maf_offset"]
     assert found.outcome.verdict == "named"
+    assert found.beside == rivals

@@ -8,8 +8,8 @@ import pytest
 
 from monitor.base.types import FloatArray
 from training.gap.response.difference import Difference, References, difference_of
-from training.gap.response.regressors import lagged
 from training.greybox.fit.comparison import Comparison
+from training.greybox.quantity.dynamics import lag
 
 PERIOD_S: Final = 0.5
 INPUTS: Final = ("speed", "load")
@@ -19,9 +19,9 @@ def run(seed: int) -> Comparison:
     """A reading that follows speed and load, with slow noise of its own, 20 minutes."""
     rng = np.random.default_rng(seed)
     n = 2400
-    speed, load = (lagged(np.repeat(rng.normal(size=n // 20), 20), 2.0, PERIOD_S) for _ in INPUTS)
-    reading = 1.0 + 0.1 * np.tanh(speed) + 0.05 * lagged(load, 1.0, PERIOD_S)
-    reading += 0.01 * lagged(rng.normal(size=n), 1.0, PERIOD_S) + 0.002 * rng.normal()
+    speed, load = (lag(np.repeat(rng.normal(size=n // 20), 20), 2.0, PERIOD_S) for _ in INPUTS)
+    reading = 1.0 + 0.1 * np.tanh(speed) + 0.05 * lag(load, 1.0, PERIOD_S)
+    reading += 0.01 * lag(rng.normal(size=n), 1.0, PERIOD_S) + 0.002 * rng.normal()
     return with_reading(
         Comparison(
             name=f"run {seed}",
@@ -83,7 +83,7 @@ def test_a_gain_that_lowers_the_error_is_found(healthy: References, new: list[Co
 
 
 def test_a_slow_reading_is_described_by_its_lag(healthy: References, new: list[Comparison]) -> None:
-    readings = [lagged(r.phi_measured, 2.0, PERIOD_S) for r in new]
+    readings = [lag(r.phi_measured, 2.0, PERIOD_S) for r in new]
     answer = found(new, readings, healthy)
     assert answer.like_sensor
     assert answer.response is not None
@@ -116,7 +116,7 @@ def asked(r: Comparison, more: float, off: float = 0.0) -> Comparison:
     richer = more * (r.signals["load"] > 0.0)
     target = 1.0 + 0.1 * np.tanh(r.signals["speed"]) + richer
     told = replace(r, signals={**r.signals, "lambda_target": 1.0 / target})
-    return with_reading(told, r.phi_measured + lagged(richer, 1.0, PERIOD_S) + off)
+    return with_reading(told, r.phi_measured + lag(richer, 1.0, PERIOD_S) + off)
 
 
 @pytest.fixture(scope="module")

@@ -62,7 +62,7 @@ def candidate(name: str, score: float) -> Candidate:
     term = fault or LIBRARY[name]
     values = np.array([p.start[0] for p in term.parameters])
     fit = replace(NO_FIT, terms=(term,), parameters=(values,), hessian=1e4 * np.eye(len(values)))
-    return Candidate(fit, Merit(score=score, needed=80.0, t=score / 100.0, physical=True))
+    return Candidate(fit, Merit(score, 80.0, score / 100.0, physical=True), np.zeros(1))
 
 
 def but(one: Candidate, **changes: Any) -> Candidate:

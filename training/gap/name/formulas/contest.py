@@ -19,41 +19,35 @@ def may_be_beaten(first: BaseState, found: Advance) -> bool:
     if found.outcome.verdict == "no_gap" and not found.rounds:
         return False
     best = next(iter(left_by_signal(first).values()), first.deviance)
-    return float((best - _left(first, found)).sum()) < _usual(first)
+    return float((best - _left(found)).sum()) < _usual(first)
 
 
 def beats(first: BaseState, rival: Candidate, found: Advance) -> float:
     """Return how often the first term of a formula beats all effects and faults; 0 if not clearly.
 
     It has to beat several named effects together, too. An effect whose form differs from the
-    vehicle's leaves the usual share of the deviance, so the term has to explain more than that
-    beyond the verdict's effects or fault.
+    vehicle's leaves the usual share of what can be explained, so the term has to explain more than
+    that beyond the verdict's effects or fault.
     """
-    own, left = scoring.deviance(rival.fit, first.case.blocks), _left(first, found)
+    own, left = rival.left, _left(found)
     won = scoring.win(own, left)
     enough = won >= WIN and float((left - own).sum()) > _usual(first)
-    return won if enough and unbeaten(first, rival, found.first) is None else 0.0
+    return won if enough and unbeaten(rival, found.first) is None else 0.0
 
 
-def unbeaten(
-    first: BaseState, rival: Candidate, candidates: Sequence[Candidate]
-) -> Candidate | None:
+def unbeaten(rival: Candidate, candidates: Sequence[Candidate]) -> Candidate | None:
     """Return the first candidate that explains half as much and that a formula does not beat."""
-    own = scoring.deviance(rival.fit, first.case.blocks)
-    for c in candidates:
-        won = scoring.win(own, scoring.deviance(c.fit, first.case.blocks))
-        if c.merit.score >= HALF * rival.merit.score and won < WIN:
-            return c
-    return None
+    large = (c for c in candidates if c.merit.score >= HALF * rival.merit.score)
+    return next((c for c in large if scoring.win(rival.left, c.left) < WIN), None)
 
 
 def _usual(first: BaseState) -> float:
-    return USUAL_SHARE * float(first.deviance.sum())
+    whole = scoring.explained(first.current, first.roof, first.case.blocks)
+    return USUAL_SHARE * float(whole.sum())
 
 
-def _left(first: BaseState, found: Advance) -> FloatArray:
+def _left(found: Advance) -> FloatArray:
     """Return the deviance, (n_blocks,), that the effects or the fault of a verdict leave."""
     if found.rounds:
         return found.last.deviance
-    best = found.outcome.fault or (*found.outcome.best, *found.first)[0]
-    return scoring.deviance(best.fit, first.case.blocks)
+    return (found.outcome.fault or (*found.outcome.best, *found.first)[0]).left

@@ -41,10 +41,10 @@ BESIDE: Final = 0.1  # of u, from a knot: a fit cannot begin at 0
 
 
 class Formula(NamedTuple):
-    """The terms, none if nothing is clear."""
+    """The terms, at least one."""
 
-    terms: tuple[Candidate, ...] = ()  # of the fit to errors as they are, merits in whitened ones
-    rmse: float = 0.0  # of the terms on held-out blocks, in phi
+    terms: tuple[Candidate, ...]  # of the fit to errors as they are, merits in whitened ones
+    rmse: float  # of the terms on held-out blocks, in phi
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class FirstTerm:
 
 
 def first_term(state: BaseState) -> FirstTerm | None:
-    """Return the first term of a formula, None if none is even over the blocks.
+    """Return the first term of a formula, None if none is clear and even over the blocks.
 
     state : without effects; the healthy vehicle's errors become those that it shows without the
         term
@@ -70,7 +70,8 @@ def first_term(state: BaseState) -> FirstTerm | None:
     if found is None:
         return None
     term, plain = found
-    return FirstTerm(term, rank(state, [term.term], lambda _: None)[0], plain, state)
+    (rival,) = rank(state, [term.term])
+    return FirstTerm(term, rival, plain, state) if rival.merit.score >= GAIN_LEAST else None
 
 
 def formula_of(first: FirstTerm) -> Formula:
@@ -84,10 +85,7 @@ def formula_of(first: FirstTerm) -> Formula:
         term, plain = more
         found.append(term)
     terms = _needed(plain, found)
-    judged = _judged(first.of, terms)
-    if judged[0].merit.score < GAIN_LEAST:
-        return Formula()
-    pairs = zip(terms, judged, strict=True)
+    pairs = zip(terms, _judged(first.of, terms), strict=True)
     merited = tuple(replace(c, merit=j.merit) for c, j in pairs)
     return Formula(merited, _rmse(terms[-1], plain))
 
@@ -166,9 +164,8 @@ def _growing(plain: BaseState, best: Candidate) -> Candidate:
     other, blocks = grown(plain, best, NO_CAUSES), plain.case.blocks
     if other is None:
         return best
-    before, after = (scoring.deviance(c.fit, blocks) for c in (best, other))
-    gained = scoring.score(before, after, scoring.moved(best.fit, other.fit, blocks))
-    enough = gained.gain >= SHARE_LEAST * before.sum() and gained.t >= FURTHER_T_LEAST
+    gained = scoring.score(best.left, other.left, scoring.moved(best.fit, other.fit, blocks))
+    enough = gained.gain >= SHARE_LEAST * best.left.sum() and gained.t >= FURTHER_T_LEAST
     return other if enough else best
 
 
