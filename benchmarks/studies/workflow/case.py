@@ -36,6 +36,7 @@ from monitor.base.types import FloatArray
 from training.gap.inputs.roles import FAULTS, GapOptions, Material
 from training.gap.result import Result
 from training.gap.verify.evidence import Detection, Verification
+from training.gap.verify.verification import free_runs
 from training.gap.workflow import investigate
 from training.greybox.effects import ALL
 from training.greybox.fit.drive import from_recording
@@ -46,7 +47,6 @@ from training.healthy.base_state import base_state
 from training.healthy.behaviour import Healthy
 from training.limits.decision_limits import set_limits
 from training.narx.fit import FitOptions, FitSource, fit
-from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
 BUDGET_MINUTES: Final = 3.0  # upper bound; a training on two hours of driving takes half a minute
@@ -237,7 +237,7 @@ def rms_phi(model: Path, recordings: Sequence[Recording]) -> float:
 
 def _errors(model: Path, recordings: Sequence[Recording]) -> list[FloatArray]:
     """Return the model's error over each recording, (n,) in phi, NaN where not scored."""
-    run = predicted_phi(model, recordings)
+    run = free_runs(model, recordings)
     made = [from_recording(each) for each in recordings]
     return [
         np.where(d.scored, phi - d.phi_measured, np.nan) for d, phi in zip(made, run, strict=True)
