@@ -123,7 +123,8 @@ def read_table(
         needed = mapping and {TIME, *(each.column for each in mapping.values())}
         return make_table(path, *read_parquet(path, needed), mapping)
     if given is not None and is_profile(given):
-        return _of_logger(open_table(path), load_profile(given), further)
+        profile = load_profile(given)
+        return _of_logger(open_table(path, profile.pivot), profile, further)
     mapping = load_columns(given) if given is not None else None
     raw = _own(path)
     if raw is None or (mapping is None and raw.names[0] != TIME):

@@ -12,6 +12,10 @@
     lambda_measured = [{ column = "A/F Sens 1 Ratio", unit = "AFR", pinned = [29.4] }]
     [engine]                                           # to derive air and fuel per stroke
     cylinders = 4
+    [pivot]                                            # columns of a table with one value a row
+    name = "Channel"
+    value = "Reading"
+    unit = "Unit"                                      # may be missing
 
 Names are compared without case, spaces and punctuation. The unit that a file states counts;
 ``unit`` is for files that state none, a list of them for loggers whose unit is a setting: the first
@@ -29,9 +33,19 @@ from monitor.base.errors import ConfigError
 from monitor.base.files.inputs import read_toml
 from monitor.base.files.toml_table import TomlTable
 from monitor.base.signals import BY_NAME
+from monitor.frames.tables.raw_table import Pivot
 
 STOICH_AFR: Final = 14.7
-_KEYS: Final = {"title", "based_on", "stoich_afr", "time", "recognise", "signals", "engine"}
+_KEYS: Final = {
+    "title",
+    "based_on",
+    "stoich_afr",
+    "time",
+    "recognise",
+    "signals",
+    "engine",
+    "pivot",
+}
 _SOURCE_NAMES: Final = {"units": "unit", "inverted": "not"}  # fields whose keys differ
 _SOURCE_FIELDS: Final = {key: name for name, key in _SOURCE_NAMES.items()}
 _SOURCE_KEYS: Final[dict[str, tuple[type, bool]]] = {  # kind of value, and whether it is a list
@@ -96,6 +110,7 @@ class Profile:
     recognise: tuple[Recognition, ...] = ()
     signals: Mapping[str, tuple[Source, ...]] = field(default_factory=dict)
     engine: ProfileEngine = field(default_factory=ProfileEngine)
+    pivot: Pivot | None = None
     file: Path | None = field(default=None, compare=False)
 
 
@@ -164,6 +179,7 @@ def profile_of(tree: Mapping[str, Any], path: Path) -> Profile:
         recognise=tuple(map(_recognition, table.tables("recognise"))) or base.recognise,
         signals={**base.signals, **{name: _sources(signals, name) for name in signals}},
         engine=_engine(table.table("engine"), base.engine),
+        pivot=_pivot(table.table("pivot")) if "pivot" in table else base.pivot,
     )
 
 
@@ -178,6 +194,7 @@ def tree_of(profile: Profile) -> dict[str, Any]:
             for name, sources in profile.signals.items()
         },
         "engine": {each.name: getattr(profile.engine, each.name) for each in fields(ProfileEngine)},
+        **({"pivot": profile.pivot._asdict()} if profile.pivot else {}),
     }
 
 
@@ -228,6 +245,14 @@ def _source(of: TomlTable, key: str, given: Any) -> Source:
     if values.get("bit", 0) < 0:
         raise table.unwanted("bit", "a whole number from 0 is")
     return Source(**{_SOURCE_FIELDS.get(name, name): value for name, value in values.items()})
+
+
+def _pivot(table: TomlTable) -> Pivot:
+    table.only(Pivot._fields)
+    name, value = (table.value(key, str) for key in ("name", "value"))
+    if not (name and value):
+        raise table.fault("names no column of names and no column of values")
+    return Pivot(name, value, table.value("unit", str, ""))
 
 
 def _engine(table: TomlTable, base: ProfileEngine) -> ProfileEngine:

@@ -25,7 +25,7 @@ from monitor.frames.tables.cells import (
 )
 from monitor.frames.tables.dialect import Dialect, dialect_of, own_dialect
 from monitor.frames.tables.haltech import haltech_dialect
-from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
+from monitor.frames.tables.raw_table import Notes, Pivot, RawColumn, RawTable, Wanted
 
 _ROWS: Final = 1 << 13  # of a block
 HEAD_ROWS: Final = 4096  # that tell the names of a table with one value a row
@@ -35,13 +35,18 @@ _LONG_UNIT: Final = ("units", "unit", "einheit")
 _MARKS: Final = ("mark", '"mark', "#", "//")  # lines that a logger writes between the rows
 
 
-def open_delimited(path: Path) -> RawTable:
+def open_delimited(path: Path, pivot: Pivot | None = None) -> RawTable:
     """Return the logger's text table in ``path``.
 
-    Raises RecordingError if it has no header with numbers below it.
+    pivot : columns of a table with one value a row; such a table is known by usual names, too
+    Raises RecordingError if it has no header with numbers below it, or not these columns.
     """
     dialect = haltech_dialect(path) or dialect_of(path)
-    return long_table(path, dialect) or _table(path, dialect)
+    long = long_table(path, dialect, pivot)
+    if pivot and not long:
+        wanted = f"{pivot.name} with texts and {pivot.value} with numbers"
+        raise RecordingError(f"{path}: the profile's pivot wants the columns {wanted}")
+    return long or _table(path, dialect)
 
 
 def open_own(path: Path) -> RawTable | None:
@@ -54,7 +59,7 @@ def open_own(path: Path) -> RawTable | None:
     return _table(path, dialect) if dialect else None
 
 
-def long_table(path: Path, dialect: Dialect) -> RawTable | None:
+def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawTable | None:
     """Return a table whose rows hold a time, a name and one value, with a column for each name.
 
     None if the columns are others. The names are those of the first ``HEAD_BYTES``.
@@ -62,7 +67,11 @@ def long_table(path: Path, dialect: Dialect) -> RawTable | None:
     places = {column.name.casefold(): i for i, column in enumerate(dialect.columns)}
     name, value, unit = (
         next((places[each] for each in words if each in places), None)
-        for words in (_LONG_NAME, _LONG_VALUE, _LONG_UNIT)
+        for words in (
+            [(each.casefold(),) for each in pivot]
+            if pivot
+            else (_LONG_NAME, _LONG_VALUE, _LONG_UNIT)
+        )
     )
     if name is None or value is None or dialect.columns[name].kind != "text":
         return None

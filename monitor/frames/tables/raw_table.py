@@ -7,7 +7,7 @@ A reader of a format is a function from a path to a ``RawTable``. Opening reads 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 from monitor.base.counts import counted
 from monitor.base.types import FloatArray
@@ -16,6 +16,14 @@ Kind = Literal["number", "clock", "text"]  # of a column's cells; a clock's valu
 
 DAY_S: Final = 86_400.0
 HOUR_S: Final = 3_600.0
+
+
+class Pivot(NamedTuple):
+    """The columns of a table with one value a row: those of its name, value and unit."""
+
+    name: str
+    value: str
+    unit: str = ""  # none
 
 
 @dataclass(frozen=True, slots=True)

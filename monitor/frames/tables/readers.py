@@ -15,7 +15,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.foreign import ForeignError, foreign, returned
 from monitor.base.types import FloatArray
 from monitor.frames.tables import delimited, mlg
-from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
+from monitor.frames.tables.raw_table import Notes, Pivot, RawTable, Wanted
 
 GROUP: Final = "o2_monitor.readers"
 TEXT: Final = (".csv", ".msl", ".txt", ".tsv")
@@ -43,9 +43,10 @@ def is_readable(path: Path) -> bool:
     return suffix_of(path) in SUFFIXES or suffix_of(path) in plugins()
 
 
-def open_table(path: Path) -> RawTable:
+def open_table(path: Path, pivot: Pivot | None = None) -> RawTable:
     """Return the file's raw table.
 
+    pivot : columns of a text table with one value a row
     Raises RecordingError naming the file if it cannot be read.
     """
     suffix = suffix_of(path)
@@ -58,7 +59,7 @@ def open_table(path: Path) -> RawTable:
             return _through_plugin(path, plugins()[suffix])
         if suffix == ".mlg" or mlg.is_mlg(path):
             return mlg.open_mlg(path)
-        return delimited.open_delimited(path)
+        return delimited.open_delimited(path, pivot)
     except (OSError, EOFError, ValueError) as error:
         raise RecordingError(f"{path}: cannot read it: {reason(error)}") from error
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from monitor import cli
-from monitor.base.errors import RecordingError
+from monitor.base.errors import O2Error, RecordingError
 from monitor.grid.tables import Table, read_table
 
 ROWS = range(40)
@@ -173,3 +173,29 @@ def test_one_broken_row_costs_a_note_and_many_the_table(tmp_path: Path) -> None:
     path.write_text("Time,RPM,AFR\n" + "".join([*good[:50], *["5.0,15\n"] * 4, *good[51:]]))
     with pytest.raises(RecordingError, match="line 52: 2 cells, the header has 3 columns"):
         read_table(path, path.with_suffix(".toml"))
+
+
+def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: Path) -> None:
+    # GIVEN a table whose columns have unusual names, and a profile that names them
+    path, profile = tmp_path / "long.csv", tmp_path / "long.toml"
+    path.write_text(
+        "zeit,was,messwert,einh\n"
+        + rows(lambda i: f"{i / 10},Drehzahl,{RPM[i]},rpm\n{i / 10 + 0.02},Sonde,{AFR[i]},AFR")
+    )
+    tree = (
+        'time = ["zeit"]\n[signals]\nengine_speed_rpm = "Drehzahl"\nlambda_measured = "Sonde"\n'
+        '[pivot]\nname = "was"\nvalue = "messwert"\n'
+    )
+    profile.write_text(tree + 'unit = "einh"\n')
+    # WHEN it is read THEN each name is a column, with the unit beside it
+    table = read_table(path, profile)
+    np.testing.assert_allclose(np.unique(values(table, "engine_speed_rpm")), RPM)
+    np.testing.assert_allclose(np.unique(values(table, "lambda_measured")), np.array(AFR) / 14.7)
+    # AND columns that are not there are named, and so is a key that is missing
+    for name, wanted in (
+        ('"wert"', "wants the columns was with texts and wert"),
+        ('""', "names no"),
+    ):
+        profile.write_text(tree.replace('"messwert"', name))
+        with pytest.raises(O2Error, match=wanted):
+            read_table(path, profile)
