@@ -37,10 +37,16 @@ def _seconds(text: str) -> float:
     return float(text.replace(",", "."))
 
 
+def _milliseconds(text: str) -> float:
+    """Return the seconds of a time in ms, or of one in s with a decimal point."""
+    return float(text) if "." in text else int(text) / 1e3
+
+
 def _clock(text: str) -> float:
-    """Return the seconds of h:m:s:f, the last part a fraction of the second."""
-    hours, minutes, seconds, fraction = text.split(":")
-    return 3600.0 * int(hours) + 60.0 * int(minutes) + float(f"{seconds}.{fraction}")
+    """Return the seconds of h:m:s:f or h:m:s.f, the last part a fraction of the second."""
+    hours, minutes, seconds, *fraction = re.split(r"[:.]", text)
+    value = 3600.0 * int(hours) + 60.0 * int(minutes) + int(seconds)
+    return value + float(f"0.{fraction[0]}") if fraction else value
 
 
 def _stamp(text: str) -> float:
@@ -223,6 +229,38 @@ LAYOUTS: Final = (
         ),),
         other=re.compile(r"[a-z,].*", _ANY),
         time_s=float,
+    ),
+    TextLayout(
+        tool="CRTD (OVMS)",
+        begins=re.compile(r"^\d+\.\d+ \d*(?:C[A-Z]{2}\b|[RT](?:11|29) )", re.M),
+        frames=(re.compile(
+            r"(?P<time>\d+\.\d+)\s+(?P<channel>\d*)[RT](?:11|(?P<ext>29))\s+(?P<id>[0-9a-f]+)"
+            r"(?P<data>(?:\s+[0-9a-f]{2})*)\s*", _ANY,
+        ),),
+        other=re.compile(r"\d+\.\d+\s+\d*C[A-Z]{2}\b.*"),
+        time_s=float,
+    ),
+    TextLayout(
+        tool="Microchip CAN BUS Analyzer",
+        begins=re.compile(r"Microchip Technology|^CAN BUS Analyzer", re.M),
+        frames=(re.compile(
+            r"(?P<time>\d+(?:\.\d+)?);[RT]X;(?P<id>0x[0-9a-f]+);(?P<length>\d+)"
+            + _BYTES + r"[;\s]*",
+            _ANY,
+        ),),
+        other=re.compile(r"[^;]*"),
+        time_s=_milliseconds,
+    ),
+    TextLayout(
+        tool="IXXAT",
+        begins=re.compile(r"^ASCII Trace IXXAT", _ANY | re.M),
+        frames=(re.compile(
+            r'"(?P<time>\d+:\d+:\d+\.\d+)","(?P<id>[0-9a-f]+)","(?:Std|(?P<ext>Ext))",'
+            r'"[^"]*","(?P<data>[0-9a-f ]*)"\s*', _ANY,
+        ),),
+        other=re.compile(r'[a-z].*|"Time".*', _ANY),
+        time_s=_clock,
+        wraps=True,
     ),
     TextLayout(
         tool="CANedge (CSV)",

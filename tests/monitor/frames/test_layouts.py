@@ -94,6 +94,27 @@ ISO8601 Timestamp,2023-01-02T13:00:47.000019
 3,2550.388,0.01,67371008,F,F,HS CAN,HS CAN,,18FEF100,F,T,FF,,,,,,,,,,
 4,2550.389,0.001,67371008,F,F,HS CAN $C2,HS CAN,,C2,T,F,,,,,,,,,,,
 """,
+    "drive.crtd": """1700000000.000000 CXX OVMS trace
+1700000000.000000 1R11 0C2 01 02 03 04 05 06 07 A8
+1700000000.010000 1T11 0C3 11 22
+1700000000.020000 1R29 18FEF100 FF
+1700000000.030000 CEV an event
+""",
+    "microchip.txt": """//---------------------------------
+Microchip Technology Inc.
+CAN BUS Analyzer
+//---------------------------------
+1000;RX;0x000000C2;8;0x01;0x02;0x03;0x04;0x05;0x06;0x07;0xA8;
+1010;TX;0x000000C3;2;0x11;0x22;
+1020;RX;0x18FEF100;1;0xFF;
+""",
+    "ixxat.csv": """ASCII Trace IXXAT V1
+Date: 1.2.2023
+"Time","Identifier (hex)","Format","Flags","Data (hex)"
+"00:01:03.00","0C2","Std","","01 02 03 04 05 06 07 A8 "
+"00:01:03.01","0C3","Std","","11 22 "
+"00:01:03.02","18FEF100","Ext","","FF "
+""",
     "canedge.csv": """TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes
 1700000000.000000;1;C2;0;8;8;0;0;0;0;0;01020304050607A8
 1700000000.010000;1;C3;0;2;2;0;0;0;0;0;1122
