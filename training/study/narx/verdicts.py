@@ -85,5 +85,6 @@ def warnings(given: Prepared, data: Prepared, models: Sequence[Model]) -> list[s
     if data.enabled.mean() > given.enabled.mean() + 0.01:
         result.append("hardly a sample is enabled: figures are over all samples instead")
     if diverged:
-        result.append(f"{diverged} trainings diverge in free run; the table says which")
+        told = "1 training diverges" if diverged == 1 else f"{diverged} trainings diverge"
+        result.append(f"{told} in free run; the table says which")
     return result
