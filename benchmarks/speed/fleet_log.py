@@ -158,7 +158,7 @@ def side_by_side(drives: int, cores: int) -> Row:
 
 def main(argv: Sequence[str]) -> int:
     """Judge logs and tables; return 1 if a log is judged more slowly than wanted."""
-    options = BenchmarkOptions(__name__, __doc__, seconds=20.0, drives=1, cores=1, rounds=1)
+    options = BenchmarkOptions(__name__, __doc__, seconds=30.0, drives=1, cores=1, rounds=1)
     options.add_argument("--seconds", type=float, default=600.0, help="of driving in the log")
     options.add_argument("--drives", type=int, default=256, help="of ten minutes, as tables")
     options.add_argument("--cores", type=int, default=2)
