@@ -85,6 +85,5 @@ def warnings(given: Prepared, data: Prepared, models: Sequence[Model]) -> list[s
     if data.enabled.mean() > given.enabled.mean() + 0.01:
         result.append("hardly a sample is enabled: figures are over all samples instead")
     if diverged:
-        told = "1 training diverges" if diverged == 1 else f"{diverged} trainings diverge"
-        result.append(f"{told} in free run; the table says which")
+        result.append(f"trainings that diverge in free run: {diverged}; the table says which")
     return result
