@@ -30,7 +30,7 @@ def _change(x: FloatArray, random: np.random.Generator, names: Sequence[str]) ->
     begin, end = sorted(random.integers(0, len(x) + 1, 2).tolist())
     inside, n, at = slice(begin, end), end - begin, names.index("lambda_measured")
     column, few = int(random.integers(len(names))), random.random(len(x)) < 0.03
-    reading = x[inside, at]
+    reading = np.where(x[inside, at] == 0.0, np.float32(1e-9), x[inside, at])
     match random.integers(10):
         case 0:
             x[inside, at] = reading + random.normal(0.0, 0.1)

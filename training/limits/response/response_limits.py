@@ -65,14 +65,14 @@ def response_limits(
         rule = ResponseRule(config.response, build(config.response), errors, period_s)
         for steps, raised in zip((late, weak), _steps(moments, rule), strict=True):
             steps.append(raised)
-    limits_of = config.response
-    still = 2.0 * math.log(limits_of.gain_sound_min / limits_of.gain_least)
+    own = config.response
+    still = 2.0 * math.log(own.gain_sound_min / own.gain_least)
     where = f"{len(seen)} healthy recordings"
     bet = f"most at which a bet on a fault does not win on {where}"
     bet += f" and {len(others)} that a twin had not seen" if others else ""
     found = {
         "gain_model": Limit(gain, "-", f"amplitude over the prediction's, median window, {where}"),
-        "evidence": Limit(weight_of(late, limits_of.evidence_window), "-", bet),
+        "evidence": Limit(weight_of(late, own.evidence_window), "-", bet),
         "evidence_gain": Limit(weight_of(weak, still), "-", bet),
     }
     return found | still_limits(recordings, model.card, config)
