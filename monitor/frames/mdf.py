@@ -8,7 +8,7 @@ import io
 import logging
 import struct
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -32,6 +32,7 @@ _FINISHED, _UNFINISHED = b"MDF     ", b"UnFinMF "
 _DATA: Final = (b"DT", b"SD", b"RD", b"DV", b"DI")  # blocks of records
 _BUS_EVENT: Final = 2  # flag of channel groups with bus events
 _BLOCK_HEADER: Final = struct.Struct("<4s4xQQ")  # id, length, number of links
+_FLAGS, _LAST_LENGTH = 60, 1 << 2  # byte of the unfinished parts; length of the last data block
 _FIRST_BLOCK: Final = 64  # byte after the identification
 _FIELDS: Final = 32  # bytes of a block after its links that are looked at
 _CHANNEL_GROUP: Final = struct.Struct("<QQH6xII")  # record id, records, flags, sizes
@@ -41,11 +42,12 @@ _PACKED: Final = struct.Struct("<8xQ")  # unpacked bytes
 _IN_LISTS: Final = (b"DG", b"CG", b"CN", b"FH", b"CH", b"DL", b"AT", b"EV")  # by first link
 
 
-def check(file: IO[bytes]) -> str:
+def check(file: IO[bytes]) -> tuple[str, bool]:
     """Follow the links from the header through all blocks; return why the file ends too early.
 
-    A logger that is switched off leaves a file marked as unfinished: its last data block may have
-    any length, its counts are wrong. asammdf mends them. Raises ValueError if the file is no MDF 4
+    Also returned is whether all data blocks are packed. A logger that is switched off leaves a file
+    marked as unfinished: its last data block may have any length, its counts are wrong. asammdf
+    mends them. Raises ValueError if the file is no MDF 4
     file, or a finished one is incomplete.
     """
     mark = file.read(8)
@@ -76,7 +78,7 @@ def check(file: IO[bytes]) -> str:
         blocks.add(address, name[2:], links, file.read(_FIELDS))
         waiting.extend(target for target in links if target)
     blocks.check_channels()
-    return "the file was never closed" if is_open else ""
+    return "the file was never closed" if is_open else "", not blocks.has_plain
 
 
 class _Blocks:
@@ -87,6 +89,7 @@ class _Blocks:
 
     def __init__(self, size: int) -> None:
         self._size = size
+        self.has_plain = False  # a data block that is not packed
         self._unpacked = 0  # bytes of records that the channel groups and packed blocks announce
         self._groups: list[tuple[int, int]] = []  # first channel, bytes of a record
         self._channels: dict[int, tuple[list[int], int]] = {}  # next and part; last bit
@@ -97,6 +100,7 @@ class _Blocks:
 
         fields : the first bytes after its links
         """
+        self.has_plain |= name in _DATA
         if name in _IN_LISTS and links and links[0]:
             if links[0] in self._next:
                 raise ValueError(f"two blocks name the block at byte {links[0]} as the next")
@@ -136,12 +140,13 @@ class _Blocks:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence asammdf's logger: it prints tracebacks of errors that it also raises."""
+    """Silence asammdf: it logs and prints tracebacks of errors that it also raises."""
     logger = logging.getLogger("asammdf")
     level = logger.level
     logger.setLevel(logging.CRITICAL + 1)
     try:
-        yield
+        with redirect_stdout(io.StringIO()):
+            yield
     finally:
         logger.setLevel(level)
 
@@ -157,9 +162,15 @@ def read_blocks(
     """
     from asammdf import MDF  # noqa: PLC0415
 
-    early, channels = check(file), channels or Channels()
+    (early, is_packed), channels = check(file), channels or Channels()
     file.seek(0)
-    source = Path(file.name) if isinstance(file, io.BufferedReader) else io.BytesIO(file.read())
+    source: Path | io.BytesIO
+    if isinstance(file, io.BufferedReader) and not (early and is_packed):
+        source = Path(file.name)
+    else:
+        source = io.BytesIO(file.read())
+        if early and is_packed:  # no length to mend, asammdf would fail
+            source.getbuffer()[_FLAGS] &= 0xFF ^ _LAST_LENGTH
     with quiet(), MDF(source) as measurement:
         start_us = round(measurement.header.start_time.timestamp() * 1e6)
         channel_groups: list[Any] = list(measurement.groups)

@@ -17,12 +17,12 @@ class Unit:
 # the names of each unit by quantity and factor; the base unit has the factor 1
 _NAMES: Final[dict[str, dict[float, str]]] = {
     "pressure": {
-        1.0: "kpa kpaa kpaabs kpa(abs) kpa_abs kpag kilopascal",
+        1.0: "kpa kpaa kpaabs kpa(abs) kpa_abs kilopascal",
         1e-3: "pa",
         0.1: "mbar hpa millibar mbarabs hpaabs hpa_abs mbara",
-        100.0: "bar bara barabs barg",
+        100.0: "bar bara barabs",
         1000.0: "mpa",
-        6.894757: "psi psia psig",
+        6.894757: "psi psia psiabs",
         3.386389: "inhg",
         0.1333224: "mmhg torr",
         101.325: "atm",
@@ -96,6 +96,12 @@ UNITS.update(
     )
 )
 UNITS.update(dict.fromkeys(("k", "kelvin", "degk", "°k"), Unit("temperature", 1.0, -273.15)))
+STANDARD_KPA: Final = 101.325  # of the air, above which a gauge counts
+for _gauge in ("psi", "kpa", "bar", "mbar"):
+    UNITS |= dict.fromkeys(
+        (f"{_gauge}g", f"{_gauge}gauge", f"{_gauge}(g)", f"{_gauge}rel"),
+        Unit("pressure", UNITS[_gauge].factor, STANDARD_KPA),
+    )
 # lambda = value / stoichiometric
 AFR: Final = ("afr", "afrgasoline", ":1", "a/f", "air/fuel", "o2", "kg/kg", "g/g", "af", "afratio")
 
@@ -123,7 +129,7 @@ def unit_of(text: str, stoich_afr: float) -> Unit | None:
     if name in AFR:
         return Unit("lambda", 1.0 / stoich_afr)
     fuel = name.removeprefix("afr").strip("()[]-_:")
-    if name.startswith("afr") and fuel in FUELS:
+    if fuel in FUELS:
         return Unit("lambda", 1.0 / FUELS[fuel])
     if len(name) > 1 and name[-1] in "cf" and not name[:-1].isalnum() and not name[:-1].isascii():
         name = f"°{name[-1]}"  # a degree sign that an encoding has spoilt

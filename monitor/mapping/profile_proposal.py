@@ -33,7 +33,10 @@ _ENOUGH: Final = 6  # columns to know a logger by
 _OWN: Final = (
     3  # of these, columns that no shipped profile knows: others may be another logger's, too
 )
-_TIMES: Final = ("time", "timestamp", "zeit", "seconds", "elapsedtime", "logtime", "devicetime")
+_TIMES: Final = (
+    *("t", "time", "timestamp", "zeit", "temps", "tempo", "tiempo", "seconds", "elapsedtime"),
+    *("logtime", "devicetime"),
+)
 _RISING: Final = (
     0.95  # of the steps of a column that tells the time; the first row may be an old one
 )
@@ -130,8 +133,11 @@ def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:
     named = [name for name in raw.names if key(name_and_unit(name)[0]) in _TIMES]
     if not (named or clocks):
         steps = np.diff(cells, axis=0)
+        units = [unit_of(stated_unit(column, STOICHIOMETRIC), 1.0) for column in raw.columns]
+        in_time = np.array([bool(unit and unit.quantity == "time") for unit in units], dtype=bool)
         rises = ((steps >= 0.0).mean(axis=0) > _RISING) & (np.median(steps, axis=0) > 0.0)
         rises &= ~(steps == 1.0).all(axis=0)  # a counter of rows is no time
+        rises = rises & in_time if (rises & in_time).any() else rises
         named = [raw.names[i] for i in np.flatnonzero(rises).tolist() if raw.names[i]][:1]
     return list(dict.fromkeys((*named, *clocks)))
 

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+import unicodedata
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
@@ -48,6 +49,7 @@ def words_of(name: str) -> tuple[str, ...]:
     text = re.sub(r"(?i)\ba/f\b|air/fuel", " afr ", text)
     for letter, plain in _SPELLINGS:
         text = text.replace(letter, plain)
+    text = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
     text = re.sub(r"(?i)(?<![a-z])((?:h|wb)?o2s?)", lambda m: " " + m[1].lower(), text)
     words: list[str] = []
     for part in _PART.findall(text):

@@ -69,6 +69,8 @@ def objects(file: IO[bytes], position: int) -> Iterator[tuple[int, bytes, int]]:
         if len(start) < _OBJECT_HEADER.size:
             raise CutShortError(f"the file ends inside a header at byte {position}")
         signature, _, _, size, kind = _OBJECT_HEADER.unpack(start)
+        if not any(start):  # taken by the writer, and never filled
+            raise CutShortError(f"only zeros from byte {position} on")
         if signature != b"LOBJ" or size < _OBJECT_HEADER.size:
             raise ValueError(f"no log object at byte {position}")
         if size > PIECE_BYTES:

@@ -1,5 +1,6 @@
 """Values of a logger's column in the unit of the canonical signal."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -13,7 +14,8 @@ from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import RawColumn, RawTable
 from monitor.frames.units import Unit, conversion, unit_of
 
-_OF_UNITS: Final = "/%°"  # marks of a unit in brackets, where other words may stand, too
+_OF_UNITS: Final = re.compile(r"[/%°]|[x×*] ?10")  # in brackets, where words may stand, too
+_WORDS: Final = re.compile(r"\S{2,}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +91,11 @@ def stated_unit(column: RawColumn, stoich_afr: float) -> str:
     """Return the unit that a file states; of others in brackets, those that look like one."""
     texts = [text for text in stated_texts(column) if text not in ("", "-")]
     known = [text for text in texts if unit_of(text, stoich_afr)]
-    odd = [text for text in texts if any(mark in text for mark in _OF_UNITS)]
+    odd = [
+        text
+        for text in texts
+        if _OF_UNITS.search(text) or any(unit_of(word, stoich_afr) for word in _WORDS.findall(text))
+    ]
     return next(iter((*known, *odd)), "")
 
 

@@ -19,7 +19,7 @@ from monitor.frames.profiles.conversion import (
 from monitor.frames.profiles.derived import derive
 from monitor.frames.profiles.profile import Profile, Source
 from monitor.frames.profiles.recognition import key, places
-from monitor.frames.profiles.times import cleaned, held, in_seconds
+from monitor.frames.profiles.times import TICKS_PER_S, cleaned, held, per_second
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.tables.readers import reason
 from monitor.frames.units import Unit, unit_of
@@ -113,7 +113,7 @@ def read_signals(
     clocks = _clocks(raw, times[0])
     every_cell = all_cells(raw, [*wanted_cells, *map(Wanted, clocks)], notes)
     cells, ticks = every_cell[:, : len(sources)], every_cell[:, len(sources) :]
-    time_s, wraps_s = _time(raw, times, cells)
+    time_s, wraps_s = _time(raw, times, cells, notes)
     for i, each in enumerate(sources[len(times) :], len(times)):
         before = [place for place, clock in enumerate(clocks) if clock < each.column]
         if before and clocks[before[-1]] != times[0].column:
@@ -198,7 +198,9 @@ def all_cells(raw: RawTable, wanted: Sequence[Wanted], notes: Notes) -> FloatArr
     return np.concatenate(blocks)
 
 
-def _time(raw: RawTable, times: Sequence[Choice], cells: FloatArray) -> tuple[FloatArray, float]:
+def _time(
+    raw: RawTable, times: Sequence[Choice], cells: FloatArray, notes: Notes
+) -> tuple[FloatArray, float]:
     """Return the times in s, and after which time they wrap."""
     for place, each in enumerate(times):
         column = raw.columns[each.column]
@@ -208,7 +210,12 @@ def _time(raw: RawTable, times: Sequence[Choice], cells: FloatArray) -> tuple[Fl
         if column.kind == "clock":
             return values, column.wraps_s
         unit = _stated(column, each.source, "time")
-        return in_seconds(values) if unit is None else values * unit.factor, 0.0
+        if unit is not None:
+            return values * unit.factor, 0.0
+        if (per_s := per_second(values)) != 1.0:
+            notes.sentences.append(f"column {column.name}: no unit, taken for 1/{per_s:g} s")
+        start = np.nanmin(values) if per_s == TICKS_PER_S else 0.0
+        return (values - start) / per_s, 0.0
     names = ", ".join(raw.columns[each.column].name for each in times)
     raise RecordingError(f"{raw.path}: no number in the column of time ({names})")
 

@@ -10,12 +10,18 @@ import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.frames.blocks import LATEST_S
-from monitor.frames.tables.raw_table import Notes
+from monitor.frames.tables.raw_table import DAY_S, Notes
 
 JITTER_S: Final = 1.0  # a row that much older is out of order; a larger step back begins a new log
 ANEW_S: Final = 10.0  # pause that parts a log from the next one in the same file
 HELD_S: Final = 0.5  # for which a value is held over blank cells, or three of its own intervals
 READING_HELD_S: Final = 5.0  # at most, of the sensor's reading: one that stands for 10 s is stuck
+TICKS: Final = (1e17, 1e18)  # of 100 ns, since 1601 or the year 1
+TICKS_PER_S: Final = 1e7
+DAYS: Final = (2e4, 6e4)  # since 1900
+SHORTEST_STEP_S: Final = 1e-4  # of a logger's rows
+LONGEST_STEP_S: Final = 60.0
+EPOCH_S: Final = 1e9  # a time since 1970 from 2001 on
 LONGEST_IN_NS_S: Final = 1e6  # later times have microseconds, as those of frames
 
 
@@ -82,19 +88,30 @@ def spread(t_s: FloatArray, notes: Notes) -> FloatArray:
     return spread_s
 
 
-def in_seconds(times: FloatArray) -> FloatArray:
-    """Return times whose unit nobody states in s: since 1970 they may be ms, µs or ns.
+def per_second(times: FloatArray) -> float:
+    """Return how many units of time, which nobody states, make a second.
 
-    Most times tell the unit, so that a damaged cell does not.
+    Since 1970 they are s, ms, µs or ns; since the year 1 or 1601 ticks of 100 ns; days in a table
+    calculation. Other times begin at 0: of a drive that took more than a day, or a row a minute,
+    they are ms or µs. Most times tell the unit, so that a damaged cell does not.
 
-    >>> in_seconds(np.array([1.77e12, 1.77e12 + 100.0])).tolist()
-    [1770000000.0, 1770000000.1]
+    >>> per_second(np.array([1.77e12, 1.77e12 + 100.0])), per_second(np.arange(9) * 100.0)
+    (1000.0, 1000.0)
     """
-    known = np.abs(times[np.isfinite(times)])
-    usual = float(np.median(known)) if len(known) else 0.0
-    while usual > LATEST_S:
-        times, usual = times / 1000.0, usual / 1000.0
-    return times
+    known = times[np.isfinite(times)]
+    usual = float(np.median(np.abs(known))) if len(known) else 0.0
+    steps = np.abs(np.diff(known))
+    step = float(np.median(steps[steps > 0.0])) if steps.any() else 0.0
+    if TICKS[0] < usual < TICKS[1]:
+        return TICKS_PER_S
+    if DAYS[0] < usual < DAYS[1] and step < SHORTEST_STEP_S:
+        return 1 / DAY_S
+    per_s = 1.0
+    while usual > LATEST_S * per_s:
+        per_s *= 1000.0
+    while usual < EPOCH_S * per_s and max(step / LONGEST_STEP_S, 2 * usual / DAY_S) > per_s:
+        per_s *= 1000.0
+    return per_s
 
 
 def held(cells: FloatArray, t_ns: IntArray, readings: Sequence[int] = ()) -> FloatArray:

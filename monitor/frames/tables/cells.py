@@ -17,10 +17,10 @@ WORDS: Final = dict.fromkeys(("true", "on", "yes", "active", "high", "ok"), 1.0)
     ("false", "off", "no", "inactive", "low"), 0.0
 )
 
-# h:m:s or m:s, with or without a date before it and an offset from UTC after it
+# h:m:s, h:m:s:ms or m:s, with or without a date before it and an offset from UTC after it
 _CLOCK: Final = re.compile(
-    r"(?:(.*\S)[T ] ?)?(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)\s*(?:([ap]m)\s*)?"
-    r"(?:Z|([+-]\d\d):?(\d\d)?)?",
+    r"(?:(.*\S)[T ] ?)?(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)(?::(\d{3}))?\s*"
+    r"(?:([ap]m)\s*)?(?:Z|([+-]\d\d):?(\d\d)?)?",
     re.I,
 )
 _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
@@ -99,8 +99,9 @@ class ColumnClock:
         match = _CLOCK.fullmatch(text.strip())
         if match is None:
             return math.nan
-        day, hours, minutes, seconds, half, ahead, further = match.groups()
+        day, hours, minutes, seconds, ms, half, ahead, further = match.groups()
         value = HOUR_S * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
+        value += int(ms or 0) / 1e3
         if half:
             value = value % (DAY_S / 2) + (DAY_S / 2 if half.casefold() == "pm" else 0.0)
         if day and ahead:

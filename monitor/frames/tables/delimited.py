@@ -23,15 +23,18 @@ from monitor.frames.tables.cells import (
     number_with_comma,
     of_words,
 )
-from monitor.frames.tables.dialect import Dialect, dialect_of, own_dialect
+from monitor.frames.tables.dialect import LINES, Dialect, dialect_of, own_dialect
 from monitor.frames.tables.haltech import haltech_dialect
 from monitor.frames.tables.raw_table import Notes, Pivot, RawColumn, RawTable, Wanted
 
 _ROWS: Final = 1 << 13  # of a block
 HEAD_ROWS: Final = 4096  # that tell the names of a table with one value a row
-_LONG_NAME: Final = ("pid", "name", "signal", "parameter", "channel", "variable", "sensor")
+_LONG_NAME: Final = (
+    *("pid", "name", "signal", "parameter", "channel", "variable", "sensor", "field", "item"),
+    *("metric", "topic"),
+)
 _LONG_VALUE: Final = ("value", "wert", "reading")
-_LONG_UNIT: Final = ("units", "unit", "einheit")
+_LONG_UNIT: Final = ("units", "unit", "einheit", "uom")
 _MARKS: Final = ("mark", '"mark', "#", "//")  # lines that a logger writes between the rows
 
 
@@ -86,6 +89,7 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
     def read(wanted: Sequence[Wanted], notes: Notes) -> Iterator[FloatArray]:
         rows = _rows(path, dialect, value + 1, notes)
         parsers = [_parser(dialect, Wanted(i)) for i in first]
+        blocks, said = list[FloatArray](), list[str]()  # names in their order, repeats left out
         while block := list(islice(rows, _ROWS)):
             cells = np.full((len(block), len(columns)), np.nan)
             for k, (_, row) in enumerate(block):
@@ -93,7 +97,13 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
                     cells[k, place] = each(row[i])
                 if (place_of := at.get(row[name].strip())) is not None:
                     cells[k, place_of] = parse(row[value])
-            yield cells[:, [each.column for each in wanted]]
+                if said[-1:] != [row[name]]:
+                    said.append(row[name])
+            blocks.append(cells[:, [each.column for each in wanted]])
+        if len(said) == len(set(said)) > 1 and wanted:  # one signal after the other
+            every = np.concatenate(blocks)
+            blocks = [every[np.argsort(every[:, 0], kind="stable")]]
+        yield from blocks
 
     return RawTable(
         path, f"{dialect.kind}, one value a row", tuple(columns), read, dialect.preamble
@@ -165,7 +175,7 @@ def _rows(
     most = width if dialect.is_exact else csv.field_size_limit()
     with open_text(path, dialect.encoding, errors=dialect.errors) as text:
         reader = (
-            csv.reader(text, delimiter=dialect.separator)
+            csv.reader(_ended_quotes(text), delimiter=dialect.separator)
             if dialect.has_quotes
             else csv.reader(text, delimiter=dialect.separator, quoting=csv.QUOTE_NONE)
         )
@@ -191,6 +201,12 @@ def _rows(
         notes.sentences.append(f"cut short in {odd.pop()}")
     if odd:
         notes.sentences.append(f"{counted(len(odd), 'row')} left out, the first: {odd[0]}")
+
+
+def _ended_quotes(text: Iterable[str]) -> Iterator[str]:
+    """Yield the lines; below the header, a quote that has no end would swallow all that follows."""
+    for n, line in enumerate(text):
+        yield line if n < LINES or line.count('"') % 2 == 0 else line.replace('"', "")
 
 
 def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterator[list[str]]:

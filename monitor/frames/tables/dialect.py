@@ -21,8 +21,8 @@ from monitor.frames.tables.raw_table import RawColumn
 from monitor.frames.units import unit_of
 
 HEAD_BYTES: Final = 1 << 18
-_LINES: Final = 60  # of the head that are looked at
-_SEPARATORS: Final = ("\t", ";", ",")
+LINES: Final = 60  # of the head that are looked at
+_SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars"}
 _BOMS: Final = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
@@ -110,15 +110,14 @@ def dialect_of(path: Path) -> Dialect:
     lines = head.decode(encoding, errors="ignore").splitlines()
     if len(head) == HEAD_BYTES:
         lines = lines[:-1]
-    lines = [line for line in lines if line.strip()][:_LINES]
+    lines = [line for line in lines if line.strip()][:LINES]
     found = [each for each in (_layout(lines, separator) for separator in _SEPARATORS) if each]
     if not found:
         raise RecordingError(f"{path}: no row of column names with rows of numbers below it")
     best = max(found, key=lambda each: (each.support * each.width, each.width))
-    between = {"\t": "tabs", ";": "semicolons", ",": "commas"}[best.separator]
     comma = ", decimal commas" if best.comma else ""
     return Dialect(
-        kind=f"text table, {between}{comma}, {encoding}",
+        kind=f"text table, {_SEPARATORS[best.separator]}{comma}, {encoding}",
         columns=_columns(best),
         encoding=encoding,
         separator=best.separator,

@@ -18,9 +18,11 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
 from monitor.frames.blocks import LATEST_S, MAX_BYTES, CutShortError, LogCounters
 from monitor.frames.bounds import open_binary
-from monitor.frames.tables.dialect import encoding_of
+from monitor.frames.tables.cells import ColumnClock
+from monitor.frames.tables.dialect import encoding_of, name_and_unit
 from monitor.frames.text.candump import WANTED, frame_of_line
 from monitor.frames.text.lines import CUT_SHORT
+from monitor.frames.units import unit_of
 
 _HEAD_BYTES: Final = 1 << 14
 _CLASSIC: Final = 8
@@ -83,6 +85,12 @@ _ANY: Final = re.IGNORECASE | re.ASCII
 _BYTES: Final = r"(?P<data>(?:[\s;,](?:0x)?[0-9a-f]{1,3})*)"
 _NOTHING: Final = re.compile(r"(?!)")
 _CONSOLE: Final = "candump on a console"
+_RELATIVE: Final = re.compile(
+    r"^base\s+\w+\s+timestamps\s+relative|^\*\*\*RELATIVE MODE", _ANY | re.M
+)
+_COLOURS: Final = re.compile("\x1b\\[[0-9;]*m")  # of candump -c
+_HEADER_WITHIN: Final = 60  # lines of a table
+_LEAST_STEP_US: Final = 100.0  # from one frame to the next, of a bus that is full
 _TIME: Final = re.compile(r"\s*(\d+\.\d+)\s")  # of any line of an .asc
 
 ASC: Final = TextLayout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, error frames
@@ -125,7 +133,13 @@ PEAK: Final = TextLayout(  # its columns stand in the header, see ``_peak``
     ),
     time_s=lambda text: float(text) / 1e3,
 )  # fmt: skip
-_PEAK_COLUMNS: Final = {"1.1": "NOdILD", "1.3": "NOBdIRLD", "2.0": "NOTIdlD", "2.1": "NOTBIdRLD"}
+_PEAK_COLUMNS: Final = {
+    "1.1": "NOdILD",
+    "1.2": "NOBdILD",
+    "1.3": "NOBdIRLD",
+    "2.0": "NOTIdlD",
+    "2.1": "NOTBIdRLD",
+}
 _PEAK_CELLS: Final = {
     "N": r"\d{1,15}\)?",
     "O": r"(?P<time>-?\d+(?:\.\d+)?)",
@@ -168,16 +182,6 @@ LAYOUTS: Final = (
         time_s=_stamp,
     ),
     TextLayout(
-        tool="SavvyCAN (GVRET)",
-        begins=re.compile(r"^Time ?Stamp,ID,Extended,(?:Dir,)?Bus,LEN,", _ANY | re.M),
-        frames=(re.compile(
-            r"(?P<time>-?\d+),(?P<id>[0-9a-f]+),(?:(?P<ext>true|1)|false|0),(?:[RT]x,)?"
-            r"(?P<channel>\d+),(?P<length>\d+)" + _BYTES + r"[,\s]*", _ANY,
-        ),),
-        other=re.compile(r"Time ?Stamp,.*", _ANY),
-        time_s=lambda text: int(text) / 1e6,
-    ),
-    TextLayout(
         tool="BusMaster",
         begins=re.compile(r"^\*\*\*BUSMASTER", re.M),
         frames=(re.compile(
@@ -209,28 +213,6 @@ LAYOUTS: Final = (
         time_s=float,
     ),
     TextLayout(
-        tool="Kvaser CSV",
-        begins=re.compile(r"^Time,Channel,ID,Flags,DLC,Data0,.*,Counter\b", _ANY | re.M),
-        frames=(re.compile(
-            r"(?P<time>\d+\.\d+),(?P<channel>\d+),(?P<id>(?:0x)?[0-9a-f]+),(?P<flags>\d+),"
-            r"(?P<length>\d+)(?P<data>(?:,(?:(?:0x)?[0-9a-f]{1,3})?)*)(?:,.*)?", _ANY,
-        ),),
-        other=re.compile(r"Time,.*", _ANY),
-        time_s=float,
-    ),
-    TextLayout(
-        tool="Vehicle Spy",
-        begins=re.compile(r"^Line,Abs Time ?\(Sec\),.*,Arb ID,", _ANY | re.M),
-        frames=(re.compile(
-            r"\d+,(?P<time>-?\d+(?:\.\d+)?),[^,]*,[^,]*,(?:(?P<error>T)|F?),[^,]*,"
-            r"(?:\"[^\"]*\"|[^,]*),(?P<channel>[^,]*),[^,]*,(?P<id>[0-9a-f]+),"
-            r"(?:(?P<remote>T\b)|[^,]*),(?:(?P<ext>T)|F)"
-            r"(?P<data>(?:,(?:[0-9a-f]{2})?){8})(?:,.*)?", _ANY,
-        ),),
-        other=re.compile(r"[a-z,].*", _ANY),
-        time_s=float,
-    ),
-    TextLayout(
         tool="CRTD (OVMS)",
         begins=re.compile(r"^\d+\.\d+ \d*(?:C[A-Z]{2}\b|[RT](?:11|29) )", re.M),
         frames=(re.compile(
@@ -251,34 +233,38 @@ LAYOUTS: Final = (
         other=re.compile(r"[^;]*"),
         time_s=_milliseconds,
     ),
-    TextLayout(
-        tool="IXXAT",
-        begins=re.compile(r"^ASCII Trace IXXAT", _ANY | re.M),
-        frames=(re.compile(
-            r'"(?P<time>\d+:\d+:\d+\.\d+)","(?P<id>[0-9a-f]+)","(?:Std|(?P<ext>Ext))",'
-            r'"[^"]*","(?P<data>[0-9a-f ]*)"\s*', _ANY,
-        ),),
-        other=re.compile(r'[a-z].*|"Time".*', _ANY),
-        time_s=_clock,
-        wraps=True,
-    ),
-    TextLayout(
-        tool="CANedge (CSV)",
-        begins=re.compile(r"^TimestampEpoch;BusChannel;ID;IDE;DLC;", re.M),
-        frames=(re.compile(
-            r"(?P<time>\d+\.\d+);(?P<channel>\d+);(?P<id>[0-9a-f]+);(?:0|(?P<ext>1));\d+;"
-            r"(?P<length>\d+);\d;\d;\d;\d;(?:(?P<remote>1)|0);(?P<data>[0-9a-f]*)\s*", _ANY,
-        ),),
-        other=re.compile(r"TimestampEpoch;.*"),
-        time_s=float,
-    ),
     CSV,
     PEAK,
     ASC,
 )  # fmt: skip
+TABLE: Final = TextLayout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, …, see ``_table``
+    tool="a table of frames",
+    begins=_NOTHING,
+    frames=(),
+    other=re.compile(r"[\s\"]*[a-z,#].*", _ANY),
+    time_s=float,
+    wraps=True,
+)
+_REST: Final = r'(?:"[^"]*"|[^{sep}]*)'  # a cell; {sep} parts them
+_YES: Final = r"true|t|1|x|ext\w*"
+_TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
+    (r"(?:abs ?)?(?:time|zeit).*|offset.*", r'(?P<time>-?\d[^{sep}"]*)'),
+    (r"(?:(?:can|arb\w*|frame|msg|message)[ _-]?)?(?:id|identifier|addr\w*)\b.*",
+     r"(?P<id>(?:0x)?[0-9a-f]{1,9})"),
+    (r"(?:bus|channel|ch|chn|interface|network)(?:channel)?", r"(?P<channel>[^{sep}]*)"),
+    (r"(?:data ?)?len(?:gth)?|size|dlc", r"(?:0x)?(?P<length>\d*)"),
+    (r"ext\w*|ide|xtd|format|frame", rf"(?:(?P<ext>{_YES})|{_REST})"),
+    (r"remote|rtr|type", rf"(?:(?P<remote>t|1|true|r\w*)|{_REST})"),
+    (r"er|err\w*", rf"(?:(?P<error>{_YES})|{_REST})"),
+    (r"flags?", r'(?P<flags>[^{sep}"]*)'),
+    (r"(?:data|payload)(?: ?bytes?)?(?: ?\(hex\))?",
+     r"(?:x\|)? *(?:0x)?(?P<data>[0-9a-fx ]*)"),
+    (r"(?:data|byte|d|b)[ _]?[01]",
+     r"(?P<data>(?:0x)?[0-9a-f]{0,3}(?:{sep} *(?:0x)?[0-9a-f]{0,3} *){0,{further}})"),
+)  # fmt: skip
 # what is known and not read: how it begins, and the tool that converts it
 UNREAD: Final = (
-    (re.compile(r"Vehicle Spy|^Line,Abs Time\(Sec\),", re.M),
+    (re.compile(r"Vehicle Spy|^Line,Abs Time ?\(Sec\),", _ANY | re.M),
      "Vehicle Spy without arbitration identifiers", "Vehicle Spy's own export"),
     (re.compile(r"^# Logger type: CL\d000", re.M), "a CLX000 logger", "its CLX000 converters"),
     (re.compile(r"^Time[^,;\n]*[,;](?:CAN )?(?:Channel|ID|Identifier)[,;]", _ANY | re.M),
@@ -310,8 +296,9 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
             head += piece
     encoding = encoding_of(head)
     text = head.decode(encoding, errors="replace").replace("\r\n", "\n").lstrip("\ufeff")
+    text = _COLOURS.sub("", text)
     found = (each for each in LAYOUTS if each.begins.search(text))
-    layout = next(found, BY_SUFFIX.get(kind))
+    layout = next(found, None) or _table(text) or BY_SUFFIX.get(kind)
     if layout is PEAK:
         return _peak(text, encoding)
     if layout is not None:
@@ -340,24 +327,68 @@ def _peak(text: str, encoding: str) -> LayoutFound:
     return LayoutFound(layout, encoding, start_s=start_s)
 
 
+def _table(text: str) -> TextLayout | None:
+    """Return the layout of a table of frames by the names of its columns, None if it is none."""
+    lines = text.splitlines()[:_HEADER_WITHIN]
+    for number, line in enumerate(lines):
+        for sep in ",;\t":
+            names = [name.strip().strip('"').casefold() for name in line.split(sep)]
+            pattern = _table_row(names, sep)
+            rows = (
+                list(filter(None, map(pattern.fullmatch, lines[number + 1 :]))) if pattern else []
+            )
+            if pattern and rows:
+                time_s = _table_time(names, [row["time"] for row in rows])
+                return replace(TABLE, frames=(pattern,), time_s=time_s)
+    return None
+
+
+def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
+    """Return the pattern of a row of frames; None if time, identifier or data lack."""
+    cells = [_REST] * len(names)
+    for form, cell in _TABLE_COLUMNS:
+        if (place := next((i for i, n in enumerate(names) if re.fullmatch(form, n)), -1)) >= 0:
+            cells[place] = cell
+    cells = cells[: next((i + 1 for i, cell in enumerate(cells) if "further" in cell), len(cells))]
+    further = sum(bool(re.fullmatch(r"(?:data|byte|d|b)[ _]?\d+", name)) for name in names) - 1
+    body = rf'"? *{sep} *"?'.join(cells).replace("{sep}", sep).replace("{further}", f"{further}")
+    has_all = all(f"<{group}>" in body for group in ("time", "id", "data"))
+    return re.compile(rf'"?{body} *"?(?:{sep}.*)?', _ANY) if has_all else None
+
+
+def _table_time(names: Sequence[str], times: Sequence[str]) -> Callable[[str], float]:
+    """Return the way to seconds: by the column's unit, else such that 1 to 10,000 frames/s come."""
+    if ":" in times[0]:
+        return ColumnClock()
+    named = next(name for name in names if re.fullmatch(_TABLE_COLUMNS[0][0], name))
+    unit = unit_of(name_and_unit(named)[1], 1.0)
+    values = list(map(_seconds, times))
+    step = (max(values) - min(values)) / max(1, len(values) - 1)
+    if unit and unit.quantity == "time":
+        step_s = unit.factor
+    elif any(mark in time for time in times for mark in ".,"):
+        step_s = 1.0 if step < 1.0 else 1e-3
+    else:
+        step_s = 1e-6 if step >= _LEAST_STEP_US else 1e-3
+    return lambda text: _seconds(text) * step_s
+
+
 def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
-    """Return whether a Kvaser tool writes decimal numbers: bytes of three digits, no letters."""
-    if not layout.tool.startswith("Kvaser"):
+    """Return whether the numbers are decimal ones: bytes of three digits, no letters."""
+    if not layout.tool.startswith("Kvaser") and layout.tool != TABLE.tool:
         return False
-    words = [re.split(r"[\s,]+", f"{row['id']} {row['data']}") for row in rows]
+    words = [re.split(r"[\s,;]+", f"{row['id']} {row['data']}") for row in rows]
     letters = any(re.search("[a-fx]", " ".join(row), re.I) for row in words)
-    return not letters and any(len(byte) > 2 for row in words for byte in row[1:])
+    return not letters and any(len(byte) == 3 for row in words for byte in row[1:])
 
 
 def _are_deltas(layout: TextLayout, rows: Sequence[re.Match[str]], text: str) -> bool:
-    """Return whether times are those since the line before: an .asc says so.
+    """Return whether times are those since the line before: Vector's and BusMaster's header say so.
 
     Those of candump -td begin with 0, as with -tz, and fall, too.
     """
-    if layout is ASC:
-        return bool(re.search(r"^base\s+\w+\s+timestamps\s+relative", text, _ANY | re.M))
     if layout.tool != _CONSOLE:
-        return False
+        return bool(_RELATIVE.search(text))
     times_s = [layout.time_s(row["time"]) for row in rows]
     return times_s[:1] == [0.0] and any(b < a for a, b in pairwise(times_s))
 
@@ -372,6 +403,7 @@ def frames_of_lines(
     layout, late_s, before_s = found.layout, 0.0, 0.0
     for number, raw in enumerate(lines, 1):
         line = raw.strip("\ufeff\r\n")
+        line = _COLOURS.sub("", line) if "\x1b" in line else line
         if layout and layout.ends_lines and not raw.endswith("\n"):
             raise CutShortError(CUT_SHORT)
         if not line.strip():

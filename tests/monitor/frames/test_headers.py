@@ -163,6 +163,70 @@ def test_rows_of_whole_seconds_are_spread_over_them(tmp_path: Path) -> None:
     assert any("36 rows with the time of another one" in line for line in table.notes.lines)
 
 
+@pytest.mark.parametrize(
+    ("column", "form"),
+    [
+        ("Millis", lambda i: f"{5000 + 100 * i}"),
+        ("timestamp_us", lambda i: f"{5000000 + 100000 * i}"),
+        ("Ticks", lambda i: f"{638999999990000000 + 1000000 * i}"),
+        ("Date", lambda i: f"{46353.5 + i / 864000:.9f}"),
+        ("Time", lambda i: f"15:59:5{i // 10}:{i % 10}00"),
+        ("Temps (min)", lambda i: f"{i / 600:.6f}"),
+    ],
+)
+def test_the_steps_of_times_tell_their_unit(
+    tmp_path: Path, column: str, form: Callable[[int], str]
+) -> None:
+    path = tmp_path / "clock.csv"
+    path.write_text(f"{column},RPM,AFR\n" + rows(lambda i: f"{form(i)},{RPM[i]},{AFR[i]}"))
+    table, _ = proposed(path)
+    np.testing.assert_allclose(np.diff(table.t_ns), 1e8, atol=2e5)
+
+
+@pytest.mark.parametrize(
+    ("column", "values_of", "name", "wanted"),
+    [
+        ("MAP (psig)", -8.0, "manifold_pressure_kpa", 46.17),
+        ("MAP (barg)", -0.5, "manifold_pressure_kpa", 51.3),
+        ("AFR (E85)", 9.8, "lambda_measured", 1.0),
+        ("MAP (inHg vac)", 10.0, "manifold_pressure_kpa", None),  # below the air's pressure
+        ("RPM (x1000)", 2.0, "engine_speed_rpm", None),
+    ],
+)
+def test_a_gauge_counts_from_the_air_and_words_beside_a_unit_change_it(
+    tmp_path: Path, column: str, values_of: float, name: str, wanted: float | None
+) -> None:
+    path = tmp_path / "units.csv"
+    path.write_text(
+        f"Time (s),{column},TPS (%)\n"
+        + rows(lambda i: f"{i / 10},{values_of * (1 + i / 4000)},{10 + i}")
+    )
+    table, columns = proposed(path)
+    assert (name in columns) == (wanted is not None)
+    if wanted:
+        assert values(table, name)[0] == pytest.approx(wanted, abs=0.1)
+
+
+def test_a_quote_without_an_end_costs_its_row_and_not_all_behind(tmp_path: Path) -> None:
+    path = tmp_path / "quote.csv"
+    good = [f"{i / 10},{1500 + i},{14.0 + i / 99:.2f}\n" for i in range(199)]
+    path.write_text("Time,RPM,AFR\n" + "".join([*good[:150], '15.0,"16\n', *good[151:]]))
+    table, _ = proposed(path)
+    assert len(table.t_ns) == 198
+
+
+def test_a_long_table_may_hold_one_signal_after_the_other(tmp_path: Path) -> None:
+    path = tmp_path / "blocks.csv"
+    path.write_text(
+        "t,field,value\n"
+        + rows(lambda i: f"{i / 10},RPM,{RPM[i]}")
+        + rows(lambda i: f"{i / 10},AFR,{AFR[i]}")
+    )
+    table, _ = proposed(path)
+    assert 3.9e9 <= table.t_ns[-1] - table.t_ns[0] < 4e9  # and not twice as long
+    np.testing.assert_allclose(values(table, "lambda_measured")[-1], AFR[-1] / 14.7)
+
+
 def test_one_broken_row_costs_a_note_and_many_the_table(tmp_path: Path) -> None:
     path = tmp_path / "broken.csv"
     good = [f"{i / 10},{1500 + i},{14.0 + i / 99:.2f}\n" for i in range(99)]

@@ -120,6 +120,39 @@ Date: 1.2.2023
 1700000000.010000;1;C3;0;2;2;0;0;0;0;0;1122
 1700000000.020000;1;18FEF100;1;1;1;0;0;0;0;0;FF
 """,
+    "adapter.csv": """Index,System Time,Time Stamp,Channel,ID,Type,Format,Len,Data
+0,10:00:00.1,0.500000,ch1,0x00C2,Data,Standard,0x08,x| 01 02 03 04 05 06 07 A8
+1,10:00:00.1,0.510000,ch1,0x00C3,Data,Standard,0x02,x| 11 22
+2,10:00:00.1,0.520000,ch1,0x18FEF100,Data,Extended,0x01,x| FF
+3,10:00:00.1,0.530000,ch1,0x00C2,Remote,Standard,0x00,
+""",
+    "milliseconds.csv": """Zeit (ms);Bus;CAN-ID;Len;B0;B1;B2;B3;B4;B5;B6;B7
+500,0;1;C2;8;01;02;03;04;05;06;07;A8
+510,0;1;C3;2;11;22;;;;;;
+520,0;1;18FEF100;1;FF;;;;;;;
+""",
+    "joined.csv": """time,addr,bus,data
+0.5,0xc2,0,0x01020304050607a8
+0.51,0xc3,0,0x1122
+0.52,0x18fef100,0,0xff
+""",
+    "relative.log": """***BUSMASTER Ver 3.2.2***
+***HEX***
+***RELATIVE MODE***
+00:00:00:0000 Rx 1 0x0C2 s 8 01 02 03 04 05 06 07 A8
+00:00:00:0100 Tx 1 0x0C3 s 2 11 22
+00:00:00:0100 Rx 1 0x18FEF100 x 1 FF
+""",
+    "version.trc": """;$FILEVERSION=1.2
+;$STARTTIME=46353.4166666667
+     1)        500.0 1  Rx        00C2  8  01 02 03 04 05 06 07 A8
+     2)        510.0 1  Tx        00C3  2  11 22
+     3)        520.0 1  Rx    18FEF100  1  FF
+""",
+    "colours.log": """ \x1b[34m(001.500000)\x1b[0m can0 \x1b[31m0C2\x1b[0m [8] 01 02 03 04 05 06 07 A8
+ \x1b[34m(001.510000)\x1b[0m  can0  \x1b[31m0C3\x1b[0m   [2]  11 22
+ \x1b[34m(001.520000)\x1b[0m  can0  \x1b[31m18FEF100\x1b[0m   [1]  FF
+""",
 }
 DATA = [(0xC2, False, "01020304050607a8"), (0xC3, False, "1122"), (0x18FEF100, True, "ff")]
 

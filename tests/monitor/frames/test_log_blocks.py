@@ -1,6 +1,7 @@
 """Logs of every format: the frames that python-can reads, and of a cut one those before."""
 
 import gzip
+import re
 import tracemalloc
 from pathlib import Path
 
@@ -99,6 +100,25 @@ def test_logs_written_by_python_can_are_read_as_python_can_reads_them(
     assert sorted(found[0]) == sorted(by_python_can(path))  # MF4: in the order of time
     assert len(found[0]) == sum(not (m.is_error_frame or m.is_remote_frame) for m in messages)
     assert found[1].skipped == len(messages) - len(found[0])
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_log_that_was_never_closed_gives_all_frames_and_a_note(
+    folder: Path, tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a BLF with space that was never filled, an MF4 marked as open whose blocks are packed
+    content = bytearray((folder / f"drive{suffix}").read_bytes())
+    if suffix == ".blf":
+        content += bytes(5000)
+    else:
+        content[:8], content[60:62] = b"UnFinMF ", bytes([0b100101, 0])
+    path = tmp_path / f"open{suffix}"
+    path.write_bytes(content)
+    # WHEN it is read THEN no frame is lost, and the end is said
+    frames, counters, error = read_at_once(path)
+    assert (frames, error) == (read_at_once(folder / f"drive{suffix}")[0], None)
+    assert re.search("only zeros from byte|never closed", counters.notes[0])
+    assert capsys.readouterr().out == ""
 
 
 def test_a_gzipped_blf_is_read_as_the_plain_one(folder: Path, tmp_path: Path) -> None:
