@@ -98,10 +98,8 @@ UNITS.update(
 UNITS.update(dict.fromkeys(("k", "kelvin", "degk", "°k"), Unit("temperature", 1.0, -273.15)))
 STANDARD_KPA: Final = 101.325  # of the air, above which a gauge counts
 for _gauge in ("psi", "kpa", "bar", "mbar"):
-    UNITS |= dict.fromkeys(
-        (f"{_gauge}g", f"{_gauge}gauge", f"{_gauge}(g)", f"{_gauge}rel"),
-        Unit("pressure", UNITS[_gauge].factor, STANDARD_KPA),
-    )
+    _counted = Unit("pressure", UNITS[_gauge].factor, STANDARD_KPA)
+    UNITS.update(dict.fromkeys((f"{_gauge}g", f"{_gauge}gauge", f"{_gauge}rel"), _counted))
 # lambda = value / stoichiometric
 AFR: Final = ("afr", "afrgasoline", ":1", "a/f", "air/fuel", "o2", "kg/kg", "g/g", "af", "afratio")
 
