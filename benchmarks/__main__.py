@@ -43,7 +43,11 @@ def main(argv: Sequence[str]) -> int:
     if name not in found:
         print(f"no benchmark {name}; python -m benchmarks lists them", file=sys.stderr)
         return 2
-    code: int = import_module(found[name][0]).main(argv[1:])
+    try:
+        code: int = import_module(found[name][0]).main(argv[1:])
+    except O2Error as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 2
     return code
 
 
