@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
+from monitor.base.errors import O2Error
+
 FOLDER = Path(__file__).parent
 
 

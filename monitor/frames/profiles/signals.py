@@ -76,74 +76,26 @@ def read_signals(
     A column whose unit is of another quantity than the signal's carries none.
     Raises RecordingError if no column tells the time, or the file has no rows.
     """
-    there = places(raw)
-    times = [
-        Choice("time", each, there[key(each.column)][0])
-        for each in profile.time
-        if key(each.column) in there
-    ]
-    if not times:
-        wanted = ", ".join(each.column for each in profile.time) or "none named"
-        raise RecordingError(
-            f"{raw.path}: no column of time ({wanted}) for the profile {profile.name}; "
-            f"there are {', '.join(raw.names[:8])}{', …' if len(raw.names) > 8 else ''}"
-        )
-    every = [
-        Choice(name, source, column)
-        for name, sources in profile.signals.items()
-        for source in sources
-        for column in there.get(key(source.column), ())
-    ]
-    choices = [
-        each
-        for each in every
-        if is_of_quantity(each.name, each.source, raw.columns[each.column], profile.stoich_afr)
-    ]
+    there, notes = places(raw), notes or Notes()
+    times = _times(raw, profile, there)
+    choices = _choices(raw, profile, there, notes)
     own = [Choice(n, Source(column=n), there[key(n)][0]) for n in further if key(n) in there]
-    notes = notes or Notes()
-    named = {each.name for each in choices}
-    for each in every:
-        if each.name not in named:
-            column = raw.columns[each.column]
-            unit = " ".join(filter(None, stated_texts(column)))
-            notes.sentences.append(f"column {column.name}: its unit {unit} is none of {each.name}")
-            named.add(each.name)
-    sources = (*times, *choices, *own)
-    wanted_cells = [Wanted(each.column, each.source.words) for each in sources]
-    clocks = _clocks(raw, times[0])
-    every_cell = all_cells(raw, [*wanted_cells, *map(Wanted, clocks)], notes)
-    cells, ticks = every_cell[:, : len(sources)], every_cell[:, len(sources) :]
-    time_s, wraps_s = _time(raw, times, cells, notes)
-    for i, each in enumerate(sources[len(times) :], len(times)):
-        before = [place for place, clock in enumerate(clocks) if clock < each.column]
-        if before and clocks[before[-1]] != times[0].column:
-            cells[:, i] = _at(time_s, ticks[:, before[-1]], cells[:, i])
-    t_ns, rows = cleaned(time_s, wraps_s, notes)
-    if not len(t_ns):
-        raise RecordingError(f"{raw.path}: no row with a time")
-    told = cells[rows, len(times) :]
-    updates = np.count_nonzero(np.isfinite(told), axis=0).tolist()
-    told = held(told, t_ns, [i for i, each in enumerate(choices) if each.name == OUTPUT])
-    setting = LoggerSetting(raw, profile, [(each, told[:, i]) for i, each in enumerate(choices)])
+    t_ns, cells = _rows(raw, times, [*choices, *own], notes)
+    updates = np.count_nonzero(np.isfinite(cells), axis=0).tolist()
+    cells = held(cells, t_ns, [i for i, each in enumerate(choices) if each.name == OUTPUT])
+    setting = LoggerSetting(raw, profile, [(each, cells[:, i]) for i, each in enumerate(choices)])
+    nothing = np.zeros(len(t_ns), dtype=bool)
     taken: dict[str, tuple[FloatArray, BoolArray, Found]] = {}
-    for i, each in enumerate(choices):
-        if each.name not in taken and _lives(each.name, told[:, i]):
-            signal = _signal(raw, profile, setting, each, told[:, i])
-            taken[each.name] = *signal[:2], replace(signal[2], updates=updates[i])
-    for i, each in enumerate(own, len(choices)):
-        values = told[:, i]
-        taken.setdefault(
-            each.name,
-            (
-                values,
-                np.zeros(len(values), bool),
-                Found(each.name, each.name, "", updates=updates[i]),
-            ),
-        )
+    for i, each in enumerate((*choices, *own)):
+        if each.name in taken or (i < len(choices) and not _lives(each.name, cells[:, i])):
+            continue
+        values, pinned, found = cells[:, i], nothing, Found(each.name, each.name, "")
+        if i < len(choices):
+            values, pinned, found = _signal(raw, profile, setting, each, values)
+        taken[each.name] = values, pinned, replace(found, updates=updates[i])
     blank = {each.name: raw.names[each.column] for each in choices if each.name not in taken}
     for made in derive({name: values for name, (values, _, _) in taken.items()}, profile.engine):
-        none = np.zeros(len(made.values), dtype=bool)
-        taken[made.name] = made.values, none, Found(made.name, "", "", made.in_words)
+        taken[made.name] = made.values, nothing, Found(made.name, "", "", made.in_words)
     order = [s.name for s in SIGNALS if s.name in taken]
     order += [name for name in taken if name not in BY_NAME]
     if not order:
@@ -161,6 +113,60 @@ def read_signals(
     )
 
 
+def _times(raw: RawTable, profile: Profile, there: Mapping[str, list[int]]) -> list[Choice]:
+    """Return the columns that may tell the time, the best first."""
+    times = [
+        Choice("time", each, there[key(each.column)][0])
+        for each in profile.time
+        if key(each.column) in there
+    ]
+    if not times:
+        wanted = ", ".join(each.column for each in profile.time) or "none named"
+        raise RecordingError(
+            f"{raw.path}: no column of time ({wanted}) for the profile {profile.name}; "
+            f"there are {', '.join(raw.names[:8])}{', …' if len(raw.names) > 8 else ''}"
+        )
+    return times
+
+
+def _choices(
+    raw: RawTable, profile: Profile, there: Mapping[str, list[int]], notes: Notes
+) -> list[Choice]:
+    """Return the columns of the profile's signals, the best first; units of others are noted."""
+    choices, odd = list[Choice](), dict[str, str]()
+    for name, sources in profile.signals.items():
+        for source in sources:
+            for place in there.get(key(source.column), ()):
+                column = raw.columns[place]
+                if is_of_quantity(name, source, column, profile.stoich_afr):
+                    choices.append(Choice(name, source, place))
+                    continue
+                unit = " ".join(filter(None, stated_texts(column)))
+                odd.setdefault(name, f"column {column.name}: its unit {unit} is none of {name}")
+    named = {each.name for each in choices}
+    notes.sentences += [told for name, told in odd.items() if name not in named]
+    return choices
+
+
+def _rows(
+    raw: RawTable, times: Sequence[Choice], wanted: Sequence[Choice], notes: Notes
+) -> tuple[IntArray, FloatArray]:
+    """Return the rows' times in ns, (n,) strictly rising, and their cells, (n, n_wanted)."""
+    sources, clocks = (*times, *wanted), _clocks(raw, times[0])
+    columns = [Wanted(each.column, each.source.words) for each in sources]
+    every = all_cells(raw, [*columns, *map(Wanted, clocks)], notes)
+    cells, ticks = every[:, len(times) : len(sources)], every[:, len(sources) :]
+    time_s, wraps_s = _time(raw, times, every, notes)
+    for i, each in enumerate(wanted):
+        before = [place for place, clock in enumerate(clocks) if clock < each.column]
+        if before and clocks[before[-1]] != times[0].column:
+            cells[:, i] = _at(ticks[:, 0], ticks[:, before[-1]], cells[:, i])
+    t_ns, rows = cleaned(time_s, wraps_s, notes)
+    if not len(t_ns):
+        raise RecordingError(f"{raw.path}: no row with a time")
+    return t_ns, cells[rows]
+
+
 def _clocks(raw: RawTable, time: Choice) -> list[int]:
     """Return the columns that are clocks of the columns behind them: the time's name, repeated."""
     name = raw.columns[time.column].name
@@ -168,11 +174,11 @@ def _clocks(raw: RawTable, time: Choice) -> list[int]:
     return [time.column, *clocks] if clocks else []
 
 
-def _at(time_s: FloatArray, own_s: FloatArray, cells: FloatArray) -> FloatArray:
-    """Return the values of a column with its own clock at other times: the last one before."""
-    known = np.flatnonzero(np.isfinite(own_s) & np.isfinite(cells))
-    order = known[np.argsort(own_s[known], kind="stable")]
-    place = np.searchsorted(own_s[order], time_s, side="right") - 1
+def _at(times: FloatArray, own: FloatArray, cells: FloatArray) -> FloatArray:
+    """Return the values of a column with its own clock at times of another: the last before."""
+    known = np.flatnonzero(np.isfinite(own) & np.isfinite(cells))
+    order = known[np.argsort(own[known], kind="stable")]
+    place = np.searchsorted(own[order], times, side="right") - 1
     return np.where(place >= 0, cells[order][np.maximum(place, 0)], np.nan) if len(order) else cells
 
 
