@@ -88,6 +88,7 @@ _CONSOLE: Final = "candump on a console"
 _RELATIVE: Final = re.compile(
     r"^base\s+\w+\s+timestamps\s+relative|^\*\*\*RELATIVE MODE", _ANY | re.M
 )
+_PLAIN: Final = re.compile(r"\(\d+\.\d+\) \S+ [0-9A-F]+#")  # a line of candump -L
 _COLOURS: Final = re.compile("\x1b\\[[0-9;]*m")  # of candump -c
 _HEADER_WITHIN: Final = 60  # lines of a table
 _LEAST_STEP_US: Final = 100.0  # from one frame to the next, of a bus that is full
@@ -296,6 +297,8 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
             head += piece
     encoding = encoding_of(head)
     text = head.decode(encoding, errors="replace").replace("\r\n", "\n").lstrip("\ufeff")
+    if _PLAIN.match(text):
+        return LayoutFound(encoding=encoding)
     text = _COLOURS.sub("", text)
     found = (each for each in LAYOUTS if each.begins.search(text))
     layout = next(found, None) or _table(text) or BY_SUFFIX.get(kind)
@@ -331,7 +334,7 @@ def _table(text: str) -> TextLayout | None:
     """Return the layout of a table of frames by the names of its columns, None if it is none."""
     lines = text.splitlines()[:_HEADER_WITHIN]
     for number, line in enumerate(lines):
-        for sep in ",;\t":
+        for sep in ",;\t" if re.search("id|addr", line, re.I) else "":
             names = [name.strip().strip('"').casefold() for name in line.split(sep)]
             pattern = _table_row(names, sep)
             rows = (
