@@ -35,7 +35,6 @@ TEMPERATURE_OFFSETS: Final = frozenset({-40.0, -48.0, -50.0, -60.0})  # of degC 
 MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
 PRESSURES: Final = ("kPa", "MPa", "bar", "hPa")  # of a column without a unit
 _SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
-_ENGLISH: Final = frozenset({"rpm", "speed", "torque"})  # beside which a motor is electric
 _PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU and "_"
 _BARE: Final = frozenset(VOCABULARY["words"]["bare"].split())
 _CONTRARY: Final = frozenset(VOCABULARY["words"]["contrary"].split())
@@ -140,20 +139,15 @@ def _doubts(
             rest = rest[1:]
     if odd := [word for word in rest if word not in quantity.also]:
         yield f"its name says {odd[0]!r}, too"
-    other = _SAYS["elsewhere"].search(" ".join((d.name, d.message, *words, *of_message)).lower())
-    if other and other[0] not in quantity.also:
-        yield f"{d.message}.{d.name} says {other[0]!r}"
-    is_bare = _BARE.issuperset(words)
-    if is_bare and (part := _SAYS["part"].search(d.message.lower())):
-        yield f"its message {d.message} says {part[0]!r}"
-    if is_bare and quantity.name == "vehicle_speed_km_h" and d.unit == "m/s":
-        yield "any speed in m/s: perhaps of an object ahead"
-    if "motor" in words and _ENGLISH & set(words):
-        yield "its name says 'motor', which is an electric one in English"
-    if quantity.name == "engine_torque_nm" and not _SAYS["engine"].search(
-        " ".join(words + of_message)
-    ):
-        yield "its name does not say that the torque is the engine's"
+    said = f"{d.name} {d.message} {' '.join(of_message)} / {' '.join(words)} / {d.unit}".lower()
+    for row in VOCABULARY["doubts"]:
+        found = re.search(row["says"].replace("{bare}", "|".join(_BARE)), said)
+        if (
+            found
+            and quantity.name in row.get("of", quantity.name)
+            and found[1] not in quantity.also
+        ):
+            yield row["why"].format(found[1])
 
 
 def _of_one_sensor(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFit:

@@ -20,11 +20,14 @@ for _concept, _stems in _STEMS.items():
 KNOWN: Final = frozenset(_CONCEPTS_OF)
 OTHER: Final = frozenset(word for word, of in _CONCEPTS_OF.items() if of & {"other", "target"})
 _FULL: Final = 4  # letters of a word whose ending may be any of as many
-_PARTS: Final = frozenset(  # words that may fill a longer one
-    [stem[:-1] for stems in _STEMS.values() for stem in stems if stem.endswith("*")]
-    + [word for word in (*NOISE, *_CONCEPTS_OF) if len(word) >= _FULL and word[0] != "="]
+_PARTS: Final = {  # words that may fill a longer one
+    *(stem[:-1] for stems in _STEMS.values() for stem in stems if stem.endswith("*")),
+    *(word for word in (*NOISE, *_CONCEPTS_OF) if len(word) >= _FULL and word[0] != "="),
+}
+_STEM: Final = re.compile("|".join(sorted((p for p in _PARTS if len(p) > 2), key=len)[::-1]))
+_COMPOUND: Final = re.compile(
+    rf"(?:(?:{_STEM.pattern})(?:s|n|en|es)?)+|(?=[a-z]{{{_FULL}}})(?:{_STEM.pattern})[a-z]{{0,{_FULL}}}"
 )
-_GLUE: Final = ("", "s", "n", "en", "es")
 _SPELLINGS: Final = (
     *zip("äöüßÄÖÜ", ("ae", "oe", "ue", "ss", "Ae", "Oe", "Ue"), strict=True),
     ("λ", " lambda "),
@@ -56,29 +59,20 @@ def words_of(name: str) -> tuple[str, ...]:
         word = part.lower()
         numbered = re.fullmatch(r"(?!(?:h|wb)?o2s?\d*$)([a-z]{2,})(\d+)", word)
         name, *number = numbered.groups() if numbered else [word]
-        words += (*(_filled(name) or (name,)), *number)
+        words += (*_filled(name), *number)
     return tuple(words)
 
 
 @cache
-def _filled(word: str) -> tuple[str, ...] | None:
-    """Return the known words that fill a word, None if none do.
+def _filled(word: str) -> tuple[str, ...]:
+    """Return the known words that fill a word, else the word.
 
     >>> _filled("motordrehzahl"), _filled("trailer")
-    (('motor', 'drehzahl'), None)
+    (('motor', 'drehzahl'), ('trailer',))
     """
-    if not word or word in _CONCEPTS_OF or word in NOISE:
-        return (word,) if word else ()
-    if not word.isalpha():
-        return None
-    beginnings = [word[:n] for n in range(len(word), 2, -1) if word[:n] in _PARTS]
-    for stem in beginnings:
-        rest = word[len(stem) :]
-        for glue in _GLUE:
-            if rest.startswith(glue) and (after := _filled(rest[len(glue) :])) is not None:
-                return (stem, *after)
-    known = (s for s in beginnings if len(s) >= _FULL and len(word) - len(s) <= _FULL)
-    return next(((stem,) for stem in known), None)
+    if word in _CONCEPTS_OF or word in NOISE or not _COMPOUND.fullmatch(word):
+        return (word,)
+    return tuple(_STEM.findall(word))
 
 
 def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> tuple[float, list[str]]:
