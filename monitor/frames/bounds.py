@@ -15,7 +15,7 @@ import gzip
 import io
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, BinaryIO, Final, TextIO, cast
 
@@ -29,6 +29,7 @@ RATIO: Final = 100  # of a log; an idle bus whose bytes never change reaches 18
 TABLE_RATIO: Final = 400  # 20 columns that never change reach 63, 1,000 blank columns 218
 FREE_BYTES: Final = 1 << 20  # this much may come of any packed file, whatever the ratio
 PIECE_BYTES: Final = 16 << 20  # of one packed piece; Vector's containers have 128 kB
+_HEAD_STEP: Final = 1 << 10  # so that all before the damage of a packed file is read
 _STEP: Final = 1 << 16  # bytes that are read at once from a text file
 
 
@@ -77,6 +78,18 @@ def open_binary(path: Path) -> BinaryIO:
     """
     file = open_regular(path)
     return cast(BinaryIO, _Inflated(file)) if _is_packed(path) else file
+
+
+def head_of(path: Path, size: int) -> bytes:
+    """Return the first bytes of the file; of a packed one that is cut, those before its damage.
+
+    Raises OSError as ``open_binary``.
+    """
+    head = b""
+    with open_binary(path) as file, suppress(EOFError, ValueError):  # the reader tells damage
+        while len(head) < size and (piece := file.read(min(_HEAD_STEP, size - len(head)))):
+            head += piece
+    return head
 
 
 def open_text(

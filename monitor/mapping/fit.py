@@ -33,7 +33,7 @@ MOST_ABOVE: Final = 100.0  # times the plausible range; a stated range beyond ha
 UNIT_IN_NAME: Final = frozenset({"rpm", "kph", "kmh", "mph"})
 TEMPERATURE_OFFSETS: Final = frozenset({-40.0, -48.0, -50.0, -60.0})  # of degC alone
 MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
-PRESSURES: Final = ("kPa", "MPa", "bar", "hPa")  # of a column without a unit
+PRESSURES: Final = ("kPa", "MPa", "bar", "hPa", "psi")  # of a column without a unit
 _SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
 _PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU and "_"
 _BARE: Final = frozenset(VOCABULARY["words"]["bare"].split())
@@ -96,10 +96,13 @@ class QuantityFit:
             return 1.0 / scaled if self.is_phi else scaled
 
 
-def fit_of(name: str, described: Description) -> QuantityFit | None:
-    """Return how well something fits a quantity, None if it is another one."""
+def fit_of(name: str, described: Description, *, is_named: bool = False) -> QuantityFit | None:
+    """Return how well something fits a quantity, None if it is another one.
+
+    is_named : its name is known to mean the quantity
+    """
     quantity = QUANTITIES[name]
-    fit = _by_name(quantity, described)
+    fit = QuantityFit(1.0) if is_named else _by_name(quantity, described)
     for look in (_by_unit, _by_range, _by_values):
         fit = look(quantity, described, fit) if fit else None
     return fit
@@ -154,7 +157,7 @@ def _of_one_sensor(quantity: Quantity, d: Description, fit: QuantityFit) -> Quan
     """Return the fit, doubted if name, message or comment are of another sensor."""
     texts = [(text, " ".join(words_of(text))) for text in (d.message, d.name, d.comment)]
     for text, words in texts:
-        if found := _SAYS["other_sensor"].search(words):
+        if found := _SAYS["other_sensor"].search(_SAYS["upstream"].sub("", words)):
             why = f"{short(text)} says {found[0]!r}: not the upstream sensor of bank 1?"
             return fit.doubted(why, OTHER_NAME)
     if any(_SAYS["upstream"].search(words) for _, words in texts):
@@ -191,7 +194,7 @@ def _assumed(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFi
         least, most = quantity.typical[1] / 2, 2 * plausible_range(quantity.name)[1]
         likely = [each for each in PRESSURES if least <= high * factors[each] <= most]
         text, factor = (likely[0], factors[likely[0]]) if likely else ("", 1.0)
-    elif kind == "share" and high <= 1.5:
+    elif kind == "share" and 0.0 < high <= 1.5:
         factor = 100.0
     is_plain = (
         d.values is not None  # which ``_by_values`` looks at

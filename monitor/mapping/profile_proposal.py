@@ -101,20 +101,33 @@ def _offers(raw: RawTable, cells: FloatArray) -> Iterator[tuple[float, int, str,
         values = cells[:, i]
         if not column.name or not np.isfinite(values).any():
             continue
-        moves = np.nanmax(values) > np.nanmin(values)
         for name, source in (known[each][0] for each in keys_of(column.name) if each in known):
-            if not is_of_quantity(name, source, column, STOICHIOMETRIC):
-                continue
-            if moves or name not in VARYING:
-                is_plain = (source.factor, source.offset) == (1.0, 0.0)
-                sure = _KNOWN if is_plain else _CONVERTED
-                yield sure, i, name, replace(source, column=column.name)
+            own = _known(name, source, column, values)
+            if own and (name not in VARYING or np.nanmax(values) > np.nanmin(values)):
+                is_plain = (own.factor, own.offset) == (1.0, 0.0)
+                yield _KNOWN if is_plain else _CONVERTED, i, name, own
         for text in dict.fromkeys(name_and_unit(each)[0] for each in (column.name, *column.others)):
             described = Description(text, stated_unit(column, STOICHIOMETRIC), values=values)
             for name in BY_NAME.keys() & QUANTITIES.keys():
                 fit = fit_of(name, described)
                 if fit and fit.stands and not fit.is_phi:
                     yield fit.confidence, i, name, _by_words(name, column, fit)
+
+
+def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> Source | None:
+    """Return a shipped profile's source for a column, None if unit or values are of another one.
+
+    Where neither file nor profile states a unit, the values tell it.
+    """
+    own = replace(source, column=column.name)
+    if not is_of_quantity(name, source, column, STOICHIOMETRIC):
+        return None
+    if own != Source(column=column.name) or name not in QUANTITIES:
+        return own
+    if stated_unit(column, STOICHIOMETRIC):
+        return own
+    fit = fit_of(name, Description(column.name, values=values), is_named=True)
+    return _by_words(name, column, fit) if fit and fit.stands else None
 
 
 def _by_words(name: str, column: RawColumn, fit: QuantityFit) -> Source:

@@ -102,7 +102,7 @@ def stated_unit(column: RawColumn, stoich_afr: float) -> str:
 def is_of_quantity(name: str, source: Source, column: RawColumn, stoich_afr: float) -> bool:
     """Return whether a column may carry a signal: no unit that it states is of another quantity.
 
-    A unit that is not known counts as another one, unless the profile gives the column's unit.
+    A unit that is not known counts as another one.
     """
     target = target_of(name, stoich_afr)
     if source.is_flag or target is None or source.factor != 1.0:  # the profile converts
@@ -110,7 +110,7 @@ def is_of_quantity(name: str, source: Source, column: RawColumn, stoich_afr: flo
     units = [unit_of(text, stoich_afr) for text in stated_texts(column) if text not in ("", "-")]
     if any(units):
         return any(unit is not None and unit.quantity == target.quantity for unit in units)
-    return bool(source.units) or not stated_unit(column, stoich_afr)
+    return not stated_unit(column, stoich_afr)
 
 
 def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:

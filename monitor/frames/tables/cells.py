@@ -25,6 +25,8 @@ _CLOCK: Final = re.compile(
 )
 _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
 
+THOUSANDS: Final = re.compile(r"-?\d{1,3}(?:,\d{3})+(?:\.\d*)?")  # 1,700
+
 Parse = Callable[[str], float]
 
 
@@ -41,7 +43,7 @@ def numeral(text: str) -> float:
     """Return a cell's number; raises ValueError if it is none."""
     if not is_plain(text):
         raise ValueError(f"{text[:40]!r} is no number")
-    return float(text)
+    return float(text.replace(",", "") if THOUSANDS.fullmatch(text.strip()) else text)
 
 
 def exact_number(text: str) -> float:

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from monitor.base.errors import RecordingError
-from monitor.frames.bounds import LINE_BYTES, open_binary
-from monitor.frames.tables.cells import clock, is_no_value, is_number, wrap_s
+from monitor.frames.bounds import LINE_BYTES, head_of
+from monitor.frames.tables.cells import THOUSANDS, clock, is_no_value, is_number, wrap_s
 from monitor.frames.tables.raw_table import RawColumn
 from monitor.frames.units import unit_of
 
@@ -32,6 +32,7 @@ _HEADER: Final = 4  # most rows of a header: a group, names, other names, units
 _TITLES: Final = 2  # most rows with one cell between header and data
 _SAMPLE: Final = 20  # rows that tell what a column holds
 _COMMA: Final = re.compile(r"-?\d+,\d+")
+_POINT: Final = re.compile(r"-?\d+\.\d+")
 _IN_BRACKETS: Final = re.compile(r"(.+?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
 
 
@@ -59,8 +60,7 @@ def own_dialect(path: Path) -> Dialect | None:
 
     Raises OSError as ``open``.
     """
-    with open_binary(path) as file:
-        head = file.read(LINE_BYTES).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    head = head_of(path, LINE_BYTES).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     lines = head.split(b"\n", 2)[:2]
     if any(mark in line for line in lines for mark in (b'"', b";", b"\t", b"\0")):
         return None
@@ -100,8 +100,7 @@ def dialect_of(path: Path) -> Dialect:
 
     Raises RecordingError if no header with data below it is found, OSError as ``open``.
     """
-    with open_binary(path) as file:
-        head = file.read(HEAD_BYTES)
+    head = head_of(path, HEAD_BYTES)
     if not head.strip():
         raise RecordingError(f"{path}: the table is empty")
     encoding = encoding_of(head)
@@ -148,7 +147,12 @@ def _layout(lines: Sequence[str], separator: str) -> _TextLayout | None:
     except csv.Error:
         return None
     comma = separator != "," or any('"' in line for line in lines)
-    comma = comma and any(_COMMA.fullmatch(cell.strip()) for row in rows for cell in row)
+    cells = [cell.strip() for row in rows for cell in row] if comma else []
+    in_thousands = any(map(_POINT.fullmatch, cells)) and separator == ","
+    comma = any(
+        _COMMA.fullmatch(cell) and not (in_thousands and THOUSANDS.fullmatch(cell))
+        for cell in cells
+    )
     is_data = [_is_data(row, comma=comma) for row in rows]
     best: _TextLayout | None = None
     for data in range(1, len(rows)):

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Final
 
 from monitor.base.errors import RecordingError
-from monitor.frames.bounds import open_binary, open_text
+from monitor.frames.bounds import head_of, open_text
 from monitor.frames.tables.dialect import Dialect, encoding_of
 from monitor.frames.tables.raw_table import DAY_S, RawColumn
 
@@ -54,8 +54,7 @@ def haltech_dialect(path: Path) -> Dialect | None:
 
     Raises RecordingError if it describes no channel.
     """
-    with open_binary(path) as binary:
-        head = binary.read(1 << 16)
+    head = head_of(path, 1 << 16)
     if MARK not in head[:64]:
         return None
     encoding = encoding_of(head)

@@ -7,7 +7,6 @@ none. Sources: the tools' documentation and logs, and the formats that SavvyCAN 
 import re
 from base64 import b64decode
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from itertools import pairwise
@@ -17,7 +16,7 @@ from typing import Final, NamedTuple
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
 from monitor.frames.blocks import LATEST_S, MAX_BYTES, CutShortError, LogCounters
-from monitor.frames.bounds import open_binary
+from monitor.frames.bounds import head_of
 from monitor.frames.tables.cells import ColumnClock
 from monitor.frames.tables.dialect import encoding_of, name_and_unit
 from monitor.frames.text.candump import WANTED, frame_of_line
@@ -291,10 +290,7 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
     Raises RecordingError, without the file's name, for a tool whose logs are known, but not read,
     and OSError.
     """
-    head = b""
-    with open_binary(path) as file, suppress(EOFError, ValueError):  # the reader tells damage
-        while len(head) < _HEAD_BYTES and (piece := file.read(_HEAD_BYTES >> 4)):
-            head += piece
+    head = head_of(path, _HEAD_BYTES)
     encoding = encoding_of(head)
     text = head.decode(encoding, errors="replace").replace("\r\n", "\n").lstrip("\ufeff")
     if _PLAIN.match(text):

@@ -1,5 +1,6 @@
 """Tables as tools write them: headers of several rows, settings above, own times, units."""
 
+import gzip
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -263,3 +264,42 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         profile.write_text(tree.replace('"messwert"', name))
         with pytest.raises(O2Error, match=wanted):
             read_table(path, profile)
+
+
+@pytest.mark.parametrize(
+    ("column", "cell", "name", "wanted"),
+    [
+        ("MAP", 8.0, "manifold_pressure_kpa", 55.16),  # psi
+        ("TPS", 0.2, "throttle_percent", 20.0),
+        ("MAP", 3000.0, "manifold_pressure_kpa", None),
+        ("Lambda (-*1000)", 1000.0, "lambda_measured", None),
+        ("Lambda Pre Cat", 1.0, "lambda_measured", 1.0),
+    ],
+)
+def test_where_no_unit_is_stated_the_values_tell_it_or_the_column_is_not_proposed(
+    tmp_path: Path, column: str, cell: float, name: str, wanted: float | None
+) -> None:
+    path = tmp_path / "plain.csv"
+    path.write_text(
+        f"Time (s),RPM,{column}\n"
+        + rows(lambda i: f"{i / 10},{RPM[i]},{cell * (1 + i / 4000):.6g}")
+    )
+    table, columns = proposed(path)
+    assert (name in columns) == (wanted is not None)
+    if wanted:
+        assert values(table, name)[0] == pytest.approx(wanted, rel=0.01)
+
+
+def test_a_comma_in_thousands_is_no_decimal_one(tmp_path: Path) -> None:
+    path = tmp_path / "thousands.csv"
+    path.write_text("Time,RPM,AFR\n" + rows(lambda i: f'{i / 10},"{RPM[i]:,}",{AFR[i]:.2f}'))
+    assert values(proposed(path)[0], "engine_speed_rpm").tolist() == RPM
+
+
+def test_a_packed_table_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    path = tmp_path / "cut.csv.gz"
+    text = "Time,RPM,AFR\n" + "".join(f"{i / 10},{1500 + i * i % 977},14.{i}\n" for i in range(999))
+    path.write_bytes(gzip.compress(text.encode())[:-200])
+    table, _ = proposed(path)
+    assert 500 < len(table.t_ns) < 999
+    assert any("cut short after line" in line for line in table.notes.lines)
