@@ -13,7 +13,7 @@ from benchmarks.studies import tables
 from benchmarks.studies.targets import Target
 from monitor.base.files.outputs import write_text
 from training.jobs import run_folder
-from training.limits.tolerance import CONFIDENCE
+from training.limits.rates import CONFIDENCE
 from training.pages.drawing import Drawing
 from training.pages.heat import Heat
 from training.pages.page import page, template_of

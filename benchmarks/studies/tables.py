@@ -8,8 +8,7 @@ from typing import Any, Final
 import numpy as np
 from scipy import stats
 
-from training.limits.rates import Figures
-from training.limits.tolerance import CONFIDENCE
+from training.limits.rates import CONFIDENCE, Figures
 from training.pages.heat import LEVELS, Heat, HeatCell
 from training.pages.numbers import MISSING, median_s, percent_rate, short, words
 

@@ -10,8 +10,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from training.limits.rates import Figures
-from training.limits.tolerance import quantile_bounds
+from training.limits.rates import Figures, quantile_bounds
 
 Unit = Literal["share", "s", "drives"]
 NEVER: Final = math.inf  # s, of a median time

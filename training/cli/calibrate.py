@@ -10,12 +10,8 @@ from training.cli.options import ModelPath, NewModel, Page, ReadOptions, load_al
 EXAMPLES = """examples:
   o2train calibrate --model model.onnx --healthy drives/*_healthy.log
   o2train calibrate --model model.onnx --healthy good/*.log --faulty limit/*.log \\
-      --false-alarms 0.005 --out calibrated.onnx --report calibration.html
-
---false-alarms counts windows of 50 samples, not drives, and applies to the paper's rule. The limits
-keep this rate with 95 % confidence, by two bounds: one treats all windows as independent, the other
-draws whole drives. A rate of 0.01 needs 299 healthy windows. With --faulty it needs 517, because
-the command then chooses the limits among nine pairs."""
+      --out calibrated.onnx --report calibration.html
+"""
 changed_in_place = "model"
 
 
@@ -24,7 +20,6 @@ def run(
     model: ModelPath,
     healthy: Recordings,
     faulty: Recordings = (),
-    false_alarms: Annotated[float, "RATE"] = 0.01,
     emission_limit: Annotated[float | None, "TIMES"] = None,
     out: NewModel | None = None,
     settings: SettingsFile,
@@ -34,14 +29,12 @@ def run(
 ) -> int:
     """Set the decision limits of a model and write them into its model file.
 
-    The limits come from healthy recordings and, optionally, from recordings with a sensor fault at
-    the limit severity.
+    The limits come from healthy recordings. With them every recording is judged; recordings with a
+    faulty sensor show what is found.
 
     model : model file to calibrate
     healthy : healthy recordings that the model was not trained on
-    faulty : recordings with a sensor fault at the limit severity (default: none)
-    false_alarms : highest accepted false-alarm rate of the paper's rule per healthy window, above 0
-        and below 0.5
+    faulty : recordings with a sensor fault (default: none)
     emission_limit : propose limits of lag, dead time and gain: severities from which three
         simulated cars with a catalyst emit so many times as much as with a sound sensor, for
         example 1.5; takes a minute
@@ -67,7 +60,6 @@ def run(
         model,
         load_all(reading, healthy, period_s, model),
         load_all(reading, faulty, period_s, model),
-        false_alarms,
         config.load(settings.config),
     )
     result |= emissions

@@ -1,7 +1,5 @@
 """The command ``o2train evaluate``."""
 
-from typing import Any
-
 from monitor.base.command_line.parameters import Number, Output
 from training.cli.options import GridOptions, ModelPath, SomeRecordings, load_all
 
@@ -32,7 +30,7 @@ def run(
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
     from monitor.model.step import Model
-    from training.limits.evaluation import evaluate, save
+    from training.limits.evaluation import alarms_in_words, evaluate, save
 
     card = Model.load(model).card
     period_s = reading.period if reading.period is not None else card.period_ns / 1e9
@@ -54,22 +52,10 @@ def run(
                 f"correlation {_number(e['correlation'])}"
             )
     if healthy:
-        print(_alarms(result["false_alarms"]))
+        print(alarms_in_words(result["false_alarms"]))
     if json:
         save(result, json)
     return 0
-
-
-def _alarms(found: dict[str, Any]) -> str:
-    """Return the stated and the observed false alarms in words."""
-    named = "".join(f"; {path}: {', '.join(each)}" for path, each in found["named"].items())
-    return (
-        f"healthy drives with a code: {found['events']} of {found['trials']} (95 %: "
-        f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %), stated are at most "
-        f"{100 * found['stated']:.2g} % of drives like those that set the limits, "
-        f"{found['trials']} drives prove no less than {100 * found['provable']:.1f} %; "
-        f"{found['completed']} decided by the response test{named}"
-    )
 
 
 def _number(value: float | None) -> str:

@@ -37,8 +37,8 @@ class FleetCommand(ReadOptions, SettingsFile, CoreOptions):
         others
     vehicle : regular expression whose first group is the vehicle in a path, for example
         'car_(\d+)'; a vehicle in the manifest wins
-    false_alarms : false-alarm rate, per window or per drive, for the limits that the report
-        proposes
+    false_alarms : false-alarm rate, per window or per drive, whose quantile the report
+        shows beside the limits
     reports : drives with a code whose own page is written beside, for the fleet's page to link
     """
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base import config
+from monitor.base.config import Config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import source_of
 from monitor.base.files.outputs import write_text
@@ -17,7 +18,7 @@ from monitor.base.types import FloatArray
 from monitor.judge import enable
 from monitor.judge.limits import Limits
 from monitor.model.step import Model, from_model_units, to_model_units
-from training.limits.judging import enabled_samples, judge_recordings
+from training.limits.judging import Judged, enabled_samples, judge_recordings
 from training.limits.rates import rate
 from training.recordings import metrics
 from training.recordings.recording import Recording
@@ -40,13 +41,14 @@ def evaluate(
     healthy : the sensors were sound: ``false_alarms`` says how many drives have a code, beside the
         rate that the card's limits promise for drives like those that set them
     Raises RecordingError if a recording lacks a signal, has another sample period or has no sample
-    to score; UsageError if ``washout`` is negative.
+    to score; UsageError if ``washout`` is negative; ModelError if ``healthy`` and the model has no
+    decision limits.
     """
     model = Model.load(path)
     washout = model.card.lags if washout is None else washout
     if washout < 0:
         raise UsageError(f"washout {washout}: must not be negative")
-    alarms = {"false_alarms": false_alarms(model, recordings)} if healthy else {}
+    alarms = {"false_alarms": _alarms(model, recordings)} if healthy else {}
     return {
         "schema": SCHEMA,
         "model": str(path),
@@ -58,16 +60,16 @@ def evaluate(
     }
 
 
-def false_alarms(model: Model, recordings: Sequence[Recording]) -> dict[str, Any]:
+def false_alarms(
+    recordings: Sequence[Recording], judged: Sequence[Judged], settings: Config
+) -> dict[str, Any]:
     """Return the stated and the observed rate of healthy drives with a code, per drive.
 
     Of n drives in which nothing was found, a further one is the worst with a probability of
     1/(n + 1), so they alone prove no smaller rate (``provable``).
-    Raises ModelError if the model has no decision limits.
+
+    judged : the verdict on each recording
     """
-    settings = config.load()
-    limits = Limits.from_card(model.card, settings, str(model.path))
-    judged = judge_recordings(recordings, model, limits, settings)
     told = [sorted({dtc.fault for dtc in each.dtcs}) for each in judged]
     named = {str(r.path): faults for r, faults in zip(recordings, told, strict=True) if faults}
     return {
@@ -77,6 +79,24 @@ def false_alarms(model: Model, recordings: Sequence[Recording]) -> dict[str, Any
         "completed": sum(each.completed for each in judged),
         "named": named,
     }
+
+
+def alarms_in_words(found: dict[str, Any]) -> str:
+    """Return what ``false_alarms`` found in words."""
+    named = "".join(f"; {path}: {', '.join(each)}" for path, each in found["named"].items())
+    return (
+        f"healthy drives with a code: {found['events']} of {found['trials']} (95 %: "
+        f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %), stated are at most "
+        f"{100 * found['stated']:.2g} % of drives like those that set the limits, "
+        f"{found['trials']} drives prove no less than {100 * found['provable']:.1f} %; "
+        f"{found['completed']} decided by the response test{named}"
+    )
+
+
+def _alarms(model: Model, recordings: Sequence[Recording]) -> dict[str, Any]:
+    settings = config.load()
+    limits = Limits.from_card(model.card, settings, str(model.path))
+    return false_alarms(recordings, judge_recordings(recordings, model, limits, settings), settings)
 
 
 def save(result: dict[str, Any], path: Path | str) -> None:

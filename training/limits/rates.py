@@ -1,11 +1,14 @@
-"""Rates of counts, with confidence bounds."""
+"""Rates of counts and quantiles of values, with confidence bounds."""
 
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from scipy import stats
 
-from training.limits.tolerance import CONFIDENCE, rate_bounds
+from monitor.base.types import FloatArray
 
+CONFIDENCE = 0.95
 Figures = dict[str, Any]
 
 
@@ -18,8 +21,8 @@ def rate(events: int, trials: int) -> Figures:
     counts = {"events": events, "trials": trials}
     if trials == 0:
         return counts | {"rate": None, "low": None, "high": None}
-    low, high = rate_bounds(events, trials)
-    return counts | {"rate": events / trials, "low": low, "high": high}
+    low, high = stats.binomtest(events, trials).proportion_ci(CONFIDENCE, method="exact")
+    return counts | {"rate": events / trials, "low": float(low), "high": float(high)}
 
 
 def per_1000_h(events: int, seconds: float) -> Figures:
@@ -40,3 +43,20 @@ def per_1000_h(events: int, seconds: float) -> Figures:
         "per_1000_h": 1000.0 * events / hours,
         "high": 1000.0 * high / hours,
     }
+
+
+def quantile_bounds(
+    values: Sequence[float] | FloatArray, share: float
+) -> tuple[float | None, float | None]:
+    """Return the two-sided 95 % bounds of a quantile, None beyond the values (n,).
+
+    The bounds are order statistics and hold for any distribution of independent values.
+    Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
+
+    >>> quantile_bounds(np.arange(101.0), 0.5)
+    (40.0, 60.0)
+    """
+    n, x = len(values), np.sort(values)
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low, high = (int(stats.binom.ppf(q, n, share)) for q in (tail, 1.0 - tail))
+    return float(x[low - 1]) if low else None, float(x[high]) if high < n else None

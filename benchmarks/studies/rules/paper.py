@@ -1,13 +1,14 @@
 """The rule of the paper as a baseline."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 
 from benchmarks.studies.rules.windows import Windows, limit_for
 from monitor.base.types import FloatArray
-from training.limits.paper_limits import RATIOS
+
+RATIOS: Final = tuple(2.0**power for power in range(-4, 5))  # of the limits, in faulty medians
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.pipeline.events import WindowJudged
-from training.limits.tolerance import just_above
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,4 +81,5 @@ def limit_for(scores: FloatArray, false_alarm_rate: float) -> float:
             f"{n} healthy windows, {needed} are wanted for a false-alarm rate of "
             f"{false_alarm_rate:g} per window"
         )
-    return just_above(float(np.sort(scores)[max(rank, 1) - 1]))
+    reached = float(np.sort(scores)[max(rank, 1) - 1])
+    return reached + 1e-9 * max(abs(reached), 1e-9)

@@ -19,8 +19,7 @@ from tests.helpers.drives import fleet_drives
 from training.fleet import run as fleet
 from training.fleet.bench import Bench
 from training.fleet.drives import drives_of
-from training.fleet.page import fleet_page, outliers, proposal
-from training.limits.tolerance import windows_needed
+from training.fleet.page import fleet_page, limits, outliers
 
 
 def of_vehicles(mean: FloatArray, gain: FloatArray, spread: FloatArray) -> pl.DataFrame:
@@ -99,17 +98,14 @@ def test_a_proposed_limit_keeps_the_wished_rate_and_leaves_faulty_vehicles_out(
     tmp_path: Path,
 ) -> None:
     recordings, windows = two_tables(tmp_path, 101, 80)
-    by_name = {e["name"]: e for e in proposal.proposals(recordings, windows, 0.01, NOW)}
+    by_name = {e["name"]: e for e in limits.limits_beside(recordings, windows, 0.01, NOW)}
     mean = by_name["j_mu"]
     assert mean["values"] == 100 * 80
     true = float(stats.norm.isf(0.01 / 2, scale=0.01))
     assert mean["quantile_low"] <= true <= mean["quantile_high"]
-    assert mean["quantile"] <= mean["proposed"] < 1.2 * true
-    assert 2.0 * stats.norm.sf(mean["proposed"], scale=0.01) <= 0.01
     assert mean["now_rate"]["events"] == 0 and 0.0 < mean["now_rate"]["high"] < 0.001
-    # too few drives for a limit per drive
-    assert by_name["offset"]["proposed"] is None
-    assert by_name["offset"]["needed"] == windows_needed(0.01) > by_name["offset"]["values"]
+    # too few drives for an upper bound of one in a hundred
+    assert by_name["offset"]["quantile_high"] is None
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +149,7 @@ def test_the_report_shows_the_fleet_and_what_was_not_judged(reported: tuple[Path
     assert {each["vehicles"] for each in found["standing_out"]["statistics"]} == {12}
     # AND the page shows it with pictures, loading nothing from elsewhere
     text = html.read_text()
-    for title in ("Codes", "Vehicles that stand out", "Proposed limits", "not judged, and why"):
+    for title in ("Codes", "Vehicles that stand out", "Limits", "not judged, and why"):
         assert title in text
     assert text.count('<figure class="plots">') == 2
     assert not re.search(r'(src|href)="(?!data:|#)', text)

@@ -1,1 +1,1 @@
-"""The report of a fleet: outliers, proposed limits, figures, page."""
+"""The report of a fleet: outliers, limits, figures, page."""

@@ -20,7 +20,7 @@ AWAY: Final = "robust standard deviations from the fleet's median"
 def distribution_figure(
     recordings: pl.DataFrame, windows: Path, limits: Sequence[Figures]
 ) -> Drawing:
-    """Draw histograms of windows and drives; lines are present (dashed) and proposed limits."""
+    """Draw histograms of windows and drives; lines are present limits (dashed) and quantiles."""
     by_name = {each["name"]: each for each in limits}
     contents: tuple[tuple[str, str, bool, str | None], ...] = (
         ("mean", "mean residual of a window", True, "j_mu"),
@@ -84,7 +84,7 @@ def _histogram(values: FloatArray, title: str, limit: Figures | None) -> Plot:
     lines: list[Layer] = (
         [
             layer("rule", x=[side * value for side in sides], dash=dash, color="failed", width=1.25)
-            for value, dash in ((limit["now"], [5, 4]), (limit["proposed"], []))
+            for value, dash in ((limit["now"], [5, 4]), (limit["quantile"], []))
             if value is not None
         ]
         if limit

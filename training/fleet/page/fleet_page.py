@@ -33,7 +33,7 @@ def write(
     """Write the page and the JSON beside the table ``out``; return their paths.
 
     run : what ``run.run`` returned
-    wished : false-alarm rate for the limits to propose, per window or drive
+    wished : false-alarm rate whose quantile stands beside the limits, per window or drive
     reports : takes the paths of the drives with a code, returns the pages that it wrote of them
     """
     recordings, windows = pl.read_parquet(out), windows_path(out)
@@ -169,7 +169,7 @@ def _drive(each: Figures, page: str | None) -> tuple[str, ...]:
 
 
 def _limit(each: Figures) -> tuple[str, ...]:
-    """Return a limit: its name, values, value now and its rate, the wished quantile, proposal."""
+    """Return a limit: its name, values, value now and its rate, the wished quantile."""
     low, high = (
         "?" if b is None else short(b) for b in (each["quantile_low"], each["quantile_high"])
     )
@@ -180,7 +180,6 @@ def _limit(each: Figures) -> tuple[str, ...]:
         short(each["now"]),
         _percent(each["now_rate"]),
         MISSING if quantile is None else f"{short(quantile)}{NBSP}({low}{TO}{high})",
-        f"{each['needed']:,} wanted" if each["proposed"] is None else short(each["proposed"]),
     )
 
 

@@ -9,7 +9,8 @@ import polars as pl
 
 import monitor
 from monitor.judge.enable import CONDITIONS
-from training.fleet.page import outliers, proposal
+from training.fleet.page import limits as fleet_limits
+from training.fleet.page import outliers
 from training.fleet.page.outliers import Standing
 from training.limits.rates import Figures, per_1000_h, rate
 
@@ -30,7 +31,7 @@ def summary(
     recordings : the table of recordings; windows : path of the table of windows
     run : identity and cost of the run, from ``run.run``
     limits : present limits of the model, name → limit
-    wished : false-alarm rate, per window or per drive, for the proposed limits
+    wished : false-alarm rate, per window or per drive, whose quantile stands beside the limits
     found : statistics over the vehicles, from ``outliers.standings``
     """
     judged = recordings.filter(pl.col("error").is_null())
@@ -52,7 +53,7 @@ def summary(
             "chance": outliers.RATE,
             "statistics": [_standing(standing) for standing in found],
         },
-        "limits": proposal.proposals(recordings, windows, wished, limits),
+        "limits": fleet_limits.limits_beside(recordings, windows, wished, limits),
         "not_judged": reasons(recordings),
         "not_completed": not_completed(judged),
         "per_1000_h": cost(run),

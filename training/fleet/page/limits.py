@@ -1,9 +1,8 @@
-"""Proposed limits for a wished false-alarm rate, from the vehicles of the fleet, with bounds.
+"""The limits of a model beside the values of a fleet's sound vehicles.
 
-Vehicles without a code count as sound. A proposed limit is an order statistic that keeps the rate
-with 95 % confidence by two bounds: the bound of Clopper and Pearson, which treats all values as
-independent, and a bound from drawing whole vehicles, because values of one vehicle resemble each
-other. Both bounds hold for any distribution.
+Vehicles without a code count as sound. The quantile that a wished rate of them reaches has bounds
+by order statistics, which hold for independent values of any distribution; values of one vehicle
+resemble each other, so a fleet of few vehicles knows less.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,11 +13,8 @@ from typing import Final
 import numpy as np
 import polars as pl
 
-from monitor.base.types import FloatArray, IntArray
-from training.limits.rates import Figures, rate
-from training.limits.tolerance import quantile_bounds, tolerance_limit, windows_needed
-
-GROUPS: Final = 500  # most groups to draw; more vehicles share groups
+from monitor.base.types import FloatArray
+from training.limits.rates import Figures, quantile_bounds, rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,40 +57,35 @@ QUANTITIES: Final = (
 )
 
 
-def proposals(
+def limits_beside(
     recordings: pl.DataFrame, windows: Path, wished: float, now: Mapping[str, float]
 ) -> list[Figures]:
-    """Return one proposal per quantity.
+    """Return what is known of the limit of each quantity.
 
     recordings : the table of recordings; windows : path of the table of windows
     wished : false-alarm rate per window or per drive
     now : present limits of the model, name → limit
-    A proposal holds the present limit ``now`` with its rate ``now_rate``; the ``quantile`` of the
-    wished rate with its bounds, None beyond the values; the limit ``proposed``, None with fewer
-    than ``needed`` values.
+    Each holds the present limit ``now`` with its rate ``now_rate``, and the ``quantile`` of the
+    wished rate with its bounds, None beyond the values.
     """
     faulty = recordings.filter(pl.col("fault_flag"))["vehicle"].unique()
     sound = recordings.filter(
         pl.col("error").is_null() & ~pl.col("vehicle").is_in(faulty.implode())
     )
-    places = sound.select("recording", pl.col("vehicle").rank("dense").alias("place") - 1)
     result = []
     for quantity in QUANTITIES:
         if quantity.of == "window":
             part = pl.scan_parquet(windows).select("recording", quantity.column).collect()
         else:
             part = sound.select("recording", quantity.column)
-        part = part.join(places, on="recording", maintain_order="left").drop_nulls()
+        part = part.join(sound.select("recording"), on="recording").drop_nulls()
         scores = np.asarray(quantity.score(part[quantity.column].to_numpy()))
-        groups = part["place"].to_numpy().astype(np.int64) % GROUPS
-        result.append(_proposal(quantity, scores, groups, wished, now[quantity.name]))
+        result.append(_of(quantity, scores, wished, now[quantity.name]))
     return result
 
 
-def _proposal(
-    quantity: Quantity, scores: FloatArray, groups: IntArray, wished: float, now: float
-) -> Figures:
-    n, needed = len(scores), windows_needed(wished)
+def _of(quantity: Quantity, scores: FloatArray, wished: float, now: float) -> Figures:
+    n = len(scores)
     low, high = quantile_bounds(scores, 1.0 - wished) if n else (None, None)
     return {
         "name": quantity.name,
@@ -102,12 +93,10 @@ def _proposal(
         "of": quantity.of,
         "why": quantity.why,
         "values": n,
-        "needed": needed,
         "wished": wished,
         "now": now,
         "now_rate": rate(int((scores >= now).sum()), n),
         "quantile": float(np.quantile(scores, 1.0 - wished, method="inverted_cdf")) if n else None,
         "quantile_low": low,
         "quantile_high": high,
-        "proposed": tolerance_limit(scores, groups, wished) if n >= needed else None,
     }
