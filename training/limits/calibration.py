@@ -5,6 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from monitor.base.config import Config
 from monitor.base.counts import counted
 from monitor.base.errors import UsageError
@@ -12,9 +14,10 @@ from monitor.base.files import manifest
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from training.limits.decision_limits import whole, with_limits
+from training.limits.decision_limits import above_most, whole, with_limits
 from training.limits.evaluation import false_alarms
 from training.limits.judging import Judged, judge_recordings, why_not
+from training.limits.paper_limits import WindowResiduals, paper_limits
 from training.limits.rates import rate
 from training.limits.trust import trust_of
 from training.recordings.recording import Recording, check_each_once, sha256
@@ -31,7 +34,7 @@ def calibrate(
     The function writes no file.
 
     path : model file
-    faulty : recordings with a sensor fault; may be empty; they set no limit
+    faulty : recordings with a sensor fault, which choose the paper's limits; may be empty
     Raises RecordingError if there are fewer than 10 healthy windows, UsageError for a recording
     whose manifest contradicts its role, ConfigError if model and configuration differ in the window
     length.
@@ -43,7 +46,11 @@ def calibrate(
     card = replace(card, trust=trust_of([(model, healthy)], card, config, str(path)))
     limits = Limits.from_card(card, config, str(path))
     good, bad = (judge_recordings(drives, model, limits, config) for drives in (healthy, faulty))
-    found = [_row(*pair) for pair in zip(faulty, bad, strict=True)]
+    card = _with_paper_limits(card, good, bad)
+    rows, found = (
+        [_row(*pair, card) for pair in zip(*x, strict=True)]
+        for x in ((healthy, good), (faulty, bad))
+    )
     return card, {
         "schema": SCHEMA,
         "model": path.name,
@@ -54,7 +61,7 @@ def calibrate(
         "false_alarms": false_alarms(healthy, good, config),
         "found": rate(sum(bool(row["codes"]) for row in found), len(found))
         | {"named": sum(row["named"] == [row["fault"]] for row in found)},
-        "healthy": [_row(*pair) for pair in zip(healthy, good, strict=True)],
+        "healthy": rows,
         "faulty": found,
         "warnings": _warnings(model.card, healthy, good, faulty, bad, config),
     }
@@ -78,6 +85,27 @@ def _entry(recording: Recording) -> dict[str, Any]:
     return entry if entry.get("sha256") == recording.sha256 else {}
 
 
+def _residuals(drives: Sequence[Judged]) -> WindowResiduals:
+    windows = [window for judged in drives for window in judged.windows]
+    return WindowResiduals(
+        *(np.array([getattr(w, name) for w in windows]) for name in WindowResiduals._fields)
+    )
+
+
+def _with_paper_limits(card: ModelCard, good: Sequence[Judged], bad: Sequence[Judged]) -> ModelCard:
+    """Return the card with the pair of limits that finds most faulty windows, if there are any."""
+    healthy, faulty = _residuals(good), _residuals(bad)
+    if not len(faulty.mean):
+        return card
+    pair = paper_limits(healthy, faulty, above_most)
+    how = f"; the pair misses the fewest of {len(faulty.mean)} faulty windows"
+    changed = {
+        name: replace(card.limits[name], value=value, origin=card.limits[name].origin + how)
+        for name, value in zip(("j_mu", "j_sigma"), pair, strict=True)
+    }
+    return replace(card, limits={**card.limits, **changed})
+
+
 def _changed(name: str, card: ModelCard, old: ModelCard) -> dict[str, Any]:
     limit, before = card.limits[name], old.limits.get(name)
     return {
@@ -89,9 +117,10 @@ def _changed(name: str, card: ModelCard, old: ModelCard) -> dict[str, Any]:
     }
 
 
-def _row(recording: Recording, judged: Judged) -> dict[str, Any]:
+def _row(recording: Recording, judged: Judged, card: ModelCard) -> dict[str, Any]:
     """Return the verdicts of the monitor and of the paper's rule on a drive."""
     entry = _entry(recording)
+    j_mu, j_sigma = (card.limits[name].value for name in ("j_mu", "j_sigma"))
     evidence = [window.statistics.response.evidence for window in judged.windows]
     return {
         "recording": Path(recording.path).name,
@@ -100,7 +129,7 @@ def _row(recording: Recording, judged: Judged) -> dict[str, Any]:
         "fault": entry.get("fault"),
         "severity": entry.get("severity"),
         "windows": len(judged.windows),
-        "paper_failed": sum(window.paper_failed for window in judged.windows),
+        "paper_failed": int(_residuals([judged]).failed(j_mu, j_sigma).sum()),
         "codes": sorted({dtc.code for dtc in judged.dtcs}),
         "named": sorted({dtc.fault for dtc in judged.dtcs}),
         "completed": judged.completed,

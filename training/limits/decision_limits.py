@@ -87,8 +87,8 @@ def limits_of(
     where = f"{n} healthy windows, {origin}"
     phi = "-" if card.transform == "phi" else unit
     return {
-        "j_mu": Limit(_quantile(np.abs(means)), unit, f"quantile {PAPER_QUANTILE}, {where}"),
-        "j_sigma": Limit(_quantile(stds), unit, f"quantile {PAPER_QUANTILE}, {where}"),
+        "j_mu": Limit(above_most(np.abs(means)), unit, f"quantile {PAPER_QUANTILE}, {where}"),
+        "j_sigma": Limit(above_most(stds), unit, f"quantile {PAPER_QUANTILE}, {where}"),
         "noise": Limit(noise, phi, f"residual within windows, {where}"),
         "noise_memory": Limit(
             memory, "-", f"correlation of the residual's neighbouring samples, {where}"
@@ -147,7 +147,8 @@ def _noise(within: Sequence[FloatArray]) -> tuple[float, float]:
     return math.sqrt(power / x.size), min(max(memory, 0.0), MEMORY_MOST)
 
 
-def _quantile(values: np.ndarray) -> float:
+def above_most(values: FloatArray) -> float:
+    """Return a limit that one in a hundred of the values exceeds."""
     return float(np.quantile(values, PAPER_QUANTILE))
 
 

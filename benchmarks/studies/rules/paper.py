@@ -1,14 +1,11 @@
 """The rule of the paper as a baseline."""
 
 from dataclasses import dataclass
-from typing import Final, Self
-
-import numpy as np
+from typing import Self
 
 from benchmarks.studies.rules.windows import Windows, limit_for
-from monitor.base.types import FloatArray
-
-RATIOS: Final = tuple(2.0**power for power in range(-4, 5))  # of the limits, in faulty medians
+from monitor.base.types import BoolArray
+from training.limits.paper_limits import WindowResiduals, paper_limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,20 +23,14 @@ class PaperRule:
     @classmethod
     def fit(cls, healthy: Windows, faulty: Windows, false_alarm_rate: float) -> Self:
         """Return the rule with both limits."""
-        mean, std = _mean_std(healthy)
-        mu, sigma = (max(float(np.median(values)), 1e-12) for values in _mean_std(faulty))
-        rules = []
-        for ratio in RATIOS:
-            level = limit_for(np.minimum(mean / (mu * ratio), std / sigma), false_alarm_rate)
-            rules.append(cls(level * mu * ratio, level * sigma))
-        return max(rules, key=lambda rule: int(rule.faulty(faulty).sum()))
+        of = _residuals(healthy), _residuals(faulty)
+        return cls(*paper_limits(*of, lambda scores: limit_for(scores, false_alarm_rate)))
 
-    def faulty(self, windows: Windows) -> np.ndarray:
-        """Return the verdict on each window, (n,) bool."""
-        mean, std = _mean_std(windows)
-        return (mean >= self.j_mu) & (std >= self.j_sigma)
+    def faulty(self, windows: Windows) -> BoolArray:
+        """Return the verdict on each window, (n,)."""
+        return _residuals(windows).failed(self.j_mu, self.j_sigma)
 
 
-def _mean_std(windows: Windows) -> tuple[FloatArray, FloatArray]:
+def _residuals(windows: Windows) -> WindowResiduals:
     residual = windows.residual
-    return np.abs(residual.mean(axis=1)), residual.std(axis=1)
+    return WindowResiduals(residual.mean(axis=1), residual.std(axis=1))
