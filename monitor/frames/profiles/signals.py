@@ -228,7 +228,8 @@ def _time(
 
 def _stated(column: RawColumn, source: Source, quantity: str, stoich: float = 14.7) -> Unit | None:
     """Return the unit that the file or the profile states, None without one."""
-    for text in (*stated_texts(column), *source.units):
+    in_name = column.name.rpartition("_")[2] if quantity == "time" else ""  # SECONDS, time_ms
+    for text in (*stated_texts(column), *source.units, in_name):
         unit = unit_of(text, stoich)
         if unit is not None and unit.quantity == quantity:
             return unit

@@ -92,8 +92,8 @@ def per_second(times: FloatArray) -> float:
     """Return how many units of time, which nobody states, make a second.
 
     Since 1970 they are s, ms, µs or ns; since the year 1 or 1601 ticks of 100 ns; days in a table
-    calculation. Other times begin at 0: of a drive that took more than a day, or a row a minute,
-    they are ms or µs. Most times tell the unit, so that a damaged cell does not.
+    calculation. Of a drive that took more than a day, or a row a minute, they are ms or µs. Most
+    times tell the unit, so that a damaged cell does not.
 
     >>> per_second(np.array([1.77e12, 1.77e12 + 100.0])), per_second(np.arange(9) * 100.0)
     (1000.0, 1000.0)
@@ -109,7 +109,8 @@ def per_second(times: FloatArray) -> float:
     per_s = 1.0
     while usual > LATEST_S * per_s:
         per_s *= 1000.0
-    while usual < EPOCH_S * per_s and max(step / LONGEST_STEP_S, 2 * usual / DAY_S) > per_s:
+    span = float(np.subtract(*np.percentile(known, [95, 5]))) if len(known) else 0.0
+    while usual < EPOCH_S * per_s and max(step / LONGEST_STEP_S, span / DAY_S) > per_s:
         per_s *= 1000.0
     return per_s
 

@@ -169,6 +169,8 @@ def test_rows_of_whole_seconds_are_spread_over_them(tmp_path: Path) -> None:
     [
         ("Millis", lambda i: f"{5000 + 100 * i}"),
         ("timestamp_us", lambda i: f"{5000000 + 100000 * i}"),
+        ("time_h", lambda i: f"{12 + i / 36000:.8f}"),
+        ("Time", lambda i: f"{73421 + i / 10:.1f}"),  # seconds of a day
         ("Ticks", lambda i: f"{638999999990000000 + 1000000 * i}"),
         ("Date", lambda i: f"{46353.5 + i / 864000:.9f}"),
         ("Time", lambda i: f"15:59:5{i // 10}:{i % 10}00"),
