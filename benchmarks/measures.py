@@ -1,5 +1,6 @@
 """Time and memory, as benchmarks measure them."""
 
+import ctypes
 import statistics
 import sys
 import time
@@ -10,6 +11,13 @@ from typing import Any
 from benchmarks.outcome import say
 
 Work = Callable[[], Any]
+
+
+class _MallInfo(ctypes.Structure):
+    """struct mallinfo2 of the GNU C library."""
+
+    _names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
+    _fields_ = [(name, ctypes.c_size_t) for name in _names.split()]
 
 
 def cpu_s(work: Work) -> float:
@@ -32,6 +40,14 @@ def in_turn(works: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, 
 def rss_mb(pid: int | str = "self") -> float:
     """Return the memory that a process has in use now."""
     return _status_mb(pid, "VmRSS")
+
+
+def heap_kb() -> float:
+    """Return what this process has of the GNU C library's heap, see mallinfo2(3)."""
+    mallinfo = ctypes.CDLL(None).mallinfo2
+    mallinfo.restype = _MallInfo
+    found = mallinfo()
+    return float(found.hblkhd + found.uordblks) / 1e3
 
 
 def peak_mb(pid: int | str = "self") -> float:

@@ -64,6 +64,18 @@ def with_graph(content: bytes, change: Callable[[onnx.ModelProto], None]) -> byt
 
 def hostile(content: bytes) -> Iterator[tuple[str, bytes]]:
     """Yield files that ask for more than a model may have, or hold what no model has."""
+    yield from _hostile_graphs(content)
+    yield from _hostile_cards(content)
+    yield "empty", b""
+    yield "nine megabytes", content + b"\0" * 9_000_000
+    yield "many parts", b"\x08\x08" * 3_000_000
+    yield "many strings", content + b"\x32\x00" * 1_000_000
+    yield "a metadata of megabytes", with_card_text(content, '"' + "x" * 5_000_000 + '"')
+    yield "two graphs", content + content
+    yield "a library", content + b"\xca\x01\x02\x0a\x00"
+
+
+def _hostile_graphs(content: bytes) -> Iterator[tuple[str, bytes]]:
     weight = "w0"
 
     def weights(model: onnx.ModelProto, value: float) -> None:
@@ -99,37 +111,25 @@ def hostile(content: bytes) -> Iterator[tuple[str, bytes]]:
         entry.key, entry.value = "location", "/etc/passwd"
         model.graph.initializer.append(tensor)
 
+    def wide(model: onnx.ModelProto) -> None:
+        model.graph.initializer.append(TensorProto(name="x", data_type=1, dims=[10**12]))
+
     for value in (np.nan, np.inf, -np.inf):
         yield f"weight {value}", with_graph(content, lambda m, v=value: weights(m, v))
-    for change in (outer, doubled, filled, endless, outside):
+    for change in (outer, doubled, filled, endless, outside, wide):
         yield change.__name__, with_graph(content, change)
-    yield (
-        "wide",
-        with_graph(
-            content,
-            lambda m: m.graph.initializer.extend(
-                [TensorProto(name="x", data_type=1, dims=[10**12])]
-            ),
-        ),
-    )
+
+
+def _hostile_cards(content: bytes) -> Iterator[tuple[str, bytes]]:
     yield "deep JSON", with_card_text(content, "[" * 200_000)
     yield "deep object", with_card_text(content, '{"a":' * 100_000)
     yield "no UTF-8", with_card_text(content, b'{"schema": "\xff\xfe\x80"}')
     yield "NaN", with_card(content, {"residual_std": float("nan")})
     yield "infinite limit", with_card(content, {"limits.noise.value": float("inf")})
-    yield (
-        "infinite mean",
-        with_card_text(
-            content, card_of(content).replace('"residual_mean": ', '"residual_mean": 1e999, "x": ')
-        ),
-    )
-    yield (
-        "huge integer",
-        with_card_text(
-            content,
-            card_of(content).replace('"period_ns": ', '"period_ns": ' + "9" * 5000 + ', "x": '),
-        ),
-    )
+    numbers = ("infinite mean", "residual_mean", "1e999"), ("huge integer", "period_ns", "9" * 5000)
+    for name, key, number in numbers:
+        text = card_of(content).replace(f'"{key}": ', f'"{key}": {number}, "x": ')
+        yield name, with_card_text(content, text)
     for key, value in (
         *(("period_ns", each) for each in (0, 1, 1000, 10**300, -5, 1e8, "1", None, True)),
         *(("lags", each) for each in (0, 10**12, -1, [], 1.5)),
@@ -152,13 +152,6 @@ def hostile(content: bytes) -> Iterator[tuple[str, bytes]]:
         ("schema", ["o2_monitor.card/1"] * 1000),
     ):
         yield f"{key} {str(value)[:20]}", with_card(content, {key: value})
-    yield "empty", b""
-    yield "nine megabytes", content + b"\0" * 9_000_000
-    yield "many parts", b"\x08\x08" * 3_000_000
-    yield "many strings", content + b"\x32\x00" * 1_000_000
-    yield "a metadata of megabytes", with_card_text(content, '"' + "x" * 5_000_000 + '"')
-    yield "two graphs", content + content
-    yield "a library", content + b"\xca\x01\x02\x0a\x00"
 
 
 def damaged(content: bytes, draw: random.Random) -> bytes:

@@ -4,18 +4,17 @@ A healthy simulated drive is played again and again from memory. The loop has al
 service: fault memory on disk, transmitter, journal, status line. The bus is silent for a moment
 between two drives. The drives are healthy, so every code is wrong.
 
-python -m benchmarks soak [--hours 24] [--every 1] [--trace]
+python -m benchmarks soak [--hours 24] [--every 1]
 """
 
 import gc
-import io
 import json
+import os
 import sys
 import tempfile
 import time
-import tracemalloc
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from itertools import count
 from pathlib import Path
@@ -23,7 +22,7 @@ from pathlib import Path
 import can
 
 from benchmarks.live.played import SILENCE_S, Played
-from benchmarks.measures import rss_mb
+from benchmarks.measures import heap_kb, rss_mb
 from benchmarks.outcome import BenchmarkOptions, Row, finish
 from benchmarks.repository import REPLAY_LOGS
 from monitor.base import config
@@ -47,7 +46,8 @@ class SoakPoint:
 
     bus_h: float
     rss_mb: float
-    traced_kb: float  # 0 without --trace
+    objects: int  # blocks of memory that Python's objects hold
+    buffers_kb: float  # that the C library holds, among them those of arrays
     windows: int
     codes: tuple[str, ...]
 
@@ -65,19 +65,12 @@ def laps(drive: list[Frame], until_s: float) -> Iterator[can.Message | None]:
         yield from [None] * (round(PAUSE_S / SILENCE_S) - 1)
 
 
-class Nowhere(io.StringIO):
-    """Takes text and keeps none."""
-
-    def write(self, text: str) -> int:
-        return len(text)
-
-
-def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) -> list[SoakPoint]:
+def soak(log: Path, hours: float, every_h: float, folder: Path) -> list[SoakPoint]:
     """Return a point after every so many hours of bus time."""
     bus = Played(laps(list(read_frames(log)), hours * 3600.0))
     points: list[SoakPoint] = []
     gc.freeze()  # what is loaded does not grow
-    with ExitStack() as stack, closing(Memory(folder / "o2.db")) as memory, bus:
+    with closing(Memory(folder / "o2.db")) as memory, bus, Path(os.devnull).open("w") as nowhere:
         loop = bus.loop = Loop(
             bus,
             replay.set_up(None, (), config.load()),
@@ -85,14 +78,11 @@ def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) 
             say=lambda line: print(line, file=sys.stderr),
             monotonic_s=lambda: bus.now_s,
         )
-        monitor, out = loop.pipeline.monitor, Out(Nowhere())
+        monitor, out = loop.pipeline.monitor, Out(nowhere)
         loop.attachments += [
             Transmitter(monitor),
             Screen(monitor, loop.health, loop.collector, out),
         ]
-        if trace:
-            tracemalloc.start()
-            stack.callback(tracemalloc.stop)  # all that runs while it is on is five times slower
 
         class Gauge(Screen):
             due_s = 0.0
@@ -101,9 +91,9 @@ def soak(log: Path, hours: float, every_h: float, folder: Path, *, trace: bool) 
                 if now_s >= self.due_s:
                     self.due_s = now_s + every_h * 3600.0
                     gc.collect()
-                    traced = tracemalloc.get_traced_memory()[0] / 1e3 if trace else 0.0
+                    held = sys.getallocatedblocks(), heap_kb()
                     codes = tuple(dtc.code for dtc in monitor.store.active)
-                    points.append(SoakPoint(now_s / 3600.0, rss_mb(), traced, self._windows, codes))
+                    points.append(SoakPoint(now_s / 3600.0, rss_mb(), *held, self._windows, codes))
                     print(json.dumps(asdict(points[-1])), file=sys.stderr)
                 return ()
 
@@ -120,11 +110,10 @@ def main(argv: Sequence[str]) -> int:
     options.add_argument("--log", type=Path, default=LOG, help="a healthy drive")
     options.add_argument("--hours", type=float, default=24.0, help="of bus time")
     options.add_argument("--every", type=float, default=1.0, metavar="HOURS")
-    options.add_argument("--trace", action="store_true", help="with tracemalloc, five times slower")
     args = options.parse_args(argv)
     start_s = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
-        points = soak(args.log, args.hours, args.every, Path(folder), trace=args.trace)
+        points = soak(args.log, args.hours, args.every, Path(folder))
     times = args.hours * 3600.0 / (time.monotonic() - start_s)
     rows: list[Row] = [asdict(p) | {"codes": " ".join(p.codes)} for p in points]
     missed = [f"codes at {p.bus_h:.1f} h: {p.codes}" for p in points if p.codes]

@@ -21,7 +21,7 @@ from monitor.bus.attachment import Attachment
 from monitor.bus.ending import ended_by_signals
 from monitor.bus.judging import Judging
 from monitor.bus.link.clock import Clock
-from monitor.bus.link.port import BusHealth, Port
+from monitor.bus.link.port import ANSWER_S, BusHealth, Port
 from monitor.bus.link.recorder import Recorder
 from monitor.bus.link.suspension import Suspension, passed_s, slept_s
 from monitor.frames.blocks import EXTENDED, block_of, chosen, frames_of, inserted
@@ -113,7 +113,8 @@ class Loop:
 
     def _listen(self, now_s: float) -> None:
         """Wait for frames until something is due, and judge them."""
-        wait_s = min(BLOCK_S, max(self._due_s - now_s, 0.0))
+        longest_s = ANSWER_S if self._wanted else BLOCK_S
+        wait_s = min(longest_s, max(self._due_s - now_s, 0.0))
         tick_end_ns = self.pipeline.assembler.open_ns[1] + self.clock.shift_ns
         block = self._port.receive(wait_s, tick_end_ns)
         now_s = self._now_s()

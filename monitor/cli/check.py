@@ -163,7 +163,7 @@ def heard(
 
     seconds : time to listen
     """
-    from monitor.bus.link.port import BusHealth, Port
+    from monitor.bus.link.port import ANSWER_S, BusHealth, Port
     from monitor.frames.blocks import block_of, frames_of, joined
 
     health, blocks = BusHealth(), [block_of([])]
@@ -174,7 +174,7 @@ def heard(
             for request in poller.work(now_s) if poller else ():
                 port.send(request)
             due_s = min(poller.due_s, until_s) if poller else until_s
-            block = port.receive(max(due_s - now_s, 0.0))
+            block = port.receive(min(max(due_s - now_s, 0.0), ANSWER_S))
             if poller:
                 frames = ((frame, *poller.receive(frame)) for frame in frames_of(block))
                 block = block_of([each for group in frames for each in group])

@@ -1,12 +1,11 @@
 """The drives of a scenario: a log or table with its faults, written, judged or both."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from functools import partial
 from itertools import chain
 from pathlib import Path
 
 from monitor.base.errors import UsageError
-from monitor.base.types import Frame
 from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import frames_of
 from monitor.grid.tables import Table, is_table
@@ -68,7 +67,7 @@ def _log_drive(
     )
     judge = FrameJudge(setup, memory) if memory else None
     frames = injector.stream(chain.from_iterable(map(frames_of, log_blocks(log, setup.bus_map))))
-    frames = _seen(frames, judge.push) if judge else frames
+    frames = map(judge.push, frames) if judge else frames
     n = write_log(out, frames) if out else sum(1 for _ in frames)
     for line in injector.counts.lines():
         say(f"{out or log}: {line}")
@@ -94,9 +93,3 @@ def _table_drive(
         return None
     reader = RecordingReader(setup.bus_map, setup.model.card)
     return judged(reader.table(changed), None, setup, memory)[0]
-
-
-def _seen(frames: Iterable[Frame], take: Callable[[Frame], None]) -> Iterator[Frame]:
-    for frame in frames:
-        take(frame)
-        yield frame

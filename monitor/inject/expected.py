@@ -33,12 +33,13 @@ class FrameJudge:
         self._timeline = Timeline(BlockDecoder(setup.bus_map, names))
         self._waiting: list[Frame] = []
 
-    def push(self, frame: Frame) -> None:
-        """Judge one frame, as soon as those behind it tell whether its time is to be believed."""
+    def push(self, frame: Frame) -> Frame:
+        """Judge a frame, as soon as those behind it tell whether to believe its time; return it."""
         self._waiting.append(frame)
         if len(self._waiting) == _AT_ONCE:
             self._judge(self._timeline.push(block_of(self._waiting)))
             self._waiting.clear()
+        return frame
 
     def _judge(self, blocks: Iterable[FrameBlock]) -> None:
         for block in blocks:

@@ -63,7 +63,7 @@ class Gateway:
         ecu: Side,
         other: Side,
         injector: Injector,
-        taken: Callable[[Frame], None] = lambda _: None,
+        taken: Callable[[Frame], object] = lambda _: None,
         monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._ecu, self._other, self._injector, self._taken = ecu, other, injector, taken
@@ -105,7 +105,6 @@ class Gateway:
         self._other.close()
 
     def _from_ecu(self) -> bool:
-        message: can.Message | None = None
         for _ in range(BURST):
             message = self._ecu.receive()
             if message is None:

@@ -47,8 +47,11 @@ class SensorReading:
         self.what = what
         self.fault = resolve(what.name, what.severity) if what.name in DEFAULT_SEVERITY else None
         self.is_missing = self.fault is not None and self.fault.missing
-        self.is_not_ready = self.fault is not None and self.fault.not_ready
-        self.is_heater_dead = self.fault is not None and self.fault.heater_dead
+        self.told: dict[str, float] = {}  # what the ECU sends beside the reading, by signal
+        if self.fault and self.fault.not_ready:
+            self.told[READY] = 0.0
+        if self.fault and self.fault.heater_dead:
+            self.told[DUTY] = 100.0
         self._reading = _reading_of(what, self.fault, seed)
 
     def read(self, t_ns: int, healthy: float) -> float:
@@ -90,6 +93,9 @@ class Injector:
         self._writers = writers(bus_map.channels)
         self._signal = self._writers[self._key].signals[OUTPUT]
         self._check(bus_map, {each.name for each in injections})
+        if not any(each.name in FRAME_FAULTS for each in injections):  # nothing changes the others
+            own = {OUTPUT, READY, DUTY}
+            self._writers = {k: w for k, w in self._writers.items() if own & w.signals.keys()}
         self.counts = InjectionCounts()
         self._sensor = [
             SensorReading(what, f"{seed}/{number}")
@@ -173,11 +179,8 @@ class Injector:
     def _rewritten(
         self, writer: MessageWriter, frame: Frame, acting: Sequence[SensorReading]
     ) -> Frame:
-        values: dict[str, float] = {}
-        if READY in writer.signals and any(each.is_not_ready for each in acting):
-            values[READY] = 0.0
-        if DUTY in writer.signals and any(each.is_heater_dead for each in acting):
-            values[DUTY] = 100.0
+        told = [pair for each in acting for pair in each.told.items()]
+        values = {name: value for name, value in told if name in writer.signals}
         if OUTPUT in writer.signals and self._signal.is_in(frame.data):
             healthy = self._signal.read(frame.data)
             read = self._read(frame.t_ns, healthy, acting)

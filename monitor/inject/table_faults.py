@@ -19,7 +19,7 @@ from monitor.base.files.outputs import write_text
 from monitor.base.signals import OUTPUT
 from monitor.grid.tables import TIME, Table
 from monitor.inject.injection import FRAME_FAULTS, Injection
-from monitor.inject.injector import DUTY, READY, SensorReading
+from monitor.inject.injector import SensorReading
 
 SUFFIX = ".csv"
 
@@ -36,7 +36,6 @@ def with_faults(table: Table, injections: Sequence[Injection], seed: int = 0) ->
         if each.name in FRAME_FAULTS:
             raise UsageError(f"{table.path}: {each.name} is a fault of frames, this is a table")
     place, values = table.names.index(OUTPUT), table.values.copy()
-    states = {name: table.names.index(name) for name in (READY, DUTY) if name in table.names}
     pinned = np.zeros(len(values), bool) if table.pinned is None else table.pinned[:, place]
     faults = [SensorReading(each, f"{seed}/{n}") for n, each in enumerate(injections)]
     for k, t_ns in enumerate((table.t_ns - table.t_ns[0]).tolist()):
@@ -46,10 +45,9 @@ def with_faults(table: Table, injections: Sequence[Injection], seed: int = 0) ->
             for fault in acting:
                 reading = fault.read(t_ns, reading)
             values[k, place] = reading
-        if READY in states and any(fault.is_not_ready for fault in acting):
-            values[k, states[READY]] = 0.0
-        if DUTY in states and any(fault.is_heater_dead for fault in acting):
-            values[k, states[DUTY]] = 100.0
+        for name, value in (pair for fault in acting for pair in fault.told.items()):
+            if name in table.names:
+                values[k, table.names.index(name)] = value
     changed = ~((values == table.values) | (np.isnan(values) & np.isnan(table.values)))
     return replace(table, values=values), int(changed.any(axis=1).sum())
 

@@ -73,8 +73,8 @@ def run(args: FleetCommand) -> int:
     from training.cli.console import drive_reports
     from training.fleet import partitions
     from training.fleet import run as fleet
-    from training.fleet.bench import Bench
     from training.fleet.drives import drives_of
+    from training.fleet.worker_kit import WorkerKit
 
     if not 0.0 < args.false_alarms < 1.0:
         raise UsageError("--false-alarms is above 0 and below 1")
@@ -86,7 +86,7 @@ def run(args: FleetCommand) -> int:
         written = (*written, args.partitioned)
     jobs = args.n_jobs
     settings = config.load(args.config)
-    bench = Bench.of(args.model, settings, args.pairs or None, args.columns, args.channel)
+    kit = WorkerKit.of(args.model, settings, args.pairs or None, args.columns, args.channel)
     drives = drives_of(args.recordings, args.vehicle, written)
     errors = faults = 0
     with tqdm(total=len(drives), unit="drive", disable=None) as bar:
@@ -97,11 +97,11 @@ def run(args: FleetCommand) -> int:
             bar.set_postfix_str(f"{faults} with a code, {errors} not judged", refresh=False)
             bar.update(chunk["drives"])
 
-        result = fleet.run(drives, bench, args.out, done, jobs=jobs, scheduler=args.scheduler)
+        result = fleet.run(drives, kit, args.out, done, jobs=jobs, scheduler=args.scheduler)
     from training.fleet.page import fleet_page  # its pictures take a second to import
 
     html, json_path = fleet_page.write(
-        args.out, bench, result, args.false_alarms, lambda drives: drive_reports.write(args, drives)
+        args.out, kit, result, args.false_alarms, lambda drives: drive_reports.write(args, drives)
     )
     if args.partitioned:
         partitions.write(args.out, fleet.windows_path(args.out), args.partitioned)

@@ -13,11 +13,11 @@ from monitor.base.errors import O2Error
 from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.reference import Reference
 from training.fleet import places
-from training.fleet.bench import Bench, Tools, tools_of
 from training.fleet.chunk_rows import Done, of_rows
 from training.fleet.drives import Chunk, FleetDrive
 from training.fleet.reading import Read
 from training.fleet.rows import Row, failed_row, recording_row, window_rows
+from training.fleet.worker_kit import Tools, WorkerKit, tools_of
 
 SAMPLES = 400_000  # read before judging; 10,000 samples need some megabytes for their windows
 
@@ -34,7 +34,7 @@ class _Vehicle:
 class _Work:
     """State of a chunk while it is judged."""
 
-    bench: Bench
+    kit: WorkerKit
     tools: Tools
     vehicles: dict[str, _Vehicle]
     recordings: list[Row] = field(default_factory=list)
@@ -42,14 +42,14 @@ class _Work:
     seconds: dict[str, float] = field(default_factory=lambda: {"read": 0.0, "judge": 0.0})
 
 
-def judge_chunk(bench: Bench, chunk: Chunk) -> Done:
+def judge_chunk(kit: WorkerKit, chunk: Chunk) -> Done:
     """Return the rows of a chunk in the order of its vehicles and their drives.
 
     No recording raises: a recording that cannot be read or judged gives a row with an error.
     """
-    tools = tools_of(bench)
+    tools = tools_of(kit)
     names = [drives[0].vehicle for drives in chunk.vehicles]
-    work = _Work(bench, tools, {name: _Vehicle() for name in names})
+    work = _Work(kit, tools, {name: _Vehicle() for name in names})
     for drives in chunk.rounds():
         held: list[tuple[FleetDrive, Read]] = []
         for drive in drives:
@@ -70,7 +70,7 @@ def _read(work: _Work, drive: FleetDrive) -> Read | None:
     """
     began_s = time.process_time()
     try:
-        with places.fetched(drive.path, work.bench.root) as path:
+        with places.fetched(drive.path, work.kit.root) as path:
             return _read_file(path, drive, work.tools)
     except O2Error as error:
         work.recordings.append(failed_row(drive, str(error)))
@@ -117,7 +117,7 @@ def _judge_alone(work: _Work, one: tuple[FleetDrive, Read]) -> None:
 
 def _judge_alike(work: _Work, group: Sequence[tuple[FleetDrive, Read]]) -> None:
     """Judge recordings with equal signals; add the rows of all recordings or, on error, none."""
-    config, tools = work.bench.config, work.tools
+    config, tools = work.kit.config, work.tools
     is_alone, names = group[0][0].is_alone, group[0][1].names
     vehicles = [work.vehicles[drive.vehicle] for drive, _ in group]
     stores = [DtcStore(vehicle.saved, config.profile) for vehicle in vehicles]

@@ -17,10 +17,10 @@ import polars as pl
 from monitor.base.errors import UsageError
 from monitor.base.files.outputs import replaced, write_bytes
 from training.fleet import drives as fleet_drives
-from training.fleet.bench import Bench
 from training.fleet.chunk_rows import Done, failed, joined
 from training.fleet.drives import Chunk, FleetDrive
 from training.fleet.judging import judge_chunk
+from training.fleet.worker_kit import WorkerKit
 from training.jobs import parallel, run_folder, worker
 from training.recordings.files.table_files import GENERATOR
 
@@ -46,7 +46,7 @@ def windows_path(out: Path) -> Path:
 
 def run(
     drives: Sequence[FleetDrive],
-    bench: Bench,
+    kit: WorkerKit,
     out: Path,
     done: Progress,
     *,
@@ -55,7 +55,7 @@ def run(
 ) -> dict[str, Any]:
     """Judge all drives, write both tables, and return the identity and the cost of the run.
 
-    The run uses the finished chunks of an earlier, killed run with the same drives and bench.
+    The run uses the finished chunks of an earlier, killed run with the same drives and kit.
 
     out : table of recordings to write, .parquet
     done : takes the counts and the cost of every finished chunk, also of earlier ones
@@ -69,7 +69,7 @@ def run(
     if not out.absolute().parent.is_dir():
         raise UsageError(f"--out {out}: the folder does not exist")
     folder = work_folder(out)
-    identity = {**bench.identity(), "manifest_sha256": fleet_drives.digest(drives)}
+    identity = {**kit.identity(), "manifest_sha256": fleet_drives.digest(drives)}
     run_folder.claim(folder, identity)
     chunks = fleet_drives.chunks_of(drives)
     missing: dict[str, Chunk] = {}
@@ -82,13 +82,13 @@ def run(
     while missing:
         try:
             for name, result in parallel.run(
-                judge_chunk, bench, list(missing.items()), jobs=jobs, scheduler=scheduler
+                judge_chunk, kit, list(missing.items()), jobs=jobs, scheduler=scheduler
             ):
                 done(_store(folder, name, result))
                 del missing[name]
         except worker.WorkerDiedError as died:
             for name in died.keys:
-                result = _apart(missing.pop(name), bench, scheduler)
+                result = _apart(missing.pop(name), kit, scheduler)
                 done(_store(folder, name, result))
     for table, path in zip(TABLES, (out, windows_path(out)), strict=True):
         _join(folder, table, chunks, path)
@@ -111,7 +111,7 @@ def _old_folder(out: Path) -> Path:
     return out.with_name(f"{out.name}.old")
 
 
-def _apart(chunk: Chunk, bench: Bench, scheduler: str | None) -> Done:
+def _apart(chunk: Chunk, kit: WorkerKit, scheduler: str | None) -> Done:
     """Return the result of a chunk that may kill its worker.
 
     If the worker dies, the function tries both halves of the chunk. If the worker dies with a
@@ -119,14 +119,14 @@ def _apart(chunk: Chunk, bench: Bench, scheduler: str | None) -> Done:
     """
     try:  # two jobs use another process, which may die
         only = [(chunk.name, chunk)]
-        run = parallel.run(judge_chunk, bench, only, jobs=2, scheduler=scheduler)
+        run = parallel.run(judge_chunk, kit, only, jobs=2, scheduler=scheduler)
         return dict(run)[chunk.name]
     except worker.WorkerDiedError:
         n = len(chunk.vehicles)
         if n == 1:
             return failed(chunk.vehicles[0], DIED)
     halves = chunk.vehicles[: n // 2], chunk.vehicles[n // 2 :]
-    return joined([_apart(Chunk(chunk.name, half), bench, scheduler) for half in halves])
+    return joined([_apart(Chunk(chunk.name, half), kit, scheduler) for half in halves])
 
 
 def _stored(folder: Path, name: str) -> dict[str, Any] | None:

@@ -19,6 +19,7 @@ from monitor.frames.blocks import EXTENDED, chosen
 from monitor.frames.loop_frames import FIRST_ID
 from monitor.grid.block_assembler import LATEST_NS
 
+ANSWER_S: Final = 0.02  # longest wait where frames are answered, such as diagnostic requests
 QUIET_S: Final = 10.0  # least time between two messages about the controller's state
 
 State = Literal["active", "warning", "passive", "bus off", "gone"]
@@ -123,7 +124,7 @@ class Port:
     def receive(self, wait_s: float, tick_end_ns: int = LATEST_NS) -> FrameBlock:
         """Return the frames that come within ``wait_s``, as one block, empty if none does.
 
-        tick_end_ns : bus time before which no frame is urgent, so frames may gather until then
+        tick_end_ns : bus time before which no frame is urgent, so that they may gather
         Raises BusError if the interface fails and cannot be opened again.
         """
         if self._bus is None:

@@ -10,8 +10,7 @@ from monitor.bus.link.datagrams import Datagrams
 from monitor.frames.blocks import block_of
 from monitor.frames.logs import frame_of
 
-GATHER_S: Final = 0.02  # longest time from the first message of a block to the last
-MESSAGES: Final = 256  # most in a block
+MESSAGES: Final = 1024  # most in a block
 
 
 class ErrorMessage(NamedTuple):
@@ -35,7 +34,7 @@ NOTHING: Final = Received(block_of([]))
 
 
 class MessageReader:
-    """Receives messages from any bus of python-can, each as soon as it comes.
+    """Receives messages from any bus of python-can.
 
     monotonic_s : clock for the time that a block takes, in s
     """
@@ -58,7 +57,6 @@ class MessageReader:
         errors: list[ErrorMessage] = []
         remote, before = 0, self._datagrams.malformed
         until_s = self._now_s() + wait_s
-        is_first = True
         while len(frames) + len(errors) + remote < MESSAGES:
             try:
                 message = self._bus.recv(max(until_s - self._now_s(), 0.0))
@@ -67,7 +65,7 @@ class MessageReader:
                 if self._datagrams.survives(error):
                     break
                 self._failure = error  # behind what was received before it
-                if is_first:
+                if not (frames or errors or remote):
                     raise
                 break
             self._datagrams.read()
@@ -81,7 +79,5 @@ class MessageReader:
                 frames.append(frame)
                 if frame.t_ns > tick_end_ns:
                     break
-            if is_first:
-                is_first, until_s = False, min(until_s, self._now_s() + GATHER_S)
         malformed = self._datagrams.malformed - before
         return Received(block_of(frames), errors, remote, malformed)

@@ -25,7 +25,6 @@ SO_RXQ_OVFL: Final = 40
 SO_RCVBUFFORCE: Final = 33
 RECEIVE_BUFFER_BYTES: Final = 8 << 20  # the default holds about 320 frames
 FRAMES: Final = 1024  # most in one call
-GATHER_S: Final = 0.02  # longest time frames gather; a diagnostic request waits no longer
 BEHIND_S: Final = 0.0002  # so long behind a tick's end the frame is there that closes it
 
 _IS_REMOTE, _IS_ERROR = 0x40000000, 0x20000000
@@ -122,7 +121,7 @@ class SocketReader:
         if not select.select([self._socket], [], [], wait_s)[0]:
             return False
         calm_s = (tick_end_ns - time.time_ns()) * 1e-9 + BEHIND_S
-        calm_s = min(calm_s, GATHER_S, until_s - time.monotonic())
+        calm_s = min(calm_s, until_s - time.monotonic())
         if calm_s > 0.0:
             time.sleep(calm_s)
         return True

@@ -13,9 +13,9 @@ from monitor.base import config
 from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from training.fleet import run
-from training.fleet.bench import Bench
 from training.fleet.chunk_rows import Done
 from training.fleet.drives import Chunk, drives_of
+from training.fleet.worker_kit import WorkerKit
 from training.jobs.worker import WorkerDiedError
 from training.recordings.recording import Recording, load, write_table
 
@@ -51,8 +51,8 @@ def small_fleet(folder: Path, drives: int = 10) -> list[Path]:
 
 
 def run_deadly(
-    function: Callable[[Bench, Chunk], Done],
-    bench: Bench,
+    function: Callable[[WorkerKit, Chunk], Done],
+    kit: WorkerKit,
     items: Iterable[tuple[str, Chunk]],
     **_: Any,
 ) -> Iterator[tuple[str, Done]]:
@@ -62,14 +62,14 @@ def run_deadly(
         if any("deadly" in drive.path for own in chunk.vehicles for drive in own):
             raise WorkerDiedError(k for k in given if k not in finished)
         finished.add(key)
-        yield key, function(bench, chunk)
+        yield key, function(kit, chunk)
 
 
 def judged(given: list[str], out: Path, **options: Any) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Judge a fleet with the shipped model; give its recordings and its windows."""
-    bench = Bench.of(shipped_model(), config.load())
+    kit = WorkerKit.of(shipped_model(), config.load())
     options = {"jobs": 1} | options
-    run.run(drives_of(given), bench, out, lambda _: None, **options)
+    run.run(drives_of(given), kit, out, lambda _: None, **options)
     return tables(out)
 
 

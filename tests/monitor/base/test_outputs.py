@@ -142,7 +142,7 @@ ALLOWED = {
     "monitor/sinks/json_lines.py",  # appends
     "training/jobs/cluster.py",  # renames, in a worker
     "training/jobs/model_bytes.py",
-    "training/fleet/bench.py",
+    "training/fleet/worker_kit.py",
     "training/fleet/places.py",
     "training/fleet/chunk_rows.py",
     "training/narx/export.py",

@@ -37,9 +37,9 @@ from tests.helpers.drives.fleet_drives import (
 from training.cli import main
 from training.fleet import columns, partitions
 from training.fleet import run as fleet
-from training.fleet.bench import Bench
 from training.fleet.drives import chunks_of, drives_of
 from training.fleet.judging import judge_chunk
+from training.fleet.worker_kit import WorkerKit
 from training.recordings.recording import sha256
 
 MODEL = str(replay.shipped_model())
@@ -259,10 +259,10 @@ def test_threads_of_one_worker_do_not_disturb_each_other(
     folder: Path, local: tuple[pl.DataFrame, pl.DataFrame]
 ) -> None:
     # GIVEN the chunks of a fleet, judged by two threads as on a Dask worker with --nthreads 2
-    bench = Bench.of(replay.shipped_model(), config.load())
+    kit = WorkerKit.of(replay.shipped_model(), config.load())
     chunks = chunks_of(drives_of([str(folder)]))
     with ThreadPoolExecutor(2) as threads:
-        done = list(threads.map(partial(judge_chunk, bench), chunks))
+        done = list(threads.map(partial(judge_chunk, kit), chunks))
     # THEN the rows are those of one thread
     rows, windows = ([getattr(d, k) for d in done] for k in ("recordings", "windows"))
     assert_alike(tuple(pl.concat(map(pl.read_parquet, each)) for each in (rows, windows)), local)

@@ -15,8 +15,8 @@ from tests.helpers.dask_cluster import Cluster, cluster
 from tests.helpers.drives import fleet_drives
 from tests.helpers.drives.fleet_drives import assert_alike, judged, tables
 from training.fleet import run as fleet
-from training.fleet.bench import Bench
 from training.fleet.drives import drives_of
+from training.fleet.worker_kit import WorkerKit
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +49,8 @@ def test_a_cluster_gives_the_same_and_a_killed_worker_costs_only_time(
             dask.workers[0].send_signal(signal.SIGKILL)
         chunks.append(chunk["drives"])
 
-    bench = Bench.of(shipped_model(), config.load())
-    fleet.run(drives_of([str(folder)]), bench, out, done, scheduler=dask.address)
+    kit = WorkerKit.of(shipped_model(), config.load())
+    fleet.run(drives_of([str(folder)]), kit, out, done, scheduler=dask.address)
     # THEN the other does its work, every chunk is there once, and the tables are the same
     assert dask.workers[0].wait(10) == -signal.SIGKILL
     assert chunks == [4] * 6
@@ -61,7 +61,7 @@ def test_runs_that_share_a_cluster_do_not_end_each_other(
     folder: Path, local: tuple[pl.DataFrame, pl.DataFrame], dask: Cluster, tmp_path: Path
 ) -> None:
     # GIVEN a fleet on a cluster
-    bench, drives = Bench.of(shipped_model(), config.load()), drives_of([str(folder)])
+    kit, drives = WorkerKit.of(shipped_model(), config.load()), drives_of([str(folder)])
     on_it, chunks = {"scheduler": dask.address}, []
 
     def done(chunk: dict[str, Any]) -> None:
@@ -70,7 +70,7 @@ def test_runs_that_share_a_cluster_do_not_end_each_other(
             judged([str(next(folder.glob("*.parquet")))], tmp_path / "b.parquet", **on_it)
         chunks.append(chunk["drives"])
 
-    fleet.run(drives, bench, tmp_path / "a.parquet", done, **on_it)
+    fleet.run(drives, kit, tmp_path / "a.parquet", done, **on_it)
     # THEN the first goes on
     assert chunks == [4] * 6
     assert_alike(tables(tmp_path / "a.parquet"), local)

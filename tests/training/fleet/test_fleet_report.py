@@ -17,9 +17,9 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives import fleet_drives
 from training.fleet import run as fleet
-from training.fleet.bench import Bench
 from training.fleet.drives import drives_of
 from training.fleet.page import fleet_page, limits, outliers
+from training.fleet.worker_kit import WorkerKit
 
 
 def of_vehicles(mean: FloatArray, gain: FloatArray, spread: FloatArray) -> pl.DataFrame:
@@ -116,11 +116,11 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     fleet_drives.small_fleet(drives, 12)
     for i in range(2):
         (drives / f"empty_{i}.log").touch()
-    bench, out = Bench.of(shipped_model(), config.load()), folder / "out.parquet"
-    run = fleet.run(drives_of([str(drives)]), bench, out, lambda _: None)
+    kit, out = WorkerKit.of(shipped_model(), config.load()), folder / "out.parquet"
+    run = fleet.run(drives_of([str(drives)]), kit, out, lambda _: None)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(outliers, "LEAST_WINDOWS", 2)
-        return fleet_page.write(out, bench, run, 0.05)
+        return fleet_page.write(out, kit, run, 0.05)
 
 
 def test_the_plots_of_a_fleet_are_drawn(reported: tuple[Path, Path], browser: Browser) -> None:
@@ -161,7 +161,7 @@ def test_the_report_shows_the_fleet_and_what_was_not_judged(reported: tuple[Path
 
 def test_a_fleet_of_which_nothing_could_be_judged_is_reported(tmp_path: Path) -> None:
     (tmp_path / "empty.log").touch()
-    bench, out = Bench.of(shipped_model(), config.load()), tmp_path / "out.parquet"
-    run = fleet.run(drives_of([str(tmp_path / "empty.log")]), bench, out, lambda _: None)
-    html, _ = fleet_page.write(out, bench, run, 0.05)
+    kit, out = WorkerKit.of(shipped_model(), config.load()), tmp_path / "out.parquet"
+    run = fleet.run(drives_of([str(tmp_path / "empty.log")]), kit, out, lambda _: None)
+    html, _ = fleet_page.write(out, kit, run, 0.05)
     assert "the log is empty" in html.read_text()

@@ -8,10 +8,10 @@ import polars as pl
 
 from monitor.base.counts import counted
 from monitor.base.files.outputs import write_text
-from training.fleet.bench import Bench, tools_of
 from training.fleet.page import distribution_figures, outliers, summary
 from training.fleet.page.outliers import Standing
 from training.fleet.run import windows_path
+from training.fleet.worker_kit import WorkerKit, tools_of
 from training.jobs import run_folder
 from training.limits.rates import Figures
 from training.pages.numbers import MISSING, NBSP, TO, plain, short
@@ -28,7 +28,7 @@ def _none(drives: Sequence[str]) -> Mapping[str, str]:
 
 
 def write(
-    out: Path, bench: Bench, run: Mapping[str, Any], wished: float, reports: Reports = _none
+    out: Path, kit: WorkerKit, run: Mapping[str, Any], wished: float, reports: Reports = _none
 ) -> tuple[Path, Path]:
     """Write the page and the JSON beside the table ``out``; return their paths.
 
@@ -37,7 +37,7 @@ def write(
     reports : takes the paths of the drives with a code, returns the pages that it wrote of them
     """
     recordings, windows = pl.read_parquet(out), windows_path(out)
-    limits = tools_of(bench).limits
+    limits = tools_of(kit).limits
     now = {"j_mu": limits.j_mu, "j_sigma": limits.j_sigma, "offset": limits.offset_high}
     standing = outliers.standings(recordings)
     found = summary.summary(recordings, windows, run=run, limits=now, wished=wished, found=standing)

@@ -164,49 +164,37 @@ class _Errors:
 def _descend(layout: ParameterLayout, x: FloatArray, search: JointSearch) -> JointFit:
     case, terms = layout.case, layout.terms
     low, high = layout.limits
-    scale = layout.join(
-        search.scale, [[_scale(p.start) for p in term.parameters] for term in terms]
-    )
+    sizes = [[max(map(abs, p.start)) for p in term.parameters] for term in terms]
+    scale = layout.join(search.scale, sizes)
     tried = _Errors(layout, STEP * scale)
-    if len(x) == 0:
-        e = tried.at(x)
-        return JointFit(
-            terms=terms,
-            base=layout.split(x)[0],
-            parameters=(),
-            residual=e,
-            jacobian=np.empty((len(e), 0)),
-            hessian=np.empty((0, 0)),
-            cost=float(e @ e) / 2.0,
+    if len(x):
+        margin = INSIDE * (high - low)
+        found = least_squares(
+            tried.at,
+            np.clip(x, low + margin, high - margin),
+            tried.slope,
+            (low, high),
+            x_scale=scale,
+            ftol=search.tolerance,
+            xtol=search.tolerance,
+            max_nfev=search.steps_most,
         )
-
-    margin = INSIDE * (high - low)
-    found = least_squares(
-        tried.at,
-        np.clip(x, low + margin, high - margin),
-        tried.slope,
-        (low, high),
-        x_scale=scale,
-        ftol=search.tolerance,
-        xtol=search.tolerance,
-        max_nfev=search.steps_most,
-    )
-    base, own = layout.split(found.x)
-    jacobian = np.asarray(found.jac, dtype=np.float64)
-    m = len(found.fun) - len(_prior_rows(case, base)) - len(_term_rows(terms, own))
+        x, e, cost = found.x, found.fun, float(found.cost)
+        jacobian = np.asarray(found.jac, dtype=np.float64)
+    else:
+        e = tried.at(x)
+        jacobian, cost = np.empty((len(e), 0)), float(e @ e) / 2.0
+    base, own = layout.split(x)
+    m = len(e) - len(_prior_rows(case, base)) - len(_term_rows(terms, own))
     return JointFit(
         terms=terms,
         base=base,
         parameters=tuple(own),
-        residual=found.fun[:m],
+        residual=e[:m],
         jacobian=jacobian[:m],
         hessian=jacobian.T @ jacobian,
-        cost=float(found.cost),
+        cost=cost,
     )
-
-
-def _scale(start: Sequence[float]) -> float:
-    return max(abs(value) for value in start)
 
 
 def _prior_rows(case: Case, base: Constants) -> FloatArray:

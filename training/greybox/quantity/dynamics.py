@@ -23,12 +23,23 @@ LEAST_S: Final = 1e-6  # time constant of ``lag``
 LEAST_SAMPLES: Final = 1e-4  # time constant of ``ramp_lag`` and of a sensor in samples
 NEAR: Final = 1e-4  # samples: half of a difference over a delay
 LEAST_PROPORTIONAL: Final = 1e-9  # of ``proportional_lag``
+FREE: Final = (-np.inf, np.inf)  # limits of a lag without any
 
 
 @register_jitable
 def _ramp_step(x, last, u, drop, newest):
     """Return the next state of a lag of ``u``, for a tensor of a graph or a number."""
     return (x + newest * (u - last)) + drop * (last - x)
+
+
+@register_jitable
+def _limited(x, low, high):
+    """Return ``x`` within limits that it seldom meets: branches are faster than min and max."""
+    if x < low:
+        x = low
+    elif x > high:
+        x = high
+    return x
 
 
 def lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity:
@@ -61,7 +72,7 @@ def ramp_lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity:
     if isinstance(u, Value):
         x, last, keep = _remembered(u)
         return keep(_ramp_step(x, last, u, drop, newest))
-    late = _ramp_lag(value_of(u), _row(value_of(drop)), _row(value_of(newest)))
+    late = _ramp_lag(value_of(u), _row(value_of(drop)), _row(value_of(newest)), *FREE)
     return _with_slopes(late, u, drop, newest)
 
 
@@ -102,12 +113,12 @@ def _carried(u, drop, newest, source, n):  # pragma: no cover
 
 
 @njit(cache=True)
-def _ramp_lag(u, drop, newest):  # pragma: no cover
+def _ramp_lag(u, drop, newest, low, high):  # pragma: no cover
     out = np.empty_like(u)
     x = last = u[0]
     step = len(drop) > 1
     for k in range(len(u)):
-        x = _ramp_step(x, last, u[k], drop[k * step], newest[k * step])
+        x = _limited(_ramp_step(x, last, u[k], drop[k * step], newest[k * step]), low, high)
         last = u[k]
         out[k] = x
     return out
@@ -120,7 +131,7 @@ def proportional_lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity
     """
     drop, newest = _weights(time_s, period_s, LEAST_PROPORTIONAL)
     if not isinstance(u, Value):
-        return np.exp(_ramp_lag(np.log(u), _row(drop), _row(newest)))
+        return np.exp(_ramp_lag(np.log(u), _row(drop), _row(newest), *FREE))
     x, last, keep = _remembered(u)
     return keep(x * (last / x) ** drop * (u / last) ** newest)
 
@@ -150,9 +161,8 @@ def sensor_lag(u: Quantity, rising_s: Quantity, falling_s: Quantity, period_s: f
         return _with_slopes(read, u, *chosen)
     if not isinstance(u, Value):
         weights = tuple(map(_row, (*rising, *falling)))
-        free = _ramp_lag(u, *weights[:2])
-        if falling is rising and free.min() >= 0.0 and free.max() <= PHI_MAX:
-            return free  # half the time of the loop with both limits
+        if falling is rising:  # half the time of a choice at each sample
+            return _ramp_lag(u, *weights[:2], 0.0, PHI_MAX)
         return _sensor_lag(u, *weights)
     x, last, keep = _remembered(u, READING)
     weights = rising
@@ -171,7 +181,7 @@ def _sensor_lag(u, rising, rising_newest, falling, falling_newest):  # pragma: n
             drop, newest = rising[k * up], rising_newest[k * up]
         else:
             drop, newest = falling[k * down], falling_newest[k * down]
-        x = min(max(_ramp_step(x, last, u[k], drop, newest), 0.0), PHI_MAX)
+        x = _limited(_ramp_step(x, last, u[k], drop, newest), 0.0, PHI_MAX)
         last = u[k]
         out[k] = x
     return out

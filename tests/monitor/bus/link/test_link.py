@@ -23,7 +23,6 @@ from monitor.bus.link.recorder import message_of
 from monitor.bus.link.socketcan import (
     BEHIND_S,
     FRAMES,
-    GATHER_S,
     RECEIVE_BUFFER_BYTES,
     SocketReader,
 )
@@ -377,7 +376,7 @@ def test_frames_gather_until_the_ticks_end_and_are_read_with_one_call(
         frames = taken(port, 1.0, now_ns + round(ahead_s * 1e9))
         # THEN all come at once, in their order, when the tick or the longest wait is over
         assert [frame.can_id for frame in frames] == list(range(60))
-        assert 0.0 < waits_s.pop() <= min(ahead_s + BEHIND_S, GATHER_S)
+        assert 0.0 < waits_s.pop() <= min(ahead_s + BEHIND_S, 1.0)
     # AND behind the tick's end a frame does not wait for others
     send(here, [60])
     assert len(taken(port, 1.0, now_ns - 1_000_000)) == 1

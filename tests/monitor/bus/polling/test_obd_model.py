@@ -55,7 +55,7 @@ def test_a_model_with_samples_half_a_second_apart_judges_polled_drives(
     assert Model.load(model).card.period_ns == 500_000_000
     # WHEN a further drive is polled and judged on the way
     setup = replay.set_up(model, [PAIR], config.load())
-    live = polled(setup, 2_051_009, tmp_path / "further.log", 200.0)
+    live = polled(setup, 2_051_009, tmp_path / "further.log", 120.0)
     # THEN windows of 25 s are judged, none has a code, and the recording replays to the same
     again, _ = replay.replay(tmp_path / "further.log", setup)
     assert len(again["windows"]) >= 2

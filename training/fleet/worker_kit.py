@@ -28,7 +28,7 @@ ROWS: Final = 64  # recordings, or segments of recordings, that run side by side
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class WorkerKit:
     """Model, settings, databases and signal maps, as file contents.
 
     Contents, not paths: a worker on another machine cannot open the files.
@@ -49,8 +49,8 @@ class Bench:
         pairs: Sequence[tuple[Path, Path]] | None = None,
         columns: Path | None = None,
         channel: str = "",
-    ) -> "Bench":
-        """Return the bench with the contents of these files.
+    ) -> "WorkerKit":
+        """Return the kit with the contents of these files.
 
         pairs : pairs of DBC and signal map; None is the project's ECU
         columns : columns map for tables
@@ -86,7 +86,7 @@ class Bench:
 
 @dataclass(frozen=True, slots=True)
 class Tools:
-    """The objects that a worker makes from a bench, one set per thread."""
+    """The objects that a worker makes from a kit, one set per thread."""
 
     model: Model
     limits: Limits
@@ -107,11 +107,11 @@ class Tools:
         return self.judges[names]
 
 
-def tools_of(bench: Bench) -> Tools:
-    """Return the tools of a bench; every thread of a worker makes them once."""
-    if getattr(_thread, "bench", None) != bench:
-        _thread.tools = _made(bench)
-        _thread.bench = bench
+def tools_of(kit: WorkerKit) -> Tools:
+    """Return the tools of a kit; every thread of a worker makes them once."""
+    if getattr(_thread, "kit", None) != kit:
+        _thread.tools = _made(kit)
+        _thread.kit = kit
     tools: Tools = _thread.tools
     return tools
 
@@ -123,28 +123,28 @@ class _Folder:
     """A temporary folder that lives as long as this object."""
 
     def __init__(self) -> None:
-        self.path = Path(mkdtemp(prefix="o2-bench-"))
+        self.path = Path(mkdtemp(prefix="o2-kit-"))
         finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
 
-def _made(bench: Bench) -> Tools:
-    model = model_of(*bench.model)
-    with TemporaryDirectory(prefix="o2-bench-") as folder:
+def _made(kit: WorkerKit) -> Tools:
+    model = model_of(*kit.model)
+    with TemporaryDirectory(prefix="o2-kit-") as folder:
         laid = [
             (_lay(Path(folder) / f"{i}.dbc", a), _lay(Path(folder) / f"{i}.toml", b))
-            for i, (a, b) in enumerate(bench.pairs)
+            for i, (a, b) in enumerate(kit.pairs)
         ]
-        bus_map = load_pairs(laid, bench.channel)
+        bus_map = load_pairs(laid, kit.channel)
     kept = columns = None
-    if bench.columns is not None:
+    if kit.columns is not None:
         kept = _Folder()
-        columns = _lay(kept.path, bench.columns)
+        columns = _lay(kept.path, kit.columns)
     reader = RecordingReader(bus_map, model.card, columns)
     return Tools(
         model,
-        Limits.from_card(model.card, bench.config, bench.model[0]),
-        bench.config,
-        FleetReader(reader, model.card, bench.config, columns),
+        Limits.from_card(model.card, kit.config, kit.model[0]),
+        kit.config,
+        FleetReader(reader, model.card, kit.config, columns),
         kept,
     )
 
