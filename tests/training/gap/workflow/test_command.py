@@ -94,7 +94,7 @@ class Stopped:
 
 @pytest.fixture(scope="module")
 def named(chain: Path, healthy: list[Path], film: list[Path]) -> Iterator[Stopped]:
-    """A run that was stopped while adding, then the same again."""
+    """A run that was stopped while naming, then the same again."""
     stopped = Stopped(chain.parent / "gap")
     arguments = ["--model", chain, *film, "--healthy", *healthy, "--out", stopped.out]
 
@@ -109,7 +109,7 @@ def named(chain: Path, healthy: list[Path], film: list[Path]) -> Iterator[Stoppe
         return call
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workflow, "add", stop)
+        patch.setattr(workflow, "name", stop)
         stopped.codes.append(run(*arguments))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(yardstick, "learn", again("learn"))
