@@ -100,15 +100,15 @@ def test_derivatives_hold_for_boxes_and_the_linear_path() -> None:
 @pytest.fixture(scope="module")
 def late(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
     out = tmp_path_factory.mktemp("late") / "model.onnx"
-    return fit(FitSource([analyser(1)], ["u0"], "y"), out, FitOptions(starts=1, budget_minutes=0.2))
+    return fit(FitSource([analyser(1)], ["u0"], "y"), out, FitOptions(starts=1, budget_minutes=0.4))
 
 
 def test_a_late_analyser_is_given_a_long_memory(late: FitResult) -> None:
     assert late.network.spec.memory >= 20
     assert late.card.fit["test"]["fit_percent"] > 80
     assert "boxes" in describe(late.network.spec)
-    tried = {t.structure.longest: t for t in late.tries}
-    assert tried[34].rmse < 0.5 * tried[5].rmse
+    tried = {n: min(t.rmse for t in late.tries if t.structure.longest == n) for n in (5, 34)}
+    assert tried[34] < 0.5 * tried[5]
 
 
 def test_the_file_of_a_boxed_model_predicts_what_the_training_did(late: FitResult) -> None:
