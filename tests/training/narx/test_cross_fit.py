@@ -25,8 +25,7 @@ def run_over(found: CrossFit, number: int) -> FloatArray:
 
 def cross_fitted(data: Prepared, starts: int = 1) -> CrossFit:
     """Return the cross-fit of three neurons that remember two samples."""
-    none = np.zeros(len(data.role), dtype=bool)
-    folds = [fold(data, none, rows) for rows in groups_of(data)]
+    folds = [fold(data, rows & ~rows, rows) for rows in groups_of(data)]
     search = Search(folds, 0, 1, given=GivenShape(2, (3,), 1), starts=starts)
     search.run(Work())
     search.train_members(Work())

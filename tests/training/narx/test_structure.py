@@ -129,12 +129,12 @@ def test_the_file_of_a_boxed_model_predicts_what_the_training_did(late: FitResul
 def test_a_short_record_of_a_nearly_linear_plant_gets_a_small_model(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     u = np.repeat(rng.uniform(-1, 1, 60), 10)
-    y = lfilter([0.2], [1.0, -0.8], u) + 0.2 * rng.standard_normal(600)
+    truth = lfilter([0.2], [1.0, -0.8], u)
+    y = truth + 0.2 * rng.standard_normal(600)
     source = FitSource([recording(u[:, None], y)], ["u0"], "y")
     result = fit(source, tmp_path / "m.onnx", FitOptions(starts=1, budget_minutes=0.1))
     largest = max(t.n_weights for t in result.tries)
     assert max(t.spec.n_weights for t in result.chosen.members) < 0.6 * largest
-    truth = lfilter([0.2], [1.0, -0.8], u)
     off = result.predicted[60:] - truth[60:]
     assert np.sqrt(np.mean(off**2)) < 0.06  # the noise is 0.2, the signal 0.25
 
