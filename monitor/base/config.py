@@ -104,6 +104,7 @@ class PlausibilityConfig:
     stuck_s: float
     fuel_cut_most_s: float
     stuck_band_at_one: float
+    visits: int
     end_s: float
     constant_s: float
     start_patience_s: float
@@ -201,7 +202,6 @@ class MovementConfig:
 
     gain_least: float
     error_share: float
-    quantum: float
     still_share: float
     bound: float
     doubt: float

@@ -17,7 +17,7 @@ from monitor.controller.network import literal, vector
 from monitor.judge import bias, enable
 from monitor.judge.counters import ticks_to_mature
 from monitor.judge.decision.window_facts import LAMBDA_LEAST
-from monitor.judge.electrical import heater
+from monitor.judge.electrical import heater, returns
 from monitor.judge.electrical.plausibility import STRETCHES_OF_A_CODE
 from monitor.judge.electrical.readiness import ENGINE, READY
 from monitor.judge.enable import CONDITIONS, NO_CUT, Enable
@@ -186,21 +186,19 @@ def _of_response(source: ExportSource) -> Iterator[tuple[str, float | bool, str]
 
 
 def _of_movement(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
-    limits, movement = source.limits, source.config.movement
+    limits, movement, output = source.limits, source.config.movement, source.card.output
     needed, memory = source.config.response.evidence_fail, limits.noise_memory
-    hold = max(source.samples(movement.hold_s), movement.hold_samples) - 1
     yield "MOVEMENT_GAIN", movement.gain_least, "gain of the weakest live sensor"
     yield "ERROR_SHARE", movement.error_share, "healthy residual variances"
-    yield "QUANTUM_VAR", movement.quantum**2, "phi squared"
+    yield "QUANTUM_VAR", (0.5 * source.config.plausibility.stuck_range) ** 2, "phi squared"
     yield "STILL_SHARE", movement.still_share, "healthy residual variances"
     yield "MOVEMENT_BOUND", movement.bound, "decisions"
     yield "MOVEMENT_DOUBT", movement.doubt / needed, "decisions"
     yield "INDEPENDENT", (1.0 - memory) / (1.0 + memory), "part of the samples"
-    yield "HOLD", int(hold), "equal neighbours"
+    yield "HOLD", max(source.samples(movement.hold_s), movement.hold_samples) - 1, "neighbours"
     yield "NO_HOLD", movement.no_hold, "log odds"
-    yield "RANGE_END", source.card.output.maximum, "output's unit"
-    end = source.card.output.maximum if limits.still_end_s else math.inf
-    yield "STILL_END", end, "output's unit"
+    yield "RANGE_END", output.maximum, "output's unit"
+    yield "STILL_END", output.maximum if limits.still_end_s else math.inf, "output's unit"
 
 
 def _of_bias(limits: Limits, config: Config) -> Iterator[tuple[str, float | bool, str]]:
@@ -226,6 +224,9 @@ def _of_electrical(source: ExportSource) -> Iterator[tuple[str, float | bool, st
     may_be_cold = dwelt and not {ENGINE, READY} & set(names)
     yield "STUCK_RANGE", own.stuck_range, "output's unit"
     yield "STUCK_BAND", own.stuck_band_at_one, "output's unit"
+    yield "JUMP", max(limits.noise, own.stuck_band_at_one), "output's unit"
+    yield "VISITS", own.visits, "to one value"
+    yield "VISIT_LEAST", returns.LEAST, "readings of a visit"
     yield "STILL", int(still), "samples"
     yield "RESTS", math.ceil(rest_s / (still * source.period_s)), "stretches"
     yield "COLD", output.minimum if may_be_cold else -math.inf, "output's unit"

@@ -4,7 +4,11 @@ import math
 from collections.abc import Iterable, Sequence
 
 from monitor.base.config import Config, DebounceConfig
+from monitor.judge.bias import Bias
+from monitor.judge.catalyst.rule import Claim
+from monitor.judge.decision.plugins import Opinion
 from monitor.judge.findings import Change, Counted, DtcChanged
+from monitor.judge.response.rule import Response
 from monitor.memory.codes import CODES, codes_on
 from monitor.memory.debounce import FAILED, PASSED, Debounce
 from monitor.memory.dtc import Dtc
@@ -34,6 +38,15 @@ class Counters:
     def named(self, test: str) -> str | None:
         """Return the fault that a matured test has set."""
         return self._named.get(test)
+
+    def take(
+        self, test: str, found: Response | Bias | Claim | Opinion, t_ns: int
+    ) -> Sequence[Change]:
+        """Advance one test's counter by what a rule found; nothing where it is inconclusive."""
+        if found.outcome == "inconclusive":
+            return ()
+        failed, fault = found.outcome == "failed", found.fault or ""
+        return self.step(test, failed=failed, fault=fault, also=found.also, t_ns=t_ns)
 
     def step(
         self, test: str, *, failed: bool, fault: str, also: tuple[str, ...], t_ns: int

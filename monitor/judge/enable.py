@@ -160,8 +160,6 @@ ENABLED: Final = _where_all(CONDITIONS)
 INPUTS_VALID: Final = _where_all(["inputs_valid"])
 # a live sensor must move while these hold and the engine runs, whatever the model's state
 BURNING: Final = _where_all(["measured_valid", "fuel_cut_recovered", "sensor_ready"])
-# the prediction is the mixture's while these hold, in idle, too
-FOLLOWED: Final = _where_all(CONDITIONS[: _AT["coolant_warm"]])
 # nothing but a fuel cut, or the recovery from it, disables the sample, if anything does
 AROUND_FUEL_CUT: Final = _where_all(each.name for each in TABLE if not each.is_of_cut)
 IN_FUEL_CUT: Final = AROUND_FUEL_CUT & ~_where_all(["fuel_cut_recovered"])

@@ -104,7 +104,7 @@ class Collector:
         if self._t0_ns is None:
             self._t0_ns = ticks.block.t_ns.item(0)
         block = ticks.block
-        self._observation.push(block.values, block.quality, ticks.conditions, ticks.predicted)
+        self._observation.push(block.values, block.quality, ticks.conditions)
         if self._series is not None:
             t_s = (ticks.block.t_ns - self._t0_ns) / 1e9
             measured = ticks.block.values[:, self._output]

@@ -95,8 +95,7 @@ class SensorMonitor:
             names,
             output,
             period_s,
-            still_s=limits.still_s,
-            still_end_s=limits.still_end_s,
+            limits,
             is_expected=is_live or bool(store.counts.sensor_heard),
         )
         self.catalyst = CatalystMonitor(config, names, period_s)

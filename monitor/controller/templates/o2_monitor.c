@@ -329,6 +329,44 @@ static void test_signal(o2_monitor *m, const o2_sample *sample, bool moved, o2_r
     }
 }
 
+/* Take a visit to a value: a jump to it, a rest, and a jump away. */
+static void visit(o2_monitor *m, o2_result *result)
+{
+    if ((m->visits > 0U) && (fabsf(m->before - m->visited) > 0.0f)) {
+        m->visits--;
+        return;
+    }
+    m->visited = m->before;
+    m->visits = (m->visits > O2_VISITS) ? m->visits : (uint16_t)(m->visits + 1U);
+    if (m->visits == O2_VISITS) {
+        m->counter[O2_TEST_RESPONSE] = FAILED_COUNT;
+        decide(m, O2_TEST_RESPONSE, true, O2_FAULT_INTERMITTENT, result);
+    }
+}
+
+/* A signal that jumps to one value again and again; x is NAN while the sensor sleeps. */
+static void test_returns(o2_monitor *m, float x, bool burning, o2_result *result)
+{
+    float step = x - m->before;
+    bool jumps = (fabsf(m->entry) >= O2_JUMP) && (fabsf(step) >= O2_JUMP);
+    bool may_be_air = (m->entry > 0.0f) && (step < 0.0f) && !m->burnt;
+    if (fabsf(step) <= 0.0f) {
+        m->rest = counted(m->rest);
+    } else {
+        if (jumps && (m->rest >= O2_VISIT_LEAST) && !may_be_air) {
+            visit(m, result);
+        }
+        m->entry = step;
+        m->before = x;
+        m->rest = 1U;
+    }
+#ifdef O2_FUEL_CUT
+    m->burnt = burning;
+#else
+    (void)burning; /* no signal tells */
+#endif
+}
+
 static void begin_still(o2_monitor *m)
 {
     m->still = 0U;
@@ -502,6 +540,8 @@ void o2_init(o2_monitor *m, const o2_vehicle *vehicle)
     }
     m->ready_low = INFINITY;
     m->ready_high = -INFINITY;
+    m->before = NAN;
+    m->entry = NAN;
     m->course_each = 1U;
     begin_still(m);
 }
@@ -540,6 +580,7 @@ void o2_step(o2_monitor *m, const o2_sample *given, o2_result *result)
     result->enabled = conditions == O2_ENABLED;
     result->outcome = O2_INCONCLUSIVE;
     test_signal(m, sample, moved, result);
+    test_returns(m, (running && moved) ? sample->value[O2_OUTPUT] : NAN, holds(conditions, O2_BURNING), result);
     test_activity(m, sample->value[O2_OUTPUT], running && moved && holds(conditions, O2_BURNING), result);
     predict(m, sample, is_valid, result);
     if (is_valid) {

@@ -104,6 +104,12 @@ typedef struct {
     uint16_t not_ready;
     uint16_t heater_full;
     uint16_t heater_regulated;
+    float before;      /* reading of the sample before */
+    float entry;       /* step to it from another value, signed */
+    float visited;     /* value */
+    uint16_t visits;   /* to it, more than to all others */
+    uint16_t rest;     /* readings in a row like the last one */
+    bool burnt;        /* surely, with the sample before */
     uint16_t still;
     uint16_t rested;
     bool heard;

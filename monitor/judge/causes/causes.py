@@ -311,7 +311,6 @@ def _dead(seen: Observed, asked: Asked) -> list[Cause]:
         "not_ready": "was not ready",
         "frozen": "did not move any more",
         "pegged": "stood at the end of its range",
-        "lifeless": "no longer followed the mixture",
     }[reason]
     advice = f"{output.name} {words} when the recording ended: check the sensor, record further"
     return [Cause("sensor_alive", None, output.name, reason, advice)]

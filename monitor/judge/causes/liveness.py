@@ -4,22 +4,18 @@ A test that passed early says nothing of a sensor that dies later. An electrical
 seconds until it sets a code; within this time the recording may end.
 """
 
-import math
 from typing import Final, Literal
 
 import numpy as np
 
 from monitor.base.config import Config, PlausibilityConfig
-from monitor.base.runs import runs
 from monitor.base.types import BoolArray, FloatArray, Quality
 from monitor.judge.causes.observation import Observed
-from monitor.judge.enable import CONDITIONS, FOLLOWED, masks
+from monitor.judge.enable import CONDITIONS
 from monitor.judge.limits import Limits
-from monitor.judge.residual import oriented
-from monitor.judge.response.movement import MovementRule
 from monitor.model.card import Channel, ModelCard
 
-Dead = Literal["stale", "invalid", "out_of_range", "not_ready", "frozen", "pegged", "lifeless"]
+Dead = Literal["stale", "invalid", "out_of_range", "not_ready", "frozen", "pegged"]
 _BY_QUALITY: Final[dict[int, Dead]] = {
     Quality.STALE: "stale",
     Quality.OFF_BUS: "stale",
@@ -36,16 +32,13 @@ def dead_at_end(
 ) -> Dead | None:
     """Return how the sensor was dead when the recording ended, None if it was alive.
 
-    limits : with which the recording was judged; without them nobody knows the model's error
+    limits : with which the recording was judged
     A sensor need not be alive while the engine stands.
     """
     if not len(seen.end_values):
         return None
     own = config.plausibility
-    found = _silent(seen, card.output, own) or _still(seen, card.output, own, limits)
-    if found is None and limits is not None:
-        return _lifeless(seen, card, config, limits)
-    return found
+    return _silent(seen, card.output, own) or _still(seen, card.output, own, limits)
 
 
 def _silent(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead | None:
@@ -82,34 +75,6 @@ def _still(
         return "frozen"
     burning = np.count_nonzero(seen.end_conditions[-n:, _RECOVERED])
     return "pegged" if burning >= least else None
-
-
-def _lifeless(seen: Observed, card: ModelCard, config: Config, limits: Limits) -> Dead | None:
-    """Return the state of the sensor if its last readings are noise while the prediction moves."""
-    n = config.window.n_samples
-    held = FOLLOWED[masks(seen.end_conditions)]
-    held &= _running(seen, config.plausibility, len(held)) & np.isfinite(seen.end_predicted)
-    spans = [(begin, end) for begin, end in runs(held) if end - begin >= n]
-    if not spans:
-        return None
-    begin, end = spans[-1]
-    n_windows = (end - begin) // n
-    last = slice(end - n_windows * n, end)
-    measured = seen.end_values[last, seen.names.index(card.output.name)]
-    measured, healthy = (
-        oriented(values, card.transform).reshape(n_windows, n)
-        for values in (measured, seen.end_predicted[last])
-    )
-    rule = MovementRule(
-        config.movement,
-        limits.noise,
-        limits.noise_memory,
-        seen.period_s,
-        math.inf,
-        limits.still_s,
-    )
-    odds = rule.dead_ratios(measured, healthy).sum()
-    return "lifeless" if odds >= config.movement.doubt else None
 
 
 def _running(seen: Observed, config: PlausibilityConfig, n: int) -> BoolArray:

@@ -35,7 +35,6 @@ class Observed:
     end_values: FloatArray  # (n_end, n_names) of the last samples
     end_quality: QualityArray  # (n_end, n_names)
     end_conditions: BoolArray  # (n_end, n_conditions)
-    end_predicted: FloatArray  # (n_end,) NaN where there is no prediction
 
     def share(self, condition: str) -> float:
         """Return the share of samples on which a condition held, 0 to 1."""
@@ -76,9 +75,8 @@ class Observation:
             np.empty((0, n)),
             np.empty((0, n), dtype=np.uint8),
             np.empty((0, len(CONDITIONS)), dtype=np.bool_),
-            np.empty(0),
         )
-        self._waiting: list[tuple[FloatArray, QualityArray, BoolArray, FloatArray]] = []
+        self._waiting: list[tuple[FloatArray, QualityArray, BoolArray]] = []
         self._n_waiting = 0
 
     @property
@@ -87,19 +85,9 @@ class Observation:
         self._count()
         return self._held
 
-    def push(
-        self,
-        values: FloatArray,
-        quality: QualityArray,
-        conditions: BoolArray,
-        predicted: FloatArray | None = None,
-    ) -> None:
-        """Take samples: values and quality (n, n_names), conditions (n, n_conditions).
-
-        predicted : (n,) the model's output, where it was run
-        """
-        own = np.full(len(values), np.nan) if predicted is None else predicted
-        self._waiting.append((values, quality, conditions, own))
+    def push(self, values: FloatArray, quality: QualityArray, conditions: BoolArray) -> None:
+        """Take samples: values and quality (n, n_names), conditions (n, n_conditions)."""
+        self._waiting.append((values, quality, conditions))
         self._n_waiting += len(values)
         if self._n_waiting >= _BATCH:
             self._count()
@@ -125,13 +113,12 @@ class Observation:
             end_values=self._end[0],
             end_quality=self._end[1],
             end_conditions=self._end[2],
-            end_predicted=self._end[3],
         )
 
     def _count(self) -> None:
         if not self._n_waiting:
             return
-        values, quality, conditions, predicted = (
+        values, quality, conditions = (
             np.concatenate(parts) for parts in zip(*self._waiting, strict=True)
         )
         self._waiting, self._n_waiting = [], 0
@@ -150,7 +137,6 @@ class Observation:
             np.concatenate([self._end[0], values])[-self._n_end :].copy(),
             np.concatenate([self._end[1], quality])[-self._n_end :].copy(),
             np.concatenate([self._end[2], conditions])[-self._n_end :].copy(),
-            np.concatenate([self._end[3], predicted])[-self._n_end :].copy(),
         )
 
     def _count_stale(self, silent: BoolArray) -> None:

@@ -117,17 +117,14 @@ class Decisions:
         A failed balance names the upstream sensor, whatever the bias rule says of it: that rule
         knows no absolute reference.
         """
-        if claim.outcome == "inconclusive":
-            return ()
-        failed, fault = claim.outcome == "failed", claim.fault or ""
-        counters = self._counters
+        counters, failed, fault = self._counters, claim.outcome == "failed", claim.fault or ""
         if test in CIRCUIT_TESTS:  # they decide at once
             return counters.mature(test, failed=failed, fault=fault, t_ns=t_ns)
         if test == "bias":
             if not counters.failed("balance") or counters.named(test) == claim.fault:
                 return ()
             return counters.set_codes(test, failed=failed, fault=fault, also=(), t_ns=t_ns)
-        return counters.step(test, failed=failed, fault=fault, also=claim.also, t_ns=t_ns)
+        return counters.take(test, claim, t_ns)
 
     def facts(self, windows: Sequence[Window]) -> list[Facts]:
         """Return the facts of windows that follow each other, each once, before it decides."""
@@ -145,11 +142,7 @@ class Decisions:
         self._windows += 1
         self._offset_sum += facts.offset
         yield from self._response_step(response, window.t_end_ns)
-        if bias.outcome != "inconclusive":
-            failed, fault = bias.outcome == "failed", bias.fault or ""
-            yield from self._counters.step(
-                "bias", failed=failed, fault=fault, also=bias.also, t_ns=window.t_end_ns
-            )
+        yield from self._counters.take("bias", bias, window.t_end_ns)
         yield from self._by_plugins(window)
 
     def cut(self, window: Window, facts: Facts) -> Iterator[CutJudged | Change]:
@@ -184,11 +177,7 @@ class Decisions:
 
     def _response_step(self, response: Response, t_ns: int) -> Iterator[Change]:
         """Take the response rule's finding on a window of either kind."""
-        if response.outcome != "inconclusive":
-            failed, fault = response.outcome == "failed", response.fault or ""
-            yield from self._counters.step(
-                "response", failed=failed, fault=fault, also=response.also, t_ns=t_ns
-            )
+        yield from self._counters.take("response", response, t_ns)
         self.completed |= self._counters.failed("response") or self._counters.passed("response")
 
     def _by_plugins(self, window: Window) -> Iterator[Change]:
@@ -200,13 +189,8 @@ class Decisions:
                 del self._rules[test]
                 yield RuleOff(window.t_end_ns, f"the rule {error}; it is switched off")
                 continue
-            if said.outcome == "inconclusive":
-                continue
-            failed, fault = said.outcome == "failed", said.fault or ""
-            self._suspicious |= failed
-            yield from self._counters.step(
-                test, failed=failed, fault=fault, also=(), t_ns=window.t_end_ns
-            )
+            self._suspicious |= said.outcome == "failed"
+            yield from self._counters.take(test, said, window.t_end_ns)
 
     def _unless_dead(self, response: Response, moved: Moved) -> Response:
         """Return the response rule's finding, unless the reading may not move at all."""

@@ -25,6 +25,7 @@ class Opinion:
 
     outcome: Literal["passed", "failed", "inconclusive"]
     fault: str | None = None  # one of the rule's, if failed
+    also: tuple[str, ...] = ()  # others of its faults that explain as much
 
 
 class Rule(Protocol):

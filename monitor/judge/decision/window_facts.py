@@ -52,24 +52,15 @@ class WindowFacts:
             untested=limits.trust.untested,
         )
         self._n_cuts = 0  # windows around fuel cuts
-        self._movement = MovementRule(
-            config.movement,
-            limits.noise,
-            limits.noise_memory,
-            period_s,
-            config.response.evidence_fail,
-            limits.still_s,
-        )
+        self._movement = MovementRule(config, limits, period_s)
 
     def of(self, windows: Sequence[Window]) -> list[Facts]:
         """Return the facts of windows that follow each other; each goes through once.
 
         The edges of fuel cuts are judged by the same claims, and their evidence is the same.
         """
-        found: list[Facts] = []
-        for is_cut, group in groupby(windows, attrgetter("is_cut")):
-            found += (self._around_cuts if is_cut else self._enabled)(list(group))
-        return found
+        kinds = groupby(windows, attrgetter("is_cut"))
+        return [each for is_cut, own in kinds for each in self._of_kind(list(own), is_cut=is_cut)]
 
     @property
     def drive_gain(self) -> float:
@@ -105,37 +96,28 @@ class WindowFacts:
         alike = [value for name, value in odds.items() if CODES[name] == CODES[fault]]
         return math.exp(odds[fault] - max(alike)) / sum(math.exp(v - max(alike)) for v in alike)
 
-    def _around_cuts(self, windows: Sequence[Window]) -> list[Facts]:
+    def _of_kind(self, windows: Sequence[Window], *, is_cut: bool) -> list[Facts]:
+        """Return the facts of windows of one kind."""
         measured = np.array([window.measured for window in windows])
         phi, banks = phi_of(windows, self._transform), [window.bank for window in windows]
         healthy = np.array([bank[:, 0] for bank in banks])
-        mean, std = means_and_stds(phi - healthy)
-        # a reading that stands still is the activity test's, one at the end of its range is in air
+        residual = phi - healthy if is_cut else np.array([window.residual for window in windows])
+        mean, std = means_and_stds(residual)
         low, high = np.minimum.reduce(measured, axis=1), np.maximum.reduce(measured, axis=1)
-        ignore = high - low <= self._stuck_range
+        ignore = (
+            high - low <= self._stuck_range
+        )  # a reading that stands still is the activity test's
         responses = self._response.judge(phi, banks, ignore)
-        self._n_cuts += int(np.count_nonzero(~ignore))
-        still = ignore | (low >= self._range_end - self._stuck_range)
-        moved = self._movement.judge_around_cuts(phi, healthy, still)
-        return [
-            Facts(m, s, no_evidence=False, offset=0.0, response=each, moved=moves)
-            for m, s, each, moves in zip(mean.tolist(), std.tolist(), responses, moved, strict=True)
-        ]
-
-    def _enabled(self, windows: Sequence[Window]) -> list[Facts]:
-        measured = np.array([window.measured for window in windows])
-        mean, std = means_and_stds(np.array([window.residual for window in windows]))
-        span = np.maximum.reduce(measured, axis=1) - np.minimum.reduce(measured, axis=1)
-        ignore = span <= self._stuck_range
-        phi = phi_of(windows, self._transform)
-        banks = [window.bank for window in windows]
-        responses = self._response.judge(phi, banks, ignore)
-        offset = self._offset(measured, banks, responses)
-        healthy = np.array([bank[:, 0] for bank in banks])
-        at_end = np.maximum.reduce(measured, axis=1) >= self._end
-        moved = self._movement.judge(phi, healthy, ignore | at_end)
-        own = mean.tolist(), std.tolist(), ignore.tolist()
-        return list(map(Facts, *own, offset.tolist(), responses, moved))
+        if is_cut:
+            self._n_cuts += int(np.count_nonzero(~ignore))
+            at_end = low >= self._range_end - self._stuck_range  # in air
+            no_evidence, offset = np.zeros(len(windows), dtype=np.bool_), np.zeros(len(windows))
+        else:
+            at_end = high >= self._end
+            no_evidence, offset = ignore, self._offset(measured, banks, responses)
+        moved = self._movement.judge(phi, healthy, ignore | at_end, is_cut=is_cut)
+        own = mean.tolist(), std.tolist(), no_evidence.tolist(), offset.tolist()
+        return list(map(Facts, *own, responses, moved))
 
     def _offset(
         self, measured: FloatArray, banks: Sequence[FloatArray], responses: Sequence[Response]

@@ -1,10 +1,12 @@
 """The tests of the measured signal that need no model, on blocks of samples.
 
-The signal is missing, invalid, out of range, not ready, or frozen.
+The signal is missing, invalid, out of range, not ready, frozen, or jumps to one value.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
@@ -17,7 +19,11 @@ from monitor.judge.electrical.plausibility import (
     TickResult,
 )
 from monitor.judge.electrical.readiness import Readiness
+from monitor.judge.electrical.returns import ReturnTest
+from monitor.judge.limits import Limits
 from monitor.model.card import Channel
+
+RETURNS: Final = TickResult("response", True, "intermittent")
 
 
 class Electrical(NamedTuple):
@@ -33,8 +39,8 @@ class ElectricalTests:
 
     names : signals of a sample
     output : the measured signal among them, with its range in training
-    still_s : time for which this car's healthy reading may stand still, if longer than usual
-    still_end_s : the same at the end of its range
+    limits : of the car's model, with the times for which a healthy reading may stand still, and the
+        noise, beyond which a step of the reading is a jump
     is_expected : whether the sender is known, so that its silence from the start is a fault
     """
 
@@ -44,23 +50,28 @@ class ElectricalTests:
         names: Sequence[str],
         output: Channel,
         period_s: float,
+        limits: Limits | None = None,
         *,
-        still_s: float = 0.0,
-        still_end_s: float = 0.0,
         is_expected: bool = True,
     ) -> None:
         own = config.plausibility
+        noise, *still_s = (limits.noise, limits.still_s, limits.still_end_s) if limits else (0.0,)
         self._output = names.index(output.name)
         self._readiness = Readiness(own, names, period_s)
         self._plausibility = Plausibility(
             own, names, output.name, period_s, is_expected=is_expected
         )
         self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
-        self._activity = ActivityTest.of(own, output, names, period_s, still_s, still_end_s)
+        self._activity = ActivityTest.of(own, output, names, period_s, *still_s)
+        self._returns = ReturnTest(max(noise, own.stuck_band_at_one), own.visits)
+        self._knows_cuts = "fuel_cut" in names
 
     def reset(self) -> None:
         """Start as after switching on."""
-        for each in (self._readiness, self._plausibility, self._maturing, self._activity):
+        for each in (
+            *(self._readiness, self._plausibility, self._maturing),
+            *(self._activity, self._returns),
+        ):
             each.reset()
 
     def forget(self) -> None:
@@ -80,8 +91,11 @@ class ElectricalTests:
         running = self._plausibility.running(values)
         ready = self._ready(values, quality, running)
         results = self._plausibility.push(values, quality, ready)
-        stretches = self._activity.push(values[:, self._output], running & burning & ready)
-        return Electrical(self._maturing.push(results), stretches, running)
+        measured, awake = values[:, self._output], running & ready
+        matured = self._maturing.push(results)
+        seen = np.where(awake, measured, np.nan)
+        matured += [(k, RETURNS) for k in self._returns.push(seen, burning & self._knows_cuts)]
+        return Electrical(matured, self._activity.push(measured, awake & burning), running)
 
     def must_move(self, values: FloatArray, quality: QualityArray, burning: BoolArray) -> BoolArray:
         """Return on which samples a live sensor moves, (n,); arguments as for ``push``."""

@@ -16,8 +16,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from monitor.base.config import MovementConfig
+from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray
+from monitor.judge.limits import Limits
 
 DEAD: Final = "no_activity"
 HOLDS: Final = "intermittent"
@@ -31,56 +32,42 @@ class Moved(NamedTuple):
     holds: float  # the same of a sensor that holds now and then
 
 
-UNKNOWN: Final = Moved(None, 0.0, 0.0)  # of a window that the rule does not look at
-
-
 class MovementRule:
     """Sequential test over windows, constant memory.
 
-    noise : standard deviation of the healthy residual, oriented like phi
-    memory : its correlation from one sample to the next
+    limits : with the healthy residual's spread and memory, and the time for which the healthy
+        reading may stand still. A window is a part of it, and says no more of a dead sensor, or of
+        a hold, than this part of what decides.
     period_s : of the samples
-    needed : log likelihood ratio that decides
-    still_s : time for which the healthy reading may stand still. A window is a part of it, and says
-        no more of a dead sensor, or of a hold, than this part of what decides.
     """
 
-    def __init__(
-        self,
-        config: MovementConfig,
-        noise: float,
-        memory: float,
-        period_s: float,
-        needed: float,
-        still_s: float = 0.0,
-    ) -> None:
-        self._config, self._noise_var, self._needed = config, noise**2, needed
-        self._independent = (1.0 - memory) / (1.0 + memory)
-        self._hold = max(round(config.hold_s / period_s), config.hold_samples) - 1
+    def __init__(self, config: Config, limits: Limits, period_s: float) -> None:
+        own = self._config = config.movement
+        self._noise_var, self._needed = limits.noise**2, config.response.evidence_fail
+        self._quantum = 0.5 * config.plausibility.stuck_range
+        self._independent = (1.0 - limits.noise_memory) / (1.0 + limits.noise_memory)
+        self._hold = max(round(own.hold_s / period_s), own.hold_samples) - 1
         self._dead = self._holds = 0.0
-        self._still = still_s / period_s
+        self._still = limits.still_s / period_s
 
     def judge(
-        self, measured: FloatArray, healthy: FloatArray, no_evidence: BoolArray
+        self,
+        measured: FloatArray,
+        healthy: FloatArray,
+        no_evidence: BoolArray,
+        *,
+        is_cut: bool = False,
     ) -> list[Moved]:
         """Return the finding after each window.
 
         measured, healthy : (w, n) reading, and what a healthy sensor would read, like phi
         no_evidence : (w,) windows that count for nothing
+        is_cut : windows around fuel cuts; in air a healthy reading, too, repeats itself, so they
+            tell nothing of holds
         """
-        dead = self.dead_ratios(measured, healthy)
-        holds = self._hold_ratios(measured, healthy)
+        dead = self.dead_ratios(measured, healthy, is_cut=is_cut)
+        holds = np.zeros(len(dead)) if is_cut else self._hold_ratios(measured, healthy)
         return self._summed(dead, holds, no_evidence)
-
-    def judge_around_cuts(
-        self, measured: FloatArray, healthy: FloatArray, no_evidence: BoolArray
-    ) -> list[Moved]:
-        """Return the finding after each window around a fuel cut; arguments as for ``judge``.
-
-        In air a healthy reading, too, repeats itself, so these windows tell nothing of holds.
-        """
-        dead = self.dead_ratios(measured, healthy, is_cut=True)
-        return self._summed(dead, np.zeros(len(dead)), no_evidence)
 
     def _summed(self, dead: FloatArray, holds: FloatArray, no_evidence: BoolArray) -> list[Moved]:
         """Add the evidence of windows, (w,); return the finding after each.
@@ -109,7 +96,7 @@ class MovementRule:
         error_var = self._noise_var
         own = measured.var(axis=1)
         moves = np.maximum(healthy.var(axis=1) - config.error_share * error_var, 0.0)
-        least = config.quantum**2
+        least = self._quantum**2
         least_alive = config.gain_least**2 * moves
         # around a fuel cut a sound reading may rest up to a step that it shows a little later
         moving = 0.0 if is_cut else least_alive

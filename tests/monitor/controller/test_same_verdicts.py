@@ -96,6 +96,19 @@ def test_broken_samples_do_no_harm_and_are_judged_alike(
         assert found == [] or c_monitor.differs_in_name_alone(a, b), found
 
 
+@pytest.mark.parametrize("value", [0.93, 1.2])
+def test_a_reading_that_jumps_to_one_value_is_intermittent_in_c_too(
+    value: float, setup: Setup, logs: list[Any], driver: Path
+) -> None:
+    source, given = c_monitor.source_of(setup), logs[0].copy()
+    at = source.names.index("lambda_measured")
+    given[:, at] = np.where(np.arange(len(given)) % 97 < 5, np.float32(value), given[:, at])
+    (python,) = c_monitor.in_python([c_monitor.samples(given, source)], source.names, setup)
+    (c,) = c_monitor.in_c([driver, *c_monitor.ANY], [given])
+    assert c_monitor.differences(python, c) == []
+    assert "intermittent" in {fault for _, _, fault, _ in c.codes}
+
+
 def test_the_vehicle_s_reference_is_an_input(setup: Setup, driver: Path) -> None:
     # GIVEN a sound sensor in a vehicle whose reference knows other offsets and a stronger gain
     name = next(each for each in NAMES if each.startswith("healthy_micro"))

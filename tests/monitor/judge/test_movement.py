@@ -1,5 +1,7 @@
 """A reading that does not move with the mixture, or holds now and then."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,15 +9,17 @@ from monitor import Verdict, replay
 from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.bias import Course
+from monitor.judge.limits import NO_LIMITS
 from monitor.judge.response.movement import DEAD, HOLDS, MovementRule
 from tests.helpers.drives.drive_tables import PERIOD_S, columns
 
-NOISE, NEEDED, N = 0.006, 11.5, 50
+NOISE, N = 0.006, 50
 RNG = np.random.default_rng(11)
 
 
 def rule(still_s: float = 0.0, noise: float = NOISE) -> MovementRule:
-    return MovementRule(config.load().movement, noise, 0.5, PERIOD_S, NEEDED, still_s)
+    limits = replace(NO_LIMITS, noise=noise, noise_memory=0.5, still_s=still_s)
+    return MovementRule(config.load(), limits, PERIOD_S)
 
 
 def mixture(windows: int, std: float) -> FloatArray:
@@ -158,6 +162,13 @@ def test_a_sensor_that_dies_with_noise_after_its_test_had_passed_is_found(level:
     n = len(columns()["lambda_measured"])
     verdict = judged(late(level + 0.003 * RNG.standard_normal(n)))
     assert [code.fault for code in verdict.codes] == ["no_activity"]
+
+
+def test_a_drive_with_drops_to_one_value_is_intermittent() -> None:
+    healthy = columns()["lambda_measured"]
+    drops = np.where(np.arange(len(healthy)) % 97 < 6, 0.93, healthy)
+    assert [code.fault for code in judged(drops).codes] == ["intermittent"]
+    assert not judged(healthy).codes
 
 
 # Drift

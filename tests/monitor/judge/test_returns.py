@@ -1,0 +1,59 @@
+"""A reading that jumps to one value again and again is intermittent."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.base.types import FloatArray
+from monitor.judge.electrical.returns import ReturnTest
+
+JUMP, NEEDED = 0.03, 10
+
+
+def decisions(measured: FloatArray, *, blocks: int = 1, burning: bool = True) -> list[int]:
+    test, found, at = ReturnTest(JUMP, NEEDED), [], 0
+    for part in np.array_split(measured, blocks):
+        found += [at + k for k in test.push(part, np.full(len(part), burning))]
+        at += len(part)
+    return found
+
+
+def live(n: int = 3000) -> FloatArray:
+    rng = np.random.default_rng(7)
+    return 1.0 + 0.05 * np.sin(np.arange(n) / 7.0) + 0.002 * rng.standard_normal(n)
+
+
+def with_drops(measured: FloatArray, values: FloatArray | list[float]) -> FloatArray:
+    """Return readings that drop to the values for half a second, every ten seconds."""
+    dropped = measured.copy()
+    for k, value in enumerate(values):
+        dropped[100 * k + 50 : 100 * k + 55] = value
+    return dropped
+
+
+def test_the_tenth_drop_to_exactly_one_value_decides_once() -> None:
+    assert decisions(with_drops(live(), [0.9] * 25)) == [100 * 9 + 55]
+
+
+def test_drops_to_values_that_differ_are_a_mixture_that_moves() -> None:
+    values = np.random.default_rng(8).uniform(0.8, 0.9, 25)
+    assert not decisions(with_drops(live(), values))
+    every_second = np.where(np.arange(25) % 2, values, 0.9)  # no majority
+    assert not decisions(with_drops(live(), every_second))
+
+
+def test_rests_without_a_jump_count_for_nothing() -> None:
+    near = 0.99 + 0.01 * np.sin(np.arange(3000) / 7.0)  # less than a jump around it
+    assert not decisions(with_drops(near, [0.99] * 25))
+
+
+def test_a_reading_of_air_is_no_default_value_unless_fuel_burns() -> None:
+    cuts = with_drops(live(), [1.36] * 25)
+    assert not decisions(cuts, burning=False)
+    assert decisions(cuts)
+
+
+@given(st.integers(1, 400))
+def test_evidence_does_not_depend_on_where_blocks_begin(blocks: int) -> None:
+    dropped = with_drops(live(), [0.9] * 25)
+    assert decisions(dropped, blocks=blocks) == decisions(dropped)
