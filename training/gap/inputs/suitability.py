@@ -17,7 +17,7 @@ from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import NEEDED, ChainDrive
 from training.healthy import base
 from training.pages.numbers import percent
-from training.recordings.recording import Recording
+from training.recordings.recording import Recording, check_each_once
 
 LIMITS: Final = CONFIG.inputs
 CHARGE: Final = ("maf_kg_h", "engine_speed_rpm")  # instead of the air per stroke
@@ -31,11 +31,12 @@ def check_files(
 
     roles : "RECORDING", "--healthy", "--verify" → recordings
     A chain cannot do without them, a network can still be looked at.
-    Raises RecordingError if a recording stands twice, is on another grid than the model, or if it
-    is a chain's or a healthy one that lacks a signal.
+    Raises UsageError if a recording stands twice, RecordingError if one is on another grid than the
+    model, or is a chain's or a healthy one that lacks a signal.
     """
-    check_once(roles)
-    check_period([each for group in roles.values() for each in group], card.period_ns, model)
+    every = [each for group in roles.values() for each in group]
+    check_each_once(every)
+    check_period(every, card.period_ns, model)
     if card.transform != "phi":  # no chain for other outputs than lambda
         return {}
     own_charge = base.own_charge(card)
@@ -50,21 +51,6 @@ def check_files(
     if not missing:
         check_healthy(roles["--healthy"], own_charge)
     return missing
-
-
-def check_once(groups: Mapping[str, Sequence[Recording]]) -> None:
-    """Raise RecordingError if the same bytes stand twice in the groups, role → recordings."""
-    seen: dict[str, tuple[str, Recording]] = {}
-    for role, recordings in groups.items():
-        for each in recordings:
-            if each.sha256 in seen:
-                other_role, other = seen[each.sha256]
-                where = role if role == other_role else f"{other_role} and {role}"
-                raise RecordingError(
-                    f"{each.path}: the same bytes as {other.path} ({where}); a recording can serve "
-                    "for one thing, once"
-                )
-            seen[each.sha256] = (role, each)
 
 
 def check_period(recordings: Sequence[Recording], period_ns: int, model: str) -> None:

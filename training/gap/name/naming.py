@@ -98,6 +98,10 @@ def _unknown(odds: Posterior, share: float) -> Posterior:
     return left | {UNKNOWN: left[UNKNOWN] + share}
 
 
+def _likeliest_first(odds: Posterior) -> Posterior:
+    return dict(sorted(odds.items(), key=lambda each: -each[1]))
+
+
 def _with_formula(naming: Naming, begun: FirstTerm | None, ranking: Sequence[Candidate]) -> Naming:
     """Return the naming of an unknown effect with its formula.
 
@@ -111,7 +115,10 @@ def _with_formula(naming: Naming, begun: FirstTerm | None, ranking: Sequence[Can
     else:
         found = unbeaten(begun.rival, library)
     if found is not None and found.is_reversed:
-        return replace(naming, answer=replace(naming.answer, effects=(found,)))
+        odds = dict(naming.posterior)  # the formula stands for other causes, and does not beat it
+        odds[found.label] = odds.get(found.label, 0.0) + odds.pop(UNKNOWN)
+        answer = replace(naming.answer, effects=(found,))
+        return replace(naming, answer=answer, posterior=_likeliest_first(odds))
     if found is not None:
         return replace(naming, answer=replace(naming.answer, suspected=found.name))
     if begun is None:
@@ -182,7 +189,7 @@ def _answer(
         base=_base(first, last, known.base if known else reference),
         error=error,
         warnings=warnings,
-        posterior=dict(sorted(odds.items(), key=lambda each: -each[1])),
+        posterior=_likeliest_first(odds),
     )
 
 

@@ -2,24 +2,27 @@
 
 Blocks are drawn with replacement, and every draw is answered anew. Its answer is the candidate that
 explains most of held-out blocks: more than healthy drives give it, and half of all that can be
-explained. A gap that no candidate explains so is of another cause. An effect with a sign that it
-cannot have is a hypothesis of its own.
+explained. A gap that no candidate explains so is of another cause; there is one if the ceiling
+explains more than chance. An effect with a sign that it cannot have is a hypothesis of its own.
 Sources: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 8; Bühlmann,
 Discussion of big Bayes stories and BayesBag, Statistical Science 29 (2014).
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
-from training.gap.name.formulas.plain_function import plainest
+from training.gap.name.formulas.signal_screen import left_by_signal
 from training.gap.name.ranking import USUAL_SHARE
 from training.gap.name.verdict import Candidate
 from training.healthy import scoring
 from training.healthy.base_state import BaseState
 
 NONE, UNKNOWN, ONSET = "none", "unknown", "onset"
+GAP_GAIN: Final = 500.0  # fall of the held-out deviance by the ceiling, from which there is a gap
+GAP_T: Final = 3.0  # of the signed square roots of the blocks' falls
 Posterior = Mapping[str, float]
 
 
@@ -33,17 +36,28 @@ def posterior(state: BaseState, ranking: Sequence[Candidate], whole: FloatArray)
     gains = np.where(gains >= [c.merit.needed for c in ranking], gains, 0.0)
     best, is_large = gains.argmax(axis=1), gains.max(axis=1) > 0.0
     counts = dict.fromkeys([*(c.label for c in ranking), NONE, UNKNOWN], 0)
-    plain = plainest(state)
-    counts[NONE if plain is None else UNKNOWN] = int((~is_large).sum())
+    is_clear = _is_clear(state)
+    counts[UNKNOWN if is_clear else NONE] = int((~is_large).sum())
     for i in np.unique(best[is_large]):
         candidate, own = ranking[i], drawn[is_large & (best == i)]
         holds = _explains_half(state, candidate, own @ (whole - after[i]), own)
         if candidate.kind == "sensor fault":
             # Its own fault may have another form, of which the library's explains a part.
-            holds |= plain is None or own @ plain.deviance > own @ after[i]
+            holds |= (
+                not is_clear or own @ next(iter(left_by_signal(state).values())) > own @ after[i]
+            )
         counts[candidate.label] = int(holds.sum())
         counts[UNKNOWN] += int((~holds).sum())
     return {name: count / len(drawn) for name, count in counts.items()}
+
+
+def _is_clear(state: BaseState) -> bool:
+    """Return whether the ceiling explains more of held-out blocks than it does of healthy ones."""
+    known, errors, blocks = state.current.jacobian, state.current.residual, state.case.blocks
+    rest = scoring.left_by(state.roof, known, errors, blocks)
+    moved = np.bincount(blocks, (rest - errors) ** 2).astype(np.float64)
+    score = scoring.score(scoring.by_block(errors, blocks), scoring.by_block(rest, blocks), moved)
+    return score.gain >= GAP_GAIN and score.t >= GAP_T
 
 
 def _explains_half(

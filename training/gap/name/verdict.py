@@ -64,7 +64,13 @@ class Candidate:
         """Return the name and what it is, as the end of a sentence."""
         if not self.is_reversed:
             return f"{self.name} ({self.term.says})"
-        return f"{self.name} in the other direction (not: {self.term.says})"
+        return f"{self.name} in the other direction (look at {self.look_at})"
+
+    @property
+    def look_at(self) -> str:
+        """Return causes of an effect in the other direction, as the end of a sentence."""
+        opposite = f"what does the opposite of: {self.term.says}"
+        return getattr(self.term, "look_at", "") or opposite
 
     @property
     def kind(self) -> Kind:

@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from typing import Final
 
 from monitor.model.card import TrainingRecording
-from training.gap.name.verdict import Candidate
 from training.gap.result import Result
-from training.gap.verify.evidence import Count, Detection, Error, rate
+from training.gap.verify.evidence import Count, Detection, rate
 from training.greybox.effects.form.effect import Parameter
-from training.pages.numbers import MISSING, fixed, percent, unit_of
+from training.pages.numbers import MISSING, fixed, percent
 
 AT_BOUND: Final = 0.01  # of the range
 
@@ -16,16 +15,6 @@ AT_BOUND: Final = 0.01  # of the range
 def phi(value: float | None) -> str:
     """Return a figure in phi."""
     return fixed(value, 4)
-
-
-def change(e: Error) -> str:
-    """Return the change of an error in thousandths with its bounds."""
-    if e.after is None:
-        return MISSING
-    if e.change_low is None or e.change_high is None:
-        return "too few blocks"
-    parts = (1e3 * each for each in (e.after - e.before, e.change_low, e.change_high))
-    return "{:+.1f} ({:+.1f} to {:+.1f})".format(*parts)
 
 
 def all_faults(faults: Sequence[Detection]) -> tuple[str, ...]:
@@ -53,16 +42,6 @@ def _counts(c: Count | None, fault: str) -> tuple[str, str, str]:
         return (MISSING, MISSING, MISSING)
     right = f"{c.named} of {c.drives}" if fault else ", ".join(sorted(set(c.codes))) or "no code"
     return (f"{c.judged} of {c.drives}", f"{c.found} of {c.drives}", right)
-
-
-def values(c: Candidate) -> str:
-    """Return constants with standard errors in one line; one at its bound says so."""
-    return "; ".join(
-        f"{p.name} {c.parameters[p.name]:.3g} ± {c.standard_errors[p.name]:.2g} "
-        f"{unit_of(p.unit)}".rstrip()
-        + (", at its bound" if at_bound(p, c.parameters[p.name]) else "")
-        for p in c.term.parameters
-    )
 
 
 def at_bound(parameter: Parameter, value: float) -> bool:

@@ -1,6 +1,8 @@
 """Sentences of the gap report: the verdict with its figures, the next steps, the warnings."""
 
+from training.gap.name.decision import AMBIGUOUS_MOST
 from training.gap.name.posterior import NONE
+from training.gap.name.ranking import WIN
 from training.gap.name.verdict import Candidate
 from training.gap.pages.cells import phi
 from training.gap.response.difference import COMMAND
@@ -104,11 +106,7 @@ def _reversed(result: Result, effect: Candidate) -> str:
     """Return the effect that acts in the direction that it cannot have, and what to look at."""
     words = f"{effect.name.replace('_', ' ').capitalize()}, but in the other direction"
     then = _with_it(result) or f"It is not added to the model; {_level(result)}."
-    return f"{words}: look at {_look_at(effect)}. {then}"
-
-
-def _look_at(effect: Candidate) -> str:
-    return getattr(effect.term, "look_at", "") or f"what does the opposite of: {effect.term.says}"
+    return f"{words}: look at {effect.look_at}. {then}"
 
 
 def _suspects(result: Result) -> str:
@@ -203,7 +201,7 @@ def _drive(result: Result) -> list[str]:
 
 def _describe(result: Result) -> list[str]:
     found = [result.unknown] if result.unknown else []
-    found += [f"Look at {_look_at(c)}." for c in result.effects if c.is_reversed]
+    found += [f"Look at {c.look_at}." for c in result.effects if c.is_reversed]
     if result.naming.answer.suspected:
         found += _check_sensor(result)
     if result.difference is not None:
@@ -293,10 +291,14 @@ def _and(parts: list[str], word: str = "and") -> str:
 
 
 def confidence(result: Result) -> str:
-    """Return the likeliest hypothesis with its probability."""
+    """Return the likeliest hypotheses with their probabilities: as few as hold 95 %, at most 3."""
+    told, left = list[str](), 1.0
     for name, p in result.naming.posterior.items():  # the likeliest first
-        words = "no gap" if name == NONE else name.replace("_", " ")
-        return f"of all hypotheses, {percent(p)} for {words}."
+        if left > 1.0 - WIN and len(told) < AMBIGUOUS_MOST:
+            told.append(f"{percent(p)} for {'no gap' if name == NONE else name.replace('_', ' ')}")
+        left -= p
+    if told:
+        return f"of all hypotheses, {_and(told)}."
     if result.verdict == "no_gap":
         return "the error is what chance and healthy driving explain; no effect could be tried."
     return "no effect could be tried; the parts below say how far each answer is beyond chance."

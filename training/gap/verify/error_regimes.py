@@ -1,8 +1,7 @@
 """Errors of two models side by side in regimes of the drives, with bounds of their difference.
 
-Blocks of time are drawn with replacement; the bounds of regimes hold for all of them together.
-Source: Künsch, Annals of Statistics 17 (1989); Westfall and Young, Resampling-Based Multiple
-Testing, 1993, for the largest of several differences.
+A regime's blocks of time are a sample of clusters; the bounds of regimes hold for all of them
+together. Source: Cochran, Sampling Techniques, 3rd ed., 1977, section 6.4 (ratio estimates).
 """
 
 from collections.abc import Sequence
@@ -10,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+from scipy.special import stdtrit
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.gap.config import CONFIG
@@ -20,7 +19,6 @@ from training.greybox.fit.comparison import BLOCK_S, Comparison
 from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.verify
-DRAWS: Final = 500
 PARTS: Final = (("low", "medium", "high"), (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0))
 
 
@@ -96,7 +94,6 @@ def compare(
     recordings: Sequence[Comparison],
     after: Sequence[FloatArray] | None,
     floor: FloatArray | None,
-    seed: int = 0,
 ) -> tuple[Error, ...]:
     """Return the errors of all samples, then those of every regime with enough samples.
 
@@ -115,7 +112,7 @@ def compare(
     bounds = None
     if new is not None:
         pair = (_sums(regimes, blocks, old**2), _sums(regimes, blocks, new**2))
-        bounds = _bounds(*pair, counts, used >= LIMITS.blocks_min, np.random.default_rng(seed))
+        bounds = _bounds(*pair, counts, used >= LIMITS.blocks_min)
     found = []
     for i, regime in enumerate(regimes):
         known = bounds is not None and used[i] >= LIMITS.blocks_min
@@ -159,39 +156,21 @@ def _sums(regimes: Sequence[Regime], blocks: IntArray, values: FloatArray) -> Fl
 
 
 def _bounds(
-    before: FloatArray,
-    after: FloatArray,
-    counts: FloatArray,
-    told: BoolArray,
-    rng: np.random.Generator,
+    before: FloatArray, after: FloatArray, counts: FloatArray, told: BoolArray
 ) -> FloatArray:
-    """Return low and high (n_regimes, 2) of the change of RMSE.
+    """Return low and high (n_regimes, 2) of the change of RMSE, Student's t over blocks.
 
     The first is of all samples and stands by itself; those of the others hold for all ``told``
-    together.
+    together (Bonferroni).
     """
-    n_blocks = counts.shape[1]
-    drawn = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), size=DRAWS).T
-    many = np.maximum(counts @ drawn, 1.0)
-    changes = np.sqrt(after @ drawn / many) - np.sqrt(before @ drawn / many)
     n = counts.sum(axis=1)
-    value = np.sqrt(after.sum(axis=1) / n) - np.sqrt(before.sum(axis=1) / n)
-    spread = np.maximum(changes.std(axis=1), np.finfo(float).tiny)
-    distance = np.abs(changes - value[:, np.newaxis]) / spread[:, np.newaxis]
-    far = np.full(len(n), np.inf)
-    for rows in (np.arange(1), np.flatnonzero(told[1:]) + 1):  # the whole, then its parts together
-        if len(rows):
-            far[rows] = np.quantile(distance[rows].max(axis=0), LIMITS.confidence)
-    reach = far * spread * _few(n**2 / (counts**2).sum(axis=1))
-    return np.column_stack([value - reach, value + reach])
-
-
-def _few(blocks: FloatArray) -> FloatArray:
-    """Return by how much a bootstrap over so many blocks (n_regimes,) reaches too short.
-
-    It draws a normal distribution's tail where Student's has to be, and the spread over n instead
-    of n - 1. Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.
-    """
-    n = np.maximum(blocks, 2.0)
-    tail = 0.5 + LIMITS.confidence / 2.0
-    return np.sqrt(n / (n - 1.0)) * stdtrit(n - 1.0, tail) / ndtri(tail)
+    blocks = np.maximum(n**2 / (counts**2).sum(axis=1), 2.0)  # alike in size that say as much
+    change, rest = np.zeros(len(n)), np.zeros_like(counts)
+    for sign, sums in ((-1.0, before), (1.0, after)):
+        root = np.maximum(np.sqrt(sums.sum(axis=1) / n), np.finfo(float).tiny)
+        change += sign * root
+        rest += (sign * (sums.T - root**2 * counts.T) / (2.0 * root * n)).T
+    spread = np.sqrt((rest**2).sum(axis=1) * blocks / (blocks - 1))
+    share = np.where(np.arange(len(n)) == 0, 1.0, 1.0 / max(int(told[1:].sum()), 1))
+    reach = stdtrit(blocks - 1, 1.0 - 0.5 * share * (1.0 - LIMITS.confidence)) * spread
+    return np.column_stack([change - reach, change + reach])

@@ -155,7 +155,7 @@ def test_models_that_are_equally_good_seldom_differ_beyond_confidence_anywhere()
             phi_predicted=phi,
             scored=scored,
         )
-        told += any(e.worse or e.better for e in compare([drive], [new], None, seed)[1:])
+        told += any(e.worse or e.better for e in compare([drive], [new], None)[1:])
     # THEN about one in twenty has a regime in which they differ beyond confidence
     assert told / trials <= 0.10
 

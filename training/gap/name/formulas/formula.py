@@ -26,7 +26,7 @@ from training.healthy.without import corrections
 
 TERMS_MOST: Final = 3
 SIGNALS_MOST: Final = 3  # whose forms are fitted
-GAIN_LEAST: Final = 400.0  # of the first term in whitened errors, as for a clear plain function
+GAIN_LEAST: Final = 400.0  # of the first term in whitened errors
 T_LEAST: Final = 3.0  # of the first term, as for a name
 FURTHER_T_LEAST: Final = 2.0
 SHARE_LEAST: Final = 0.1  # of the deviance, that a term takes away
