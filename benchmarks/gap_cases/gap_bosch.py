@@ -23,7 +23,8 @@ from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.verdicts.bosch import LAMBDA_PER_Z, RUNS, STOICHIOMETRIC_Z, run_of
 from monitor.base.types import BoolArray, FloatArray
 from training.gap.response.account import ResponseAccount
-from training.gap.response.difference import Difference, Finding, References, difference_of
+from training.gap.response.difference import Difference, Finding, difference_of
+from training.gap.response.reference import ResponseReference
 from training.greybox.fit.comparison import Comparison
 from training.greybox.quantity.dynamics import lag
 from training.recordings.recording import Recording
@@ -185,10 +186,10 @@ def in_cut(recording: Recording) -> BoolArray:
     return np.asarray(recording.column(CUT) > 0)
 
 
-def learn(recordings: list[Recording], output: str) -> References:
+def learn(recordings: list[Recording], output: str) -> ResponseReference:
     """Return what healthy runs say of an output."""
     inputs = [*INPUTS, *(["lambda_z"] if output != "lambda_z" else [])]
-    return References.learn([compared(r, output) for r in recordings], inputs)
+    return ResponseReference.learn([compared(r, output) for r in recordings], inputs)
 
 
 def hidden(effect: HiddenEffect, recordings: list[Recording], size: float) -> list[FloatArray]:
@@ -244,7 +245,7 @@ def main(argv: Sequence[str]) -> int:
             nulls.append(row_of(f"none, {output}, {group}", found, None, began_s))
             if output != "lambda_z":
                 continue
-            errors = [r.residual[r.scored] for r in known.each[0].healthy]
+            errors = [r.residual[r.scored] for r in known.healthy]
             spread = 1.4826 * float(np.median(np.abs(np.concatenate(errors))))
             for effect in effects[: args.effects]:
                 began_s = time.process_time()

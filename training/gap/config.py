@@ -15,7 +15,6 @@ class InputsConfig:
     moves_quantiles: tuple[float, float]
     correlation_min: float
     effects_max: int
-    bias_lambda: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,8 @@ from monitor.model.card import ModelCard
 from training.gap.config import CONFIG
 from training.gap.inputs import suitability
 from training.gap.name.verdict import Answer, BlockError, Naming, Trials, Verdict
-from training.gap.response.difference import Difference, References, difference_of
+from training.gap.response.difference import Difference, difference_of
+from training.gap.response.reference import ResponseReference
 from training.gap.result import Inputs, NewModelFile, Result
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Comparison
@@ -62,8 +63,8 @@ def investigate(
         suitability.check_long(runs, role)
     error = float(np.sqrt(np.mean(np.concatenate([r.residual[r.scored] for r in new]) ** 2)))
     unit = _unit(card)
-    references = References.learn(known, card.input_names)
-    difference = difference_of(new, references, unit)
+    reference = ResponseReference.learn(known, card.input_names)
+    difference = difference_of(new, reference, unit)
     verdict, suspected = _verdict(difference, sensor_known_good=sensor_known_good)
     best = difference.best
     return Result(
@@ -81,7 +82,7 @@ def investigate(
             answer=Answer(suspected=suspected),
             trials=Trials(skipped={effect.name: tuple(missing) for effect in ALL}),
             base=None,
-            error=BlockError(before=error, after=None, floor=references.error, explained_share=nan),
+            error=BlockError(before=error, after=None, floor=reference.error, explained_share=nan),
             warnings=(_warning(missing),),
         ),
         unknown=best.sentence if best is not None and verdict == "unknown_effect" else None,

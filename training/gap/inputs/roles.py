@@ -6,16 +6,15 @@ from pathlib import Path
 from typing import Final
 
 from monitor.base.errors import UsageError
-from monitor.base.faults import LIMIT_SEVERITY, Fault, resolve
+from monitor.base.faults import Fault, resolve
 from training.gap.config import CONFIG
 from training.greybox.effects import LIBRARY
+from training.limits.trust import LIMIT_FAULTS
 from training.recordings.recording import Recording
 
 LIMITS: Final = CONFIG.inputs
-FAULTS: Final = tuple(
-    resolve(name, LIMITS.bias_lambda if name.startswith("biased") else severity)
-    for name, severity in LIMIT_SEVERITY.items()
-    if name != "transient"  # lag and gain together: both are there by themselves
+FAULTS: Final = tuple(  # of lag and gain together both are there by themselves
+    resolve(name, severity) for name, severity in LIMIT_FAULTS if name != "transient"
 )
 ACCEPTED: Final = "the recordings of the fit"
 

@@ -12,6 +12,7 @@ from training.gap.response.equations import Held
 from training.gap.response.families import PASTS_S, Family
 from training.greybox.fit.comparison import Comparison
 from training.greybox.quantity.dynamics import delayed, lag
+from training.greybox.quantity.value import hats
 
 DELAYS_S: Final = tuple(np.arange(0.0, 1.51, 0.1).tolist())
 LAGS_S: Final = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0)
@@ -76,11 +77,11 @@ def response_of(new: Sequence[Comparison]) -> ResponseAccount:
 
 def curve_of(family: Family, held: Held, runs: Sequence[Comparison]) -> ResponseCurve:
     """Return what a level adds over the driver's range in the new runs, the family's first."""
-    assert family.driver is not None and family.basis is not None
+    assert family.driver is not None and family.knots is not None
     values = family.driver.values[: len(runs)]
     seen = np.concatenate([v[r.scored] for v, r in zip(values, runs, strict=True)])
     x = np.quantile(seen, np.linspace(0.02, 0.98, 5 * GRID))
-    y = family.basis(x) @ held.coefficients
+    y = hats(x, family.knots) @ held.coefficients
     return ResponseCurve(x, y - y.mean())
 
 

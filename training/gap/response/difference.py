@@ -1,8 +1,4 @@
-"""Whether new runs of any output differ from healthy ones, in what, and how sure that is.
-
-Two references answer: the model's inputs, and all signals that were recorded. The first sees a
-change of the mixture as well as one of the reading; the second is sharper for the reading alone.
-"""
+"""Whether new runs of any output differ from healthy ones, in what, and how sure that is."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,15 +23,7 @@ from training.pages.numbers import percent
 from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.response
-SENSOR: Final = (
-    "offset",
-    "begins",
-    "gain",
-    "timing",
-    "lag",
-    "response",
-    "swing",
-)  # what a faulty sensor does
+SENSOR: Final = ("offset", "begins", "gain", "timing", "lag", "response")  # a faulty one's
 SIMPLE: Final = (
     *("offset", "gain", "timing", "lag", "response"),
     *("level", "dynamic", "timing with", "gain with"),
@@ -44,7 +32,6 @@ COMMAND: Final = "command"  # the ECU asks for another mixture than on healthy r
 TARGET: Final = "lambda_target"
 RICHEST: Final = 0.5  # lambda, the least that is plausible
 HALF: Final = 0.5  # of the error beyond healthy runs, that goes with a command
-LAST: Final = {"swing": 1, "size": 2}  # kinds that describe a difference if no other does
 SHIFTS: Final = ("timing", "lag", "response", "timing with", "gain", "gain with")
 
 
@@ -52,7 +39,7 @@ SHIFTS: Final = ("timing", "lag", "response", "timing with", "gain", "gain with"
 class Finding:
     """One question with its answer."""
 
-    kind: str  # of the family, "size", "swing" or "begins"
+    kind: str  # of the family, or "begins"
     driver: str  # "" for the reading as a whole
     z: float
     p_value: float  # of all questions together
@@ -71,34 +58,13 @@ class Difference:
 
     findings: tuple[Finding, ...]
     best: Finding | None  # None if nothing is beyond chance
-    response: ResponseAccount | None  # where the best is a shift, a gain or a swing
+    response: ResponseAccount | None  # where the best is a shift or a gain
     curve: ResponseCurve | None  # where the best is a level
 
     @property
     def like_sensor(self) -> bool:
         """Return whether the best finding is what a faulty sensor does."""
         return self.best is not None and self.best.kind in SENSOR
-
-
-@dataclass(frozen=True, slots=True)
-class References:
-    """What healthy runs say, by the model's inputs and by all recorded signals."""
-
-    inputs: tuple[str, ...]
-    each: tuple[ResponseReference, ...]
-
-    @classmethod
-    def learn(cls, healthy: Sequence[Comparison], inputs: Sequence[str]) -> "References":
-        """Return both; the same one once if no other signal was recorded."""
-        shared = [n for n in healthy[0].signals if all(n in r.signals for r in healthy)]
-        sets = dict.fromkeys((tuple(inputs), tuple(shared)))
-        return cls(tuple(inputs), tuple(ResponseReference.learn(healthy, names) for names in sets))
-
-    @property
-    def error(self) -> float:
-        """Return the least RMS error with which healthy runs tell each other's reading."""
-        residuals = [np.concatenate([r.residual[r.scored] for r in e.healthy]) for e in self.each]
-        return min(float(np.sqrt(np.mean(e**2))) for e in residuals)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,19 +79,13 @@ class _Place:
 
 
 def difference_of(
-    new: Sequence[Comparison], references: References, unit: str = "", seed: int = 0
+    new: Sequence[Comparison], reference: ResponseReference, unit: str = "", seed: int = 0
 ) -> Difference:
     """Return in what new runs differ from the healthy ones.
 
     unit : of the output, for the sentences; empty for phi
     """
-    places = [
-        place
-        for reference in references.each
-        if all(n in r.signals for r in new for n in reference.regressors.inputs)
-        for place in _asked(new, reference, references, unit, seed)
-    ]
-    ranked = sorted(places, key=lambda p: -p.finding.z)
+    ranked = sorted(_asked(new, reference, unit, seed), key=lambda p: -p.finding.z)
     first = _described_by(ranked)
     if first is None:
         return Difference(tuple(p.finding for p in ranked), None, None, None)
@@ -133,12 +93,10 @@ def difference_of(
     found, response, curve = first.finding, None, None
     if first.family is not None and found.kind in SHIFTS:
         response = response_of(first.runs)
-    if found.kind == "swing":
-        response = ResponseAccount(float(np.exp(first.trial.swing)), 0.0, 0.0)
     if first.family is not None and found.kind == "level":
         curve = curve_of(first.family, first.trial.held[first.number], first.runs)
     best = replace(found, sentence=_sentence(first, response, curve, unit))
-    if unit in ("", "phi") and (share := _commanded(new, references.each[0])) >= HALF:
+    if unit in ("", "phi") and (share := _commanded(new, reference)) >= HALF:
         words = f"{percent(share)} of what exceeds the error of healthy runs goes with its lambda"
         sentence = f"The ECU asks for it: {words} target. {best.sentence}"
         best = replace(best, kind=COMMAND, driver=TARGET, sentence=sentence)
@@ -163,15 +121,13 @@ def _less_target(run: Comparison) -> Comparison:
 def _described_by(ranked: Sequence[_Place]) -> _Place | None:
     """Return the finding that describes the difference; None if nothing is beyond chance.
 
-    Of the findings that are about as sure as the surest, by either reference, the one that
-    explains most of runs that it did not see; a simpler one that explains nearly as much goes
-    first. That the reading moves less, or that the error is larger, is no description as long as
-    there is another.
+    Of the findings that are about as sure as the surest, the one that explains most of runs that it
+    did not see; a simpler one that explains nearly as much goes first.
     """
     significant = [p for p in ranked if p.finding.significant]
     if not significant:
         return None
-    surest = min(significant, key=lambda p: (LAST.get(p.finding.kind, 0), -p.finding.z))
+    surest = significant[0]
     near = [
         p
         for p in ranked
@@ -187,15 +143,11 @@ def _described_by(ranked: Sequence[_Place]) -> _Place | None:
 
 
 def _asked(
-    new: Sequence[Comparison],
-    reference: ResponseReference,
-    references: References,
-    unit: str,
-    seed: int,
+    new: Sequence[Comparison], reference: ResponseReference, unit: str, seed: int
 ) -> list[_Place]:
     fresh = reference.beside(new)
     runs = [*fresh, *reference.healthy]
-    families = families_of(runs, find_drivers(runs), references.inputs)
+    families = families_of(runs, find_drivers(runs), reference.regressors.inputs)
     questions = Questions.of(fresh, reference.healthy, families, reference.spread)
     plain = tuple(
         replace(r, phi_predicted=f.phi_predicted) for r, f in zip(new, fresh, strict=True)
@@ -203,7 +155,7 @@ def _asked(
     trial, chance = questions.answer(), questions.chance(np.random.default_rng(seed))
 
     def place(family: Family | None, z: float, kind: str, gain: float, number: int) -> _Place:
-        p = min(len(references.each) * p_value(z, chance), 1.0)
+        p = p_value(z, chance)
         driver = family.driver.name if family is not None and family.driver is not None else ""
         found = Finding(kind, driver, z, p, gain, "")
         one = _Place(found, plain, family, trial, number)
@@ -214,8 +166,6 @@ def _asked(
             place(f, float(z), f.kind, h.gain, i)
             for i, (f, h, z) in enumerate(zip(families, trial.held, trial.z, strict=True))
         ),
-        place(None, abs(trial.z_size), "size", 0.0, -1),
-        place(None, abs(trial.z_swing), "swing", 0.0, -1),
         place(None, abs(trial.z_begin), "begins", 0.0, -1),
     ]
 
@@ -249,23 +199,12 @@ def _begins(place: _Place, of: str) -> str:
     return f"From {runs[at].name} on the reading is {step:+.3g} {of} off."
 
 
-def _size(place: _Place, of: str) -> str:
-    side = "larger" if place.trial.z_size > 0.0 else "smaller"
-    return f"The error is {side} than on healthy runs."
-
-
-def _swing(place: _Place, of: str) -> str:
-    percent = 100.0 * float(np.expm1(place.trial.swing))
-    side = "more" if percent > 0.0 else "less"
-    return f"The reading moves {abs(percent):.0f} % {side} than that of a healthy vehicle."
-
-
 def _offset(place: _Place, of: str) -> str:
     off = float(place.trial.held[place.number].coefficients[0])
     return f"The reading is {off:+.3g} {of} off everywhere."
 
 
-_OF_RUNS: Final = {"begins": _begins, "size": _size, "swing": _swing, "offset": _offset}
+_OF_RUNS: Final = {"begins": _begins, "offset": _offset}
 _PLAIN: Final = {
     "gain": "The reading moves more or less than in proportion",
     "timing": "The reading comes earlier or later",

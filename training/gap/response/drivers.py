@@ -12,7 +12,6 @@ from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
 from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import in_fuel_cut
-from training.healthy.config import CONFIG as HEALTHY
 from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.drivers
@@ -22,25 +21,17 @@ WORDS: Final[Mapping[str, str]] = {
     "air_mass_mg": "load (air per stroke)",
     "fuel_mass_mg": "fuel per stroke",
     "maf_kg_h": "air flow",
-    "inverse_flow_h_kg": "1 / air flow",
-    "load_times_speed": "load × engine speed",
     "after_fuel_cut_s": "time since fuel cut",
     "fuel_rate_mg_s": "rate of fuel per stroke",
     "load_rate_mg_s": "rate of load",
-    "cold_fuel_rate_mg_s": "rate of fuel, engine cold",
-    "purge_per_flow": "purge duty / air flow",
     "phi_slope_1_s": "edge direction (slope of phi)",
     "phi_predicted": "predicted phi",
 }
 UNITS: Final[Mapping[str, str]] = {
     **{name: signal.unit for name, signal in BY_NAME.items()},
-    "inverse_flow_h_kg": "h/kg",
-    "load_times_speed": "mg/min",
     "after_fuel_cut_s": "s",
     "fuel_rate_mg_s": "mg/s",
     "load_rate_mg_s": "mg/s",
-    "cold_fuel_rate_mg_s": "mg/s",
-    "purge_per_flow": "% h/kg",
     "phi_slope_1_s": "1/s",
 }
 SUFFIX: Final = re.compile(r"_(kg_h|km_h|degc|percent|mpa|kpa|rpm|nm|v)$")
@@ -99,16 +90,6 @@ def _signal(r: Comparison, name: str) -> FloatArray | None:
     return hold(r.signals[name]) if name in r.signals else None
 
 
-def _inverse_flow(r: Comparison) -> FloatArray | None:
-    flow = _signal(r, "maf_kg_h")
-    return None if flow is None else 1.0 / np.maximum(flow, 1.0)
-
-
-def _load_times_speed(r: Comparison) -> FloatArray | None:
-    load, speed = _signal(r, "air_mass_mg"), _signal(r, "engine_speed_rpm")
-    return None if load is None or speed is None else load * speed
-
-
 def _after_fuel_cut(r: Comparison) -> FloatArray | None:
     said = ((name, _signal(r, name)) for name in ("fuel_cut", "fuel_mass_mg"))
     cut = in_fuel_cut({name: values for name, values in said if values is not None})
@@ -127,31 +108,14 @@ def _rate_of(name: str) -> Callable[[Comparison], FloatArray | None]:
     return make
 
 
-def _cold_fuel_rate(r: Comparison) -> FloatArray | None:
-    fuel, coolant = _signal(r, "fuel_mass_mg"), _signal(r, "coolant_temperature_degc")
-    if fuel is None or coolant is None:
-        return None
-    warm_degc = HEALTHY.warm_degc
-    return rate(fuel, r.period_s) * np.clip((warm_degc - coolant) / warm_degc, 0.0, 1.0)
-
-
-def _purge_per_flow(r: Comparison) -> FloatArray | None:
-    purge, flow = _signal(r, "purge_duty_percent"), _signal(r, "maf_kg_h")
-    return None if purge is None or flow is None else purge / np.maximum(flow, 1.0)
-
-
 def _phi_slope(r: Comparison) -> FloatArray:
     return rate(hold(r.phi_predicted), r.period_s)
 
 
 DERIVED: Final[Mapping[str, Callable[[Comparison], FloatArray | None]]] = {
-    "inverse_flow_h_kg": _inverse_flow,
-    "load_times_speed": _load_times_speed,
     "after_fuel_cut_s": _after_fuel_cut,
     "fuel_rate_mg_s": _rate_of("fuel_mass_mg"),
     "load_rate_mg_s": _rate_of("air_mass_mg"),
-    "cold_fuel_rate_mg_s": _cold_fuel_rate,
-    "purge_per_flow": _purge_per_flow,
     "phi_slope_1_s": _phi_slope,
     "phi_predicted": lambda r: hold(r.phi_predicted),
 }

@@ -16,16 +16,16 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.gap.response.basis import Basis
 from training.gap.response.drivers import Driver, rate
 from training.greybox.fit.comparison import Comparison
 from training.greybox.quantity.dynamics import lag
+from training.greybox.quantity.value import hats
 from training.recordings.samples.rows import hold
 
 LAGS_S: Final = (0.3, 1.0, 3.0)  # of the reading
 PASTS_S: Final = (0.5, 1.5, 5.0, 20.0)  # of a driver
-KNOTS: Final = 12  # of a level: a ripple has many
-KNOTS_WITH: Final = 4  # of a shift or gain
+INTERVALS: Final = 12  # of a level's range: a ripple has many
+INTERVALS_WITH: Final = 4  # of a shift's or a gain's
 
 Make = Callable[[Comparison, FloatArray], FloatArray]  # run, driver (n,) → columns (n, k)
 
@@ -37,17 +37,7 @@ class Family:
     kind: str
     driver: Driver | None
     columns: tuple[FloatArray, ...]  # (n, k) of each run, new ones first
-    basis: Basis | None = None  # of a level
-
-    @property
-    def name(self) -> str:
-        """Return kind and driver as one name."""
-        return self.kind if self.driver is None else f"{self.kind}: {self.driver.name}"
-
-    @property
-    def size(self) -> int:
-        """Return the number of columns."""
-        return int(self.columns[0].shape[1])
+    knots: FloatArray | None = None  # of a level
 
 
 def families_of(
@@ -66,8 +56,7 @@ def families_of(
         seen = np.concatenate([v[r.scored] for v, r in zip(driver.values, runs, strict=True)])
         for kind, make in _with(driver, seen, driver.name in inputs).items():
             columns = tuple(make(r, v) for r, v in zip(runs, driver.values, strict=True))
-            basis = Basis.of(seen, KNOTS) if kind == "level" else None
-            found.append(Family(kind, driver, columns, basis))
+            found.append(Family(kind, driver, columns, _knots(seen) if kind == "level" else None))
     return found
 
 
@@ -100,16 +89,26 @@ OF_READING: Final = ("phi_predicted", "phi_slope_1_s")  # the reading itself: as
 
 
 def _with(driver: Driver, seen: FloatArray, is_input: bool) -> dict[str, Make]:
-    level, coarse = Basis.of(seen, KNOTS), Basis.of(seen, KNOTS_WITH)
+    knots, few = _knots(seen), _knots(seen, INTERVALS_WITH)
     spread = max(float(seen.std()), 1e-12)
-    found: dict[str, Make] = {"level": lambda r, x: _centred(r, level(x))}
+    found: dict[str, Make] = {"level": lambda r, x: _centred(r, hats(x, knots))}
     if is_input:
         found |= {
             "dynamic": lambda r, x: past(r, x / spread, PASTS_S),
-            "timing with": lambda r, x: coarse(x) * slope(r),
-            "gain with": lambda r, x: coarse(x) * moved(r),
+            "timing with": lambda r, x: hats(x, few) * slope(r),
+            "gain with": lambda r, x: hats(x, few) * moved(r),
         }
     return found
+
+
+def _knots(seen: FloatArray, intervals: int = INTERVALS) -> FloatArray:
+    """Return quantiles of a variable's values (m,) between which a function is straight."""
+    low, high = np.percentile(seen, [0.5, 99.5])
+    inside, parts = seen[(seen >= low) & (seen <= high)], np.linspace(0.0, 1.0, intervals + 1)
+    knots = np.unique(np.quantile(inside, parts))
+    if len(knots) < 4:  # a variable that mostly rests has its quantiles at one value
+        knots = np.unique(np.quantile(np.unique(inside), parts))
+    return knots if len(knots) > 1 else np.array([seen.min(), seen.max()])
 
 
 def _centred(run: Comparison, columns: FloatArray) -> FloatArray:

@@ -46,6 +46,12 @@ class ResponseReference:
         beside = [replace(r, phi_predicted=p) for r, p in zip(healthy, predicted, strict=True)]
         return cls(made, weights, spread, tuple(map(spread.held, beside)))
 
+    @property
+    def error(self) -> float:
+        """Return the RMS error with which healthy runs tell each other's reading."""
+        residual = np.concatenate([r.residual[r.scored] for r in self.healthy])
+        return float(np.sqrt(np.mean(residual**2)))
+
     def excess(self, new: Sequence[Comparison]) -> float:
         """Return by how much the mean squared error of new runs exceeds that of healthy ones."""
         here, there = (

@@ -15,7 +15,7 @@ from training.gap.inputs.roles import FAULTS
 from training.gap.verify.detection import detect, monitor_of
 from training.gap.verify.error_curve import error_curve
 from training.gap.verify.error_regimes import blocks_of, compare, rms, scored
-from training.gap.verify.evidence import Detection, Error, ErrorTrace, Verification
+from training.gap.verify.evidence import Error, ErrorTrace, Verification
 from training.greybox.chain import Constants
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import FOLDS, Comparison
@@ -93,7 +93,7 @@ def verify(
         faults=tuple(detected),
         alarms=alarms,
         healthy_alarms=detect(monitor, monitors[-1:], ())[0] if healthy else None,
-        notes=(AFTERWARDS, *_undecided(alarms, detected), *_alarmed(alarms)),
+        notes=(AFTERWARDS,),
     )
 
 
@@ -187,28 +187,3 @@ def left_over(
     e = scored(compared, residuals)
     rest = e - ridge.fit(x, e, blocks_of(compared) % FOLDS).held_out
     return rest if rms(rest) < rms(e) else e
-
-
-def _undecided(alarms: Detection, found: Sequence[Detection]) -> tuple[str, ...]:
-    """Return notes if drives are too short or calm for the monitor to reach a decision."""
-    notes = []
-    for words, each in (("held-out drives", [alarms]), ("drives with a fault put on", found)):
-        counts = [c for f in each for c in (f.before, f.after) if c is not None]
-        drives, judged = sum(c.drives for c in counts), sum(c.judged for c in counts)
-        if judged < drives:
-            notes.append(
-                f"In {drives - judged} of {drives} {words}, both models counted, the monitor "
-                "reached no decision: too short or too calm for it. They count as not found."
-            )
-    return tuple(notes)
-
-
-def _alarmed(alarms: Detection) -> tuple[str, ...]:
-    """Return a note if the old model raises codes without any fault, because of the gap."""
-    if not alarms.before.found:
-        return ()
-    return (
-        f"With the old model the monitor raises codes in {alarms.before.found} of "
-        f"{alarms.before.drives} held-out drives without any fault: there its detection says "
-        "little, the share named right says more.",
-    )

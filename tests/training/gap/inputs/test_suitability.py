@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor.base.errors import RecordingError, UsageError
+from monitor.base.errors import UsageError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
@@ -47,7 +47,7 @@ CARD = Model.load(shipped_model()).card
 
 
 def test_a_recording_given_twice_is_refused() -> None:
-    with pytest.raises(UsageError, match="drive_1.csv: the same as"):
+    with pytest.raises(UsageError, match=r"drive_1\.csv: the same as"):
         suitability.check_files(roles([recording(1), recording(2), recording(1)]), CARD, "m.onnx")
 
 
