@@ -4,14 +4,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-from scipy.stats import beta
 
 from benchmarks.outcome import Row
+from training.limits.rates import rate
 
 Answer = Mapping[str, Any]
 Asked = Callable[[Answer], bool]
 SUSPECTED: Final = "sensor_fault_suspected"
-CONFIDENCE: Final = 0.95
 LIKE_SENSOR: Final = ("ethanol", "sensor_asymmetry")
 NEAR: Final = 1.1  # times the error without the effect
 
@@ -36,11 +35,10 @@ def figures(answers: Sequence[Answer]) -> Iterator[Row]:
 
 
 def share(words: str, of: int, number: int) -> Row:
-    """Return a share in percent with its exact bounds (Clopper and Pearson, 1934)."""
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low = beta.ppf(tail, of, number - of + 1) if of else 0.0
-    high = beta.ppf(1.0 - tail, of + 1, number - of) if of < number else 1.0
-    percent = {"%": 100 * of / number, "low": 100 * float(low), "high": 100 * float(high)}
+    """Return a share in percent with its exact 95 % bounds."""
+    found = rate(of, number)
+    names = {"%": "rate", "low": "low", "high": "high"}
+    percent = {name: 100 * found[key] for name, key in names.items()}
     return {"figure": words, "n": of, "of": number} | percent
 
 

@@ -55,24 +55,32 @@ class ResponseCurve:
         return 1.0 - float(rest.var() / max(float(self.y.var()), 1e-300))
 
 
-def response_of(new: Sequence[Comparison]) -> ResponseAccount:
-    """Return gain, delay and lag that bring the healthy reading nearest to the new one."""
-    rows = [r.scored for r in new]
-    measured = np.concatenate([r.phi_measured[s] for r, s in zip(new, rows, strict=True)])
-    best = (np.inf, ResponseAccount(1.0, 0.0, 0.0))
-    for delay_s, lag_s in product(DELAYS_S, LAGS_S):
-        made = np.concatenate(
-            [
-                lag(delayed(r.phi_predicted, delay_s / r.period_s), lag_s, r.period_s)[s]
-                for r, s in zip(new, rows, strict=True)
-            ]
+def response_of(new: Sequence[Comparison], healthy: Sequence[Comparison]) -> ResponseAccount:
+    """Return gain, delay and lag that bring the healthy reading nearest to the new one.
+
+    healthy : beside the same reading, whose gain is 1: a reading that is known badly has less
+    """
+    tried = {
+        (delay_s, lag_s): _nearest(new, delay_s, lag_s)
+        for delay_s, lag_s in product(DELAYS_S, LAGS_S)
+    }
+    (delay_s, lag_s), (gain, _) = min(tried.items(), key=lambda each: each[1][1])
+    usual, _ = _nearest(healthy, 0.0, 0.0)
+    return ResponseAccount(gain / usual, delay_s, lag_s)
+
+
+def _nearest(runs: Sequence[Comparison], delay_s: float, lag_s: float) -> tuple[float, float]:
+    """Return the gain of a late and slow healthy reading, and the sum of squares that it leaves."""
+    made, measured = (
+        np.concatenate([x[r.scored] for r, x in zip(runs, each, strict=True)])
+        for each in (
+            [lag(delayed(r.phi_predicted, delay_s / r.period_s), lag_s, r.period_s) for r in runs],
+            [r.phi_measured for r in runs],
         )
-        x, y = made - made.mean(), measured - measured.mean()
-        gain = float(x @ y) / max(float(x @ x), 1e-300)
-        left = float(((y - gain * x) ** 2).sum())
-        if left < best[0]:
-            best = (left, ResponseAccount(gain, delay_s, lag_s))
-    return best[1]
+    )
+    x, y = made - made.mean(), measured - measured.mean()
+    gain = float(x @ y) / max(float(x @ x), 1e-300)
+    return gain, float(((y - gain * x) ** 2).sum())
 
 
 def curve_of(family: Family, held: Held, runs: Sequence[Comparison]) -> ResponseCurve:

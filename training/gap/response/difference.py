@@ -23,7 +23,8 @@ from training.pages.numbers import percent
 from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.response
-SENSOR: Final = ("offset", "begins", "gain", "timing", "lag", "response")  # a faulty one's
+SWING: Final = "swing"  # the reading moves more or less; a description if there is no other
+SENSOR: Final = (SWING, "offset", "begins", "gain", "timing", "lag", "response")  # a faulty one's
 SIMPLE: Final = (
     *("offset", "gain", "timing", "lag", "response"),
     *("level", "dynamic", "timing with", "gain with"),
@@ -32,14 +33,14 @@ COMMAND: Final = "command"  # the ECU asks for another mixture than on healthy r
 TARGET: Final = "lambda_target"
 RICHEST: Final = 0.5  # lambda, the least that is plausible
 HALF: Final = 0.5  # of the error beyond healthy runs, that goes with a command
-SHIFTS: Final = ("timing", "lag", "response", "timing with", "gain", "gain with")
+SHIFTS: Final = (SWING, "timing", "lag", "response", "timing with", "gain", "gain with")
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One question with its answer."""
 
-    kind: str  # of the family, or "begins"
+    kind: str  # of the family, SWING or "begins"
     driver: str  # "" for the reading as a whole
     z: float
     p_value: float  # of all questions together
@@ -58,7 +59,7 @@ class Difference:
 
     findings: tuple[Finding, ...]
     best: Finding | None  # None if nothing is beyond chance
-    response: ResponseAccount | None  # where the best is a shift or a gain
+    response: ResponseAccount | None  # where the best is a shift, a gain or a swing
     curve: ResponseCurve | None  # where the best is a level
 
     @property
@@ -91,8 +92,8 @@ def difference_of(
         return Difference(tuple(p.finding for p in ranked), None, None, None)
     others = [p.finding for p in ranked if p is not first]
     found, response, curve = first.finding, None, None
-    if first.family is not None and found.kind in SHIFTS:
-        response = response_of(first.runs)
+    if found.kind in SHIFTS:
+        response = response_of(first.runs, reference.healthy)
     if first.family is not None and found.kind == "level":
         curve = curve_of(first.family, first.trial.held[first.number], first.runs)
     best = replace(found, sentence=_sentence(first, response, curve, unit))
@@ -122,12 +123,13 @@ def _described_by(ranked: Sequence[_Place]) -> _Place | None:
     """Return the finding that describes the difference; None if nothing is beyond chance.
 
     Of the findings that are about as sure as the surest, the one that explains most of runs that it
-    did not see; a simpler one that explains nearly as much goes first.
+    did not see; a simpler one that explains nearly as much goes first. How much the reading moves
+    is no description as long as there is another.
     """
     significant = [p for p in ranked if p.finding.significant]
     if not significant:
         return None
-    surest = significant[0]
+    surest = min(significant, key=lambda p: (p.finding.kind == SWING, -p.finding.z))
     near = [
         p
         for p in ranked
@@ -166,6 +168,7 @@ def _asked(
             place(f, float(z), f.kind, h.gain, i)
             for i, (f, h, z) in enumerate(zip(families, trial.held, trial.z, strict=True))
         ),
+        place(None, abs(trial.z_swing), SWING, 0.0, -1),
         place(None, abs(trial.z_begin), "begins", 0.0, -1),
     ]
 
@@ -206,6 +209,7 @@ def _offset(place: _Place, of: str) -> str:
 
 _OF_RUNS: Final = {"begins": _begins, "offset": _offset}
 _PLAIN: Final = {
+    SWING: "The reading moves more or less than that of a healthy vehicle",
     "gain": "The reading moves more or less than in proportion",
     "timing": "The reading comes earlier or later",
     "lag": "The reading is slower or faster",

@@ -1,4 +1,4 @@
-"""The same questions of every set of runs: families, and an offset that begins with a run.
+"""The same questions of every set of runs: families, movement, an offset that begins with a run.
 
 The null is what the same questions answer for healthy runs that take the part of new ones.
 """
@@ -17,9 +17,12 @@ from training.gap.response.equations import EquationBlocks, Equations, Held, hol
 from training.gap.response.families import Family
 from training.gap.response.reference import Spread
 from training.greybox.fit.comparison import Comparison
+from training.greybox.quantity.dynamics import lag
 
 SETS: Final = 60  # of healthy runs that take the part of new ones
 PART: Final = 3  # one healthy run in so many does, at most
+MOVEMENT_S: Final = 3.0  # over which the reading moves; a slower change is a level
+FLOOR: Final = 0.3  # spreads, below which a movement counts as this
 LOG_HALF: Final = float(np.log(0.5))
 
 
@@ -29,13 +32,14 @@ class Trial:
 
     held: tuple[Held, ...]  # of each family
     z: FloatArray  # (n_families,)
+    z_swing: float  # of the logarithm of how much the reading moves
     z_begin: float  # of an offset that begins with a run
     begins: int  # the new run, 0 for the first
 
     @property
     def largest(self) -> float:
         """Return the largest of all."""
-        return max(float(self.z.max(initial=0.0)), abs(self.z_begin))
+        return max(float(self.z.max(initial=0.0)), abs(self.z_swing), abs(self.z_begin))
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,7 @@ class Questions:
     families: tuple[Family, ...]
     equations: tuple[Equations, ...]
     level: FloatArray  # (n_blocks,) mean error
+    swing: FloatArray  # (n_blocks,) mean logarithm of movement over that of a healthy vehicle
     run: IntArray  # (n_blocks,)
     n_new: int
 
@@ -60,16 +65,18 @@ class Questions:
         runs = [*new, *healthy]
         blocks = EquationBlocks.of(new, healthy, spread)
         white = [blocks.white(r.residual, i) for i, r in enumerate(runs)]
-        means = [
-            np.bincount(number, (r.residual / own)[rows]) / np.bincount(number)
-            for r, own, rows, number in zip(
-                runs, blocks.spread, blocks.rows, blocks.number, strict=True
-            )
-        ]
+        levels, swings = [], []
+        for r, own, rows, number in zip(
+            runs, blocks.spread, blocks.rows, blocks.number, strict=True
+        ):
+            count = np.bincount(number)
+            levels.append(np.bincount(number, (r.residual / own)[rows]) / count)
+            swings.append(np.bincount(number, swing(r, own)[rows]) / count)
         return cls(
             families=tuple(families),
             equations=tuple(Equations.of(f, white, blocks) for f in families),
-            level=np.concatenate(means),
+            level=np.concatenate(levels),
+            swing=np.concatenate(swings),
             run=blocks.run,
             n_new=len(new),
         )
@@ -78,11 +85,15 @@ class Questions:
         """Return the answers with these runs as new and healthy ones."""
         held = tuple(hold(e, new, healthy) for e in self.equations)
         freedom = len(new) + len(healthy) - 2
-        begins = [(self._apart(new[k:], np.r_[healthy, new[:k]]), k) for k in range(1, len(new))]
+        begins = [
+            (self._apart(self.level, new[k:], np.r_[healthy, new[:k]]), k)
+            for k in range(1, len(new))
+        ]
         z_begin, at = max(begins, key=lambda b: abs(b[0]), default=(0.0, 0))
         return Trial(
             held=held,
             z=np.array([as_normal(h.t, freedom) for h in held]),
+            z_swing=self._apart(self.swing, new, healthy),
             z_begin=z_begin,
             begins=at,
         )
@@ -102,16 +113,29 @@ class Questions:
             sets = [np.sort(rng.permutation(healthy)[:n]) for _ in range(SETS)]
         return np.array([self.ask(s, np.setdiff1d(healthy, s)).largest for s in sets])
 
-    def _apart(self, new: IntArray, healthy: IntArray) -> float:
-        """Return z of the mean error of blocks between groups of runs."""
+    def _apart(self, values: FloatArray, new: IntArray, healthy: IntArray) -> float:
+        """Return z of the mean of block values between groups of runs."""
         groups = []
         for runs in (new, healthy):
-            own = [self.level[self.run == r] for r in runs]
+            own = [values[self.run == r] for r in runs]
             groups += [
                 np.array([x.mean() for x in own]),
                 np.array([x.var() / len(x) for x in own]),
             ]
         return as_normal(two_sided(*groups), len(new) + len(healthy) - 2)
+
+
+def swing(run: Comparison, spread: FloatArray) -> FloatArray:
+    """Return the logarithm (n,) of how much a reading moves over how much a healthy one would.
+
+    A gain shows in it also where the reading follows the healthy one badly.
+
+    spread : (n,) of the healthy error, which moves the reading too
+    """
+    moves, healthy = (
+        x - lag(x, MOVEMENT_S, run.period_s) for x in (run.phi_measured, run.phi_predicted)
+    )
+    return np.asarray(np.log(np.hypot(moves, FLOOR * spread)) - np.log(np.hypot(healthy, spread)))
 
 
 def as_normal(t: float, freedom: int) -> float:

@@ -109,6 +109,14 @@ def test_an_offset_that_begins_with_a_run_names_the_run(
     assert "From run 14 on the reading is +0.03" in answer.best.sentence
 
 
+def test_a_gain_shows_in_how_much_a_reading_moves(
+    healthy: ResponseReference, new: list[Comparison]
+) -> None:
+    readings = [1.0 + 0.7 * (r.phi_measured - 1.0) for r in new]
+    swing = next(f for f in found(new, readings, healthy).findings if f.kind == "swing")
+    assert swing.significant
+
+
 def asked(r: Comparison, more: float, off: float = 0.0) -> Comparison:
     """Return a run that tells its lambda target, ``more`` phi at high load, and reads it so."""
     richer = more * (r.signals["load"] > 0.0)
