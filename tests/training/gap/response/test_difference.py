@@ -23,28 +23,18 @@ def run(seed: int) -> Comparison:
     speed, load = (lag(np.repeat(rng.normal(size=n // 20), 20), 2.0, PERIOD_S) for _ in INPUTS)
     reading = 1.0 + 0.1 * np.tanh(speed) + 0.05 * lag(load, 1.0, PERIOD_S)
     reading += 0.01 * lag(rng.normal(size=n), 1.0, PERIOD_S) + 0.002 * rng.normal()
-    return with_reading(
-        Comparison(
-            name=f"run {seed}",
-            period_s=PERIOD_S,
-            signals={"speed": speed, "load": load},
-            phi_measured=reading,
-            phi_predicted=np.zeros(n),
-            scored=np.arange(n) >= 20,
-        ),
-        reading,
+    return Comparison(
+        name=f"run {seed}",
+        period_s=PERIOD_S,
+        signals={"speed": speed, "load": load},
+        phi_measured=reading,
+        phi_predicted=np.zeros(n),
+        scored=np.arange(n) >= 20,
     )
 
 
 def with_reading(r: Comparison, reading: FloatArray) -> Comparison:
-    return Comparison(
-        name=r.name,
-        period_s=r.period_s,
-        signals=r.signals,
-        phi_measured=reading,
-        phi_predicted=r.phi_predicted,
-        scored=r.scored,
-    )
+    return replace(r, phi_measured=reading)
 
 
 @pytest.fixture(scope="module")
