@@ -8,7 +8,7 @@ from typing import Final
 from cantools.database.can import Database, Message, Signal
 
 from monitor.base.types import FloatArray
-from monitor.mapping.fit import ANY, Description, QuantityFit, fit_of
+from monitor.mapping.fit import ANY, OTHER_NAME, Description, QuantityFit, fit_of
 from monitor.mapping.quantities import QUANTITIES
 
 SLOW_MS: Final = 1_000_000  # cycle of a message that says none
@@ -40,7 +40,9 @@ class MapCandidate:
     def seen(self, values: FloatArray, interval_s: float | None) -> "MapCandidate":
         """Return the candidate as its own values bear it out."""
         described = replace(self.described, values=values)
-        fit = fit_of(self.name, described) or self.fit.doubted("implausible in the recording", 0.3)
+        fit = fit_of(self.name, described) or self.fit.doubted(
+            "implausible in the recording", OTHER_NAME
+        )
         return replace(self, described=described, fit=fit, interval_s=interval_s)
 
 

@@ -20,11 +20,9 @@ from monitor.mapping.quantities import MapQuantity as Quantity
 from monitor.mapping.words import KNOWN, OTHER, VOCABULARY, match, words_of
 
 SURE: Final = 0.6  # a signal of this confidence is proposed
-BY_MESSAGE: Final = 0.85  # confidence that is left where name and message say it together
-NO_UNIT: Final = 0.85
-UNKNOWN_UNIT: Final = 0.4
-OTHER_NAME: Final = 0.4  # so that it is no rival of a sensor that is named
-ODD: Final = 0.6
+ASSUMED: Final = 0.85  # confidence that is left without a unit, or where only the message says it
+DOUBTED: Final = 0.6  # after a doubt
+OTHER_NAME: Final = 0.4  # after one of name, unit or values: no rival
 ANY: Final = (-1e30, 1e30)  # range of a float
 FEW: Final = 20  # values that say nothing
 USUAL: Final = (0.7, 1.5)  # times the ends of the typical range: of the median
@@ -85,9 +83,9 @@ class QuantityFit:
         confidence = min(1.0, self.confidence * weight)
         return replace(self, confidence=confidence, why=why_all, **more)
 
-    def doubted(self, why: str, weight: float = 1.0, **more: Any) -> "QuantityFit":
+    def doubted(self, why: str, weight: float = DOUBTED) -> "QuantityFit":
         """Return the fit with one more doubt."""
-        return self.judged(why, weight, doubts=(*self.doubts, why), **more)
+        return self.judged(why, weight, doubts=(*self.doubts, why))
 
     def canonical(self, values: FloatArray) -> FloatArray:
         """Return values in the canonical unit, the shape kept."""
@@ -117,7 +115,7 @@ def _by_name(quantity: Quantity, d: Description) -> QuantityFit | None:
         both, rest = match(quantity.phrases, words + words_of(d.message))
         rest = [word for word in words if word in rest]
         if len(rest) < len(words):
-            sure, why = BY_MESSAGE * both, f"its name and message say {d.message} {d.name}"
+            sure, why = ASSUMED * both, f"its name and message say {d.message} {d.name}"
     if quantity.name == "lambda_measured" and _afr(d, words):  # no other one has this unit
         before = dict(zip(words[1:], words, strict=False))
         own = {w for w in words if (before.get(w, "") if w.isdigit() else w) in KNOWN} - {"afr"}
@@ -171,7 +169,7 @@ def _by_unit(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFi
     """Return the fit with the way to the canonical unit; a stated unit is a constraint."""
     unit = unit_of(d.unit, STOICHIOMETRIC)
     if unit is None and d.unit:
-        return fit.doubted(f"its unit {d.unit!r} is not known", UNKNOWN_UNIT)
+        return fit.doubted(f"its unit {d.unit!r} is not known", OTHER_NAME)
     if quantity.is_flag:
         return _flag(d, fit) if unit in (None, UNITS["-"]) else None
     if quantity.unit == UNITS["-"]:
@@ -203,7 +201,7 @@ def _assumed(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFi
         or (kind == "speed of rotation" and low >= 0.0 and high <= MOST_RPM)
     )
     why = "no unit is given, taken for the one that its range suggests: check"
-    fit = fit.judged(why, NO_UNIT, factor=factor, unit=text)
+    fit = fit.judged(why, ASSUMED, factor=factor, unit=text)
     return fit if is_plain else fit.doubted("no unit is given")
 
 
@@ -213,7 +211,7 @@ def _flag(d: Description, fit: QuantityFit) -> QuantityFit:
     if _CONTRARY & {meaning, *words_of(d.name)}:
         fit = fit.judged("turned round", 0.8, factor=-1.0, offset=1.0)
     many = d.span[1] > 1.0 and d.carried[1] > 3.0 and not d.choices
-    return fit.doubted("more than two values without a meaning", 0.7) if many else fit
+    return fit.doubted("more than two values without a meaning") if many else fit
 
 
 def _mixture(
@@ -270,12 +268,12 @@ def _by_range(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityF
     if not carried[0] <= low < high <= carried[1] or step > (high - low) / 3:
         return None
     if d.stated != d.carried and max(stated) > MOST_ABOVE * plausible_range(quantity.name)[1]:
-        fit = fit.doubted(f"its range reaches {max(stated):g}: another unit?", ODD)
+        fit = fit.doubted(f"its range reaches {max(stated):g}: another unit?")
     if not stated[0] <= low < high <= stated[1]:
         why = f"its range {stated[0]:g} to {stated[1]:g} does not hold {low:g} to {high:g}"
-        fit = fit.doubted(why, ODD)
+        fit = fit.doubted(why)
     if quantity.unit == UNITS["kpa"] and ANY[0] < d.stated[0] < 0.0:
-        fit = fit.doubted(f"its range begins at {stated[0]:g} kPa: a gauge pressure?", ODD)
+        fit = fit.doubted(f"its range begins at {stated[0]:g} kPa: a gauge pressure?")
     return fit
 
 
@@ -288,15 +286,13 @@ def _by_values(quantity: Quantity, d: Description, fit: QuantityFit) -> Quantity
     inside = values[(values >= low) & (values <= high)]
     if 2 * len(inside) <= len(values):
         seen = f"{values.min():.4g} to {values.max():.4g}" if len(values) else "no value"
-        return fit.doubted(f"implausible in the recording: {seen}", 0.3)
+        return fit.doubted(f"implausible in the recording: {seen}", OTHER_NAME)
     fit = fit.judged(f"in the recording {inside.min():.4g} to {inside.max():.4g}")
     moves, middle = np.ptp(inside) > STILL, float(np.median(inside))
     if quantity.name in VARYING and len(inside) >= FEW:
         low, high = USUAL[0] * quantity.typical[0], USUAL[1] * quantity.typical[1]
         if not moves or not low <= middle <= high:
-            return fit.doubted(
-                f"unusual: its median is {middle:.4g}" if moves else "never moves", ODD
-            )
+            return fit.doubted(f"unusual: its median is {middle:.4g}" if moves else "never moves")
     return fit.judged("", 1.05) if moves else fit
 
 
