@@ -22,6 +22,7 @@ from training.narx.search.mean import mean_of
 from training.narx.search.stages import Trained, free_run
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, Samples
+from training.recordings.samples.rows import runs
 from training.recordings.samples.transforms import apply
 
 
@@ -56,9 +57,8 @@ class CrossFit:
         for twin in self.twins:
             parts = []
             for s in self.data.segments:
-                own = np.flatnonzero(twin.rows[s.start : s.stop])
-                if len(own):
-                    rows = slice(s.first + int(own[0]), s.first + int(own[-1]) + 1)
+                for first, stop in runs(twin.rows[s.start : s.stop]):
+                    rows = slice(s.first + first, s.first + stop)
                     whole = self.data.recordings[s.recording]
                     values, quality = whole.values[rows], whole.quality[rows]
                     parts.append(replace(whole, values=values, quality=quality))

@@ -54,7 +54,9 @@ def test_a_fold_leaves_out_whole_recordings_or_blocks_of_a_single_one() -> None:
     groups = [np.unique(owner[rows]).tolist() for rows in groups_of(data)]
     assert groups == [[0, 1], [2, 3], [4], [5]]
     alone = [np.flatnonzero(rows) for rows in groups_of(prepared(0.9, 1200))]
-    assert np.array_equal(alone, np.arange(1200).reshape(4, 300))
+    assert np.array_equal(
+        np.reshape(alone, (4, 2, 150)), np.arange(1200).reshape(2, 4, 150).swapaxes(0, 1)
+    )
 
 
 def test_samples_that_limits_need_are_withheld_from_every_training() -> None:

@@ -24,7 +24,7 @@ class FitCommand(SignalOptions, SeedOption, GridOptions):
     kind : narx: a network; greybox: the physical chain of charge and fuel, transport, mixing and
         sensor with a few constants
     validate : recordings that choose the network; no training uses them (default: each recording,
-        or quarter of a single one, in turn)
+        or two eighths of a single one, in turn)
     lags : longest lag in samples (default: chosen from the data; 5 with --hidden)
     lag_zero : let the network also read the inputs of the predicted tick (without --lags and
         --hidden the data choose the lags)

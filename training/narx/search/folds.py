@@ -1,4 +1,4 @@
-"""The folds of a search: each leaves out some recordings, or a quarter of a single one.
+"""The folds of a search: each leaves out some recordings, or two blocks of a single one.
 
 A training never sees the samples that its fold leaves out, neither to fit nor to stop. So their
 free run judges a structure, and is that of a twin of the model.
@@ -42,13 +42,14 @@ def fold(data: Prepared, kept: BoolArray, left_out: BoolArray) -> Prepared:
 def groups_of(data: Prepared) -> list[BoolArray]:
     """Return the rows (n,) that each fold leaves out, at most four groups of recordings.
 
-    Samples of one recording are cut into four blocks.
+    One recording is cut into eight blocks, of which each group has two that lie apart: a single
+    one would leave out an operating range more often.
     """
     owner = np.concatenate([np.full(s.stop - s.start, s.recording) for s in data.segments])
     numbers = np.unique(owner)
     if len(numbers) == 1:
-        own = np.arange(len(owner))
-        return [np.isin(own, part) for part in np.array_split(own, FOLDS)]
+        block = 2 * FOLDS * np.arange(len(owner)) // len(owner)
+        return [block % FOLDS == number for number in range(FOLDS)]
     groups = np.array_split(numbers, min(len(numbers), FOLDS))
     return [np.isin(owner, group) for group in groups]
 

@@ -1,9 +1,8 @@
 """The search for memory, width and weight decay by trainings that leave out folds.
 
 Every structure is trained on each fold and judged by its free run over the samples that it did not
-see. From the best one the search goes to its neighbours, which differ by one step in one number,
-until all of them are behind it or the work is used up. It begins with linear models, too, so a
-network is no worse than these. The trainings of structures that are not
+see. From the best linear model and the best network the search goes to the neighbours, which differ
+by one step in one number, until all of them are behind or the work is used up. The trainings of structures that are not
 surely worse than the best are trained on with all samples of their folds.
 Sources: Breiman, Friedman, Olshen and Stone, Classification and Regression Trees (1984), section
 3.4.3 (the rule of one standard error); Krogh and Vedelsby, Neural network ensembles, cross
@@ -76,7 +75,7 @@ class GivenShape:
     lags: int
     hidden: tuple[int, ...]
     input_lag_start: int
-    decay: float = 0.0
+    decay: float = 1e-5
 
     def spec(self, data: Prepared) -> Spec:
         """Return the model's shape for ``data``."""
@@ -169,7 +168,10 @@ class Search:
         begin: list[Shape] = [self.given] if self.given else self._first()
         while begin and not work.is_over():
             self._try(begin, work)
-            near = self.ranked[0].structure.neighbours()
+            best = dict[bool, Try]()  # of the linear models and of the networks, the best first
+            for each in self.ranked:
+                best.setdefault(bool(each.structure.hidden), each)
+            near = [c for each in best.values() for c in each.structure.neighbours()]
             begin = [c for c in near if c not in self.tries and self._possible(c)]
 
     def _first(self) -> list[Shape]:
