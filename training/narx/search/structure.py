@@ -2,8 +2,8 @@
 
 Every structure is trained on each fold and judged by its free run over the samples that it did not
 see. From the best linear model and the best network the search goes to the neighbours, which differ
-by one step in one number, until all of them are behind or the work is used up. The trainings of structures that are not
-surely worse than the best are trained on with all samples of their folds.
+by one step in one number, until all of them are behind or the work is used up. The trainings of
+structures that are not surely worse than the best go on with all samples of their folds.
 Sources: Breiman, Friedman, Olshen and Stone, Classification and Regression Trees (1984), section
 3.4.3 (the rule of one standard error); Krogh and Vedelsby, Neural network ensembles, cross
 validation, and active learning, Advances in Neural Information Processing Systems 7 (1995).
@@ -168,10 +168,8 @@ class Search:
         begin: list[Shape] = [self.given] if self.given else self._first()
         while begin and not work.is_over():
             self._try(begin, work)
-            best = dict[bool, Try]()  # of the linear models and of the networks, the best first
-            for each in self.ranked:
-                best.setdefault(bool(each.structure.hidden), each)
-            near = [c for each in best.values() for c in each.structure.neighbours()]
+            best = {bool(t.structure.hidden): t.structure for t in reversed(self.ranked)}
+            near = [c for each in best.values() for c in each.neighbours()]
             begin = [c for c in near if c not in self.tries and self._possible(c)]
 
     def _first(self) -> list[Shape]:
@@ -227,8 +225,7 @@ class Search:
 
     def train_members(self, work: Work) -> None:
         """Train the best structures' trainings on with all samples of their folds."""
-        best = self.ranked[0]
-        good = [each for each in self.ranked if not each.surely_behind(best)]
+        good = [each for each in self.ranked if not each.surely_behind(self.ranked[0])]
         begun = [t for each in good[: -(-self.starts // self.count)] for t in each.trained]
         self.members = self._trained_on(begun, self.folds, work, HORIZONS[1:])
 
