@@ -144,7 +144,7 @@ def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:
     """Return the columns that tell the time: by name, as clocks, else the first that rises."""
     clocks = [column.name for column in raw.columns if column.kind == "clock"]
     named = [name for name in raw.names if key(name_and_unit(name)[0]) in _TIMES]
-    if not (named or clocks):
+    if not (named or clocks) and len(cells) > 1:
         steps = np.diff(cells, axis=0)
         units = [unit_of(stated_unit(column, STOICHIOMETRIC), 1.0) for column in raw.columns]
         in_time = np.array([bool(unit and unit.quantity == "time") for unit in units], dtype=bool)

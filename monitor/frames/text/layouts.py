@@ -248,7 +248,8 @@ TABLE: Final = TextLayout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, 
 _REST: Final = r'(?:"[^"]*"|[^{sep}]*)'  # a cell; {sep} parts them
 _YES: Final = r"true|t|1|x|ext\w*"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
-    (r"(?:abs ?)?(?:time|zeit).*|offset.*", r'(?P<time>-?\d[^{sep}"]*)'),
+    (r"(?:abs ?)?(?:time|zeit).*|offset.*",
+     r'(?P<time>-?\d+(?:[.,]\d*)?|[^{sep}"]*\d:\d[^{sep}"]*)'),
     (r"(?:(?:can|arb\w*|frame|msg|message)[ _-]?)?(?:id|identifier|addr\w*)\b.*",
      r"(?P<id>(?:0x)?[0-9a-f]{1,9})"),
     (r"(?:bus|channel|ch|chn|interface|network)(?:channel)?", r"(?P<channel>[^{sep}]*)"),
@@ -346,7 +347,8 @@ def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
     """Return the pattern of a row of frames; None if time, identifier or data lack."""
     cells = [_REST] * len(names)
     for form, cell in _TABLE_COLUMNS:
-        if (place := next((i for i, n in enumerate(names) if re.fullmatch(form, n)), -1)) >= 0:
+        place = next((i for i, n in enumerate(names) if re.fullmatch(form, n)), -1)
+        if place >= 0 and not ("<data>" in cell and "<data>" in "".join(cells)):
             cells[place] = cell
     cells = cells[: next((i + 1 for i, cell in enumerate(cells) if "further" in cell), len(cells))]
     further = sum(bool(re.fullmatch(r"(?:data|byte|d|b)[ _]?\d+", name)) for name in names) - 1
@@ -357,7 +359,7 @@ def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
 
 def _table_time(names: Sequence[str], times: Sequence[str]) -> Callable[[str], float]:
     """Return the way to seconds: by the column's unit, else such that 1 to 10,000 frames/s come."""
-    if ":" in times[0]:
+    if any(":" in time for time in times):
         return ColumnClock()
     named = next(name for name in names if re.fullmatch(_TABLE_COLUMNS[0][0], name))
     unit = unit_of(name_and_unit(named)[1], 1.0)

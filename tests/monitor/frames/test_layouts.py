@@ -131,10 +131,10 @@ Date: 1.2.2023
 510,0;1;C3;2;11;22;;;;;;
 520,0;1;18FEF100;1;FF;;;;;;;
 """,
-    "joined.csv": """time,addr,bus,data
-0.5,0xc2,0,0x01020304050607a8
-0.51,0xc3,0,0x1122
-0.52,0x18fef100,0,0xff
+    "joined.csv": """time,addr,bus,data,d0
+0.5,0xc2,0,0x01020304050607a8,1
+0.51,0xc3,0,0x1122,17
+0.52,0x18fef100,0,0xff,255
 """,
     "relative.log": """***BUSMASTER Ver 3.2.2***
 ***HEX***
@@ -215,6 +215,14 @@ def test_a_known_format_that_is_not_read_is_called_by_its_name(
     path.write_text(text)
     assert cli.main(["check", str(path)]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_a_row_with_another_kind_of_time_is_a_damaged_line(tmp_path: Path) -> None:
+    path, counters = tmp_path / "mixed.csv", LogCounters()
+    rows = [f"{i / 10},C2,{i:02X}\n" for i in range(99)]
+    path.write_text("Time,ID,Data\n0x1F,C2,00\n" + "".join(rows) + "12:00:00.1,C2,00\n")
+    assert len(list(read_frames(path, counters))) == 99
+    assert "2 lines left out, the first: line 2 is" in counters.notes[0]
 
 
 def test_a_log_of_two_buses_is_refused_unless_one_is_chosen(tmp_path: Path) -> None:
