@@ -62,6 +62,19 @@ def seen(card: ModelCard, drive: ChainDrive) -> ChainDrive:
     return replace(drive, signals=greybox.signals(u))
 
 
+def missed(
+    file: Path,
+    drive: ChainDrive,
+    effects: Sequence[ModelEffect],
+    constants: Constants | None = None,
+) -> float:
+    """Return by how much a file misses the arrays with these effects on a drive, in phi."""
+    card = Model.load(file).card
+    own, values = [each.effect for each in effects], [each.values for each in effects]
+    expected = reading(seen(card, drive), constants or Greybox.of(card).constants, own, values)
+    return float(np.abs(run(file, drive) - expected)[card.lags :].max())
+
+
 @pytest.mark.parametrize("name", ["wall_film", "purge", "maf_pulsation", "back_pressure"])
 def test_an_optional_signal_that_the_fit_had_not_is_not_read(
     base: Path, tmp_path: Path, name: str
@@ -73,8 +86,7 @@ def test_an_optional_signal_that_the_fit_had_not_is_not_read(
     old = Model.load(base).card.input_names
     assert set(card.input_names) == {*old, *effect.needs}
     # THEN the graph takes the effect's own default
-    expected = reading(seen(card, plain()), Greybox.of(card).constants, [effect], [added.values])
-    assert np.abs(run(out, plain()) - expected)[card.lags :].max() < TOLERANCE
+    assert missed(out, plain(), [added]) < TOLERANCE
 
 
 def test_the_card_says_what_was_added(base: Path, tmp_path: Path) -> None:
@@ -130,14 +142,7 @@ def test_a_model_can_be_extended_again(base: Path, tmp_path: Path) -> None:
     # THEN the same model comes out, and it reads as the arrays do
     assert last == whole
     assert two.read_bytes() == both.read_bytes()
-    constants = Greybox.of(whole).constants
-    expected = reading(
-        seen(whole, driven()),
-        constants,
-        [e.effect for e in (FILM, DELAY, TAIL)],
-        [e.values for e in (FILM, DELAY, TAIL)],
-    )
-    assert np.abs(run(both, driven()) - expected)[whole.lags :].max() < TOLERANCE
+    assert missed(both, driven(), [FILM, DELAY, TAIL]) < TOLERANCE
     assert build(Greybox.of(last)) == build(Greybox.of(whole))
 
 
@@ -150,11 +155,8 @@ def test_the_healthy_vehicle_s_volumes_are_part_of_the_base(base: Path, tmp_path
     out, wide = tmp_path / "m.onnx", {"ranges": ranges_of(), "recordings": FIT}
     card = add(base, [FILM], out, **wide, vehicle=ChainVehicle(MOVED, own))
     # THEN the file reads as the arrays with all of them, and the effect alone is an added one
-    every, drive = (*own, FILM), seen(card, driven())
-    expected = reading(drive, MOVED, [e.effect for e in every], [e.values for e in every])
-    assert np.abs(run(out, driven()) - expected)[card.lags :].max() < TOLERANCE
-    without = reading(drive, MOVED, [FILM.effect], [FILM.values])
-    assert np.abs(without - expected)[card.lags :].max() > 0.01
+    assert missed(out, driven(), [*own, FILM], MOVED) < TOLERANCE
+    assert missed(out, driven(), [FILM], MOVED) > 0.01
     assert [each["name"] for each in card.effects] == ["wall_film"]
     again = add(out, [DELAY], tmp_path / "again.onnx", **wide)
     assert Greybox.of(again).own == own
@@ -164,14 +166,8 @@ def test_the_order_of_effects_is_that_of_their_fit(base: Path, tmp_path: Path) -
     offset = ModelEffect.with_values("injector_offset", [1.0])
     for i, order in enumerate(((FILM, offset), (offset, FILM))):
         out = tmp_path / f"{i}.onnx"
-        card = add(base, order, out, ranges=ranges_of(), recordings=FIT)
-        expected = reading(
-            seen(card, plain()),
-            Greybox.of(card).constants,
-            [e.effect for e in order],
-            [e.values for e in order],
-        )
-        assert np.abs(run(out, plain()) - expected)[card.lags :].max() < TOLERANCE
+        add(base, order, out, ranges=ranges_of(), recordings=FIT)
+        assert missed(out, plain(), order) < TOLERANCE
     assert np.abs(run(tmp_path / "0.onnx", plain()) - run(out, plain())).max() > 1e-3
 
 
@@ -231,15 +227,7 @@ def test_effects_act_on_whatever_charge_the_chain_has(
     ]
     card = add(bare, effects, out, ranges=ranges_of(), recordings=FIT)
     # THEN flow and filling are that charge's, and at that speed
-    greybox = Greybox.of(card)
-    every = [*greybox.own, *effects]
-    expected = reading(
-        seen(card, driven()),
-        greybox.constants,
-        [e.effect for e in every],
-        [e.values for e in every],
-    )
-    assert np.abs(run(out, driven()) - expected)[card.lags :].max() < TOLERANCE
+    assert missed(out, driven(), [*Greybox.of(card).own, *effects]) < TOLERANCE
 
 
 def test_what_cannot_be_added_is_refused(base: Path, tmp_path: Path) -> None:
