@@ -42,10 +42,8 @@ def test_a_drive_on_a_virtual_bus_sets_the_flag_that_is_read_back_from_the_bus()
     # GIVEN the beginning of a drive whose sensor is late from its fifth second on
     call = [sys.executable, str(EXAMPLES / "virtual_bus.py"), "--live", "", "--seconds", "75"]
     # WHEN it is played in real time into a bus of this machine
-    ran = subprocess.run(
-        [*call, "--fault", "delay_rich_to_lean=0.8@5"],
-        capture_output=True, text=True, check=True, cwd=ROOT,
-    )  # fmt: skip
+    call += ["--fault", "delay_rich_to_lean=0.8@5"]
+    ran = subprocess.run(call, capture_output=True, text=True, check=True, cwd=ROOT)
     # THEN the bus carried the monitor's states in their order, the flag and the code
     told = ran.stdout
     states = [told.index(each) for each in ("not enabled, no flag", "monitoring, no flag")]
