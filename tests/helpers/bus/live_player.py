@@ -18,7 +18,7 @@ from monitor.pipeline.events import Event, singly
 from monitor.pipeline.frames import FramePipeline
 from tests.conftest import ROOT
 
-GATHERED = 20  # frames of 85 ms
+GATHERED = 6  # frames of 25 ms
 
 
 class Sink:
