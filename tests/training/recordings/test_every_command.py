@@ -98,7 +98,7 @@ def test_every_command_takes_the_log(
     assert run(o2train, "fleet", new, "--model", network, "--out", f"{out}.parquet") in (0, 1)
     assert run(o2train, "table", new, "--out", f"{out}.csv") == 0
     assert run(o2train, "log", new, "--out", f"{out}.log") == 0
-    calibrate = ("--model", network, "--healthy", *healthy, "--false-alarms", "0.3")
+    calibrate = ("--model", network, "--healthy", *healthy)
     assert run(o2train, "calibrate", *calibrate, "--out", f"{out}.onnx") == 0
     if format_ == "mlg":  # slow, and the same behind the reader
         assert run(o2train, "tables", *healthy, "--out", f"{out}_tables") in (0, 3)
