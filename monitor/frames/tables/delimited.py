@@ -28,7 +28,7 @@ from monitor.frames.tables.haltech import haltech_dialect
 from monitor.frames.tables.raw_table import Notes, Pivot, RawColumn, RawTable, Wanted
 
 _ROWS: Final = 1 << 13  # of a block
-HEAD_ROWS: Final = 4096  # that tell the names of a table with one value a row
+MOST_NAMES: Final = 4096  # of a table with one value a row
 _LONG_NAME: Final = (
     *("pid", "name", "signal", "parameter", "channel", "variable", "sensor", "field", "item"),
     *("metric", "topic"),
@@ -65,7 +65,7 @@ def open_own(path: Path) -> RawTable | None:
 def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawTable | None:
     """Return a table whose rows hold a time, a name and one value, with a column for each name.
 
-    None if the columns are others. The names are those of the first ``HEAD_BYTES``.
+    None if the columns are others, or the names more than ``MOST_NAMES``.
     """
     places = {column.name.casefold(): i for i, column in enumerate(dialect.columns)}
     name, value, unit = (
@@ -79,35 +79,52 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
     if name is None or value is None or dialect.columns[name].kind != "text":
         return None
     units: dict[str, str] = {}
-    for _, row in islice(_rows(path, dialect, 0, Notes()), HEAD_ROWS):
+    for _, row in _rows(path, dialect, 0, Notes()):
         units.setdefault(row[name].strip(), row[unit].strip() if unit is not None else "")
+        if len(units) > MOST_NAMES:
+            return None
     first = [i for i in range(len(dialect.columns)) if i not in (name, value, unit)]
-    columns = [*(dialect.columns[i] for i in first), *(RawColumn(*each) for each in units.items())]
-    at = {each.name: i for i, each in enumerate(columns)}
+    columns = (*(dialect.columns[i] for i in first), *(RawColumn(*each) for each in units.items()))
+    read = partial(_read_long, path, dialect, (*first, *units), name, value)
+    return RawTable(path, f"{dialect.kind}, one value a row", columns, read, dialect.preamble)
+
+
+def _read_long(
+    path: Path,
+    dialect: Dialect,
+    columns: Sequence[int | str],
+    name: int,
+    value: int,
+    wanted: Sequence[Wanted],
+    notes: Notes,
+) -> Iterator[FloatArray]:
+    """Yield blocks of a long table.
+
+    columns : of the raw table: a column's number, or one of the names
+    A file that holds one signal after the other is brought into the order of its first column.
+    """
+    rows = _rows(path, dialect, value + 1, notes)
     parse = number_with_comma if dialect.decimal_comma else number
-
-    def read(wanted: Sequence[Wanted], notes: Notes) -> Iterator[FloatArray]:
-        rows = _rows(path, dialect, value + 1, notes)
-        parsers = [_parser(dialect, Wanted(i)) for i in first]
-        blocks, said = list[FloatArray](), list[str]()  # names in their order, repeats left out
-        while block := list(islice(rows, _ROWS)):
-            cells = np.full((len(block), len(columns)), np.nan)
-            for k, (_, row) in enumerate(block):
-                for place, (i, each) in enumerate(zip(first, parsers, strict=True)):
-                    cells[k, place] = each(row[i])
-                if (place_of := at.get(row[name].strip())) is not None:
-                    cells[k, place_of] = parse(row[value])
-                if said[-1:] != [row[name]]:
-                    said.append(row[name])
-            blocks.append(cells[:, [each.column for each in wanted]])
-        if len(said) == len(set(said)) > 1 and wanted:  # one signal after the other
-            every = np.concatenate(blocks)
-            blocks = [every[np.argsort(every[:, 0], kind="stable")]]
-        yield from blocks
-
-    return RawTable(
-        path, f"{dialect.kind}, one value a row", tuple(columns), read, dialect.preamble
-    )
+    chosen = [columns[each.column] for each in wanted]
+    plain = [
+        (k, i, _parser(dialect, Wanted(i))) for k, i in enumerate(chosen) if isinstance(i, int)
+    ]
+    named = {each: [k for k, same in enumerate(chosen) if same == each] for each in chosen}
+    blocks, said = list[FloatArray](), list[str]()  # names in their order, repeats left out
+    while block := list(islice(rows, _ROWS)):
+        cells = np.full((len(block), len(wanted)), np.nan)
+        for n, (_, row) in enumerate(block):
+            for k, i, each in plain:
+                cells[n, k] = each(row[i])
+            if at := named.get(row[name].strip()):
+                cells[n, at] = parse(row[value])
+            if said[-1:] != [row[name]]:
+                said.append(row[name])
+        blocks.append(cells)
+    if len(said) == len(set(said)) > 1 and wanted:
+        every = np.concatenate(blocks)
+        blocks = [every[np.argsort(every[:, 0], kind="stable")]]
+    yield from blocks
 
 
 def _table(path: Path, dialect: Dialect) -> RawTable:
