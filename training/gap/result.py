@@ -244,7 +244,7 @@ def _candidate(c: Candidate) -> dict[str, Any]:
         "says": c.term.says,
         "parameters": c.parameters,
         "standard_errors": c.standard_errors,
-        "units": c.units,
+        "units": {p.name: p.unit for p in c.term.parameters},
         "score": merit.score,
         "score_needed": merit.needed,
         "physical": merit.physical,

@@ -25,6 +25,7 @@ from training.gap.verify.verification import Fold, verify
 from training.greybox.effects.model_effect import uncertain
 from training.healthy import base
 from training.healthy.behaviour import Healthy
+from training.healthy.coverage import coverage_warnings
 from training.jobs import Progress
 from training.recordings.recording import training_recording
 
@@ -163,7 +164,7 @@ def _warnings(
     material, card = subject.material, subject.card
     return (
         *suitability.unlearned_effect_warnings(material.recordings, material.healthy),
-        *knowledge.coverage_warnings(subject.drives),
+        *coverage_warnings(subject.drives, knowledge.known),
         *knowledge.doubts,
         *suitability.poor_model_warnings(card),
         *addition.warnings,

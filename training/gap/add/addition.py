@@ -140,7 +140,7 @@ class _NewFiles:
 
     def write(self, out: Path, effects: Effects, recordings: Sequence[Recording]) -> None:
         """Write the model with effects that were fitted to recordings, limits set on these."""
-        model, of = self.subject.model, tuple(map(training_recording, recordings))
+        model, of = self.subject.material.model, tuple(map(training_recording, recordings))
         if self.subject.is_greybox:
             greybox.add(
                 model, effects, out, ranges=self.ranges, recordings=of, vehicle=self.vehicle

@@ -158,7 +158,7 @@ def _corrections(subject: Subject, case: Case, current: JointFit) -> tuple[Float
     """Return what the model predicts beyond the chain without the effects, (n,) per drive."""
     if subject.is_greybox:
         return tuple(np.zeros(len(drive)) for drive in case.drives)
-    runs = predicted_phi(subject.model, subject.material.recordings)
+    runs = predicted_phi(subject.material.model, subject.material.recordings)
     by_name = {d.name: phi for d, phi in zip(subject.drives, runs, strict=True)}
     alone = replace(case, corrections=tuple(np.zeros(len(drive)) for drive in case.drives))
     chain = predict(alone, current.base, (), ())

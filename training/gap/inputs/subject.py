@@ -1,7 +1,6 @@
 """The model under study and its recordings as the later steps want them."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from monitor.model.card import ModelCard
 from training.gap.inputs import suitability
@@ -28,11 +27,6 @@ class Subject:
         return cls(material, card, drives)
 
     @property
-    def model(self) -> Path:
-        """Return the model's file."""
-        return self.material.model
-
-    @property
     def is_greybox(self) -> bool:
         """Return whether the model is the chain itself, not a network."""
         return self.card.kind == base.GREYBOX
@@ -44,6 +38,6 @@ class Subject:
 
     def healthy_drives(self) -> list[ChainDrive]:
         """Return the healthy recordings as drives; raises RecordingError if they are too short."""
-        drives = base.drives_of(self.model, self.material.healthy, self.material.healthy)
+        drives = base.drives_of(self.material.model, self.material.healthy, self.material.healthy)
         suitability.check_long(drives, "healthy")
         return drives

@@ -12,9 +12,8 @@ from training.gap.inputs import suitability
 from training.gap.inputs.subject import Subject
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
-from training.greybox.fit.drive import ChainDrive
 from training.healthy import card as reference_card
-from training.healthy import coverage, yardstick
+from training.healthy import yardstick
 from training.healthy.behaviour import Healthy
 from training.jobs import Progress
 
@@ -62,7 +61,3 @@ class Knowledge:
         if self.known is None and naming.base is not None and not subject.is_greybox:
             return replace(self, start=naming.base.constants)
         return self
-
-    def coverage_warnings(self, drives: Sequence[ChainDrive]) -> list[str]:
-        """Return warnings of drives where no healthy recording has been."""
-        return coverage.coverage_warnings(drives, self.known)

@@ -84,18 +84,14 @@ def name(
         progress("formula")
         formula = first_term(first)
     if is_told and formula and (won := beats(first, formula.rival, found)):
-        unknown, odds = StepOutcome("unknown_effect", found.first), naming.posterior
-        found = Advance(first, unknown, (), found.first, _unknown(odds, won))
+        unknown = StepOutcome("unknown_effect", found.first)
+        odds = {name: (1.0 - won) * p for name, p in naming.posterior.items()}
+        odds[UNKNOWN] += won  # of every hypothesis this share is the formula's
+        found = Advance(first, unknown, (), found.first, odds)
         naming = answer(found)
     if naming.verdict == "unknown_effect" and not naming.answer.effects:
         naming = _with_formula(naming, formula, found.first)
     return naming
-
-
-def _unknown(odds: Posterior, share: float) -> Posterior:
-    """Return the probabilities with a share of each hypothesis for another cause than all."""
-    left = {name: (1.0 - share) * p for name, p in odds.items()}
-    return left | {UNKNOWN: left[UNKNOWN] + share}
 
 
 def _likeliest_first(odds: Posterior) -> Posterior:

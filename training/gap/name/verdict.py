@@ -99,11 +99,6 @@ class Candidate:
         """Return the standard errors of the constants by name."""
         return self._by_name(self.fit.standard_errors[-1].tolist())
 
-    @property
-    def units(self) -> dict[str, str]:
-        """Return the units of the constants by name."""
-        return {p.name: p.unit for p in self.term.parameters}
-
     def model_effect(self) -> ModelEffect:
         """Return the effect as a part of a model; raises ModelError for a sensor fault."""
         values, errors = self.fit.parameters[-1], self.fit.standard_errors[-1]

@@ -1,6 +1,5 @@
 """The gap report: one page for a review, the verdict first."""
 
-from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -69,10 +68,6 @@ def _rankings(result: Result) -> list[tuple[str, tuple[Candidate, ...]]]:
     """Return the ranking of each step; the last one, too, if the step added nothing."""
     last, rounds = result.naming.trials.ranking, result.naming.trials.rounds
     found = [(f"Candidates: {r.effect.name}", r.ranking) for r in rounds]
-    if last and not any(_is_same(r.ranking, last) for r in rounds):
+    if last and not any(r.ranking is last for r in rounds):
         found.append(("Candidates of the last step" if found else "Candidates", last))
     return found
-
-
-def _is_same(ranking: Sequence[Candidate], other: Sequence[Candidate]) -> bool:
-    return [(c.name, c.merit) for c in ranking] == [(c.name, c.merit) for c in other]

@@ -69,14 +69,9 @@ def find_drivers(recordings: Sequence[Comparison]) -> list[Driver]:
         values = tuple(m for m in made if m is not None)
         if len(values) == len(recordings):
             found.append(Driver(name, values))
-    return [d for d in found if _moves(d, recordings)]
-
-
-def _moves(driver: Driver, recordings: Sequence[Comparison]) -> bool:
-    seen = np.concatenate([v[r.scored] for v, r in zip(driver.values, recordings, strict=True)])
-    return len(np.unique(seen)) >= LIMITS.values_min or (
-        len(recordings) == 1 and len(np.unique(seen)) == 2
-    )
+    rows = [r.scored for r in recordings]
+    seen = [np.concatenate([v[s] for v, s in zip(d.values, rows, strict=True)]) for d in found]
+    return [d for d, x in zip(found, seen, strict=True) if len(np.unique(x)) >= LIMITS.values_min]
 
 
 def rate(values: FloatArray, period_s: float) -> FloatArray:

@@ -14,13 +14,11 @@ import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
 from training.gap.response.families import Family
-from training.gap.response.reference import Spread
+from training.gap.response.reference import NOTHING, Spread, solve
 from training.greybox.fit.comparison import BLOCK_S, Comparison
 from training.greybox.fit.drive import until
 from training.healthy.behaviour import noise, white
 
-RIDGE: Final = 1e-3  # of the mean diagonal
-NOTHING: Final = 1e-20  # of a sum of squares: the runs do not move the columns
 TINY: Final = 1e-100
 LEAST: Final = 1e-9  # of the runs' mean power, at which a run's slope is unknown
 
@@ -89,11 +87,6 @@ class Equations:
                 rights.append(x[first:last].T @ error[first:last])
         return cls(np.array(grams), np.array(rights), blocks.run)
 
-    def solve(self, runs: IntArray) -> FloatArray:
-        """Return the coefficients (k,) of the runs' errors together."""
-        own = np.isin(self.run, runs)
-        return _solve(self.gram[own].sum(0), self.right[own].sum(0))
-
 
 @dataclass(frozen=True, slots=True)
 class Held:
@@ -149,22 +142,22 @@ def hold(equations: Equations, new: IntArray, healthy: IntArray) -> Held:
     rest = {}
     for r, rows in own.items():
         others = [h for h in known if h != r]
-        usual = _solve(_sum(gram, others), _sum(right, others))
+        usual = solve(_sum(gram, others), _sum(right, others))
         rest[r] = e.right[rows] - e.gram[rows] @ usual
     right = {r: sums.sum(0) for r, sums in rest.items()}
-    whole = _solve(_sum(gram, fresh), _sum(right, fresh))
+    whole = solve(_sum(gram, fresh), _sum(right, fresh))
     cross, power = np.zeros(len(e.run)), np.zeros(len(e.run))
     for r, rows in own.items():
         if r not in fresh:
             parts = [(slice(None), whole)]
         elif len(fresh) > 1:
             others = [n for n in fresh if n != r]
-            parts = [(slice(None), _solve(_sum(gram, others), _sum(right, others)))]
+            parts = [(slice(None), solve(_sum(gram, others), _sum(right, others)))]
         else:  # one half of a run by the other
             half = len(rows) // 2
             first, last = slice(None, half), slice(half, None)
             parts = [
-                (part, _solve(e.gram[rows[other]].sum(0), rest[r][other].sum(0)))
+                (part, solve(e.gram[rows[other]].sum(0), rest[r][other].sum(0)))
                 for part, other in ((first, last), (last, first))
             ]
         for part, fit in parts:
@@ -204,10 +197,3 @@ def two_sided(
     here, there = (float(w @ v / w.sum()) for w, (v, _) in zip(weights, groups, strict=True))
     variance = times / weights[0].sum() + 1.0 / weights[1].sum()
     return (here - there) / float(np.sqrt(variance))
-
-
-def _solve(gram: FloatArray, right: FloatArray) -> FloatArray:
-    k, size = len(right), float(np.trace(gram))
-    if size < NOTHING:
-        return np.zeros(k)
-    return np.asarray(np.linalg.solve(gram + RIDGE * size / k * np.eye(k), right))

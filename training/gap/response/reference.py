@@ -17,6 +17,8 @@ from training.greybox.fit.comparison import Comparison
 from training.greybox.quantity.dynamics import lag
 
 PENALTIES: Final = (1e-5, 1e-4, 1e-3, 1e-2)  # of the mean diagonal; the best predicts others
+RIDGE: Final = 1e-3  # of the mean diagonal, of a family's fit
+NOTHING: Final = 1e-20  # of a sum of squares: the runs do not move the columns
 AGAIN: Final = 2
 ABOUT_S: Final = 1.0
 LARGEST: Final = 5.0  # spreads; a larger error counts as this, so that a few samples decide little
@@ -124,7 +126,7 @@ def _fit(
     best: tuple[float, float, list[FloatArray]] | None = None
     for penalty in PENALTIES:
         each = [
-            _solve(grams.sum(0) - g, rights.sum(0) - b, penalty) / scale
+            solve(grams.sum(0) - g, rights.sum(0) - b, penalty) / scale
             for g, b in zip(grams, rights, strict=True)
         ]
         lost = sum(
@@ -133,11 +135,13 @@ def _fit(
         if best is None or lost < best[0]:
             best = (lost, penalty, each)
     assert best is not None
-    whole = _solve(grams.sum(0), rights.sum(0), best[1]) / scale
+    whole = solve(grams.sum(0), rights.sum(0), best[1]) / scale
     return [t @ w for t, w in zip(tables, best[2], strict=True)], whole
 
 
-def _solve(gram: FloatArray, right: FloatArray, penalty: float) -> FloatArray:
-    k = len(gram)
-    ridge = penalty * float(np.trace(gram)) / k
-    return np.asarray(np.linalg.solve(gram + ridge * np.eye(k), right))
+def solve(gram: FloatArray, right: FloatArray, penalty: float = RIDGE) -> FloatArray:
+    """Return the weights (k,) of normal equations with a ridge; 0 where nothing moves."""
+    k, size = len(right), float(np.trace(gram))
+    if size < NOTHING:
+        return np.zeros(k)
+    return np.asarray(np.linalg.solve(gram + penalty * size / k * np.eye(k), right))

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from monitor.base.types import FloatArray, IntArray
+from monitor.base.types import FloatArray
 from training.gap.response.drivers import find_drivers
 from training.greybox.fit.comparison import Comparison
 
@@ -42,13 +42,12 @@ def error_curve(
             continue
         part = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
         count = np.bincount(part)
-
-        def mean(values: FloatArray, part: IntArray = part) -> FloatArray:
-            return np.asarray(np.bincount(part, values) / np.maximum(np.bincount(part), 1))
-
-        found = mean(old)
+        at, found, then = (
+            None if values is None else np.bincount(part, values) / np.maximum(count, 1)
+            for values in (x, old, new)
+        )
+        assert at is not None and found is not None
         explained = float(count @ (found - old.mean()) ** 2)
         if explained > most:
-            most = explained
-            best = ErrorCurve(driver.name, mean(x), found, None if new is None else mean(new))
+            most, best = explained, ErrorCurve(driver.name, at, found, then)
     return best
