@@ -42,13 +42,6 @@ OTHERS: Final = {"choose": (131, 132), "report": (151, 152), "apart": (161, 162)
 BESIDE: Final = 12  # cases with an effect of one of the larger sizes beside a fault from the start
 LARGER: Final = 3  # index into the sizes of an effect
 STEPS: Final = {"two": 2, "beside": 2}  # of the naming, by kind; 1 for the others
-OF_SECOND: Final = {
-    "nothing": "null",
-    "effect": "effect",
-    "fault from the start": "fault",
-    "fault with an onset": "onset",
-    "reversed": "reversed",
-}
 ONE_CASE: Final = "case_second_31_effect_006"  # of the set choose
 
 
@@ -109,8 +102,8 @@ def _of_second_engine(engine: str, vehicles: Sequence[int], size: Size) -> Made:
             ),
         )
         for number, case in enumerate(second_engine_cases.cases()):
-            kind, what = OF_SECOND[case.kind], case.what.replace(" ", "_")
-            key = f"case_{engine}_{vehicle}_{kind}_{number:03d}_{what}"
+            what = case.what.replace(" ", "_")
+            key = f"case_{engine}_{vehicle}_{case.kind}_{number:03d}_{what}"
             sized = case._replace(size=case.size * (HALF if place % 2 else 1.0))
             yield key, partial(_case, key, vehicle, number, sized, size.length_s)
 
@@ -132,7 +125,7 @@ def _case(
     return Stored(
         key=key,
         vehicle="_".join(key.split("_")[1:3]),
-        kind=OF_SECOND[case.kind],
+        kind=case.kind,
         hidden=tuple(hidden),
         size=case.size,
         drives=driven(hidden, faulty=True),

@@ -64,12 +64,12 @@ class EngineCase(NamedTuple):
 def cases() -> Iterator[EngineCase]:
     """Yield what is tried on each vehicle."""
     for number in range(NULLS):
-        yield EngineCase("nothing", f"drives {number + 1}")
+        yield EngineCase("null", f"drives {number + 1}")
     for effect, size in SIZES.items():
         yield EngineCase("effect", effect, size)
     for what, sensor in FAULTS.items():
-        yield EngineCase("fault from the start", what, sensor=sensor)
+        yield EngineCase("fault", what, sensor=sensor)
     for what, sensor in ONSETS.items():
-        yield EngineCase("fault with an onset", what, sensor=sensor, from_drive=ONSET_DRIVE)
+        yield EngineCase("onset", what, sensor=sensor, from_drive=ONSET_DRIVE)
     for effect, size in REVERSED.items():
         yield EngineCase("reversed", effect, size)

@@ -115,6 +115,8 @@ def _answer(case: Stored, known: Healthy, steps: int) -> tuple[Answer, Naming]:
         "noise": naming.error.floor,
         "verdict": naming.verdict,
         "effects": [each.name for each in naming.answer.effects],
+        "labels": [each.label for each in naming.answer.effects],
+        "posterior": dict(naming.posterior),
         "beside": [each.name for each in naming.answer.beside],
         "before": naming.error.before,
         "after": naming.error.after,

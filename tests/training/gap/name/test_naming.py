@@ -2,16 +2,29 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
+from benchmarks.gap_cases.answers import contradicts
 from tests.helpers.gap.gap_simulated import known, two_drives
+from training.gap.name import naming
 from training.gap.name.decision import StepOutcome
-from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.quantity.dynamics import delayed
+
+
+def name(*given: Any, **options: Any) -> Naming:
+    """Return what is said, which is never another answer than the likeliest hypotheses."""
+    found = naming.name(*given, **options)
+    labels = [effect.label for effect in found.answer.effects]
+    answer = {"verdict": found.verdict, "labels": labels, "posterior": found.posterior}
+    assert not contradicts(answer)
+    likelier = {"another": 1.0 - 1e-6} | dict.fromkeys(found.posterior, 1e-06)
+    assert contradicts(answer | {"posterior": likelier})
+    return found
 
 
 @cache

@@ -77,6 +77,7 @@ def test_a_gain_that_lowers_the_error_is_found(
     assert answer.like_sensor
     assert answer.response is not None
     assert answer.response.gain == pytest.approx(0.7, abs=0.05)
+    assert next(f for f in answer.findings if f.kind == "swing").significant
 
 
 def test_a_slow_reading_is_described_by_its_lag(
@@ -97,14 +98,6 @@ def test_an_offset_that_begins_with_a_run_names_the_run(
     assert answer.like_sensor
     assert answer.best is not None
     assert "From run 14 on the reading is +0.03" in answer.best.sentence
-
-
-def test_a_gain_shows_in_how_much_a_reading_moves(
-    healthy: ResponseReference, new: list[Comparison]
-) -> None:
-    readings = [1.0 + 0.7 * (r.phi_measured - 1.0) for r in new]
-    swing = next(f for f in found(new, readings, healthy).findings if f.kind == "swing")
-    assert swing.significant
 
 
 def asked(r: Comparison, more: float, off: float = 0.0) -> Comparison:

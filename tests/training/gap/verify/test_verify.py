@@ -202,15 +202,6 @@ def test_a_fault_that_the_new_model_finds_no_more_is_told(
     assert list(tmp_path.iterdir()) == [offered.offer]
 
 
-def test_drives_too_short_for_a_decision_are_not_counted_as_judged(
-    models: tuple[Path, Path],
-) -> None:
-    short = [recording(seed, n=800) for seed in (3, 4)]
-    found = verified(*models, short, faults=FAULTS[:1])
-    assert found.alarms is not None
-    assert (found.alarms.before.judged, found.faults[0].before.judged) == (0, 0)
-
-
 def test_a_model_without_limits_is_verified_without_the_monitor(
     models: tuple[Path, Path], tmp_path: Path
 ) -> None:
