@@ -215,8 +215,7 @@ def _time(
             continue
         if column.kind == "clock":
             return values, column.wraps_s
-        unit = _stated(column, each.source, "time")
-        if unit is not None:
+        if unit := _time_unit(column, each.source):
             return values * unit.factor, 0.0
         if (per_s := per_second(values)) != 1.0:
             notes.sentences.append(f"column {column.name}: no unit, taken for 1/{per_s:g} s")
@@ -226,14 +225,11 @@ def _time(
     raise RecordingError(f"{raw.path}: no number in the column of time ({names})")
 
 
-def _stated(column: RawColumn, source: Source, quantity: str, stoich: float = 14.7) -> Unit | None:
-    """Return the unit that the file or the profile states, None without one."""
-    in_name = column.name.rpartition("_")[2] if quantity == "time" else ""  # SECONDS, time_ms
-    for text in (*stated_texts(column), *source.units, in_name):
-        unit = unit_of(text, stoich)
-        if unit is not None and unit.quantity == quantity:
-            return unit
-    return None
+def _time_unit(column: RawColumn, source: Source) -> Unit | None:
+    """Return the unit of time that the file, the profile or the name (``time_ms``) states."""
+    texts = (*stated_texts(column), *source.units, column.name.rpartition("_")[2])
+    units = (unit_of(text, 1.0) for text in texts)
+    return next((unit for unit in units if unit and unit.quantity == "time"), None)
 
 
 def _signal(
