@@ -30,7 +30,7 @@ def as_page(result: Result) -> str:
         actions=actions(result),
         cautions=cautions(result),
         rankings=_rankings(result),
-        chosen=[c.label for c in result.effects],
+        chosen=[*(c.label for c in result.effects), *[*result.naming.posterior][:1]],
         units={name: limits.unit for name, limits in RANGES.items()},
         difference=_difference(result),
         cells=cells,

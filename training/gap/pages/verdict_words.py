@@ -200,8 +200,7 @@ def _drive(result: Result) -> list[str]:
 
 
 def _describe(result: Result) -> list[str]:
-    found = [result.unknown] if result.unknown else []
-    found += [f"Look at {c.look_at}." for c in result.effects if c.is_reversed]
+    found = [f"Look at {c.look_at}." for c in result.effects if c.is_reversed]
     if result.naming.answer.suspected:
         found += _check_sensor(result)
     if result.difference is not None:
@@ -211,7 +210,7 @@ def _describe(result: Result) -> list[str]:
                 "Fit the model anew with lambda_target among its inputs (o2train fit --inputs), "
                 "or to recordings with the present target."
             )
-        return found
+        return found or ["Look at the answers under What: the surest come first."]
     if result.addition.path is not None:
         found.append(
             f"{result.addition.path} has the formula, found in these recordings and not in a "

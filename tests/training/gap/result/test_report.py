@@ -376,7 +376,7 @@ def test_a_page_about_simulated_recordings_says_so() -> None:
         ("named", "Use out/model.onnx: the monitor runs it unchanged"),
         ("no_gap", "Keep the model."),
         ("ambiguous", "To tell them apart drive: motorway at &lt;2,600&gt; rpm"),
-        ("unknown_effect", "phi = 0.01 x &lt;oil&gt;"),
+        ("unknown_effect", "Look at the errors by regime"),
         ("sensor_fault_suspected", "run again with --sensor-known-good"),
     ],
 )
