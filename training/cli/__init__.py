@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from monitor.base.command_line import command
+from monitor.frames.text.python_can import import_cantools_alone
 
 COMMANDS: Final = {
     "simulate": "simulate drives and write them as logs or tables",
@@ -26,6 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run ``o2train``; return the exit code."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # two BLAS threads are slower than one here
+    import_cantools_alone()  # python-can with all that it finds takes a second, and few need it
     return command.run("o2train", _parser, argv, extra="training")
 
 

@@ -84,9 +84,6 @@ def run(args: GapCommand) -> int:
 
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
-    from monitor.frames.text.python_can import import_without_mdf
-
-    import_without_mdf()
     from training.cli.console.progress import Progress
     from training.gap.inputs.roles import GapOptions, Material
     from training.gap.pages import gap_page

@@ -14,7 +14,6 @@ from training.narx.algorithms.gradient import descend
 from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples, one_step
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
-from training.narx.module import OneStepByTorch
 from training.narx.network import Spec, forward, initial_weights, regressors
 
 
@@ -75,6 +74,8 @@ def ripple(n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
 def test_the_gradient_of_torch_is_that_of_the_normal_equations(
     hidden: tuple[int, ...], linear_path: bool
 ) -> None:
+    from training.narx.module import OneStepByTorch
+
     rng = np.random.default_rng(1)
     spec, n = Spec(2, lags=2, hidden=hidden, linear_path=linear_path), 4500
     u, y, weight = rng.normal(size=(n, 2)), rng.normal(size=n), rng.uniform(0, 2, n)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
@@ -13,7 +12,6 @@ from tests.helpers.drives.recordings import recording_of
 from tests.training.narx.test_folds import prepared
 from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples, one_step
-from training.narx.module import NarxModule
 from training.narx.network import Spec, forward, initial_weights, regressors, simulate
 from training.narx.search.stages import HORIZONS, Trained, blocks_of, train
 from training.recordings.recording import Recording
@@ -31,6 +29,10 @@ def recording(
 
 @pytest.mark.parametrize("hidden", [(4,), (8, 8), (3, 5, 4)])
 def test_the_open_loop_jacobian_is_that_of_torch(hidden: tuple[int, ...]) -> None:
+    import torch  # takes seconds, which a worker without this test need not spend
+
+    from training.narx.module import NarxModule
+
     spec, rng = Spec(2, lags=3, hidden=hidden), RNG(1)
     weights, u, y = initial_weights(spec, rng), rng.normal(size=(9, 2)), rng.normal(size=9)
     x, samples = regressors(spec, u, y), Samples(u, y, np.ones(9))
@@ -47,6 +49,10 @@ def test_the_open_loop_jacobian_is_that_of_torch(hidden: tuple[int, ...]) -> Non
 
 @pytest.mark.parametrize("first_lag", [0, 1])
 def test_closed_loop_sensitivities_are_those_of_torch_through_time(first_lag: int) -> None:
+    import torch
+
+    from training.narx.module import NarxModule
+
     # GIVEN two pieces, one with unscored samples, and feedback that is clipped now and then
     spec = Spec(2, lags=3, hidden=(4, 3), input_lag_start=first_lag, y_min=-0.4, y_max=0.5)
     rng = RNG(2)

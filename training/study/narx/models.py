@@ -22,7 +22,6 @@ from training.narx.algorithms.bayes import minimise_bayesian
 from training.narx.algorithms.gradient import RATE, descend
 from training.narx.algorithms.objectives import one_step
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
-from training.narx.module import OneStepByTorch
 from training.narx.network import Spec, forward, initial_weights, regressors
 from training.narx.search import stages
 from training.narx.search.stability import contraction
@@ -175,7 +174,8 @@ def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
     """
     at, y = rows(data, spec), data.samples.y
     one_step = np.full(len(y), np.nan)
-    one_step[at] = forward(spec, weights, _regressors(data, spec)[at - spec.memory])
+    phi = regressors(spec, data.samples.u, data.samples.y)
+    one_step[at] = forward(spec, weights, phi[at - spec.memory])
     free = stages.free_run(data, spec, weights)
     at_end = (free[at] <= spec.y_min) | (free[at] >= spec.y_max)
     # at an end of the range with a measurement farther away than a tenth of it
@@ -201,16 +201,13 @@ def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.L
     if algorithm == BAYES:
         bayes = replace(BAYES_DEFAULTS, epochs=epochs)
         return minimise_bayesian(objective, weights, len(at), bayes)[0]
-    phi = _regressors(data, spec)[at - spec.memory]
+    from training.narx.module import OneStepByTorch  # noqa: PLC0415  # torch takes seconds
+
+    phi = regressors(spec, data.samples.u, data.samples.y)[at - spec.memory]
     by_torch = OneStepByTorch(spec, phi, data.samples.y[at], data.samples.weight[at])
     if algorithm == CONJUGATE:
         return minimise_scaled_conjugate(by_torch, weights, epochs, validate)
     return descend(by_torch, weights, epochs, job.candidate.rate or RATE, validate)
-
-
-def _regressors(data: Prepared, spec: Spec) -> FloatArray:
-    """Return the series-parallel regressors of all samples from the ``memory``th on."""
-    return regressors(spec, data.samples.u, data.samples.y)
 
 
 def _by_role(data: Prepared, spec: Spec, predicted: FloatArray) -> dict[str, dict[str, Any]]:
