@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,8 @@ from tests.helpers import shared
 from tests.helpers.examples import USUAL, number
 
 if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
     from monitor.pipeline.replay import Setup
 
 # Before any test imports numpy: one thread is the fastest on small matrices.
@@ -153,3 +156,12 @@ def setup() -> "Setup":
     from monitor.pipeline import replay
 
     return replay.set_up(None, [], config.load())
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator["Browser"]:
+    """Give a browser that opens pages."""
+    from tests.helpers.bus.chromium import chromium
+
+    with chromium() as running:
+        yield running

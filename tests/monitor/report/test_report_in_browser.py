@@ -1,12 +1,9 @@
 """The report in a real browser: pictures of the whole page and prints have every plot."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from playwright.sync_api import Browser
 
-from tests.helpers.bus.chromium import chromium
 from tests.monitor.report.test_report import faulty, not_judged, recording, written
 
 PLOTS = "() => [...document.querySelectorAll('section.plots')]"
@@ -14,12 +11,6 @@ CANVASES = f"() => ({PLOTS})().map((s) => s.querySelectorAll('canvas').length)"
 INKED = f"""() => ({PLOTS})().map((section) => [...section.querySelectorAll("canvas")].every(
   (canvas) => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height)
     .data.some((value) => value)))"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as running:
-        yield running
 
 
 def test_a_page_that_nobody_scrolled_has_the_plots_of_every_recording(

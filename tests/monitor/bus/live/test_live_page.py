@@ -12,16 +12,9 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from monitor.base.types import Frame
-from tests.helpers.bus.chromium import chromium
 from tests.helpers.bus.live_player import Player, frames_of
 
 LAPTOP, PHONE = (1366, 768), (390, 844)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as running:
-        yield running
 
 
 @pytest.fixture(scope="module")
