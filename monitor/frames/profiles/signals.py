@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from monitor.base.counts import counted
 from monitor.base.errors import RecordingError
 from monitor.base.signals import BY_NAME, OUTPUT, SIGNALS
 from monitor.base.types import BoolArray, FloatArray, IntArray
@@ -155,6 +156,10 @@ def _rows(
     sources, clocks = (*times, *wanted), _clocks(raw, times[0])
     columns = [Wanted(each.column, each.source.words) for each in sources]
     every = all_cells(raw, [*columns, *map(Wanted, clocks)], notes)
+    steps = np.diff(_time(raw, times, every, Notes())[0])
+    if 2 * np.count_nonzero(steps < 0.0) > len(steps):
+        every = every[::-1]
+        notes.sentences.append("the newest row stands first: read from the end")
     cells, ticks = every[:, len(times) : len(sources)], every[:, len(sources) :]
     time_s, wraps_s = _time(raw, times, every, notes)
     for i, each in enumerate(wanted):
@@ -162,8 +167,8 @@ def _rows(
         if before and clocks[before[-1]] != times[0].column:
             cells[:, i] = _at(ticks[:, 0], ticks[:, before[-1]], cells[:, i])
     t_ns, rows = cleaned(time_s, wraps_s, notes)
-    if not len(t_ns):
-        raise RecordingError(f"{raw.path}: no row with a time")
+    if len(t_ns) < 2:
+        raise RecordingError(f"{raw.path}: {counted(len(t_ns), 'row')} with a time, two are wanted")
     return t_ns, cells[rows]
 
 

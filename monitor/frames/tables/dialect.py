@@ -189,8 +189,12 @@ def _header(
 
 
 def _is_wide(row: Sequence[str], width: int) -> bool:
-    """Return whether a row above the data may be names or units; blanks at its end may lack."""
-    return 0.8 * width <= len(row) <= width + 1
+    """Return whether a row above the data may be names or units; blanks at its end may lack.
+
+    One that is mostly blank is of groups, and names none in its first column.
+    """
+    filled = sum(bool(cell.strip()) for cell in row)
+    return 0.8 * width <= len(row) <= width + 1 and (2 * filled >= width or not row[0].strip())
 
 
 def _is_data(row: Sequence[str], *, comma: bool) -> bool:

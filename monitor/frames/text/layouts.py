@@ -255,11 +255,11 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
     (r"(?:bus|channel|ch|chn|interface|network)(?:channel)?", r"(?P<channel>[^{sep}]*)"),
     (r"(?:data ?)?len(?:gth)?|size|dlc", r"(?:0x)?(?P<length>\d*)"),
     (r"ext\w*|ide|xtd|format|frame", rf"(?:(?P<ext>{_YES})|{_REST})"),
-    (r"remote|rtr|type", rf"(?:(?P<remote>t|1|true|r\w*)|{_REST})"),
+    (r"remote|rtr|type", rf"(?:(?P<remote>t|1|true|rem\w*|rtr)|{_REST})"),
     (r"er|err\w*", rf"(?:(?P<error>{_YES})|{_REST})"),
     (r"flags?", r'(?P<flags>[^{sep}"]*)'),
     (r"(?:data|payload)(?: ?bytes?)?(?: ?\(hex\))?",
-     r"(?:x\|)? *(?:0x)?(?P<data>[0-9a-fx ]*)"),
+     r"(?:x\|)? *\[?(?:0x)?(?P<data>[0-9a-fx ]*)\]?"),
     (r"(?:data|byte|d|b)[ _]?[01]",
      r"(?P<data>(?:0x)?[0-9a-f]{0,3}(?:{sep} *(?:0x)?[0-9a-f]{0,3} *){0,{further}})"),
 )  # fmt: skip
@@ -333,6 +333,7 @@ def _table(text: str) -> TextLayout | None:
     for number, line in enumerate(lines):
         for sep in ",;\t" if re.search("id|addr", line, re.I) else "":
             names = [name.strip().strip('"').casefold() for name in line.split(sep)]
+            names = [name.rpartition("can_dataframe.")[2] for name in names]
             pattern = _table_row(names, sep)
             rows = (
                 list(filter(None, map(pattern.fullmatch, lines[number + 1 :]))) if pattern else []

@@ -294,6 +294,19 @@ def test_where_no_unit_is_stated_the_values_tell_it_or_the_column_is_not_propose
         assert values(table, name)[0] == pytest.approx(wanted, rel=0.01)
 
 
+def test_a_table_with_its_newest_row_first_is_read_from_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "newest.csv"
+    lines = rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i]}").splitlines()
+    path.write_text("#1/2/2026,,\nTime (s),RPM,AFR\n" + "\n".join(lines[::-1]) + "\n")
+    path.with_suffix(".toml").write_text('time = ["Time"]\n[signals]\nengine_speed_rpm = "RPM"\n')
+    table = read_table(path, path.with_suffix(".toml"))
+    assert values(table, "engine_speed_rpm").tolist() == RPM
+    # AND one row alone is no recording
+    path.write_text("Time (s),RPM,AFR\n" + lines[0] + "\n")
+    with pytest.raises(RecordingError, match="1 row with a time, two are wanted"):
+        read_table(path, path.with_suffix(".toml"))
+
+
 def test_a_comma_in_thousands_is_no_decimal_one(tmp_path: Path) -> None:
     path = tmp_path / "thousands.csv"
     path.write_text("Time,RPM,AFR\n" + rows(lambda i: f'{i / 10},"{RPM[i]:,}",{AFR[i]:.2f}'))

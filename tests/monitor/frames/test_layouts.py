@@ -126,10 +126,10 @@ Date: 1.2.2023
 2,10:00:00.1,0.520000,ch1,0x18FEF100,Data,Extended,0x01,x| FF
 3,10:00:00.1,0.530000,ch1,0x00C2,Remote,Standard,0x00,
 """,
-    "milliseconds.csv": """Zeit (ms);Bus;CAN-ID;Len;B0;B1;B2;B3;B4;B5;B6;B7
-500,0;1;C2;8;01;02;03;04;05;06;07;A8
-510,0;1;C3;2;11;22;;;;;;
-520,0;1;18FEF100;1;FF;;;;;;;
+    "milliseconds.csv": """Zeit (ms);Bus;Type;CAN-ID;Len;B0;B1;B2;B3;B4;B5;B6;B7
+500,0;1;Rx;C2;8;01;02;03;04;05;06;07;A8
+510,0;1;Tx;C3;2;11;22;;;;;;
+520,0;1;Rx;18FEF100;1;FF;;;;;;;
 """,
     "joined.csv": """time,addr,bus,data,d0
 0.5,0xc2,0,0x01020304050607a8,1
