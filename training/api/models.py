@@ -98,7 +98,7 @@ def fit(
     """Train a model on drives of a healthy vehicle and write it, with its limits, as ``out``.
 
     recordings, validate, period_s, buses, columns : as in ``load_recordings``; ``validate`` chooses
-        the network and is not trained on, by default each recording in turn
+        and stops the training and is not trained on, by default held-out blocks do
     out : the ``.onnx`` file to write
     kind : a network, or the physical chain
     inputs : default the paper's where all recordings have them, else chosen from what there is

@@ -30,9 +30,9 @@ EXAMPLES = """examples:
 def run(args: FitCommand) -> int:
     """Train a NARX.
 
-    The command trains networks series-parallel, then in closed loop over growing horizons, chooses
-    memory and size by free runs over recordings that were left out, and trains the best on with
-    all. --lags or --hidden fix the shape, without a linear path. --kind
+    The command chooses memory and size by free run on held-out blocks, trains the network
+    series-parallel, then in closed loop over growing horizons, and keeps the network that predicts
+    the held-out blocks best. --lags or --hidden fix the shape, without a linear path. --kind
     greybox fits the constants of the physical chain instead. The chain reads its charge as air per
     stroke; with manifold pressure and temperature among --inputs it computes the charge from them
     and a map. With --output downstream_voltage_v it fits capacity, filling and release of the

@@ -1,11 +1,14 @@
 """Cross-fit: the free run over every recording by a twin that did not see it.
 
-A twin is the mean of the search's best trainings that left the recording out.
+A twin has the model's shape and begins at new random weights. Trained on from the model's weights
+it would keep what these know of the recording that it must not see. It is the mean of a few short
+trainings, since one alone may be far off where the others are not.
 Source: Stone, Cross-validatory choice and assessment of statistical predictions, J. Royal
 Statistical Society B 36 (1974).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,16 +16,19 @@ from typing import Any
 
 import numpy as np
 
+from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model, to_model_units
 from training.narx.export import Network, save
 from training.narx.model_file import measures, network_of, shape_of
+from training.narx.network import Spec
 from training.narx.search.mean import mean_of
-from training.narx.search.stages import Trained, free_run
+from training.narx.search.stages import HORIZONS, N_SAMPLES, Trained, free_run, train
+from training.narx.search.structure import FOLDS, STARTS
+from training.narx.work import Work
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, Samples
-from training.recordings.samples.rows import runs
 from training.recordings.samples.transforms import apply
 
 
@@ -57,8 +63,9 @@ class CrossFit:
         for twin in self.twins:
             parts = []
             for s in self.data.segments:
-                for first, stop in runs(twin.rows[s.start : s.stop]):
-                    rows = slice(s.first + first, s.first + stop)
+                own = np.flatnonzero(twin.rows[s.start : s.stop])
+                if len(own):
+                    rows = slice(s.first + int(own[0]), s.first + int(own[-1]) + 1)
                     whole = self.data.recordings[s.recording]
                     values, quality = whole.values[rows], whole.quality[rows]
                     parts.append(replace(whole, values=values, quality=quality))
@@ -79,23 +86,41 @@ class CrossFit:
         return {"recordings": found, **pooled} if found else {}
 
 
-def cross_fit(data: Prepared, folds: Sequence[Prepared], trained: Sequence[Trained]) -> CrossFit:
-    """Return what the trainings predict of the samples that their folds left out.
+def cross_fit(
+    data: Prepared,
+    spec: Spec,
+    *,
+    decay: float = 0.0,
+    seed: int = 0,
+    work: Work | None = None,
+    threads: int = 1,
+) -> CrossFit:
+    """Train a twin of the shape ``spec`` without each recording and let it run over that one.
 
-    data : all samples, with which the folds were made
-    A fold without a training has no twin.
+    A single recording is cut into four blocks; of more than four recordings each twin misses
+    several. Recordings that only validate are left with all twins. A twin for which too few samples
+    are left is not trained.
+    work : budget, of which each twin has an equal part
     """
     recorded = replace(data, samples=as_recorded(data))
-    predicted, twins = np.full(len(data.role), np.nan), []
-    for number, each in enumerate(folds):
-        own = [(t.spec, t.weights) for t in trained if t.fold == number and np.isfinite(t.score)]
-        if own:
-            shape, weights = mean_of(own)
-            rows = each.role == Role.TEST
-            run = data.scaling.unscale_y(free_run(recorded, shape, weights))
-            predicted[rows] = run[rows]
-            twins.append(Twin(network_of(data, shape, weights), rows))
-    return CrossFit(recorded, predicted, tuple(twins))
+    left_out = _left_out(data)
+    work = work or Work()
+    parts = work.split(len(left_out))
+
+    def one(rows: BoolArray, part: Work) -> tuple[Twin, FloatArray] | None:
+        members = _trained(data, spec, rows, decay, seed, part)
+        if not members:
+            return None
+        shape, weights = mean_of([(each.spec, each.weights) for each in members])
+        return Twin(network_of(data, shape, weights), rows), free_run(recorded, shape, weights)
+
+    with ThreadPoolExecutor(max(1, threads)) as pool:
+        found = [each for each in pool.map(one, left_out, parts) if each]
+    work.join(parts)
+    predicted = np.full(len(data.role), np.nan)
+    for twin, run in found:
+        predicted[twin.rows] = data.scaling.unscale_y(run[twin.rows])
+    return CrossFit(recorded, predicted, tuple(twin for twin, _ in found))
 
 
 def unseen_words(unseen: Mapping[str, Any]) -> str:
@@ -110,11 +135,55 @@ def unseen_words(unseen: Mapping[str, Any]) -> str:
     )
 
 
+def _left_out(data: Prepared) -> list[BoolArray]:
+    """Return the rows (n,) that each twin does not see."""
+    numbers = [
+        number
+        for number in sorted({s.recording for s in data.segments})
+        if (data.role[_of_recordings(data, [number])] == Role.TRAIN).any()
+    ]
+    if len(numbers) == 1:
+        own = np.flatnonzero(_of_recordings(data, numbers))
+        return [np.isin(np.arange(len(data.role)), part) for part in np.array_split(own, FOLDS)]
+    groups = np.array_split(np.array(numbers), min(len(numbers), FOLDS))
+    return [_of_recordings(data, group.tolist()) for group in groups]
+
+
 def _of_recordings(data: Prepared, numbers: list[int]) -> BoolArray:
     rows = np.zeros(len(data.role), dtype=bool)
     for s in data.segments:
         rows[s.start : s.stop] = s.recording in numbers
     return rows
+
+
+def _trained(
+    data: Prepared, spec: Spec, rows: BoolArray, decay: float, seed: int, work: Work
+) -> list[Trained]:
+    """Return trainings without ``rows``, as many as the work allows, none if the rest is too short.
+
+    Blocks that chose the weights stop them. Where none is left, those of the test do.
+    """
+    role = data.role.copy()
+    if (role[~rows] == Role.VALIDATE).any():
+        role[role == Role.TEST] = Role.TRAIN
+    else:
+        role[role == Role.TEST] = Role.VALIDATE
+    role[rows] = Role.TEST
+    if ((role == Role.TRAIN) & (data.samples.weight > 0)).sum() < spec.n_weights:
+        return []
+    seen, horizons, found = replace(data, role=role), HORIZONS[:-1], list[Trained]()
+    for start in range(STARTS):
+        own = work.up_to(work.left)
+        try:
+            begun = Trained(spec, decay=decay, seed=seed + start)
+            trained = train(seen, begun, own, horizons, N_SAMPLES)
+        except RecordingError:  # no validation block is longer than the memory
+            return []
+        work.join([own])
+        if not np.isfinite(trained.score) or (found and own.is_over()):
+            break
+        found.append(trained)
+    return found
 
 
 def as_recorded(data: Prepared) -> Samples:

@@ -6,7 +6,7 @@ tried (batch as columns, batched products, sums) this and the doubled batch gave
 for every batch size on onnxruntime's CPU provider.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -133,26 +133,28 @@ class Graph:
 
 def build(network: Network) -> onnx.ModelProto:
     """Return the graph ``step``, float32, without a card."""
-    graph, size = Graph(), network.state_layout.size
-    u_scaled, y = _network_nodes(graph, network)
+    graph = Graph()
+    u_scaled, y = network_nodes(graph, network, "u", "state")
     lambda_nodes(graph, network.transform, y)
-    kept = graph.take("state", 0, size - network.spec.n_inputs - 1, "kept")
-    graph.add("Concat", [u_scaled, y, kept], "next_state", axis=1)
-    return finished(graph, network.spec.n_inputs, size)
+    next_nodes(graph, network, u_scaled, y, "state")
+    return finished(graph, network.spec.n_inputs, network.state_layout.size)
 
 
-def _network_nodes(graph: Graph, network: Network) -> tuple[str, str]:
-    """Add one step; return scaled inputs (batch, k) and the output in model units (batch, 1)."""
+def network_nodes(graph: Graph, network: Network, u: str, state: str) -> tuple[str, str]:
+    """Add one step; return the scaled inputs (batch, k) and the output in model units (batch, 1).
+
+    u, state : the network's own inputs (batch, k) and state
+    """
     spec = network.spec
     gain, offset = network.input_map()
-    u = _transformed(graph, network, "u")
+    u = _transformed(graph, network, u)
     names = [graph.constant("u_gain", np.diag(gain)), graph.constant("u_offset", offset)]
     mapped = graph.add("Gemm", [u, *names], "u_mapped", transB=1)
     limits = [graph.constant("u_low", -1.0), graph.constant("u_high", 1.0)]
     u_scaled = graph.add("Clip", [mapped, *limits], "u_scaled")
-    x = regressor = "state"
+    x = regressor = state
     if network.sees_newest:
-        x = regressor = graph.add("Concat", [u_scaled, "state"], "regressor", axis=1)
+        x = regressor = graph.add("Concat", [u_scaled, state], "regressor", axis=1)
     stack = network.folded_layers()
     for i, (w, b) in enumerate(stack):
         if spec.linear_path and i == len(stack) - 1:
@@ -173,6 +175,15 @@ def lambda_nodes(graph: Graph, transform: str, y: str) -> None:
         return
     names = [graph.constant("phi_low", 1.0 / LAMBDA_MAX), graph.constant("phi_high", PHI_MAX)]
     graph.add("Reciprocal", [graph.add("Clip", [y, *names], "phi_readable")], "lambda_hat")
+
+
+def next_nodes(
+    graph: Graph, network: Network, u_scaled: str, y: str, state: str, more: Sequence[str] = ()
+) -> None:
+    """Add the graph's output ``next_state``: the newest sample, the older ones, ``more``."""
+    k, size = network.spec.n_inputs, network.state_layout.size
+    kept = graph.take(state, 0, size - k - 1, "kept")
+    graph.add("Concat", [u_scaled, y, kept, *more], "next_state", axis=1)
 
 
 def _transformed(graph: Graph, network: Network, u: str) -> str:

@@ -1,22 +1,24 @@
-"""Fit a NARX to recordings: prepare, search by folds, train on with all samples, write the file."""
+"""Fit a NARX to recordings: prepare, choose a structure, train several starts, write the file."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.types import BoolArray
 from training.narx.cross_fit import CrossFit, cross_fit
 from training.narx.export import Network
 from training.narx.model_file import FreeRunFit, held_out, write_model
 from training.narx.network import Spec
-from training.narx.search.folds import FOLDS, fold, groups_of, withheld
+from training.narx.search.folds import folds_of, free_folds, trained_on_all
 from training.narx.search.mean import NetworkChoice, choose
-from training.narx.search.structure import GivenShape, Search, Try
+from training.narx.search.stages import N_SAMPLES, Trained, train
+from training.narx.search.structure import FOLDS, STARTS, Search, Try
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role, prepare
 
@@ -24,8 +26,7 @@ if TYPE_CHECKING:
     from training.recordings.recording import Recording
 
 LAGS, HIDDEN = 5, (8, 8)  # of the paper's network
-STARTS = 3  # of a shape that is given
-PARTS = 2  # the search has half of the work, its best trainings half of the rest with their folds
+PARTS = 3  # of equal work: the search, the members of its mean, the twins
 ENDED_EARLY = "the wall limit ended the training early: it would end elsewhere on another machine"
 SAMPLES_PER_WEIGHT = 10  # with fewer the network overfits
 
@@ -69,8 +70,8 @@ class FitSource:
     recordings: "Sequence[Recording]"
     inputs: Sequence[str]
     output: str
-    validate: "Sequence[Recording]" = ()  # choose the network, not trained on; without them each
-    # recording does in turn
+    validate: "Sequence[Recording]" = ()  # choose and stop the training, not trained on; without
+    # them held-out blocks do
     transforms: Sequence[Mapping[str, Any]] = ()  # of inputs, see ``recordings.transforms``
 
     def prepared(self, lags: int, seed: int) -> Prepared:
@@ -93,84 +94,79 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
 
     If neither lags nor layers are given, a search chooses memory and size, inputs of the tick
     itself enter and a linear path is added; if one is given, the other one is the paper's (5; 8,
-    8). Trainings that left out a fold each are trained on with all samples that the limits do not
-    need; without these folds they are the model's twins.
+    8). Trainings of short recordings take turns over the validation blocks, unless these are kept
+    for a comparison with other models.
     Raises RecordingError or UsageError if the recordings or names cannot be used.
     """
-    options, began_s = options or FitOptions(), time.monotonic()
-    work = Work.of_minutes(options.budget_minutes, options.wall_minutes, options.progress)
-    data, given, warnings = source.prepared(options.lags or LAGS, options.seed), None, list[str]()
-    if options.lags is not None or options.hidden is not None:
-        size = options.lags or LAGS, options.hidden or HIDDEN
-        given = GivenShape(*size, options.input_lag_start)
-        warnings = _size_warnings(data, given.spec(data))
-    parts = _parts(data, options, chooses=bool(source.validate))
-    starts = options.starts or (STARTS if given else FOLDS)
-    search = Search(parts.folds, options.seed, options.threads, options.tried, given, starts)
-    for part, use in ((PARTS, search.run), (PARTS - 1, search.train_members)):
-        own = work.up_to(work.left / part)
-        use(own)
-        work.join([own])
-    members = search.refitted(parts.everything, work, starts)
-    chosen = choose(parts.everything, members, options.seed, work, join=given is None)
+    options = options or FitOptions()
+    seed, threads = options.seed, options.threads
+    began_s = time.monotonic()
+    whole = Work.of_minutes(options.budget_minutes, options.wall_minutes, options.progress)
+    work = whole.up_to(whole.limit * (PARTS - 1) / PARTS)
+    data = source.prepared(options.lags or LAGS, seed)
+    if options.lags is None and options.hidden is None:
+        data, chosen, tries = _searched(source, data, options, work)
+    else:
+        chosen, tries = _trained(data, options, work), ()
+    warnings = [*data.warnings, *_size_warnings(data, chosen.best_member.spec)]
     if not np.isfinite(chosen.model.score):
         raise UsageError(
             f"the budget of {options.budget_minutes:g} min ended before the first epoch"
         )
-    if given is None:
-        warnings = _size_warnings(data, chosen.best_member.spec)
-    twins = cross_fit(data, parts.folds, search.members)
-    reported = replace(data, role=parts.role)
-    unseen = np.where(parts.trained_test, twins.predicted, np.nan)
-    network, card, run = write_model(
-        out, reported, chosen.model, chosen.gap, work=work, twins=twins.to_card(), unseen=unseen
-    )
+    whole.join([work])
+    best = chosen.best_member
+    twins = cross_fit(data, best.spec, decay=best.decay, seed=seed, work=whole, threads=threads)
+    unseen = twins.to_card()
+    network, card, run = write_model(out, data, chosen.model, chosen.gap, unseen, whole)
     return FitResult(
         path=Path(out),
         card=card,
         network=network,
-        data=reported,
+        data=data,
         chosen=chosen,
         predicted=run,
-        held_out=held_out(reported),
+        held_out=held_out(data),
         unseen=twins,
-        tries=() if given else tuple(search.ranked),
+        tries=tries,
         seconds=time.monotonic() - began_s,
         warnings=(
-            *data.warnings,
             *warnings,
             *_training_warnings(chosen, data.memory),
-            *([ENDED_EARLY] if work.ended_by_wall else []),
+            *([ENDED_EARLY] if whole.ended_by_wall else []),
         ),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Parts:
-    """The samples of the search's trainings, and of the model."""
+def _searched(
+    source: FitSource, data: Prepared, options: FitOptions, work: Work
+) -> tuple[Prepared, NetworkChoice, tuple[Try, ...]]:
+    """Return the data with their roles at the end, the mean of the best trainings, all tries."""
+    seed, n_train = options.seed, int((data.role == Role.TRAIN).sum())
+    count = min(max(N_SAMPLES // n_train, 1), FOLDS)
+    folds = folds_of(data, (source.prepared(LAGS, seed + i) for i in range(1, count)))
+    keep = source.validate or options.keep_validation
+    free = 1 if keep else free_folds(folds)
+    searching = work.up_to(work.limit / (PARTS - 1))
+    search = Search(folds, seed, searching, options.threads, options.tried)
+    search.run()
+    work.join([searching])
+    chosen = choose(
+        data, search.members(free, work, options.starts or FOLDS), seed, work, join=True
+    )
+    return (trained_on_all(data) if free > 1 else data), chosen, tuple(search.ranked)
 
-    folds: tuple[Prepared, ...]
-    everything: Prepared
-    role: np.ndarray  # (n,) Role of each sample in the end
-    trained_test: BoolArray  # (n,) test samples that the model saw and its twins did not
 
-
-def _parts(data: Prepared, options: FitOptions, *, chooses: bool) -> _Parts:
-    """Return the parts of the data.
-
-    chooses : recordings were given that choose, and are not trained on
-    """
-    validate, test = data.role == Role.VALIDATE, data.role == Role.TEST
-    kept = validate | test if options.keep_validation else withheld(data)
-    if chooses:
-        folds = [everything := fold(data, kept & test, validate)]
-    else:
-        groups = [rows for rows in groups_of(data) if data.samples.weight[rows & ~kept].any()]
-        folds = [fold(data, kept, rows) for rows in groups]
-        everything = fold(data, kept, np.zeros_like(kept))
-    seen = (everything.role == Role.TRAIN) & ~kept
-    role = np.where(validate & seen, Role.TRAIN, data.role).astype(data.role.dtype)
-    return _Parts(tuple(folds), everything, role, test & seen)
+def _trained(data: Prepared, options: FitOptions, work: Work) -> NetworkChoice:
+    """Return the best of several starts of the shape that was asked for."""
+    size = options.lags or LAGS, options.hidden or HIDDEN
+    spec = Spec(len(data.inputs), *size, options.input_lag_start, *data.scaling.y_scaled_limits)
+    _size_warnings(data, spec)
+    starts = [Trained(spec, seed=options.seed + 1000 * i) for i in range(options.starts or STARTS)]
+    parts = work.split(len(starts))
+    with ThreadPoolExecutor(max(1, options.threads)) as pool:
+        found = list(pool.map(partial(train, data), starts, parts))
+    work.join(parts)
+    return choose(data, found, options.seed, work, join=False)
 
 
 def _size_warnings(data: Prepared, spec: Spec) -> list[str]:

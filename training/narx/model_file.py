@@ -26,7 +26,7 @@ PACKAGES = ("numpy", "onnx", "onnxruntime", "scipy")  # whose versions stand in 
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Rows first .. stop - 1 of a recording, predicted by networks that did not see them."""
+    """Rows first .. stop - 1 of a recording that no training step saw."""
 
     recording: int
     first: int
@@ -86,23 +86,17 @@ def write_model(
     data: Prepared,
     model: Trained,
     gap: Contraction,
-    *,
+    unseen: Mapping[str, Any] | None = None,
     work: Work | None = None,
-    twins: Mapping[str, Any] | None = None,
-    unseen: FloatArray | None = None,
 ) -> tuple[Network, ModelCard, FloatArray]:
     """Write a training as a model file; return its network, its card and its free run.
 
+    unseen : measures of twins that did not see what they predict, for the card
     work : of the training, for the card
-    twins : measures of twins that did not see what they predict, for the card
-    unseen : (n,) prediction of twins where it stands for that of the model, which saw the test
-        samples; NaN elsewhere
     The free run is that over ``data.samples``, (n,) in model units, NaN at the beginnings.
     """
     network = network_of(data, model.spec, model.weights)
     predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
-    if unseen is not None:
-        predicted = np.where(np.isnan(unseen), predicted, unseen)
     checks: dict[str, Any] = {"contraction": asdict(gap)}
     if work:
         checks["work"] = {"counted": work.spent, "ended_by_wall": work.ended_by_wall}
@@ -111,7 +105,7 @@ def write_model(
         predicted,
         kind="narx",
         transforms=data.transforms,
-        unseen=twins,
+        unseen=unseen,
         checks=checks,
         **shape_of(network, model.members),
     )

@@ -85,7 +85,7 @@ def trained_on(recordings: Sequence[Recording], folder: Path) -> FitResult:
         hidden=(5,),
         starts=1,
         threads=1,
-        budget_minutes=0.1,
+        budget_minutes=0.05,
         seed=2,
     )
     return fit(FitSource(recordings, NARX_INPUTS, OUTPUT), folder / "base.onnx", options)

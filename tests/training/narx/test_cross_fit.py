@@ -9,8 +9,7 @@ from monitor.base.types import FloatArray
 from tests.training.narx.test_fit import plant, source_of
 from training.narx.cross_fit import CrossFit, cross_fit, unseen_words
 from training.narx.fit import FitOptions, fit
-from training.narx.search.folds import fold, groups_of
-from training.narx.search.structure import GivenShape, Search
+from training.narx.network import Spec
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared
 
@@ -23,13 +22,8 @@ def run_over(found: CrossFit, number: int) -> FloatArray:
     return run
 
 
-def cross_fitted(data: Prepared, starts: int = 1) -> CrossFit:
-    """Return the cross-fit of three neurons that remember two samples."""
-    folds = [fold(data, rows & ~rows, rows) for rows in groups_of(data)]
-    search = Search(folds, 0, 1, given=GivenShape(2, (3,), 1), starts=starts)
-    search.run(Work())
-    search.train_members(Work())
-    return cross_fit(data, folds, search.members)
+def shape(data: Prepared) -> Spec:
+    return Spec(len(data.inputs), 2, (3,), 1, *data.scaling.y_scaled_limits)
 
 
 def test_what_a_recording_holds_does_not_reach_its_unseen_prediction() -> None:
@@ -39,7 +33,7 @@ def test_what_a_recording_holds_does_not_reach_its_unseen_prediction() -> None:
     y[second.start + 100 : second.stop] *= -1.0
     other = replace(data, samples=replace(data.samples, y=y))
     # WHEN both are cross-fitted
-    found, changed = map(cross_fitted, (data, other))
+    found, changed = (cross_fit(d, shape(d), work=Work(2e7)) for d in (data, other))
     # THEN the twin without the second drive predicts the same, the others do not
     assert np.array_equal(run_over(found, 1), run_over(changed, 1), equal_nan=True)
     assert not np.array_equal(run_over(found, 0), run_over(changed, 0), equal_nan=True)
@@ -48,7 +42,7 @@ def test_what_a_recording_holds_does_not_reach_its_unseen_prediction() -> None:
 def test_twins_predict_every_recording_as_it_was_recorded() -> None:
     recordings = plant(1, 1200), plant(2, 1200)
     data = source_of(*recordings).prepared(2, 0)
-    found = cross_fitted(data)
+    found = cross_fit(data, shape(data))
     for number, recording in enumerate(recordings):
         phi = 1.0 / recording.column("lambda_measured")
         run = run_over(found, number)
@@ -59,9 +53,9 @@ def test_twins_predict_every_recording_as_it_was_recorded() -> None:
 
 def test_a_single_recording_is_predicted_block_by_block() -> None:
     data = source_of(plant(1, 2500)).prepared(2, 0)
-    found = cross_fitted(data, starts=8)
+    found = cross_fit(data, shape(data))
     rows = np.array([twin.rows for twin in found.twins])
-    assert [twin.network.spec.hidden for twin in found.twins] == [(6,)] * 4  # of two trainings
+    assert [twin.network.spec.hidden for twin in found.twins] == [(9,)] * 4  # of three trainings
     assert (rows.sum(axis=0) == 1).all()
     assert np.isfinite(found.predicted).sum() > 2400
 

@@ -89,12 +89,10 @@ def test_held_out_ranges_are_rows_of_their_recordings_that_were_not_trained_on(
     assert all(0 <= h.first < h.stop <= 2500 for h in fitted.held_out)
 
 
-def test_the_model_is_the_best_of_the_starts_after_all_horizons(fitted: FitResult) -> None:
-    best, starts = fitted.chosen.model, fitted.chosen.starts
-    assert best.score == min(start.score for start in starts) == best.stages[-1].scores[-1]
-    # a fold alone, the fold with all of its samples, all samples
-    horizons = (1, 20, 100, 1000, 100, 1000, 1000)
-    assert [s.name for s in best.stages] == [f"horizon {h}" for h in horizons]
+def test_the_best_stage_is_the_one_with_the_best_free_run(fitted: FitResult) -> None:
+    best = fitted.chosen.model
+    assert best.score == min(min(stage.scores) for stage in best.stages)
+    assert [s.name for s in best.stages] == [f"horizon {h}" for h in (1, 20, 100, 1000)]
 
 
 def test_a_loop_so_unstable_that_no_step_helps_forgets_in_the_end(fitted: FitResult) -> None:
@@ -263,13 +261,16 @@ def test_the_report_stands_alone(fitted: FitResult, tmp_path: Path) -> None:
     assert text.index('class="verdict') < text.index("<table")
 
 
-def test_the_report_shows_a_mean_beside_its_trainings(fitted: FitResult, tmp_path: Path) -> None:
-    # GIVEN starts whose mean, which has no epochs, is the model
-    mean = replace(fitted.chosen.model, stages=[])
-    chosen = replace(fitted.chosen, starts=(*fitted.chosen.starts, mean), model=mean)
-    # WHEN the report is written THEN it has the curves of all
+@pytest.mark.parametrize("is_best", [True, False])
+def test_the_report_shows_a_linear_model_that_was_solved_beside_those_trained(
+    fitted: FitResult, tmp_path: Path, *, is_best: bool
+) -> None:
+    # GIVEN starts of which one was solved at once, so that it has no epochs
+    starts = (*fitted.chosen.starts, solved := replace(fitted.chosen.model, stages=[]))
+    chosen = replace(fitted.chosen, starts=starts, model=solved if is_best else fitted.chosen.model)
+    # WHEN the report is written THEN it has the curves of the others
     write_report(tmp_path / "fit.html", replace(fitted, chosen=chosen))
-    assert "start 3, chosen" in (tmp_path / "fit.html").read_text()
+    assert f"start {len(starts)}" in (tmp_path / "fit.html").read_text()
 
 
 def save_table(path: Path, drive: Recording) -> None:

@@ -1,10 +1,12 @@
-"""Folds: every training leaves one out, and the mean of all has seen every sample."""
+"""A short record: its trainings leave out different blocks, and their mean has seen all of them."""
+
+from dataclasses import replace
 
 import numpy as np
 from scipy.signal import lfilter
 
 from tests.helpers.drives.recordings import recording_of
-from training.narx.search.folds import fold, groups_of, withheld
+from training.narx.search.folds import folds_of, free_folds, trained_on_all
 from training.narx.search.mean import choose
 from training.narx.search.stages import blocks_of
 from training.narx.search.structure import Search
@@ -26,41 +28,44 @@ def prepared(pole: float, n: int = 4000) -> Prepared:
     return prepare([drive(pole, n)], ["u0", "u1"], "y")
 
 
-def folds(data: Prepared) -> list[Prepared]:
-    return [fold(data, rows & ~rows, rows) for rows in groups_of(data)]
+def folds(n: int = 1200) -> list[Prepared]:
+    others = (prepare([drive(0.9, n)], ["u0", "u1"], "y", seed=seed) for seed in (1, 2, 3))
+    return folds_of(prepared(0.9, n), others)
 
 
-def test_the_mean_of_trainings_with_all_samples_is_better_on_another_drive_than_most() -> None:
-    # GIVEN the trainings of a search, each without a quarter of the drive
-    data = prepared(0.9, 1200)
-    search = Search(folds(data), 0, 1)
-    search.run(Work(0.02 * PER_MINUTE))
-    search.train_members(Work())
-    assert {each.fold for each in search.members} == set(range(4))
-    # WHEN they are trained on with all of it and joined THEN the mean follows another drive
-    everything = fold(data, *np.zeros((2, len(data.role)), dtype=bool))
-    members = search.refitted(everything, Work(), 4)
-    mean = choose(everything, members, 0, Work(), join=True).model
-    assert mean.members == 4
-    other = prepare([drive(0.9, 1200, seed=2)], ["u0", "u1"], "y")
-    unseen = [blocks_of(other, t.spec, Role.TRAIN).score(t.weights) for t in (mean, *members)]
+def test_the_mean_has_seen_all_folds_and_is_better_on_unseen_blocks_than_most_members() -> None:
+    data = folds()
+    search = Search(data, 0, Work(0.02 * PER_MINUTE), 1)
+    search.run()
+    members = search.members(len(data), Work())
+    assert {each.fold for each in members} == set(range(len(data)))
+    mean = choose(data[0], members, 0, Work(), join=True).model
+    assert mean.members == len(members)
+    unseen = [blocks_of(data[0], t.spec, Role.TEST).score(t.weights) for t in (mean, *members)]
     assert unseen[0] < np.median(unseen[1:])
 
 
-def test_a_fold_leaves_out_whole_recordings_or_blocks_of_a_single_one() -> None:
-    drives = [drive(0.9, 600, seed) for seed in range(6)]
-    data = prepare(drives, ["u0", "u1"], "y")
-    owner = np.repeat(range(6), 600)
-    groups = [np.unique(owner[rows]).tolist() for rows in groups_of(data)]
-    assert groups == [[0, 1], [2, 3], [4], [5]]
-    alone = [np.flatnonzero(rows)[::150].tolist() for rows in groups_of(prepared(0.9, 1200))]
-    assert alone == [[0, 600], [150, 750], [300, 900], [450, 1050]]
+def test_the_test_blocks_stay_unseen_in_every_fold() -> None:
+    data = folds()
+    assert len(data) > 2
+    test = data[0].role == Role.TEST
+    assert all(np.array_equal(each.role == Role.TEST, test) for each in data)
+    held_out = np.array([each.role == Role.VALIDATE for each in data])
+    assert (held_out.any(axis=1)).all()
+    assert len(np.unique(held_out, axis=0)) > 1
+    assert set(trained_on_all(data[0]).role[~test]) == {Role.TRAIN}
 
 
-def test_samples_that_limits_need_are_withheld_from_every_training() -> None:
-    short, middle, long = (prepared(0.9, n) for n in (1200, 2800, 4600))
-    assert not withheld(short).any()  # both together are too short for limits
-    assert np.array_equal(withheld(middle), middle.role != Role.TRAIN)
-    assert np.array_equal(withheld(long), long.role == Role.TEST)
-    kept = withheld(long)
-    assert not fold(long, kept, ~kept).samples.weight[kept].any()
+def test_blocks_that_the_limits_need_are_not_trained_on() -> None:
+    assert free_folds(folds(1200)) > 1  # both together are too short for limits
+    assert free_folds(folds(2800)) == 1  # both together are enough, the test alone is not
+    assert free_folds(folds(4600)) > 1  # the test alone is enough
+
+
+def test_blocks_of_which_the_test_leaves_next_to_nothing_make_no_fold() -> None:
+    # GIVEN other blocks that lie within those of the test but for five samples
+    data = prepared(0.9, 1200)
+    role = np.where(data.role == Role.TEST, Role.VALIDATE, Role.TRAIN).astype(data.role.dtype)
+    role[:5] = Role.VALIDATE
+    # WHEN folds are made THEN there is none of them, as no memory could be scored on it
+    assert len(folds_of(data, [replace(data, role=role)])) == 1

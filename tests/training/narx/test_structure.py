@@ -100,15 +100,15 @@ def test_derivatives_hold_for_boxes_and_the_linear_path() -> None:
 @pytest.fixture(scope="module")
 def late(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
     out = tmp_path_factory.mktemp("late") / "model.onnx"
-    return fit(FitSource([analyser(1)], ["u0"], "y"), out, FitOptions(starts=1, budget_minutes=0.4))
+    return fit(FitSource([analyser(1)], ["u0"], "y"), out, FitOptions(starts=1, budget_minutes=0.2))
 
 
 def test_a_late_analyser_is_given_a_long_memory(late: FitResult) -> None:
     assert late.network.spec.memory >= 20
     assert late.card.fit["test"]["fit_percent"] > 80
     assert "boxes" in describe(late.network.spec)
-    tried = {n: min(t.rmse for t in late.tries if t.structure.longest == n) for n in (5, 34)}
-    assert tried[34] < 0.5 * tried[5]
+    tried = {t.structure.longest: t for t in late.tries}
+    assert tried[34].rmse < 0.5 * tried[5].rmse
 
 
 def test_the_file_of_a_boxed_model_predicts_what_the_training_did(late: FitResult) -> None:
@@ -129,12 +129,12 @@ def test_the_file_of_a_boxed_model_predicts_what_the_training_did(late: FitResul
 def test_a_short_record_of_a_nearly_linear_plant_gets_a_small_model(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     u = np.repeat(rng.uniform(-1, 1, 60), 10)
-    truth = lfilter([0.2], [1.0, -0.8], u)
-    y = truth + 0.2 * rng.standard_normal(600)
+    y = lfilter([0.2], [1.0, -0.8], u) + 0.2 * rng.standard_normal(600)
     source = FitSource([recording(u[:, None], y)], ["u0"], "y")
     result = fit(source, tmp_path / "m.onnx", FitOptions(starts=1, budget_minutes=0.1))
     largest = max(t.n_weights for t in result.tries)
     assert max(t.spec.n_weights for t in result.chosen.members) < 0.6 * largest
+    truth = lfilter([0.2], [1.0, -0.8], u)
     off = result.predicted[60:] - truth[60:]
     assert np.sqrt(np.mean(off**2)) < 0.06  # the noise is 0.2, the signal 0.25
 

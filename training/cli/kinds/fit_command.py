@@ -23,15 +23,15 @@ class FitCommand(SignalOptions, SeedOption, GridOptions):
     out : model file to write
     kind : narx: a network; greybox: the physical chain of charge and fuel, transport, mixing and
         sensor with a few constants
-    validate : recordings that choose the network; no training uses them (default: each recording,
-        or two eighths of a single one, in turn)
+    validate : recordings that choose the network and stop the training; no training uses them
+        (default: held-out blocks of every recording)
     lags : longest lag in samples (default: chosen from the data; 5 with --hidden)
     lag_zero : let the network also read the inputs of the predicted tick (without --lags and
         --hidden the data choose the lags)
     hidden : neurons per hidden layer (default: chosen from the data; 8 8 with --lags)
     ratio : give the network the fuel-air ratio instead of the fuel mass
-    starts : number of trainings from random weights (default: 3, of which the best is the model; 4,
-        whose mean is, without --lags and --hidden)
+    starts : number of trainings from random weights (default: 3; 8 below 5000 samples); up to three
+        more if no network forgets its initial state
     budget : work of the training, in minutes of one core of a 2.1 GHz Xeon; the same seed, data
         and budget give the same file on every machine of a kind
     wall : minutes after which the training ends early, whatever is left of its work

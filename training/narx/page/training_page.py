@@ -82,6 +82,6 @@ def _training_curves(result: FitResult) -> Drawing:
 def _joined(stages: Sequence[FloatArray]) -> FloatArray:
     """Return the scores of stages as one; a stage begins where the one before it ended.
 
-    A mean has none.
+    A linear model that was solved has none.
     """
     return np.concatenate([np.empty(0), *(scores[:-1] for scores in stages[:-1]), *stages[-1:]])

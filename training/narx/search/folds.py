@@ -1,64 +1,58 @@
-"""The folds of a search: each leaves out some recordings, or two blocks of a single one.
+"""The folds of a search: the same samples, each time with other blocks that choose and stop.
 
-A training never sees the samples that its fold leaves out, neither to fit nor to stop. So their
-free run judges a structure, and is that of a twin of the model.
+The blocks of the test, which set the limits, stay unseen.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from monitor.base.types import BoolArray
-from training.recordings.samples.preparation import HELD_OUT, Prepared, Role
+from training.narx.search.structure import LADDERS
+from training.recordings.samples.preparation import Prepared, Role
 
-FOLDS: Final = 4  # at most
 LIMIT_SAMPLES: Final = 500  # ten windows, with which limits can be set
 
 
-def withheld(data: Prepared) -> BoolArray:
-    """Return the samples (n,) that no training may see, because limits are set by them.
+def folds_of(data: Prepared, others: Iterable[Prepared]) -> list[Prepared]:
+    """Return the data, and again with the validation blocks of each of the others.
 
-    They are the test blocks. If these are too short for limits, the validation blocks are withheld,
-    too; if both together are too short, none is.
+    others : the same samples with other blocks held out
     """
-    for roles in (HELD_OUT[1:], HELD_OUT):
-        rows = np.isin(data.role, roles)
-        if (data.enabled & rows).sum() >= LIMIT_SAMPLES:
-            return rows
-    return np.zeros(len(data.role), dtype=bool)
+    folds, scored = [data], _scored(data)
+    for other in others:
+        role = np.where(other.role == Role.VALIDATE, other.role, np.int8(Role.TRAIN))
+        role[data.role == Role.TEST] = Role.TEST
+        fold = replace(data, role=role)
+        if scored and 2 * _scored(fold) >= scored:  # the test may leave nothing of other blocks
+            folds.append(fold)
+    return folds
 
 
-def fold(data: Prepared, kept: BoolArray, left_out: BoolArray) -> Prepared:
-    """Return the data for a training: samples that are left out test it, kept ones weigh nothing.
+def _scored(data: Prepared) -> int:
+    """Return the validation samples that even the longest memory lets score."""
+    late = np.zeros(len(data.role), dtype=bool)
+    for segment in data.segments:
+        late[segment.start + LADDERS["longest"][-1] : segment.stop] = True
+    held_out = (data.role == Role.VALIDATE) & (data.samples.weight > 0.0)
+    return int((held_out & late).sum())
 
-    kept, left_out : (n,) of the samples
+
+def free_folds(folds: list[Prepared]) -> int:
+    """Return the number of folds that may be trained on: one if the limits need its blocks.
+
+    They do where the blocks of the test alone are too short to set limits, and both together are
+    long enough.
     """
-    weight = np.where(kept, 0.0, data.samples.weight)
-    role = np.where(left_out, Role.TEST, Role.TRAIN).astype(data.role.dtype)
-    return replace(data, samples=replace(data.samples, weight=weight), role=role)
+    data = folds[0]
+    counts = [int((data.enabled & (data.role == role)).sum()) for role in Role]
+    test = counts[Role.TEST]
+    is_free = test >= LIMIT_SAMPLES or test + counts[Role.VALIDATE] < LIMIT_SAMPLES
+    return len(folds) if is_free else 1
 
 
-def groups_of(data: Prepared) -> list[BoolArray]:
-    """Return the rows (n,) that each fold leaves out, at most four groups of recordings.
-
-    One recording is cut into eight blocks, of which each group has two that lie apart: a single
-    one would leave out an operating range more often.
-    """
-    owner = np.concatenate([np.full(s.stop - s.start, s.recording) for s in data.segments])
-    numbers = np.unique(owner)
-    if len(numbers) == 1:
-        block = 2 * FOLDS * np.arange(len(owner)) // len(owner)
-        return [block % FOLDS == number for number in range(FOLDS)]
-    groups = np.array_split(numbers, min(len(numbers), FOLDS))
-    return [np.isin(owner, group) for group in groups]
-
-
-def longest_left_out(each: Prepared) -> int:
-    """Return the samples of the longest stretch of a segment that a fold leaves out."""
-    stretches = (
-        np.flatnonzero(each.role[s.start : s.stop] == Role.TEST)
-        for s in each.segments
-        if each.samples.weight[s.start : s.stop].any()
-    )
-    return max((int(own[-1]) + 1 for own in stretches if len(own)), default=0)
+def trained_on_all(data: Prepared) -> Prepared:
+    """Return the data with the validation blocks among those that train."""
+    role = np.where(data.role == Role.VALIDATE, Role.TRAIN, data.role).astype(data.role.dtype)
+    return replace(data, role=role)

@@ -1,9 +1,9 @@
 """The stages of one training: series-parallel, then closed loop over growing horizons.
 
-Free runs go through samples that do not train and are not scored there. Where blocks validate,
-they judge every stage, and the training keeps the best weights of all. In closed loop some
-stretches begin with a random history. They are scored only after the model should have forgotten
-it, so that the network learns to forget.
+A good one-step prediction says nothing about free run, and the full horizon can hurt. So free-run
+validation judges every stage, and the training keeps the best weights of all stages. In closed
+loop some stretches begin with a random history. They are scored only after the model should have
+forgotten it, so that the network learns to forget.
 """
 
 import sys
@@ -21,7 +21,7 @@ from training.narx.algorithms.objectives import ClosedLoop, Pieces, measured_his
 from training.narx.network import Spec, initial_weights, layers, linear_path, simulate
 from training.narx.search.stability import contraction
 from training.narx.work import Work, of_epoch
-from training.recordings.samples.preparation import Prepared, Role, Samples
+from training.recordings.samples.preparation import Prepared, Role
 
 HORIZONS = (20, 100, 1000)  # samples
 EPOCHS = 20  # most of each stage
@@ -38,7 +38,8 @@ class Stage:
     """The course of one stage of the training."""
 
     name: str  # "horizon 1" is series-parallel; "forget", "less feedback": on random histories
-    scores: tuple[float, ...]  # after every epoch: free-run validation, else the root of the cost
+    costs: tuple[float, ...]  # training cost after every epoch, scaled units
+    scores: tuple[float, ...]  # free-run validation after every epoch, scaled units
     stop: str
 
 
@@ -48,13 +49,12 @@ class Trained:
 
     spec: Spec
     weights: FloatArray = field(default_factory=lambda: np.zeros(0))  # none before the training
-    score: float = np.inf  # free-run validation, mean of the blocks' RMSE, scaled and weighted;
-    # without validation the root of the cost
+    score: float = np.inf  # free-run validation, mean of the blocks' RMSE, scaled and weighted
     stages: list[Stage] = field(default_factory=list)
     members: int = 1  # trainings of a mean, which has no stages
     decay: float = 0.0  # this times every squared weight is added to the error, scaled units
     seed: int = 0  # of the first weights
-    fold: int = 0  # whose samples it did not see
+    fold: int = 0  # whose validation blocks stopped it
 
 
 def free_run(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
@@ -98,29 +98,25 @@ def _blocks(data: Prepared, memory: int, role: Role) -> Iterator[tuple[int, int,
                 yield low, max(first, low), stop
 
 
-def seen(data: Prepared) -> Samples:
-    """Return the samples, of which only those that train have a weight."""
-    weight = np.where(data.role == Role.TRAIN, data.samples.weight, 0.0)
-    return replace(data.samples, weight=weight)
-
-
 def pieces(data: Prepared, spec: Spec, horizon: int, n_samples: int | None = None) -> Pieces:
-    """Return the segments cut into stretches of at most ``horizon`` samples, of which some train.
+    """Return the training blocks cut into stretches of at most ``horizon`` samples.
 
     n_samples : most samples, about; beyond, stretches are left out evenly
     """
-    cut = [np.arange(s.start + spec.memory, s.stop, horizon) for s in data.segments]
-    ends = [np.minimum(at + horizon, s.stop) for at, s in zip(cut, data.segments, strict=True)]
-    start, stop = np.concatenate(cut).astype(np.int64), np.concatenate(ends).astype(np.int64)
-    trains = np.append(0, np.cumsum(seen(data).weight > 0))
-    keep = np.flatnonzero(trains[stop] > trains[start])
-    total = int((stop - start)[keep].sum())
+    starts: list[int] = []
+    stops: list[int] = []
+    for _, first, stop in _blocks(data, spec.memory, Role.TRAIN):
+        begin = np.arange(first, stop, horizon)
+        starts += begin.tolist()
+        stops += np.minimum(begin + horizon, stop).tolist()
+    start, end = np.array(starts, dtype=np.int64), np.array(stops, dtype=np.int64)
+    total = int((end - start).sum())
     if n_samples is not None and total > n_samples:
-        count = max(1, int(len(keep) * n_samples / total))
-        keep = keep[np.linspace(0, len(keep) - 1, count).astype(np.int64)]
-    start, stop = start[keep], stop[keep]
+        count = max(1, int(len(start) * n_samples / total))
+        keep = np.linspace(0, len(start) - 1, count).astype(np.int64)
+        start, end = start[keep], end[keep]
     return Pieces(
-        start, stop, np.zeros_like(start), measured_history(data.samples, spec.lags, start)
+        start, end, np.zeros_like(start), measured_history(data.samples, spec.lags, start)
     )
 
 
@@ -149,7 +145,7 @@ def train(
     horizons: tuple[int, ...] = HORIZONS,
     n_samples: int | None = None,
 ) -> Trained:
-    """Return the weights of one start after ``horizons``, the best on the way if blocks validate.
+    """Return the best weights of one start by free-run validation on the way through ``horizons``.
 
     start : trained on from its weights; without weights it begins with random ones, series-parallel
     work : budget; when it is used up, no further epoch begins
@@ -161,15 +157,15 @@ def train(
     best = replace(start, stages=list(start.stages))
     if not len(start.weights):
         best.weights, horizons = initial_weights(spec, rng), (1, *horizons)
-    weights, samples = best.weights, seen(data)
-    validation = blocks_of(data, spec) if (data.role == Role.VALIDATE).any() else None
+    weights = best.weights
+    validation = blocks_of(data, spec)
     n_train = int((data.role == Role.TRAIN).sum())
     random = random_pieces(data, spec, rng, RANDOM_SHARE * min(n_train, n_samples or n_train))
     for horizon in horizons:
         early = N_SAMPLES if horizon < 100 else sys.maxsize
         cut = pieces(data, spec, horizon, min(early, n_samples or early))
         taken = cut + random if horizon > 1 else cut
-        objective = ClosedLoop(spec, samples, taken, decay=start.decay)
+        objective = ClosedLoop(spec, data.samples, taken, decay=start.decay)
         epoch = of_epoch(objective.n_samples, spec.n_weights)
         if not work.allows(epoch):
             if best.stages:
@@ -179,13 +175,12 @@ def train(
             objective,
             weights,
             LmOptions(epochs=EPOCHS, max_fail=MAX_FAIL if horizon > 1 else EPOCHS),
-            validate=validation.score if validation else None,
+            validate=validation.score,
             begins=partial(work.begins, epoch),
         )
-        stage = _stage(f"horizon {horizon}", outcome, validated=validation is not None)
-        best.stages.append(stage)
-        if validation is None or outcome.score < best.score:
-            best.weights, best.score = outcome.weights, min(stage.scores)
+        best.stages.append(_stage(f"horizon {horizon}", outcome))
+        if outcome.score < best.score:
+            best.weights, best.score = outcome.weights, outcome.score
         weights = outcome.weights
     return best
 
@@ -210,20 +205,21 @@ def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) 
     length = max(100, round((1.0 + FORGET) * data.memory))
     n_samples = int((data.role == Role.TRAIN).sum())
     many = random_pieces(data, spec, np.random.default_rng(seed), n_samples)
-    taken = pieces(data, spec, length) + many
-    objective = ClosedLoop(spec, seen(data), taken, decay=trained.decay)
+    objective = ClosedLoop(
+        spec, data.samples, pieces(data, spec, length) + many, decay=trained.decay
+    )
+    validation = blocks_of(data, spec)
     outcome = minimise(
         objective,
         weights,
         LmOptions(epochs=EPOCHS, max_fail=MAX_FAIL),
-        lambda w: objective.cost(w) if forgets(w) else np.inf,
+        lambda w: validation.score(w) if forgets(w) else np.inf,
         partial(work.begins, of_epoch(objective.n_samples, spec.n_weights)),
     )
-    stage = _stage("less feedback", outcome, validated=False)
-    stages = [*trained.stages, stage]
-    return replace(trained, weights=outcome.weights, score=min(stage.scores), stages=stages)
+    stages = [*trained.stages, _stage("less feedback", outcome)]
+    return replace(trained, weights=outcome.weights, score=outcome.score, stages=stages)
 
 
-def _stage(name: str, outcome: LmOutcome, *, validated: bool) -> Stage:
-    scores = outcome.scores if validated else np.sqrt(outcome.scores).tolist()
-    return Stage(name, tuple(scores), outcome.stop)
+def _stage(name: str, outcome: LmOutcome) -> Stage:
+    costs, scores = tuple(outcome.costs), tuple(outcome.scores)
+    return Stage(name, costs, scores, outcome.stop)
