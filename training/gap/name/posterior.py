@@ -21,8 +21,8 @@ from training.healthy import scoring
 from training.healthy.base_state import BaseState
 
 NONE, UNKNOWN, ONSET = "none", "unknown", "onset"
-GAP_GAIN: Final = 500.0  # fall of the held-out deviance by the ceiling, from which there is a gap
-GAP_T: Final = 3.0  # of the signed square roots of the blocks' falls
+GAP_GAIN: Final = 1000.0  # fall of the held-out deviance by the ceiling, from which there is a gap
+GAP_T: Final = 4.0  # of the signed square roots of the blocks' falls
 Posterior = Mapping[str, float]
 
 
