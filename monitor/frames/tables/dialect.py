@@ -191,10 +191,10 @@ def _header(
 def _is_wide(row: Sequence[str], width: int) -> bool:
     """Return whether a row above the data may be names or units; blanks at its end may lack.
 
-    One that is mostly blank is of groups, and names none in its first column.
+    Text in its first cell alone is a comment.
     """
-    filled = sum(bool(cell.strip()) for cell in row)
-    return 0.8 * width <= len(row) <= width + 1 and (2 * filled >= width or not row[0].strip())
+    is_comment = width > 2 and bool(row[0].strip()) and not any(map(str.strip, row[1:]))
+    return 0.8 * width <= len(row) <= width + 1 and not is_comment
 
 
 def _is_data(row: Sequence[str], *, comma: bool) -> bool:
