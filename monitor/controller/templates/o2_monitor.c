@@ -580,7 +580,8 @@ void o2_step(o2_monitor *m, const o2_sample *given, o2_result *result)
     result->enabled = conditions == O2_ENABLED;
     result->outcome = O2_INCONCLUSIVE;
     test_signal(m, sample, moved, result);
-    test_returns(m, (running && moved) ? sample->value[O2_OUTPUT] : NAN, holds(conditions, O2_BURNING), result);
+    test_returns(m, (running && moved) ? sample->value[O2_OUTPUT] : NAN,
+                 holds(conditions, O2_BURNING), result);
     test_activity(m, sample->value[O2_OUTPUT], running && moved && holds(conditions, O2_BURNING), result);
     predict(m, sample, is_valid, result);
     if (is_valid) {

@@ -104,9 +104,7 @@ class WindowFacts:
         residual = phi - healthy if is_cut else np.array([window.residual for window in windows])
         mean, std = means_and_stds(residual)
         low, high = np.minimum.reduce(measured, axis=1), np.maximum.reduce(measured, axis=1)
-        ignore = (
-            high - low <= self._stuck_range
-        )  # a reading that stands still is the activity test's
+        ignore = high - low <= self._stuck_range  # it stands still: for the activity test
         responses = self._response.judge(phi, banks, ignore)
         if is_cut:
             self._n_cuts += int(np.count_nonzero(~ignore))
