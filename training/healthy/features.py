@@ -11,7 +11,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import Path
-from training.greybox.effects.form.place import Place
+from training.greybox.effects.place import Place
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.quantity.dynamics import charged, delayed, lag, slope
 from training.greybox.quantity.value import hats

@@ -93,10 +93,3 @@ def test_an_effect_reads_the_signals_it_says(effect: Effect) -> None:
     by_all, by_few = (effect.apply(path, start, seen, PERIOD_S) for seen in (signals, few))
     for field in fields(Path):
         np.testing.assert_array_equal(getattr(by_all, field.name), getattr(by_few, field.name))
-
-
-@over_library
-def test_an_effect_stands_in_the_file_of_its_name(effect: Effect) -> None:
-    room, _, file = effect.equation.__module__.rpartition(".")
-    assert file == effect.name
-    assert room.rpartition(".")[0] == "training.greybox.effects"

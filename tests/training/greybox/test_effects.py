@@ -9,7 +9,7 @@ from monitor.base.types import FloatArray
 from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from training.greybox.chain import Constants, Path, base_path, simulate
 from training.greybox.effects import ALL, LIBRARY, Effect
-from training.greybox.effects.form.air_meter import following
+from training.greybox.effects.air import following
 
 BASE = Constants()
 

@@ -6,7 +6,7 @@ from typing import Final
 from monitor.model.card import TrainingRecording
 from training.gap.result import Result
 from training.gap.verify.evidence import Count, Detection, rate
-from training.greybox.effects.form.effect import Parameter
+from training.greybox.effects.effect import Parameter
 from training.pages.numbers import MISSING, fixed, percent
 
 AT_BOUND: Final = 0.01  # of the range

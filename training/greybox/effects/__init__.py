@@ -1,8 +1,8 @@
-"""The library of effects that a vehicle may have and its model may lack, one file per effect.
+"""The library of effects that a vehicle may have and its model may lack, by where it acts.
 
 Each effect has a few constants and changes the mixture's path (``training.greybox.chain.Path``),
-nothing else. Its equation stands once in its file; a drive and a graph compute it alike. For a new
-effect write the file and enter it here; fits try the effects in this order. A distribution may
+nothing else. Its equation stands once; a drive and a graph compute it alike. Enter a new effect
+here; fits try the effects in this order. A distribution may
 bring effects of its own, see ``brought``.
 
 ``ALL`` and ``LIBRARY`` are made on first use, because a module that brings an effect imports this
@@ -13,50 +13,29 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from training.greybox.effects.air import (
-    charge_temperature,
-    maf_offset,
-    maf_pulsation,
-    manifold_filling,
-    scavenging,
-)
+from training.greybox.effects import air, exhaust, fuel
 from training.greybox.effects.brought import with_brought
-from training.greybox.effects.exhaust import (
-    back_pressure,
-    delay_flow,
-    exhaust_leak,
-    mix_flow,
-    sensor_asymmetry,
-)
-from training.greybox.effects.form.effect import Effect, Own, Parameter, along
-from training.greybox.effects.fuel import (
-    ethanol,
-    fuel_cut_tail,
-    injector_offset,
-    purge,
-    rail_exponent,
-    wall_film,
-)
+from training.greybox.effects.effect import Effect, Own, Parameter, along
 
 ALL: tuple[Effect, ...]
 LIBRARY: Mapping[str, Effect]
 OWN: Final[tuple[Effect, ...]] = (  # of this package
-    wall_film.EFFECT,
-    injector_offset.EFFECT,
-    rail_exponent.EFFECT,
-    purge.EFFECT,
-    ethanol.EFFECT,
-    maf_offset.EFFECT,
-    maf_pulsation.EFFECT,
-    scavenging.EFFECT,
-    charge_temperature.EFFECT,
-    manifold_filling.EFFECT,
-    delay_flow.EFFECT,
-    mix_flow.EFFECT,
-    exhaust_leak.EFFECT,
-    fuel_cut_tail.EFFECT,
-    sensor_asymmetry.EFFECT,
-    back_pressure.EFFECT,
+    fuel.WALL_FILM,
+    fuel.INJECTOR_OFFSET,
+    fuel.RAIL_EXPONENT,
+    fuel.PURGE,
+    fuel.ETHANOL,
+    air.MAF_OFFSET,
+    air.MAF_PULSATION,
+    air.SCAVENGING,
+    air.CHARGE_TEMPERATURE,
+    air.MANIFOLD_FILLING,
+    exhaust.DELAY_FLOW,
+    exhaust.MIX_FLOW,
+    exhaust.EXHAUST_LEAK,
+    exhaust.FUEL_CUT_TAIL,
+    exhaust.SENSOR_ASYMMETRY,
+    exhaust.BACK_PRESSURE,
 )
 
 

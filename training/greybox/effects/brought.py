@@ -7,7 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
 from monitor.base.errors import UsageError
-from training.greybox.effects.form.effect import Effect
+from training.greybox.effects.effect import Effect
 
 GROUP: Final = "o2_monitor.effects"
 

@@ -10,18 +10,19 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from monitor.base.errors import ModelError
-from training.greybox.effects.form.air_meter import SLOWLY
-from training.greybox.effects.form.effect import Effect, Parameter, Values
-from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.shape import (
+from training.greybox.effects.air import SLOWLY
+from training.greybox.effects.effect import Effect, Parameter, Values
+from training.greybox.effects.place import Place
+from training.greybox.effects.shape import (
+    BEND,
+    BUMP,
+    CURVE,
+    EXPONENTIAL,
     FARTHEST,
-    Bend,
-    Bump,
-    Curve,
-    Exponential,
-    Line,
+    LATE_LINE,
+    LINE,
+    STEP,
     Shape,
-    Step,
     Words,
 )
 from training.greybox.quantity.value import Quantity, clip, maximum
@@ -74,15 +75,15 @@ _LEARNED: Final = (
 AIR: Final = Target("%", 40.0, _air, _LEARNED)
 GROWTH: Final = Parameter("growth", "", -4.0, 4.0, (0.1,))  # of the size, per u of a second signal
 FORMS: Final[Mapping[str, tuple[Target, Shape]]] = {
-    "factor": (MIXTURE, Line()),
-    "mass": (FUEL, Line()),
-    "vapour": (VAPOUR, Line()),
-    "slow": (MIXTURE, Line(late=True)),
-    "bump": (AIR, Bump()),
-    "step": (AIR, Step()),
-    "curve": (MIXTURE, Curve()),
-    "bend": (MIXTURE, Bend()),
-    "exponential": (MIXTURE, Exponential()),
+    "factor": (MIXTURE, LINE),
+    "mass": (FUEL, LINE),
+    "vapour": (VAPOUR, LINE),
+    "slow": (MIXTURE, LATE_LINE),
+    "bump": (AIR, BUMP),
+    "step": (AIR, STEP),
+    "curve": (MIXTURE, CURVE),
+    "bend": (MIXTURE, BEND),
+    "exponential": (MIXTURE, EXPONENTIAL),
 }
 
 
@@ -147,13 +148,13 @@ class _Parts:
 def _parts(name: str) -> _Parts:
     try:
         _, signal, form, at, width, *more = name.split(":")
-        over = _Axis(signal, float(at), float(width))
-        return _Parts(over, form, *FORMS[form], _growth(*more) if more else None)
+        growth = _axis(*more) if more else None
+        return _Parts(_axis(signal, at, width), form, *FORMS[form], growth)
     except (ValueError, KeyError, TypeError):
         raise ModelError(f"{name!r} is no empirical effect") from None
 
 
-def _growth(signal: str, at: str, width: str) -> _Axis:
+def _axis(signal: str, at: str, width: str) -> _Axis:
     return _Axis(signal, float(at), float(width))
 
 

@@ -12,7 +12,7 @@ from monitor.base.types import BoolArray, FloatArray
 from monitor.model.step import PHI_MAX
 from training.greybox.chain import RECOVERY_S, Constants, Path, base_path, charge_mg, with_speed
 from training.greybox.effects import ALL, Effect, Own, along
-from training.greybox.effects.form.air_meter import following
+from training.greybox.effects.air import following
 from training.pages.numbers import percent
 from training.recordings.recording import Recording
 from training.recordings.samples.rows import hold

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from monitor.base.types import FloatArray
-from training.greybox.effects.form.effect import Parameter
+from training.greybox.effects.effect import Parameter
 from training.greybox.quantity.dynamics import delayed
 
 Read = Callable[[FloatArray, FloatArray, float], FloatArray]

@@ -11,8 +11,8 @@ from training.gap.name.formulas.signal_functions import functions_of
 from training.gap.name.ranking import rank
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
+from training.greybox.effects.effect import Parameter
 from training.greybox.effects.empirical import GROWTH, effect_of, growing, signal_of
-from training.greybox.effects.form.effect import Parameter
 from training.greybox.fit.case import Case, errors, predict
 from training.greybox.fit.drive import ChainDrive
 from training.healthy import scoring

@@ -2,18 +2,24 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from training.greybox.chain import MG_RPM_PER_KG_H, Path
-from training.greybox.effects.form.quantities import (
-    AIR_FACTOR_MAX,
-    AIR_FACTOR_MIN,
-    FLOW_MIN_KG_H,
-    KG_PER_H_AND_LITRE_PER_S,
-    SPEED_MIN_RPM,
-    STANDARD_KPA,
-)
 from training.greybox.quantity import dynamics
 from training.greybox.quantity.value import Quantity, clip, maximum
+
+FLOW_MIN_KG_H: Final = 3.0
+SPEED_MIN_RPM: Final = 400.0  # of injection; below it the engine stands
+STANDARD_KPA: Final = 101.3
+KELVIN: Final = 273.15
+GAS_KG_PER_M3: Final = 0.44  # exhaust at 800 K and ambient pressure
+KG_PER_H_AND_LITRE_PER_S: Final = 3.6 * GAS_KG_PER_M3
+AIR_FACTOR_MIN, AIR_FACTOR_MAX = 0.5, 2.0
+
+
+def longest_passage_s(litres: float) -> float:
+    """Return the time in s in which the least flow passes through a volume, 0 for none."""
+    return max(litres, 0.0) * KG_PER_H_AND_LITRE_PER_S / FLOW_MIN_KG_H
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from typing import Literal
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import Path
-from training.greybox.effects.form.place import Place
+from training.greybox.effects.place import Place
 from training.greybox.quantity.value import Quantity
 
 Values = Sequence[float]  # of an effect's parameters, in their order

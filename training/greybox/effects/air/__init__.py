@@ -1,1 +1,0 @@
-"""Effects on the air that the cylinder gets."""

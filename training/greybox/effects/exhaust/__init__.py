@@ -1,1 +1,0 @@
-"""Effects between the exhaust valve and the reading."""

@@ -1,1 +1,0 @@
-"""The parts of which effects are made: parameters, quantities, lags, arithmetic."""

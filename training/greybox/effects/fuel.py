@@ -1,0 +1,151 @@
+"""Effects on the fuel that the cylinder gets."""
+
+from typing import Final
+
+from training.greybox.chain import STOICHIOMETRIC
+from training.greybox.effects.effect import Effect, Parameter, Values
+from training.greybox.effects.place import Place
+from training.greybox.quantity.value import Quantity, maximum, minimum, where
+
+FILM_WARM_DEGC: Final = 80.0
+FILM_SHARE_MAX: Final = 0.8
+REFERENCE_RAIL_MPA: Final = 10.0
+RAIL_MIN_MPA: Final = 0.5
+VAPOUR_LAG_S: Final = 1.0  # canister line and intake
+PURGE_WARM_DEGC: Final = 60.0
+PURGE_RPM: Final = 1000.0
+PURGE_PERCENT: Final = 50.0  # duty of the valve while it is taken to be open
+ETHANOL_AIR_FUEL: Final = 9.0  # stoichiometric, by mass
+GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / STOICHIOMETRIC  # of the mixture, per fraction
+
+
+def _wall_film(at: Place, p: Values) -> dict[str, Quantity]:
+    """Let part of the fuel land on the intake's walls and evaporate later, the X-tau model.
+
+    The film takes a share X of the fuel flow and gives it back with the time constant tau. Both
+    grow by ``cold_growth`` per 60 K below a warm engine.
+    Source: Aquino, Transient A/F control characteristics of the 5 liter central fuel injection
+    engine, SAE 810494.
+    """
+    share, time_s, cold_growth = p
+    fuel, grown = at.of("fuel_mg"), None
+    if "coolant_temperature_degc" in at.signals:
+        cold = maximum(FILM_WARM_DEGC - at.signal("coolant_temperature_degc"), 0.0) / 60.0
+        grown = 1.0 + cold_growth * cold
+    strokes = at.strokes_per_s()
+    most = FILM_SHARE_MAX
+    landed = fuel * (min(share, most) if grown is None else minimum(share * grown, most))
+    lag_s = time_s if grown is None else time_s * grown
+    evaporated = at.lag(landed * strokes, lag_s) / strokes
+    return {"fuel_mg": fuel - landed + evaporated}
+
+
+WALL_FILM: Final = Effect(
+    name="wall_film",
+    says="part of the fuel lands on walls and evaporates later",
+    look_at="a transient compensation of the ECU that is too strong",
+    parameters=(
+        Parameter("share", "-", -0.1, 0.6, (0.1,), positive=True),
+        Parameter("time", "s", 0.1, 4.0, (0.4, 1.2)),
+        Parameter("cold_growth", "-", 0.0, 4.0, (1.0,), spread=1.0),
+    ),
+    needs=("engine_speed_rpm",),
+    optional=("coolant_temperature_degc",),
+    tag="physics",
+    equation=_wall_film,
+)
+
+
+def _injector_offset(at: Place, p: Values) -> dict[str, Quantity]:
+    """Let every injection give a constant mass more than commanded.
+
+    A wrong dead time of the injectors does this; it matters most where injections are short.
+    """
+    fuel = at.of("fuel_mg")
+    return {"fuel_mg": maximum(fuel + where(at.injecting(), p[0], 0.0), 0.0)}
+
+
+INJECTOR_OFFSET: Final = Effect(
+    name="injector_offset",
+    says="every injection gives a constant mass more or less",
+    parameters=(Parameter("offset", "mg/stroke", -3.0, 3.0, (0.1,)),),
+    needs=(),
+    tag="either",
+    equation=_injector_offset,
+)
+
+
+def _rail_exponent(at: Place, p: Values) -> dict[str, Quantity]:
+    """Let the injected mass follow rail pressure by another power than a square root.
+
+    The ECU takes the square root of Bernoulli's law; cavitation changes the power. The deviation x
+    makes a factor (p / 10 MPa)**x on the fuel.
+    """
+    ratio = maximum(at.signal("rail_pressure_mpa"), RAIL_MIN_MPA) / REFERENCE_RAIL_MPA
+    return {"fuel_mg": at.of("fuel_mg") * ratio ** p[0]}
+
+
+RAIL_EXPONENT: Final = Effect(
+    name="rail_exponent",
+    says="injected mass follows rail pressure by another power",
+    parameters=(Parameter("exponent", "-", -0.5, 0.5, (0.05,)),),
+    needs=("rail_pressure_mpa",),
+    tag="physics",
+    equation=_rail_exponent,
+)
+
+
+def _purge(at: Place, p: Values) -> dict[str, Quantity]:
+    """Add the fuel vapour of the canister that comes with the purge air.
+
+    The vapour flow is its concentration times the valve's duty times the pressure drop to the
+    manifold, behind the lag of line and intake. Without a duty signal the valve is taken to be half
+    open while the engine is warm and driving.
+    """
+    fuel = at.of("fuel_mg")
+    drop_kpa = maximum(at.ambient_kpa() - at.signal("manifold_pressure_kpa"), 0.0)
+    if "purge_duty_percent" in at.signals:
+        duty = at.signal("purge_duty_percent")
+    else:
+        allowed = (at.signal("engine_speed_rpm") > PURGE_RPM) & at.injecting()
+        if "coolant_temperature_degc" in at.signals:
+            allowed = allowed & (at.signal("coolant_temperature_degc") > PURGE_WARM_DEGC)
+        duty = where(allowed, PURGE_PERCENT, 0.0)
+    vapour_mg_s = at.lag(p[0] * 0.01 * duty * drop_kpa, VAPOUR_LAG_S)
+    return {"fuel_mg": fuel + where(at.injecting(), vapour_mg_s / at.strokes_per_s(), 0.0)}
+
+
+PURGE: Final = Effect(
+    name="purge",
+    says="canister purge brings fuel vapour",
+    look_at="air through the purge valve: an empty canister whose vapour the ECU takes for granted",
+    parameters=(Parameter("concentration", "mg/s/kPa", -2.0, 8.0, (0.3,), positive=True),),
+    needs=("manifold_pressure_kpa", "engine_speed_rpm"),
+    optional=("ambient_pressure_kpa", "purge_duty_percent", "coolant_temperature_degc"),
+    superseded=(("coolant_temperature_degc", "purge_duty_percent"),),
+    tag="physics",
+    varies=True,
+    equation=_purge,
+)
+
+
+def _ethanol(at: Place, p: Values) -> dict[str, Quantity]:
+    """Let a fraction of ethanol need less air.
+
+    The stoichiometric ratio falls from 14.7 to 9.0 by mass in proportion to the fraction, which is
+    a constant factor on the mixture: humidity and slope errors of air meter or injectors look the
+    same.
+    """
+    return {"factor": at.of("factor") * (1.0 - p[0] * GAIN_OF_ETHANOL)}
+
+
+ETHANOL: Final = Effect(
+    name="ethanol",
+    says="the fuel's stoichiometric ratio differs",
+    parameters=(Parameter("fraction", "-", -0.3, 1.0, (0.05,)),),
+    needs=(),
+    tag="either",
+    like=("biased", "humidity", "slope error of the air meter", "slope error of the injectors"),
+    gain_class=True,
+    equation=_ethanol,
+)

@@ -1,1 +1,0 @@
-"""Effects on the fuel that the cylinder gets."""

@@ -1,0 +1,152 @@
+"""Shapes of an empirical effect: a size as a function of u, a signal moved and scaled.
+
+u is -1 and +1 at the ends of the signal's range. Sizes are in the unit of what the effect acts on.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from training.greybox.effects.effect import Parameter, Values
+from training.greybox.effects.place import Place
+from training.greybox.quantity.value import Quantity, clip, exp, maximum, minimum, tanh
+
+FARTHEST: Final = 3.0  # |u| beyond which a line goes on level
+NEAR: Final = 1.5  # |u| beyond which an exponential goes on level
+POSITIVE: Final = 4.0  # makes u positive, for a lag
+KNOTS: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of a curve
+FIRST: Final = 0.025  # of the largest size: from which a fit begins
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """What a formula is written with."""
+
+    signal: str
+    at: float  # the signal at u = 0
+    width: float  # of the signal, per u
+    unit: str  # of a size
+
+    def signed(self, size: float, *, per_u: bool = False) -> str:
+        """Return a size, or one per u in the signal's unit."""
+        number = size / self.width if per_u else size
+        return f"{'-' if number < 0 else '+'} {abs(number):.3g} {self.unit}"
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A function of u with constants: first the sizes, then the others."""
+
+    sizes: tuple[str, ...]
+    others: tuple[Parameter, ...]
+    size: Callable[[Place, Quantity, Values], Quantity]
+    says: Callable[[Values, Words], str]  # it as a formula
+
+    def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
+        """Return its constants, with sizes of at most ``most``."""
+        sizes = (Parameter(name, unit, -most, most, (FIRST * most,)) for name in self.sizes)
+        return (*sizes, *self.others)
+
+
+def _line(place: Place, u: Quantity, values: Values) -> Quantity:
+    return values[0] + values[1] * clip(u, -FARTHEST, FARTHEST)
+
+
+def _late_line(place: Place, u: Quantity, values: Values) -> Quantity:
+    late = place.lag(clip(u, -FARTHEST, FARTHEST) + POSITIVE, values[2]) - POSITIVE
+    return values[0] + values[1] * late
+
+
+def _says_line(values: Values, words: Words) -> str:
+    late = f" behind a lag of {values[2]:.3g} s" if len(values) > 2 else ""
+    return (
+        f"{words.signed(values[0])} {words.signed(values[1], per_u=True)} per unit of "
+        f"({words.signal}{late} - {words.at:.6g})"
+    )
+
+
+def _curve(place: Place, u: Quantity, values: Values) -> Quantity:
+    inside = clip(u, KNOTS[0], KNOTS[-1])
+    apart = KNOTS[1] - KNOTS[0]
+    total: Quantity = 0.0
+    for knot, value in zip(KNOTS, values, strict=True):
+        away = maximum(inside - knot, knot - inside)
+        total = maximum(1.0 - away * (1.0 / apart), 0.0) * value + total
+    return total
+
+
+def _says_curve(values: Values, words: Words) -> str:
+    points = ", ".join(
+        f"{v:+.3g} {words.unit} at {words.at + u * words.width:.4g}"
+        for u, v in zip(KNOTS, values, strict=True)
+    )
+    return f"+ curve of {words.signal}: {points}"
+
+
+def _bump(place: Place, u: Quantity, values: Values) -> Quantity:
+    z = _from_place(u, values[1], values[2])
+    return exp(z * z * -1.0) * values[0]
+
+
+def _says_bump(values: Values, words: Words) -> str:
+    at, width = words.at + values[1] * words.width, values[2] * words.width
+    return f"{words.signed(values[0])} × exp(-(({words.signal} - {at:.4g}) / {width:.3g})²)"
+
+
+def _step(place: Place, u: Quantity, values: Values) -> Quantity:
+    return values[0] + values[1] * tanh(_from_place(u, values[2], values[3]))
+
+
+def _says_step(values: Values, words: Words) -> str:
+    middle, half, place, width = values
+    at, wide = words.at + place * words.width, 2.0 * width * words.width
+    below, above = (words.signed(each) for each in (middle - half, middle + half))
+    return f"{below} below {words.signal} {at:.4g}, {above} above it (over {wide:.2g})"
+
+
+def _bend(place: Place, u: Quantity, values: Values) -> Quantity:
+    away = clip(u, -FARTHEST, FARTHEST) - values[3]
+    return values[0] + values[1] * minimum(away, 0.0) + values[2] * maximum(away, 0.0)
+
+
+def _says_bend(values: Values, words: Words) -> str:
+    middle, *slopes, place = values
+    below, above = (words.signed(each, per_u=True) for each in slopes)
+    at = words.at + place * words.width
+    per = f"per unit of ({words.signal} - {at:.4g})"
+    return f"{words.signed(middle)} {below} below and {above} above {per}"
+
+
+def _exponential(place: Place, u: Quantity, values: Values) -> Quantity:
+    middle, size, rate = values
+    return middle + size * exp(clip(u, -NEAR, NEAR) * rate - abs(rate))
+
+
+def _says_exponential(values: Values, words: Words) -> str:
+    middle, size, rate = values
+    first = words.signed(size * math.exp(-abs(rate)))  # at u = 0
+    over = f"exp({rate / words.width:.3g} × ({words.signal} - {words.at:.6g}))"
+    return f"{words.signed(middle)} {first} × {over}"
+
+
+def _from_place(u: Quantity, place: float, width: float) -> Quantity:
+    return (clip(u, -FARTHEST, FARTHEST) - place) * (1.0 / width)
+
+
+_PLACE: Final = Parameter("place", "", -1.0, 1.0, (-0.6, -0.2, 0.2, 0.6))
+_WIDTH: Final = Parameter("width", "", 0.05, 0.7, (0.25,))
+_TIME: Final = Parameter("time", "s", 0.3, 60.0, (2.0, 15.0))
+_RATE: Final = Parameter("rate", "", -6.0, 6.0, (-2.0, 2.0))
+LINE: Final = Shape(("middle", "size"), (), _line, _says_line)
+LATE_LINE: Final = Shape(("middle", "size"), (_TIME,), _late_line, _says_line)
+# straight between five values, level beyond them
+CURVE: Final = Shape(tuple(f"at {u:+g}" for u in KNOTS), (), _curve, _says_curve)
+# a resonance: a bell about one value, with its half width at 1/e
+BUMP: Final = Shape(("size",), (_PLACE, _WIDTH), _bump, _says_bump)
+# a flap, a valve, a switch: a middle, half of the height, half of the width
+STEP: Final = Shape(("middle", "size"), (_PLACE, _WIDTH), _step, _says_step)
+# a threshold, a dead band: a line that goes on with another slope
+BEND: Final = Shape(("middle", "below", "above"), (_PLACE,), _bend, _says_bend)
+# vapour pressure, viscosity: multiplied by the same factor per unit, largest at one end
+EXPONENTIAL: Final = Shape(("middle", "size"), (_RATE,), _exponential, _says_exponential)
