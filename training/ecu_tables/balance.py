@@ -70,8 +70,7 @@ def balance(p: Parameters) -> Balance:
         return np.concatenate([d.excess(p, full) for d in drives]) - gain @ x[len(FUEL) :]
 
     period_s = drives[0].drive.period_s
-    weights = [p.grid.weights(d.drive.rpm[d.at], d.drive.load[d.at]) for d in drives]
-    gain = np.concatenate([w.dense for w in weights])
+    gain = np.concatenate([p.grid.shares(d.drive.rpm[d.at], d.drive.load[d.at]) for d in drives])
     size = round(BLOCK_S / period_s)
     places = [np.stack([np.full(len(d.at), k), d.at // size]) for k, d in enumerate(drives)]
     _, block = np.unique(np.concatenate(places, axis=1), axis=1, return_inverse=True)

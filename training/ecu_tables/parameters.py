@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.ecu_tables.fields import Grid, Weights
+from training.ecu_tables.fields import Grid
 from training.ecu_tables.signals import KG_H_PER_MG_RPM, Air, TableDrive, TableSubject
 from training.greybox.quantity.dual import Dual, ParameterGroup
 from training.greybox.quantity.value import Quantity, clip, exp, maximum, tanh
@@ -138,11 +138,11 @@ class Parameters:
             return x.dual(name, self.value(x.x, name))
         return float(x[self.at[name].start])
 
-    def field(self, x: Vector, name: str, weights: Weights) -> Quantity:
+    def field(self, x: Vector, name: str, shares: FloatArray) -> Quantity:
         """Return one field at some places (n,)."""
         if isinstance(x, Moving):
-            return x.dual(name, self.field(x.x, name, weights), weights.dense)
-        return weights.apply(x[self.at[name]])
+            return x.dual(name, self.field(x.x, name, shares), shares)
+        return shares @ x[self.at[name]]
 
     def jacobian(self, of: Dual) -> FloatArray:
         """Return the derivatives (n, size) of a quantity over all parameters."""

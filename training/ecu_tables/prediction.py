@@ -9,7 +9,6 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.ecu_tables import parameters as laws
-from training.ecu_tables.fields import Weights
 from training.ecu_tables.parameters import Moving, Parameters, Point, Vector
 from training.ecu_tables.signals import Air, TableDrive
 from training.greybox.chain import Path, simulate
@@ -26,13 +25,13 @@ class PredictionCase:
 
     drive: TableDrive
     point: Point
-    weights: Weights
+    shares: FloatArray  # (n, size) of the fields' knots
 
     @staticmethod
     def of(drive: TableDrive, p: Parameters) -> "PredictionCase":
         """Return the case of a drive."""
         point = laws.point_of(drive, air_mg(p, p.mean(), drive))
-        return PredictionCase(drive, point, p.grid.weights(drive.rpm, drive.load))
+        return PredictionCase(drive, point, p.grid.shares(drive.rpm, drive.load))
 
 
 def reading(p: Parameters, x: FloatArray, case: PredictionCase) -> FloatArray:
@@ -49,8 +48,8 @@ def sensitivities(
 
 
 def _read(p: Parameters, x: Vector, case: PredictionCase) -> Quantity:
-    d, at, weights = case.drive, case.point, case.weights
-    gain, delay, lag, share, tau = (p.field(x, name, weights) for name in laws.FIELDS)
+    d, at, shares = case.drive, case.point, case.shares
+    gain, delay, lag, share, tau = (p.field(x, name, shares) for name in laws.FIELDS)
     fuel = injected_mg(p, x, d)
     landed = fuel * laws.share_of(laws.film_odds(p, x, at, share))
     film_s, strokes = laws.time_of(laws.film_level(p, x, at, tau)), d.rpm / 30.0

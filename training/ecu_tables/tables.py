@@ -115,11 +115,11 @@ def _laws(fitted: FittedTables, axes: TableAxes) -> list[_Law]:
 
     def law(name: str, unit: str, cold: float, *counted: Any) -> _Law:
         point = _nodes(axes, samples, at, cold)
-        weights = p.grid.weights(point.rpm, point.load)
+        shares = p.grid.shares(point.rpm, point.load)
         field, of = LAWS[name]
 
         def cells(x: Vector) -> Quantity:
-            value = of(p, x, point, p.field(x, field, weights))
+            value = of(p, x, point, p.field(x, field, shares))
             return value if name in LINKS else log(value)
 
         return _Law(name, unit, (axes.speed, axes.load), cells, at, *counted)
