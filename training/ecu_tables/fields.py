@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.greybox.quantity.value import hats
+from training.greybox.quantity.value import cells
 
 KNOTS: Final = 5  # in each direction
 REACH: Final = 1.2  # knots: length over which the prior holds neighbours together
@@ -33,9 +33,8 @@ class Grid:
 
     def shares(self, rpm: FloatArray, load: FloatArray) -> FloatArray:
         """Return the knots' shares (n, size) at places (n,); beyond the knots they are constant."""
-        by_speed = hats(np.log(rpm), self.speeds)
-        by_load = hats(np.log(np.maximum(load, 1.0)), self.loads)
-        return np.asarray((by_speed[:, :, None] * by_load[:, None, :]).reshape(-1, self.size))
+        at = np.log(rpm), np.log(np.maximum(load, 1.0))
+        return cells(*at, (self.speeds, self.loads))
 
     def precision(self, sd: float) -> FloatArray:
         """Return the inverse of the prior's covariance (size, size)."""

@@ -10,9 +10,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
-from monitor.base.types import BoolArray, FloatArray
 from training.greybox.quantity.dynamics import delayed, ramp_lag, sensor_lag
 from training.greybox.quantity.value import Quantity, clip, maximum
 
@@ -148,15 +145,3 @@ def simulate(path: Path, period_s: float, *, smooth: bool = False) -> Quantity:
     mixed = ramp_lag(late, path.mixing_s, period_s)
     pumped = (1.0 - path.span) + (path.span * path.gas_factor) * mixed
     return sensor_lag(pumped, path.sensor_rising_s, path.sensor_falling_s, period_s)
-
-
-def settled(fuel_mg: FloatArray, period_s: float, recovery_s: float = RECOVERY_S) -> BoolArray:
-    """Return (n,) bool: fuel has been injected for longer than ``recovery_s``.
-
-    >>> settled(np.array([9.0, 0.0, 9.0, 9.0, 9.0]), 0.1, recovery_s=0.2).tolist()
-    [True, False, False, False, True]
-    """
-    cut = np.asarray(fuel_mg <= 0.0)
-    at = np.arange(len(cut))
-    last_cut = np.maximum.accumulate(np.where(cut, at, -1))
-    return np.asarray((last_cut < 0) | (at - last_cut > round(recovery_s / period_s)))

@@ -15,16 +15,13 @@ from monitor.model.card import ModelCard
 from training.greybox.chain import (
     AIR_LEAST_MG,
     RANGES,
+    RECOVERY_S,
     SPEED_LEAST_RPM,
     inputs_of,
-    settled,
     with_speed,
 )
-from training.greybox.charge.error import ROUNDS as ERROR_ROUNDS
-from training.greybox.charge.error import fit_with_charge_error
-from training.greybox.charge.map import INPUTS as CHARGE_INPUTS
-from training.greybox.charge.map import ROUNDS as MAP_ROUNDS
-from training.greybox.charge.map import fit_with_charge
+from training.greybox.charge import ERROR_ROUNDS, MAP_ROUNDS, fit_with_error, fit_with_map
+from training.greybox.charge import INPUTS as CHARGE_INPUTS
 from training.greybox.effects import Own
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import (
@@ -35,10 +32,10 @@ from training.greybox.fit.constants import (
     fit_constants,
     reference,
 )
+from training.greybox.fit.drive import ChainDrive, until
 from training.greybox.fit.told import Report, Told, nobody
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, save
-from training.greybox.graph.checks import contraction, physical_inputs
 from training.narx.model_file import FreeRunFit, card_of, held_out
 from training.narx.search.stability import CONTRACTION_SAMPLES
 from training.recordings.samples.preparation import Prepared, Role, prepare
@@ -94,10 +91,16 @@ def fit_greybox(
     data = prepare(everything, inputs, output, seed=seed, validate=judges)
     limits = _input_limits(data)
     signals = _signals(data, limits)
-    scored = scored_rows(data, signals) & (data.role == Role.TRAIN)
     charge_map, charge_error = None, None
-    measured = (signals, _phi(data), scored, _period_s(data))
-    own = () if has_own_charge(inputs) else own_of(*measured)
+    drive = ChainDrive(
+        name="",
+        period_s=_period_s(data),
+        signals=signals,
+        phi_measured=data.scaling.unscale_y(data.samples.y),
+        scored=scored_rows(data, signals) & (data.role == Role.TRAIN),
+    )
+    own = () if has_own_charge(inputs) else own_of(drive)
+    drive = replace(drive, own=own)
     further = [] if chosen else _further_inputs(own, everything, inputs)
     if further:  # a cold engine's walls
         wider = (*inputs, *further)
@@ -112,13 +115,13 @@ def fit_greybox(
         )
     if has_own_charge(inputs):
         told = Told(progress, ROUNDS * (len(STARTS) + MAP_ROUNDS))
-        fitted, charge_map = fit_with_charge(*measured, told)
+        fitted, charge_map = fit_with_map(drive, told)
     elif "air_mass_mg" in inputs:
         told = Told(progress, ROUNDS * (len(STARTS) + ERROR_ROUNDS))
-        fitted, charge_error = fit_with_charge_error(*measured, own, told)
+        fitted, charge_error = fit_with_error(drive, told)
     else:
         told = Told(progress, ROUNDS * len(STARTS))
-        fitted = fit_constants(*measured, own=own, told=told)
+        fitted = fit_constants(drive, told=told)
     greybox = Greybox(
         constants=fitted.constants,
         inputs=data.names,
@@ -130,7 +133,8 @@ def fit_greybox(
         own=tuple(ModelEffect.with_values(effect.name, values.tolist()) for effect, values in own),
     ).with_register()
     predicted = _free_run(data, greybox)
-    card = write_model(out, greybox, fitted=fitted, data=data, predicted=predicted, seed=seed)
+    card = _card(greybox, fitted, data, predicted)
+    save(out, greybox, card)
     warnings = (*data.warnings, *_warnings(fitted, card))
     return GreyboxResult(
         path=Path(out),
@@ -166,26 +170,9 @@ def scored_rows(data: Prepared, signals: Mapping[str, FloatArray]) -> BoolArray:
     period_s = _period_s(data)
     for s in data.segments:
         own = slice(s.start, s.stop)
-        rows[own] = settled(signals["fuel_mass_mg"][own], period_s)
+        rows[own] = ~until(signals["fuel_mass_mg"][own] <= 0.0, RECOVERY_S, period_s)
         rows[s.start : s.start + round(WASHOUT_S / period_s)] = False
     return np.asarray(rows & data.enabled)
-
-
-def write_model(
-    out: Path | str,
-    greybox: Greybox,
-    fitted: Fitted,
-    data: Prepared,
-    predicted: FloatArray,
-    seed: int = 0,
-) -> ModelCard:
-    """Write the model file and how it forgets its start; return its card."""
-    card = _card(greybox, fitted, data, predicted)
-    save(out, greybox, card)
-    checks = {"contraction": asdict(contraction(out, data, seed))}
-    card = replace(card, checks=checks)
-    save(out, greybox, card)
-    return card
 
 
 def _check_names(inputs: Sequence[str], output: str) -> None:
@@ -203,8 +190,14 @@ def _period_s(data: Prepared) -> float:
     return data.period_ns / 1e9
 
 
-def _phi(data: Prepared) -> FloatArray:
-    return data.scaling.unscale_y(data.samples.y)
+def _physical_inputs(data: Prepared) -> FloatArray:
+    """Return the inputs of all samples (n, n_inputs) in physical units, not clipped."""
+    parts = []
+    for s in data.segments:
+        recording = data.recordings[s.recording]
+        order = [list(recording.names).index(name) for name in data.names]
+        parts.append(recording.values[s.first : s.first + s.stop - s.start, order])
+    return np.concatenate(parts)
 
 
 def _input_limits(data: Prepared) -> tuple[FloatArray, FloatArray]:
@@ -221,7 +214,7 @@ def _input_limits(data: Prepared) -> tuple[FloatArray, FloatArray]:
 
 
 def _signals(data: Prepared, limits: tuple[FloatArray, FloatArray]) -> dict[str, FloatArray]:
-    u = np.clip(physical_inputs(data), *limits)
+    u = np.clip(_physical_inputs(data), *limits)
     return with_speed({name: u[:, i] for i, name in enumerate(data.names)})
 
 
@@ -229,7 +222,7 @@ def _free_run(data: Prepared, greybox: Greybox) -> FloatArray:
     """Return the prediction (n,) in phi, NaN at the start of each stretch."""
     predicted = np.full(len(data.role), np.nan)
     washout = round(WASHOUT_S / greybox.period_s)
-    u = physical_inputs(data)
+    u = _physical_inputs(data)
     for s in data.segments:
         predicted[s.start + washout : s.stop] = greybox.reading(u[s.start : s.stop])[washout:]
     return predicted
@@ -245,7 +238,7 @@ def _card(greybox: Greybox, fitted: Fitted, data: Prepared, predicted: FloatArra
         layers=(),
         state=greybox.state_layout,
         structure=described(fitted) | greybox.structure(),
-        checks={},
+        checks={"contraction": asdict(greybox.contraction)},
         reference=reference(fitted),
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import Constants, Path, simulate
-from training.greybox.charge.error import ChargeError, fit_with_charge_error
+from training.greybox.charge import ChargeError, fit_with_error, with_charge
 from training.greybox.effects import LIBRARY, Effect, Own
 from training.greybox.fit import ridge
 from training.greybox.fit.case import WHITE, Case, Run, Term, reading
@@ -201,9 +201,8 @@ def charged(drive: ChainDrive, error: ChargeError | None) -> ChainDrive:
     """Return the drive with the right air per stroke, if it is still as broadcast."""
     if error is None or drive.charged:
         return drive
-    air_mg = error.air_mass_mg(drive.signals, drive.period_s)
-    signals = {**drive.signals, "air_mass_mg": air_mg}
-    return replace(drive, signals=signals, charged=True, meter_s=error.time_s)
+    right = with_charge(drive, error.air_mass_mg(drive.signals, drive.period_s))
+    return replace(right, charged=True, meter_s=error.time_s)
 
 
 def _charge_error(drives: Sequence[ChainDrive]) -> ChargeError | None:
@@ -214,10 +213,15 @@ def _charge_error(drives: Sequence[ChainDrive]) -> ChargeError | None:
         name: np.concatenate([drive.signals[name] for drive in drives])
         for name in ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
     }
-    phi = np.concatenate([drive.phi_measured - drive.moved_phi for drive in drives])
-    scored = np.concatenate([drive.scored for drive in drives])
-    known = (together, phi, scored, drives[0].period_s)
-    return fit_with_charge_error(*known, own_of(*known))[1]
+    joined = replace(
+        drives[0],
+        signals=together,
+        phi_measured=np.concatenate([drive.phi_measured - drive.moved_phi for drive in drives]),
+        scored=np.concatenate([drive.scored for drive in drives]),
+        moved_phi=0.0,
+        own=(),
+    )
+    return fit_with_error(replace(joined, own=own_of(joined)))[1]
 
 
 def _chain(

@@ -20,7 +20,7 @@ from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.greybox.chain import STOICHIOMETRIC, Constants
-from training.greybox.charge.error import ChargeError
+from training.greybox.charge import ChargeError
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.drive import ChainDrive, make
 from training.greybox.fit.ridge import Ridge

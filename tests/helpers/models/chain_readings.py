@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from monitor.base.types import FloatArray
+from monitor.base.types import BoolArray, FloatArray
 from training.greybox.chain import Constants, base_path, simulate
+from training.greybox.fit.drive import ChainDrive
 
 PERIOD_S = 0.1
 
@@ -31,3 +32,12 @@ def synthetic(seed: int, n: int = 6000) -> tuple[dict[str, FloatArray], FloatArr
     }
     noise = lfilter([1.0], [1.0, -1.3, 0.35], 0.002 * rng.standard_normal(n))
     return signals, simulate(base_path(TRUE, signals), PERIOD_S) + noise
+
+
+def read_drive(
+    signals: dict[str, FloatArray], phi: FloatArray, scored: BoolArray | None = None
+) -> ChainDrive:
+    """Return a drive of which all but the first 5 s are scored, or these samples."""
+    if scored is None:
+        scored = np.arange(len(phi)) >= 50
+    return ChainDrive(name="", period_s=PERIOD_S, signals=signals, phi_measured=phi, scored=scored)

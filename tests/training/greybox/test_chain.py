@@ -5,14 +5,15 @@ import pytest
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import (
+    RECOVERY_S,
     STOICHIOMETRIC,
     Constants,
     Path,
     base_path,
-    settled,
     simulate,
     valve_phi,
 )
+from training.greybox.fit.drive import until
 
 PERIOD_S = 0.1
 
@@ -136,7 +137,7 @@ def test_the_two_lags_read_the_same_in_either_order() -> None:
 
 def test_samples_soon_after_fuel_cut_are_not_settled() -> None:
     fuel = np.r_[np.full(30, 9.0), np.zeros(10), np.full(40, 9.0)]
-    good = settled(fuel, PERIOD_S)
+    good = ~until(fuel <= 0.0, RECOVERY_S, PERIOD_S)
     assert good[:30].all()
     assert not good[30:60].any()
     assert good[60:].all()

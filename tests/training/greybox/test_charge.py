@@ -4,10 +4,9 @@ import numpy as np
 
 from benchmarks.studies.workflow.drive import recording
 from benchmarks.studies.workflow.plan import Part
-from tests.helpers.models.chain_readings import PERIOD_S, TRUE, steps, synthetic
+from tests.helpers.models.chain_readings import PERIOD_S, TRUE, read_drive, steps, synthetic
 from training.greybox.chain import base_path, simulate
-from training.greybox.charge.error import ChargeError, fit_with_charge_error
-from training.greybox.charge.map import ChargeMap, fit_with_charge
+from training.greybox.charge import ChargeError, ChargeMap, fit_with_error, fit_with_map
 from training.greybox.fit.drive import from_recording
 
 
@@ -27,7 +26,7 @@ def test_the_error_of_a_charge_is_found_from_the_reading_alone() -> None:
     phi = simulate(base_path(TRUE, signals | {"air_mass_mg": air}), PERIOD_S)
     phi += 0.002 * rng.standard_normal(n)
     # WHEN error and constants are fitted
-    fitted, found = fit_with_charge_error(signals, phi, np.arange(n) >= 50, PERIOD_S)
+    fitted, found = fit_with_error(read_drive(signals, phi))
     # THEN the charge is right, on the whole up to the gain
     assert found is not None
     assert found.time_s == 4.0
@@ -48,7 +47,7 @@ def test_the_charge_stays_plausible_where_the_engine_was_not_when_it_was_fitted(
         np.concatenate([getattr(d, name) for d in made[:3]]) for name in ("phi_measured", "scored")
     )
     # WHEN error and constants are fitted to them
-    fitted, found = fit_with_charge_error(together, phi, scored, PERIOD_S)
+    fitted, found = fit_with_error(read_drive(together, phi, scored))
     # THEN it helps on drives that go anywhere
     assert found is not None
     for each in made[3:]:
@@ -62,8 +61,7 @@ def test_the_charge_stays_plausible_where_the_engine_was_not_when_it_was_fitted(
 
 def test_a_charge_that_is_right_has_no_error_worth_a_map() -> None:
     signals, phi = synthetic(4)
-    on = np.arange(len(phi)) >= 50
-    _, found = fit_with_charge_error(signals, phi, on, PERIOD_S)
+    _, found = fit_with_error(read_drive(signals, phi))
     right = signals["air_mass_mg"]
     made = right if found is None else found.air_mass_mg(signals, PERIOD_S)
     assert np.abs(made / right - 1.0).max() < 0.01
@@ -86,7 +84,7 @@ def test_a_charge_map_is_found_from_the_reading_alone() -> None:
     phi = simulate(base_path(constants, signals | {"air_mass_mg": air}), PERIOD_S)
     phi += 0.002 * rng.standard_normal(n)
     # WHEN map and constants are fitted
-    fitted, found = fit_with_charge(signals, phi, np.arange(n) >= 50, PERIOD_S)
+    fitted, found = fit_with_map(read_drive(signals, phi))
     # THEN both are right
     off = np.abs(found.air_mass_mg(signals) / air - 1.0)
     assert np.median(off) < 0.001

@@ -13,7 +13,7 @@ from training.cli import main as o2train
 from training.cli.kinds.greybox import constant_line
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.greybox.charge.map import INPUTS
+from training.greybox.charge import INPUTS
 from training.healthy import reference
 
 TRAINING = (("wltc_3b", 1001), ("udds", 1002), ("us06", 1003), ("micro_trips", 1036))  # cold to hot

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from monitor.base.errors import RecordingError
-from tests.helpers.models.chain_readings import PERIOD_S, TRUE, synthetic
+from tests.helpers.models.chain_readings import TRUE, read_drive, synthetic
 from training.greybox.fit.constants import Fitted, fit_constants, reference
 
 
 def fitted_synthetic(seed: int) -> Fitted:
-    signals, phi = synthetic(seed)
-    return fit_constants(signals, phi, np.arange(len(phi)) >= 50, PERIOD_S)
+    return fit_constants(read_drive(*synthetic(seed)))
 
 
 def test_the_constants_of_a_chain_are_found_within_their_standard_errors() -> None:
@@ -39,7 +38,7 @@ def test_the_noise_is_whitened_and_every_start_ends_in_one_place() -> None:
 def test_too_few_samples_are_an_error() -> None:
     signals, phi = synthetic(0, 600)
     with pytest.raises(RecordingError, match="398 samples enabled"):
-        fit_constants(signals, phi, np.arange(600) >= 200, PERIOD_S)
+        fit_constants(read_drive(signals, phi, np.arange(600) >= 200))
 
 
 def test_the_sum_of_the_lags_is_known_better_than_each() -> None:
@@ -55,4 +54,4 @@ def test_a_reading_on_every_second_sample_is_refused_with_what_is_wanted() -> No
     scored = np.arange(len(phi)) % 2 == 0
     # WHEN the chain, whose noise has a memory of two samples, is fitted
     with pytest.raises(RecordingError, match=r"^0 samples enabled .* on every sample of the grid"):
-        fit_constants(signals, phi, scored, PERIOD_S)
+        fit_constants(read_drive(signals, phi, scored))

@@ -13,10 +13,11 @@ from training.dyno import vehicle
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.gap.verify.verification import Fold, verify
-from training.greybox.chain import base_path, settled, simulate
-from training.greybox.charge.map import INPUTS
+from training.greybox.chain import RECOVERY_S, base_path, simulate
+from training.greybox.charge import INPUTS
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import reference
+from training.greybox.fit.drive import until
 from training.greybox.graph.chain_graph import Entry, Greybox, build, save
 from training.greybox.model import (
     POOR_CORRELATION,
@@ -257,7 +258,7 @@ def test_the_error_of_the_broadcast_charge_is_most_of_what_the_chain_misses(
     fresh = drive(tmp_path, "udds", 2_000_004)
     u = np.stack([fresh.column(name) for name in result.card.input_names], axis=1)
     phi = 1.0 / fresh.column("lambda_measured")
-    on = settled(u[:, 0], PERIOD_S) & (np.arange(len(u)) > 50) & np.isfinite(phi)
+    on = ~until(u[:, 0] <= 0.0, RECOVERY_S, PERIOD_S) & (np.arange(len(u)) > 50) & np.isfinite(phi)
     # WHEN the chain runs on the charge as it is broadcast, and less its error
     rmse = []
     for chain in (replace(result.greybox, charge_error=None), result.greybox):

@@ -11,7 +11,7 @@ from monitor.base.errors import ModelError
 from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import Model
 from training.greybox.chain import Constants
-from training.greybox.charge.error import ChargeError
+from training.greybox.charge import ChargeError
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import Fitted, described, reference
 from training.greybox.fit.drive import ChainDrive

@@ -7,16 +7,15 @@ autoregression, fitted in turn with the constants (Söderström and Stoica, Syst
 1989, sections 7.4 and 10.3).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.base.types import FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants
-from training.greybox.effects import Own
 from training.greybox.fit.case import WHITE, Case, predict
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.joint import HIGH, LOW, JointFit, JointSearch, fit
@@ -64,25 +63,14 @@ class Fitted:
 
 
 def fit_constants(
-    signals: Mapping[str, FloatArray],
-    phi: FloatArray,
-    scored: BoolArray,
-    period_s: float,
-    starts: Sequence[Constants] = STARTS,
-    own: Own = (),
-    told: Told | None = None,
+    drive: ChainDrive, starts: Sequence[Constants] = STARTS, told: Told | None = None
 ) -> Fitted:
-    """Return the constants with which the chain's free run reads ``phi`` best.
+    """Return the constants with which the chain's free run reads a drive best.
 
-    signals : (n,) each, see ``chain.base_path``; phi : (n,) measured; scored : (n,) bool, samples
-    that count. The chain runs over all samples, so samples soon after a break should not be scored.
-    own : effects of the healthy vehicle, with values that hold
+    The chain runs over all samples, so samples soon after a break should not be scored.
     told : of every round of every start
     Raises RecordingError if too few samples count.
     """
-    drive = ChainDrive(
-        name="", period_s=period_s, signals=signals, phi_measured=phi, scored=scored, own=own
-    )
     at = np.flatnonzero(drive.kept)
     if len(at) < SAMPLES_LEAST:
         raise RecordingError(
@@ -99,14 +87,16 @@ def fit_constants(
     near = AT_BOUND * (HIGH - LOW)
     stuck = (x - LOW < near) | (HIGH - x < near)
     constants = Constants(*x.tolist())
-    off = (predict(case, constants, (), ())[0] - phi)[scored]
+    off = (predict(case, constants, (), ())[0] - drive.phi_measured)[drive.scored]
     return Fitted(
         constants=constants,
-        covariance=sandwich(jacobian, found.residual, at // max(round(BLOCK_S / period_s), 1)),
+        covariance=sandwich(
+            jacobian, found.residual, at // max(round(BLOCK_S / drive.period_s), 1)
+        ),
         noise_model=case.ar,
         rmse=float(np.sqrt(np.mean(off**2))),
         white_rmse=float(np.sqrt(2.0 * found.cost / len(at))),
-        samples=int(scored.sum()),
+        samples=int(drive.scored.sum()),
         spread=float(np.sqrt(costs.max() / costs.min()) - 1.0) if costs.min() > 0.0 else 0.0,
         at_bound=tuple(name for name, on in zip(Constants._fields, stuck, strict=True) if on),
     )

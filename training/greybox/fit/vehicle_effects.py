@@ -5,12 +5,10 @@ commands a fuel mass that the mixture does not follow. A chain without walls the
 and its fitted lags and charge imitate the walls.
 """
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
-from monitor.base.types import BoolArray, FloatArray
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY, Effect, Own
 from training.greybox.fit.case import WHITE, Case, has_its_signs
@@ -22,15 +20,9 @@ FALL: Final = 0.3  # relative fall of the squared error with which the first eff
 FURTHER_FALL: Final = 0.1  # and the second: without it, walls would stand for both
 
 
-def own_of(
-    signals: Mapping[str, FloatArray], phi: FloatArray, scored: BoolArray, period_s: float
-) -> Own:
-    """Return the effects of a healthy vehicle with their values, none if it has no strong one.
-
-    signals, phi, scored : see ``constants.fit_constants``
-    """
-    drive = ChainDrive(name="", period_s=period_s, signals=signals, phi_measured=phi, scored=scored)
-    case = Case((drive,), (np.zeros(len(phi)),), WHITE)
+def own_of(drive: ChainDrive) -> Own:
+    """Return the effects of a healthy vehicle with their values, none if it has no strong one."""
+    case = Case((drive,), (np.zeros(len(drive)),), WHITE)
     effects, found = with_more(case, fit(case, (), [Constants()]))
     return tuple(zip(effects, found.parameters, strict=True))
 

@@ -9,6 +9,7 @@ that are not zero: single and batched runs give the same bits.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import starmap
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,19 +19,19 @@ from onnx import ModelProto
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard, StateLayout
-from monitor.model.step import LAMBDA_MAX
+from monitor.model.step import LAMBDA_MAX, PHI_MAX
 from training.greybox.chain import SPEED_LEAST_RPM, Constants, base_path, simulate, with_speed
 from training.greybox.chain import Path as ChainPath
-from training.greybox.charge.error import ChargeError
-from training.greybox.charge.map import ChargeMap
+from training.greybox.charge import ChargeError, ChargeMap
 from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.quantity.dynamics import ramp_lag, sensor_lag
 from training.greybox.quantity.trace import StepTrace
 from training.greybox.quantity.value import Quantity, Value, clip, maximum
 from training.narx.export import Graph, finished, write
+from training.narx.search.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
 
 FORGOTTEN = 12.0  # time constants after which the start of a lag no longer matters
 FUEL: Final = "fuel_mass_mg"  # every effect reads it
-LAGS: Final = 3  # states of the chain's lags: two of mixing, one of the sensor beside its reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,42 +77,30 @@ class Greybox:
             raise ModelError(f"a {card.kind} model, a greybox is wanted")
         try:
             given = card.structure
-            constants = Constants(**{n: c["value"] for n, c in given["constants"].items()})
-            low, high = (np.array(given[name]) for name in ("inputs_low", "inputs_high"))
-            register = int(given["register_samples"])
-            entry = given["charge_map"]
-            charge_map = None if entry is None else ChargeMap.from_card(entry)
-            entry = given.get("charge_error")
-            charge_error = None if entry is None else ChargeError.from_card(entry)
-            own = tuple(
-                ModelEffect.with_values(name, values)
-                for name, values in given.get("own", {}).items()
+            charge_map, charge_error = given["charge_map"], given.get("charge_error")
+            return cls(
+                constants=Constants(**{n: c["value"] for n, c in given["constants"].items()}),
+                inputs=card.input_names,
+                u_low=np.array(given["inputs_low"]),
+                u_high=np.array(given["inputs_high"]),
+                period_s=card.period_ns / 1e9,
+                register=int(given["register_samples"]),
+                charge_map=charge_map and ChargeMap.from_card(charge_map),
+                charge_error=charge_error and ChargeError.from_card(charge_error),
+                effects=tuple(map(Entry.of, card.effects)),
+                own=tuple(starmap(ModelEffect.with_values, given.get("own", {}).items())),
             )
-            period_s = card.period_ns / 1e9
-            effects = tuple(map(Entry.of, card.effects))
         except (KeyError, TypeError) as error:
             raise ModelError(
                 f"the card of a greybox lacks part of its structure: {error}"
             ) from None
-        return cls(
-            constants=constants,
-            inputs=card.input_names,
-            u_low=low,
-            u_high=high,
-            period_s=period_s,
-            register=register,
-            charge_map=charge_map,
-            effects=effects,
-            charge_error=charge_error,
-            own=own,
-        )
 
     def structure(self) -> dict[str, Any]:
         """Return the structure for a card, without the constants."""
         return {
             "register_samples": self.register,
-            "charge_map": None if self.charge_map is None else self.charge_map.to_card(),
-            "charge_error": None if self.charge_error is None else self.charge_error.to_card(),
+            "charge_map": self.charge_map and self.charge_map.to_card(),
+            "charge_error": self.charge_error and self.charge_error.to_card(),
             "own": {each.name: each.values.tolist() for each in self.own},
             "inputs_low": self.u_low.tolist(),
             "inputs_high": self.u_high.tolist(),
@@ -147,6 +136,16 @@ class Greybox:
             effect, values = entry.added.effect, entry.added.values.tolist()
             lags_s = lags_s * (1.0 + effect.slower(values)) + effect.lag_s(values)
         return self.register + math.ceil(FORGOTTEN * lags_s / self.period_s)
+
+    @property
+    def contraction(self) -> Contraction:
+        """How much of the farthest wrong start is left after 50 samples in register and lags."""
+        c, period_s = self.constants, self.period_s
+        start = np.zeros(CONTRACTION_SAMPLES + 1)
+        start[: self.register] = PHI_MAX
+        mixed = c.span * ramp_lag(start, c.mixing_s, period_s)
+        gap = sensor_lag(mixed, c.sensor_s, c.sensor_s, period_s)[-1]
+        return Contraction(float(gap), CONTRACTION_LIMIT, pairs=1)
 
     def signals(self, u: FloatArray) -> dict[str, FloatArray]:
         """Return ``seen`` of the inputs ``u`` (n, n_inputs)."""

@@ -162,6 +162,12 @@ def bilinear(
     return [(row * by_row).total(1, keepdims=True) for row in rows]
 
 
+def cells(x: FloatArray, y: FloatArray, knots: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Return the shares (n, a * b) of the knots (a,) and (b,) in a bilinear interpolation."""
+    shares = hats(x, knots[0])[:, :, None] * hats(y, knots[1])[:, None, :]
+    return np.asarray(shares.reshape(len(x), knots[0].size * knots[1].size))
+
+
 def hats(x: Quantity, knots: FloatArray) -> Quantity:
     """Return the shares (n, k) of the knots in a linear interpolation at ``x``.
 

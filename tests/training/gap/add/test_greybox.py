@@ -16,7 +16,7 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap.gap_graphs import FIT, driven, fitted, plain, ranges_of, recording
 from training.gap.add.greybox import ChainVehicle, add
 from training.greybox.chain import Constants
-from training.greybox.charge.map import INPUTS as CHARGE_INPUTS
+from training.greybox.charge import INPUTS as CHARGE_INPUTS
 from training.greybox.effects import ALL, LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.case import reading

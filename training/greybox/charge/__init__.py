@@ -1,1 +1,0 @@
-"""The charge of the chain: its own map of efficiency, or the error of the broadcast charge."""
