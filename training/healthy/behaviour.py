@@ -14,7 +14,7 @@ from training.greybox.effects import LIBRARY, Effect, Own
 from training.greybox.fit import ridge
 from training.greybox.fit.case import WHITE, Case, Run, Term, reading
 from training.greybox.fit.comparison import BLOCK_S, FOLDS
-from training.greybox.fit.drive import ChainDrive, path_of
+from training.greybox.fit.drive import ChainDrive, joined, path_of
 from training.greybox.fit.joint import JointFit, fit
 from training.greybox.fit.ridge import Ridge
 from training.greybox.fit.sensor_faults import FAULTS
@@ -209,19 +209,8 @@ def _charge_error(drives: Sequence[ChainDrive]) -> ChargeError | None:
     """Return by how much the broadcast charge is wrong, None where it is not, or right already."""
     if any(drive.charged or drive.phi_of_model is not None for drive in drives):
         return None
-    together = {
-        name: np.concatenate([drive.signals[name] for drive in drives])
-        for name in ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
-    }
-    joined = replace(
-        drives[0],
-        signals=together,
-        phi_measured=np.concatenate([drive.phi_measured - drive.moved_phi for drive in drives]),
-        scored=np.concatenate([drive.scored for drive in drives]),
-        moved_phi=0.0,
-        own=(),
-    )
-    return fit_with_error(replace(joined, own=own_of(joined)))[1]
+    whole = joined([replace(d, phi_measured=d.phi_measured - d.moved_phi) for d in drives])
+    return fit_with_error(replace(whole, own=own_of(whole)))[1]
 
 
 def _chain(

@@ -7,7 +7,7 @@ from benchmarks.studies.workflow.plan import Part
 from tests.helpers.models.chain_readings import PERIOD_S, TRUE, read_drive, steps, synthetic
 from training.greybox.chain import base_path, simulate
 from training.greybox.charge import ChargeError, ChargeMap, fit_with_error, fit_with_map
-from training.greybox.fit.drive import from_recording
+from training.greybox.fit.drive import from_recording, joined
 
 
 def test_the_error_of_a_charge_is_found_from_the_reading_alone() -> None:
@@ -41,13 +41,8 @@ def test_the_charge_stays_plausible_where_the_engine_was_not_when_it_was_fitted(
     starts_s = {"hwfet": 39.0, "micro_trips": 337.0, "wltc_3b": 0.0, "udds": 243.0, "us06": 0.0}
     parts = [Part(k, 22_013_000 + i, at_s, None) for i, (k, at_s) in enumerate(starts_s.items())]
     made = [from_recording(recording(part, 10013, 600.0, {}, None)) for part in parts]
-    names = ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
-    together = {name: np.concatenate([d.signals[name] for d in made[:3]]) for name in names}
-    phi, scored = (
-        np.concatenate([getattr(d, name) for d in made[:3]]) for name in ("phi_measured", "scored")
-    )
     # WHEN error and constants are fitted to them
-    fitted, found = fit_with_error(read_drive(together, phi, scored))
+    fitted, found = fit_with_error(joined(made[:3]))
     # THEN it helps on drives that go anywhere
     assert found is not None
     for each in made[3:]:

@@ -10,10 +10,9 @@ import numpy as np
 
 from benchmarks.studies.workflow.drive import recording
 from benchmarks.studies.workflow.plan import Part
-from tests.helpers.models.chain_readings import read_drive
 from training.greybox.chain import base_path, simulate
 from training.greybox.fit.constants import fit_constants
-from training.greybox.fit.drive import ChainDrive, from_recording
+from training.greybox.fit.drive import ChainDrive, from_recording, joined
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.model import fit_greybox
 from training.recordings.prediction import predicted_phi
@@ -22,7 +21,6 @@ from training.recordings.recording import Recording
 VEHICLE = 23_001
 WALLS = {"wall_film": 8.0}
 CYCLES = ("micro_trips", "wltc_3b", "udds", "us06")
-NEEDED = ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
 
 
 @cache
@@ -31,17 +29,12 @@ def drives(first_seed: int, *effects: tuple[str, float]) -> tuple[Recording, ...
     return tuple(recording(part, VEHICLE, 500.0, dict(effects), None) for part in parts)
 
 
-def known(recordings: tuple[Recording, ...]) -> ChainDrive:
-    made = [from_recording(each) for each in recordings]
-    signals = {n: np.concatenate([d.signals[n] for d in made]) for n in NEEDED}
-    phi, scored = (
-        np.concatenate([getattr(d, n) for d in made]) for n in ("phi_measured", "scored")
-    )
-    return read_drive(signals, phi, scored)
+def whole(recordings: tuple[Recording, ...]) -> ChainDrive:
+    return joined([from_recording(each) for each in recordings])
 
 
 def test_a_vehicle_whose_fuel_hardly_meets_walls_has_nothing_beside_the_chain() -> None:
-    assert own_of(known(drives(23_100_000))) == ()
+    assert own_of(whole(drives(23_100_000))) == ()
 
 
 def test_walls_that_take_much_of_the_fuel_are_part_of_a_healthy_vehicles_model(
@@ -53,7 +46,7 @@ def test_walls_that_take_much_of_the_fuel_are_part_of_a_healthy_vehicles_model(
     found = fit_greybox(old, tmp_path / "model.onnx")
     # THEN it has walls, and misses much less of other drives
     assert found.greybox.own[0].name == "wall_film"
-    alone = fit_constants(known(old)).constants
+    alone = fit_constants(whole(old)).constants
     with_walls, without = [], []
     for each, phi in zip(new, predicted_phi(tmp_path / "model.onnx", new), strict=True):
         d = from_recording(each)

@@ -65,6 +65,18 @@ def path_of(drive: ChainDrive, base: Constants) -> Path:
     return along(base_path(base, drive.signals), drive.own, drive.signals, drive.period_s)
 
 
+def joined(drives: Sequence[ChainDrive]) -> ChainDrive:
+    """Return drives end to end as one of the plain chain, with that chain's signals alone."""
+    names = (*NEEDED, "engine_speed_rpm")
+    return ChainDrive(
+        name="",
+        period_s=drives[0].period_s,
+        signals={n: np.concatenate([d.signals[n] for d in drives]) for n in names},
+        phi_measured=np.concatenate([drive.phi_measured for drive in drives]),
+        scored=np.concatenate([drive.scored for drive in drives]),
+    )
+
+
 def from_recording(
     recording: Recording, made: Mapping[str, FloatArray] | None = None
 ) -> ChainDrive:
