@@ -7,6 +7,8 @@ rising phi is lean to rich.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -15,7 +17,7 @@ from monitor.base.types import FloatArray
 from training.greybox.effects.effect import Parameter
 from training.greybox.quantity.dynamics import delayed
 
-Read = Callable[[FloatArray, FloatArray, float], FloatArray]
+Read = Callable[[FloatArray, FloatArray, float], FloatArray]  # phi, parameters, period in s
 LAMBDA_MAX, LAMBDA_MIN = 16.0, 0.5
 
 
@@ -40,33 +42,18 @@ def _lag(u, keep_rising, keep_falling):  # pragma: no cover
     return out
 
 
-def _slow(phi: FloatArray, rising_s: float, falling_s: float, period_s: float) -> FloatArray:
-    keep = np.exp(-period_s / np.maximum([rising_s, falling_s], 1e-4))
+def _slow(
+    phi: FloatArray, p: FloatArray, period_s: float, rising: float = 1.0, falling: float = 1.0
+) -> FloatArray:
+    """Lag the reading; ``rising`` and ``falling`` are 0 for a direction that is as fast as ever."""
+    keep = np.exp(-period_s / np.maximum([rising * p[0], falling * p[0]], 1e-4))
     return _lag(phi, keep[0], keep[1])
 
 
-def _slow_lean_to_rich(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
-    return _slow(phi, p[0], 0.0, period_s)
-
-
-def _slow_rich_to_lean(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
-    return _slow(phi, 0.0, p[0], period_s)
-
-
-def _slow_symmetric(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
-    return _slow(phi, p[0], p[0], period_s)
-
-
-def _delay_lean_to_rich(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
-    return np.minimum(phi, delayed(phi, p[0] / period_s))
-
-
-def _delay_rich_to_lean(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
-    return np.maximum(phi, delayed(phi, p[0] / period_s))
-
-
-def _delay_symmetric(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
-    return np.asarray(delayed(phi, p[0] / period_s))
+def _late(phi: FloatArray, p: FloatArray, period_s: float, of: Any = None) -> FloatArray:
+    """Delay the reading; in one direction only with ``of`` np.minimum (rising) or np.maximum."""
+    late = delayed(phi, p[0] / period_s)
+    return np.asarray(late if of is None else of(phi, late))
 
 
 def _gain(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
@@ -79,27 +66,23 @@ def _offset(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
 
 
 def _transient(phi: FloatArray, p: FloatArray, period_s: float) -> FloatArray:
-    return _gain(_slow(phi, p[0], p[0], period_s), p[1:], period_s)
+    return _gain(_slow(phi, p, period_s), p[1:], period_s)
 
 
 _TIME = Parameter("time", "s", 0.0, 4.0, (0.1, 0.6))
+_SENSITIVITY = Parameter("gain", "-", 0.1, 2.0, (0.9,))
+_SHIFT = Parameter("offset", "lambda", -0.3, 0.3, (0.01, -0.01))
+_L2R, _R2L = "from lean to rich", "from rich to lean"
 FAULTS = (
-    FaultHypothesis("slow_lean_to_rich", "slow from lean to rich", (_TIME,), _slow_lean_to_rich),
-    FaultHypothesis("slow_rich_to_lean", "slow from rich to lean", (_TIME,), _slow_rich_to_lean),
-    FaultHypothesis("slow_symmetric", "slow", (_TIME,), _slow_symmetric),
-    FaultHypothesis("delay_lean_to_rich", "late from lean to rich", (_TIME,), _delay_lean_to_rich),
-    FaultHypothesis("delay_rich_to_lean", "late from rich to lean", (_TIME,), _delay_rich_to_lean),
-    FaultHypothesis("delay_symmetric", "late", (_TIME,), _delay_symmetric),
+    FaultHypothesis("slow_lean_to_rich", f"slow {_L2R}", (_TIME,), partial(_slow, falling=0.0)),
+    FaultHypothesis("slow_rich_to_lean", f"slow {_R2L}", (_TIME,), partial(_slow, rising=0.0)),
+    FaultHypothesis("slow_symmetric", "slow", (_TIME,), _slow),
+    FaultHypothesis("delay_lean_to_rich", f"late {_L2R}", (_TIME,), partial(_late, of=np.minimum)),
+    FaultHypothesis("delay_rich_to_lean", f"late {_R2L}", (_TIME,), partial(_late, of=np.maximum)),
+    FaultHypothesis("delay_symmetric", "late", (_TIME,), _late),
+    FaultHypothesis("gain_low", "of another sensitivity", (_SENSITIVITY,), _gain),
+    FaultHypothesis("biased", "offset", (_SHIFT,), _offset),
     FaultHypothesis(
-        "gain_low", "of another sensitivity", (Parameter("gain", "-", 0.1, 2.0, (0.9,)),), _gain
-    ),
-    FaultHypothesis(
-        "biased", "offset", (Parameter("offset", "lambda", -0.3, 0.3, (0.01, -0.01)),), _offset
-    ),
-    FaultHypothesis(
-        "transient",
-        "slow and of another sensitivity",
-        (_TIME, Parameter("gain", "-", 0.1, 2.0, (0.9,))),
-        _transient,
+        "transient", "slow and of another sensitivity", (_TIME, _SENSITIVITY), _transient
     ),
 )

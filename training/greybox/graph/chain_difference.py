@@ -73,12 +73,11 @@ class ChainDifference:
         """Return the difference of a model's card; raises ModelError if a field is missing."""
         try:
             given = card.structure["chain"]
-            low, high = (np.array(given[name]) for name in ("inputs_low", "inputs_high"))
             without = Greybox(
                 constants=Constants(**given["constants"]),
                 inputs=tuple(given["inputs"]),
-                u_low=low,
-                u_high=high,
+                u_low=np.array(given["inputs_low"]),
+                u_high=np.array(given["inputs_high"]),
                 period_s=card.period_ns / 1e9,
                 register=int(given["register_samples"]),
             )
