@@ -50,7 +50,7 @@ def unpacked(path: Path) -> int:
     """Unpack and look at nothing."""
     with open_binary(path) as file:
         if path.suffix == ".blf":
-            for _, body, _ in structure.objects(file, len(file.read(144))):
+            for _, body in structure.objects(file, structure.header_of(file)):
                 zlib.decompressobj().decompress(body[16:])
         else:
             while file.read(1 << 20):

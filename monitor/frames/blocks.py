@@ -1,8 +1,7 @@
 """Blocks of frames side by side: made from frames, turned back into frames, cut and joined."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -53,22 +52,6 @@ class LogCounters:
         if error is not None:
             self.is_cut = True
             self.notes.append(f"cut short after {self.frames} frames: {error}")
-
-
-def blocks_of(frames: Iterable[Frame]) -> Iterator[FrameBlock]:
-    """Yield frames as blocks; the frames before an error are yielded before it."""
-    source = iter(frames)
-    while True:
-        chunk: list[Frame] = []
-        try:
-            chunk.extend(islice(source, FRAMES))
-        except Exception:
-            if chunk:
-                yield block_of(chunk)
-            raise
-        if not chunk:
-            return
-        yield block_of(chunk)
 
 
 def block_of(frames: list[Frame]) -> FrameBlock:

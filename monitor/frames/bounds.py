@@ -14,10 +14,9 @@ Every reader of a log or table opens its file here, also for python-can's and as
 import gzip
 import io
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, BinaryIO, Final, TextIO, cast
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, TextIO
 
 from monitor.base.files.inputs import open_regular
 
@@ -29,8 +28,8 @@ RATIO: Final = 100  # of a log; an idle bus whose bytes never change reaches 18
 TABLE_RATIO: Final = 400  # 20 columns that never change reach 63, 1,000 blank columns 218
 FREE_BYTES: Final = 1 << 20  # this much may come of any packed file, whatever the ratio
 PIECE_BYTES: Final = 16 << 20  # of one packed piece; Vector's containers have 128 kB
-_HEAD_STEP: Final = 1 << 10  # so that all before the damage of a packed file is read
 _STEP: Final = 1 << 16  # bytes that are read at once from a text file
+PACKED_STEP: Final = 1 << 13  # of a packed one, so that all before its damage is read
 
 
 class BoundError(ValueError):
@@ -76,8 +75,12 @@ def open_binary(path: Path) -> BinaryIO:
 
     Raises OSError, also for a FIFO, socket or device; reading raises BoundError for the ratio.
     """
-    file = open_regular(path)
-    return cast(BinaryIO, _Inflated(file)) if _is_packed(path) else file
+    return io.BufferedReader(_KeptFile(path)) if _is_packed(path) else open_regular(path)
+
+
+def is_on_disk(file: IO[bytes]) -> bool:
+    """Return whether a file holds the bytes as they are on the disk, not unpacked."""
+    return isinstance(getattr(file, "raw", None), io.FileIO)
 
 
 def head_of(path: Path, size: int) -> bytes:
@@ -87,7 +90,7 @@ def head_of(path: Path, size: int) -> bytes:
     """
     head = b""
     with open_binary(path) as file, suppress(EOFError, ValueError):  # the reader tells damage
-        while len(head) < size and (piece := file.read(min(_HEAD_STEP, size - len(head)))):
+        while len(head) < size and (piece := file.read1(size - len(head))):  # type: ignore[attr-defined]
             head += piece
     return head
 
@@ -107,32 +110,12 @@ def open_text(
     ratio : most unpacked bytes by packed bytes
     Raises what ``open_binary`` does; reading raises BoundError for a line of ``LINE_BYTES``.
     """
-    if _is_packed(path):
-        binary: IO[bytes] = cast(IO[bytes], _InflatedLines(open_regular(path), ratio))
-    else:
-        binary = io.BufferedReader(_Lines(open_regular(path)), _STEP)
-    return io.TextIOWrapper(binary, encoding, errors, newline)
+    file = io.BufferedReader(_KeptFile(path, ratio, has_lines=True), _STEP)
+    return io.TextIOWrapper(file, encoding, errors, newline)
 
 
 def _is_packed(path: Path) -> bool:
     return path.suffix.lower() == ".gz"
-
-
-class _Meter:
-    """Measures the lines of a stream of bytes."""
-
-    def __init__(self) -> None:
-        self._open = 0  # bytes of the last line so far
-
-    def take(self, data: bytes) -> None:
-        """Measure the next bytes; raises BoundError if a line is too long."""
-        ends = [end for mark in (b"\n", b"\r") if (end := data.find(mark)) >= 0]
-        if self._open + min(ends, default=len(data)) >= LINE_BYTES:
-            raise too_long()
-        if ends:
-            self._open = len(data) - 1 - max(data.rfind(b"\n"), data.rfind(b"\r"))
-        else:
-            self._open += len(data)
 
 
 def too_long() -> BoundError:
@@ -140,81 +123,49 @@ def too_long() -> BoundError:
     return BoundError(f"a line of {LINE_BYTES:,} bytes or more, shorter ones are wanted")
 
 
-class _Lines(io.RawIOBase):
-    """A file whose lines are measured."""
+class _KeptFile(io.RawIOBase):
+    """A file's bytes, unpacked if its name ends in .gz: its ratio is kept, its lines measured."""
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file, self._meter = file, _Meter()
+    def __init__(self, path: Path, ratio: int = RATIO, *, has_lines: bool = False) -> None:
+        self._file = open_regular(path)
+        self._source: Any = gzip.GzipFile(fileobj=self._file) if _is_packed(path) else self._file
+        self._step = _STEP if self._source is self._file else PACKED_STEP
+        self._ratio, self._has_lines = ratio, has_lines
+        self._open = 0  # bytes of the last line so far
 
     def readable(self) -> bool:
         return True
 
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        while whence == io.SEEK_END and self.read(self._step):  # so that the ratio is seen
+            pass
+        whence = io.SEEK_CUR if whence == io.SEEK_END else whence
+        return int(self._source.seek(offset, whence))
+
     def readinto(self, buffer: "WriteableBuffer") -> int:
-        data = self._file.read(min(len(memoryview(buffer)), _STEP))
-        self._meter.take(data)
+        try:
+            data = self._source.read1(min(len(memoryview(buffer)), self._step))
+        except zlib.error as error:  # it has no base that readers know
+            raise ValueError(f"damaged packed data: {error}") from error
+        if self._source is not self._file:
+            check_ratio(self._file.tell(), self._source.tell(), self._ratio)
+        if self._has_lines:
+            self._measure(data)
         memoryview(buffer)[: len(data)] = data
         return len(data)
 
+    def _measure(self, data: bytes) -> None:
+        ends = [end for mark in (b"\n", b"\r") if (end := data.find(mark)) >= 0]
+        if self._open + min(ends, default=len(data)) >= LINE_BYTES:
+            raise too_long()
+        self._open += len(data)
+        if ends:
+            self._open = len(data) - 1 - max(data.rfind(b"\n"), data.rfind(b"\r"))
+
     def close(self) -> None:
+        self._source.close()
         self._file.close()
         super().close()
-
-
-@contextmanager
-def _told_as_damage() -> Iterator[None]:
-    """Raise zlib's error, which has no base that readers know, as ValueError."""
-    try:
-        yield
-    except zlib.error as error:
-        raise ValueError(f"damaged packed data: {error}") from error
-
-
-class _Inflated(gzip.GzipFile):
-    """A gzipped file whose ratio is kept."""
-
-    def __init__(self, file: BinaryIO, ratio: int = RATIO) -> None:
-        super().__init__(fileobj=file, mode="rb")
-        self._source, self._ratio = file, ratio
-
-    def read(self, size: int | None = -1) -> bytes:
-        if size is None or size < 0:  # piece by piece, so that the ratio is seen in time
-            return b"".join(iter(lambda: self.read(_STEP), b""))
-        with _told_as_damage():
-            return self._kept(super().read(size))
-
-    def read1(self, size: int = -1) -> bytes:
-        with _told_as_damage():
-            return self._kept(super().read1(size))
-
-    def readline(self, size: int | None = -1) -> bytes:
-        most = LINE_BYTES if size is None or size < 0 else size
-        with _told_as_damage():
-            return self._kept(super().readline(most))
-
-    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        if whence == io.SEEK_END and offset == 0:
-            while self.read(_STEP):
-                pass
-            return self.tell()
-        return super().seek(offset, whence)
-
-    def close(self) -> None:
-        super().close()
-        self._source.close()
-
-    def _kept(self, data: bytes) -> bytes:
-        check_ratio(self._source.tell(), self.tell(), self._ratio)
-        return data
-
-
-class _InflatedLines(_Inflated):
-    """A gzipped text file whose lines are measured, too."""
-
-    def __init__(self, file: BinaryIO, ratio: int) -> None:
-        super().__init__(file, ratio)
-        self._meter = _Meter()
-
-    def read1(self, size: int = -1) -> bytes:
-        data = super().read1(size)
-        self._meter.take(data)
-        return data

@@ -158,10 +158,10 @@ def _blocks(
     if found.layout or (kind == ".log" and not is_plain):
         with open_text(path, found.encoding, errors="replace") as text:
             yield from channels.blocks_of(frames_of_lines(text, found, counters))
-    elif kind in _READERS:
+    elif kind in _READERS or found.is_candump:
         _keep_freed_memory()
         with open_binary(path) as file:
-            yield from _READERS[kind](file, counters, channels)
+            yield from _READERS.get(kind, candump.read_blocks)(file, counters, channels)
     else:
         raise ValueError(f"its first lines are those of no CAN log; known are {_TOOLS}")
     channels.finish()

@@ -25,7 +25,7 @@ from monitor.frames.blocks import (
     chosen,
     joined,
 )
-from monitor.frames.bounds import TABLE_RATIO, check_ratio
+from monitor.frames.bounds import TABLE_RATIO, check_ratio, is_on_disk
 from monitor.frames.channels import Channels
 
 _FINISHED, _UNFINISHED = b"MDF     ", b"UnFinMF "
@@ -165,7 +165,7 @@ def read_blocks(
     (early, is_packed), channels = check(file), channels or Channels()
     file.seek(0)
     source: Path | io.BytesIO
-    if isinstance(file, io.BufferedReader) and not (early and is_packed):
+    if is_on_disk(file) and not (early and is_packed):
         source = Path(file.name)
     else:
         source = io.BytesIO(file.read())

@@ -14,11 +14,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.signals import OUTPUT
-from monitor.base.types import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-)
+from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.frames.profiles.profile import (
     Profile,
     is_profile,
@@ -81,7 +77,8 @@ def is_table(path: str | Path) -> bool:
     if not is_readable(path) or suffix_of(path) not in TEXT:
         return is_readable(path)
     try:
-        return layout_of(path).layout is None
+        found = layout_of(path)
+        return found.layout is None and not found.is_candump
     except RecordingError:  # a log of a tool that is not read
         return False
     except (OSError, EOFError, ValueError):

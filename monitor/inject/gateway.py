@@ -14,7 +14,7 @@ from monitor.base.files.outputs import replaced
 from monitor.base.types import Frame
 from monitor.bus.link.clock import BEHIND_S, SILENCE_S
 from monitor.bus.link.recorder import Recorder, message_of
-from monitor.frames.blocks import blocks_of
+from monitor.frames.channels import Channels
 from monitor.frames.logs import frame_of, log_kind
 from monitor.frames.loop_frames import bus_state, is_own, time_mark
 from monitor.inject.injector import Injector
@@ -33,7 +33,7 @@ def write_log(path: Path, frames: Iterable[Frame]) -> int:
     log_kind(path)  # checks the final name, not that of the temporary file
     n = 0
     with replaced(path) as begun, Recorder(begun) as recorder:
-        for block in blocks_of(frames):
+        for block in Channels().blocks_of((frame, "") for frame in frames):
             recorder.write(block)
             n += len(block.key)
     return n

@@ -95,34 +95,34 @@ def read_blocks(
     announces, ValueError if it is damaged, and the errors of zlib. The frames before the damage
     are yielded first. Frames in objects of an unknown version are told in the counters' notes.
     """
-    announced, early = structure.check(file)
-    file.seek(0)
-    start_s = structure.start_s(file)
+    header = structure.header_of(file)
     n_objects, rest, unknown = 0, b"", Counter[int]()
     channels = channels or Channels()
-    for chunk in _inflated(file, chunk_bytes):
-        raw = b"".join((rest, *chunk, bytes(_MARGIN)))
-        position = 0
-        while run := _run(raw, position):
-            objects, position = run
-            n_objects += len(objects.at)
-            unknown.update(objects.unknown.tolist())
-            yield from _blocks(objects, start_s, counters, channels)
-        rest = raw[position:-_MARGIN]
-    for version, n in unknown.items():
-        counters.notes.append(f"{n} objects of header version {version} are not read")
-    if announced is not None and announced > n_objects:
-        early = early or f"its header announces {announced} objects"
-    if early:
-        raise CutShortError(early)
+    try:
+        for chunk in _inflated(file, header, chunk_bytes):
+            raw = b"".join((rest, *chunk, bytes(_MARGIN)))
+            position = 0
+            while run := _run(raw, position):
+                objects, position = run
+                n_objects += len(objects.at)
+                unknown.update(objects.unknown.tolist())
+                yield from _blocks(objects, header.start_s, counters, channels)
+            rest = raw[position:-_MARGIN]
+    finally:
+        for version, n in unknown.items():
+            counters.notes.append(f"{n} objects of header version {version} are not read")
+    if header.n_objects > n_objects:
+        raise CutShortError(f"its header announces {header.n_objects} objects")
 
 
-def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
+def _inflated(
+    file: IO[bytes], header: structure.BlfHeader, chunk_bytes: int
+) -> Iterator[list[bytes]]:
     """Yield the contents of containers in chunks; an error is raised after them."""
     parts: list[bytes] = []
     inflation = Inflation()
     try:
-        for kind, body, _ in structure.objects(file, 0):
+        for kind, body in structure.objects(file, header):
             if kind != _CONTAINER:
                 continue
             (method,) = _CONTAINER_HEADER.unpack_from(body)
@@ -135,8 +135,6 @@ def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
             if sum(map(len, parts)) >= chunk_bytes:
                 yield parts
                 parts = []
-    except (CutShortError, EOFError):  # of which the reader knows
-        pass
     except Exception:
         yield parts
         raise

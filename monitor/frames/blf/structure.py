@@ -6,65 +6,55 @@ python-can reads a BLF up to its end and does not report that the end comes too 
 import struct
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from typing import IO, Final
+from typing import IO, Final, NamedTuple
 
 from monitor.frames.blocks import CutShortError
 from monitor.frames.bounds import PIECE_BYTES, BoundError
 
-_FILE_HEADER: Final = struct.Struct("<4sLBBBBBBBBQQLL")
-_START: Final = struct.Struct("<4xL32x8H16x")  # size of the header, its SYSTEMTIME of the start
+_FILE_HEADER: Final = struct.Struct("<4sL8xQ8xL4x8H16x")  # its SYSTEMTIME is that of the start
 _OBJECT_HEADER: Final = struct.Struct("<4sHHLL")
 
 
-def check(file: IO[bytes]) -> tuple[int | None, str]:
-    """Return the number of objects that the header announces, and why the file ends too early.
+class BlfHeader(NamedTuple):
+    """What the header of a file says."""
 
-    The number is None if the header announces none, the reason "" if the file is whole. Raises
-    ValueError if the file is no BLF file or is damaged.
+    size: int  # bytes of the header
+    file_size: int  # bytes
+    n_objects: int  # 0: it does not say
+    start_s: float  # Unix time of the recording's begin, 0: it does not say
+
+
+def header_of(file: IO[bytes]) -> BlfHeader:
+    """Return the header of a file, which stands behind it afterwards.
+
+    Raises ValueError if the file is no BLF file, CutShortError if it ends inside its header.
     """
     head = file.read(_FILE_HEADER.size)
-    if len(head) < _FILE_HEADER.size or head[:4] != b"LOGG":
+    if head[:4] != b"LOGG":
         raise ValueError("not a BLF file")
-    fields = _FILE_HEADER.unpack(head)
-    header_size, file_size, n_objects = fields[1], fields[10], fields[12]
-    n_rest = header_size - _FILE_HEADER.size
-    if not 0 <= n_rest <= PIECE_BYTES:
-        raise ValueError(f"a header of {header_size:,} bytes, 144 are usual")
-    if len(file.read(n_rest)) < n_rest:
-        raise CutShortError("the file ends inside its header")
-    position = header_size
-    try:
-        for _, body, n_padding in objects(file, position):
-            position += _OBJECT_HEADER.size + len(body) + n_padding
-    except (CutShortError, EOFError) as error:
-        return n_objects or None, str(error)
-    if position < file_size:
-        return n_objects, f"the file has {position} bytes, its header announces {file_size}"
-    if file_size <= header_size and position > header_size:
-        return None, "the file was never finished: its header announces no data"
-    return n_objects or None, ""
+    if len(head) == _FILE_HEADER.size:
+        _, size, file_size, n, year, month, _, day, *clock = _FILE_HEADER.unpack(head)
+        hour, minute, second, ms = clock
+        n_rest = size - _FILE_HEADER.size
+        if not 0 <= n_rest <= PIECE_BYTES:
+            raise ValueError(f"a header of {size:,} bytes, 144 are usual")
+        try:
+            start = datetime(year, month, day, hour, minute, second, ms * 1000, tzinfo=UTC)
+            start_s = start.timestamp()
+        except ValueError:
+            start_s = 0.0
+        if len(file.read(n_rest)) == n_rest:
+            return BlfHeader(size, file_size, n, start_s)
+    raise CutShortError("the file ends inside its header")
 
 
-def start_s(file: IO[bytes]) -> float:
-    """Return the Unix time in s at which the recording began, 0 if the header tells no time.
+def objects(file: IO[bytes], header: BlfHeader) -> Iterator[tuple[int, bytes]]:
+    """Yield type and body of each object behind the header.
 
-    file : stands at its begin, and behind its header afterwards
+    Raises CutShortError, behind the objects, if the file ends too early; of a last object that is
+    incomplete, its part is yielded. Raises ValueError where no object begins.
     """
-    size, year, month, _, day, hour, minute, second, ms = _START.unpack(file.read(_START.size))
-    file.read(size - _START.size)
-    try:
-        return datetime(year, month, day, hour, minute, second, ms * 1000, tzinfo=UTC).timestamp()
-    except ValueError:
-        return 0.0
-
-
-def objects(file: IO[bytes], position: int) -> Iterator[tuple[int, bytes, int]]:
-    """Yield type, body and number of padding bytes of each object from ``position`` on.
-
-    position : byte at which the file stands
-    Of a last object that is incomplete, its part is yielded before CutShortError is raised. Raises
-    ValueError where no object begins.
-    """
+    position = header.size
     while start := file.read(_OBJECT_HEADER.size):
         if len(start) < _OBJECT_HEADER.size:
             raise CutShortError(f"the file ends inside a header at byte {position}")
@@ -79,9 +69,12 @@ def objects(file: IO[bytes], position: int) -> Iterator[tuple[int, bytes, int]]:
                 f"at most {PIECE_BYTES:,} are wanted"
             )
         body = file.read(size - _OBJECT_HEADER.size)
+        yield kind, body
         if len(body) < size - _OBJECT_HEADER.size:
-            yield kind, body, 0
             raise CutShortError(f"the log object at byte {position} ends too early")
-        n_padding = len(file.read(size % 4))  # some writers omit it after the last object
-        position += size + n_padding
-        yield kind, body, n_padding
+        position += size + len(file.read(size % 4))  # some writers pad the last object, some not
+    if position < header.file_size:
+        announced = header.file_size
+        raise CutShortError(f"the file has {position} bytes, its header announces {announced}")
+    if header.file_size <= header.size < position:
+        raise CutShortError("the file was never finished: its header announces no data")

@@ -20,7 +20,7 @@ from monitor.frames.profiles.conversion import (
 from monitor.frames.profiles.derived import derive
 from monitor.frames.profiles.profile import Profile, Source
 from monitor.frames.profiles.recognition import key, places
-from monitor.frames.profiles.times import TICKS_PER_S, cleaned, held, per_second
+from monitor.frames.profiles.times import TICKS_PER_S, cleaned, held, per_second, steps_in_counts
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.tables.readers import reason
 from monitor.frames.units import Unit, unit_of
@@ -222,6 +222,14 @@ def _time(
             return values, column.wraps_s
         if unit := _time_unit(column, each.source):
             return values * unit.factor, 0.0
+        if each.source.factor != 1.0:
+            return values * each.source.factor, 0.0
+        if counts := steps_in_counts(values):
+            raise RecordingError(
+                f"{raw.path}: the times of column {column.name} have no unit and go up by "
+                f'{counts:g}: in a profile say time = {{ column = "{column.name}", unit = "ms" }}, '
+                'or unit = "s", or factor = the seconds of one count'
+            )
         if (per_s := per_second(values)) != 1.0:
             notes.sentences.append(f"column {column.name}: no unit, taken for 1/{per_s:g} s")
         start = np.nanmin(values) if per_s == TICKS_PER_S else 0.0
@@ -249,6 +257,8 @@ def _signal(
     else:
         values, unit = converted(profile, setting, choice, column, cells)
         values = values * source.factor + source.offset
+        if BY_NAME[choice.name].unit == "-":  # no mixture is below 0: loggers write -1 for no value
+            values = np.where(values < 0.0, np.nan, values)
     if source.inverted:
         values = 1.0 - values
     return values, pinned, Found(choice.name, column.name, unit, "", int(pinned.sum()))

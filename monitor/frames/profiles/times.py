@@ -21,6 +21,7 @@ TICKS_PER_S: Final = 1e7
 DAYS: Final = (2e4, 6e4)  # since 1900
 SHORTEST_STEP_S: Final = 1e-4  # of a logger's rows
 LONGEST_STEP_S: Final = 60.0
+COUNTS: Final = 2.0  # whole steps from here on may be seconds, ms or counts
 EPOCH_S: Final = 1e9  # a time since 1970 from 2001 on
 LONGEST_IN_NS_S: Final = 1e6  # later times have microseconds, as those of frames
 
@@ -86,6 +87,21 @@ def spread(t_s: FloatArray, notes: Notes) -> FloatArray:
     notes.count("rows_spread", int(np.count_nonzero(same)))
     spread_s: FloatArray = t_s + step_s * place / np.maximum(np.repeat(size, size), usual)
     return spread_s
+
+
+def steps_in_counts(times: FloatArray) -> float:
+    """Return the usual step of times that may be counts: whole, of no date, too slow for seconds.
+
+    Else 0: from LONGEST_STEP_S on they are ms.
+
+    >>> steps_in_counts(np.arange(9) * 5.0), steps_in_counts(np.arange(9) * 100.0)
+    (5.0, 0.0)
+    """
+    known = times[np.isfinite(times)]
+    steps = np.diff(known)
+    step = float(np.median(steps)) if len(steps) else 0.0
+    is_whole = bool((known == np.rint(known)).all() and np.median(known) < EPOCH_S)
+    return step if is_whole and COUNTS <= step <= LONGEST_STEP_S else 0.0
 
 
 def per_second(times: FloatArray) -> float:

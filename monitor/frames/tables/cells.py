@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from monitor.frames.tables.raw_table import DAY_S, HOUR_S
+from monitor.frames.units import unit_of
 
 NO_VALUE: Final = frozenset(
     {"", "-", "--", "---", "∞", "-∞", "+∞", "nan", "n/a", "na", "#n/a", "null", "none", "no data"}
@@ -23,9 +24,12 @@ _CLOCK: Final = re.compile(
     r"(?:([ap]m)\s*)?(?:Z|([+-]\d\d):?(\d\d)?)?",
     re.I,
 )
+_BASIC: Final = re.compile(r"(\d{8})T(\d\d)(\d\d)(\d\d)[.,]?(\d*)")  # ISO 8601, 20261128T063000.5
 _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
 
 THOUSANDS: Final = re.compile(r"-?\d{1,3}(?:,\d{3})+(?:\.\d*)?")  # 1,700
+
+_MEASURE: Final = re.compile(r"\s*([-+]?\d[\d.,]*)\s*([^\d.,:;\s-][^\d]*?)\s*")  # 14.7 AFR
 
 Parse = Callable[[str], float]
 
@@ -80,6 +84,16 @@ def is_number(text: str, *, comma: bool = False) -> bool:
     return True
 
 
+def measure(text: str) -> tuple[str, str]:
+    """Return number and unit of a cell, all of it and "" if it is no number with a known unit.
+
+    >>> measure("3.2 V"), measure("90°C"), measure("3 of 5")
+    (('3.2', 'V'), ('90', '°C'), ('3 of 5', ''))
+    """
+    match = _MEASURE.fullmatch(text)
+    return (match[1], match[2]) if match and unit_of(match[2], 1.0) else (text, "")
+
+
 def is_no_value(text: str) -> bool:
     """Return whether a cell says that there is no value."""
     return text.strip().casefold() in NO_VALUE
@@ -98,7 +112,7 @@ class ColumnClock:
 
     def __call__(self, text: str) -> float:
         """Return the seconds of a cell, since midnight, the hour, or 1970 with a date; or NaN."""
-        match = _CLOCK.fullmatch(text.strip())
+        match = _clock_match(text)
         if match is None:
             return math.nan
         day, hours, minutes, seconds, ms, half, ahead, further = match.groups()
@@ -142,10 +156,19 @@ def clock(text: str) -> float:
 
 def wrap_s(text: str) -> float:
     """Return after how many seconds the clock of a cell starts again, 0 never."""
-    rest = text.strip().replace("T", " ")
-    if re.match(r".*\d[-/.]\w+[-/.]\d.* ", rest):
+    match = _clock_match(text)
+    if match is None or (match[1] and _readings(match[1])):
         return 0.0
-    return DAY_S if rest.count(":") >= 2 else HOUR_S
+    return DAY_S if match[2] else HOUR_S
+
+
+def _clock_match(text: str) -> re.Match[str] | None:
+    return _CLOCK.fullmatch(_BASIC.sub(r"\1T\2:\3:\4.\5", text.strip()))
+
+
+def of_unit(unit: str, parse: Parse) -> Parse:
+    """Return a parser of cells that end in a unit; one with another unit holds no value."""
+    return lambda text: parse(text.strip().removesuffix(unit))
 
 
 def of_words(words: tuple[str, ...]) -> Parse:

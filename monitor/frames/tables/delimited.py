@@ -21,6 +21,7 @@ from monitor.frames.tables.cells import (
     is_plain,
     number,
     number_with_comma,
+    of_unit,
     of_words,
 )
 from monitor.frames.tables.dialect import LINES, Dialect, dialect_of, own_dialect
@@ -172,9 +173,12 @@ def _parser(dialect: Dialect, wanted: Wanted) -> Parse:
         return exact_number
     if wanted.words:
         return of_words(wanted.words)
-    if dialect.columns[wanted.column].kind == "clock":
+    column, parse = dialect.columns[wanted.column], number
+    if dialect.decimal_comma:
+        parse = number_with_comma
+    if column.kind == "clock":
         return ColumnClock()
-    return number_with_comma if dialect.decimal_comma else number
+    return of_unit(column.unit, parse) if column.kind == "measure" else parse
 
 
 def _rows(

@@ -9,14 +9,14 @@ import io
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isnan
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from monitor.base.errors import RecordingError
 from monitor.frames.bounds import LINE_BYTES, head_of
-from monitor.frames.tables.cells import THOUSANDS, clock, is_no_value, is_number, wrap_s
+from monitor.frames.tables.cells import THOUSANDS, clock, is_no_value, is_number, measure, wrap_s
 from monitor.frames.tables.raw_table import RawColumn
 from monitor.frames.units import unit_of
 
@@ -147,7 +147,7 @@ def _layout(lines: Sequence[str], separator: str) -> _TextLayout | None:
     except csv.Error:
         return None
     comma = separator != "," or any('"' in line for line in lines)
-    cells = [cell.strip() for row in rows for cell in row] if comma else []
+    cells = [measure(cell)[0].strip() for row in rows for cell in row] if comma else []
     in_thousands = any(map(_POINT.fullmatch, cells)) and separator == ","
     comma = any(
         _COMMA.fullmatch(cell) and not (in_thousands and THOUSANDS.fullmatch(cell))
@@ -200,7 +200,9 @@ def _is_wide(row: Sequence[str], width: int) -> bool:
 def _is_data(row: Sequence[str], *, comma: bool) -> bool:
     """Return whether at least half of a row's cells are numbers or times; blanks do not count."""
     filled = [cell for cell in row if not is_no_value(cell)]
-    numbers = sum(is_number(cell, comma=comma) or not isnan(clock(cell)) for cell in filled)
+    numbers = sum(
+        is_number(measure(cell)[0], comma=comma) or not isnan(clock(cell)) for cell in filled
+    )
     return bool(filled) and 2 * numbers >= len(filled)
 
 
@@ -228,7 +230,10 @@ def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:
             name, unit, more = " ".join(filter(None, (_cell(row, i) for row in below))), "", ()
         seen[name] += bool(name)
         name = f"{name}#{seen[name]}" if seen[name] > 1 else name
-        columns.append(_column(layout, i, name, unit, more))
+        column = _column(layout, i, name, unit, more)
+        if not i and not name and len(header) == 1 and column.kind != "text":  # pandas' index
+            column = replace(column, name="index")
+        columns.append(column)
     return tuple(columns)
 
 
@@ -266,6 +271,9 @@ def _column(
         times = [text for text in found if not isnan(clock(text))]
         kind = "clock" if 2 * len(times) > len(found) else "text"
         wraps_s = wrap_s(times[0]) if kind == "clock" else 0.0
+        units = Counter(filter(None, (measure(text)[1] for text in found))).most_common(1)
+        if units:
+            unit, kind = units[0][0], "measure"
     return RawColumn(name, unit, kind, wraps_s, others)  # type: ignore[arg-type]
 
 

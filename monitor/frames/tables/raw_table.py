@@ -12,7 +12,8 @@ from typing import Final, Literal, NamedTuple
 from monitor.base.counts import counted
 from monitor.base.types import FloatArray
 
-Kind = Literal["number", "clock", "text"]  # of a column's cells; a clock's values are seconds
+# of a column's cells; a clock's values are seconds, a measure's cells end in its unit
+Kind = Literal["number", "clock", "text", "measure"]
 
 DAY_S: Final = 86_400.0
 HOUR_S: Final = 3_600.0

@@ -72,6 +72,7 @@ class TextLayout:
     frames: tuple[re.Pattern[str], ...]
     other: re.Pattern[str]  # lines that are no frame
     time_s: Callable[[str], float]
+    id_base: int = 0  # of identifiers, 0 that of the data
     wraps: bool = False  # the time of day, which begins anew at midnight
     ends_lines: bool = False  # with a line end, the last one, too
 
@@ -81,7 +82,15 @@ class TextLayout:
 
 
 _ANY: Final = re.IGNORECASE | re.ASCII
-_BYTES: Final = r"(?P<data>(?:[\s;,](?:0x)?[0-9a-f]{1,3})*)"
+_CELLS: Final = {  # of a line, as the patterns below name them
+    "time": r"(?P<time>\d+(?:[.,]\d+)?)",
+    "channel": r"(?P<channel>\d+)",
+    "id": r"(?P<id>(?:0x)?[0-9a-f]+)",
+    "ext": r"(?P<ext>x)",
+    "remote": r"(?P<remote>r)",
+    "length": r"(?P<length>\d+)",
+    "data": r"(?P<data>(?:(?:\s+|[;,])(?:0x)?[0-9a-f]{1,3}\b)*)",
+}
 _NOTHING: Final = re.compile(r"(?!)")
 _CONSOLE: Final = "candump on a console"
 _RELATIVE: Final = re.compile(
@@ -90,49 +99,56 @@ _RELATIVE: Final = re.compile(
 _PLAIN: Final = re.compile(r"\(\d+\.\d+\) \S+ [0-9A-F]+#")  # a line of candump -L
 _COLOURS: Final = re.compile("\x1b\\[[0-9;]*m")  # of candump -c
 _HEADER_WITHIN: Final = 60  # lines of a table
+_SURE_DIGITS: Final = 24  # (10/16)^24: hexadecimal ones without a letter are as rare
 _LEAST_STEP_US: Final = 100.0  # from one frame to the next, of a bus that is full
 _TIME: Final = re.compile(r"\s*(\d+\.\d+)\s")  # of any line of an .asc
 
-ASC: Final = TextLayout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, error frames
-    tool="Vector ASC",
+
+def _layout(
+    tool: str,
+    begins: str,
+    *rows: str,
+    other: str = r"(?!)",
+    time_s: Callable[[str], float] = float,
+    wraps: bool = False,
+    ends_lines: bool = False,
+) -> TextLayout:
+    """Return a layout; in the patterns of rows a blank stands for blanks, @name for a cell."""
+    frames = [
+        re.sub(r"@(\w+)", lambda cell: _CELLS[cell[1]], row.replace(" ", r"\s+")) for row in rows
+    ]
+    return TextLayout(
+        tool=tool,
+        begins=re.compile(begins, _ANY | re.M),
+        frames=tuple(re.compile(rf"\s*{row}\s*", _ANY) for row in frames),
+        other=re.compile(other, _ANY),
+        time_s=time_s,
+        wraps=wraps,
+        ends_lines=ends_lines,
+    )
+
+
+ASC: Final = _layout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, error frames
+    "Vector ASC",
+    r"^(?:date +\w{2,3} +\w{3} +\d|base\s+(?:hex|dec)\b|begin trigger)",
+    r"@time @channel @id@ext? (?:Rx|Tx|TxRq) (?:@remote(?: \w+)?|d (?P<dlc>[0-9a-f]{1,2})"
+    r"(?P<data>(?: [0-9a-f]{1,3}\b(?!\s*=))*))(?: \w+\s*=\s*\S+)*",
+    r"@time CANFD @channel (?:Rx|Tx|TxRq) @id@ext? (?:\S*[^\s\d]\S* )?[01] [01] [0-9a-f]+ "
+    r"@length@data(?:\s.*)?",
+    r"@time (?:CANFD )?@channel (?:[RT]x )?(?P<error>ErrorFrame).*",
+    # of a channel: a name that is no identifier behind its number
+    other=r"\s*(?:\d+\.\d+\s+(?:\d+\s+(?![0-9a-f]+x?\s)[a-z_]|J1939TP\s|\w+\s+Start of meas).*|"
+    r"(?!.*\s(?:Rx|Tx|TxRq)\s+[dr]\b)(?:[a-z]|//|\d+\.\d+\s+[a-z]).*)",
     ends_lines=True,
-    begins=re.compile(
-        r"^(?:date +\w{2,3} +\w{3} +\d|base\s+(?:hex|dec)\b|begin trigger)", _ANY | re.M
-    ),
-    frames=(
-        re.compile(
-            r"\s*(?P<time>\d+\.\d+)\s+(?P<channel>\d+)\s+(?P<id>[0-9a-f]+)(?P<ext>x?)\s+"
-            r"(?:Rx|Tx|TxRq)\s+(?:(?P<remote>r)(?:\s+\w+)?|"
-            r"d\s+(?P<dlc>[0-9a-f]{1,2})(?P<data>(?:\s+[0-9a-f]{1,3}\b(?!\s*=))*))"
-            r"(?:\s+\w+\s*=\s*\S+)*", _ANY,
-        ),
-        re.compile(
-            r"\s*(?P<time>\d+\.\d+)\s+CANFD\s+(?P<channel>\d+)\s+(?:Rx|Tx|TxRq)\s+"
-            r"(?P<id>[0-9a-f]+)(?P<ext>x?)\s+(?:\S*[^\s\d]\S*\s+)?[01]\s+[01]\s+[0-9a-f]+\s+"
-            r"(?P<length>\d+)(?P<data>(?:\s+[0-9a-f]{1,3}\b)*)(?:\s.*)?", _ANY,
-        ),
-        re.compile(
-            r"\s*(?P<time>\d+\.\d+)\s+(?:CANFD\s+)?(?P<channel>\d+)\s+(?:[RT]x\s+)?"
-            r"(?P<error>ErrorFrame).*", _ANY,
-        ),
-    ),
-    other=re.compile(  # of a channel: a name that is no identifier behind its number
-        r"\s*(?:\d+\.\d+\s+(?:\d+\s+(?![0-9a-f]+x?\s)[a-z_]|J1939TP\s|\w+\s+Start of meas).*|"
-        r"(?!.*\s(?:Rx|Tx|TxRq)\s+[dr]\b)(?:[a-z]|//|\d+\.\d+\s+[a-z]).*)", _ANY,
-    ),
-    time_s=float,
-)  # fmt: skip
-PEAK: Final = TextLayout(  # its columns stand in the header, see ``_peak``
-    tool="PEAK TRC",
-    ends_lines=True,
-    begins=re.compile(r"^;\$FILEVERSION=|^;.*PCAN|^ *\d+\) +\d", _ANY | re.M),
-    frames=(),
-    other=re.compile(
-        r"\s*;(?!\s*\d{1,15}\)?\s+\d+(?:\.\d+)?\s).*|"
-        r"\s*\d+\)?\s+[\d.]+\s+(?:\d+\s+)?(?:Warng|Error|ST|EC|ER|EV|FFFFFFFF)\b.*", _ANY,
-    ),
+)
+PEAK: Final = _layout(  # its columns stand in the header, see ``_peak``
+    "PEAK TRC",
+    r"^;\$FILEVERSION=|^;.*PCAN|^ *\d+\) +\d",
+    other=r"\s*;(?!\s*\d{1,15}\)?\s+\d+(?:\.\d+)?\s).*|"
+    r"\s*\d+\)?\s+[\d.]+\s+(?:\d+\s+)?(?:Warng|Error|ST|EC|ER|EV|FFFFFFFF)\b.*",
     time_s=lambda text: float(text) / 1e3,
-)  # fmt: skip
+    ends_lines=True,
+)
 _PEAK_COLUMNS: Final = {
     "1.1": "NOdILD",
     "1.2": "NOBdILD",
@@ -152,91 +168,64 @@ _PEAK_CELLS: Final = {
     "l": r"(?P<length>\d{1,2})",
     "D": r"(?:(?P<rtr>RTR)|(?P<data>[0-9a-f]{2}(?:\s+[0-9a-f]{2})*))",
 }
-CSV: Final = TextLayout(
-    tool="python-can CSV",
+CSV: Final = _layout(
+    "python-can CSV",
+    r"\Atimestamp,arbitration_id,",
+    r"(?P<time>-?[\d.]+(?:e[+-]?\d+)?),@id,(?:(?P<ext>1)|0),(?:(?P<remote>1)|0),"
+    r"(?:(?P<error>1)|0),@length,(?P<base64>[\w+/=]*)",
+    other=r"timestamp,arbitration_id,.*",
     ends_lines=True,
-    begins=re.compile(r"\Atimestamp,arbitration_id,"),
-    frames=(
-        re.compile(
-            r"(?P<time>-?[\d.]+(?:e[+-]?\d+)?),(?P<id>0x[0-9a-f]+),(?:(?P<ext>1)|0),"
-            r"(?:(?P<remote>1)|0),(?:(?P<error>1)|0),(?P<length>\d+),(?P<base64>[\w+/=]*)\s*", _ANY,
-        ),
-    ),
-    other=re.compile(r"timestamp,arbitration_id,.*"),
-    time_s=float,
-)  # fmt: skip
+)
 BY_SUFFIX: Final = {".asc": ASC, ".trc": PEAK}  # known by their suffix, too
 LAYOUTS: Final = (
-    TextLayout(
-        tool=_CONSOLE,
-        begins=re.compile(
-            r"^ *\([\d.: -]+\) +\S+ +(?:[RT]X [-B] [-E] +)?[0-9A-F]{3,8} +\[\d+\]", re.M
-        ),
-        frames=(re.compile(
-            r"\s*\((?P<time>[\d.: -]+)\)\s+(?P<channel>\S+)\s+(?:[RT]X\s+[-B]\s+[-E]\s+)?"
-            r"(?P<id>[0-9a-f]{3}|(?P<ext>[0-9a-f]{8}))\s+\[(?P<length>\d+)\]\s*"
-            r"(?:(?P<remote>remote request)|(?P<data>(?:\s?[0-9a-f]{2}\b)*))"
-            r"\s*(?P<error>ERRORFRAME)?(?:\s+'.*'?)?\s*", _ANY,
-        ),),
-        other=_NOTHING,
+    _layout(
+        _CONSOLE,
+        r"^ *\([\d.: -]+\) +\S+ +(?:[RT]X [-B] [-E] +)?[0-9A-F]{3,8} +\[\d+\]",
+        r"\((?P<time>[\d.:\s-]+)\) (?P<channel>\S+) (?:[RT]X [-B] [-E] )?"
+        r"(?P<id>[0-9a-f]{3}|(?P<ext>[0-9a-f]{8})) \[@length\]\s*"
+        r"(?:(?P<remote>remote request)|(?P<data>(?:\s?[0-9a-f]{2}\b)*))"
+        r"\s*(?P<error>ERRORFRAME)?(?: '.*')?",
         time_s=_stamp,
     ),
-    TextLayout(
-        tool="BusMaster",
-        begins=re.compile(r"^\*\*\*BUSMASTER", re.M),
-        frames=(re.compile(
-            r"(?P<time>\d+:\d+:\d+:\d+)\s+[RT]x\s+(?P<channel>\d+)\s+(?P<id>(?:0x)?[0-9a-f]+)\s+"
-            r"(?:s|(?P<ext>x))(?P<remote>r)?\s+(?P<length>\d+)" + _BYTES + r"\s*", _ANY,
-        ),),
-        other=re.compile(r"\*\*\*.*|.*\bERR\b.*", _ANY),
+    _layout(
+        "BusMaster",
+        r"^\*\*\*BUSMASTER",
+        r"(?P<time>\d+:\d+:\d+:\d+) [RT]x @channel @id (?:s|@ext)@remote? @length@data",
+        other=r"\*\*\*.*|.*\bERR\b.*",
         time_s=_clock,
         wraps=True,
     ),
-    TextLayout(
-        tool="CanHacker",
-        begins=re.compile(r"^\s*Time\s+ID\s+DLC\s+Data\b", _ANY | re.M),
-        frames=(re.compile(
-            r"\s*(?P<time>\d+[.,]\d+)\s+(?P<id>[0-9a-f]{1,3}|(?P<ext>[0-9a-f]{4,8}))\s+"
-            r"(?P<length>\d+)(?:\s+(?P<remote>RTR)|(?P<data>(?:\s+[0-9a-f]{2}\b)*))(?:\s.*)?", _ANY,
-        ),),
-        other=re.compile(r"\s*Time\s+ID\s+DLC.*", _ANY),
+    _layout(
+        "CanHacker",
+        r"^\s*Time\s+ID\s+DLC\s+Data\b",
+        r"@time (?P<id>[0-9a-f]{1,3}|(?P<ext>[0-9a-f]{4,8})) @length"
+        r"(?: (?P<remote>RTR)|(?P<data>(?: [0-9a-f]{2}\b)*))(?:\s.*)?",
+        other=r"\s*Time\s+ID\s+DLC.*",
         time_s=_seconds,
     ),
-    TextLayout(
-        tool="Kvaser CanKing",
-        begins=re.compile(r"^\s*Chn\s+Identifier\s+Flg\s+DLC", _ANY | re.M),
-        frames=(re.compile(
-            r"\s*(?P<channel>\d+)\s+(?P<id>[0-9a-f]+)\s+(?P<flags>(?:[a-wyz]|(?P<ext>x))*)\s+"
-            r"(?P<length>\d+)(?P<data>(?:\s+[0-9a-f]{1,3})*)\s+(?P<time>\d+\.\d+)\s+[RT]\s*", _ANY,
-        ),),
-        other=re.compile(r"\s*Chn\s+Identifier.*|.*ErrorFrame.*|\s*[a-z].*|-+.*", _ANY),
-        time_s=float,
+    _layout(
+        "Kvaser CanKing",
+        r"^\s*Chn\s+Identifier\s+Flg\s+DLC",
+        r"@channel @id (?P<flags>(?:[a-wyz]|@ext)*)\s*@length@data @time [RT]",
+        other=r"\s*Chn\s+Identifier.*|.*ErrorFrame.*|\s*[a-z].*|-+.*",
     ),
-    TextLayout(
-        tool="CRTD (OVMS)",
-        begins=re.compile(r"^\d+\.\d+ \d*(?:C[A-Z]{2}\b|[RT](?:11|29) )", re.M),
-        frames=(re.compile(
-            r"(?P<time>\d+\.\d+)\s+(?P<channel>\d*)[RT](?:11|(?P<ext>29))\s+(?P<id>[0-9a-f]+)"
-            r"(?P<data>(?:\s+[0-9a-f]{2})*)\s*", _ANY,
-        ),),
-        other=re.compile(r"\d+\.\d+\s+\d*C[A-Z]{2}\b.*"),
-        time_s=float,
+    _layout(
+        "CRTD (OVMS)",
+        r"^\d+\.\d+ \d*(?:C[A-Z]{2}\b|[RT](?:11|29) )",
+        r"@time (?P<channel>\d*)[RT](?:11|(?P<ext>29)) @id@data",
+        other=r"\d+\.\d+\s+\d*C[A-Z]{2}\b.*",
     ),
-    TextLayout(
-        tool="Microchip CAN BUS Analyzer",
-        begins=re.compile(r"Microchip Technology|^CAN BUS Analyzer", re.M),
-        frames=(re.compile(
-            r"(?P<time>\d+(?:\.\d+)?);[RT]X;(?P<id>0x[0-9a-f]+);(?P<length>\d+)"
-            + _BYTES + r"[;\s]*",
-            _ANY,
-        ),),
-        other=re.compile(r"[^;]*"),
+    _layout(
+        "Microchip CAN BUS Analyzer",
+        r"Microchip Technology|^CAN BUS Analyzer",
+        r"@time;[RT]X;@id;@length@data[;\s]*",
+        other=r"[^;]*",
         time_s=_milliseconds,
     ),
     CSV,
     PEAK,
     ASC,
-)  # fmt: skip
+)
 TABLE: Final = TextLayout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, …, see ``_table``
     tool="a table of frames",
     begins=_NOTHING,
@@ -248,18 +237,19 @@ TABLE: Final = TextLayout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, 
 _REST: Final = r'(?:"[^"]*"|[^{sep}]*)'  # a cell; {sep} parts them
 _YES: Final = r"true|t|1|x|ext\w*"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
-    (r"(?:abs ?)?(?:time|zeit).*|offset.*",
-     r'(?P<time>-?\d+(?:[.,]\d*)?|[^{sep}"]*\d:\d[^{sep}"]*)'),
+    (r"(?:abs ?)?(?:time|zeit).*|offset.*|ts",
+     r'(?P<time>-?\d+(?:[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d{8}T\d{6})[^{sep}"]*)'),
     (r"(?:(?:can|arb\w*|frame|msg|message)[ _-]?)?(?:id|identifier|addr\w*)\b.*",
      r"(?P<id>(?:0x)?[0-9a-f]{1,9})"),
     (r"(?:bus|channel|ch|chn|interface|network)(?:channel)?", r"(?P<channel>[^{sep}]*)"),
     (r"(?:data ?)?len(?:gth)?|size|dlc", r"(?:0x)?(?P<length>\d*)"),
     (r"ext\w*|ide|xtd|format|frame", rf"(?:(?P<ext>{_YES})|{_REST})"),
-    (r"remote|rtr|type", rf"(?:(?P<remote>t|1|true|rem\w*|rtr)|{_REST})"),
+    (r"remote|rtr", rf"(?:(?P<remote>t|1|true|rem\w*)|{_REST})"),
+    (r"type", rf"(?:(?P<remote>rem\w*|rtr)|{_REST})"),
     (r"er|err\w*", rf"(?:(?P<error>{_YES})|{_REST})"),
     (r"flags?", r'(?P<flags>[^{sep}"]*)'),
     (r"(?:data|payload)(?: ?bytes?)?(?: ?\(hex\))?",
-     r"(?:x\|)? *\[?(?:0x)?(?P<data>[0-9a-fx ]*)\]?"),
+     r"(?:x\|)? *\[?(?:0x)?(?P<data>[0-9a-fx: ]*)\]?"),
     (r"(?:data|byte|d|b)[ _]?[01]",
      r"(?P<data>(?:0x)?[0-9a-f]{0,3}(?:{sep} *(?:0x)?[0-9a-f]{0,3} *){0,{further}})"),
 )  # fmt: skip
@@ -267,6 +257,8 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
 UNREAD: Final = (
     (re.compile(r"Vehicle Spy|^Line,Abs Time ?\(Sec\),", _ANY | re.M),
      "Vehicle Spy without arbitration identifiers", "Vehicle Spy's own export"),
+    (re.compile(r'^"?No\."?[, ]+"?Time"?[, ]+"?Source', re.M), "Wireshark",
+     "tshark -T fields -E header=y -e frame.time_epoch -e can.id -e can.len -e data.data"),
     (re.compile(r"^# Logger type: CL\d000", re.M), "a CLX000 logger", "its CLX000 converters"),
     (re.compile(r"^Time[^,;\n]*[,;](?:CAN )?(?:Channel|ID|Identifier)[,;]", _ANY | re.M),
      "frames as CSV", "SavvyCAN or python-can's can_logconvert"),
@@ -283,6 +275,7 @@ class LayoutFound(NamedTuple):
     base: int = 16  # of identifiers and data
     deltas: bool = False  # each time is counted from the line before
     start_s: float = 0.0  # of the log, since 1970
+    is_candump: bool = False  # its first line is one of candump -L
 
 
 def layout_of(path: Path, kind: str = "") -> LayoutFound:
@@ -295,7 +288,7 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
     encoding = encoding_of(head)
     text = head.decode(encoding, errors="replace").replace("\r\n", "\n").lstrip("\ufeff")
     if _PLAIN.match(text):
-        return LayoutFound(encoding=encoding)
+        return LayoutFound(encoding=encoding, is_candump=True)
     text = _COLOURS.sub("", text)
     found = (each for each in LAYOUTS if each.begins.search(text))
     layout = next(found, None) or _table(text) or BY_SUFFIX.get(kind)
@@ -333,14 +326,15 @@ def _table(text: str) -> TextLayout | None:
     for number, line in enumerate(lines):
         for sep in ",;\t" if re.search("id|addr", line, re.I) else "":
             names = [name.strip().strip('"').casefold() for name in line.split(sep)]
-            names = [name.rpartition("can_dataframe.")[2] for name in names]
+            names = [name.rpartition(".")[2] for name in names]  # CAN_DataFrame.ID, can.id
             pattern = _table_row(names, sep)
             rows = (
                 list(filter(None, map(pattern.fullmatch, lines[number + 1 :]))) if pattern else []
             )
             if pattern and rows:
                 time_s = _table_time(names, [row["time"] for row in rows])
-                return replace(TABLE, frames=(pattern,), time_s=time_s)
+                id_base = 10 if _are_decimal_ids(line, {row["id"] for row in rows}) else 0
+                return replace(TABLE, frames=(pattern,), time_s=time_s, id_base=id_base)
     return None
 
 
@@ -360,7 +354,7 @@ def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
 
 def _table_time(names: Sequence[str], times: Sequence[str]) -> Callable[[str], float]:
     """Return the way to seconds: by the column's unit, else such that 1 to 10,000 frames/s come."""
-    if any(":" in time for time in times):
+    if any(mark in time for time in times for mark in ":Tt"):
         return ColumnClock()
     named = next(name for name in names if re.fullmatch(_TABLE_COLUMNS[0][0], name))
     unit = unit_of(name_and_unit(named)[1], 1.0)
@@ -373,6 +367,13 @@ def _table_time(names: Sequence[str], times: Sequence[str]) -> Callable[[str], f
     else:
         step_s = 1e-6 if step >= _LEAST_STEP_US else 1e-3
     return lambda text: _seconds(text) * step_s
+
+
+def _are_decimal_ids(header: str, ids: set[str]) -> bool:
+    """Return whether identifiers are decimal: tshark's, or digits that hexadecimal ones exclude."""
+    digits = "".join(ids)
+    is_sure = len(digits) >= _SURE_DIGITS or any(int(each, 16) >> 29 for each in ids)
+    return digits.isdecimal() and (is_sure or bool(re.search(r"\bcan\.id\b", header)))
 
 
 def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
@@ -425,7 +426,8 @@ def frames_of_lines(
                     late_s += _DAY_S
                 before_s = time_s + late_s
                 groups = match.groupdict()
-                frame = _frame(groups, found.start_s + before_s, found.base)
+                time_s = found.start_s + before_s
+                frame = _frame(groups, time_s, found.base, layout.id_base or found.base)
                 channel = groups.get("channel") or ""
         except (ValueError, IndexError):
             wanted = f"a frame of {layout.tool} is wanted" if layout else WANTED
@@ -438,7 +440,7 @@ def frames_of_lines(
             yield frame, channel
 
 
-def _frame(groups: dict[str, str | None], time_s: float, base: int) -> Frame | None:
+def _frame(groups: dict[str, str | None], time_s: float, base: int, id_base: int) -> Frame | None:
     """Return the frame of a line's groups, None for a remote or error frame."""
     if groups.get("remote") or groups.get("error") or groups.get("rtr"):
         return None
@@ -446,7 +448,7 @@ def _frame(groups: dict[str, str | None], time_s: float, base: int) -> Frame | N
     bits = int(flags) if flags.isdecimal() else 0  # of Kvaser
     if bits & _KVASER_NO_DATA:
         return None
-    can_id = int(groups["id"] or "", base)
+    can_id = int(groups["id"] or "", id_base)
     data = _data(groups, base)
     if len(data) > MAX_BYTES or not abs(time_s) < LATEST_S or can_id >> 29:
         raise ValueError("no CAN frame")
@@ -464,7 +466,8 @@ def _data(groups: dict[str, str | None], base: int) -> bytes:
     if (packed := groups.get("base64")) is not None:
         data = b64decode(packed, validate=True)
     else:
-        text = (groups.get("data") or "").replace(";", " ").replace(",", " ").split()
+        text = re.split(r"[\s;,:]+", (groups.get("data") or "").strip(" ;,:"))
+        text = [] if text == [""] else text
         if len(text) == 1 and len(text[0]) > 3 and "x" not in text[0]:  # without spaces
             text = re.findall("..", text[0])
         text = text if length < 0 else text[:length]  # a counter may stand behind the bytes

@@ -1,6 +1,5 @@
 """A text file as chunks of whole lines, with readable margins around each chunk."""
 
-import gzip
 from collections.abc import Iterator
 from typing import BinaryIO, Final
 
@@ -8,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.frames.blocks import CutShortError
-from monitor.frames.bounds import LINE_BYTES, too_long
+from monitor.frames.bounds import LINE_BYTES, PACKED_STEP, is_on_disk, too_long
 
 Bytes = NDArray[np.uint8]
 
 CUT_SHORT: Final = "the last line has no end and is left out"
 CHUNK_BYTES: Final = 1 << 20  # about the size of a processor's second cache
 MARGIN: Final = 256  # bytes before and after the lines that may be read; their content is open
-_GZIP_STEP: Final = 8192  # read size of a packed file, so that all before its damage is read
 
 
 class _EndError(Exception):
@@ -30,7 +28,7 @@ def line_chunks(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Iterator[Byte
     end, CutShortError is raised behind the others. Read errors are raised after the whole lines,
     and so is BoundError for a line of ``LINE_BYTES`` or more.
     """
-    step = _GZIP_STEP if isinstance(file, gzip.GzipFile) else 0
+    step = 0 if is_on_disk(file) else PACKED_STEP
     text, ending = bytearray(MARGIN), None
     while ending is None:
         end = max(MARGIN + chunk_bytes, len(text) + 1)

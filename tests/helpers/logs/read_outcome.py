@@ -8,7 +8,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, FrameBlock
-from monitor.frames.blf.structure import check as check_blf
+from monitor.frames.blf.structure import header_of, objects
 from monitor.frames.blocks import EXTENDED, LATEST_S, CutShortError, LogCounters
 from monitor.frames.bounds import open_text
 from monitor.frames.logs import frame_of, guarded, read_blocks
@@ -81,8 +81,12 @@ def python_can_reads(path: Path) -> Outcome:
     counters = LogCounters()
 
     def frames() -> Iterator[Frame]:
+        early: Exception | None = None
         with path.open("rb") as file:
-            _, early = check_blf(file)
+            try:
+                list(objects(file, header_of(file)))
+            except (CutShortError, EOFError) as error:
+                early = error
         with can.LogReader(path) as reader:
             for message in reader:
                 if message.is_error_frame or message.is_remote_frame:
@@ -100,7 +104,7 @@ def python_can_reads(path: Path) -> Outcome:
                 counters.frames += 1
                 yield frame_of(message)
         if early:
-            raise CutShortError(early)
+            raise early
 
     return outcome(guarded(path, counters, frames()), counters)
 

@@ -84,6 +84,7 @@ def test_clocks_with_and_without_hours_and_dates() -> None:
     assert clock("7-Mar-2026 00:00:02.5") == day + 2.5
     assert clock("2026-03-07T00:00:03Z") == day + 3.0
     assert clock("2026-03-07T02:00:03.5+02:00") == clock("2026-03-06 19:00:03.5 -0500") == day + 3.5
+    assert clock("20260307T000003.5Z") == clock("20260307T000003500") == day + 3.5
     assert np.isnan(clock("14.7"))
 
 

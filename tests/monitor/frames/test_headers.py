@@ -172,6 +172,7 @@ def test_rows_of_whole_seconds_are_spread_over_them(tmp_path: Path) -> None:
         ("time_h", lambda i: f"{12 + i / 36000:.8f}"),
         ("Time", lambda i: f"{73421 + i / 10:.1f}"),  # seconds of a day
         ("Ticks", lambda i: f"{638999999990000000 + 1000000 * i}"),
+        ("Clock", lambda i: f"{1770000000000 + 100 * i}"),
         ("Date", lambda i: f"{46353.5 + i / 864000:.9f}"),
         ("Time", lambda i: f"15:59:5{i // 10}:{i % 10}00"),
         ("Temps (min)", lambda i: f"{i / 600:.6f}"),
@@ -320,3 +321,27 @@ def test_a_packed_table_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) ->
     table, _ = proposed(path)
     assert 500 < len(table.t_ns) < 999
     assert any("cut short after line" in line for line in table.notes.lines)
+
+
+def test_numbers_may_stand_with_their_units_in_the_cells(tmp_path: Path) -> None:
+    # GIVEN cells such as 14.7 AFR, one of another unit, and -1 where the logger knows none
+    path = tmp_path / "units.csv"
+    path.write_text(
+        "Time,Engine Speed,Air Fuel Ratio\n0 s,1500 rpm,0.98 lambda\n0.1 s,1500 rpm,-1 AFR\n"
+        + rows(lambda i: f"{(i + 2) / 10} s,{RPM[i]} rpm,{AFR[i]:.2f} AFR")
+    )
+    table, _ = proposed(path)
+    np.testing.assert_allclose(values(table, "lambda_measured"), np.round(AFR, 2) / 14.7)
+    assert values(table, "engine_speed_rpm").tolist() == [1500, 1500, *RPM]
+
+
+def test_a_clock_in_counts_without_a_unit_is_asked_for(tmp_path: Path) -> None:
+    # GIVEN a clock that counts every 20 ms, and a row of every fifth count
+    path, own = tmp_path / "counts.csv", tmp_path / "own.toml"
+    path.write_text("Stamp,RPM,AFR\n" + rows(lambda i: f"{900 + 5 * i},{RPM[i]},{AFR[i]}"))
+    own.write_text('time = "Stamp"\n[signals]\nengine_speed_rpm = "RPM"\n')
+    with pytest.raises(RecordingError, match=r"Stamp have no unit and go up by 5: .* factor"):
+        read_table(path, own)
+    # WHEN the profile says what a count is
+    own.write_text(own.read_text().replace('"Stamp"', '{ column = "Stamp", factor = 0.02 }', 1))
+    np.testing.assert_allclose(np.diff(read_table(path, own).t_ns), 1e8)

@@ -149,6 +149,22 @@ Date: 1.2.2023
      2)        510.0 1  Tx        00C3  2  11 22
      3)        520.0 1  Rx    18FEF100  1  FF
 """,
+    "tshark.txt": """frame.time_epoch\tcan.id\tcan.len\tdata.data
+1700000000.000000000\t194\t8\t01:02:03:04:05:06:07:a8
+1700000000.010000000\t195\t2\t11:22
+1700000000.020000000\t419361024\t1\tff
+""",
+    "cl2000.txt": """# Logger type: CL2000
+# Value separator: ";"
+Timestamp;Type;ID;Data
+20261128T063000000;0;c2;01020304050607a8
+20261128T063000010;0;c3;1122
+20261128T063000020;1;18fef100;ff
+""",
+    "candump.txt": """(1700000000.000000) can0 0C2#01.02.03.04.05.06.07.A8
+(1700000000.010000) can0 0C3#1122
+(1700000000.020000) can0 18FEF100#FF
+""",
     "colours.log": """ \x1b[34m(001.500000)\x1b[m can0 \x1b[31m0C2\x1b[m [8] 01 02 03 04 05 06 07 A8
  \x1b[34m(001.510000)\x1b[0m  can0  \x1b[31m0C3\x1b[0m   [2]  11 22
  \x1b[34m(001.520000)\x1b[0m  can0  \x1b[31m18FEF100\x1b[0m   [1]  FF
@@ -205,6 +221,7 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
         ("Vehicle Spy Message History\nLine,Abs Time(Sec)\n", "not read, convert it with Vehicle"),
         ("Time,Channel,ID,Length\n0.1,0,0C2,1,FF\n", "frames as CSV: not read"),
         ("  can0  0C2   [2]  11 22\n", "candump without times"),
+        ('"No.","Time","Source"\n"1","0.1","ID: 194 (0xc2)"\n', "Wireshark: not read, convert"),
     ],
 )
 @pytest.mark.parametrize("name", ["drive.csv", "drive.log", "drive.txt"])

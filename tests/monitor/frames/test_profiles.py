@@ -446,16 +446,6 @@ def test_a_logger_that_asks_for_one_signal_after_the_other_leaves_cells_blank(
     assert " 3.1" in line or " 3.2" in line
 
 
-def test_times_since_1970_may_be_milliseconds(tmp_path: Path) -> None:
-    columns = {"Clock": 1.77e12 + 1000.0 * D["t_s"], "RPM": D["rpm"], "AFR": D["afr"]}
-    cells = {name: [f"{x:.1f}" for x in values] for name, values in columns.items()}
-    log = write_text_table(tmp_path / "drive.csv", cells)
-    profile = tmp_path / "own.toml"
-    profile.write_text('time = "Clock"\n[signals]\nengine_speed_rpm = "RPM"\n')
-    t_ns = read_table(log, profile).t_ns
-    assert (t_ns[-1] - t_ns[0]) / 1e9 == pytest.approx(D["t_s"][-1] - D["t_s"][0])
-
-
 def test_a_damaged_cell_does_not_tell_the_unit_of_all_times(tmp_path: Path) -> None:
     times = [f"{t:.3f}" for t in D["t_s"]]
     times[100] = "4.2e17"

@@ -17,8 +17,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, FrameBlock, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import LogCounters, block_of, frames_of
-from monitor.frames.blocks import blocks_of as in_blocks
-from monitor.frames.logs import read_frames
+from monitor.frames.logs import read_blocks
 from monitor.frames.loop_frames import time_mark
 from monitor.grid import block_samples
 from monitor.grid.block_assembler import BlockAssembler
@@ -141,7 +140,7 @@ def live(path: Path, setup: Setup) -> dict[str, Any]:
     sources = bus_sources(setup.bus_map, pipeline.monitor.names)
     collector = Collector(pipeline.monitor, sources=sources)
     timeline = Timeline(BlockDecoder(setup.bus_map, pipeline.decoder.names))
-    for block in timeline.blocks(in_blocks(read_frames(path, log))):
+    for block in timeline.blocks(read_blocks(path, log)):
         for part in blocks_of(list(frames_of(block)), [1, 4, 160]):
             for event in pipeline.push(part):
                 collector.push(event)
