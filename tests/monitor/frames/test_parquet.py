@@ -8,10 +8,11 @@ import pytest
 from monitor.base.errors import RecordingError
 from monitor.frames.tables import parquet
 
+polars = pytest.importorskip("polars")
+
 
 def written(path: Path) -> Path:
     """Write columns of each kind: whole numbers, floats with a gap, flags, a text."""
-    polars = pytest.importorskip("polars")
     polars.DataFrame(
         {
             "time_s": [0.0, 0.1, 0.2],
@@ -39,7 +40,6 @@ def test_numbers_flags_and_gaps_are_read(tmp_path: Path) -> None:
 
 def test_a_panic_of_polars_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # GIVEN a damaged table on which polars panics, which is no Exception
-    polars = pytest.importorskip("polars")
 
     def panics(_: object) -> None:
         raise polars.exceptions.PanicException("assertion failed")

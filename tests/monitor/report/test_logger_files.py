@@ -1,6 +1,7 @@
 """The logs of tuning tools through ``o2mon``: check, replay, profiles, Parquet, plug-ins."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,6 @@ import pytest
 
 from monitor import cli
 from monitor.base.errors import RecordingError
-from monitor.frames.tables import parquet
 from monitor.grid.tables import read_table
 from tests.helpers.logs.car_model import log_and_model
 from tests.helpers.logs.logger_files import TUNER_UNITS, drive, write_text_table
@@ -149,7 +149,7 @@ def test_parquet_is_judged_where_a_library_is_there_and_says_how_to_get_one(
     path = tmp_path / "drive.parquet"
     polars.read_csv(own, infer_schema_length=None).write_parquet(path)
     assert cli.main(["replay", str(path), "--quiet"]) == 0
-    monkeypatch.setattr(parquet, "find_spec", lambda _: None)
+    monkeypatch.setitem(sys.modules, "polars", None)
     with pytest.raises(RecordingError, match="pip install polars, or write the table as CSV"):
         read_table(path)
 
