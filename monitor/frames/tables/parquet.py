@@ -1,6 +1,7 @@
 """Parquet tables, through polars."""
 
 from collections.abc import Collection
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ def read_parquet(path: Path, needed: Collection[str] | None) -> tuple[list[str],
 def _columns(path: Path) -> dict[str, FloatArray | None]:
     """Return the columns, None for one that holds no numbers."""
     try:
-        import polars  # noqa: PLC0415
+        polars = import_module("polars")
     except ImportError as error:
         raise RecordingError(
             f"{path}: reading Parquet needs polars: pip install polars, or write the "

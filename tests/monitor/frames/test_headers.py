@@ -342,6 +342,5 @@ def test_a_clock_in_counts_without_a_unit_is_asked_for(tmp_path: Path) -> None:
     own.write_text('time = "Stamp"\n[signals]\nengine_speed_rpm = "RPM"\n')
     with pytest.raises(RecordingError, match=r"Stamp have no unit and go up by 5: .* factor"):
         read_table(path, own)
-    # WHEN the profile says what a count is
     own.write_text(own.read_text().replace('"Stamp"', '{ column = "Stamp", factor = 0.02 }', 1))
     np.testing.assert_allclose(np.diff(read_table(path, own).t_ns), 1e8)
