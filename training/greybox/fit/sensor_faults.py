@@ -3,7 +3,6 @@
 They act on the reading, after the chain. The definitions are those of the monitor's fault names;
 rising phi is lean to rich.
 """
-# mypy: disable-error-code="no-untyped-def"
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,11 +10,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from monitor.base.types import FloatArray
 from training.greybox.effects.effect import Parameter
-from training.greybox.quantity.dynamics import delayed
+from training.greybox.quantity.dynamics import delayed, followed
 
 Read = Callable[[FloatArray, FloatArray, float], FloatArray]  # phi, parameters, period in s
 LAMBDA_MAX, LAMBDA_MIN = 16.0, 0.5
@@ -31,23 +29,12 @@ class FaultHypothesis:
     read: Read  # healthy phi (n,), parameters (k,), period in s → phi as read
 
 
-@njit(cache=True)
-def _lag(u, keep_rising, keep_falling):  # pragma: no cover
-    out = np.empty_like(u)
-    x = u[0]
-    for k in range(len(u)):
-        keep = keep_rising if u[k] > x else keep_falling
-        x = u[k] + keep * (x - u[k])
-        out[k] = x
-    return out
-
-
 def _slow(
     phi: FloatArray, p: FloatArray, period_s: float, rising: float = 1.0, falling: float = 1.0
 ) -> FloatArray:
     """Lag the reading; ``rising`` and ``falling`` are 0 for a direction that is as fast as ever."""
-    keep = np.exp(-period_s / np.maximum([rising * p[0], falling * p[0]], 1e-4))
-    return _lag(phi, keep[0], keep[1])
+    up, down = 1.0 - np.exp(-period_s / np.maximum([rising * p[0], falling * p[0]], 1e-4))
+    return followed(phi, (up, up), (down, down))
 
 
 def _late(phi: FloatArray, p: FloatArray, period_s: float, of: Any = None) -> FloatArray:

@@ -23,23 +23,14 @@ LEAST_S: Final = 1e-6  # time constant of ``lag``
 LEAST_SAMPLES: Final = 1e-4  # time constant of ``ramp_lag`` and of a sensor in samples
 NEAR: Final = 1e-4  # samples: half of a difference over a delay
 LEAST_PROPORTIONAL: Final = 1e-9  # of ``proportional_lag``
-FREE: Final = (-np.inf, np.inf)  # limits of a lag without any
+LIMITS: Final = (0.0, PHI_MAX)  # of what a sensor reads
+Weights = tuple[Quantity, Quantity]  # of a lag: 1 minus that of the state, that of the newest input
 
 
 @register_jitable
 def _ramp_step(x, last, u, drop, newest):
     """Return the next state of a lag of ``u``, for a tensor of a graph or a number."""
     return (x + newest * (u - last)) + drop * (last - x)
-
-
-@register_jitable
-def _limited(x, low, high):
-    """Return ``x`` within limits that it seldom meets: branches are faster than min and max."""
-    if x < low:
-        x = low
-    elif x > high:
-        x = high
-    return x
 
 
 def lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity:
@@ -72,7 +63,7 @@ def ramp_lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity:
     if isinstance(u, Value):
         x, last, keep = _remembered(u)
         return keep(_ramp_step(x, last, u, drop, newest))
-    late = _ramp_lag(value_of(u), _row(value_of(drop)), _row(value_of(newest)), *FREE)
+    late = followed(value_of(u), (value_of(drop), value_of(newest)))
     return _with_slopes(late, u, drop, newest)
 
 
@@ -112,13 +103,32 @@ def _carried(u, drop, newest, source, n):  # pragma: no cover
     return out
 
 
+def followed(
+    u: FloatArray,
+    rising: Weights,
+    falling: Weights | None = None,
+    limits: tuple[float, float] = (-np.inf, np.inf),
+) -> FloatArray:
+    """Return ``u`` behind a lag with these weights by direction, within limits."""
+    up, down = (tuple(map(_row, each)) for each in (rising, falling or rising))
+    return _followed(u, up, down, *limits)
+
+
 @njit(cache=True)
-def _ramp_lag(u, drop, newest, low, high):  # pragma: no cover
+def _followed(u, rising, falling, low, high):  # pragma: no cover
     out = np.empty_like(u)
     x = last = u[0]
-    step = len(drop) > 1
+    up, down = len(rising[0]) > 1, len(falling[0]) > 1
     for k in range(len(u)):
-        x = _limited(_ramp_step(x, last, u[k], drop[k * step], newest[k * step]), low, high)
+        if u[k] > x:
+            drop, newest = rising[0][k * up], rising[1][k * up]
+        else:
+            drop, newest = falling[0][k * down], falling[1][k * down]
+        x = _ramp_step(x, last, u[k], drop, newest)
+        if x < low:  # branches are faster than min and max
+            x = low
+        elif x > high:
+            x = high
         last = u[k]
         out[k] = x
     return out
@@ -131,7 +141,7 @@ def proportional_lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity
     """
     drop, newest = _weights(time_s, period_s, LEAST_PROPORTIONAL)
     if not isinstance(u, Value):
-        return np.exp(_ramp_lag(np.log(u), _row(drop), _row(newest), *FREE))
+        return np.exp(followed(np.log(u), (drop, newest)))
     x, last, keep = _remembered(u)
     return keep(x * (last / x) ** drop * (u / last) ** newest)
 
@@ -152,39 +162,20 @@ def sensor_lag(u: Quantity, rising_s: Quantity, falling_s: Quantity, period_s: f
     rising = _weights(rising_s, period_s)
     falling = rising if falling_s is rising_s else _weights(falling_s, period_s)
     if isinstance(u, Dual):  # at a limit it has the slope of one without
-        weights = tuple(_row(value_of(each)) for each in (*rising, *falling))
-        read = _sensor_lag(u.value, *weights)
+        weights = ((value_of(drop), value_of(newest)) for drop, newest in (rising, falling))
+        read = followed(u.value, *weights, LIMITS)
         up = u.value > _before(read)
         chosen = rising
         if falling is not rising:
             chosen = tuple(where(up, *pair) for pair in zip(rising, falling, strict=True))
         return _with_slopes(read, u, *chosen)
     if not isinstance(u, Value):
-        weights = tuple(map(_row, (*rising, *falling)))
-        if falling is rising:  # half the time of a choice at each sample
-            return _ramp_lag(u, *weights[:2], 0.0, PHI_MAX)
-        return _sensor_lag(u, *weights)
+        return followed(u, rising, falling, LIMITS)
     x, last, keep = _remembered(u, READING)
     weights = rising
     if falling is not rising:
         weights = tuple(where(u > x, up, down) for up, down in zip(rising, falling, strict=True))
-    return keep(clip(_ramp_step(x, last, u, *weights), 0.0, PHI_MAX))
-
-
-@njit(cache=True)
-def _sensor_lag(u, rising, rising_newest, falling, falling_newest):  # pragma: no cover
-    out = np.empty_like(u)
-    x = last = u[0]
-    up, down = len(rising) > 1, len(falling) > 1
-    for k in range(len(u)):
-        if u[k] > x:
-            drop, newest = rising[k * up], rising_newest[k * up]
-        else:
-            drop, newest = falling[k * down], falling_newest[k * down]
-        x = _limited(_ramp_step(x, last, u[k], drop, newest), 0.0, PHI_MAX)
-        last = u[k]
-        out[k] = x
-    return out
+    return keep(clip(_ramp_step(x, last, u, *weights), *LIMITS))
 
 
 def delayed(u: Quantity, samples: Quantity, *, smooth: bool = False) -> Quantity:
@@ -234,10 +225,7 @@ def _delayed(u, samples, smooth):  # pragma: no cover
     return out
 
 
-def _weights(
-    time_s: Quantity, period_s: float, least: float = LEAST_SAMPLES
-) -> tuple[Quantity, Quantity]:
-    """Return 1 minus the weight of the state in a lag, and that of the newest input."""
+def _weights(time_s: Quantity, period_s: float, least: float = LEAST_SAMPLES) -> Weights:
     time = maximum(time_s / period_s, least)
     drop = 1.0 - exp(-1.0 / time)
     return drop, 1.0 - time * drop
