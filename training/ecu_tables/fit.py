@@ -7,8 +7,9 @@ residual is an outlier. The uncertainty is that of blocks of samples (White's sa
 holds when the residual is not quite white.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,7 @@ from training.ecu_tables.balance import balance
 from training.ecu_tables.fields import KNOTS, grid_over
 from training.ecu_tables.parameters import SCALARS, Parameters
 from training.ecu_tables.prediction import PredictionCase, reading, sensitivities
-from training.ecu_tables.signals import TableSubject
+from training.ecu_tables.signals import TableDrive, TableSubject
 
 AR_S: Final = 0.5  # length of the whitening filter
 AR_MOST: Final = 12
@@ -85,16 +86,15 @@ def fit(subject: TableSubject, report: Report = lambda _share, _sigma: None) -> 
 
 def _fit(subject: TableSubject, report: Report) -> FittedTables:
     first = _rough(subject, report)
-    p = _parameters(subject, KNOTS)
-    cases = tuple(PredictionCase.of(d, p) for d in subject.drives)
-    x = p.mean()
+    problem = _Problem.of(subject, subject.drives, KNOTS)
+    x = problem.p.mean()
     x[: len(SCALARS)] = first[: len(SCALARS)]
-    x, noise = _descent(p, x, cases, STEPS, _part(report, ROUGH_SHARE, 1.0))
-    prior = p.precision()
-    normal, _, blocks = _equations(p, x, cases, noise)
-    inverse = np.linalg.inv(normal + prior)
+    x, noise = problem.descent(x, STEPS, _part(report, ROUGH_SHARE, 1.0))
+    normal, _, blocks = problem.equations(x, noise)
+    inverse, prior = np.linalg.inv(normal + problem.prior), problem.prior
+    covariance = inverse @ (blocks + prior) @ inverse
     report(1.0, noise.sigma)
-    return FittedTables(p, x, inverse @ (blocks + prior) @ inverse, noise.sigma, cases)
+    return FittedTables(problem.p, x, covariance, noise.sigma, problem.cases)
 
 
 def _part(report: Report, begin: float, end: float) -> Report:
@@ -108,134 +108,115 @@ def _rough(subject: TableSubject, report: Report) -> FloatArray:
     A wet and a dry wall and short and long pipes explain a drive nearly alike from afar, and the
     descent does not cross from one to the other.
     """
-    p = _parameters(subject, ROUGH_KNOTS)
     longest = max(subject.drives, key=lambda d: int(d.usable.sum()))
-    cases = (PredictionCase.of(longest, p),)
-    flow = float(np.median(cases[0].point.flow_kg_h[longest.usable]))
+    problem = _Problem.of(subject, [longest], ROUGH_KNOTS)
+    p, flow_kg_h = problem.p, problem.cases[0].point.flow_kg_h
+    flow = float(np.median(flow_kg_h[longest.usable]))
     starts = [(film, pipe_s) for film in FILM_LOG_ODDS for pipe_s in PIPES_S]
     share = ROUGH_SHARE / len(starts)
     found = []
     for k, (film, pipe_s) in enumerate(starts):
         x = p.mean()
         x[p.at["film"]], x[p.at["delay_flow"]] = film, np.log(pipe_s * flow)
-        x, noise = _descent(p, x, cases, ROUGH_STEPS, _part(report, k * share, (k + 1) * share))
-        off = x - p.mean()
-        cost = _deviance(p, x, cases, noise) + 0.5 * float(off @ p.precision() @ off)
-        found.append((cost, x))
+        x, noise = problem.descent(x, ROUGH_STEPS, _part(report, k * share, (k + 1) * share))
+        number = sum(int(noise.kept(c.drive.usable).sum()) for c in problem.cases)
+        deviance = problem.cost(x, noise) + number * float(np.log(noise.sigma))
+        found.append((deviance, x))  # comparable between scales of the noise
     return min(found, key=lambda costed: costed[0])[1]
 
 
-def _parameters(subject: TableSubject, knots: int) -> Parameters:
-    rpm = [d.rpm[d.usable] for d in subject.drives]
-    p = Parameters(subject, grid_over(rpm, [d.load[d.usable] for d in subject.drives], knots))
-    return replace(p, fuel=balance(p))
+@dataclass(frozen=True)
+class _Problem:
+    """The parameters that some drives are to tell."""
 
+    p: Parameters
+    cases: tuple[PredictionCase, ...]
 
-def _descent(
-    p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...], steps: int, report: Report
-) -> tuple[FloatArray, _Noise]:
-    """Return the parameters after at most so many Gauss-Newton steps, and the noise at them."""
-    prior = p.precision()
-    noise = _noise(p, x, cases)
-    for k in range(steps):
-        normal, slope, _ = _equations(p, x, cases, noise)
-        downhill = slope - prior @ (x - p.mean())
-        step = np.asarray(np.linalg.solve(normal + prior, downhill), float)
-        if step @ downhill < GAIN_LEAST:
-            break
-        x = _descend(p, x, step=step, cases=cases, noise=noise, prior=prior)
-        noise = _noise(p, x, cases)
-        report((k + 1) / steps, noise.sigma)
-    return x, noise
+    @classmethod
+    def of(cls, subject: TableSubject, drives: Sequence[TableDrive], knots: int) -> "_Problem":
+        """Return the problem with a grid over all drives of the subject."""
+        usable = [d.usable for d in subject.drives]
+        rpm, load = (
+            [getattr(d, name)[on] for d, on in zip(subject.drives, usable, strict=True)]
+            for name in ("rpm", "load")
+        )
+        p = Parameters(subject, grid_over(rpm, load, knots))
+        p = replace(p, fuel=balance(p))
+        return cls(p, tuple(PredictionCase.of(d, p) for d in drives))
 
+    @cached_property
+    def prior(self) -> FloatArray:
+        """The inverse of the prior's covariance."""
+        return self.p.precision()
 
-def _deviance(
-    p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...], noise: _Noise
-) -> float:
-    """Return minus the logarithm of the likelihood, comparable between scales of the noise."""
-    number = sum(int(noise.kept(c.drive.usable).sum()) for c in cases)
-    return _cost(p, x, cases, noise) + number * float(np.log(noise.sigma))
+    def descent(self, x: FloatArray, steps: int, report: Report) -> tuple[FloatArray, _Noise]:
+        """Return the parameters after at most so many Gauss-Newton steps, and the noise there."""
+        noise = self.noise(x)
+        for k in range(steps):
+            normal, slope, _ = self.equations(x, noise)
+            downhill = slope - self.prior @ (x - self.p.mean())
+            step = np.asarray(np.linalg.solve(normal + self.prior, downhill), float)
+            if step @ downhill < GAIN_LEAST:
+                break
+            before = self.cost(x, noise)  # the largest part of the step that lowers it is taken
+            moves = (x + size * step for size in PARTS)
+            x = next((moved for moved in moves if self.cost(moved, noise) < before), x)
+            noise = self.noise(x)
+            report((k + 1) / steps, noise.sigma)
+        return x, noise
+
+    def noise(self, x: FloatArray) -> _Noise:
+        """Return the whitening filter of the residuals by weighted least squares."""
+        every = max(c.drive.every for c in self.cases)
+        order = min(max(round(AR_S / self.cases[0].drive.period_s / every), 2), AR_MOST)
+        normal, slope = np.zeros((order, order)), np.zeros(order)
+        for case in self.cases:
+            e = case.drive.phi - reading(self.p, x, case)
+            at = np.flatnonzero(_Noise.of(np.ones(order), every).kept(case.drive.usable))
+            late = np.stack([e[at - k * every] for k in range(1, order + 1)], axis=1)
+            w = _scale(case)[at] ** -2.0
+            normal += late.T @ (late * w[:, None])
+            slope += late.T @ (e[at] * w)
+        ridge = 1e-9 * np.trace(normal) * np.eye(order)
+        plain = _Noise.of(np.linalg.solve(normal + ridge, slope), every)
+        white = np.concatenate([self._white(x, case, plain) for case in self.cases])
+        return replace(plain, sigma=float(1.4826 * np.median(np.abs(white))))
+
+    def _white(self, x: FloatArray, case: PredictionCase, noise: _Noise) -> FloatArray:
+        """Return the whitened residuals (m,) of the samples that count."""
+        e = case.drive.phi - reading(self.p, x, case)
+        white = lfilter(noise.filter, [1.0], e) / _scale(case) / noise.sigma
+        return np.asarray(white[noise.kept(case.drive.usable)])
+
+    def cost(self, x: FloatArray, noise: _Noise) -> float:
+        """Return half the squares, growing slowly beyond three sigma, with those of the prior."""
+        off = x - self.p.mean()
+        total = 0.0
+        for case in self.cases:
+            white = self._white(x, case, noise)
+            total += float(np.log1p((white / OUTLIER) ** 2).sum()) * OUTLIER**2 / 2.0
+        return total + 0.5 * float(off @ self.prior @ off)
+
+    def equations(self, x: FloatArray, noise: _Noise) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the normal matrix, the slope, and the sum of squares of the blocks' slopes."""
+        size = self.p.size
+        normal, slope, squares = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
+        for case in self.cases:
+            scale = _scale(case)[:, None] * noise.sigma
+            base, jacobian = sensitivities(self.p, x, case)
+            jacobian = lfilter(noise.filter, [1.0], jacobian, axis=0) / scale
+            white = lfilter(noise.filter, [1.0], case.drive.phi - base) / scale[:, 0]
+            w = noise.kept(case.drive.usable) / (1.0 + (white / OUTLIER) ** 2)
+            weighted = jacobian * w[:, None]
+            normal += jacobian.T @ weighted
+            gradient = weighted * white[:, None]
+            slope += gradient.sum(axis=0)
+            starts = np.arange(0, len(base), round(BLOCK_S / case.drive.period_s))
+            sums = np.add.reduceat(gradient, starts, axis=0)
+            squares += sums.T @ sums
+        return normal, slope, squares
 
 
 def _scale(case: PredictionCase) -> FloatArray:
     d = case.drive
     return 1.0 + (d.move / MOVE_SCALE) ** 2 + (d.air_move / AIR_MOVE_SCALE) ** 2
-
-
-def _noise(p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...]) -> _Noise:
-    """Return the whitening filter of the residuals by weighted least squares."""
-    every = max(c.drive.every for c in cases)
-    order = min(max(round(AR_S / cases[0].drive.period_s / every), 2), AR_MOST)
-    normal, slope = np.zeros((order, order)), np.zeros(order)
-    for case in cases:
-        e = case.drive.phi - reading(p, x, case)
-        at = np.flatnonzero(_Noise.of(np.ones(order), every).kept(case.drive.usable))
-        late = np.stack([e[at - k * every] for k in range(1, order + 1)], axis=1)
-        w = _scale(case)[at] ** -2.0
-        normal += late.T @ (late * w[:, None])
-        slope += late.T @ (e[at] * w)
-    plain = _Noise.of(
-        np.linalg.solve(normal + 1e-9 * np.trace(normal) * np.eye(order), slope), every
-    )
-    white = np.concatenate([_white(p, x, c, plain)[plain.kept(c.drive.usable)] for c in cases])
-    return replace(plain, sigma=float(1.4826 * np.median(np.abs(white))))
-
-
-def _white(p: Parameters, x: FloatArray, case: PredictionCase, noise: _Noise) -> FloatArray:
-    e = case.drive.phi - reading(p, x, case)
-    return np.asarray(lfilter(noise.filter, [1.0], e) / _scale(case) / noise.sigma)
-
-
-def _cost(p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...], noise: _Noise) -> float:
-    """Return the robust cost: half the squares, growing slowly beyond three sigma."""
-    total = 0.0
-    for case in cases:
-        white = _white(p, x, case, noise)[noise.kept(case.drive.usable)]
-        total += float(np.log1p((white / OUTLIER) ** 2).sum()) * OUTLIER**2 / 2.0
-    return total
-
-
-def _equations(
-    p: Parameters, x: FloatArray, cases: tuple[PredictionCase, ...], noise: _Noise
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the normal matrix, the slope, and the sum of squares of the blocks' slopes."""
-    normal, slope = np.zeros((p.size, p.size)), np.zeros(p.size)
-    squares = np.zeros((p.size, p.size))
-    for case in cases:
-        kept = noise.kept(case.drive.usable)
-        scale = _scale(case)[:, None] * noise.sigma
-        base, jacobian = sensitivities(p, x, case)
-        jacobian = lfilter(noise.filter, [1.0], jacobian, axis=0) / scale
-        white = lfilter(noise.filter, [1.0], case.drive.phi - base) / scale[:, 0]
-        w = kept / (1.0 + (white / OUTLIER) ** 2)
-        weighted = jacobian * w[:, None]
-        normal += jacobian.T @ weighted
-        gradient = weighted * white[:, None]
-        slope += gradient.sum(axis=0)
-        size = round(BLOCK_S / case.drive.period_s)
-        starts = np.arange(0, len(base), size)
-        sums = np.add.reduceat(gradient, starts, axis=0)
-        squares += sums.T @ sums
-    return normal, slope, squares
-
-
-def _descend(
-    p: Parameters,
-    x: FloatArray,
-    step: FloatArray,
-    cases: tuple[PredictionCase, ...],
-    noise: _Noise,
-    prior: FloatArray,
-) -> FloatArray:
-    """Return the parameters after the largest part of the step that lowers the cost."""
-
-    def cost(y: FloatArray) -> float:
-        off = y - p.mean()
-        return _cost(p, y, cases, noise) + 0.5 * float(off @ prior @ off)
-
-    before = cost(x)
-    for size in PARTS:
-        moved = x + size * step
-        if cost(moved) < before:
-            return moved
-    return x

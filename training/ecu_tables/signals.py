@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import savgol_filter
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.grid.column_times import interval
 from training.recordings.ecu_table import KPA, MG_PER_STROKE
 from training.recordings.recording import Recording
@@ -205,13 +205,15 @@ def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> T
     coolant = held.get("coolant_temperature_degc", np.full(len(rpm), WARM_DEGC))
     volts = held.get("battery_voltage_v", np.full(len(rpm), VOLTS))
     rail = held.get("rail_pressure_mpa")
+    of, which = _stays(phi)
     known = [rpm, charge, fuel, load_values, volts, coolant]
     rejected = {
         "a signal has no value": ~np.isfinite(np.column_stack([*known, phi])).all(axis=1),
         "the engine stands": ~(rpm > RPM_LEAST),
         "the sensor is not ready": held.get("sensor_ready", np.ones(len(rpm))) <= 0.5,
-        "lambda stands still for 2 s": _stuck(phi, round(2.0 / period_s)),
-        "lambda is repeated until its next update": _repeated(phi, every),
+        "lambda stands still for 2 s": of >= round(2.0 / period_s),
+        "lambda is repeated until its next update": which % every
+        > 0,  # a slow sensor in a fast log
         "lambda is that of fuel cut or of the sensor's end": ~(
             (phi > PHI_LEAST) & (phi < PHI_MOST)
         ),
@@ -266,24 +268,12 @@ def _held(values: FloatArray, most: int) -> FloatArray:
     return np.where(near, values[np.maximum(last, 0)], np.nan)
 
 
-def _stuck(phi: FloatArray, samples: int) -> BoolArray:
-    """Return where phi holds one value for so many samples: cold sensor, end of its range."""
-    same = np.concatenate([[False], phi[1:] == phi[:-1]])
-    at = np.arange(len(phi))
-    change = np.maximum.accumulate(np.where(same, 0, at))
-    ends = np.append(np.flatnonzero(~same)[1:], len(phi)) if len(phi) else np.empty(0, np.int64)
-    starts = np.flatnonzero(~same)
-    length = np.zeros(len(phi), dtype=np.int64)
-    length[starts] = ends - starts
-    return np.asarray(length[change] >= samples)
-
-
-def _repeated(phi: FloatArray, every: int) -> BoolArray:
-    """Return where a reading is repeated (n,), as that of a sensor on CAN in a faster log."""
-    changes = np.concatenate([[True], phi[1:] != phi[:-1]])
-    at = np.arange(len(phi))
-    age = at - np.maximum.accumulate(np.where(changes, at, 0))
-    return np.asarray(age % every > 0)
+def _stays(phi: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return for each sample of how many (n,) with its value it is, and which of them (n,)."""
+    changes = [np.ones(min(len(phi), 1), dtype=bool), phi[1:] != phi[:-1]]
+    starts = np.flatnonzero(np.concatenate(changes))
+    lengths = np.diff(np.append(starts, len(phi)))
+    return np.repeat(lengths, lengths), np.arange(len(phi)) - np.repeat(starts, lengths)
 
 
 def _smooth(values: FloatArray, samples: int) -> FloatArray:

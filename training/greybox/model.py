@@ -28,12 +28,14 @@ from training.greybox.fit.constants import (
     ROUNDS,
     STARTS,
     Fitted,
+    Report,
+    Told,
     described,
     fit_constants,
+    nobody,
     reference,
 )
 from training.greybox.fit.drive import ChainDrive, until
-from training.greybox.fit.told import Report, Told, nobody
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, save
 from training.narx.model_file import FreeRunFit, card_of, held_out

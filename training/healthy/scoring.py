@@ -10,8 +10,7 @@ from monitor.base.types import FloatArray, IntArray
 from training.greybox.fit import ridge
 from training.greybox.fit.case import Case, plain_errors, predict
 from training.greybox.fit.comparison import FOLDS
-from training.greybox.fit.held_out import held_out
-from training.greybox.fit.joint import JointFit
+from training.greybox.fit.joint import JointFit, held_out
 from training.healthy.behaviour import columns, noise, white
 
 LARGEST: Final = 5.0  # of a whitened error in sigma, beyond which it counts no more

@@ -18,8 +18,7 @@ from monitor.base.errors import RecordingError
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.case import Term
 from training.greybox.fit.drive import ChainDrive, path_of
-from training.greybox.fit.held_out import held_out_rmse
-from training.greybox.fit.joint import fit
+from training.greybox.fit.joint import fit, held_out_rmse
 from training.greybox.fit.sensor_faults import FAULTS
 from training.healthy import behaviour
 from training.healthy.base_state import BaseState, base_state

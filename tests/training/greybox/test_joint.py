@@ -10,8 +10,7 @@ from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.case import Prior, plain_errors, predict
 from training.greybox.fit.drive import make
-from training.greybox.fit.held_out import held_out, held_out_rmse
-from training.greybox.fit.joint import fit
+from training.greybox.fit.joint import fit, held_out, held_out_rmse
 
 
 def test_the_base_is_found_again_from_far_away() -> None:

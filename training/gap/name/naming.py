@@ -31,8 +31,7 @@ from training.greybox.chain import Constants
 from training.greybox.effects import ALL, Effect
 from training.greybox.fit.case import Case, Prior, Term
 from training.greybox.fit.drive import ChainDrive
-from training.greybox.fit.held_out import held_out_rmse
-from training.greybox.fit.joint import fit
+from training.greybox.fit.joint import fit, held_out_rmse
 from training.greybox.fit.sensor_faults import FAULTS
 from training.healthy import scoring
 from training.healthy.base_state import FREE, BaseState, base_state

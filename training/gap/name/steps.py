@@ -9,7 +9,7 @@ from training.gap.name.posterior import Posterior, on_top
 from training.gap.name.verdict import Candidate, Round
 from training.greybox.effects import Effect
 from training.greybox.fit.case import Term
-from training.greybox.fit.held_out import held_out_rmse
+from training.greybox.fit.joint import held_out_rmse
 from training.healthy.base_state import BaseState
 from training.jobs import Progress
 

@@ -7,8 +7,8 @@ autoregression, fitted in turn with the constants (Söderström and Stoica, Syst
 1989, sections 7.4 and 10.3).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from training.greybox.chain import RANGES, Constants
 from training.greybox.fit.case import WHITE, Case, predict
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.joint import HIGH, LOW, JointFit, JointSearch, fit
-from training.greybox.fit.told import Told
 
 BLOCK_S = 45.0  # samples further apart than this count as independent in a standard error
 SAMPLES_LEAST = 500
@@ -40,7 +39,31 @@ STANDARD_ERRORS = (
     f"correlation within blocks of {BLOCK_S:g} s is allowed for (sandwich over blocks)"
 )
 AT_BOUND = 1e-3  # of the range: a constant so near to its bound ended at it
+Report = Callable[[float, float], None]  # share done, 0 to 1; best RMSE so far in phi
 SWAPPED = (0, 1, 2, 4, 3, 5)  # mixing_s and sensor_s
+
+
+def nobody(_share: float, _rmse: float) -> None:
+    """Tell nobody."""
+
+
+@dataclass
+class Told:
+    """Counts the rounds of a fit.
+
+    rounds : of the whole fit; a fit that ends early has fewer
+    """
+
+    report: Report = nobody
+    rounds: int = 1
+    _done: int = 0
+    _best: float = field(default=float("inf"))
+
+    def round_done(self, rmse: float) -> None:
+        """Count one more round that ended with this error."""
+        self._done += 1
+        self._best = min(self._best, rmse)
+        self.report(min(self._done / self.rounds, 1.0), self._best)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,7 @@ from training.gap.name.ranking import rank
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
 from training.greybox.effects.empirical import effect_of, form_of, in_form, name_of, signal_of
-from training.greybox.fit.held_out import held_out_rmse
-from training.greybox.fit.joint import JointFit, fit
+from training.greybox.fit.joint import JointFit, fit, held_out_rmse
 from training.healthy import scoring
 from training.healthy.base_state import BaseState
 from training.healthy.without import corrections
