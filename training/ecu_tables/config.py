@@ -30,12 +30,9 @@ def defaults() -> TablesConfig:
     """Return the settings of ``default.toml``."""
     read = ShippedSettings("training.ecu_tables").values()
     return TablesConfig(
-        z90=read["interval"]["z90"],
-        air_scale=read["interval"]["air_scale"],
-        least_s=read["cell"]["least_s"],
-        widest=read["widest"],
-        bluntest=read["bluntest"],
-        widening=read["widening"],
+        **read["interval"],
+        **read["cell"],
+        **{table: read[table] for table in ("widest", "bluntest", "widening")},
     )
 
 

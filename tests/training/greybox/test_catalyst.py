@@ -10,8 +10,7 @@ from benchmarks.studies.second import brick as second_catalyst
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.cli import main
-from training.greybox.catalyst.chain import Catalyst, volts
-from training.greybox.catalyst.fit import CatalystDrive, fit
+from training.greybox.catalyst import Catalyst, CatalystDrive, fit, volts
 
 PERIOD_S = 0.1
 START = (Catalyst(capacity_g=0.1),)
@@ -66,7 +65,7 @@ def a_table(path: Path, names: tuple[str, ...], values: FloatArray) -> Path:
 def test_the_command_writes_constants_with_standard_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("training.greybox.catalyst.fit.fit.__defaults__", (START,))
+    monkeypatch.setattr("training.greybox.catalyst.fit.__defaults__", (START,))
     values = second_catalyst.drive(2, 2, second_catalyst.brick(2, 0.3))[:3000]
     table = a_table(tmp_path / "drive.csv", second_catalyst.NAMES, values)
     out = tmp_path / "catalyst.json"

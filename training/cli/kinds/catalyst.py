@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 from training.cli.kinds.fit_command import FitCommand
 
 if TYPE_CHECKING:
-    from training.greybox.catalyst.fit import FittedCatalyst
+    from training.greybox.catalyst import FittedCatalyst
     from training.recordings.recording import Recording
 
 OUTPUT: Final = "downstream_voltage_v"
@@ -18,7 +18,7 @@ def run(args: FitCommand) -> int:
     Raises UsageError or RecordingError (exit code 2).
     """
     from monitor.base.errors import UsageError
-    from training.greybox.catalyst.fit import drive_of, fit, write
+    from training.greybox.catalyst import drive_of, fit, write
     from training.recordings.recording import check_each_once
 
     if args.out.suffix != ".json":
@@ -37,7 +37,7 @@ def _load(path: Path, args: FitCommand) -> "Recording":
     """Return a recording with the signals of the catalyst; a log has them as optional ones."""
     from monitor.decode.bus_map import load_pairs
     from monitor.grid.tables import is_table
-    from training.greybox.catalyst.fit import NEEDED
+    from training.greybox.catalyst import NEEDED
     from training.recordings.files.measurement import is_measurement
     from training.recordings.recording import default_pairs, load
 

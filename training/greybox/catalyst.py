@@ -1,4 +1,11 @@
-"""The constants of catalyst and downstream sensor from recordings, with standard errors.
+"""A catalyst and its downstream sensor with ten constants, as one compiled loop, and their fit.
+
+With x = 1 - 1/lambda + offset, oxygen enters at 0.23 · air flow · x. ``CELLS`` equal cells follow
+each other. The part f^fill of lean gas passes a cell that is filled to the part f, and
+(1 - f)^release of rich gas; the rest is stored as far as there is room (Brandt, Wang and Grizzle,
+IEEE Trans. Control Systems Technology 8, 2000). The gas over the last cell is lean where that is
+full and rich where it is empty. A switching sensor sees the gas with a dead time, a shift by
+hydrogen and a lag per direction (Auckenthaler, ETH 16018, 2005).
 
 Robust least squares (soft L1) of the voltage in free run, from several capacities and sensors. Only
 samples with a warm brick, at moderate flow, and ``SETTLE_S`` after a break count. Standard errors
@@ -10,21 +17,29 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy.optimize import least_squares
 
 from monitor.base.config import CatalystConfig, shipped
 from monitor.base.errors import RecordingError
 from monitor.base.files.outputs import write_text
 from monitor.base.types import BoolArray, FloatArray
-from training.greybox.catalyst.chain import RANGES, Catalyst, volts
 from training.greybox.fit.constants import sandwich
+from training.greybox.fit.drive import until
+from training.recordings.samples.rows import hold
 
 if TYPE_CHECKING:
     from training.recordings.recording import Recording
 
+CELLS: Final = 4
+SUBSTEPS: Final = 4  # of a sample: a small cell fills within one
+OXYGEN_IN_AIR: Final = 0.23  # mass fraction
+EQUILIBRIUM_PHI: Final = 0.0014  # x over a full last cell, and its negative over an empty one
+WIDTH_PHI: Final = 0.0015  # of the switching characteristic
+X_MOST: Final = 0.999
 OUTPUT: Final = "downstream_voltage_v"
 NEEDED: Final = (OUTPUT, "lambda_measured", "maf_kg_h")
 SCHEMA: Final = "o2train.catalyst/1"
@@ -32,12 +47,90 @@ SETTLE_S: Final = 20.0
 BLOCK_S: Final = 30.0
 SAMPLES_LEAST: Final = 600
 ROBUST_V: Final = 0.1  # from here on an error of the voltage counts less than its square
+
+
+class Catalyst(NamedTuple):
+    """The constants."""
+
+    capacity_g: float = 0.3
+    fill: float = 5.0
+    release: float = 5.0
+    offset_phi: float = 0.0  # added to the upstream reading
+    hydrogen_phi: float = 0.001
+    delay_s: float = 0.1
+    to_rich_s: float = 0.1
+    to_lean_s: float = 0.15
+    low_v: float = 0.07
+    span_v: float = 0.72
+
+
+class CatalystRange(NamedTuple):
+    """Unit, bounds and form of a constant."""
+
+    unit: str
+    low: float
+    high: float
+    is_log: bool  # fitted as its logarithm
+
+
+RANGES: Final[dict[str, CatalystRange]] = {  # of each constant, in the order of ``Catalyst``
+    "capacity_g": CatalystRange("g", 0.005, 3.0, is_log=True),
+    "fill": CatalystRange("", 0.5, 30.0, is_log=True),
+    "release": CatalystRange("", 0.5, 30.0, is_log=True),
+    "offset_phi": CatalystRange("1 - 1/lambda", -0.06, 0.06, is_log=False),
+    "hydrogen_phi": CatalystRange("1 - 1/lambda", -0.003, 0.005, is_log=False),
+    "delay_s": CatalystRange("s", 0.0, 2.5, is_log=False),
+    "to_rich_s": CatalystRange("s", 0.01, 4.0, is_log=True),
+    "to_lean_s": CatalystRange("s", 0.01, 4.0, is_log=True),
+    "low_v": CatalystRange("V", -0.1, 0.45, is_log=False),
+    "span_v": CatalystRange("V", 0.05, 1.2, is_log=False),
+}
 STARTS: Final = tuple(
     Catalyst(capacity_g=grams, to_rich_s=lag_s, to_lean_s=lag_s)
     for grams, lag_s in ((0.03, 0.1), (0.12, 0.1), (0.5, 0.1), (0.06, 1.0), (0.4, 1.0))
 )
 NAMES: Final = Catalyst._fields
+IS_LOG: Final = tuple(each.is_log for each in RANGES.values())
 HELD_SHARE: Final = 0.02  # of the range; a constant nearer to its bound ended at it
+
+
+@njit(cache=True)
+def volts(x: FloatArray, air_g_s: FloatArray, period_s: float, c: Catalyst) -> FloatArray:
+    """Return the voltage, (n,), of a catalyst that begins half full.
+
+    x : (n,) 1 - 1/lambda upstream; air_g_s : (n,)
+    """
+    n, step_s = len(x), period_s / SUBSTEPS
+    room = c.capacity_g / CELLS
+    held = np.full(CELLS, 0.5)
+    steady, out = np.full(n, 0.5), np.empty(n)
+    late = c.delay_s / period_s
+    whole = int(late)
+    part = late - whole
+    rich = 0.5
+    for k in range(n):
+        entering = min(x[k] + c.offset_phi, X_MOST)
+        seen = 0.0
+        mass = max(OXYGEN_IN_AIR * air_g_s[k] * step_s, 1e-9)
+        for _ in range(SUBSTEPS):
+            gas = entering
+            for j in range(CELLS):
+                f = held[j]
+                if gas > 0.0:
+                    taken = min(mass * gas * (1.0 - f**c.fill), (1.0 - f) * room)
+                else:
+                    taken = max(mass * gas * (1.0 - (1.0 - f) ** c.release), -f * room)
+                held[j] = min(max(f + taken / room, 0.0), 1.0)
+                gas -= taken / mass
+            seen += gas / SUBSTEPS
+        seen += EQUILIBRIUM_PHI * (2.0 * held[CELLS - 1] - 1.0) - c.hydrogen_phi
+        steady[k] = 0.5 - 0.5 * np.tanh(seen / (2.0 * WIDTH_PHI))
+        near, far = max(k - whole, 0), max(k - whole - 1, 0)
+        now = (1.0 - part) * steady[near] + part * steady[far]
+        tau_s = c.to_rich_s if now > rich else c.to_lean_s
+        rich += (now - rich) * (1.0 - np.exp(-period_s / tau_s))
+        out[k] = c.low_v + c.span_v * rich
+    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +155,6 @@ class FittedCatalyst:
     samples: int
     recordings: tuple[str, ...]
     at_bound: tuple[str, ...]
-    spread: float  # of the starts' costs over the best, relative
 
     def tree(self) -> dict[str, Any]:
         """Return the content of the file."""
@@ -95,16 +187,13 @@ def drive_of(recording: "Recording", config: CatalystConfig | None = None) -> Ca
     period_s = recording.period_ns * 1e-9
     columns = np.column_stack([recording.column(name) for name in NEEDED])
     good = np.asarray(np.isfinite(columns).all(axis=1))
-    rows = np.where(good, np.arange(len(good)), 0)
-    held = columns[np.maximum.accumulate(rows)]
-    held = np.where(np.isfinite(held), held, np.array([0.45, 1.0, 20.0]))
-    air_g_s = held[:, 2] / 3.6
+    measured_v, lambda_, maf_kg_h = (hold(np.where(good, column, np.nan)) for column in columns.T)
+    air_g_s = maf_kg_h / 3.6
     counts = good & _warm(recording, config) & (air_g_s <= config.flow_most_g_s)
-    n_settle = round(SETTLE_S / period_s)
-    since = np.arange(len(good)) - np.maximum.accumulate(np.where(good, -1, np.arange(len(good))))
-    counts &= (since > n_settle) & (np.arange(len(good)) > n_settle)
-    x = 1.0 - 1.0 / np.maximum(held[:, 1], 0.1)
-    return CatalystDrive(recording.path.name, period_s, x, air_g_s, held[:, 0], counts)
+    counts &= ~until(~good, SETTLE_S, period_s)
+    counts[: round(SETTLE_S / period_s) + 1] = False
+    x = 1.0 - 1.0 / np.maximum(lambda_, 0.1)
+    return CatalystDrive(recording.path.name, period_s, x, air_g_s, measured_v, counts)
 
 
 def _warm(recording: "Recording", config: CatalystConfig) -> BoolArray:
@@ -131,7 +220,9 @@ def fit(drives: Sequence[CatalystDrive], starts: Sequence[Catalyst] = STARTS) ->
     )
 
     def residual(theta: FloatArray) -> FloatArray:
-        return np.concatenate([_error_v(d, _constants(theta))[d.counts] for d in drives])
+        c = _constants(theta)
+        read = [volts(d.x, d.air_g_s, d.period_s, c) - d.measured_v for d in drives]
+        return np.concatenate([e[d.counts] for e, d in zip(read, drives, strict=True)])
 
     found = [
         least_squares(
@@ -156,12 +247,7 @@ def fit(drives: Sequence[CatalystDrive], starts: Sequence[Catalyst] = STARTS) ->
         samples=n,
         recordings=tuple(d.name for d in drives),
         at_bound=tuple(name for name, near in zip(NAMES, share, strict=True) if near < HELD_SHARE),
-        spread=float(np.std([each.cost / best.cost for each in found])),
     )
-
-
-def _error_v(drive: CatalystDrive, constants: Catalyst) -> FloatArray:
-    return volts(drive.x, drive.air_g_s, drive.period_s, constants) - drive.measured_v
 
 
 def _errors(
@@ -179,24 +265,16 @@ def _errors(
     number = len(np.unique(block))
     covariance = sandwich(jacobian, pull, block) * number / max(number - len(theta), 1)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    values = list(_constants(theta))
-    return Catalyst(
-        *(
-            float(s * value if r.is_log else s)
-            for s, value, r in zip(std, values, RANGES.values(), strict=True)
-        )
-    )
+    return Catalyst(*np.where(IS_LOG, std * np.array(_constants(theta)), std).tolist())
 
 
 def _transformed(values: Sequence[float]) -> FloatArray:
-    return np.array(
-        [math.log(v) if r.is_log else v for v, r in zip(values, RANGES.values(), strict=True)]
-    )
+    return np.array([math.log(v) if log else v for v, log in zip(values, IS_LOG, strict=True)])
 
 
 def _constants(theta: FloatArray) -> Catalyst:
-    pairs = zip(theta.tolist(), RANGES.values(), strict=True)
-    return Catalyst(*(math.exp(v) if r.is_log else v for v, r in pairs))
+    pairs = zip(theta.tolist(), IS_LOG, strict=True)
+    return Catalyst(*(math.exp(v) if log else v for v, log in pairs))
 
 
 def write(path: Path, fitted: FittedCatalyst, further: Mapping[str, Any]) -> None:

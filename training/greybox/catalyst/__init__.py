@@ -1,1 +1,0 @@
-"""Grey-box model of a catalyst and the switching sensor behind it, and its fit."""
