@@ -30,9 +30,12 @@ def defaults() -> TablesConfig:
     """Return the settings of ``default.toml``."""
     read = ShippedSettings("training.ecu_tables").values()
     return TablesConfig(
-        **read["interval"],
-        **read["cell"],
-        **{table: read[table] for table in ("widest", "bluntest", "widening")},
+        z90=read["interval"]["z90"],
+        air_scale=read["interval"]["air_scale"],
+        least_s=read["cell"]["least_s"],
+        widest=read["widest"],
+        bluntest=read["bluntest"],
+        widening=read["widening"],
     )
 
 

@@ -63,7 +63,7 @@ def ramp_lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity:
     if isinstance(u, Value):
         x, last, keep = _remembered(u)
         return keep(_ramp_step(x, last, u, drop, newest))
-    late = followed(value_of(u), (value_of(drop), value_of(newest)))
+    late = followed(value_of(u), (drop, newest))
     return _with_slopes(late, u, drop, newest)
 
 
@@ -110,7 +110,7 @@ def followed(
     limits: tuple[float, float] = (-np.inf, np.inf),
 ) -> FloatArray:
     """Return ``u`` behind a lag with these weights by direction, within limits."""
-    up, down = (tuple(map(_row, each)) for each in (rising, falling or rising))
+    up, down = (tuple(_row(value_of(w)) for w in each) for each in (rising, falling or rising))
     return _followed(u, up, down, *limits)
 
 
@@ -161,21 +161,19 @@ def sensor_lag(u: Quantity, rising_s: Quantity, falling_s: Quantity, period_s: f
     """Return the phi that a sensor reads of ``u``, within 0 .. 1.7, by direction."""
     rising = _weights(rising_s, period_s)
     falling = rising if falling_s is rising_s else _weights(falling_s, period_s)
-    if isinstance(u, Dual):  # at a limit it has the slope of one without
-        weights = ((value_of(drop), value_of(newest)) for drop, newest in (rising, falling))
-        read = followed(u.value, *weights, LIMITS)
-        up = u.value > _before(read)
-        chosen = rising
-        if falling is not rising:
-            chosen = tuple(where(up, *pair) for pair in zip(rising, falling, strict=True))
-        return _with_slopes(read, u, *chosen)
-    if not isinstance(u, Value):
-        return followed(u, rising, falling, LIMITS)
-    x, last, keep = _remembered(u, READING)
-    weights = rising
-    if falling is not rising:
-        weights = tuple(where(u > x, up, down) for up, down in zip(rising, falling, strict=True))
-    return keep(clip(_ramp_step(x, last, u, *weights), *LIMITS))
+
+    def towards(up: Quantity) -> Weights:
+        if falling is rising:
+            return rising
+        drop, newest = (where(up, *pair) for pair in zip(rising, falling, strict=True))
+        return drop, newest
+
+    if isinstance(u, Value):
+        x, last, keep = _remembered(u, READING)
+        return keep(clip(_ramp_step(x, last, u, *towards(u > x)), *LIMITS))
+    read = followed(value_of(u), rising, falling, LIMITS)
+    up = value_of(u) > _before(read)  # at a limit it has the slope of one without
+    return _with_slopes(read, u, *towards(up))
 
 
 def delayed(u: Quantity, samples: Quantity, *, smooth: bool = False) -> Quantity:
