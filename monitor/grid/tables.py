@@ -24,14 +24,14 @@ from monitor.frames.profiles.profile import (
 )
 from monitor.frames.profiles.recognition import key, places, recognised
 from monitor.frames.profiles.signals import all_cells, read_signals
-from monitor.frames.tables.delimited import open_own
+from monitor.frames.tables.dialect import OWN_TIME
 from monitor.frames.tables.parquet import read_parquet
 from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
-from monitor.frames.tables.readers import TEXT, is_readable, open_table, reason, suffix_of
+from monitor.frames.tables.readers import TEXT, is_readable, open_table, suffix_of
 from monitor.frames.text.layouts import layout_of
 from monitor.grid.columns import Column, load_columns
 
-TIME: Final = "time_s"
+TIME: Final = OWN_TIME
 DEFAULT_PERIOD_NS: Final = 100_000_000
 LONGEST_IN_NS_S: Final = 1e6
 UNIFORM: Final = 0.01  # a table whose steps differ by less is used sample for sample
@@ -123,9 +123,7 @@ def read_table(
         profile = load_profile(given)
         return _of_logger(open_table(path, profile.pivot), profile, further)
     mapping = load_columns(given) if given is not None else None
-    raw = _own(path)
-    if raw is None or (mapping is None and raw.names[0] != TIME):
-        raw = open_table(path)
+    raw = open_table(path)
     if mapping is not None or raw.names[0] == TIME:
         notes = Notes()
         cells = all_cells(raw, [Wanted(i) for i in range(len(raw.names))], notes)
@@ -134,22 +132,12 @@ def read_table(
     return _of_logger(raw, _of_model(raw, of_model) or recognised(raw, notes), further, notes)
 
 
-def _own(path: Path) -> RawTable | None:
-    """Return a table in the project's own dialect, None if it has another one."""
-    if suffix_of(path) != ".csv":
-        return None
-    try:
-        return open_own(path)
-    except (OSError, EOFError, ValueError) as error:
-        raise RecordingError(f"{path}: cannot read the table: {reason(error)}") from error
-
-
 def is_logger_table(path: Path) -> bool:
     """Return whether a file's columns are a logger's own, neither ``time_s`` nor a parquet table.
 
     Raises RecordingError if the file cannot be read.
     """
-    return (_own(path) or open_table(path)).names[:1] != (TIME,)
+    return open_table(path).names[:1] != (TIME,)
 
 
 def _of_model(raw: RawTable, tree: Mapping[str, Any] | None) -> Profile | None:

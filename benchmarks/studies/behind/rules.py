@@ -22,7 +22,7 @@ from benchmarks.studies.behind.drive import PERIOD_S, drive
 from benchmarks.studies.behind.plan import CYCLES, LEARNING, CatalystTrial
 from monitor.base import config
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.catalyst.bank import OXYGEN_IN_AIR, CatalystBank, Members
+from monitor.judge.catalyst.bank import OXYGEN_IN_AIR, CatalystBank
 
 TITLES: Final = {
     "switches": "switching frequency, rear over front",
@@ -105,7 +105,7 @@ def behind_threshold(s: Signals) -> FloatArray:
         offsets_phi=(0.0,),
         sensor_sound_lags_s=own.sensor_sound_lags_s[:1],
     )
-    bank = CatalystBank(Members(single, s.period_s))
+    bank = CatalystBank(single, s.period_s)
     x, air = np.nan_to_num(s.x), np.nan_to_num(s.air_g_s)
     return np.array([volts[0, 0, 0] for volts in bank.push(x, air)])
 

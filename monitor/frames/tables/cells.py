@@ -20,7 +20,7 @@ WORDS: Final = dict.fromkeys(("true", "on", "yes", "active", "high", "ok"), 1.0)
 
 # h:m:s, h:m:s:ms or m:s, with or without a date before it and an offset from UTC after it
 _CLOCK: Final = re.compile(
-    r"(?:(.*\S)[T ] ?)?(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)(?::(\d{3}))?\s*"
+    r"(?:(.*\S)[T ] ?)?(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)(?::(\d{3,6}))?\s*"
     r"(?:([ap]m)\s*)?(?:Z|([+-]\d\d):?(\d\d)?)?",
     re.I,
 )
@@ -115,9 +115,9 @@ class ColumnClock:
         match = _clock_match(text)
         if match is None:
             return math.nan
-        day, hours, minutes, seconds, ms, half, ahead, further = match.groups()
+        day, hours, minutes, seconds, fraction, half, ahead, further = match.groups()
         value = HOUR_S * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
-        value += int(ms or 0) / 1e3
+        value += float(f"0.{fraction or 0}")
         if half:
             value = value % (DAY_S / 2) + (DAY_S / 2 if half.casefold() == "pm" else 0.0)
         if day and ahead:

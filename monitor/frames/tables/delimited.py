@@ -24,7 +24,7 @@ from monitor.frames.tables.cells import (
     of_unit,
     of_words,
 )
-from monitor.frames.tables.dialect import LINES, Dialect, dialect_of, own_dialect
+from monitor.frames.tables.dialect import LINES, Dialect, dialect_of
 from monitor.frames.tables.haltech import haltech_dialect
 from monitor.frames.tables.raw_table import Notes, Pivot, RawColumn, RawTable, Wanted
 
@@ -50,17 +50,8 @@ def open_delimited(path: Path, pivot: Pivot | None = None) -> RawTable:
     if pivot and not long:
         wanted = f"{pivot.name} with texts and {pivot.value} with numbers"
         raise RecordingError(f"{path}: the profile's pivot wants the columns {wanted}")
-    return long or _table(path, dialect)
-
-
-def open_own(path: Path) -> RawTable | None:
-    """Return a table in the project's own dialect, None if it has another one.
-
-    Reading raises RecordingError naming file, line and column for a cell that is no number or a
-    row of another length. Raises OSError as ``open``.
-    """
-    dialect = own_dialect(path)
-    return _table(path, dialect) if dialect else None
+    read = partial(_read, path, dialect)
+    return long or RawTable(path, dialect.kind, dialect.columns, read, dialect.preamble)
 
 
 def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawTable | None:
@@ -126,11 +117,6 @@ def _read_long(
         every = np.concatenate(blocks)
         blocks = [every[np.argsort(every[:, 0], kind="stable")]]
     yield from blocks
-
-
-def _table(path: Path, dialect: Dialect) -> RawTable:
-    read = partial(_read, path, dialect)
-    return RawTable(path, dialect.kind, dialect.columns, read, dialect.preamble)
 
 
 def _read(

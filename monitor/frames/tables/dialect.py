@@ -1,6 +1,6 @@
 """The dialect of a text table, from its first lines: encoding, separator, header, units, cells.
 
-The project's own dialect is CSV with commas and points, every cell a number or blank.
+The project's own tables are CSV with commas and points, every cell a number or blank.
 """
 
 import codecs
@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from monitor.base.errors import RecordingError
-from monitor.frames.bounds import LINE_BYTES, head_of
+from monitor.frames.bounds import head_of
 from monitor.frames.tables.cells import THOUSANDS, clock, is_no_value, is_number, measure, wrap_s
 from monitor.frames.tables.raw_table import RawColumn
 from monitor.frames.units import unit_of
 
+OWN_TIME: Final = "time_s"  # first column of the project's own tables
 HEAD_BYTES: Final = 1 << 18
 LINES: Final = 60  # of the head that are looked at
 _SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars"}
@@ -53,31 +54,6 @@ class Dialect:
     steps: tuple[float, ...] = ()  # value of 1 in each column; () 1
     is_exact: bool = False  # every cell is a number or blank, every row has all cells
     preamble: str = ""
-
-
-def own_dialect(path: Path) -> Dialect | None:
-    """Return the project's own dialect if the first two lines of ``path`` have it, else None.
-
-    Raises OSError as ``open``.
-    """
-    head = head_of(path, LINE_BYTES).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    lines = head.split(b"\n", 2)[:2]
-    if any(mark in line for line in lines for mark in (b'"', b";", b"\t", b"\0")):
-        return None
-    try:
-        header, encoding, errors = lines[0].decode("utf-8"), "utf-8", "strict"
-    except UnicodeDecodeError:  # Windows' own Western encoding
-        header, encoding, errors = lines[0].decode("cp1252", errors="replace"), "cp1252", "replace"
-    names = header.lstrip("\ufeff").split(",")
-    return Dialect(
-        kind="table",
-        columns=tuple(RawColumn(name.strip()) for name in names),
-        encoding=encoding,
-        errors=errors,
-        has_quotes=False,
-        skip=1,
-        is_exact=True,
-    )
 
 
 def encoding_of(head: bytes) -> str:
@@ -115,14 +91,16 @@ def dialect_of(path: Path) -> Dialect:
         raise RecordingError(f"{path}: no row of column names with rows of numbers below it")
     best = max(found, key=lambda each: (each.support * each.width, each.width))
     comma = ", decimal commas" if best.comma else ""
+    columns = _columns(best)
     return Dialect(
         kind=f"text table, {_SEPARATORS[best.separator]}{comma}, {encoding}",
-        columns=_columns(best),
+        columns=columns,
         encoding=encoding,
         separator=best.separator,
         decimal_comma=best.comma,
         skip=best.data,
         below_names=best.data - 1 - best.header[0],
+        is_exact=columns[0].name == OWN_TIME and best.separator == "," and not best.comma,
         preamble="\n".join(lines[: best.header[0]]),
     )
 

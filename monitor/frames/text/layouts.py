@@ -43,21 +43,6 @@ def _milliseconds(text: str) -> float:
     return float(text) if "." in text else int(text) / 1e3
 
 
-def _clock(text: str) -> float:
-    """Return the seconds of h:m:s:f or h:m:s.f, the last part a fraction of the second."""
-    hours, minutes, seconds, *fraction = re.split(r"[:.]", text)
-    value = 3600.0 * int(hours) + 60.0 * int(minutes) + int(seconds)
-    return value + float(f"0.{fraction[0]}") if fraction else value
-
-
-def _stamp(text: str) -> float:
-    """Return the seconds of candump's time: a number, or date and time of day (UTC)."""
-    if " " not in text:
-        return float(text)
-    moment = datetime.strptime(text, "%Y-%m-%d %H:%M:%S.%f")
-    return moment.replace(tzinfo=timezone.utc).timestamp()  # noqa: UP017
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextLayout:
     """How a tool writes frames as lines of text.
@@ -109,7 +94,7 @@ def _layout(
     begins: str,
     *rows: str,
     other: str = r"(?!)",
-    time_s: Callable[[str], float] = float,
+    time_s: Callable[[str], float] = _seconds,
     wraps: bool = False,
     ends_lines: bool = False,
 ) -> TextLayout:
@@ -185,14 +170,12 @@ LAYOUTS: Final = (
         r"(?P<id>[0-9a-f]{3}|(?P<ext>[0-9a-f]{8})) \[@length\]\s*"
         r"(?:(?P<remote>remote request)|(?P<data>(?:\s?[0-9a-f]{2}\b)*))"
         r"\s*(?P<error>ERRORFRAME)?(?: '.*')?",
-        time_s=_stamp,
     ),
     _layout(
         "BusMaster",
         r"^\*\*\*BUSMASTER",
         r"(?P<time>\d+:\d+:\d+:\d+) [RT]x @channel @id (?:s|@ext)@remote? @length@data",
         other=r"\*\*\*.*|.*\bERR\b.*",
-        time_s=_clock,
         wraps=True,
     ),
     _layout(
@@ -201,7 +184,6 @@ LAYOUTS: Final = (
         r"@time (?P<id>[0-9a-f]{1,3}|(?P<ext>[0-9a-f]{4,8})) @length"
         r"(?: (?P<remote>RTR)|(?P<data>(?: [0-9a-f]{2}\b)*))(?:\s.*)?",
         other=r"\s*Time\s+ID\s+DLC.*",
-        time_s=_seconds,
     ),
     _layout(
         "Kvaser CanKing",
@@ -231,7 +213,7 @@ TABLE: Final = TextLayout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, 
     begins=_NOTHING,
     frames=(),
     other=re.compile(r"[\s\"]*[a-z,#].*", _ANY),
-    time_s=float,
+    time_s=_seconds,
     wraps=True,
 )
 _REST: Final = r'(?:"[^"]*"|[^{sep}]*)'  # a cell; {sep} parts them
@@ -296,6 +278,8 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
         return _peak(text, encoding)
     if layout is not None:
         rows = list(filter(None, map(layout.match, text.splitlines())))
+        if rows and ":" in rows[0]["time"]:
+            layout = replace(layout, time_s=ColumnClock())
         says_decimal = re.search(r"\*\*\*DEC\*\*\*|^base\s+dec", text, _ANY | re.M)
         base = 10 if says_decimal or _is_decimal(layout, rows) else 16
         return LayoutFound(layout, encoding, base, _are_deltas(layout, rows, text))

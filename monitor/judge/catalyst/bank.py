@@ -12,7 +12,6 @@ Trans. Control Systems Technology 8 (2000), with one store instead of their rate
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -40,7 +39,7 @@ class RearSensor:
     leak_phi: float = 0.0  # air drawn in before the sensor, at no flow; it makes the gas leaner
 
 
-def sensors(config: CatalystConfig) -> tuple[RearSensor, ...]:
+def bank_sensors(config: CatalystConfig) -> tuple[RearSensor, ...]:
     """Return the sensors of the bank, sound ones first."""
     sound, late = config.sensor_lag_s, config.sensor_late_s
     lags = config.sensor_sound_lags_s
@@ -62,44 +61,21 @@ def sensors(config: CatalystConfig) -> tuple[RearSensor, ...]:
     return tuple(found)
 
 
-@dataclass(frozen=True)
-class Members:
-    """The members of the bank: axes (sensor, capacity, offset)."""
-
-    config: CatalystConfig
-    period_s: float
-
-    @cached_property
-    def sensors(self) -> tuple[RearSensor, ...]:
-        """Return the sensors, in the order of the first axis."""
-        return sensors(self.config)
-
-    @cached_property
-    def capacity_g(self) -> FloatArray:
-        """Return the capacities, (n_capacities, 1)."""
-        return np.array(self.config.capacities_g)[:, np.newaxis]
-
-    @cached_property
-    def offset(self) -> FloatArray:
-        """Return the addends of the upstream x, (n_offsets,)."""
-        return np.array(self.config.offsets_phi)
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Return the numbers of sensors, capacities and offsets."""
-        return len(self.sensors), len(self.capacity_g), len(self.offset)
-
-
 class CatalystBank:
     """Runs all members; the state goes on from block to block.
 
+    sensors, capacity_g, (n_capacities, 1), and offset, (n_offsets,), the addend of the upstream x,
+    are the axes of the members, and ``shape`` their numbers.
     wide : the sensors are of wide range. Their lags act on x, and what they read is turned into
         the voltage of a switching sensor as the measured lambda is.
     """
 
-    def __init__(self, members: Members, *, wide: bool = False) -> None:
-        config, sensors, period_s = members.config, members.sensors, members.period_s
-        self._members, self._config, self._wide = members, config, wide
+    def __init__(self, config: CatalystConfig, period_s: float, *, wide: bool = False) -> None:
+        self._config, self._period_s, self._wide = config, period_s, wide
+        self.sensors = sensors = bank_sensors(config)
+        self.capacity_g: FloatArray = np.array(config.capacities_g)[:, np.newaxis]
+        self.offset: FloatArray = np.array(config.offsets_phi)
+        self.shape = len(sensors), len(self.capacity_g), len(self.offset)
         column = (len(sensors), 1, 1)
         to_rich, to_lean = (
             np.array([getattr(s, name) for s in sensors]).reshape(column)
@@ -113,7 +89,7 @@ class CatalystBank:
         self._low_v = MID_V + low * np.array([s.gain for s in sensors]).reshape(column)
         self._ticks = max(round(config.sensor_late_s / period_s), 1)
         shares = np.array(config.zone_shares) / sum(config.zone_shares)
-        self._zones_g = shares[:, np.newaxis, np.newaxis] * members.capacity_g
+        self._zones_g = shares[:, np.newaxis, np.newaxis] * self.capacity_g
         self._late = [(i, s.direction) for i, s in enumerate(sensors) if s.delay_s > 0.0]
         leaks = [i for i, s in enumerate(sensors) if s.leak_phi > 0.0]
         self._leaks = slice(leaks[0], leaks[-1] + 1) if leaks else None  # they stand together
@@ -122,7 +98,7 @@ class CatalystBank:
 
     def reset(self) -> None:
         """Begin with every catalyst half full."""
-        shape = self._members.shape
+        shape = self.shape
         self._filling = np.full((len(self._zones_g), *shape[1:]), 0.5)
         self._reading = np.full(shape, 0.5)
         self._step, self._rise, self._v = (np.empty(shape) for _ in range(3))
@@ -136,7 +112,7 @@ class CatalystBank:
 
         x : (n,) 1 - 1/lambda upstream; air_g_s : (n,)
         """
-        mass = OXYGEN_IN_AIR * self._members.period_s * air_g_s
+        mass = OXYGEN_IN_AIR * self._period_s * air_g_s
         for each, grams in zip(x.tolist(), mass.tolist(), strict=True):
             yield self._volts(self._behind(each, grams), grams)
 
@@ -145,7 +121,7 @@ class CatalystBank:
 
         Shape (n_capacities, n_offsets).
         """
-        config, own = self._config, x + self._members.offset
+        config, own = self._config, x + self.offset
         rich = np.where(own > 0.0, 0.0, 1.0)
         free = 1.0 - np.abs(self._filling - rich)  # part of each zone, in the gas's direction
         reaching = 1.0 - power(1.0 - free, config.breakthrough)
@@ -171,7 +147,7 @@ class CatalystBank:
         step, rise, volts, reading = self._step, self._rise, self._v, self._reading
         step[:] = steady
         if self._leaks is not None:
-            full = OXYGEN_IN_AIR * self._members.period_s * self._config.leak_flow_g_s
+            full = OXYGEN_IN_AIR * self._period_s * self._config.leak_flow_g_s
             share = 1.0 / (1.0 + (grams / full) ** 2)
             step[self._leaks] = self._steady(x + self._leak_phi * share)
         if self._late:

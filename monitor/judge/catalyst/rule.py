@@ -19,7 +19,7 @@ import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.catalyst.bank import LEAK, MID_V, STUCK, WEAK, CatalystBank, Members
+from monitor.judge.catalyst.bank import LEAK, MID_V, STUCK, WEAK, CatalystBank
 from monitor.judge.catalyst.estimate import Capacity, CapacityCurve, jackknife
 
 Outcome = Literal["passed", "failed", "inconclusive"]
@@ -47,35 +47,34 @@ class CatalystRule:
 
     def __init__(self, settings: Config, period_s: float, *, wide: bool = False) -> None:
         self._config, self._odds = config, odds = settings.catalyst, settings.response
-        self.members = members = Members(config, period_s)
-        self._bank = CatalystBank(members, wide=wide)
+        self._bank = bank = CatalystBank(config, period_s, wide=wide)
         self._n_segment = max(round(config.segment_s / period_s), 1)
         self._n_settle = round(config.settle_s / period_s)
         self._weight = config.evidence_weight * period_s / config.memory_s
         self.evidence_fail, self.evidence_pass = odds.evidence_fail, odds.evidence_pass
-        capacity = members.capacity_g[:, 0]
+        capacity = bank.capacity_g[:, 0]
         self._curve = CapacityCurve(np.log(capacity))
         margin = config.threshold_margin
         self._is_low = capacity < config.threshold_g / margin
         self._is_sound = capacity > config.threshold_g * margin
-        self._faults = [s.fault for s in members.sensors]
+        self._faults = [s.fault for s in bank.sensors]
         stuck = [i for i, fault in enumerate(self._faults) if fault in STUCK]
         self._stuck = slice(stuck[0], stuck[-1] + 1)  # they stand together
-        prior = -0.5 * (members.offset / config.offset_std_phi) ** 2
+        prior = -0.5 * (bank.offset / config.offset_std_phi) ** 2
         bad = np.array([config.sensor_prior if f else 0.0 for f in self._faults])
         self._has_leak = np.array([fault == LEAK for fault in self._faults])
-        self._sound_offset = np.abs(members.offset) <= config.offset_sound_phi
-        self._lean_offset = members.offset <= -config.offset_biased_phi
-        self._rich_offset = members.offset >= config.offset_biased_phi
+        self._sound_offset = np.abs(bank.offset) <= config.offset_sound_phi
+        self._lean_offset = bank.offset <= -config.offset_biased_phi
+        self._rich_offset = bank.offset >= config.offset_biased_phi
         self._prior = prior - bad[:, np.newaxis, np.newaxis]
         self.reset()
 
     def reset(self) -> None:
         """Forget all evidence."""
-        self._evidence = np.zeros(self.members.shape)
-        self._parts = np.zeros((self._config.offset_parts, *self.members.shape))
-        self._segment = np.zeros(self.members.shape)
-        self._product = np.ones(self.members.shape)
+        self._evidence = np.zeros(self._bank.shape)
+        self._parts = np.zeros((self._config.offset_parts, *self._bank.shape))
+        self._segment = np.zeros(self._bank.shape)
+        self._product = np.ones(self._bank.shape)
         self._n = self.segments = 0
         self._capacity: Capacity | None = None  # of the segments so far, once it was asked for
         self._low_v, self._high_v = math.inf, -math.inf
@@ -93,8 +92,8 @@ class CatalystRule:
         self._segment[:] = 0.0
         self._product[:] = 1.0
         self._least, self._most = math.inf, -math.inf  # of the measured voltage
-        self._least_of = np.full(self.members.shape, math.inf)  # of each member's
-        self._most_of = np.full(self.members.shape, -math.inf)
+        self._least_of = np.full(self._bank.shape, math.inf)  # of each member's
+        self._most_of = np.full(self._bank.shape, -math.inf)
         self._n = 0
 
     def push(
@@ -257,7 +256,7 @@ class CatalystRule:
         total = self._config.interval_weight * self._posterior
         weight = np.exp(total - total.max()).sum(axis=(1, 2))
         weight /= weight.sum()
-        sensors = self.members.sensors
+        sensors = self._bank.sensors
         to_rich = [s.tau_to_rich_s + s.delay_s * (s.direction >= 0) for s in sensors]
         to_lean = [s.tau_to_lean_s + s.delay_s * (s.direction <= 0) for s in sensors]
         return {"lean_to_rich": float(weight @ to_rich), "rich_to_lean": float(weight @ to_lean)}
@@ -282,12 +281,12 @@ class CatalystRule:
         whole = self._parts.sum(axis=0)
         spread = jackknife(np.array([self._mean_offset(whole - part) for part in self._parts]))
         weight = self._offset_weight(self._evidence)
-        mean = float(weight @ self.members.offset)
-        width = float(weight @ (self.members.offset - mean) ** 2)
+        mean = float(weight @ self._bank.offset)
+        width = float(weight @ (self._bank.offset - mean) ** 2)
         return math.sqrt(spread**2 + width + self._config.offset_model_phi**2)
 
     def _mean_offset(self, evidence: FloatArray) -> float:
-        return float(self._offset_weight(evidence) @ self.members.offset)
+        return float(self._offset_weight(evidence) @ self._bank.offset)
 
     def _offset_weight(self, evidence: FloatArray) -> FloatArray:
         """Return how likely each offset is, (n_offsets,)."""

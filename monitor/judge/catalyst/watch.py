@@ -6,17 +6,17 @@ switching one; its circuit is not judged. Samples that are missing for a moment 
 last values; after a longer gap the filling of the catalyst is found anew.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from monitor.base.config import Config
+from monitor.base.config import CatalystConfig, Config
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.judge.catalyst.bank import LEAK, switching_volts
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER, CircuitResult, RearCircuit
-from monitor.judge.catalyst.results import circuit_results, rule_results
 from monitor.judge.catalyst.rule import CatalystRule, Claim
 from monitor.memory.obd_records import TestResult
 
@@ -68,6 +68,27 @@ def balance_results(at: int, claim: Claim) -> Iterator[BehindResult]:
 def circuit_claim(result: CircuitResult) -> Claim:
     """Return a decision about circuit or heater as a claim."""
     return Claim("failed" if result.fault else "passed", result.fault or None, 0.0)
+
+
+def rule_results(rule: CatalystRule, config: CatalystConfig) -> Iterator[TestResult]:
+    """Yield the estimates of capacity and downstream sensor so far, with their limits."""
+    capacity, threshold_g = rule.capacity(), config.threshold_g
+    if capacity is None:
+        return
+    grams, most_g = capacity.grams, config.capacities_g[-1]
+    yield TestResult("catalyst", "capacity_g", grams, threshold_g, most_g)
+    most = most_g / threshold_g
+    yield TestResult("catalyst", "capacity_over_threshold", grams / threshold_g, 1.0, most)
+    # a lag halfway between the slowest sound sensor and the quickest slow one, in octaves
+    limit_s = math.sqrt(max(config.sensor_sound_lags_s) * min(config.sensor_slow_lags_s))
+    for edge, lag_s in rule.sensor_lags().items():
+        yield TestResult("downstream", f"lag_{edge}_s", lag_s, 0.0, limit_s)
+    low_v, high_v = rule.range_v
+    if np.isfinite([low_v, high_v]).all():
+        yield TestResult("downstream", "least_v", low_v, config.circuit_low_v, config.lean_v)
+        yield TestResult("downstream", "most_v", high_v, config.rich_v, config.circuit_high_v)
+    sound = config.offset_sound_phi
+    yield TestResult("balance", "upstream_offset_phi", -rule.offset(), -sound, sound)
 
 
 class CatalystMonitor:
@@ -150,9 +171,13 @@ class CatalystMonitor:
             duty_percent=unknown if self._duty is None else values[:, self._duty],
         )
         for each in found:
-            measured = tuple(circuit_results(each, self._config))
+            measured = () if each.wake_s is None else (self._wake(each.wake_s),)
             yield BehindResult(each.at, each.test, circuit_claim(each), results=measured)
         yield from self._judged(rule, own, self._warm(values, run) & ~doubtful)
+
+    def _wake(self, wake_s: float) -> TestResult:
+        """Return after how long the downstream sensor woke from a cold start."""
+        return TestResult(HEATER, "wake_s", wake_s, 0.0, self._config.wake_most_s)
 
     def _judged(
         self, rule: CatalystRule, own: FloatArray, fit: BoolArray
