@@ -42,12 +42,6 @@ class Inflation:
     def __init__(self) -> None:
         self._packed = self._unpacked = 0
 
-    def add(self, packed: int, unpacked: int) -> None:
-        """Count bytes; raises BoundError if the stream grows by more than ``RATIO``."""
-        self._packed += packed
-        self._unpacked += unpacked
-        check_ratio(self._packed, self._unpacked)
-
     def inflate(self, packed: bytes, most_bytes: int = PIECE_BYTES) -> bytes:
         """Return a piece packed by zlib, as far as it goes.
 
@@ -57,7 +51,9 @@ class Inflation:
         content = unpacker.decompress(packed, most_bytes)
         if unpacker.unconsumed_tail:
             raise BoundError(f"a packed piece of more than {most_bytes:,} bytes")
-        self.add(len(packed), len(content))
+        self._packed += len(packed)
+        self._unpacked += len(content)
+        check_ratio(self._packed, self._unpacked)
         return content
 
 
@@ -100,17 +96,15 @@ def open_text(
     encoding: str = "utf-8",
     errors: str = "surrogateescape",
     newline: str | None = None,
-    ratio: int = RATIO,
 ) -> TextIO:
     """Open the text file for reading line by line, unpacked if its name ends in .gz.
 
     errors : by default bytes that are not of the encoding become lone surrogates; the parser of
         the line decides on them
     newline : as for ``open``
-    ratio : most unpacked bytes by packed bytes
     Raises what ``open_binary`` does; reading raises BoundError for a line of ``LINE_BYTES``.
     """
-    file = io.BufferedReader(_KeptFile(path, ratio, has_lines=True), _STEP)
+    file = io.BufferedReader(_KeptFile(path, has_lines=True), _STEP)
     return io.TextIOWrapper(file, encoding, errors, newline)
 
 
@@ -126,12 +120,11 @@ def too_long() -> BoundError:
 class _KeptFile(io.RawIOBase):
     """A file's bytes, unpacked if its name ends in .gz: its ratio is kept, its lines measured."""
 
-    def __init__(self, path: Path, ratio: int = RATIO, *, has_lines: bool = False) -> None:
+    def __init__(self, path: Path, *, has_lines: bool = False) -> None:
         self._file = open_regular(path)
         self._source: Any = gzip.GzipFile(fileobj=self._file) if _is_packed(path) else self._file
         self._step = _STEP if self._source is self._file else PACKED_STEP
-        self._ratio, self._has_lines = ratio, has_lines
-        self._open = 0  # bytes of the last line so far
+        self._has_lines, self._open = has_lines, 0  # bytes of the last line so far
 
     def readable(self) -> bool:
         return True
@@ -151,7 +144,7 @@ class _KeptFile(io.RawIOBase):
         except zlib.error as error:  # it has no base that readers know
             raise ValueError(f"damaged packed data: {error}") from error
         if self._source is not self._file:
-            check_ratio(self._file.tell(), self._source.tell(), self._ratio)
+            check_ratio(self._file.tell(), self._source.tell())
         if self._has_lines:
             self._measure(data)
         memoryview(buffer)[: len(data)] = data

@@ -8,6 +8,7 @@ the signal a comment, or the column unused, until a person confirms it.
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from textwrap import shorten
 from typing import Any, Final
 
 import numpy as np
@@ -156,7 +157,7 @@ def _of_one_sensor(quantity: Quantity, d: Description, fit: QuantityFit) -> Quan
     texts = [(text, " ".join(words_of(text))) for text in (d.message, d.name, d.comment)]
     for text, words in texts:
         if found := _SAYS["other_sensor"].search(_SAYS["upstream"].sub("", words)):
-            why = f"{short(text)} says {found[0]!r}: not the upstream sensor of bank 1?"
+            why = f"{shorten(text, 60, placeholder='...')} says {found[0]!r}: not the upstream sensor of bank 1?"
             return fit.doubted(why, OTHER_NAME)
     if any(_SAYS["upstream"].search(words) for _, words in texts):
         return fit.judged("it is said to be upstream", 1.1, is_upstream=True)
@@ -294,9 +295,3 @@ def _by_values(quantity: Quantity, d: Description, fit: QuantityFit) -> Quantity
         if not moves or not low <= middle <= high:
             return fit.doubted(f"unusual: its median is {middle:.4g}" if moves else "never moves")
     return fit.judged("", 1.05) if moves else fit
-
-
-def short(text: str) -> str:
-    """Return a text on one line, of 60 characters at most."""
-    line = " ".join(text.split())
-    return line if len(line) <= 60 else line[:57] + "..."

@@ -16,18 +16,16 @@ whose units the logs share, and public logs.
 """
 
 import re
-from itertools import islice
 from pathlib import Path
 from typing import Final
 
 from monitor.base.errors import RecordingError
-from monitor.frames.bounds import head_of, open_text
-from monitor.frames.tables.dialect import Dialect, encoding_of
+from monitor.frames.bounds import head_of
+from monitor.frames.tables.dialect import HEAD_BYTES, Dialect, encoding_of
 from monitor.frames.tables.raw_table import DAY_S, RawColumn
 
 MARK: Final = b"%DataLog%"
-_ROW: Final = re.compile(r"\d{1,2}:\d{2}:\d{2}")
-_MOST_LINES: Final = 100_000  # of the channels' description
+_ROW: Final = re.compile(r"^\d{1,2}:\d{2}:\d{2}", re.M)
 # type of a channel: (unit, value of one step)
 TYPES: Final = {
     "EngineSpeed": ("rpm", 1.0),
@@ -54,23 +52,19 @@ def haltech_dialect(path: Path) -> Dialect | None:
 
     Raises RecordingError if it describes no channel.
     """
-    head = head_of(path, 1 << 16)
+    head = head_of(path, HEAD_BYTES)
     if MARK not in head[:64]:
         return None
     encoding = encoding_of(head)
-    columns = [RawColumn("Time", "", "clock", DAY_S)]
-    steps = [1.0]
-    with open_text(path, encoding, errors="replace") as file:
-        for line in islice(file, _MOST_LINES):
-            if _ROW.match(line):
-                break
-            name, _, value = (part.strip() for part in line.partition(":"))
-            if name == "Channel":
-                columns.append(RawColumn(value))
-                steps.append(1.0)
-            elif name == "Type" and len(columns) > 1:
-                unit, steps[-1] = TYPES.get(value, ("", 1.0))
-                columns[-1] = RawColumn(columns[-1].name, unit)
+    description = _ROW.split(head.decode(encoding, errors="replace"), maxsplit=1)[0]
+    columns, steps = [RawColumn("Time", "", "clock", DAY_S)], [1.0]
+    for key, value in re.findall(r"^[ \t]*(Channel|Type)[ \t]*:(.*)", description, re.M):
+        if key == "Channel":
+            columns.append(RawColumn(value.strip()))
+            steps.append(1.0)
+        elif len(columns) > 1:
+            unit, steps[-1] = TYPES.get(value.strip(), ("", 1.0))
+            columns[-1] = RawColumn(columns[-1].name, unit)
     if len(columns) == 1:
         raise RecordingError(f"{path}: no line 'Channel : NAME' before the rows")
     return Dialect(
