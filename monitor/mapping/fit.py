@@ -157,7 +157,8 @@ def _of_one_sensor(quantity: Quantity, d: Description, fit: QuantityFit) -> Quan
     texts = [(text, " ".join(words_of(text))) for text in (d.message, d.name, d.comment)]
     for text, words in texts:
         if found := _SAYS["other_sensor"].search(_SAYS["upstream"].sub("", words)):
-            why = f"{shorten(text, 60, placeholder='...')} says {found[0]!r}: not the upstream sensor of bank 1?"
+            said = shorten(text, 60, placeholder="...")
+            why = f"{said} says {found[0]!r}: not the upstream sensor of bank 1?"
             return fit.doubted(why, OTHER_NAME)
     if any(_SAYS["upstream"].search(words) for _, words in texts):
         return fit.judged("it is said to be upstream", 1.1, is_upstream=True)

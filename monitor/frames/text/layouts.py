@@ -222,7 +222,7 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
     (r"(?:abs ?)?(?:time|zeit).*|offset.*|ts",
      r'(?P<time>-?\d+(?:[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d{8}T\d{6})[^{sep}"]*)'),
     (r"(?:(?:can|arb\w*|frame|msg|message)[ _-]?)?(?:id|identifier|addr\w*)\b.*",
-     r"(?P<id>(?:0x)?[0-9a-f]{1,9})"),
+     r"(?P<id>(?:0x)?[0-9a-f]{1,9})[hx]?"),
     (r"(?:bus|channel|ch|chn|interface|network)(?:channel)?", r"(?P<channel>[^{sep}]*)"),
     (r"(?:data ?)?len(?:gth)?|size|dlc", r"(?:0x)?(?P<length>\d*)"),
     (r"ext\w*|ide|xtd|format|frame", rf"(?:(?P<ext>{_YES})|{_REST})"),
