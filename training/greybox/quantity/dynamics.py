@@ -110,20 +110,21 @@ def followed(
     limits: tuple[float, float] = (-np.inf, np.inf),
 ) -> FloatArray:
     """Return ``u`` behind a lag with these weights by direction, within limits."""
-    up, down = (tuple(_row(value_of(w)) for w in each) for each in (rising, falling or rising))
-    return _followed(u, up, down, *limits)
+    falling = falling or rising
+    up, down = ((_row(value_of(a)), _row(value_of(b))) for a, b in (rising, falling))
+    return _followed(u, up, down, falling is not rising, *limits)
 
 
 @njit(cache=True)
-def _followed(u, rising, falling, low, high):  # pragma: no cover
+def _followed(u, rising, falling, by_direction, low, high):  # pragma: no cover
     out = np.empty_like(u)
     x = last = u[0]
     up, down = len(rising[0]) > 1, len(falling[0]) > 1
     for k in range(len(u)):
-        if u[k] > x:
-            drop, newest = rising[0][k * up], rising[1][k * up]
-        else:
+        if by_direction and u[k] <= x:  # the second is slow to predict, the first is not
             drop, newest = falling[0][k * down], falling[1][k * down]
+        else:
+            drop, newest = rising[0][k * up], rising[1][k * up]
         x = _ramp_step(x, last, u[k], drop, newest)
         if x < low:  # branches are faster than min and max
             x = low
@@ -231,7 +232,7 @@ def _weights(time_s: Quantity, period_s: float, least: float = LEAST_SAMPLES) ->
 
 def _row(x: FloatArray | float) -> FloatArray:
     """Return an array (n,) as it is, a number as (1,), for a loop that reads both alike."""
-    return x if isinstance(x, np.ndarray) and x.ndim else np.full(1, x)
+    return x if isinstance(x, np.ndarray) and x.ndim else np.array([x], dtype=np.float64)
 
 
 def slope(u: FloatArray, period_s: float) -> FloatArray:
