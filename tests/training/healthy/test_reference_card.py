@@ -41,11 +41,11 @@ FILM = {"wall_film": 4.0}
 
 @cache
 def recordings(
-    seed: int, cycles: tuple[str, ...] = DRIVEN, **effects: float
+    seed: int, cycles: tuple[str, ...] = DRIVEN, seconds: float = 400.0, **effects: float
 ) -> tuple[Recording, ...]:
-    """Return ten minutes of each cycle."""
+    """Return the beginning of each cycle."""
     parts = [Part(cycle, seed + i, 0.0, None) for i, cycle in enumerate(cycles)]
-    return tuple(drive.recording(part, VEHICLE, 600.0, effects, None) for part in parts)
+    return tuple(drive.recording(part, VEHICLE, seconds, effects, None) for part in parts)
 
 
 @cache
@@ -156,7 +156,8 @@ def test_a_model_fitted_to_drives_with_the_effect_gets_the_charge_of_healthy_one
 
 def test_walls_that_a_model_has_taken_in_are_named_and_not_added_again(tmp_path: Path) -> None:
     # GIVEN a chain fitted to drives with walls, which are part of it then
-    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)[:FEW]
+    driven = recordings(2_311_000, seconds=600.0, **FILM)
+    healthy = recordings(2_310_000, HEALTHY[:FEW], seconds=600.0)
     fitted = fit_greybox(driven, tmp_path / "m.onnx")
     assert [own.name for own in fitted.greybox.own] == ["wall_film"]
     # WHEN healthy drives without them are given
