@@ -3,11 +3,12 @@
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed., SIAM 2008, chapter 3.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from monitor.base.types import FloatArray
 
@@ -27,9 +28,30 @@ class ParameterGroup:
         return column if self.shares is None else column * self.shares[:n]
 
 
+def _chosen(y: Any, a: Any, b: Any) -> Any:
+    """Return the derivative of the larger or smaller one over the first."""
+    first = np.equal(y, a)
+    return 1.0 if first.all() else first
+
+
+RULES: Final[Mapping[Any, tuple[Callable[..., Any], ...]]] = {  # over each operand, by the result
+    np.add: (lambda y, a, b: 1.0, lambda y, a, b: 1.0),
+    np.subtract: (lambda y, a, b: 1.0, lambda y, a, b: -1.0),
+    np.multiply: (lambda y, a, b: b, lambda y, a, b: a),
+    np.divide: (lambda y, a, b: 1.0 / b, lambda y, a, b: -y / b),
+    np.power: (lambda y, a, b: b * y / a, lambda y, a, b: np.log(a) * y),
+    np.negative: (lambda y, a: -1.0,),
+    np.exp: (lambda y, a: y,),
+    np.log: (lambda y, a: np.exp(-y),),
+    np.tanh: (lambda y, a: 1.0 - y * y,),
+    np.maximum: (_chosen, lambda y, a, b: y != a),
+    np.minimum: (_chosen, lambda y, a, b: y != a),
+}
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Dual:
-    """A number or values (n,) with their derivatives.
+class Dual(NDArrayOperatorsMixin):
+    """A number or values (n,) with their derivatives; numpy's functions and operators apply.
 
     slopes : of each group over its value at the sample itself, a number or (n,), or, since past
         samples count, over its parameters, (n, k)
@@ -38,40 +60,13 @@ class Dual:
     value: Any
     slopes: Mapping[ParameterGroup, Any]
 
-    __array_ufunc__ = None  # so that an array on the left leaves the operation to the dual
-
-    def __add__(self, other: "Dual | FloatArray | float") -> "Dual":
-        return moved(self.value + value_of(other), (self, 1.0), (other, 1.0))
-
-    __radd__ = __add__
-
-    def __sub__(self, other: "Dual | FloatArray | float") -> "Dual":
-        return moved(self.value - value_of(other), (self, 1.0), (other, -1.0))
-
-    def __rsub__(self, other: FloatArray | float) -> "Dual":
-        return moved(other - self.value, (self, -1.0))
-
-    def __mul__(self, other: "Dual | FloatArray | float") -> "Dual":
-        by = value_of(other)
-        return moved(self.value * by, (self, by), (other, self.value))
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: "Dual | FloatArray | float") -> "Dual":
-        by = value_of(other)
-        ratio = self.value / by
-        return moved(ratio, (self, 1.0 / by), (other, -ratio / by))
-
-    def __rtruediv__(self, other: FloatArray | float) -> "Dual":
-        ratio = other / self.value
-        return moved(ratio, (self, -ratio / self.value))
-
-    def __neg__(self) -> "Dual":
-        return moved(-self.value, (self, -1.0))
-
-    def __rpow__(self, other: FloatArray | float) -> "Dual":
-        power = other**self.value
-        return moved(power, (self, np.log(other) * power))
+    def __array_ufunc__(self, of: np.ufunc, _method: str, *operands: Any) -> Any:
+        if of not in RULES:
+            return NotImplemented
+        values = [value_of(x) for x in operands]
+        y = of(*values)
+        duals = zip(operands, RULES[of], strict=True)
+        return moved(y, *((x, rule(y, *values)) for x, rule in duals if isinstance(x, Dual)))
 
     def spread(self, group: ParameterGroup) -> FloatArray:
         """Return the derivatives (n, k) over the parameters of a group."""

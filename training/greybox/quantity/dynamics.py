@@ -164,17 +164,17 @@ def sensor_lag(u: Quantity, rising_s: Quantity, falling_s: Quantity, period_s: f
     falling = rising if falling_s is rising_s else _weights(falling_s, period_s)
 
     def towards(up: Quantity) -> Weights:
-        if falling is rising:
-            return rising
         drop, newest = (where(up, *pair) for pair in zip(rising, falling, strict=True))
         return drop, newest
 
     if isinstance(u, Value):
         x, last, keep = _remembered(u, READING)
-        return keep(clip(_ramp_step(x, last, u, *towards(u > x)), *LIMITS))
+        weights = rising if falling is rising else towards(u > x)
+        return keep(clip(_ramp_step(x, last, u, *weights), *LIMITS))
     read = followed(value_of(u), rising, falling, LIMITS)
-    up = value_of(u) > _before(read)  # at a limit it has the slope of one without
-    return _with_slopes(read, u, *towards(up))
+    if falling is not rising:
+        rising = towards(value_of(u) > _before(read))
+    return _with_slopes(read, u, *rising)  # at a limit those of one without
 
 
 def delayed(u: Quantity, samples: Quantity, *, smooth: bool = False) -> Quantity:
@@ -202,7 +202,7 @@ def _registered(u: Value, samples: Quantity) -> Value:
     history = u.node("Concat", u, trace.old(place, u, register), axis=1)
     trace.keep(place, trace.take(history.name, 0, register))
     away = np.arange(register + 1.0)[None] - clip(samples, 0.0, float(register))
-    return (history * maximum(1.0 - away.node("Abs", away), 0.0)).total(1, keepdims=True)
+    return (history * maximum(1.0 - abs(away), 0.0)).total(1, keepdims=True)
 
 
 @njit(cache=True)

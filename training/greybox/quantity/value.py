@@ -6,9 +6,10 @@ Only operations that give the same bits in every batch size are here: onnxruntim
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from monitor.base.types import FloatArray
 from training.greybox.quantity.dual import Dual, moved, value_of
@@ -17,54 +18,43 @@ if TYPE_CHECKING:
     from training.greybox.quantity.trace import StepTrace
 
 READING = 0  # place of what the sensor reads in the state of a graph
+NODES: Final = {
+    np.add: "Add",
+    np.subtract: "Sub",
+    np.multiply: "Mul",
+    np.divide: "Div",
+    np.negative: "Neg",
+    np.power: "Pow",
+    np.absolute: "Abs",
+    np.greater: "Greater",
+    np.less_equal: "LessOrEqual",
+    np.bitwise_and: "And",
+    np.maximum: "Max",
+    np.minimum: "Min",
+    np.exp: "Exp",
+    np.tanh: "Tanh",
+}
+Function = Callable[..., Any]
+maximum: Function = np.maximum
+minimum: Function = np.minimum
+exp: Function = np.exp
+tanh: Function = np.tanh
+log: Function = np.log
 Quantity = Any  # FloatArray (n,), Dual, Value or float; one equation has duals or values, not both
 
 
 @dataclass(frozen=True, slots=True)
-class Value:
-    """A float32 tensor (batch, k) in a graph, mostly (batch, 1); each operation adds a node."""
+class Value(NDArrayOperatorsMixin):
+    """A float32 tensor (batch, k) in a graph, mostly (batch, 1).
+
+    Each of numpy's functions and operators adds a node.
+    """
 
     trace: "StepTrace"
     name: str
 
-    __array_ufunc__ = None  # so that an array on the left leaves the operation to the value
-
-    def __add__(self, other: "Value | float") -> "Value":
-        return self.node("Add", self, other)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: "Value | float") -> "Value":
-        return self.node("Sub", self, other)
-
-    def __rsub__(self, other: float) -> "Value":
-        return self.node("Sub", other, self)
-
-    def __mul__(self, other: "Value | float") -> "Value":
-        return self.node("Mul", self, other)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: "Value | float") -> "Value":
-        return self.node("Div", self, other)
-
-    def __rtruediv__(self, other: float) -> "Value":
-        return self.node("Div", other, self)
-
-    def __neg__(self) -> "Value":
-        return self.node("Neg", self)
-
-    def __pow__(self, other: "Value | float") -> "Value":
-        return self.node("Pow", self, other)
-
-    def __gt__(self, other: "Value | float") -> "Value":
-        return self.node("Greater", self, other)
-
-    def __le__(self, other: "Value | float") -> "Value":
-        return self.node("LessOrEqual", self, other)
-
-    def __and__(self, other: "Value") -> "Value":
-        return self.node("And", self, other)
+    def __array_ufunc__(self, of: np.ufunc, _method: str, *operands: Any) -> "Value":
+        return self.node(NODES[of], *operands) if of in NODES else NotImplemented
 
     def node(
         self, kind: str, *operands: "Value | float | FloatArray", **attributes: int
@@ -82,42 +72,11 @@ class Value:
         )
 
 
-def maximum(x: Quantity, least: Quantity) -> Quantity:
-    """Return the larger of the two."""
-    if isinstance(x, Value):
-        return x.node("Max", x, least)
-    return _chosen(np.maximum, x, least)
-
-
-def minimum(x: Quantity, most: Quantity) -> Quantity:
-    """Return the smaller of the two."""
-    if isinstance(x, Value):
-        return x.node("Min", x, most)
-    return _chosen(np.minimum, x, most)
-
-
 def clip(x: Quantity, low: float, high: float) -> Quantity:
     """Return ``x`` within the limits."""
     if isinstance(x, Dual):
         return maximum(minimum(x, high), low)
     return x.node("Clip", x, low, high) if isinstance(x, Value) else np.clip(x, low, high)
-
-
-def exp(x: Quantity) -> Quantity:
-    """Return e to the power of ``x``."""
-    return x.node("Exp", x) if isinstance(x, Value) else _followed(x, np.exp, lambda y: y)
-
-
-def tanh(x: Quantity) -> Quantity:
-    """Return the hyperbolic tangent."""
-    if isinstance(x, Value):
-        return x.node("Tanh", x)
-    return _followed(x, np.tanh, lambda y: 1.0 - y * y)
-
-
-def log(x: Quantity) -> Quantity:
-    """Return the natural logarithm, not in a graph."""
-    return _followed(x, np.log, lambda y: np.exp(-y))
 
 
 def where(condition: Quantity, then: Quantity, otherwise: Quantity) -> Quantity:
@@ -128,23 +87,6 @@ def where(condition: Quantity, then: Quantity, otherwise: Quantity) -> Quantity:
     if not (isinstance(then, Dual) or isinstance(otherwise, Dual)):
         return value
     return moved(value, (then, condition), (otherwise, ~condition))
-
-
-def _followed(x: Quantity, of: Callable[[Any], Any], slope: Callable[[Any], Any]) -> Quantity:
-    """Return a function of an array or dual; ``slope`` is its derivative for its own value."""
-    y = of(value_of(x))
-    return moved(y, (x, slope(y))) if isinstance(x, Dual) else y
-
-
-def _chosen(of: Callable[[Any, Any], Any], x: Quantity, other: Quantity) -> Quantity:
-    """Return the chosen of two arrays or duals."""
-    y = of(value_of(x), value_of(other))
-    if not (isinstance(x, Dual) or isinstance(other, Dual)):
-        return y
-    first = np.asarray(y == value_of(x))
-    if first.all():
-        return moved(y, (x, 1.0))
-    return moved(y, (x, first), (other, ~first))
 
 
 def bilinear(
