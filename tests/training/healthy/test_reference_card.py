@@ -52,9 +52,8 @@ def recordings(
 def fitted() -> bytes:
     """Return the file of a grey-box model of the healthy drives."""
     with TemporaryDirectory() as folder:
-        return fit_greybox(
-            recordings(2_310_000, HEALTHY), Path(folder) / "m.onnx"
-        ).path.read_bytes()
+        found = fit_greybox(recordings(2_310_000, HEALTHY), Path(folder) / "m.onnx")
+        return found.path.read_bytes()
 
 
 @cache
