@@ -73,6 +73,7 @@ class Path:
 def charge_mg(signals: Mapping[str, Quantity]) -> Quantity:
     """Return the air per stroke (n,) in mg, as broadcast or from air meter and engine speed.
 
+    >>> import numpy as np
     >>> charge_mg({"maf_kg_h": np.array([36.0]), "engine_speed_rpm": np.array([1500.0])}).tolist()
     [200.0]
     """
@@ -85,6 +86,7 @@ def charge_mg(signals: Mapping[str, Quantity]) -> Quantity:
 def with_speed(signals: Mapping[str, Quantity]) -> dict[str, Quantity]:
     """Return the signals with engine speed (n,), as broadcast or from air meter and charge.
 
+    >>> import numpy as np
     >>> with_speed({"maf_kg_h": np.array([36.0]), "air_mass_mg": np.array([200.0])})[
     ...     "engine_speed_rpm"].tolist()
     [1500.0]
