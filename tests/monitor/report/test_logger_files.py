@@ -25,7 +25,9 @@ UNITS = {**TUNER_UNITS, "lambda_controller": ("EGO", "", 0.01, 0.0)}
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give a simulated drive as an own table."""
-    return write(Experiment("micro_trips", 2003, 7, duration_s=1200.0), tmp_path_factory.mktemp("own"), "csv")
+    return write(
+        Experiment("micro_trips", 2003, 7, duration_s=1200.0), tmp_path_factory.mktemp("own"), "csv"
+    )
 
 
 def as_logged(own: Path, path: Path) -> tuple[Path, Path]:
