@@ -18,7 +18,7 @@ from monitor.frames.profiles.conversion import (
     stated_texts,
 )
 from monitor.frames.profiles.derived import derive
-from monitor.frames.profiles.profile import Profile, Source
+from monitor.frames.profiles.profile import Profile, Source, shipped, shipped_profile
 from monitor.frames.profiles.recognition import key, places
 from monitor.frames.profiles.times import TICKS_PER_S, cleaned, held, per_second, steps_in_counts
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
@@ -134,8 +134,13 @@ def _choices(
     raw: RawTable, profile: Profile, there: Mapping[str, list[int]], notes: Notes
 ) -> list[Choice]:
     """Return the columns of the profile's signals, the best first; units of others are noted."""
-    choices, odd = list[Choice](), dict[str, str]()
-    for name, sources in profile.signals.items():
+    choices, odd, signals = list[Choice](), dict[str, str](), dict(profile.signals)
+    if profile.name in shipped() and not any(
+        key(s.column) in there for s in signals.get(OUTPUT, ())
+    ):
+        others = map(shipped_profile, shipped())  # the sensor as another logger calls it
+        signals[OUTPUT] = tuple(s for each in others for s in each.signals.get(OUTPUT, ()))
+    for name, sources in signals.items():
         for source in sources:
             for place in there.get(key(source.column), ()):
                 column = raw.columns[place]

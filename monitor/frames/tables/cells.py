@@ -43,10 +43,18 @@ def is_plain(text: str) -> bool:
     return "_" not in text and text.isascii()
 
 
-def numeral(text: str) -> float:
-    """Return a cell's number; raises ValueError if it is none."""
+def numeral(text: str, *, comma: bool = False) -> float:
+    """Return a cell's number; raises ValueError if it is none.
+
+    comma : of decimals
+
+    >>> numeral("1,700"), numeral("-1.234,5", comma=True)
+    (1700.0, -1234.5)
+    """
     if not is_plain(text):
         raise ValueError(f"{text[:40]!r} is no number")
+    if comma and "," in text:
+        text = text.replace(".", "").replace(",", ".")
     return float(text.replace(",", "") if THOUSANDS.fullmatch(text.strip()) else text)
 
 
@@ -55,33 +63,20 @@ def exact_number(text: str) -> float:
     return numeral(text) if text.strip() else math.nan
 
 
-def number(text: str) -> float:
+def number(text: str, *, comma: bool = False) -> float:
     """Return a cell's number, NaN for no value and for text."""
     try:
-        value = numeral(text)
+        value = numeral(text, comma=comma)
     except ValueError:
         return WORDS.get(text.strip().casefold(), math.nan)
     return value if math.isfinite(value) else math.nan
 
 
-def number_with_comma(text: str) -> float:
-    """Return the number of a cell such as 0,38.
-
-    >>> number_with_comma("-1.234,5")
-    -1234.5
-    """
-    if "," in text:
-        text = text.replace(".", "").replace(",", ".")
-    return number(text)
-
-
 def is_number(text: str, *, comma: bool = False) -> bool:
     """Return whether a cell holds a number."""
-    try:
-        numeral(text.replace(",", ".") if comma else text)
-    except ValueError:
-        return False
-    return True
+    with suppress(ValueError):
+        return numeral(text, comma=comma) is not None
+    return False
 
 
 def measure(text: str) -> tuple[str, str]:

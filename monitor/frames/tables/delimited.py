@@ -20,7 +20,6 @@ from monitor.frames.tables.cells import (
     exact_number,
     is_plain,
     number,
-    number_with_comma,
     of_unit,
     of_words,
 )
@@ -96,7 +95,7 @@ def _read_long(
     A file that holds one signal after the other is brought into the order of its first column.
     """
     rows = _rows(path, dialect, value + 1, notes)
-    parse = number_with_comma if dialect.decimal_comma else number
+    parse = partial(number, comma=True) if dialect.decimal_comma else number
     chosen = [columns[each.column] for each in wanted]
     plain = [
         (k, i, _parser(dialect, Wanted(i))) for k, i in enumerate(chosen) if isinstance(i, int)
@@ -159,9 +158,8 @@ def _parser(dialect: Dialect, wanted: Wanted) -> Parse:
         return exact_number
     if wanted.words:
         return of_words(wanted.words)
-    column, parse = dialect.columns[wanted.column], number
-    if dialect.decimal_comma:
-        parse = number_with_comma
+    column = dialect.columns[wanted.column]
+    parse = partial(number, comma=True) if dialect.decimal_comma else number
     if column.kind == "clock":
         return ColumnClock()
     return of_unit(column.unit, parse) if column.kind == "measure" else parse

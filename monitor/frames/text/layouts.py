@@ -241,6 +241,8 @@ UNREAD: Final = (
      "Vehicle Spy without arbitration identifiers", "Vehicle Spy's own export"),
     (re.compile(r'^"?No\."?[, ]+"?Time"?[, ]+"?Source', re.M), "Wireshark",
      "tshark -T fields -E header=y -e frame.time_epoch -e can.id -e can.len -e data.data"),
+    (re.compile(r"^(?:t[0-9A-F]{3}|T[0-9A-F]{8})[0-8](?:[0-9A-F]{2})*(?:[0-9A-F]{4})?[\r\n]"),
+     "an slcan adapter's own lines", "slcand and candump -L"),
     (re.compile(r"^# Logger type: CL\d000", re.M), "a CLX000 logger", "its CLX000 converters"),
     (re.compile(r"^Time[^,;\n]*[,;](?:CAN )?(?:Channel|ID|Identifier)[,;]", _ANY | re.M),
      "frames as CSV", "SavvyCAN or python-can's can_logconvert"),

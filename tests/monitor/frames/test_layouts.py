@@ -221,6 +221,7 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
         ("Vehicle Spy Message History\nLine,Abs Time(Sec)\n", "not read, convert it with Vehicle"),
         ("Time,Channel,ID,Length\n0.1,0,0C2,1,FF\n", "frames as CSV: not read"),
         ("  can0  0C2   [2]  11 22\n", "candump without times"),
+        ("t0C221122\rT18FEF1001FF\r", "an slcan adapter's own lines: not read"),
         ('"No.","Time","Source"\n"1","0.1","ID: 194 (0xc2)"\n', "Wireshark: not read, convert"),
     ],
 )
