@@ -8,6 +8,7 @@ bytes.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Final, TypeVar
@@ -23,6 +24,7 @@ from monitor.frames.blocks import LATEST_S, CutShortError, LogCounters, frames_o
 from monitor.frames.bounds import open_binary, open_text
 from monitor.frames.channels import Channels
 from monitor.frames.tables.readers import SUFFIXES as TABLES
+from monitor.frames.tables.readers import suffix_of
 from monitor.frames.text import candump
 from monitor.frames.text.layouts import LAYOUTS, LayoutFound, frames_of_lines, layout_of
 
@@ -82,8 +84,10 @@ def checked_kind(path: Path) -> str:
         raise RecordingError(f"{path}: cannot read it: {error.strerror}") from error
     if size == 0:
         raise RecordingError(f"{path}: the log is empty")
-    if kind == ".mf4":
-        _require_mdf(path)
+    if kind == ".mf4" and not find_spec("asammdf"):
+        raise RecordingError(
+            f"{path}: reading .mf4 needs asammdf: pip install '.[mdf]' in the project's folder"
+        )
     return kind
 
 
@@ -102,9 +106,7 @@ def frame_of(message: "can.Message") -> Frame:
 
 def log_kind(path: Path, known: Sequence[str] = LOG_SUFFIXES) -> str:
     """Return the format's suffix without .gz; raises RecordingError if it is not known."""
-    suffixes = [suffix.lower() for suffix in path.suffixes]
-    is_gzip = bool(suffixes) and suffixes[-1] == ".gz"
-    kind = suffixes[-2] if is_gzip and len(suffixes) > 1 else suffixes[-1] if suffixes else ""
+    kind = suffix_of(path)
     if kind not in known:
         formats = " ".join(known)
         raise RecordingError(
@@ -112,15 +114,6 @@ def log_kind(path: Path, known: Sequence[str] = LOG_SUFFIXES) -> str:
             f"of tables {' '.join(TABLES)} .parquet"
         )
     return kind
-
-
-def _require_mdf(path: Path) -> None:
-    try:
-        import asammdf  # noqa: F401, PLC0415
-    except ImportError as error:
-        raise RecordingError(
-            f"{path}: reading .mf4 needs asammdf: pip install '.[mdf]' in the project's folder"
-        ) from error
 
 
 def guarded(path: Path, counters: LogCounters, items: Iterator[T]) -> Iterator[T]:

@@ -7,7 +7,6 @@ record, with a checksum behind it: the sum of its bytes; type 1 is a marker with
 Value = scale * (raw + transform). Source: the files themselves and the public converters.
 """
 
-import io
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -212,12 +211,3 @@ class _Clock:
         ticks = self._ticks + np.cumsum(steps)
         self._last, self._ticks = int(stamps[-1]), int(ticks[-1])
         return np.asarray(ticks * _TICK_S)
-
-
-def is_mlg(path: Path) -> bool:
-    """Return whether the file begins as an MLG log does."""
-    try:
-        with open_binary(path) as file:
-            return file.read(len(MAGIC)) == MAGIC
-    except (OSError, EOFError, io.UnsupportedOperation):
-        return False

@@ -14,6 +14,7 @@ from typing import Final
 from monitor.base.errors import RecordingError
 from monitor.base.foreign import ForeignError, foreign, returned
 from monitor.base.types import FloatArray
+from monitor.frames.bounds import head_of
 from monitor.frames.tables import delimited, mlg
 from monitor.frames.tables.raw_table import Notes, Pivot, RawTable, Wanted
 
@@ -57,7 +58,7 @@ def open_table(path: Path, pivot: Pivot | None = None) -> RawTable:
     try:
         if suffix in plugins():
             return _through_plugin(path, plugins()[suffix])
-        if suffix == ".mlg" or mlg.is_mlg(path):
+        if suffix == ".mlg" or head_of(path, len(mlg.MAGIC)) == mlg.MAGIC:
             return mlg.open_mlg(path)
         return delimited.open_delimited(path, pivot)
     except (OSError, EOFError, ValueError) as error:

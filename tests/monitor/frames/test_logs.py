@@ -105,7 +105,7 @@ def test_a_blf_whose_logger_was_killed_is_read_and_says_so(folder: Path, tmp_pat
         ("drive.txt", b"x", "its first lines are those of no CAN log; known are candump"),
         ("drive.dat", b"x", r"unknown log format '.dat', known are .log"),
         ("drive", b"x", "unknown log format ''"),
-        ("drive.gz", b"x", "unknown log format '.gz'"),
+        ("drive.gz", b"x", "unknown log format ''"),
         ("blank.log", b"\n\n", "no CAN frames"),
         ("words.log", 2 * b"hello world again\n", "line 1 is 'hello world again'"),
         ("late.log", b"(1.0) can0 1#00\n" + 2 * b"(1.1) can0 1#0G\n", "after 1 frames: line 2"),
