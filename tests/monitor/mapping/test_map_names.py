@@ -66,7 +66,7 @@ UNIT_BEHIND_ITS_KIND = """
     manifold_pressure_kpa     MAP (0.1,0) [0|6553.5] "pressure:kPa"
     coolant_temperature_degc  CoolantTemp (0.1,0) [0|6553.5] "temperature:F" = 0.5555556 -17.777778
     vehicle_speed_km_h        VehicleSpeed (0.1,0) [0|6553.5] "speed:mph"    = 1.609344
-    -                         ECU_BatteryVoltage (0.01,0) [0|655.35] "voltage:furlong"
+    lambda_measured           ExhaustLambdaUpstreamCatalyst (0.0005,0) [0|16] "-"
 """
 BOSCH = """
     engine_speed_rpm          nmot_w (0.25,0) [0|16000] "1/min"
