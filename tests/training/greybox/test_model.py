@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from monitor.base.errors import ModelError, UsageError
-from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from training.dyno import vehicle
 from training.dyno.recording_files import write
@@ -15,10 +14,9 @@ from training.dyno.simulation import Experiment
 from training.gap.verify.verification import Fold, verify
 from training.greybox.chain import RECOVERY_S, base_path, simulate
 from training.greybox.charge import INPUTS
-from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import reference
 from training.greybox.fit.drive import until
-from training.greybox.graph.chain_graph import Entry, Greybox, build, save
+from training.greybox.graph.chain_graph import Greybox, build
 from training.greybox.model import (
     POOR_CORRELATION,
     GreyboxResult,
@@ -132,43 +130,6 @@ def test_reset_starts_from_the_inputs_and_the_measured_output(result: GreyboxRes
     model.reset(u, 0.8)
     assert float(model.state[0, 0]) == 1.25
     assert 0.8 < model.step(u) < alone
-
-
-@pytest.mark.parametrize("batch", [3, 64])
-def test_batched_and_single_runs_give_the_same_bits(
-    result: GreyboxResult, dense: GreyboxResult, tmp_path: Path, batch: int
-) -> None:
-    # GIVEN the base, a path on which everything follows the inputs, and an own charge
-    moving = replace(result.greybox, effects=effects())
-    save(tmp_path / "moving.onnx", moving, card_of(result, moving))
-    for path in (result.path, tmp_path / "moving.onnx", dense.path):
-        u = wild_inputs(batch, 120)
-        if path == dense.path:  # fuel, manifold pressure and temperature, engine speed
-            u = np.stack([u[..., 0], u[..., 1] / 4, u[..., 1] / 10, u[..., 2]], axis=-1)
-        one, many = Model.load(path), Model.load(path, batch)
-        many.reset(u[:, 0])
-        together = many.run_batch(u)
-        for i in range(batch):
-            one.reset(u[i, 0])
-            assert np.array_equal([one.step(x) for x in u[i]], together[i])
-
-
-def wild_inputs(batch: int, n: int) -> FloatArray:
-    rng = np.random.default_rng(batch)
-    u = rng.uniform([10.0, 200.0, 700.0], [60.0, 600.0, 4000.0], (batch, n, 3))
-    u[:, 40:60, 0] = 0.0
-    return u
-
-
-def effects() -> tuple[Entry, ...]:
-    """Effects of the fuel, of the mixing and of the sensor."""
-    values = {"wall_film": [0.2, 0.8, 1.0], "mix_flow": [0.5], "sensor_asymmetry": [0.5]}
-    made = (ModelEffect.with_values(name, each) for name, each in values.items())
-    return tuple(Entry(each, ("engine_speed_rpm",)) for each in made)
-
-
-def card_of(result: GreyboxResult, greybox: Greybox) -> "object":
-    return replace(result.card, state=greybox.state_layout, lags=greybox.memory)
 
 
 def test_fuel_cut_reads_lean_even_if_no_recording_had_one(

@@ -168,16 +168,18 @@ def test_the_order_of_effects_is_that_of_their_fit(base: Path, tmp_path: Path) -
     assert np.abs(run(tmp_path / "0.onnx", plain()) - run(out, plain())).max() > 1e-3
 
 
+@pytest.mark.parametrize("batch", [3, 64])
 def test_batched_and_single_runs_of_all_effects_give_the_same_bits(
-    base: Path, tmp_path: Path
+    base: Path, tmp_path: Path, batch: int
 ) -> None:
     out = tmp_path / "m.onnx"
     every = [ModelEffect.with_values(e.name, [p.start[0] for p in e.parameters]) for e in ALL]
     card = add(base, every, out, ranges=ranges_of(), recordings=FIT)
     limits = Greybox.of(card)
-    size = (3, 400, len(card.inputs))
+    size = (batch, 120, len(card.inputs))
     made = np.random.default_rng(8).uniform(limits.u_low, limits.u_high, size)
-    one, many = Model.load(out), Model.load(out, len(made))
+    made[:, 40:60, card.input_names.index("fuel_mass_mg")] = 0.0
+    one, many = Model.load(out), Model.load(out, batch)
     many.reset(made[:, 0])
     together = many.run_batch(made)
     for u, row in zip(made, together, strict=True):
