@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 from monitor.base.files.settings import ShippedSettings
 from training.ecu_tables.signals import Air
@@ -28,14 +29,11 @@ class TablesConfig:
 @cache
 def defaults() -> TablesConfig:
     """Return the settings of ``default.toml``."""
-    read = ShippedSettings("training.ecu_tables").values()
+    read: Mapping[str, Any] = ShippedSettings("training.ecu_tables").values()
     return TablesConfig(
-        z90=read["interval"]["z90"],
-        air_scale=read["interval"]["air_scale"],
-        least_s=read["cell"]["least_s"],
-        widest=read["widest"],
-        bluntest=read["bluntest"],
-        widening=read["widening"],
+        **read["interval"],
+        **read["cell"],
+        **{table: read[table] for table in ("widest", "bluntest", "widening")},
     )
 
 

@@ -25,30 +25,31 @@ RECOVERY_S = 2.0  # after fuel cut, before a sample counts
 class Constants(NamedTuple):
     """The chain's calibration constants, which a fit may move."""
 
-    gain: float = 1.0  # of fuel over air: injector, air meter and fuel in one
-    dead_time_s: float = 0.15  # part without engine speed
-    dead_time_revolutions: float = 1.5  # part over engine speed: 90 / rpm seconds
+    gain: float = 1.0
+    dead_time_s: float = 0.15
+    dead_time_revolutions: float = 1.5  # 90 / rpm seconds
     mixing_s: float = 0.06  # at most sensor_s: the two lags read the same in either order
     sensor_s: float = 0.10
-    span: float = 1.0  # sensor sensitivity about phi = 1
+    span: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class ChainRange:
-    """Unit and bounds of one constant."""
+    """Unit, bounds and meaning of one constant."""
 
     unit: str
     low: float
     high: float
+    meaning: str
 
 
 RANGES: Mapping[str, ChainRange] = {
-    "gain": ChainRange("-", 0.4, 2.5),
-    "dead_time_s": ChainRange("s", 0.0, 1.0),
-    "dead_time_revolutions": ChainRange("rev", 0.0, 6.0),
-    "mixing_s": ChainRange("s", 0.005, 1.5),
-    "sensor_s": ChainRange("s", 0.005, 1.5),
-    "span": ChainRange("-", 0.3, 2.0),
+    "gain": ChainRange("-", 0.4, 2.5, "of fuel over air: injector, air meter and fuel in one"),
+    "dead_time_s": ChainRange("s", 0.0, 1.0, "part that does not follow engine speed"),
+    "dead_time_revolutions": ChainRange("rev", 0.0, 6.0, "part that follows engine speed"),
+    "mixing_s": ChainRange("s", 0.005, 1.5, "first lag, the shorter one: mixing in the exhaust"),
+    "sensor_s": ChainRange("s", 0.005, 1.5, "second lag: the sensor"),
+    "span": ChainRange("-", 0.3, 2.0, "sensitivity of the sensor about lambda 1"),
 }
 
 

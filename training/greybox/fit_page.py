@@ -1,26 +1,17 @@
 """The page of a grey-box fit: its warnings, constants, figures and free runs."""
 
 from pathlib import Path
-from typing import Final
 
+from training.greybox.chain import RANGES
 from training.greybox.model import GreyboxResult
 from training.narx.page.training_page import write_page
-
-MEANING: Final = {
-    "gain": "of fuel over air: injector, air meter and fuel in one",
-    "dead_time_s": "part of the dead time that does not follow engine speed",
-    "dead_time_revolutions": "part that follows engine speed",
-    "mixing_s": "first lag, the shorter one: mixing in the exhaust",
-    "sensor_s": "second lag: the sensor",
-    "span": "sensitivity of the sensor about lambda 1",
-}
 
 
 def write_report(path: Path | str, result: GreyboxResult) -> None:
     """Write the page; figures are embedded, nothing is loaded from elsewhere."""
     title = f"Grey-box model {result.path.name}"
     charge = _charge(result)
-    write_page(path, result, "fit/greybox_fit.html", title, charge=charge, meaning=MEANING)
+    write_page(path, result, "fit/greybox_fit.html", title, charge=charge, ranges=RANGES)
 
 
 def _charge(result: GreyboxResult) -> str:

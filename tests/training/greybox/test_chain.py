@@ -5,7 +5,6 @@ import pytest
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import (
-    RECOVERY_S,
     STOICHIOMETRIC,
     Constants,
     Path,
@@ -13,7 +12,6 @@ from training.greybox.chain import (
     simulate,
     valve_phi,
 )
-from training.greybox.fit.drive import until
 
 PERIOD_S = 0.1
 
@@ -133,11 +131,3 @@ def test_the_two_lags_read_the_same_in_either_order() -> None:
         simulate(path(phi, mixing_s=m, sensor_s=s), PERIOD_S) for m, s in ((0.3, 0.1), (0.1, 0.3))
     )
     assert np.allclose(a, b, atol=1e-12)
-
-
-def test_samples_soon_after_fuel_cut_are_not_settled() -> None:
-    fuel = np.r_[np.full(30, 9.0), np.zeros(10), np.full(40, 9.0)]
-    good = ~until(fuel <= 0.0, RECOVERY_S, PERIOD_S)
-    assert good[:30].all()
-    assert not good[30:60].any()
-    assert good[60:].all()

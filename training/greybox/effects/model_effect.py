@@ -22,12 +22,8 @@ class ModelEffect:
     """
 
     name: str
-    says: str  # effect on the vehicle, as the end of a sentence
-    tag: str  # physics, fault-like or either
-    like: tuple[str, ...]  # names from which the effect cannot be told by construction
     parameters: Mapping[str, float]
     standard_errors: Mapping[str, float]
-    units: Mapping[str, str]
 
     def __post_init__(self) -> None:
         wanted = [p.name for p in _entry(self.name).parameters]
@@ -46,17 +42,12 @@ class ModelEffect:
         >>> ModelEffect.with_values("mix_flow", [1.5]).parameters
         {'volume': 1.5}
         """
-        effect = _entry(name)
-        names = [p.name for p in effect.parameters]
+        names = [p.name for p in _entry(name).parameters]
         errors = np.zeros(len(names)).tolist() if standard_errors is None else standard_errors
         return cls(
             name=name,
-            says=effect.says,
-            tag=effect.tag,
-            like=effect.like,
             parameters=dict(zip(names, map(float, values), strict=True)),
             standard_errors=dict(zip(names, map(float, errors), strict=True)),
-            units={p.name: p.unit for p in effect.parameters},
         )
 
     @property
@@ -76,12 +67,19 @@ class ModelEffect:
         >>> ModelEffect.with_values("mix_flow", [1.5]).in_words
         'mix_flow: volume 1.5 l'
         """
-        sizes = (f"{name} {v:.3g} {self.units[name]}" for name, v in self.parameters.items())
-        return f"{self.name}: {', '.join(size.removesuffix(' -') for size in sizes)}"
+        of = zip(self.effect.parameters, self.values, strict=True)
+        sizes = (f"{p.name} {value:.3g} {p.unit}".removesuffix(" -") for p, value in of)
+        return f"{self.name}: {', '.join(sizes)}"
 
     def to_card(self) -> dict[str, Any]:
-        """Return the entry for a card, see ``from_card``."""
-        return asdict(self) | {"like": list(self.like)}
+        """Return the entry for a card, with what the library says; see ``from_card``."""
+        effect = self.effect
+        return asdict(self) | {
+            "says": effect.says,
+            "tag": effect.tag,
+            "like": list(effect.like),
+            "units": {p.name: p.unit for p in effect.parameters},
+        }
 
     @classmethod
     def from_card(cls, given: Mapping[str, Any]) -> "ModelEffect":
@@ -90,8 +88,7 @@ class ModelEffect:
         Raises ModelError if a field is missing or the library has no such effect.
         """
         try:
-            fields = {name: given[name] for name in cls.__slots__}
-            return cls(**fields | {"like": tuple(fields["like"])})
+            return cls(**{name: given[name] for name in cls.__slots__})
         except (KeyError, TypeError) as error:
             raise ModelError(f"an added effect of the card lacks {error}") from None
 
@@ -113,11 +110,10 @@ def uncertain(added: Sequence[ModelEffect]) -> list[str]:
     """
     warnings = []
     for each in added:
-        spreads = {p.name: p.spread for p in _entry(each.name).parameters}
-        for name, value in each.parameters.items():
-            error, spread = each.standard_errors[name], spreads[name]
+        for p, value in zip(each.effect.parameters, each.values, strict=True):
+            error, spread = each.standard_errors[p.name], p.spread
             most = abs(value) if spread is None else AS_EXPECTED * spread
-            says = f"{each.name}: {name} is {value:.2g} {each.units[name]}".removesuffix(" -")
+            says = f"{each.name}: {p.name} is {value:.2g} {p.unit}".removesuffix(" -")
             more = "record driving in which the effect is stronger"
             if error == 0.0 or (spread is not None and error > most):
                 warnings.append(f"{says}, which the recordings of the fit do not determine: {more}")
