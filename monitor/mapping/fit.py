@@ -34,7 +34,7 @@ TEMPERATURE_OFFSETS: Final = frozenset({-40.0, -48.0, -50.0, -60.0})  # of degC 
 MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
 PRESSURES: Final = ("kPa", "MPa", "bar", "hPa", "psi")  # of a column without a unit
 _SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
-_PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU and "_"
+_PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU and "_" or "."
 _BARE: Final = frozenset(VOCABULARY["words"]["bare"].split())
 _CONTRARY: Final = frozenset(VOCABULARY["words"]["contrary"].split())
 
@@ -136,7 +136,7 @@ def _doubts(
     """Yield why a name may not say the quantity: by a word that the quantity does not explain."""
     first, of_message = next(iter(words), ""), words_of(d.message)
     if rest[:1] == [first] and len(first) <= _PREFIX_LETTERS and first not in OTHER:
-        is_apart = re.match(rf"{first}\d*_", d.name.lower()) and not _BARE.issuperset(words[1:])
+        is_apart = re.match(rf"{first}\d*[_.]", d.name.lower()) and not _BARE.issuperset(words[1:])
         if is_apart or first in of_message:  # an ECU's, which says nothing
             rest = rest[1:]
     if odd := [word for word in rest if word not in quantity.also]:
