@@ -34,9 +34,7 @@ TEMPERATURE_OFFSETS: Final = frozenset({-40.0, -48.0, -50.0, -60.0})  # of degC 
 MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
 PRESSURES: Final = ("kPa", "MPa", "bar", "hPa", "psi")  # of a column without a unit
 _SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
-_PREFIX_LETTERS: Final = (
-    4  # a name may begin with so short an abbreviation of its ECU and "_" or "."
-)
+_PREFIX_LETTERS: Final = 4  # of an ECU's abbreviation, before "_" or ".", that may begin a name
 _BARE: Final = frozenset(VOCABULARY["words"]["bare"].split())
 _CONTRARY: Final = frozenset(VOCABULARY["words"]["contrary"].split())
 

@@ -30,16 +30,12 @@ from monitor.mapping.quantities import QUANTITIES, STOICHIOMETRIC, VARYING
 from monitor.mapping.text import toml
 
 _ENOUGH: Final = 6  # columns to know a logger by
-_OWN: Final = (
-    3  # of these, columns that no shipped profile knows: others may be another logger's, too
-)
+_OWN: Final = 3  # of these, columns that no shipped profile knows: no other logger has them
 _TIMES: Final = (
     *("t", "time", "timestamp", "zeit", "temps", "tempo", "tiempo", "seconds", "elapsedtime"),
     *("logtime", "devicetime"),
 )
-_RISING: Final = (
-    0.95  # of the steps of a column that tells the time; the first row may be an old one
-)
+_RISING: Final = 0.95  # of the steps of a time's column; the first row may be an old one
 _KNOWN, _CONVERTED = 2.0, 0.5  # how sure a known name is: of the quantity, of a gauge pressure
 
 
