@@ -133,16 +133,15 @@ def _whitened(
     at : the samples that count together with those before them
     """
     past = at[:, None] - np.arange(1, NOISE_ORDER + 1)
-    case = Case((drive,), (np.zeros(len(drive)),), WHITE)
-    found = fit(case, (), [start], FROM_AFAR)
-    for _ in range(ROUNDS - 1):
-        e = predict(case, found.base, (), ())[0] - drive.phi_measured
+    case, base = Case((drive,), (np.zeros(len(drive)),), WHITE), start
+    for left in reversed(range(ROUNDS)):
+        found = fit(case, (), [base], FROM_AFAR)
+        base = found.base
+        e = predict(case, base, (), ())[0] - drive.phi_measured
         told.round_done(float(np.sqrt(np.mean(e[at] ** 2))))
-        newest, older = np.linalg.lstsq(e[past], e[at])[0].tolist()
-        case = replace(case, ar=(newest, older))
-        found = fit(case, (), [found.base], FROM_AFAR)
-    e = predict(case, found.base, (), ())[0] - drive.phi_measured
-    told.round_done(float(np.sqrt(np.mean(e[at] ** 2))))
+        if left:
+            newest, older = np.linalg.lstsq(e[past], e[at])[0].tolist()
+            case = replace(case, ar=(newest, older))
     return case, found
 
 
