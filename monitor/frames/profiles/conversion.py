@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -32,43 +32,38 @@ def target_of(name: str, stoich_afr: float) -> Unit | None:
     return unit_of(BY_NAME[name].unit, stoich_afr)
 
 
-class LoggerSetting:
-    """The unit of columns whose unit is a setting of the logger: one choice for all alike.
+def in_one_setting(
+    raw: RawTable, profile: Profile, columns: Sequence[tuple[Choice, FloatArray]]
+) -> list[Choice]:
+    """Return the choices with one unit each; where it is a setting of the logger, alike for all.
 
-    Units of mixture are one setting; all others are another: metric or not.
+    Units of mixture are one setting; all others are another: metric or not. The one counts with
+    which most columns that state no unit are plausible.
     """
+    place = dict[bool, int]()
+    for is_mixture in (False, True):
+        open_ = [
+            (choice, cells)
+            for choice, cells in columns
+            if len(choice.source.units) > 1
+            and _is_mixture(choice) == is_mixture
+            and not any(
+                unit_of(text, profile.stoich_afr)
+                for text in stated_texts(raw.columns[choice.column])
+            )
+        ]
+        most = max((len(choice.source.units) for choice, _ in open_), default=1)
+        votes = [sum(_fits(profile, *each, i) for each in open_) for i in range(most)]
+        place[is_mixture] = votes.index(max(votes))
+    units = [choice.source.units[: place[_is_mixture(choice)] + 1][-1:] for choice, _ in columns]
+    return [
+        replace(choice, source=replace(choice.source, units=unit))
+        for (choice, _), unit in zip(columns, units, strict=True)
+    ]
 
-    def __init__(
-        self, raw: RawTable, profile: Profile, columns: Sequence[tuple[Choice, FloatArray]]
-    ) -> None:
-        self._place = dict.fromkeys((False, True), 0)
-        for is_mixture in self._place:
-            open_ = [
-                (choice, cells)
-                for choice, cells in columns
-                if len(choice.source.units) > 1
-                and self._is_mixture(choice.source) == is_mixture
-                and not any(
-                    unit_of(text, profile.stoich_afr)
-                    for text in stated_texts(raw.columns[choice.column])
-                )
-            ]
-            most = max((len(choice.source.units) for choice, _ in open_), default=1)
-            votes = [
-                sum(_fits(profile, each, cells, place) for each, cells in open_)
-                for place in range(most)
-            ]
-            self._place[is_mixture] = votes.index(max(votes))
 
-    @staticmethod
-    def _is_mixture(source: Source) -> bool:
-        return any(text.casefold() in ("afr", "lambda") for text in source.units)
-
-    def unit(self, source: Source) -> str:
-        """Return the unit of a column that states none, "" where the profile gives none."""
-        if not source.units:
-            return ""
-        return source.units[min(self._place[self._is_mixture(source)], len(source.units) - 1)]
+def _is_mixture(choice: Choice) -> bool:
+    return any(text.casefold() in ("afr", "lambda") for text in choice.source.units)
 
 
 def _fits(profile: Profile, choice: Choice, cells: FloatArray, place: int) -> bool:
@@ -120,19 +115,15 @@ def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
 
 
 def converted(
-    profile: Profile, setting: LoggerSetting, choice: Choice, column: RawColumn, cells: FloatArray
+    profile: Profile, choice: Choice, column: RawColumn, cells: FloatArray
 ) -> tuple[FloatArray, str]:
     """Return the values in the signal's unit, and the logger's unit in words."""
     canonical = BY_NAME[choice.name].unit
     target = target_of(choice.name, profile.stoich_afr)
     if target is None:
         return cells, column.unit
-    for text in stated_texts(column):
+    for text in (*stated_texts(column), *choice.source.units):
         unit = unit_of(text, profile.stoich_afr)
         if unit is not None and unit.quantity == target.quantity and text != "-":
             return scaled(cells, unit, target), text
-    text = setting.unit(choice.source)
-    unit = unit_of(text, profile.stoich_afr)
-    if unit is not None and unit.quantity == target.quantity:
-        return scaled(cells, unit, target), text
     return cells, canonical

@@ -12,8 +12,8 @@ from monitor.base.signals import BY_NAME, OUTPUT, SIGNALS
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.frames.profiles.conversion import (
     Choice,
-    LoggerSetting,
     converted,
+    in_one_setting,
     is_of_quantity,
     stated_texts,
 )
@@ -84,7 +84,7 @@ def read_signals(
     t_ns, cells = _rows(raw, times, [*choices, *own], notes)
     updates = np.count_nonzero(np.isfinite(cells), axis=0).tolist()
     cells = held(cells, t_ns, [i for i, each in enumerate(choices) if each.name == OUTPUT])
-    setting = LoggerSetting(raw, profile, [(each, cells[:, i]) for i, each in enumerate(choices)])
+    choices = in_one_setting(raw, profile, [(c, cells[:, i]) for i, c in enumerate(choices)])
     nothing = np.zeros(len(t_ns), dtype=bool)
     taken: dict[str, tuple[FloatArray, BoolArray, Found]] = {}
     for i, each in enumerate((*choices, *own)):
@@ -92,7 +92,7 @@ def read_signals(
             continue
         values, pinned, found = cells[:, i], nothing, Found(each.name, each.name, "")
         if i < len(choices):
-            values, pinned, found = _signal(raw, profile, setting, each, values)
+            values, pinned, found = _signal(raw, profile, each, values)
         taken[each.name] = values, pinned, replace(found, updates=updates[i])
     blank = {each.name: raw.names[each.column] for each in choices if each.name not in taken}
     for made in derive({name: values for name, (values, _, _) in taken.items()}, profile.engine):
@@ -251,7 +251,7 @@ def _time_unit(column: RawColumn, source: Source) -> Unit | None:
 
 
 def _signal(
-    raw: RawTable, profile: Profile, setting: LoggerSetting, choice: Choice, cells: FloatArray
+    raw: RawTable, profile: Profile, choice: Choice, cells: FloatArray
 ) -> tuple[FloatArray, BoolArray, Found]:
     column, source = raw.columns[choice.column], choice.source
     pinned = np.zeros(len(cells), dtype=bool)
@@ -260,7 +260,7 @@ def _signal(
     if source.is_flag:
         values, unit = _flag(source, cells), ""
     else:
-        values, unit = converted(profile, setting, choice, column, cells)
+        values, unit = converted(profile, choice, column, cells)
         values = values * source.factor + source.offset
         if BY_NAME[choice.name].unit == "-":  # no mixture is below 0: loggers write -1 for no value
             values = np.where(values < 0.0, np.nan, values)
