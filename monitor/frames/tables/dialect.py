@@ -250,7 +250,7 @@ def _column(
         kind = "clock" if 2 * len(times) > len(found) else "text"
         wraps_s = wrap_s(times[0]) if kind == "clock" else 0.0
         units = Counter(filter(None, (measure(text)[1] for text in found))).most_common(1)
-        if units:
+        if units and 2 * units[0][1] >= len(found):
             unit, kind = units[0][0], "measure"
     return RawColumn(name, unit, kind, wraps_s, others)  # type: ignore[arg-type]
 
