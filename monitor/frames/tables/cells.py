@@ -74,9 +74,11 @@ def number(text: str, *, comma: bool = False) -> float:
 
 def is_number(text: str, *, comma: bool = False) -> bool:
     """Return whether a cell holds a number."""
-    with suppress(ValueError):
-        return numeral(text, comma=comma) is not None
-    return False
+    try:
+        numeral(text, comma=comma)
+    except ValueError:
+        return False
+    return True
 
 
 def measure(text: str) -> tuple[str, str]:
@@ -85,7 +87,7 @@ def measure(text: str) -> tuple[str, str]:
     >>> measure("3.2 V"), measure("90°C"), measure("3 of 5")
     (('3.2', 'V'), ('90', '°C'), ('3 of 5', ''))
     """
-    match = _MEASURE.fullmatch(text)
+    match = None if text[-1:].isdigit() else _MEASURE.fullmatch(text)
     return (match[1], match[2]) if match and unit_of(match[2], 1.0) else (text, "")
 
 
@@ -158,7 +160,8 @@ def wrap_s(text: str) -> float:
 
 
 def _clock_match(text: str) -> re.Match[str] | None:
-    return _CLOCK.fullmatch(_BASIC.sub(r"\1T\2:\3:\4.\5", text.strip()))
+    text = text.strip()
+    return _CLOCK.fullmatch(_BASIC.sub(r"\1T\2:\3:\4.\5", text) if text[8:9] == "T" else text)
 
 
 def of_unit(unit: str, parse: Parse) -> Parse:

@@ -178,10 +178,8 @@ def _is_wide(row: Sequence[str], width: int) -> bool:
 def _is_data(row: Sequence[str], *, comma: bool) -> bool:
     """Return whether at least half of a row's cells are numbers or times; blanks do not count."""
     filled = [cell for cell in row if not is_no_value(cell)]
-    numbers = sum(
-        is_number(measure(cell)[0], comma=comma) or not isnan(clock(cell)) for cell in filled
-    )
-    return bool(filled) and 2 * numbers >= len(filled)
+    told = (is_number(c, comma=comma) or measure(c)[1] or not isnan(clock(c)) for c in filled)
+    return bool(filled) and 2 * sum(map(bool, told)) >= len(filled)
 
 
 def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:

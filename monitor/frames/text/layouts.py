@@ -452,8 +452,7 @@ def _data(groups: dict[str, str | None], base: int) -> bytes:
     if (packed := groups.get("base64")) is not None:
         data = b64decode(packed, validate=True)
     else:
-        text = re.split(r"[\s;,:]+", (groups.get("data") or "").strip(" ;,:"))
-        text = [] if text == [""] else text
+        text = re.findall(r"[^\s;,:]+", groups.get("data") or "")
         if len(text) == 1 and len(text[0]) > 3 and "x" not in text[0]:  # without spaces
             text = re.findall("..", text[0])
         text = text if length < 0 else text[:length]  # a counter may stand behind the bytes
