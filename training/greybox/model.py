@@ -13,10 +13,8 @@ from monitor.base.signals import OUTPUT
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from training.greybox.chain import (
-    AIR_LEAST_MG,
     RANGES,
     RECOVERY_S,
-    SPEED_LEAST_RPM,
     inputs_of,
     with_speed,
 )
@@ -38,10 +36,10 @@ from training.greybox.fit.constants import (
 from training.greybox.fit.drive import ChainDrive, until
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, save
+from training.greybox.graph.effect_inputs import with_margin
 from training.narx.model_file import FreeRunFit, card_of, held_out
 from training.narx.search.stability import CONTRACTION_SAMPLES
 from training.recordings.samples.preparation import Prepared, Role, prepare
-from training.recordings.samples.scaling import MARGIN
 
 if TYPE_CHECKING:
     from training.recordings.recording import Recording
@@ -204,15 +202,10 @@ def _physical_inputs(data: Prepared) -> FloatArray:
 
 def _input_limits(data: Prepared) -> tuple[FloatArray, FloatArray]:
     """Return the range to clip inputs to: the trained one with a margin, and fuel from 0."""
-    low, high = [], []
-    least = {"air_mass_mg": AIR_LEAST_MG, "engine_speed_rpm": SPEED_LEAST_RPM}
-    for channel in data.inputs:
-        margin = MARGIN["phi"] * (channel.maximum - channel.minimum)
-        floor = least.get(channel.name, -np.inf)
-        fuel = channel.name == "fuel_mass_mg"  # fuel cut must reach the chain, trained or not
-        low.append(0.0 if fuel else max(channel.minimum - margin, floor))
-        high.append(channel.maximum + margin)
-    return np.array(low), np.array(high)
+    ranges = [with_margin(each.name, each.minimum, each.maximum) for each in data.inputs]
+    low, high = np.array(ranges).T
+    low[data.names.index("fuel_mass_mg")] = 0.0  # fuel cut must reach the chain, trained or not
+    return low, high
 
 
 def _signals(data: Prepared, limits: tuple[FloatArray, FloatArray]) -> dict[str, FloatArray]:

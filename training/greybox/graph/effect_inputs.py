@@ -41,10 +41,14 @@ def limits_of(
     """
     ranges = [] if old is None else [old]
     if seen is not None:
-        seen = _used(name, old is None, seen)
-        margin = MARGIN["phi"] * (seen[1] - seen[0])
-        ranges.append((max(seen[0] - margin, LEAST.get(name, -np.inf)), seen[1] + margin))
+        ranges.append(with_margin(name, *_used(name, old is None, seen)))
     return min(low for low, _ in ranges), max(high for _, high in ranges)
+
+
+def with_margin(name: str, low: float, high: float) -> tuple[float, float]:
+    """Return the range to clip to for one that was seen, within what is possible."""
+    margin = MARGIN["phi"] * (high - low)
+    return max(low - margin, LEAST.get(name, -np.inf)), high + margin
 
 
 def channel_of(name: str, old: Channel | None, seen: tuple[float, float] | None) -> Channel:
