@@ -314,10 +314,7 @@ def _table(text: str) -> TextLayout | None:
             names = [name.strip().strip('"').casefold() for name in line.split(sep)]
             names = [name.rpartition(".")[2] for name in names]  # CAN_DataFrame.ID, can.id
             pattern = _table_row(names, sep)
-            rows = (
-                list(filter(None, map(pattern.fullmatch, lines[number + 1 :]))) if pattern else []
-            )
-            if pattern and rows:
+            if pattern and (rows := [*filter(None, map(pattern.fullmatch, lines[number + 1 :]))]):
                 time_s = _table_time(names, [row["time"] for row in rows])
                 id_base = 10 if _are_decimal_ids(line, {row["id"] for row in rows}) else 0
                 return replace(TABLE, frames=(pattern,), time_s=time_s, id_base=id_base)
@@ -452,7 +449,8 @@ def _data(groups: dict[str, str | None], base: int) -> bytes:
     if (packed := groups.get("base64")) is not None:
         data = b64decode(packed, validate=True)
     else:
-        text = re.findall(r"[^\s;,:]+", groups.get("data") or "")
+        raw = groups.get("data") or ""
+        text = raw.replace(";", " ").replace(",", " ").replace(":", " ").split()
         if len(text) == 1 and len(text[0]) > 3 and "x" not in text[0]:  # without spaces
             text = re.findall("..", text[0])
         text = text if length < 0 else text[:length]  # a counter may stand behind the bytes
