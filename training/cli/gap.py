@@ -124,7 +124,7 @@ def _period_s(model: Path) -> float:
 
 def _vehicle(material: "Material") -> dict[str, Any]:
     """Return digests of model, code and healthy recordings; equal ones give equal behaviour."""
-    from training.greybox.effects.brought import origins
+    from training.greybox.effects import origins
     from training.jobs.run_folder import code_sha256
     from training.recordings.recording import sha256
 

@@ -1,7 +1,6 @@
 """The library of effects as text: constants, bounds, signals, source, and who brings it."""
 
-from training.greybox.effects import ALL, Effect
-from training.greybox.effects.brought import origins
+from training.greybox.effects import ALL, Effect, origins
 
 
 def as_text() -> str:
