@@ -173,6 +173,7 @@ def test_rows_of_whole_seconds_are_spread_over_them(tmp_path: Path) -> None:
         ("Time", lambda i: f"{73421 + i / 10:.1f}"),  # seconds of a day
         ("Ticks", lambda i: f"{638999999990000000 + 1000000 * i}"),
         ("Clock", lambda i: f"{1770000000000 + 100 * i}"),
+        ("", lambda i: f"{1770000000000000000 + 100000000 * i}"),  # an index
         ("Date", lambda i: f"{46353.5 + i / 864000:.9f}"),
         ("Time", lambda i: f"15:59:5{i // 10}:{i % 10}00"),
         ("Temps (min)", lambda i: f"{i / 600:.6f}"),
@@ -336,8 +337,7 @@ def test_numbers_may_stand_with_their_units_in_the_cells(tmp_path: Path) -> None
 
 
 def test_a_clock_in_counts_without_a_unit_is_asked_for(tmp_path: Path) -> None:
-    # GIVEN a clock that counts every 20 ms, and a row of every fifth count
-    path, own = tmp_path / "counts.csv", tmp_path / "own.toml"
+    path, own = tmp_path / "counts.csv", tmp_path / "own.toml"  # 20 ms a count, 5 a row
     path.write_text("Stamp,RPM,AFR\n" + rows(lambda i: f"{900 + 5 * i},{RPM[i]},{AFR[i]}"))
     own.write_text('time = "Stamp"\n[signals]\nengine_speed_rpm = "RPM"\n')
     with pytest.raises(RecordingError, match=r"Stamp have no unit and go up by 5: .* factor"):
