@@ -196,8 +196,9 @@ def finish(data: Prepared, trained: Trained, work: Work) -> Trained:
     objective = ClosedLoop(spec, data.samples, cut, decay=trained.decay)
     begins = partial(work.begins, of_epoch(objective.n_samples, spec.n_weights))
     outcome = minimise(objective, trained.weights, LmOptions(epochs=EPOCHS), begins=begins)
-    stages = [*trained.stages, _stage("all samples", outcome)]
-    return replace(trained, weights=outcome.weights, stages=stages)
+    if outcome.stop == "budget" and trained.stages:
+        trained.stages[-1] = replace(trained.stages[-1], stop="budget")
+    return replace(trained, weights=outcome.weights)
 
 
 def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) -> Trained:
