@@ -6,7 +6,6 @@ shipped one that its columns fit.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,7 +25,7 @@ from monitor.frames.profiles.recognition import key, places, recognised
 from monitor.frames.profiles.signals import all_cells, read_signals
 from monitor.frames.tables.dialect import OWN_TIME
 from monitor.frames.tables.parquet import read_parquet
-from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
+from monitor.frames.tables.raw_table import Notes, RawTable, Table, Wanted
 from monitor.frames.tables.readers import TEXT, is_readable, open_table, suffix_of
 from monitor.frames.text.layouts import layout_of
 from monitor.grid.columns import Column, load_columns
@@ -40,33 +39,6 @@ STEP_ABOVE: Final = 0.1  # by which the middle step may be above the period
 PERIODS_NS: Final = tuple(round(s * 1e9) for s in (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0))
 BLANK: Final = "is blank, or 0 throughout"  # of a column that says nothing
 _SHOWN: Final = 8  # columns that a message names
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """One recording as a table."""
-
-    path: Path
-    names: tuple[str, ...]  # without time_s
-    t_ns: IntArray  # (n,) strictly rising
-    values: FloatArray  # (n, n_names), NaN where the cell is blank
-    pinned: BoolArray | None = None  # (n, n_names) the logger's value for "no sensor"; None nowhere
-    notes: Notes = field(default_factory=Notes)
-    profile: str = ""  # of a logger's file
-    columns: Mapping[str, str] = field(default_factory=dict)  # name → origin
-    blank: Mapping[str, str] = field(default_factory=dict)  # signal → its column without values
-    updates: Mapping[str, int] = field(default_factory=dict)  # signal → cells that hold a value
-
-    def column_of(self, name: str) -> str:
-        """Return where a signal comes from, as the user knows it.
-
-        >>> t = np.array([0])
-        >>> table = Table(Path("a.msl"), ("lambda_measured",), t, t[:, None], columns={
-        ...     "lambda_measured": "column AFR"})
-        >>> table.column_of("lambda_measured")
-        'column AFR'
-        """
-        return self.columns.get(name, f"column {name}")
 
 
 def is_table(path: str | Path) -> bool:
@@ -162,19 +134,7 @@ def _of_logger(
             f"{raw.path}: no profile knows its columns ({shown}); give --profile NAME or FILE; "
             f"'o2mon check {raw.path} --write-profile FILE' writes one to edit"
         )
-    reading = read_signals(raw, profile, further, notes)
-    return Table(
-        path=raw.path,
-        names=reading.names,
-        t_ns=reading.t_ns,
-        values=reading.values,
-        pinned=reading.pinned if reading.pinned.any() else None,
-        notes=reading.notes,
-        profile=profile.name,
-        columns={each.name: each.origin for each in reading.found},
-        blank=reading.blank,
-        updates={e.name: e.updates for e in reading.found if e.updates is not None},
-    )
+    return read_signals(raw, profile, further, notes)
 
 
 def make_table(

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from monitor.base.config import BiasConfig, Config
+from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray, SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.enable import CONDITIONS
@@ -27,6 +27,7 @@ from monitor.pipeline.monitor import Judge, SensorMonitor
 
 SAMPLES = 2048  # of each recording that are judged at once
 _NONE = np.empty(0)
+_Kind = TypeVar("_Kind")
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +103,9 @@ class RecordingJudge:
                 _Run(
                     self._judge,
                     blocks[i],
-                    Vehicle(self._limits, self._config.bias, references[i] if references else None),
+                    self._limits,
                     stores[i],
+                    references[i] if references else None,
                     clearings[i] if clearings else (),
                     keep_banks=self._keep_banks,
                 )
@@ -125,47 +127,30 @@ class RecordingJudge:
                     run.take(event)
 
 
-class Vehicle:
-    """A recording's vehicle: its reference, and the limits that follow.
+class _Run:
+    """One recording on its way through a monitor.
 
     limits : of the model
-    reference : learns from each driving cycle that ends; None is a vehicle of which nothing is kept
+    reference : of the vehicle, which learns; None is a vehicle of which nothing is kept
     """
-
-    def __init__(self, limits: Limits, config: BiasConfig, reference: Reference | None) -> None:
-        self._model_limits, self._config = limits, config
-        self._learns = reference is not None
-        self.reference = reference or Reference()
-        self.limits = limits.of_vehicle(self.reference, config)
-
-    def learn(self, seen: Seen | None) -> None:
-        """Take the findings of a driving cycle."""
-        if self._learns and seen is not None:
-            self.reference = self.reference.learn(seen, self._config)
-            self.limits = self._model_limits.of_vehicle(self.reference, self._config)
-
-
-class _Run:
-    """One recording on its way through a monitor."""
 
     def __init__(
         self,
         judge: Judge,
         block: SampleBlock,
-        vehicle: Vehicle,
+        limits: Limits,
         store: DtcStore,
+        reference: Reference | None,
         clearings: Sequence[Clearing],
         *,
         keep_banks: bool,
     ) -> None:
-        self._vehicle, self._keep_banks = vehicle, keep_banks
-        self.monitor = SensorMonitor(judge, vehicle.limits, store)
+        self._limits, self._bias, self._learns = limits, judge.config.bias, reference is not None
+        self._reference, self._keep_banks = reference or Reference(), keep_banks
+        own = limits.of_vehicle(self._reference, self._bias)
+        self.monitor = SensorMonitor(judge, own, store)
         self._measured = block.values[:, judge.names.index(self.monitor.output)].copy()
-        self._ticks: list[Ticks] = []
-        self._windows: list[WindowJudged] = []
-        self._cuts: list[CutJudged] = []
-        self._changes: list[DtcChanged] = []
-        self._cycles: list[CycleStarted] = []
+        self._events: list[BlockEvent] = []
         self.blocks = self._parts(block, clearings)
 
     def _parts(self, block: SampleBlock, clearings: Sequence[Clearing]) -> Iterator[SampleBlock]:
@@ -174,47 +159,42 @@ class _Run:
         for end, t_ns in [*clearings, (len(block.t_ns), None)]:
             yield from slices(block, begin, end)
             if t_ns is not None:
-                self._changes += self.monitor.clear(t_ns)
+                self._events += self.monitor.clear(t_ns)
             begin = end
 
     def take(self, event: BlockEvent) -> None:
-        """Take one event."""
-        if isinstance(event, Ticks):
-            self._ticks.append(event)
-        elif isinstance(event, WindowJudged):
-            if not self._keep_banks:
-                window = replace(event.window, bank=event.window.bank[:, :0].copy())
-                event = replace(event, window=window)
-            self._windows.append(event)
-        elif isinstance(event, CutJudged):
-            self._cuts.append(event)
-        elif isinstance(event, DtcChanged):
-            self._changes.append(event)
-        elif isinstance(event, CycleStarted):
-            self._cycles.append(event)
-            self._vehicle.learn(event.seen)
-            self.monitor.adopt(self._vehicle.limits)
+        """Take one event; the reference learns from a driving cycle that is over."""
+        if isinstance(event, WindowJudged) and not self._keep_banks:
+            window = replace(event.window, bank=event.window.bank[:, :0].copy())
+            event = replace(event, window=window)
+        self._events.append(event)
+        if isinstance(event, CycleStarted):
+            if self._learns and event.seen is not None:
+                self._reference = self._reference.learn(event.seen, self._bias)
+            self.monitor.adopt(self._limits.of_vehicle(self._reference, self._bias))
+
+    def _of(self, kind: type[_Kind]) -> list[_Kind]:
+        return [event for event in self._events if isinstance(event, kind)]
 
     def judged(self) -> Judged:
         """Return the judgement at the recording's end."""
-        monitor, ticks = self.monitor, self._ticks
-        n_conditions = len(CONDITIONS)
-        conditions = [np.empty((0, n_conditions), dtype=np.bool_), *(t.conditions for t in ticks)]
+        monitor, ticks = self.monitor, self._of(Ticks)
+        conditions = np.empty((0, len(CONDITIONS)), dtype=np.bool_)
         return Judged(
             measured=self._measured,
             predicted=np.concatenate([_NONE, *(each.predicted for each in ticks)]),
-            conditions=np.concatenate(conditions),
+            conditions=np.concatenate([conditions, *(each.conditions for each in ticks)]),
             enabled=np.concatenate([_NONE.astype(np.bool_), *(each.enabled for each in ticks)]),
-            windows=self._windows,
-            cuts=self._cuts,
+            windows=self._of(WindowJudged),
+            cuts=self._of(CutJudged),
             interrupted_windows=monitor.interrupted_windows,
-            changes=self._changes,
-            cycles=self._cycles,
+            changes=self._of(DtcChanged),
+            cycles=self._of(CycleStarted),
             dtcs=monitor.store.active,
             completed=monitor.completed,
             seen=monitor.seen,
-            reference=self._vehicle.reference,
-            limits=self._vehicle.limits,
+            reference=self._reference,
+            limits=monitor.limits,
             behind=monitor.catalyst.entry(),
             explained=monitor.decisions.explained,
         )

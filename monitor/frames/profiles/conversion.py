@@ -114,16 +114,11 @@ def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
     return cells if factor == 1.0 and offset == 0.0 else cells * factor + offset
 
 
-def converted(
-    profile: Profile, choice: Choice, column: RawColumn, cells: FloatArray
-) -> tuple[FloatArray, str]:
-    """Return the values in the signal's unit, and the logger's unit in words."""
-    canonical = BY_NAME[choice.name].unit
+def converted(profile: Profile, choice: Choice, column: RawColumn, cells: FloatArray) -> FloatArray:
+    """Return the values in the signal's unit."""
     target = target_of(choice.name, profile.stoich_afr)
-    if target is None:
-        return cells, column.unit
-    for text in (*stated_texts(column), *choice.source.units):
+    for text in (*stated_texts(column), *choice.source.units) if target else ():
         unit = unit_of(text, profile.stoich_afr)
-        if unit is not None and unit.quantity == target.quantity and text != "-":
-            return scaled(cells, unit, target), text
-    return cells, canonical
+        if target and unit and unit.quantity == target.quantity and text != "-":
+            return scaled(cells, unit, target)
+    return cells

@@ -1,7 +1,6 @@
 """A raw table under a profile: canonical signals with their units, pinned values marked."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -21,7 +20,7 @@ from monitor.frames.profiles.derived import derive
 from monitor.frames.profiles.profile import Profile, Source, shipped, shipped_profile
 from monitor.frames.profiles.recognition import key, places
 from monitor.frames.profiles.times import TICKS_PER_S, cleaned, held, per_second, steps_in_counts
-from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
+from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Table, Wanted
 from monitor.frames.tables.readers import reason
 from monitor.frames.units import Unit, unit_of
 
@@ -35,41 +34,9 @@ ALIVE: Final = frozenset(
 PINNED_WITHIN: Final = 0.004  # of the value: readings have one decimal at 14.7, or two
 
 
-@dataclass(frozen=True, slots=True)
-class Found:
-    """Where a signal comes from."""
-
-    name: str
-    column: str  # the logger's name, or "" for a derived signal
-    unit: str  # the logger's unit, stated or assumed
-    how: str = ""  # of a derived signal, in words
-    pinned: int = 0  # rows
-    updates: int | None = None  # cells that hold a value; None for a derived signal
-
-    @property
-    def origin(self) -> str:
-        """Return where the signal comes from in words."""
-        return f"column {self.column}" if self.column else f"made of {self.how}"
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """A logger's file as canonical signals."""
-
-    raw: RawTable
-    profile: Profile
-    t_ns: IntArray  # (n,) strictly rising
-    names: tuple[str, ...]
-    values: FloatArray  # (n, n_names), NaN for no value
-    pinned: BoolArray  # (n, n_names)
-    found: tuple[Found, ...]
-    blank: Mapping[str, str]  # signals whose columns hold no number, and these columns
-    notes: Notes
-
-
 def read_signals(
     raw: RawTable, profile: Profile, further: Sequence[str] = (), notes: Notes | None = None
-) -> Reading:
+) -> Table:
     """Return the canonical signals of a raw table.
 
     further : columns to read under their own names
@@ -82,35 +49,38 @@ def read_signals(
     choices = _choices(raw, profile, there, notes)
     own = [Choice(n, Source(column=n), there[key(n)][0]) for n in further if key(n) in there]
     t_ns, cells = _rows(raw, times, [*choices, *own], notes)
-    updates = np.count_nonzero(np.isfinite(cells), axis=0).tolist()
+    updates, told = np.count_nonzero(np.isfinite(cells), axis=0).tolist(), dict[str, int]()
     cells = held(cells, t_ns, [i for i, each in enumerate(choices) if each.name == OUTPUT])
     choices = in_one_setting(raw, profile, [(c, cells[:, i]) for i, c in enumerate(choices)])
-    nothing = np.zeros(len(t_ns), dtype=bool)
-    taken: dict[str, tuple[FloatArray, BoolArray, Found]] = {}
+    signals, pinned, columns = dict[str, FloatArray](), dict[str, BoolArray](), dict[str, str]()
     for i, each in enumerate((*choices, *own)):
-        if each.name in taken or (i < len(choices) and not _lives(each.name, cells[:, i])):
+        if each.name in signals or (i < len(choices) and not _lives(each.name, cells[:, i])):
             continue
-        values, pinned, found = cells[:, i], nothing, Found(each.name, each.name, "")
+        columns[each.name] = f"column {raw.names[each.column]}"
+        signals[each.name] = cells[:, i]
         if i < len(choices):
-            values, pinned, found = _signal(raw, profile, each, values)
-        taken[each.name] = values, pinned, replace(found, updates=updates[i])
-    blank = {each.name: raw.names[each.column] for each in choices if each.name not in taken}
-    for made in derive({name: values for name, (values, _, _) in taken.items()}, profile.engine):
-        taken[made.name] = made.values, nothing, Found(made.name, "", "", made.in_words)
-    order = [s.name for s in SIGNALS if s.name in taken]
-    order += [name for name in taken if name not in BY_NAME]
+            signals[each.name], pinned[each.name] = _signal(raw, profile, each, cells[:, i])
+        told[each.name] = updates[i]
+    blank = {each.name: raw.names[each.column] for each in choices if each.name not in signals}
+    for made in derive(signals, profile.engine):
+        signals[made.name], columns[made.name] = made.values, f"made of {made.in_words}"
+    order = [s.name for s in SIGNALS if s.name in signals]
+    order += [name for name in signals if name not in BY_NAME]
     if not order:
         raise RecordingError(f"{raw.path}: none of its columns is known to {profile.name}")
-    return Reading(
-        raw=raw,
-        profile=profile,
-        t_ns=t_ns,
+    nowhere = np.zeros(len(t_ns), dtype=bool)
+    pins = np.column_stack([pinned.get(name, nowhere) for name in order])
+    return Table(
+        path=raw.path,
         names=tuple(order),
-        values=np.column_stack([taken[name][0] for name in order]),
-        pinned=np.column_stack([taken[name][1] for name in order]),
-        found=tuple(taken[name][2] for name in order),
-        blank=blank,
+        t_ns=t_ns,
+        values=np.column_stack([signals[name] for name in order]),
+        pinned=pins if pins.any() else None,
         notes=notes,
+        profile=profile.name,
+        columns=columns,
+        blank=blank,
+        updates=told,
     )
 
 
@@ -252,21 +222,22 @@ def _time_unit(column: RawColumn, source: Source) -> Unit | None:
 
 def _signal(
     raw: RawTable, profile: Profile, choice: Choice, cells: FloatArray
-) -> tuple[FloatArray, BoolArray, Found]:
+) -> tuple[FloatArray, BoolArray]:
+    """Return a column in the signal's unit, and where it says that there is no sensor."""
     column, source = raw.columns[choice.column], choice.source
     pinned = np.zeros(len(cells), dtype=bool)
     for value in source.pinned:
         pinned |= np.abs(cells - value) <= PINNED_WITHIN * max(abs(value), 1e-3)
     if source.is_flag:
-        values, unit = _flag(source, cells), ""
+        values = _flag(source, cells)
     else:
-        values, unit = converted(profile, choice, column, cells)
+        values = converted(profile, choice, column, cells)
         values = values * source.factor + source.offset
         if BY_NAME[choice.name].unit == "-":  # no mixture is below 0: loggers write -1 for no value
             values = np.where(values < 0.0, np.nan, values)
     if source.inverted:
         values = 1.0 - values
-    return values, pinned, Found(choice.name, column.name, unit, "", int(pinned.sum()))
+    return values, pinned
 
 
 def _flag(source: Source, cells: FloatArray) -> FloatArray:

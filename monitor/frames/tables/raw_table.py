@@ -4,13 +4,13 @@ A reader of a format is a function from a path to a ``RawTable``. Opening reads 
 ``blocks`` reads the wanted columns, so a log of any length and width needs little memory.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
 from monitor.base.counts import counted
-from monitor.base.types import FloatArray
+from monitor.base.types import BoolArray, FloatArray, IntArray
 
 # of a column's cells; a clock's values are seconds, a measure's cells end in its unit
 Kind = Literal["number", "clock", "text", "measure"]
@@ -99,3 +99,23 @@ class RawTable:
     def names(self) -> tuple[str, ...]:
         """Return the columns' names."""
         return tuple(column.name for column in self.columns)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One recording as a table of canonical signals."""
+
+    path: Path
+    names: tuple[str, ...]  # without time_s
+    t_ns: IntArray  # (n,) strictly rising
+    values: FloatArray  # (n, n_names), NaN where the cell is blank
+    pinned: BoolArray | None = None  # (n, n_names) the logger's value for "no sensor"; None nowhere
+    notes: Notes = field(default_factory=Notes)
+    profile: str = ""  # of a logger's file
+    columns: Mapping[str, str] = field(default_factory=dict)  # name → origin
+    blank: Mapping[str, str] = field(default_factory=dict)  # signal → its column without values
+    updates: Mapping[str, int] = field(default_factory=dict)  # signal → cells that hold a value
+
+    def column_of(self, name: str) -> str:
+        """Return where a signal comes from, as the user knows it."""
+        return self.columns.get(name, f"column {name}")

@@ -10,7 +10,8 @@ import pytest
 
 from monitor import cli
 from monitor.base.errors import O2Error, RecordingError
-from monitor.grid.tables import Table, read_table
+from monitor.frames.tables.raw_table import Table
+from monitor.grid.tables import read_table
 
 ROWS = range(40)
 RPM = [1500 + 20 * i for i in ROWS]
