@@ -21,8 +21,7 @@ from benchmarks.damage.harness import fuzz_options
 from benchmarks.measures import rss_mb
 from benchmarks.outcome import Row, finish, say
 from monitor.base.types import Frame
-from monitor.bus.diagnostics.answer import answer
-from monitor.bus.diagnostics.server import DiagnosticAddress, Diagnostics
+from monitor.bus.diagnostics.server import DiagnosticAddress, Diagnostics, answer
 from tests.helpers.bus.diagnostics_state import Vehicle, tick
 
 _VALID: Final = (

@@ -1,18 +1,21 @@
-"""Diagnostics on the live loop: a tester's frames come in, frames of the answers go out."""
+"""Diagnostics on the live loop: a tester's frames come in, frames of the answers go out.
+
+Sources: SAE J1979 (services $01 to $0A), ISO 14229-1 (the others, and negative responses).
+"""
 
 import math
 import re
 from collections import deque
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from monitor.base.errors import UsageError
 from monitor.base.types import Frame
 from monitor.bus.attachment import Attachment
-from monitor.bus.diagnostics.answer import answer, pending, takes_long
+from monitor.bus.diagnostics import obd, uds
 from monitor.bus.diagnostics.isotp import Transport, single_frame
-from monitor.bus.diagnostics.state import DEFAULT_SESSION, State
+from monitor.bus.diagnostics.state import DEFAULT_SESSION, RefusedError, State
 from monitor.pipeline.events import Event
 
 DEFAULT_RESPONSE_ID: Final = "7E9"
@@ -21,6 +24,45 @@ FRAMES_PER_S: Final = 100.0  # mean rate accepted from testers; faster frames ar
 BURST_FRAMES: Final = 50
 CONTINUE: Final = b"\x30"  # a flow control frame that continues an answer
 LONGEST_FRAME: Final = 8  # bytes; ISO 15765-4 uses classical CAN
+NEGATIVE: Final = 0x7F
+SERVICE_NOT_SUPPORTED: Final = 0x11
+RESPONSE_PENDING: Final = 0x78
+CLEARING: Final = (0x04, 0x14)
+# Negative responses that are not sent to a functional request: service or subfunction not
+# supported, request out of range, subfunction or service not supported in this session.
+SILENT_IF_FUNCTIONAL: Final = (0x11, 0x12, 0x31, 0x7E, 0x7F)
+SERVICES: Final = {**obd.SERVICES, **uds.SERVICES}
+
+
+def answer(request: bytes, functional: bool, state: State) -> bytes | None:
+    """Return the answer to a request, None for silence.
+
+    functional : the request went to all control units
+    """
+    if not request:
+        return None
+    service = SERVICES.get(request[0])
+    try:
+        if service is None:
+            raise RefusedError(SERVICE_NOT_SUPPORTED)
+        return service(request, state)
+    except RefusedError as refusal:
+        if functional and refusal.code in SILENT_IF_FUNCTIONAL:
+            return None
+        return bytes((NEGATIVE, request[0], refusal.code))
+
+
+def takes_long(request: bytes, state: State) -> bool:
+    """Return whether the answer must wait for a write to disk."""
+    if not request or request[0] not in CLEARING:
+        return False
+    rehearsed = answer(request, False, replace(state, clear=lambda: None))
+    return rehearsed is not None and rehearsed[0] != NEGATIVE
+
+
+def pending(request: bytes) -> bytes:
+    """Return the answer "response pending", which makes the tester wait."""
+    return bytes((NEGATIVE, request[0], RESPONSE_PENDING))
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Sample
-from monitor.bus.diagnostics.answer import answer
+from monitor.bus.diagnostics.server import answer
 from monitor.bus.diagnostics.state import Identity, State
 from monitor.memory.dtc import Dtc, Status
 from monitor.memory.dtc_store import DtcStore, Saved

@@ -10,8 +10,7 @@ import pytest
 from monitor.base import config
 from monitor.base.command_line import signature
 from monitor.base.errors import RecordingError, UsageError
-from monitor.bus.diagnostics.answer import answer
-from monitor.bus.diagnostics.server import Diagnostics
+from monitor.bus.diagnostics.server import Diagnostics, answer
 from monitor.bus.loop import Loop
 from monitor.cli import diagnostics
 from monitor.memory.dtc_store import Saved

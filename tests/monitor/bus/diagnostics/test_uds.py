@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.bus.diagnostics.answer import answer
-from monitor.bus.diagnostics.reports import dtc_bytes
+from monitor.bus.diagnostics.server import answer
+from monitor.bus.diagnostics.uds import dtc_bytes
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import Ratio
 from tests.helpers.bus.diagnostics_state import Vehicle, ask, tick

@@ -8,8 +8,8 @@ import pytest
 from udsoncan import Response
 from udsoncan.services import ReadDTCInformation
 
-from monitor.bus.diagnostics.answer import answer
-from monitor.bus.diagnostics.reports import REPORTS
+from monitor.bus.diagnostics.server import answer
+from monitor.bus.diagnostics.uds import REPORTS
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
