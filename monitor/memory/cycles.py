@@ -9,33 +9,27 @@ import math
 from collections.abc import Sequence
 from typing import Final, Literal, NamedTuple
 
-import numpy as np
-
 from monitor.base.config import CyclesConfig, ProfileConfig
-from monitor.base.runs import alike
-from monitor.base.types import BoolArray, FloatArray, IntArray, Quality, SampleBlock
-from monitor.memory.denominator import Denominator, first_of, whole_ns
-from monitor.memory.engine_watch import EngineWatch
+from monitor.base.types import Quality, SampleBlock
 
-SIGNALS: Final = (
-    "engine_speed_rpm",
-    "vehicle_speed_km_h",
-    "coolant_temperature_degc",
-    "ambient_temperature_degc",
-    "ambient_pressure_kpa",
-)
+# each with the value that stands for it where it is not provided: nothing is then known of speed
+# and coolant, and the air is neither too cold nor too thin
+_ABSENT: Final = {
+    "engine_speed_rpm": math.nan,
+    "vehicle_speed_km_h": math.nan,
+    "coolant_temperature_degc": math.nan,
+    "ambient_temperature_degc": math.inf,
+    "ambient_pressure_kpa": math.inf,
+}
+SIGNALS: Final = tuple(_ABSENT)
 Moment = Literal["driving_cycle", "ignition_cycle", "warm_up", "general_denominator"]
-# in this order at one sample; those behind the first are counted once in each driving cycle
-_ORDER: Final[tuple[Moment, ...]] = (
-    "driving_cycle",
-    "ignition_cycle",
-    "warm_up",
-    "general_denominator",
-)
 _SECOND_NS: Final = 1_000_000_000  # driving is counted in steps of so much
 _HOURS_PER_NS: Final = 1.0 / 3.6e12
-_UNKNOWN: Final = (Quality.OFF_BUS, Quality.GAP)  # of an engine not heard nothing is known
-_RUNS: Final = -1  # code of samples in which the engine runs
+_UNKNOWN: Final = (
+    int(Quality.OFF_BUS),
+    int(Quality.GAP),
+)  # of an engine not heard nothing is known
+_SILENT: Final = int(Quality.STALE)
 
 
 class Driven(NamedTuple):
@@ -69,137 +63,138 @@ class Cycles:
         output: str,
         running_rpm: float,
     ) -> None:
-        self._at = {name: i for i, name in enumerate(names)}
+        at = {name: i for i, name in enumerate(names)}
+        self._places = [at.get(name) for name in SIGNALS]
+        self._heard, self._has_speed = at.get(SIGNALS[0], at[output]), SIGNALS[0] in at
         self._config, self._profile, self._running_rpm = config, profile, running_rpm
-        self._heard = self._at.get(SIGNALS[0], self._at[output])
-        self.unavailable = tuple(name for name in SIGNALS if name not in self._at)
-        self._engine = EngineWatch(config)
-        self._start_least_ns = whole_ns(config.start_s)
         self._last_ns: int | None = None
+        self._has_run = False  # since the first sample
+        self._stop()
         self._begin()
+
+    def _stop(self) -> None:
+        """Forget how the engine stood before it runs."""
+        self._stopped_ns = 0  # since it was last seen running
+        self._silence_ns = 0  # of the ECU, at present
+        self._was_asleep = False  # the ECU was silent for long since then
+        self._stood = False  # and was heard again with the engine standing
 
     def _begin(self) -> None:
         """Begin a driving cycle."""
         self._start_ns = 0  # since the engine's last start
-        self._denominator = Denominator(self._config)
-        self._due: set[Moment] = {*_ORDER[1:]}
+        self._due: set[Moment] = {"ignition_cycle", "warm_up", "general_denominator"}
         self._first_degc = math.nan  # coolant at the engine's start
+        self._fit_ns = self._moving_ns = self._idle_ns = 0  # for the general denominator
+        self._has_idled = False
         self._run_ns, self._run_km = 0, 0.0  # in the driving cycle
-        self._taken_ns, self._taken_km = 0, 0.0  # of these, given out in ``Driven``
+        self._told_ns, self._told_km = 0, 0.0  # of these, given out in ``Driven``
 
     def push(self, block: SampleBlock) -> Counting:
         """Return the counts due on samples, at each a new driving cycle first."""
-        n = len(block.t_ns)
-        found = Counting([], [])
-        if n == 0:
-            return found
-        first_ns = block.t_ns[0] if self._last_ns is None else self._last_ns
-        self._last_ns = block.t_ns.item(n - 1)
-        steps_ns = np.maximum(np.diff(block.t_ns, prepend=first_ns), 0)
-        signals = [
-            block.values[:, self._at[name]] if name in self._at else None for name in SIGNALS
-        ]
-        heard = block.quality[:, self._heard].astype(np.int64)
-        codes = self._codes(heard, signals[0])
-        for begin, end, code in alike(codes):
-            inside = slice(begin, end)
-            if code == _RUNS:
-                own = [each if each is None else each[inside] for each in signals[1:]]
-                self._run(begin, steps_ns[inside].copy(), own, found)
+        found, n = Counting([], []), len(block.t_ns)
+        columns = (
+            [absent] * n if place is None else block.values[:, place].tolist()
+            for place, absent in zip(self._places, _ABSENT.values(), strict=True)
+        )
+        heard = block.quality[:, self._heard].tolist()
+        samples = zip(block.t_ns.tolist(), heard, *columns, strict=True)
+        for k, (t_ns, quality, speed_rpm, *others) in enumerate(samples):
+            step_ns = 0 if self._last_ns is None else max(t_ns - self._last_ns, 0)
+            self._last_ns = t_ns
+            runs = speed_rpm >= self._running_rpm
+            if not self._has_speed:
+                runs = quality != _SILENT and quality not in _UNKNOWN
+            if runs:
+                self._run(k, step_ns, *others, found)
                 continue
-            self._denominator.interrupt()
-            quality, is_standing = divmod(code, 2)
+            self._idle_ns = 0
             if quality not in _UNKNOWN:
-                self._engine.stand(
-                    int(steps_ns[inside].sum()),
-                    is_silent=quality == Quality.STALE,
-                    is_standing=bool(is_standing),
-                )
+                is_standing = not math.isnan(speed_rpm)
+                self._stand(step_ns, is_silent=quality == _SILENT, is_standing=is_standing)
         return found
 
-    def _codes(self, heard: IntArray, speed_rpm: FloatArray | None) -> IntArray:
-        """Return a number for each sample, (n,): whether the engine runs, else how it is heard.
-
-        heard : (n,) quality of the speed, or of the output where there is no speed
-        """
-        if speed_rpm is None:
-            return np.where(np.isin(heard, (Quality.STALE, *_UNKNOWN)), 2 * heard, _RUNS)
-        stands = 2 * heard + ~np.isnan(speed_rpm)
-        return np.where(speed_rpm >= self._running_rpm, _RUNS, stands)
+    def _stand(self, step_ns: int, *, is_silent: bool, is_standing: bool) -> None:
+        """Take a sample in which the engine does not run."""
+        self._stopped_ns += step_ns
+        self._silence_ns = self._silence_ns + step_ns if is_silent else 0
+        self._was_asleep |= self._silence_ns >= 1e9 * self._config.silent_s
+        self._stood |= self._was_asleep and is_standing
 
     def _run(
         self,
-        begin: int,
-        steps_ns: IntArray,
-        signals: Sequence[FloatArray | None],
+        k: int,
+        step_ns: int,
+        speed_km_h: float,
+        coolant_degc: float,
+        ambient_degc: float,
+        pressure_kpa: float,
         found: Counting,
     ) -> None:
-        """Take samples from ``begin`` on in which the engine runs.
+        """Take a sample in which the engine runs.
 
-        steps_ns : (n,) time since the sample before
-        signals : (n,) each of those behind the engine speed, None where it is not provided
+        The very first start belongs to the driving cycle that has begun already.
         """
-        speed_km_h, coolant_degc, ambient_degc, pressure_kpa = signals
-        started, is_next = self._engine.run()
-        if is_next:
-            self._begin()
-            found.moments.append((begin, "driving_cycle"))
-        if started:  # the time since the last sample is not driven
-            self._start_ns, steps_ns[0] = 0, 0
-            self._denominator.interrupt()
-        since_ns = self._start_ns + np.cumsum(steps_ns)
-        self._start_ns = int(since_ns[-1])
-        reached: dict[Moment, int | None] = {}
-        if "ignition_cycle" in self._due:
-            reached["ignition_cycle"] = first_of(since_ns >= self._start_least_ns)
-        if "warm_up" in self._due and coolant_degc is not None:
-            reached["warm_up"] = first_of(self._is_warm(coolant_degc))
-        first = int(started)
-        if "general_denominator" in self._due and first < len(steps_ns):
-            fits = self._fits(len(steps_ns), ambient_degc, pressure_kpa)
-            at = self._denominator.push(
-                steps_ns[first:], fits[first:], None if speed_km_h is None else speed_km_h[first:]
+        starts = not self._has_run or self._stopped_ns > 0
+        if starts:
+            is_long = self._stopped_ns >= 1e9 * self._config.engine_off_s
+            if self._has_run and (self._stood or is_long):
+                self._begin()
+                found.moments.append((k, "driving_cycle"))
+            self._has_run = True
+            self._stop()
+            step_ns = self._start_ns = self._idle_ns = 0  # the time since the last is not driven
+        self._start_ns += step_ns
+        due = self._due
+        if "ignition_cycle" in due and self._start_ns >= 1e9 * self._config.start_s:
+            self._count("ignition_cycle", k, found)
+        if "warm_up" in due and self._is_warm(coolant_degc):
+            self._count("warm_up", k, found)
+        if "general_denominator" in due and not starts:
+            fits = (
+                ambient_degc >= self._config.denominator_ambient_min_degc
+                and pressure_kpa >= self._config.denominator_pressure_min_kpa
             )
-            reached["general_denominator"] = None if at is None else first + at
-        at_once = [(begin + k, moment) for moment, k in reached.items() if k is not None]
-        self._due -= {moment for _, moment in at_once}
-        found.moments.extend(sorted(at_once, key=lambda each: (each[0], _ORDER.index(each[1]))))
-        self._drive(begin, steps_ns, speed_km_h, found)
+            if self._is_general(step_ns, speed_km_h, fits=fits):
+                self._count("general_denominator", k, found)
+        self._drive(k, step_ns, speed_km_h, found)
 
-    def _is_warm(self, coolant_degc: FloatArray) -> BoolArray:
-        """Return where the coolant is warm and has risen enough since the engine's start."""
+    def _count(self, moment: Moment, k: int, found: Counting) -> None:
+        self._due.remove(moment)
+        found.moments.append((k, moment))
+
+    def _is_warm(self, coolant_degc: float) -> bool:
+        """Return whether the coolant is warm and has risen enough since the engine's start."""
         if math.isnan(self._first_degc):
-            known = coolant_degc[~np.isnan(coolant_degc)]
-            self._first_degc = known.item(0) if known.size else math.nan
+            self._first_degc = coolant_degc
         rise_degc, profile = coolant_degc - self._first_degc, self._profile
-        is_warm = coolant_degc >= profile.warm_up_degc
-        return np.asarray(is_warm & (rise_degc >= profile.warm_up_rise_degc))
+        return coolant_degc >= profile.warm_up_degc and rise_degc >= profile.warm_up_rise_degc
 
-    def _fits(
-        self, n: int, ambient_degc: FloatArray | None, pressure_kpa: FloatArray | None
-    ) -> BoolArray:
-        """Return where it is neither too cold nor too high for the general denominator, (n,)."""
-        fits = np.ones(n, dtype=np.bool_)
-        if ambient_degc is not None:
-            fits &= ambient_degc >= self._config.denominator_ambient_min_degc
-        if pressure_kpa is not None:
-            fits &= pressure_kpa >= self._config.denominator_pressure_min_kpa
-        return fits
+    def _is_general(self, step_ns: int, speed_km_h: float, *, fits: bool) -> bool:
+        """Return whether the drive was long enough, fast enough and idle once.
 
-    def _drive(
-        self, begin: int, steps_ns: IntArray, speed_km_h: FloatArray | None, found: Counting
-    ) -> None:
+        fits : neither too cold nor too high
+        """
+        config = self._config
+        is_idle = fits and speed_km_h <= config.denominator_idle_km_h
+        self._idle_ns = self._idle_ns + step_ns if is_idle else 0
+        self._has_idled |= self._idle_ns >= 1e9 * config.denominator_idle_s
+        if not fits:
+            return False
+        self._fit_ns += step_ns
+        self._moving_ns += step_ns * (speed_km_h >= config.denominator_moving_km_h)
+        return (
+            self._has_idled
+            and self._fit_ns >= 1e9 * config.denominator_run_s
+            and self._moving_ns >= 1e9 * config.denominator_moving_s
+        )
+
+    def _drive(self, k: int, step_ns: int, speed_km_h: float, found: Counting) -> None:
         """Count running time and distance whenever a whole second has passed."""
-        run_ns = self._run_ns + np.cumsum(steps_ns)
-        run_km = np.full(len(steps_ns), self._run_km)
-        if speed_km_h is not None:
-            moved_km = np.fmax(speed_km_h, 0.0) * steps_ns * _HOURS_PER_NS
-            moved_km[0] += self._run_km
-            np.add.accumulate(moved_km, out=run_km)
-        seconds = np.concatenate([[self._run_ns], run_ns]) // _SECOND_NS
-        for k in np.flatnonzero(np.diff(seconds)).tolist():
-            now_ns, now_km = run_ns.item(k), run_km.item(k)
-            driven = Driven((now_ns - self._taken_ns) * 1e-9, now_km - self._taken_km)
-            found.driven.append((begin + k, driven))
-            self._taken_ns, self._taken_km = now_ns, now_km
-        self._run_ns, self._run_km = run_ns.item(-1), run_km.item(-1)
+        second = self._run_ns // _SECOND_NS
+        self._run_ns += step_ns
+        if speed_km_h > 0.0:
+            self._run_km += speed_km_h * step_ns * _HOURS_PER_NS
+        if self._run_ns // _SECOND_NS > second:
+            run_s = (self._run_ns - self._told_ns) * 1e-9
+            found.driven.append((k, Driven(run_s, self._run_km - self._told_km)))
+            self._told_ns, self._told_km = self._run_ns, self._run_km

@@ -59,7 +59,7 @@ class DtcStore:
         self._results = {(r.test, r.quantity): r for r in saved.results}
         self._ratios = {test: Ratio(test) for test in OF_VEHICLE}
         self._ratios |= {ratio.test: ratio for ratio in saved.ratios}
-        self._counts = saved.counts
+        self.counts = replace(saved.counts)  # over the life, and since the codes were cleared
         self._completed = set(saved.completed)
         self._passed: set[str] = set()  # tests that have passed in this driving cycle
         self._failed: set[str] = set()  # codes that have failed in it, even if cleared since
@@ -103,9 +103,7 @@ class DtcStore:
         was_lit = self.mil
         changed = self._update(new)
         if self.mil and not was_lit:
-            self._counts = replace(
-                self._counts, distance_with_mil_km=0.0, engine_run_with_mil_s=0.0
-            )
+            self.counts.distance_with_mil_km = self.counts.engine_run_with_mil_s = 0.0
         return changed
 
     @property
@@ -120,8 +118,8 @@ class DtcStore:
         """
         self._passed.add(test)
         self._completed.add(test)
-        if test == "communication" and not self._counts.sensor_heard:
-            self._counts = replace(self._counts, sensor_heard=1)
+        if test == "communication":
+            self.counts.sensor_heard = 1
         faults = TESTS[test]
         codes = sorted({code for fault in faults for code in codes_of(fault)})
         done = [c for c in codes if self._dtcs[c].fault in faults or self._is_clean(c)]
@@ -171,8 +169,8 @@ class DtcStore:
         self._results.clear()
         self._completed.clear()
         self._passed.clear()
-        kept = self._counts
-        self._counts = Counts(
+        kept = self.counts
+        self.counts = Counts(
             kept.ignition_cycles, kept.general_denominator, sensor_heard=kept.sensor_heard
         )
         self.clearings += 1
@@ -205,8 +203,7 @@ class DtcStore:
         if self._is_general:
             return
         self._is_general = True
-        general = self._counts.general_denominator + 1
-        self._counts = replace(self._counts, general_denominator=general)
+        self.counts.general_denominator += 1
         for test, ratio in self._ratios.items():
             if not self._is_paused(test):
                 self._ratios[test] = _bounded(replace(ratio, denominator=ratio.denominator + 1))
@@ -218,24 +215,21 @@ class DtcStore:
 
     def count_ignition_cycle(self) -> None:
         """Count an engine start."""
-        self._counts = replace(self._counts, ignition_cycles=self._counts.ignition_cycles + 1)
+        self.counts.ignition_cycles += 1
 
     def count_warm_up(self) -> None:
         """Count a warm-up cycle."""
-        warm_ups = self._counts.warm_ups_since_clear + 1
-        self._counts = replace(self._counts, warm_ups_since_clear=warm_ups)
+        self.counts.warm_ups_since_clear += 1
         self._dtcs = {code: dtc.warm_up() for code, dtc in self._dtcs.items()}
 
     def drive(self, engine_run_s: float, distance_km: float) -> None:
         """Count a stretch of driving."""
-        counts, lit = self._counts, float(self.mil)
-        self._counts = replace(
-            counts,
-            distance_since_clear_km=counts.distance_since_clear_km + distance_km,
-            engine_run_since_clear_s=counts.engine_run_since_clear_s + engine_run_s,
-            distance_with_mil_km=counts.distance_with_mil_km + lit * distance_km,
-            engine_run_with_mil_s=counts.engine_run_with_mil_s + lit * engine_run_s,
-        )
+        counts = self.counts
+        counts.distance_since_clear_km += distance_km
+        counts.engine_run_since_clear_s += engine_run_s
+        if self.mil:
+            counts.distance_with_mil_km += distance_km
+            counts.engine_run_with_mil_s += engine_run_s
 
     @property
     def all(self) -> tuple[Dtc, ...]:
@@ -292,11 +286,6 @@ class DtcStore:
         known = self._completed | {test for test, ratio in self._ratios.items() if ratio.numerator}
         return tuple(r for r in self.ratios if r.test not in BEHIND or r.test in known)
 
-    @property
-    def counts(self) -> Counts:
-        """Return the counts over the vehicle's life and since the codes were cleared."""
-        return self._counts
-
     def completed_since_clear(self, test: str) -> bool:
         """Return whether a test has passed or failed since the codes were cleared."""
         return test in self._completed
@@ -310,7 +299,7 @@ class DtcStore:
             permanent=dict(self._permanent),
             results=tuple(sorted(self.results, key=lambda r: (r.test, r.quantity))),
             ratios=self.ratios,
-            counts=self._counts,
+            counts=replace(self.counts),
             completed=frozenset(self._completed),
         )
 

@@ -33,7 +33,7 @@ class Ratio:
     denominator: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Counts:
     """Counts over the vehicle's life and since the codes were cleared."""
 
