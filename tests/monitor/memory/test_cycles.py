@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.types import Quality
-from monitor.memory.cycles import SIGNALS, Cycles
+from monitor.memory.cycles import Cycles
 from tests.helpers.memory.stretches import (
     CONFIG,
     DRIVE,
