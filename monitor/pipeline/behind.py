@@ -70,18 +70,16 @@ def _judge_circuit(table: Table, store: DtcStore, config: Config) -> None:
         x = np.where(at[CUT] > 0.0, 1.0, x)
     runs = at[ENGINE] > config.plausibility.engine_running_rpm if ENGINE in at else np.ones(n)
     period_s = float(np.median(np.diff(block.t_ns))) / 1e9 if n > 1 else 1.0
-    found, _ = RearCircuit(own, period_s).push(
-        volts=at[VOLTAGE],
-        x=x,
-        air_g_s=np.zeros(n),
-        running=np.cumsum(runs, dtype=np.int64),
-        duty_percent=np.full(n, np.nan),
-    )
-    counters = Counters((CIRCUIT,), config, store)
-    for each in found:
-        failed, t_ns = bool(each.fault), block.t_ns.item(each.at)
-        for change in counters.mature(CIRCUIT, failed=failed, fault=each.fault, t_ns=t_ns):
-            freeze(change, store, list(at), block.values[each.at])
+    circuit, counters = RearCircuit(own, period_s), Counters((CIRCUIT,), config, store)
+    running = np.cumsum(runs, dtype=np.int64).tolist()
+    for k, sample in enumerate(zip(at[VOLTAGE].tolist(), x.tolist(), running, strict=True)):
+        volts, lean, run = sample
+        for each in circuit.push(
+            volts=volts, x=lean, air_g_s=0.0, running=run, duty_percent=math.nan
+        ):
+            failed, t_ns = bool(each.fault), block.t_ns.item(k)
+            for change in counters.mature(CIRCUIT, failed=failed, fault=each.fault, t_ns=t_ns):
+                freeze(change, store, list(at), block.values[k])
 
 
 def _follow(table: Table, activity: RearActivity, store: DtcStore, config: Config) -> None:

@@ -10,7 +10,6 @@ stored as far as there is room. Source of the storage equation: Brandt, Wang and
 Trans. Control Systems Technology 8 (2000), with one store instead of their rate maps.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -105,16 +104,15 @@ class CatalystBank:
         self._past = np.full((self._ticks, *shape[1:]), 0.5)  # a ring of the sensors' steady states
         self._at = 0
 
-    def push(self, x: FloatArray, air_g_s: FloatArray) -> Iterator[FloatArray]:
-        """Yield the voltages of all members on each tick, (n_sensors, n_capacities, n_offsets).
+    def step(self, x: float, air_g_s: float) -> FloatArray:
+        """Return the voltages of all members on a tick, (n_sensors, n_capacities, n_offsets).
 
         The array holds until the next tick; the caller may write into it.
 
-        x : (n,) 1 - 1/lambda upstream; air_g_s : (n,)
+        x : 1 - 1/lambda upstream
         """
-        mass = OXYGEN_IN_AIR * self._period_s * air_g_s
-        for each, grams in zip(x.tolist(), mass.tolist(), strict=True):
-            yield self._volts(self._behind(each, grams), grams)
+        grams = OXYGEN_IN_AIR * self._period_s * air_g_s
+        return self._volts(self._behind(x, grams), grams)
 
     def _behind(self, x: float, grams: float) -> FloatArray:
         """Return x of the gas behind each catalyst as a switching sensor sees it.

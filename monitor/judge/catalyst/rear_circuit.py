@@ -12,14 +12,12 @@
 An unheated sensor rests as an open circuit does, so a heater that failed explains the rest.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, Literal
-
-import numpy as np
+from typing import Final, Literal, NamedTuple
 
 from monitor.base.config import Config
-from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.judge.catalyst.bank import MID_V, OXYGEN_IN_AIR
 
 CircuitTest = Literal["downstream_circuit", "downstream_heater"]
@@ -28,11 +26,9 @@ HEATER: Final = "downstream_heater"
 LOW, HIGH, INACTIVE = "downstream_low", "downstream_high", "downstream_inactive"
 
 
-@dataclass(frozen=True, slots=True)
-class CircuitResult:
+class CircuitResult(NamedTuple):
     """A decision of one test; ``fault`` is "" where it passed."""
 
-    at: int
     test: CircuitTest
     fault: str
     wake_s: float | None  # after a cold start; None where none was seen or the sensor sleeps
@@ -51,7 +47,7 @@ class _Stretch:
 
 
 class RearCircuit:
-    """Judges circuit and heater sample by sample; samples come in blocks of any length."""
+    """Judges circuit and heater sample by sample."""
 
     def __init__(self, settings: Config, period_s: float) -> None:
         self._config, self._heater = settings.catalyst, settings.plausibility
@@ -82,34 +78,24 @@ class RearCircuit:
         return self.awake_s if self._began_at_rest else None
 
     def push(
-        self,
-        *,
-        volts: FloatArray,
-        x: FloatArray,
-        air_g_s: FloatArray,
-        running: IntArray,
-        duty_percent: FloatArray,
-    ) -> tuple[list[CircuitResult], BoolArray]:
-        """Return the decisions, and on which samples the voltage may be no reading of the gas.
+        self, *, volts: float, x: float, air_g_s: float, running: int, duty_percent: float
+    ) -> list[CircuitResult]:
+        """Take the next sample; return the decisions that it brings.
 
-        volts, x (1 - 1/lambda upstream), air_g_s, duty_percent : (n,), nan where unknown
-        running : (n,) samples so far with the engine running, this one included
+        volts, x (1 - 1/lambda upstream), air_g_s, duty_percent : nan where unknown
+        running : samples so far with the engine running, this one included
         """
-        found: list[CircuitResult] = []
-        doubtful = np.zeros(len(volts), dtype=np.bool_)
-        columns = (each.tolist() for each in (volts, x, air_g_s, running, duty_percent))
-        for k, (v, lean, air, run, duty) in enumerate(zip(*columns, strict=True)):
-            if v != v or run <= 0.0:  # noqa: PLR0124
-                continue
-            run_s = run * self._period_s
-            self._voltage(v, lean, air, run_s)
-            self._heating(duty, run_s)
-            for test, fault in self._decided(run_s):
-                if self._said.get(test) != fault:
-                    self._said[test] = fault
-                    found.append(CircuitResult(k, test, fault, self.wake_s))
-            doubtful[k] = self._is_doubtful
-        return found, doubtful
+        if math.isnan(volts) or not running:
+            return []
+        run_s = running * self._period_s
+        self._voltage(volts, x, air_g_s, run_s)
+        self._heating(duty_percent, run_s)
+        found = []
+        for test, fault in self._decided(run_s):
+            if self._said.get(test) != fault:
+                self._said[test] = fault
+                found.append(CircuitResult(test, fault, self.wake_s))
+        return found
 
     def _voltage(self, v: float, x: float, air_g_s: float, run_s: float) -> None:
         config, step_s, held = self._config, self._period_s, self._for_s
@@ -139,7 +125,7 @@ class RearCircuit:
 
     def _heating(self, duty: float, run_s: float) -> None:
         config, step_s, held = self._config, self._period_s, self._for_s
-        if duty != duty:  # noqa: PLR0124
+        if math.isnan(duty):
             held.full = held.regulated = 0.0
             return
         self.heater_heard = True
@@ -170,7 +156,8 @@ class RearCircuit:
             yield CIRCUIT, ""
 
     @property
-    def _is_doubtful(self) -> bool:
+    def is_doubtful(self) -> bool:
+        """Return whether the latest voltage may be no reading of the gas."""
         config, held = self._config, self._for_s
         longest = max(held.low, held.high, held.rest - config.circuit_s)
         return longest > 0.5 * config.circuit_pass_s or self._said.get(CIRCUIT, "") != ""

@@ -11,14 +11,13 @@ section 3.2).
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import FloatArray
 from monitor.judge.catalyst.bank import LEAK, MID_V, STUCK, WEAK, CatalystBank
 from monitor.judge.catalyst.estimate import Capacity, CapacityCurve, jackknife
 
@@ -96,24 +95,21 @@ class CatalystRule:
         self._most_of = np.full(self._bank.shape, -math.inf)
         self._n = 0
 
-    def push(
-        self, x: FloatArray, air_g_s: FloatArray, volts: FloatArray, counts: BoolArray
-    ) -> Iterator[int]:
-        """Take samples without a gap; yield those at which a segment ends, right after it.
+    def push(self, x: float, air_g_s: float, volts: float, *, counts: bool) -> bool:
+        """Take the next sample; return whether a segment ends with it.
 
-        x : (n,) 1 - 1/lambda upstream; counts : (n,) whether the sample may be judged
+        x : 1 - 1/lambda upstream; counts : whether the sample may be judged
         """
-        steps = self._bank.push(x, air_g_s)
-        for k, (predicted, v, is_on) in enumerate(
-            zip(steps, volts.tolist(), counts.tolist(), strict=True)
-        ):
-            if self._wait:
-                self._wait -= 1
-            elif is_on:
-                self._add(predicted, v)
-                if self._n == self._n_segment:
-                    self._close()
-                    yield k
+        predicted = self._bank.step(x, air_g_s)
+        if self._wait:
+            self._wait -= 1
+            return False
+        if counts:
+            self._add(predicted, volts)
+        is_full = counts and self._n == self._n_segment
+        if is_full:
+            self._close()
+        return is_full
 
     def _add(self, predicted: FloatArray, volts: float) -> None:
         self._low_v, self._high_v = min(self._low_v, volts), max(self._high_v, volts)
@@ -204,10 +200,7 @@ class CatalystRule:
         for fault, member in zip(self._faults, self._posterior, strict=True):
             each[fault] = np.logaddexp(each[fault], _sum(member))
         sound = np.logaddexp(each.pop(""), each.pop(LEAK, -math.inf))
-        name = max(each, key=lambda fault: each[fault])
-        alike = self._odds.evidence_alike
-        also = tuple(f for f in each if f != name and each[f] > each[name] - alike)
-        return self._claim(float(each[name] - sound), name, also)
+        return self._likeliest(each, float(sound))
 
     def balance(self) -> Claim:
         """Return how the evidence stands for an upstream reading against the oxygen balance.
@@ -221,10 +214,14 @@ class CatalystRule:
             "biased_rich": _sum(intact[:, :, self._rich_offset]),
             LEAK: _sum(leaking) if len(leaking) else -math.inf,
         }
-        name = max(odds, key=lambda each: odds[each])
-        close = odds[name] - self._odds.evidence_alike
-        also = tuple(each for each, value in odds.items() if each != name and value > close)
-        return self._claim(odds[name] - _sum(intact[:, :, self._sound_offset]), name, also)
+        return self._likeliest(odds, _sum(intact[:, :, self._sound_offset]))
+
+    def _likeliest(self, each: dict[str, float], sound: float) -> Claim:
+        """Return how the evidence stands for the likeliest fault, and which are as likely."""
+        name = max(each, key=lambda fault: each[fault])
+        least = each[name] - self._odds.evidence_alike
+        also = tuple(fault for fault in each if fault != name and each[fault] > least)
+        return self._claim(float(each[name] - sound), name, also)
 
     def _claim(self, odds: float, fault: str, also: tuple[str, ...] = ()) -> Claim:
         if self.segments and odds >= self.evidence_fail:

@@ -7,14 +7,14 @@ last values; after a longer gap the filling of the catalyst is found anew.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from monitor.base.config import CatalystConfig, Config
-from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.catalyst.bank import LEAK, switching_volts
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER, CircuitResult, RearCircuit
 from monitor.judge.catalyst.rule import CatalystRule, Claim
@@ -84,7 +84,7 @@ def rule_results(rule: CatalystRule, config: CatalystConfig) -> Iterator[TestRes
     for edge, lag_s in rule.sensor_lags().items():
         yield TestResult("downstream", f"lag_{edge}_s", lag_s, 0.0, limit_s)
     low_v, high_v = rule.range_v
-    if np.isfinite([low_v, high_v]).all():
+    if math.isfinite(low_v):
         yield TestResult("downstream", "least_v", low_v, config.circuit_low_v, config.lean_v)
         yield TestResult("downstream", "most_v", high_v, config.rich_v, config.circuit_high_v)
     sound = config.offset_sound_phi
@@ -92,25 +92,24 @@ def rule_results(rule: CatalystRule, config: CatalystConfig) -> Iterator[TestRes
 
 
 class CatalystMonitor:
-    """Judges catalyst and downstream sensor of one vehicle; the state goes from block to block.
+    """Judges catalyst and downstream sensor of one vehicle, sample by sample.
 
     names : signals of a sample
     """
 
     def __init__(self, settings: Config, names: Sequence[str], period_s: float) -> None:
-        self._settings, config = settings, settings.catalyst
+        self._settings, self._config = settings, settings.catalyst
         at = {name: i for i, name in enumerate(names)}
-        has_upstream = all(name in at for name in UPSTREAM)
         self._rear = [at[name] for name in REAR if name in at]
-        self.is_possible = has_upstream and bool(self._rear)
-        self._places = [at.get(name, 0) for name in UPSTREAM]
-        self._brick = at.get("catalyst_temperature_degc")
-        self._wide, self._duty = at.get(WIDE), at.get(DUTY)
+        self._places = [at[name] for name in UPSTREAM if name in at]
+        self._is_possible = len(self._places) == len(UPSTREAM) and bool(self._rear)
+        self._brick, self._duty = at.get("catalyst_temperature_degc"), at.get(DUTY)
+        self._wide = at.get(WIDE)
         self._sensor, self._is_wide = 0, False  # column of the downstream sensor that is heard
         self.circuit = RearCircuit(settings, period_s)
-        self._config, self._period_s = config, period_s
-        self._n_hold = round(config.hold_s / period_s)
-        self._n_warm_up = round(config.warm_up_s / period_s)
+        self._period_s = period_s
+        self._n_hold = round(self._config.hold_s / period_s)
+        self._n_warm_up = round(self._config.warm_up_s / period_s)
         self.rule: CatalystRule | None = None  # from the first good reading on
         self.reset()
 
@@ -124,26 +123,24 @@ class CatalystMonitor:
         if self.rule is not None:
             self.rule.reset()
         self.circuit.reset()
-        self._last = np.full(len(NEEDED), np.nan)
+        self._last = [math.nan] * len(NEEDED)
         self._missing = 0  # samples in a row with a value missing
         self._running = 0  # samples with the engine running
+        self._is_lost = True  # the filling of the catalyst is not known
 
-    def push(self, values: FloatArray, running: BoolArray) -> Iterable[BehindResult]:
-        """Return the verdicts that samples allow; all of them must be taken.
+    def push(self, values: FloatArray, running: BoolArray) -> Iterator[BehindResult]:
+        """Yield the verdicts that samples allow; all of them must be taken.
 
         values : (n, n_names)
         running : (n,) whether the engine runs
         """
-        if not self.is_possible or not len(values):
-            return ()
-        if self.rule is None:
-            good = np.isfinite(values[:, self._rear])
-            if not good.any():
-                self._running += int(np.count_nonzero(running))
-                return ()
-            first = good[good.any(axis=1).argmax()]  # row of the first reading
-            self.rule = self._rule_of(self._rear[int(first.argmax())])
-        return self._heard(self.rule, values, running)
+        samples = zip(values.tolist(), running.tolist(), strict=True) if self._is_possible else ()
+        for k, (sample, runs) in enumerate(samples):
+            self._running += runs
+            rear = next((i for i in self._rear if math.isfinite(sample[i])), None)
+            if self.rule is None and rear is not None:
+                self.rule = self._rule_of(rear)
+            yield from self._judged(k, sample)
 
     def _rule_of(self, sensor: int) -> CatalystRule:
         """Return the rule for the downstream sensor in this column."""
@@ -153,88 +150,68 @@ class CatalystMonitor:
         settings = replace(self._settings, catalyst=self._config)
         return CatalystRule(settings, self._period_s, wide=self._is_wide)
 
-    def _heard(
-        self, rule: CatalystRule, values: FloatArray, running: BoolArray
-    ) -> Iterator[BehindResult]:
-        run = self._running + np.cumsum(running)
-        self._running = run.item(-1)
-        own = values.take([self._sensor, *self._places], axis=1)
-        unknown = np.full(len(values), np.nan)
-        volts = unknown if self._is_wide else own[:, 0]
+    def _judged(self, k: int, sample: Sequence[float]) -> Iterator[BehindResult]:
+        """Yield how the evidence stands after a sample."""
+        volts, *upstream = own = [sample[i] for i in (self._sensor, *self._places)]
         if self._is_wide:
-            own[:, 0] = switching_volts(_x_of(own[:, 0]), self._config)
-        found, doubtful = self.circuit.push(
-            volts=volts,
-            x=_x_of(own[:, 1]),
-            air_g_s=own[:, 2] / KG_H_PER_G_S,
-            running=run,
-            duty_percent=unknown if self._duty is None else values[:, self._duty],
-        )
-        for each in found:
-            measured = () if each.wake_s is None else (self._wake(each.wake_s),)
-            yield BehindResult(each.at, each.test, circuit_claim(each), results=measured)
-        yield from self._judged(rule, own, self._warm(values, run) & ~doubtful)
+            own[0] = float(switching_volts(np.asarray(_x_of(volts)), self._config))
+        before, is_complete = self._last, all(map(math.isfinite, own))
+        self._missing = 0 if is_complete else self._missing + 1
+        pairs = zip(own, before, strict=True)
+        self._last = held = [new if math.isfinite(new) else old for new, old in pairs]
+        if self.rule is None:
+            return
+        for each in self.circuit.push(
+            volts=math.nan if self._is_wide else volts,
+            x=_x_of(upstream[0]),
+            air_g_s=upstream[1] / KG_H_PER_G_S,
+            running=self._running,
+            duty_percent=math.nan if self._duty is None else sample[self._duty],
+        ):
+            yield BehindResult(k, each.test, circuit_claim(each), results=self._wake(each))
+        if self._missing > self._n_hold or not all(map(math.isfinite, held)):
+            if not self._is_lost:
+                self.rule.interrupt()
+            self._is_lost = True
+            return
+        self._is_lost, air_g_s = False, held[2] / KG_H_PER_G_S
+        counts = is_complete and self._is_warm(sample) and not self.circuit.is_doubtful
+        counts = counts and air_g_s <= self._config.flow_most_g_s
+        x = self._entering(_x_of(held[1]), _x_of(before[1]))
+        if self.rule.push(x, air_g_s, held[0], counts=counts):
+            yield from self._concluded(k, self.rule)
 
-    def _wake(self, wake_s: float) -> TestResult:
-        """Return after how long the downstream sensor woke from a cold start."""
-        return TestResult(HEATER, "wake_s", wake_s, 0.0, self._config.wake_most_s)
+    def _concluded(self, k: int, rule: CatalystRule) -> Iterator[BehindResult]:
+        """Yield how the evidence of each test stands at the end of a segment."""
+        capacity = rule.capacity()
+        grams = capacity.grams if capacity else None
+        measured = tuple(rule_results(rule, self._config))
+        yield BehindResult(k, "catalyst", rule.catalyst(), grams, measured)
+        yield BehindResult(k, "downstream", rule.sensor(), grams)
+        for each in balance_results(k, rule.balance()):
+            yield each._replace(capacity_g=grams)
 
-    def _judged(
-        self, rule: CatalystRule, own: FloatArray, fit: BoolArray
-    ) -> Iterator[BehindResult]:
-        """Yield how the evidence stands; ``fit`` says which samples may be judged."""
-        good, before = np.isfinite(own), _x_of(self._last[1:2])
-        held, usable = self._held(own, good)
-        x = self._entering(_x_of(held[:, 1]), before)
-        air_g_s = held[:, 2] / KG_H_PER_G_S
-        counts = fit & good.all(axis=1) & (air_g_s <= self._config.flow_most_g_s)
-        begin, edges = 0, [*(np.flatnonzero(np.diff(usable)) + 1).tolist(), len(usable)]
-        for end in edges:
-            part = slice(begin, end)
-            if not usable[begin]:
-                rule.interrupt()
-            else:
-                for k in rule.push(x[part], air_g_s[part], held[part, 0], counts[part]):
-                    at, capacity = begin + k, rule.capacity()
-                    grams = capacity.grams if capacity else None
-                    measured = tuple(rule_results(rule, self._config))
-                    yield BehindResult(at, "catalyst", rule.catalyst(), grams, measured)
-                    yield BehindResult(at, "downstream", rule.sensor(), grams)
-                    for each in balance_results(at, rule.balance()):
-                        yield each._replace(capacity_g=grams)
-            begin = end
+    def _wake(self, found: CircuitResult) -> tuple[TestResult, ...]:
+        """Return after how long the downstream sensor woke from a cold start, if it did."""
+        if found.wake_s is None:
+            return ()
+        return (TestResult(HEATER, "wake_s", found.wake_s, 0.0, self._config.wake_most_s),)
 
-    def _entering(self, x: FloatArray, before: FloatArray) -> FloatArray:
-        """Return x of the gas that the upstream sensor follows with its lag, (n,).
+    def _entering(self, x: float, before: float) -> float:
+        """Return x of the gas that the upstream sensor follows with its lag.
 
-        x : as measured; before : (1,) of the sample before
+        x : as measured; before : of the sample before, nan if there is none
         """
-        most = self._config.upstream_lag_most_phi
-        rise = np.nan_to_num(np.diff(x, prepend=before)) / self._period_s
-        return np.minimum(x + np.clip(self._config.upstream_lag_s * rise, -most, most), 1.0)
+        lag_s, most = self._config.upstream_lag_s, self._config.upstream_lag_most_phi
+        lead = 0.0 if math.isnan(before) else lag_s * ((x - before) / self._period_s)
+        return min(x + min(max(lead, -most), most), 1.0)
 
-    def _held(self, own: FloatArray, good: BoolArray) -> tuple[FloatArray, BoolArray]:
-        """Return the values with short gaps bridged, (n, 3), and where they can be used, (n,)."""
-        n = len(own)
-        padded = np.vstack([self._last, own])
-        rows = np.where(np.isfinite(padded), np.arange(n + 1)[:, np.newaxis], 0)
-        np.maximum.accumulate(rows, axis=0, out=rows)
-        held = np.take_along_axis(padded, rows, axis=0)[1:]
-        self._last = held[-1].copy()
-        complete = good.all(axis=1)
-        ticks = np.arange(n)
-        since = np.maximum.accumulate(np.where(complete, ticks, -1))
-        missing = np.where(since < 0, self._missing + ticks + 1, ticks - since)
-        self._missing = int(missing[-1])
-        return held, np.isfinite(held).all(axis=1) & (missing <= self._n_hold)
-
-    def _warm(self, values: FloatArray, run: IntArray) -> BoolArray:
-        """Return on which samples the brick is warm, by its temperature or by running time."""
-        long = np.asarray(run >= self._n_warm_up)
-        if self._brick is None:
-            return long
-        degc = values[:, self._brick]
-        return np.where(np.isfinite(degc), degc >= self._config.warm_degc, long)
+    def _is_warm(self, sample: Sequence[float]) -> bool:
+        """Return whether the brick is warm, by its temperature or by running time."""
+        degc = math.nan if self._brick is None else sample[self._brick]
+        if math.isnan(degc):
+            return self._running >= self._n_warm_up
+        return degc >= self._config.warm_degc
 
     @property
     def supported(self) -> tuple[str, ...]:
@@ -278,6 +255,6 @@ class CatalystMonitor:
         return found
 
 
-def _x_of(lambda_upstream: FloatArray) -> FloatArray:
+def _x_of(lambda_upstream: float) -> float:
     """Return 1 - 1/lambda."""
-    return np.asarray(1.0 - 1.0 / np.maximum(lambda_upstream, 0.1))
+    return 1.0 - 1.0 / max(lambda_upstream, 0.1)

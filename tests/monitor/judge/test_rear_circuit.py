@@ -1,5 +1,7 @@
 """Circuit and heater of the downstream sensor, on voltages that are made here."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -29,12 +31,15 @@ def a_drive(minutes: float = 6.0) -> dict[str, FloatArray]:
     }
 
 
-def decided(drive: dict[str, FloatArray], block: int = 1000) -> list[tuple[int, str, str]]:
-    circuit, found = RearCircuit(config.shipped(), PERIOD_S), []
-    for begin in range(0, len(drive["volts"]), block):
-        part = {name: values[begin : begin + block] for name, values in drive.items()}
-        found += [(begin + r.at, r.test, r.fault) for r in circuit.push(**part)[0]]
-    return found
+def samples(drive: dict[str, FloatArray]) -> Iterator[dict[str, float]]:
+    for sample in zip(*(values.tolist() for values in drive.values()), strict=True):
+        yield dict(zip(drive, sample, strict=True))
+
+
+def decided(drive: dict[str, FloatArray]) -> list[tuple[int, str, str]]:
+    circuit = RearCircuit(config.shipped(), PERIOD_S)
+    pushed = ((k, circuit.push(**sample)) for k, sample in enumerate(samples(drive)))  # type: ignore[arg-type]
+    return [(k, each.test, each.fault) for k, found in pushed for each in found]
 
 
 def test_a_sound_sensor_passes_both_tests() -> None:
@@ -104,17 +109,12 @@ def test_a_hot_sensor_with_a_heater_always_on_tells_nothing_of_it() -> None:
     assert {test for _, test, _ in decided(drive)} == {CIRCUIT}
 
 
-@pytest.mark.parametrize("block", [1, 37])
-def test_no_decision_depends_on_where_blocks_begin(block: int) -> None:
-    drive = a_drive(3.0)
-    drive["volts"][900:] = 1.4
-    drive["volts"][700:705] = np.nan
-    assert decided(drive, block) == decided(drive)
-
-
 def test_doubtful_voltages_are_kept_from_the_bank() -> None:
     drive = a_drive(3.0)
     drive["volts"][1000:] = 0.005
-    _, doubtful = RearCircuit(config.shipped(), PERIOD_S).push(**drive)
-    assert not doubtful[300:1000].any()
-    assert doubtful[1200:].all()
+    circuit, doubtful = RearCircuit(config.shipped(), PERIOD_S), []
+    for sample in samples(drive):
+        circuit.push(**sample)  # type: ignore[arg-type]
+        doubtful.append(circuit.is_doubtful)
+    assert not any(doubtful[300:1000])
+    assert all(doubtful[1200:])
