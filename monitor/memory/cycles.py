@@ -105,7 +105,7 @@ class Cycles:
             if not self._has_speed:
                 runs = quality != _SILENT and quality not in _UNKNOWN
             if runs:
-                self._run(k, step_ns, *others, found)
+                self._run(k, step_ns, others, found)
                 continue
             self._idle_ns = 0
             if quality not in _UNKNOWN:
@@ -120,20 +120,12 @@ class Cycles:
         self._was_asleep |= self._silence_ns >= 1e9 * self._config.silent_s
         self._stood |= self._was_asleep and is_standing
 
-    def _run(
-        self,
-        k: int,
-        step_ns: int,
-        speed_km_h: float,
-        coolant_degc: float,
-        ambient_degc: float,
-        pressure_kpa: float,
-        found: Counting,
-    ) -> None:
-        """Take a sample in which the engine runs.
+    def _run(self, k: int, step_ns: int, signals: Sequence[float], found: Counting) -> None:
+        """Take a sample in which the engine runs; ``signals`` are those behind the engine speed.
 
         The very first start belongs to the driving cycle that has begun already.
         """
+        speed_km_h, coolant_degc, ambient_degc, pressure_kpa = signals
         starts = not self._has_run or self._stopped_ns > 0
         if starts:
             is_long = self._stopped_ns >= 1e9 * self._config.engine_off_s

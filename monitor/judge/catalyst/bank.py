@@ -124,7 +124,8 @@ class CatalystBank:
         free = 1.0 - np.abs(self._filling - rich)  # part of each zone, in the gas's direction
         reaching = 1.0 - power(1.0 - free, config.breakthrough)
         room = free * self._zones_g
-        carried = np.broadcast_to(grams * np.abs(own), room.shape[1:]).copy()  # oxygen, or its want
+        carried = np.empty(self.shape[1:])  # oxygen, or its want
+        carried[:] = grams * np.abs(own)
         for zone, most in enumerate(room):
             stored = reaching[zone]
             stored *= carried

@@ -157,8 +157,10 @@ class CatalystMonitor:
             own[0] = float(switching_volts(np.asarray(_x_of(volts)), self._config))
         before, is_complete = self._last, all(map(math.isfinite, own))
         self._missing = 0 if is_complete else self._missing + 1
-        pairs = zip(own, before, strict=True)
-        self._last = held = [new if math.isfinite(new) else old for new, old in pairs]
+        held = self._last = own
+        if not is_complete:
+            pairs = zip(own, before, strict=True)
+            held = self._last = [new if math.isfinite(new) else old for new, old in pairs]
         if self.rule is None:
             return
         for each in self.circuit.push(
@@ -169,7 +171,8 @@ class CatalystMonitor:
             duty_percent=math.nan if self._duty is None else sample[self._duty],
         ):
             yield BehindResult(k, each.test, circuit_claim(each), results=self._wake(each))
-        if self._missing > self._n_hold or not all(map(math.isfinite, held)):
+        is_bridged = self._missing <= self._n_hold and all(map(math.isfinite, held))
+        if not (is_complete or is_bridged):
             if not self._is_lost:
                 self.rule.interrupt()
             self._is_lost = True
