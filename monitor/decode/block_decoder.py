@@ -60,17 +60,20 @@ class BlockDecoder:
     """
 
     def __init__(self, bus_map: BusMap, names: Sequence[str]) -> None:
-        self.names, self.channels, self.derived, self.timeouts_ns = bus_map.wanted(names)
-        self._plans = plans_of(bus_map, self.channels)
+        self.names, self.channels = tuple(names), bus_map.sources(names)
+        self.derived = tuple(bus_map.derived[name] for name in names if name in bus_map.derived)
+        timeouts_s = (bus_map.channels[name].mapped.timeout_s for name in self.channels)
+        self.timeouts_ns = tuple(round(1e9 * s) for s in timeouts_s)
+        self.plans = plans_of(bus_map, self.channels)  # by the key of their frames
         self._is_needed = np.zeros(_STANDARD + 1, dtype=np.bool_)  # the last: any longer one
-        self._is_needed[[key for key in self._plans if key < _STANDARD]] = True
-        self._beyond = [plan.match for key, plan in self._plans.items() if key >= _STANDARD]
+        self._is_needed[[key for key in self.plans if key < _STANDARD]] = True
+        self._beyond = [plan.match for key, plan in self.plans.items() if key >= _STANDARD]
         self.restart()
 
     def restart(self) -> None:
         """Forget everything, as if made anew for another recording."""
         self.unmapped = 0  # frames under identifiers nobody asked for
-        self._messages = [_MessageDecoder(plan) for plan in self._plans.values()]
+        self._messages = [_MessageDecoder(plan) for plan in self.plans.values()]
 
     def push(self, block: FrameBlock) -> list[Decoded]:
         """Return the frames' values, message by message; rows may repeat between messages' parts.
@@ -87,20 +90,15 @@ class BlockDecoder:
         return found
 
     @property
-    def plans(self) -> Mapping[int, Plan]:
-        """Return the plan of each needed message, by the key of its frames."""
-        return self._plans
-
-    @property
     def identifiers(self) -> tuple[tuple[int, bool], ...]:
         """Return (identifier, is_extended) of every needed message, for filters on the bus."""
-        plans = self._plans.items()
+        plans = self.plans.items()
         return tuple((k & (EXTENDED - 1), k >= EXTENDED) for k, p in plans if not p.any_source)
 
     @property
     def groups(self) -> tuple[tuple[int, int], ...]:
         """Return (parameter group, its mask) of every needed message that anyone may send."""
-        found = [k & (EXTENDED - 1) for k, plan in self._plans.items() if plan.any_source]
+        found = [k & (EXTENDED - 1) for k, plan in self.plans.items() if plan.any_source]
         return tuple((group_of(can_id), mask_of(can_id)) for can_id in found)
 
     def needed(self, block: FrameBlock) -> IntArray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from textwrap import shorten
-from typing import Final, NamedTuple
+from typing import Final
 
 from cantools.database import load_file, load_string
 from cantools.database.can import Database, Message, Signal
@@ -23,15 +23,6 @@ from monitor.decode.signal_map import Derived, Integrity, MappedSignal, SignalMa
 
 Pair = tuple[Path, Path]  # DBC, signal map
 _REASON: Final = 300  # characters of a parser's error: some quote a whole line
-
-
-class WantedSignal(NamedTuple):
-    """The channels and derived signals that some names need."""
-
-    names: tuple[str, ...]
-    channels: tuple[str, ...]  # those asked for, then what the derived ones are made of
-    derived: tuple[Derived, ...]
-    timeouts_ns: tuple[int, ...]  # how long each channel's value may be held
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,15 +66,6 @@ class BusMap:
             if name in self.derived:
                 needed.extend(self.derived[name].sources)
         return tuple(dict.fromkeys(needed))
-
-    def wanted(self, names: Sequence[str]) -> WantedSignal:
-        """Return the needs of ``names``; raises as ``sources``."""
-        channels = self.sources(names)
-        derived = tuple(self.derived[name] for name in names if name in self.derived)
-        timeouts_s = (self.channels[name].mapped.timeout_s for name in channels)
-        return WantedSignal(
-            tuple(names), channels, derived, tuple(round(s * 1e9) for s in timeouts_s)
-        )
 
 
 def load_database(path: Path) -> Database:

@@ -7,7 +7,6 @@ anything else is left out and listed, and the rest is read.
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final, TypeVar
 
 T = TypeVar("T")
@@ -36,16 +35,8 @@ _OF_MESSAGE: Final = re.compile(r"[ \t]*(BO_|SG_)\s")
 _ABOUT: Final = re.compile(r"[ \t]*(CM_|BA_|BA_DEF_|VAL_|BO_TX_BU_|SIG_VALTYPE_|SG_MUL_VAL_)\s+\S")
 
 
-@dataclass(frozen=True, slots=True)
-class Mended:
-    """A text that can be read, and its changes and omissions line by line."""
-
-    text: str
-    notes: tuple[str, ...]
-
-
-def mended(text: str) -> Mended:
-    """Return a database's text with marked identifiers and without values of unknown signals."""
+def mended(text: str) -> tuple[str, list[str]]:
+    """Return a text with identifiers marked and values of unknown signals left out; the changes."""
     text, marked = _marked(text)
     kept, lost = [], []
     known = _signals(text)
@@ -64,7 +55,7 @@ def mended(text: str) -> Mended:
             lost.append(f"values of the unknown signal {values[2]} of message {values[1]}")
         else:
             kept.append(statement)
-    return Mended("".join(_sorted(kept)), (*marked, *lost))
+    return "".join(_sorted(kept)), [*marked, *lost]
 
 
 def read(text: str, parse: Callable[[str], T]) -> tuple[T, tuple[str, ...]]:
@@ -73,8 +64,7 @@ def read(text: str, parse: Callable[[str], T]) -> tuple[T, tuple[str, ...]]:
     Statements at which the parser fails are left out one by one. Raises what ``parse`` raises if
     it names no line, or if too much would be left out.
     """
-    result = mended(text)
-    text, notes = result.text, list(result.notes)
+    text, notes = mended(text)
     for _ in range(min(MOST, max(MOST_CHARACTERS // max(len(text), 1), 1))):
         try:
             return parse(text), tuple(notes)
@@ -83,7 +73,7 @@ def read(text: str, parse: Callable[[str], T]) -> tuple[T, tuple[str, ...]]:
             if not note:
                 raise
             notes.append(note)
-            text = mended(text).text  # without the values of signals that went
+            text, _ = mended(text)  # without the values of signals that went
     return parse(text), tuple(notes)
 
 

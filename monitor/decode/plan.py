@@ -8,13 +8,17 @@ from cantools.database.can import Message, Signal
 from numpy.typing import NDArray
 
 from monitor.base.errors import SignalMapError
-from monitor.base.types import BoolArray
+from monitor.base.types import BoolArray, FloatArray
 from monitor.decode.bus_map import BusChannel, BusMap
-from monitor.decode.channel_reader import ChannelReader
 from monitor.decode.checksum import payload_checksums
 from monitor.decode.parameter_groups import mask_of
 from monitor.decode.payloads import Bytes, Payloads
-from monitor.decode.raw_values import bit_position, last_byte
+from monitor.decode.raw_values import (
+    bit_position,
+    last_byte,
+    not_available_raw,
+    plausible_range,
+)
 from monitor.frames.blocks import EXTENDED
 
 Member = tuple[int, BusChannel]  # channel number, channel
@@ -92,6 +96,46 @@ class Plan:
         assert self.counter is not None
         mask = np.uint64((1 << self.counter.length) - 1)
         return np.asarray(payloads.raw(self.counter).astype(np.uint64) & mask)
+
+
+class ChannelReader:
+    """Reads one channel of a message's payloads in the map's unit."""
+
+    def __init__(self, channel: BusChannel) -> None:
+        signal, mapped = channel.signal, channel.mapped
+        steps = ((signal.scale, signal.offset), (mapped.factor, mapped.offset))
+        self._signal, self._steps = signal, [step for step in steps if step != (1, 0)]
+        self._missing = not_available_raw(channel)
+        self.range = channel.range
+        self._low, self._high = plausible_range(channel)
+
+    def read(
+        self, payloads: Payloads, out: FloatArray, most: FloatArray | None = None
+    ) -> tuple[int, int]:
+        """Fill ``out``, (n,), NaN where not available and inf where out of range.
+
+        most : (n,) highest value in the database's unit, 0 where it is the database's
+        Returns how many are not available and how many out of range.
+        """
+        raw = payloads.raw(self._signal)
+        number = raw.astype(np.float64)
+        if most is not None:
+            number *= np.where(most > 0.0, most / float(self._signal.maximum or 1.0), 1.0)
+        for factor, offset in self._steps:
+            number = number * float(factor) + float(offset)
+        out[:] = number
+        good = (self._low <= out) & (out <= self._high) & np.isfinite(out)
+        n_missing = 0
+        if self._missing is not None:
+            missing = np.asarray(raw == self._missing, dtype=np.bool_)
+            n_missing = int(np.count_nonzero(missing))
+            good &= ~missing
+        n_bad = len(out) - int(np.count_nonzero(good))
+        if n_bad:
+            out[~good] = np.inf
+        if n_missing:
+            out[missing] = np.nan
+        return n_missing, n_bad - n_missing
 
 
 class Group:

@@ -1,8 +1,6 @@
 """Raw values of a DBC signal: their place, their meaning, their plausible range."""
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 from cantools.database.can import Message, Signal
 
@@ -34,22 +32,6 @@ def plausible_range(channel: BusChannel) -> tuple[float, float]:
         return (-math.inf, math.inf)
     margin = 1e-9 * (high - low)
     return (low - margin, high + margin) if low < high else (-math.inf, math.inf)
-
-
-def scaling(channel: BusChannel) -> Callable[[Any], Any]:
-    """Return the function from raw values, floats, to values in the map's unit."""
-    signal, mapped = channel.signal, channel.mapped
-    steps = ((signal.scale, signal.offset), (mapped.factor, mapped.offset))
-    lines = [
-        (float(factor), float(offset)) for factor, offset in steps if (factor, offset) != (1, 0)
-    ]
-
-    def scaled(raw: Any) -> Any:
-        for factor, offset in lines:
-            raw = raw * factor + offset
-        return raw
-
-    return scaled
 
 
 def bit_position(message: Message, signal: Signal) -> int:

@@ -78,48 +78,33 @@ def frames_of(block: FrameBlock) -> Iterator[Frame]:
 
 def chosen(block: FrameBlock, rows: slice | BoolArray | IntArray) -> FrameBlock:
     """Return some frames of a block."""
-    return FrameBlock(block.t_ns[rows], block.key[rows], block.length[rows], block.data[rows])
+    return FrameBlock(*(column[rows] for column in block))
 
 
 def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
     """Return the blocks joined to one, in order."""
-    width = max(block.data.shape[1] for block in blocks)
-    return FrameBlock(
-        np.concatenate([block.t_ns for block in blocks]),
-        np.concatenate([block.key for block in blocks]),
-        np.concatenate([block.length for block in blocks]),
-        np.concatenate([widened(block, width).data for block in blocks]),
-    )
+    return FrameBlock(*map(np.concatenate, zip(*widened(*blocks), strict=True)))
 
 
 def inserted(block: FrameBlock, places: Sequence[int], new: FrameBlock) -> FrameBlock:
     """Return a block with the frames of ``new`` before the places, one each."""
-    width = max(block.data.shape[1], new.data.shape[1])
-    block, new = widened(block, width), widened(new, width)
-    return FrameBlock(
-        np.insert(block.t_ns, places, new.t_ns),
-        np.insert(block.key, places, new.key),
-        np.insert(block.length, places, new.length),
-        np.insert(block.data, places, new.data, axis=0),
-    )
+    pairs = zip(*widened(block, new), strict=True)
+    return FrameBlock(*(np.insert(own, places, other, axis=0) for own, other in pairs))
 
 
 def put(block: FrameBlock, rows: list[int], new: FrameBlock) -> FrameBlock:
     """Write the frames of ``new`` into ``rows`` of the block; return it, widened if needed."""
-    width = max(block.data.shape[1], new.data.shape[1])
-    block, new = widened(block, width), widened(new, width)
-    block.t_ns[rows] = new.t_ns
-    block.key[rows] = new.key
-    block.length[rows] = new.length
-    block.data[rows] = new.data
+    block, new = widened(block, new)
+    for own, other in zip(block, new, strict=True):
+        own[rows] = other
     return block
 
 
-def widened(block: FrameBlock, width: int) -> FrameBlock:
-    """Return the block with its data ``width`` bytes wide."""
-    n, now = block.data.shape
-    if now == width:
-        return block
-    data = np.zeros((n, width), dtype=np.uint8)
-    data[:, :now] = block.data
-    return block._replace(data=data)
+def widened(*blocks: FrameBlock, least: int = 0) -> list[FrameBlock]:
+    """Return blocks with data as wide as those of the widest, at least ``least`` bytes."""
+    width = max(least, *(block.data.shape[1] for block in blocks))
+    wider = [(block, width - block.data.shape[1]) for block in blocks]
+    return [
+        block._replace(data=np.pad(block.data, ((0, 0), (0, more)))) if more else block
+        for block, more in wider
+    ]

@@ -203,7 +203,7 @@ def _with_fd(
     ending = text[MARGIN:].take(end)
     right &= (second == first + 1) & ((ending == _SPACE) | (ending == _NEWLINE))
     width = 8 if length.max(where=right, initial=0) <= 8 else 64
-    frames = widened(frames, width)
+    (frames,) = widened(frames, least=width)
     frames.length[rows], frames.data[rows] = length, data[:, :width]
     return frames, right
 

@@ -132,7 +132,7 @@ class Reference:
     """The rules frame by frame: length, checksum, counter, multiplexer, value."""
 
     def __init__(self, bus_map: BusMap, names: Sequence[str]) -> None:
-        _, channels, _, _ = bus_map.wanted(names)
+        channels = bus_map.sources(names)
         self._channels = [bus_map.channels[name] for name in channels]
         self._due: dict[str, int] = {}
         self.counts = {each.message.name: Counter[str]() for each in self._channels}
