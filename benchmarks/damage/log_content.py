@@ -13,8 +13,7 @@ import numpy as np
 
 from benchmarks.damage.log_seeds import LOGGERS, LOGS, PROFILE
 from monitor.frames.logs import read_frames
-from monitor.frames.tables.raw_table import Table
-from monitor.grid.tables import read_table
+from monitor.grid.tables import Table, read_table
 
 SILENCE_S = 2.0  # a shorter one has no code
 

@@ -37,8 +37,7 @@ from monitor.base.config import load as load_config
 from monitor.base.errors import O2Error
 from monitor.base.faults import resolve
 from monitor.base.signals import OUTPUT
-from monitor.frames.tables.raw_table import Table
-from monitor.grid.tables import is_table, read_table
+from monitor.grid.tables import Table, is_table, read_table
 from monitor.model.step import Model
 from monitor.pipeline import replay
 from training.cli import main as o2train

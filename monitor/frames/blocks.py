@@ -1,8 +1,8 @@
 """Blocks of frames side by side: made from frames, turned back into frames, cut and joined."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -78,26 +78,29 @@ def frames_of(block: FrameBlock) -> Iterator[Frame]:
 
 def chosen(block: FrameBlock, rows: slice | BoolArray | IntArray) -> FrameBlock:
     """Return some frames of a block."""
-    return FrameBlock(*(column[rows] for column in block))
+    return _by_column(lambda column: column[rows], block)
 
 
 def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
     """Return the blocks joined to one, in order."""
-    return FrameBlock(*map(np.concatenate, zip(*widened(*blocks), strict=True)))
+    return _by_column(lambda *parts: np.concatenate(parts), *widened(*blocks))
 
 
 def inserted(block: FrameBlock, places: Sequence[int], new: FrameBlock) -> FrameBlock:
     """Return a block with the frames of ``new`` before the places, one each."""
-    pairs = zip(*widened(block, new), strict=True)
-    return FrameBlock(*(np.insert(own, places, other, axis=0) for own, other in pairs))
+    return _by_column(lambda a, b: np.insert(a, places, b, axis=0), *widened(block, new))
 
 
 def put(block: FrameBlock, rows: list[int], new: FrameBlock) -> FrameBlock:
     """Write the frames of ``new`` into ``rows`` of the block; return it, widened if needed."""
-    block, new = widened(block, new)
-    for own, other in zip(block, new, strict=True):
+    pair = widened(block, new)
+    for own, other in zip(*pair, strict=True):
         own[rows] = other
-    return block
+    return pair[0]
+
+
+def _by_column(make: Callable[..., Any], *blocks: FrameBlock) -> FrameBlock:
+    return FrameBlock(*(make(*columns) for columns in zip(*blocks, strict=True)))
 
 
 def widened(*blocks: FrameBlock, least: int = 0) -> list[FrameBlock]:

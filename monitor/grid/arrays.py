@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.frames.tables.raw_table import Table
-from monitor.grid.tables import TIME, make_table
+from monitor.grid.tables import TIME, Table, make_table
 
 _TIMES = (TIME, "time", "timestamp")
 

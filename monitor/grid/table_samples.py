@@ -11,9 +11,14 @@ from monitor.base.signals import OUTPUT, plausible_range
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray, SampleBlock
 from monitor.frames.profiles.profile import STOICH_AFR
 from monitor.frames.profiles.times import held
-from monitor.frames.tables.raw_table import Table
 from monitor.grid.block_assembler import assemble_arrays, check_grid
-from monitor.grid.tables import DEFAULT_PERIOD_NS, UNIFORM, round_period_ns, uniform_period_ns
+from monitor.grid.tables import (
+    DEFAULT_PERIOD_NS,
+    UNIFORM,
+    Table,
+    round_period_ns,
+    uniform_period_ns,
+)
 
 READY: Final = "sensor_ready"
 AIR: Final = ("air_mass_mg", "maf_kg_h", "engine_speed_rpm")

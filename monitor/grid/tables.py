@@ -25,7 +25,8 @@ from monitor.frames.profiles.recognition import key, places, recognised
 from monitor.frames.profiles.signals import all_cells, read_signals
 from monitor.frames.tables.dialect import OWN_TIME
 from monitor.frames.tables.parquet import read_parquet
-from monitor.frames.tables.raw_table import Notes, RawTable, Table, Wanted
+from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
+from monitor.frames.tables.raw_table import Table as Table  # noqa: PLC0414 - known from here above
 from monitor.frames.tables.readers import TEXT, is_readable, open_table, suffix_of
 from monitor.frames.text.layouts import layout_of
 from monitor.grid.columns import Column, load_columns

@@ -8,8 +8,7 @@ from pathlib import Path
 from monitor.base.errors import UsageError
 from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import frames_of
-from monitor.frames.tables.raw_table import Table
-from monitor.grid.tables import is_table
+from monitor.grid.tables import Table, is_table
 from monitor.inject.expected import FrameJudge, Recording, fresh_memory
 from monitor.inject.gateway import write_log
 from monitor.inject.injector import Injector

@@ -17,8 +17,7 @@ import numpy as np
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.outputs import write_text
 from monitor.base.signals import OUTPUT
-from monitor.frames.tables.raw_table import Table
-from monitor.grid.tables import TIME
+from monitor.grid.tables import TIME, Table
 from monitor.inject.injection import FRAME_FAULTS, Injection
 from monitor.inject.injector import SensorReading
 

@@ -10,8 +10,8 @@ from monitor.base.config import Config
 from monitor.base.counts import counted
 from monitor.base.signals import OUTPUT
 from monitor.base.types import FloatArray
-from monitor.frames.tables.raw_table import Table
 from monitor.grid.table_samples import table_block
+from monitor.grid.tables import Table
 from monitor.judge.catalyst.rear_activity import MID_V, RearActivity
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, RearCircuit
 from monitor.judge.catalyst.watch import VOLTAGE

@@ -11,8 +11,8 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import Quality, SampleBlock
 from monitor.decode.block_decoder import MessageCounters
 from monitor.decode.bus_map import BusMap
-from monitor.frames.tables.raw_table import Table
 from monitor.grid.block_assembler import AssemblerCounters
+from monitor.grid.tables import Table
 from monitor.judge.causes.causes import Cause, SignalSource
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import Evidence, WindowJudged

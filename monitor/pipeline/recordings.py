@@ -14,12 +14,11 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
 from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters
-from monitor.frames.tables.raw_table import Table
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples, whole
 from monitor.grid.column_times import unlike
 from monitor.grid.table_samples import table_block
-from monitor.grid.tables import BLANK, is_table, read_table
+from monitor.grid.tables import BLANK, Table, is_table, read_table
 from monitor.grid.timeline import Timeline
 from monitor.judge.causes.causes import SignalSource
 from monitor.model.card import ModelCard

@@ -13,8 +13,8 @@ from monitor.base.config import Config, ProfileConfig
 from monitor.base.errors import MissingSignalsError, RecordingError
 from monitor.base.files.manifest import source_of
 from monitor.decode.bus_map import BusMap, load_pairs
-from monitor.frames.tables.raw_table import Table
 from monitor.grid.block_samples import Clearing
+from monitor.grid.tables import Table
 from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory

@@ -12,9 +12,8 @@ import numpy as np
 from monitor.base.config import Config
 from monitor.base.errors import CoarseTableError, MissingSignalsError
 from monitor.base.signals import OUTPUT
-from monitor.frames.tables.raw_table import Table
 from monitor.grid.table_samples import table_block
-from monitor.grid.tables import is_table, read_table
+from monitor.grid.tables import Table, is_table, read_table
 from monitor.judge.catalyst.watch import VOLTAGE
 from monitor.judge.causes.causes import Cause
 from monitor.judge.counters import Counters

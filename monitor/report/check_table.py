@@ -13,10 +13,9 @@ from monitor.base.signals import BY_NAME, OUTPUT, plausible_range
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.frames.profiles.profile import is_profile, path_of, shipped
 from monitor.frames.profiles.recognition import recognised
-from monitor.frames.tables.raw_table import Table
 from monitor.frames.tables.readers import is_readable, open_table
 from monitor.grid.table_samples import in_range
-from monitor.grid.tables import BLANK, is_logger_table, read_table, table_period_ns
+from monitor.grid.tables import BLANK, Table, is_logger_table, read_table, table_period_ns
 from monitor.model.card import ModelCard
 from monitor.pipeline.recordings import table_of_model
 

@@ -23,12 +23,11 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters
-from monitor.frames.tables.raw_table import Table
 from monitor.grid.arrays import table_of
 from monitor.grid.block_assembler import BlockAssembler, assemble_arrays
 from monitor.grid.block_samples import log_samples, whole
 from monitor.grid.table_samples import in_range, table_block
-from monitor.grid.tables import DEFAULT_PERIOD_NS, is_table, read_table, table_period_ns
+from monitor.grid.tables import DEFAULT_PERIOD_NS, Table, is_table, read_table, table_period_ns
 from monitor.grid.timeline import Timeline
 from monitor.model.card import TrainingRecording
 from training.recordings.files.measurement import is_measurement, read_measurement, union_of_times

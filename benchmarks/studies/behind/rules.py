@@ -107,8 +107,7 @@ def behind_threshold(s: Signals) -> FloatArray:
     )
     bank = CatalystBank(single, s.period_s)
     x, air = np.nan_to_num(s.x), np.nan_to_num(s.air_g_s)
-    pairs = zip(x.tolist(), air.tolist(), strict=True)
-    return np.array([bank.step(*pair).item(0) for pair in pairs])
+    return np.array([bank.step(*pair).item(0) for pair in zip(x, air, strict=True)])
 
 
 def indices(names: tuple[str, ...], values: FloatArray, period_s: float) -> Mapping[str, float]:

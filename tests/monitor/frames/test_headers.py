@@ -10,8 +10,7 @@ import pytest
 
 from monitor import cli
 from monitor.base.errors import O2Error, RecordingError
-from monitor.frames.tables.raw_table import Table
-from monitor.grid.tables import read_table
+from monitor.grid.tables import Table, read_table
 
 ROWS = range(40)
 RPM = [1500 + 20 * i for i in ROWS]

@@ -20,10 +20,9 @@ from monitor.frames.profiles.profile import (
 )
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.profiles.times import held
-from monitor.frames.tables.raw_table import Table
 from monitor.frames.tables.readers import open_table
 from monitor.grid.table_samples import table_block
-from monitor.grid.tables import read_table, table_period_ns
+from monitor.grid.tables import Table, read_table, table_period_ns
 from monitor.mapping.profile_proposal import proposed
 from monitor.report.check_table import check_table
 from tests.helpers.logs.logger_files import Field, drive, write_mlg, write_text_table
