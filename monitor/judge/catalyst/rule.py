@@ -167,10 +167,6 @@ class CatalystRule:
         eased = self._segment - (1.0 - config.rest_weight) * np.maximum(self._segment, within)
         return np.where(rests, eased, self._segment)
 
-    @property
-    def _posterior(self) -> FloatArray:
-        return self._restricted(self._evidence)
-
     def _restricted(self, evidence: FloatArray) -> FloatArray:
         """Return evidence and prior together, without the sensors that the voltage rules out."""
         total = evidence + self._prior
@@ -190,14 +186,14 @@ class CatalystRule:
 
     def catalyst(self) -> Claim:
         """Return how the evidence stands for a catalyst below the threshold."""
-        total = self._posterior
+        total = self._restricted(self._evidence)
         odds = _sum(total[:, self._is_low]) - _sum(total[:, self._is_sound])
         return self._claim(odds, CATALYST)
 
     def sensor(self) -> Claim:
         """Return how the evidence stands for a faulty downstream sensor."""
         each = dict.fromkeys(self._faults, -math.inf)
-        for fault, member in zip(self._faults, self._posterior, strict=True):
+        for fault, member in zip(self._faults, self._restricted(self._evidence), strict=True):
             each[fault] = np.logaddexp(each[fault], _sum(member))
         sound = np.logaddexp(each.pop(""), each.pop(LEAK, -math.inf))
         return self._likeliest(each, float(sound))
@@ -207,7 +203,7 @@ class CatalystRule:
 
         An upstream sensor that reads lean needs oxygen taken off; one with a leak behind it, added.
         """
-        total = self._posterior
+        total = self._restricted(self._evidence)
         intact, leaking = total[~self._has_leak], total[self._has_leak]
         odds = {
             "biased_lean": _sum(intact[:, :, self._lean_offset]),
@@ -235,25 +231,29 @@ class CatalystRule:
         if not self.segments:
             return None
         if self._capacity is None:
-            whole = self._parts.sum(axis=0)
-            without = np.array([self._by_capacity(whole - part) for part in self._parts])
-            own, shared = self._by_capacity(self._evidence), self._config.capacity_model
-            self._capacity = self._curve.estimate(own, without, shared)
+            own, *without = np.log(
+                [np.maximum(self._weights(1, each), SMALLEST) for each in self._evidences]
+            )
+            shared = self._config.capacity_model
+            self._capacity = self._curve.estimate(own, np.array(without), shared)
         return self._capacity
 
-    def _by_capacity(self, evidence: FloatArray) -> FloatArray:
-        """Return the log likelihood of each capacity, (n_capacities,)."""
-        total = self._config.interval_weight * self._restricted(evidence)
-        top = total.max()
-        likelihood = np.exp(total - top).sum(axis=(0, 2))
-        return np.asarray(top + np.log(np.maximum(likelihood, SMALLEST)))
+    @property
+    def _evidences(self) -> list[FloatArray]:
+        """Return the evidence, then that of all stretches of the drive but one, part by part."""
+        whole = self._parts.sum(axis=0)
+        return [self._evidence, *(whole - part for part in self._parts)]
+
+    def _weights(self, axis: int, evidence: FloatArray | None = None) -> FloatArray:
+        """Return how likely each sensor (axis 0), capacity (1) or offset (2) is; the sum is 1."""
+        known = self._evidence if evidence is None else evidence
+        total = self._config.interval_weight * self._restricted(known)
+        weight = np.exp(total - total.max()).sum(axis=tuple({0, 1, 2} - {axis}))
+        return np.asarray(weight / weight.sum())
 
     def sensor_lags(self) -> dict[str, float]:
         """Return the expected lag and dead time of the downstream sensor in s, by edge."""
-        total = self._config.interval_weight * self._posterior
-        weight = np.exp(total - total.max()).sum(axis=(1, 2))
-        weight /= weight.sum()
-        sensors = self._bank.sensors
+        weight, sensors = self._weights(0), self._bank.sensors
         to_rich = [s.tau_to_rich_s + s.delay_s * (s.direction >= 0) for s in sensors]
         to_lean = [s.tau_to_lean_s + s.delay_s * (s.direction <= 0) for s in sensors]
         return {"lean_to_rich": float(weight @ to_rich), "rich_to_lean": float(weight @ to_lean)}
@@ -265,7 +265,7 @@ class CatalystRule:
 
     def offset(self) -> float:
         """Return the addend of the balance to upstream x, in phi."""
-        return self._mean_offset(self._evidence)
+        return float(self._weights(2) @ self._bank.offset)
 
     def offset_std(self) -> float:
         """Return the standard error of ``offset``, in phi.
@@ -275,21 +275,13 @@ class CatalystRule:
         the Bootstrap, chapter 11). To that comes the width of what the evidence allows, since the
         errors of the model repeat in every part.
         """
-        whole = self._parts.sum(axis=0)
-        spread = jackknife(np.array([self._mean_offset(whole - part) for part in self._parts]))
-        weight = self._offset_weight(self._evidence)
-        mean = float(weight @ self._bank.offset)
-        width = float(weight @ (self._bank.offset - mean) ** 2)
-        return math.sqrt(spread**2 + width + self._config.offset_model_phi**2)
-
-    def _mean_offset(self, evidence: FloatArray) -> float:
-        return float(self._offset_weight(evidence) @ self._bank.offset)
-
-    def _offset_weight(self, evidence: FloatArray) -> FloatArray:
-        """Return how likely each offset is, (n_offsets,)."""
-        total = self._config.interval_weight * self._restricted(evidence)
-        weight = np.exp(total - total.max()).sum(axis=(0, 1))
-        return np.asarray(weight / weight.sum())
+        own, offset = (
+            np.array([self._weights(2, each) for each in self._evidences]),
+            self._bank.offset,
+        )
+        means = own @ offset
+        width = float(own[0] @ (offset - means[0]) ** 2)
+        return math.sqrt(jackknife(means[1:]) ** 2 + width + self._config.offset_model_phi**2)
 
 
 def _sum(log_weights: FloatArray) -> float:
