@@ -201,10 +201,9 @@ def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[R
 
 
 def _side(bus: "can.BusABC", options: argparse.Namespace) -> "Side":
-    from monitor.bus.link.connection import Connection
     from monitor.inject.side import Side
 
-    return Side(Connection(bus, lambda: open_bus(options), say, name=bus_name(options)))
+    return Side(bus, lambda: open_bus(options), say, name=bus_name(options))
 
 
 def _other_side(args: argparse.Namespace) -> argparse.Namespace:

@@ -8,11 +8,11 @@ import numpy as np
 from monitor.base.types import FrameBlock, IntArray
 from monitor.decode.alive import AliveCounters
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.frames.blocks import EXTENDED
+from monitor.frames.blocks import EXTENDED, joined
 from monitor.frames.loop_frames import FIRST_ID
 from monitor.grid.block_assembler import LATEST_NS, MAX_JUMP_NS
-from monitor.grid.recent_frames import KEPT, RecentFrames
 
+KEPT: Final = 1 << 16  # 16 s of a full bus of 500 kbit/s; stretches of a log may be out of order
 WITNESSES: Final = 32  # frames behind a doubtful one that confirm its time or not
 LOOK: Final = 8192  # frames before and behind a pause in which counters are looked for
 _WALK: Final = 2048  # frames taken one by one from a doubtful one on
@@ -36,16 +36,17 @@ class TimeCounters:
 class Walk:
     """Some frames of a log on their way to believed times.
 
+    recent : the latest frames before them, at believed times
     at : frames that have one
     gaps : places of the frames before which nothing is known of the time
     """
 
     def __init__(
-        self, recent: RecentFrames, frames: FrameBlock, newest_ns: int, shift_ns: int, pause_ns: int
+        self, recent: FrameBlock, frames: FrameBlock, newest_ns: int, shift_ns: int, pause_ns: int
     ) -> None:
         self.newest_ns, self.shift_ns, self._pause_ns = newest_ns, shift_ns, pause_ns
         self.at, self.gaps = 0, list[int]()
-        whole, self._n_before = recent.before(frames)
+        whole, self._n_before = joined([recent, frames]), len(recent.t_ns)
         self._t_ns = whole.t_ns.copy()  # believed where the walk has been
         self._whole = whole._replace(t_ns=self._t_ns)
         self._alive: AliveCounters | None = None  # read when they are needed

@@ -14,14 +14,14 @@ Times of the loop's own frames are always believed: the loop has measured them. 
 on where blocks begin.
 """
 
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 
 from monitor.base.types import FrameBlock, IntArray
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import block_of, chosen, inserted, joined
 from monitor.frames.loop_frames import log_gap
-from monitor.grid.recent_frames import RecentFrames
-from monitor.grid.time_walk import TimeCounters, Walk, wrapped
+from monitor.grid.time_walk import KEPT, TimeCounters, Walk, wrapped
 
 
 class Timeline:
@@ -37,7 +37,7 @@ class Timeline:
         self._newest_ns: int | None = None  # of the believed times
         self._first_ns = 0
         self._shift_ns = 0  # believed time is the frame's time less this
-        self._recent = RecentFrames()
+        self._recent = deque([block_of([])])  # the latest frames, ``KEPT`` of them if so many came
         self._waiting: FrameBlock | None = None  # frames that need those behind them
 
     def blocks(self, blocks: Iterable[FrameBlock]) -> Iterator[FrameBlock]:
@@ -67,7 +67,7 @@ class Timeline:
             if self._shift_ns:
                 block = block._replace(t_ns=block.t_ns - wrapped(self._shift_ns))
             self._newest_ns = int(block.t_ns[-1])
-            self._recent.push(block)
+            self._note(block)
             return (block,)
         waiting = [] if self._waiting is None else [self._waiting]
         return self._walked(joined([*waiting, block]), is_last=False)
@@ -75,6 +75,13 @@ class Timeline:
     def finish(self) -> Sequence[FrameBlock]:
         """Return the frames that waited for others behind them; none will come."""
         return () if self._waiting is None else self._walked(self._waiting, is_last=True)
+
+    def _note(self, block: FrameBlock) -> None:
+        """Take frames at believed times as the latest; forget those of long ago."""
+        self._recent.append(block)
+        n = sum(len(each.t_ns) for each in self._recent)
+        while n - len(self._recent[0].t_ns) >= KEPT:
+            n -= len(self._recent.popleft().t_ns)
 
     def _is_calm(self, raw_ns: IntArray) -> bool:
         """Return whether times rise by small steps, (n,) at least one."""
@@ -90,7 +97,8 @@ class Timeline:
         is_last : no frame follows
         """
         assert self._newest_ns is not None
-        walk = Walk(self._recent, frames, self._newest_ns, self._shift_ns, self._pause_ns)
+        self._recent = deque([joined(list(self._recent))])
+        walk = Walk(self._recent[0], frames, self._newest_ns, self._shift_ns, self._pause_ns)
         walk.run(self._decoder, self.counters, is_last=is_last)
         self._newest_ns, self._shift_ns = walk.newest_ns, walk.shift_ns
         n = walk.at
@@ -98,6 +106,6 @@ class Timeline:
         if n == 0:
             return ()
         believed = chosen(frames, slice(0, n))._replace(t_ns=walk.believed_ns(n))
-        self._recent.push(believed)
+        self._note(believed)
         marks = [log_gap(int(believed.t_ns[place])) for place in walk.gaps]
         return (inserted(believed, walk.gaps, block_of(marks)),) if marks else (believed,)

@@ -150,7 +150,7 @@ class Gateway:
             for frame in self._injector.advance(now_ns):
                 self._give(frame)
         behind_ns = now_ns - round(BEHIND_S * 1e9)
-        is_off = self._ecu.connection.is_lost or self._other.connection.is_lost
+        is_off = self._ecu.is_lost or self._other.is_lost
         if is_off != self._is_off:
             self._is_off = is_off
             self._taken(bus_state(max(behind_ns, self._last_ns), off=is_off))
@@ -181,8 +181,8 @@ class Gateway:
             due_s = (self._injector.due_ns - t_ns) / 1e9 - (self._now_s() - at_s)
             limit_s = min(limit_s, max(due_s, 0.0))
         sides = (self._ecu, self._other)
-        limit_s = min(limit_s, *(side.wait_s for side in sides))
-        filenos = [side.fileno for side in sides if side.is_open]
+        limit_s = min([limit_s, *(side.wait_s for side in sides if side.bus is None)])
+        filenos = [side.fileno for side in sides if side.bus is not None]
         if min(filenos, default=0) >= 0:
             select.select(filenos, [], [], limit_s)
         else:
@@ -199,6 +199,6 @@ class Gateway:
         for side in (self._ecu, self._other):
             if side.datagrams.malformed:
                 yield f"{side.name}: {side.datagrams.malformed} malformed datagrams"
-            if losses := side.connection.losses:
-                back = counted(side.connection.reconnects, "time")
+            if losses := side.losses:
+                back = counted(side.reconnects, "time")
                 yield f"{side.name}: lost {counted(losses, 'time')}, back {back}"

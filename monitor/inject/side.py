@@ -1,8 +1,7 @@
 """One of the two buses of a gateway."""
 
-import math
 import socket
-from typing import Final
+from typing import Any, Final
 
 import can
 
@@ -13,42 +12,30 @@ from monitor.bus.link.socketcan import RECEIVE_BUFFER_BYTES
 SEND_TIMEOUT_S: Final = 0.05
 
 
-class Side:
+class Side(Connection):
     """A bus to receive from and send to; it drops its sent frames and is opened again after a loss.
 
-    connection : connection to the open bus
+    The arguments are those of a connection.
     """
 
-    def __init__(self, connection: Connection) -> None:
-        self.name, self.connection = connection.name, connection
+    def __init__(self, bus: can.BusABC, *others: Any, **named: Any) -> None:
+        super().__init__(bus, *others, **named)
         self.datagrams = Datagrams()
-        assert connection.bus is not None
-        self._use(connection.bus)
+        self._use(bus)
 
     def _use(self, bus: can.BusABC) -> None:
         self._is_socketcan = _set_up(bus)
         self.fileno = _fileno(bus)  # file descriptor to wait for, -1 if there is none
-
-    @property
-    def is_open(self) -> bool:
-        """Return whether the bus is open."""
-        return self.connection.bus is not None
-
-    @property
-    def wait_s(self) -> float:
-        """Return the time in s until a lost interface is opened again, inf if it is open."""
-        return math.inf if self.is_open else self.connection.wait_s
 
     def receive(self) -> can.Message | None:
         """Return the next message, None if none is waiting.
 
         Raises BusError if the interface fails and cannot be opened again.
         """
-        connection = self.connection
         try:
-            bus = connection.bus
+            bus = self.bus
             if bus is None:
-                bus = connection.try_again()
+                bus = self.try_again()
                 if bus is None:
                     return None
                 self._use(bus)
@@ -56,11 +43,11 @@ class Side:
                 pass
         except Exception as error:  # python-can's interfaces raise any, on any datagram
             if not self.datagrams.survives(error):
-                connection.lose(error)
+                self.lose(error)
             return None
         self.datagrams.read()
-        if connection.is_lost:
-            connection.received()
+        if self.is_lost:
+            self.received()
         return message
 
     def _is_own(self, message: can.Message) -> bool:
@@ -72,18 +59,13 @@ class Side:
 
     def send(self, message: can.Message) -> bool:
         """Send a message; return whether the interface accepted it."""
-        bus = self.connection.bus
-        if bus is None:
+        if self.bus is None:
             return False
         try:
-            bus.send(message, timeout=SEND_TIMEOUT_S)
+            self.bus.send(message, timeout=SEND_TIMEOUT_S)
         except (can.CanError, OSError, ValueError):
             return False
         return True
-
-    def close(self) -> None:
-        """Shut down a bus that was opened again; the caller owns the first bus."""
-        self.connection.close()
 
 
 def _fileno(bus: can.BusABC) -> int:

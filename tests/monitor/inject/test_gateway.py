@@ -15,7 +15,6 @@ from can.interfaces.virtual import VirtualBus
 from monitor import cli
 from monitor.base.errors import BusError
 from monitor.base.types import Frame
-from monitor.bus.link.connection import Connection
 from monitor.bus.link.recorder import message_of
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import BUS_STATE_ID, codes_cleared, is_own
@@ -50,8 +49,8 @@ class Bench:
         self.ecu, ecu_side, self.other, other_side = self._buses
         self.gave: list[Frame] = []
         self.gateway = Gateway(
-            Side(Connection(ecu_side)),
-            Side(Connection(other_side)),
+            Side(ecu_side),
+            Side(other_side),
             Injector(OWN, faults),
             self.gave.append,
         )
@@ -148,7 +147,7 @@ def test_frames_that_the_interface_does_not_take_are_counted() -> None:
         can.Bus(interface="virtual", channel="f-ecu") as side,
         Full(channel="f-other") as other,
     ):
-        gateway = Gateway(Side(Connection(side)), Side(Connection(other)), Injector(OWN, []))
+        gateway = Gateway(Side(side), Side(other), Injector(OWN, []))
         ecu.send(message(LAMBDA_ID, bytes(8)))
         gateway.run(duration_s=0.05)
     assert list(gateway.lines())[1] == "0 frames to the ECU; 1 not sent, 0 error frames"
@@ -162,7 +161,7 @@ def test_a_gateway_does_not_pass_on_its_own_frames_where_it_hears_them() -> None
         can.Bus(channel="l-ecu", **own) as ecu,
         can.Bus(channel="l-other", **own) as other,
     ):
-        gateway = Gateway(Side(Connection(ecu)), Side(Connection(other)), Injector(OWN, []))
+        gateway = Gateway(Side(ecu), Side(other), Injector(OWN, []))
         player.send(message(0x123, b"1"))
         gateway.run(duration_s=0.2)
         assert player.recv(0.0) is None
@@ -216,7 +215,7 @@ class LooseBench:
             return self.opened[name][-1]
 
         first = self.opened[name][0]
-        return Side(Connection(first, reopen, self.said.append, lambda: self.now_s, name))
+        return Side(first, reopen, self.said.append, lambda: self.now_s, name)
 
     def pull_out(self, name: str) -> None:
         self.opened[name][-1].is_out, self.is_there = True, False
