@@ -13,7 +13,6 @@ from monitor.frames.profiles.profile import STOICH_AFR
 from monitor.frames.profiles.times import held
 from monitor.grid.block_assembler import assemble_arrays, check_grid
 from monitor.grid.tables import (
-    DEFAULT_PERIOD_NS,
     UNIFORM,
     Table,
     round_period_ns,
@@ -26,24 +25,18 @@ CYLINDERS: Final = (2, 16)  # of an engine whose sensor is judged
 RUNNING_RPM: Final = 500.0
 
 
-def table_block(
-    table: Table,
-    names: Sequence[str],
-    period_ns: int | None = None,
-    timeouts_ns: Sequence[int] | None = None,
-) -> SampleBlock:
-    """Return a table's samples.
+def table_block(table: Table, names: Sequence[str], period_ns: int | None = None) -> SampleBlock:
+    """Return a table's samples; on a grid a value is held for 0.5 s or three rows' time.
 
     names : columns wanted, in this order
     period_ns : grid period; None uses a table that is uniform within 1 % sample for sample
-    timeouts_ns : how long each may be held on a grid; default 0.5 s or three rows' time
     Raises RecordingError if a column is missing, the period is impossible or as ``check_unit``.
     """
     missing = [name for name in names if name not in table.names]
     if missing:
         raise RecordingError(f"{table.path}: has no column {', '.join(missing)}")
     check_unit(table)
-    block = _on_grid(table, _held(table, names), names, period_ns, timeouts_ns)
+    block = _on_grid(table, _held(table, names), names, period_ns)
     if OUTPUT not in names or READY not in names:
         return block
     quality, column = block.quality.copy(), names.index(OUTPUT)
@@ -134,7 +127,6 @@ def _on_grid(
     cells: FloatArray,
     names: Sequence[str],
     period_ns: int | None,
-    timeouts_ns: Sequence[int] | None,
 ) -> SampleBlock:
     """Return a table's cells, (n, n_names), as they are if rows are uniform, else on a grid."""
     places = [table.names.index(name) for name in names]
@@ -147,9 +139,8 @@ def _on_grid(
         return block if pinned is None else _marked(block, pinned)
     period_ns = period_ns or round_period_ns(table.t_ns)
     check_grid(period_ns)
-    if timeouts_ns is None:
-        row_ns = int(np.median(np.diff(table.t_ns))) if len(table.t_ns) > 1 else 0
-        timeouts_ns = [max(500_000_000, 3 * row_ns)] * len(names)
+    row_ns = int(np.median(np.diff(table.t_ns))) if len(table.t_ns) > 1 else 0
+    timeout_ns = max(500_000_000, 3 * row_ns)
     cells = np.where(quality == Quality.OUT_OF_RANGE, np.inf, values)
     # a tick is pinned if any of its rows is: the marks pass the grid beside the values
     columns = cells if pinned is None else np.hstack([cells, pinned])
@@ -160,8 +151,8 @@ def _on_grid(
         both,
         both,
         period_ns=period_ns,
-        timeouts_ns=[*timeouts_ns, *timeouts_ns][: len(both)],
-        longest_ns=min(timeouts_ns, default=DEFAULT_PERIOD_NS),  # no row for so long: a pause
+        timeouts_ns=[timeout_ns] * len(both),
+        longest_ns=timeout_ns,  # no row for so long: a pause
     )
     if pinned is None:
         return block

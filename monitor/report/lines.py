@@ -17,6 +17,7 @@ from monitor.report.words import (
     is_catalyst_alone,
     passed_beside,
     tests,
+    verdict_counts,
 )
 
 COUNTS: Final = {
@@ -29,37 +30,29 @@ COUNTS: Final = {
 
 def verdict_text(recording: Mapping[str, Any]) -> str:
     """Return the verdict on one recording in words."""
-    if recording["fault_flag"]:
-        codes = ", ".join(
-            f"{d['code']} {fault_words(d)} ({d['state']}{_when(d)})" for d in recording["dtcs"]
-        )
-        return f"FAULT: {codes}"
-    if not recording["not_judged"]:
-        if is_catalyst_alone(recording):
-            return CATALYST_ALONE
-        left = recording.get("trust", {}).get("not_tested")
-        return f"no fault, not tested: {', '.join(left)}" if left else "no fault"
-    return f"{passed_beside(recording)}not judged: {reason(recording)}"
+    return "; ".join(verdict_lines(recording))
 
 
 def verdict_lines(recording: Mapping[str, Any]) -> list[str]:
     """Return the verdict on one recording in words, each further cause on its own line."""
-    causes = recording["not_judged"]
-    if recording["fault_flag"] or not causes or not recording["samples"]:
-        return [verdict_text(recording)]
-    first, *others = (Cause(**cause).in_words for cause in causes)
+    if recording["fault_flag"]:
+        codes = ", ".join(
+            f"{d['code']} {fault_words(d)} ({d['state']}{_when(d)})" for d in recording["dtcs"]
+        )
+        return [f"FAULT: {codes}"]
+    if not recording["not_judged"]:
+        if is_catalyst_alone(recording):
+            return [CATALYST_ALONE]
+        left = recording.get("trust", {}).get("not_tested")
+        return [f"no fault, not tested: {', '.join(left)}" if left else "no fault"]
+    first, *others = (Cause(**cause).in_words for cause in recording["not_judged"])
+    if not recording["samples"]:
+        first, others = "nothing was received", []
     return [f"{passed_beside(recording)}not judged: {first}", *others]
 
 
 def _when(dtc: Mapping[str, Any]) -> str:
     return "" if dtc["t_s"] is None else f", {dtc['t_s']:.0f} s"
-
-
-def reason(recording: Mapping[str, Any]) -> str:
-    """Return in words why a recording was not judged."""
-    if not recording["samples"]:
-        return "nothing was received"
-    return "; ".join(Cause(**cause).in_words for cause in recording["not_judged"])
 
 
 def event_line(event: Happening, collector: Collector) -> str:
@@ -86,17 +79,14 @@ def event_line(event: Happening, collector: Collector) -> str:
 
 def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> Iterable[str]:
     """Yield the lines that a command prints about one recording."""
-    counts = {"passed": 0, "failed": 0, "inconclusive": 0}
-    for window in recording["windows"]:
-        counts[window["verdict"]] += 1
+    counts = verdict_counts(recording)
     if windows:
         for w in recording["windows"]:
             yield (
                 f"  {w['t_start_s']:8.1f} s  mean {w['mean']:+.4f}  std {w['std']:.4f}  "
                 f"{w['verdict']:<12} {w['fault'] or ''}{'  paper: failed' * w['paper_failed']}"
             )
-    judged = ", ".join(f"{n} {name}" for name, n in counts.items())
-    paper = sum(w["paper_failed"] for w in recording["windows"])
+    judged = ", ".join(f"{counts[name]} {name}" for name in ("passed", "failed", "inconclusive"))
     simulated = " (simulated)" if recording.get("source") == "simulated" else ""
     verdict, *others = verdict_lines(recording)
     yield f"{recording['path']}{simulated}: {verdict}"
@@ -107,7 +97,7 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
         yield f"    next: {each.check}"
     yield (
         f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
-        f"{judged}; paper's rule failed {paper}"
+        f"{judged}; paper's rule failed {counts['paper']}"
     )
     if known := trust.in_words(recording.get("trust")):
         yield f"  {known}"
