@@ -122,7 +122,7 @@ class CatalystBank:
         config, own = self._config, x + self.offset
         rich = np.where(own > 0.0, 0.0, 1.0)
         free = 1.0 - np.abs(self._filling - rich)  # part of each zone, in the gas's direction
-        reaching = 1.0 - power(1.0 - free, config.breakthrough)
+        reaching = 1.0 - (1.0 - free) ** config.breakthrough
         room = free * self._zones_g
         carried = np.empty(self.shape[1:])  # oxygen, or its want
         carried[:] = grams * np.abs(own)
@@ -177,20 +177,3 @@ def switching_volts(x: FloatArray, config: CatalystConfig) -> FloatArray:
     """Return the voltage that a sound switching sensor shows where a wide-range one measures x."""
     seen = richness(x - config.hydrogen_phi, config)
     return np.asarray(config.voltage_low_v + config.voltage_span_v * seen)
-
-
-def power(base: FloatArray, exponent: float) -> FloatArray:
-    """Return a power; a whole exponent costs a few products.
-
-    >>> power(np.array([0.5]), 5.0).item(), power(np.array([0.25]), 0.5).item()
-    (0.03125, 0.5)
-    """
-    if not exponent.is_integer() or exponent < 1.0:
-        return np.asarray(base**exponent)
-    whole, result = int(exponent), np.ones_like(base)
-    while whole:
-        if whole & 1:
-            result *= base
-        base = base * base
-        whole >>= 1
-    return result
