@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from monitor.pipeline.replay import Setup
 
+gc.disable()  # until all tests are imported: what they import stays
+
 # Before any test imports numpy: one thread is the fastest on small matrices.
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_threads] = "1"
@@ -104,6 +106,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     """Let no collection of garbage walk what the tests have imported."""
     gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
+    gc.enable()
 
 
 class OneWorkerPerFile(LoadScopeScheduling):
