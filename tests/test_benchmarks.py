@@ -11,7 +11,7 @@ from benchmarks.__main__ import benchmarks, main
 from benchmarks.outcome import SCHEMA, BenchmarkOptions, finish
 from benchmarks.repository import ROOT
 
-OF_OTHER_TESTS = {"matrix", "catalyst", "gap"}  # their options are others
+OF_OTHER_TESTS = {"matrix", "catalyst", "gap", "soak"}
 DATA = ROOT.parent / "shared" / "data"
 NEEDED = {  # data that the repository does not hold
     "bosch_verdicts": DATA / "bosch_gengine1",

@@ -104,7 +104,7 @@ class StagedDrive:
 
 def main(argv: Sequence[str]) -> int:
     """Print the cost of each stage."""
-    options = BenchmarkOptions(__name__, __doc__, seconds=60.0, rounds=1)
+    options = BenchmarkOptions(__name__, __doc__, seconds=20.0, rounds=1)
     options.add_argument("--log", type=Path, default=LOG, help="a recording of frames")
     options.add_argument("--seconds", type=float, default=600.0, help="of the recording")
     options.add_argument("--rounds", type=int, default=3)

@@ -18,6 +18,7 @@ from training.healthy.behaviour import Healthy
 VEHICLE = 2001
 
 
+@cache
 def simulated(
     cycle: str,
     seed: int,

@@ -1,9 +1,7 @@
 """``o2mon map``: signal maps proposed from databases."""
 
-import doctest
 import re
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from cantools.database.can import Database, Message, Signal
@@ -19,8 +17,6 @@ from monitor.cli import main
 from monitor.decode.bus_map import load_database, load_pairs
 from monitor.decode.signal_map import load_signal_map
 from monitor.frames.blocks import block_of
-from monitor.mapping import text as map_file
-from monitor.mapping import words
 from monitor.mapping.candidates import ranked
 from monitor.mapping.proposal import propose
 from monitor.mapping.quantities import FUEL_FLOW_NAME
@@ -83,13 +79,6 @@ def test_every_proposal_says_why_and_what_else_it_could_be() -> None:
     assert lines[at + 1].startswith("#   or ")
     assert "CrankSpeed" in lines[at + 1]
     assert proposals.names == ("engine_speed_rpm",)
-
-
-@pytest.mark.parametrize("module", [words, map_file])
-def test_its_examples_run(module: ModuleType) -> None:
-    ran = doctest.testmod(module)
-    assert ran.attempted
-    assert not ran.failed
 
 
 def test_a_recording_bears_out_counters_checksums_and_signals() -> None:

@@ -1,7 +1,7 @@
 """The naming on an engine that neither the dynamometer's equations nor the library's made."""
 
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 
 from benchmarks.studies.second.engine import SOUND, Sensor, drive
 from training.gap.name.naming import name
@@ -10,16 +10,16 @@ from training.greybox.chain import Constants
 from training.healthy import yardstick
 from training.healthy.behaviour import Healthy
 
-VEHICLE = 2
+driven = partial(drive, 2, length_s=400.0)  # of vehicle 2
 
 
 @cache
 def known() -> Healthy:
-    return yardstick.learn([drive(VEHICLE, 2000 + i) for i in range(3)], Constants())
+    return yardstick.learn([driven(2000 + i) for i in range(3)], Constants())
 
 
 def asked(hidden: Mapping[str, float], sensor: Sensor = SOUND) -> Naming:
-    return name([drive(VEHICLE, 2100 + i, hidden, sensor) for i in range(2)], known())
+    return name([driven(2100 + i, hidden, sensor) for i in range(2)], known())
 
 
 def test_the_healthy_vehicle_has_volumes_of_its_own() -> None:
