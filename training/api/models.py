@@ -1,5 +1,6 @@
 """Fit a model and evaluate it."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -42,9 +43,7 @@ class Fit(Shown):
         progress: Callable[[str], None] = lambda _: None,
     ) -> "Fit":
         """Complete the card of a new model by its recordings and return the fit."""
-        path, held_out = outcome.path, outcome.held_out
-        unseen = outcome.unseen.unseen if isinstance(outcome, FitResult) else None
-        card, warnings = complete(path, held_out, recordings, columns, progress, unseen)
+        card, warnings = complete(outcome, recordings, columns, progress)
         return cls(card=card, outcome=outcome, warnings=(*outcome.warnings, *warnings))
 
     @property
@@ -55,7 +54,7 @@ class Fit(Shown):
     @property
     def facts(self) -> dict[str, object]:
         """Return file, kind, inputs, correlation on held-out samples, warnings."""
-        correlation = self.card.fit["test"]["correlation"]
+        correlation = self.card.fit["test"].get("correlation", math.nan)
         told = {"correlation": f"{correlation:.3f}", "warnings": len(self.warnings)}
         inputs = " ".join(self.card.input_names)
         return {"file": self.path, "kind": self.card.kind, "inputs": inputs} | told

@@ -148,8 +148,8 @@ def _print_measures(card: "ModelCard") -> None:
     every, enabled = card.fit["test"], card.fit["test_enabled"]
     differ = enabled != every  # equal if no recorded signal tells which samples are enabled
     if differ:
-        _print_measure("held-out blocks, enabled samples", enabled, card)
-    title = "held-out blocks, all samples, fuel cuts too" if differ else "held-out blocks"
+        _print_measure("held out, enabled samples", enabled, card)
+    title = "held out, all samples, fuel cuts too" if differ else "held out"
     _print_measure(title, every, card)
     from monitor.judge.trust import Trust, in_words
 

@@ -14,32 +14,31 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.healthy.reference import set_reference
 from training.limits.decision_limits import MANY_WINDOWS, set_limits
-from training.limits.response.response_limits import Unseen
 from training.limits.trust import trust_of
 from training.narx.export import update_card
-from training.narx.model_file import HeldOut
+from training.narx.model_file import FreeRunFit, Unseen
 from training.recordings.recording import Recording
 
 
 def complete(
-    path: Path,
-    held_out: Sequence[HeldOut],
+    outcome: FreeRunFit,
     recordings: Sequence[Recording],
     columns: str | Path | None = None,
     progress: Callable[[str], None] = lambda _: None,
-    unseen: Callable[[ModelCard], Unseen] | None = None,
 ) -> tuple[ModelCard, tuple[str, ...]]:
-    """Complete the card of the new model in ``path``; return it and warnings.
+    """Complete the card of the new model that a fit wrote; return it and warnings.
 
-    held_out : blocks of the recordings that no training saw
-    unseen : models of the card's kind, each with drives that it has not seen; default: this one,
-        whose few constants a recording hardly moves
     columns : profile with which the recordings were read, so that the next log needs no option
     """
+    path = outcome.path
     _keep_profile(path, columns)
     _keep_times(path, recordings)
-    warnings = _set_limits(path, held_out, recordings, unseen)
-    _set_trust(path, unseen or (lambda _: [(Model.load(path), recordings)]))
+    unseen, origin = outcome.healthy()
+    warnings = _set_limits(path, unseen, origin)
+    card = Model.load(path).card
+    if card.limits:  # it knows what it finds and mistakes
+        trust = trust_of(unseen, card, config.load(), str(path))
+        update_card(path, replace(card, trust=trust))
     card, doubt = set_reference(path, recordings, progress)
     return card, (*warnings, *([doubt] if doubt else []))
 
@@ -66,28 +65,14 @@ def _keep_times(path: Path, recordings: Sequence[Recording]) -> None:
     update_card(path, replace(card, times=times))
 
 
-def _set_trust(path: Path, unseen: Callable[[ModelCard], Unseen]) -> None:
-    """Let a model with limits know what it finds and mistakes."""
-    card = Model.load(path).card
-    if card.limits:
-        trust = trust_of(unseen(card), card, config.load(), str(path))
-        update_card(path, replace(card, trust=trust))
-
-
-def _set_limits(
-    path: Path,
-    held_out: Sequence[HeldOut],
-    recordings: Sequence[Recording],
-    unseen: Callable[[ModelCard], Unseen] | None = None,
-) -> list[str]:
-    """Set the decision limits from the held-out blocks; return warnings."""
+def _set_limits(path: Path, unseen: Unseen, origin: str) -> list[str]:
+    """Set the decision limits from drives that models have not seen; return warnings."""
     try:
-        own = unseen(Model.load(path).card) if unseen else None
-        _, n_windows = set_limits(path, recordings, held_out, config.load(), unseen=own)
+        _, n_windows = set_limits(path, unseen, origin, config.load())
     except RecordingError as error:
         return [f"no decision limits: {error}"]
     warnings = []
-    if len(recordings) == 1:
+    if len({drive.path for _, drives in unseen for drive in drives}) == 1:
         warnings.append(
             "one recording does not show how drives differ, so the model may give a healthy sensor "
             "a code on another drive; train on several drives"

@@ -14,7 +14,7 @@ from monitor.base.files import manifest
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from training.limits.decision_limits import above_most, whole, with_limits
+from training.limits.decision_limits import above_most, with_limits
 from training.limits.evaluation import false_alarms
 from training.limits.judging import Judged, judge_recordings, why_not
 from training.limits.paper_limits import WindowResiduals, paper_limits
@@ -42,7 +42,7 @@ def calibrate(
     _check(healthy, faulty)
     model = Model.load(path)
     origin = f"o2train calibrate, {counted(len(healthy), 'healthy drive')}"
-    card, _ = with_limits(model, healthy, whole(healthy), config, origin)
+    card, _ = with_limits(model.card, [(model, healthy)], origin, config)
     card = replace(card, trust=trust_of([(model, healthy)], card, config, str(path)))
     limits = Limits.from_card(card, config, str(path))
     good, bad = (judge_recordings(drives, model, limits, config) for drives in (healthy, faulty))

@@ -1,9 +1,8 @@
-"""Decision limits from held-out blocks of healthy recordings, unseen by training and choice."""
+"""Decision limits from healthy drives that the model, or its twin, has not seen."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -19,39 +18,17 @@ from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
 from training.limits.judging import judge_recordings, most_common_cause
 from training.limits.repeated_model import RepeatedModel
-from training.limits.response.response_limits import Unseen, response_limits
+from training.limits.response.response_limits import response_limits
+from training.limits.response.stillness import still_limits
 from training.narx.export import update_card
-from training.narx.model_file import HeldOut
+from training.narx.model_file import Unseen
 from training.recordings.recording import Recording
 
 MINIMUM_WINDOWS = 10
 MANY_WINDOWS = 100  # with fewer windows, the 0.99 quantile is the largest value
 PAPER_QUANTILE = 0.99
-HELD_OUT = "test blocks held out of the training recordings"
-ALL_OF_A_CHAIN = "the recordings of the fit, which changed a few constants only"
-ALL_OF_A_NETWORK = "the recordings that trained the network, because they are too short"
-ALSO_CHOSEN_ON = " and blocks that chose the weights, because these hold too few windows"
 MOST_ROUNDS, CONVERGED = 1000, 1.0 - 1e-9  # of the spread of the offsets
 MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost no information
-
-
-def _held_out_windows(
-    drives: Sequence[list[WindowJudged]],
-    recordings: Sequence[Recording],
-    held_out: Sequence[HeldOut],
-    roles: Sequence[str],
-) -> list[list[WindowJudged]]:
-    """Return the windows of drives that lie in held-out blocks with one of the roles."""
-    found = []
-    for number, (recording, windows) in enumerate(zip(recordings, drives, strict=True)):
-        spans = [(h.first, h.stop) for h in held_out if h.recording == number and h.role in roles]
-        ticks = [
-            (w.window.t_start_ns // recording.period_ns, w.window.t_end_ns // recording.period_ns)
-            for w in windows
-        ]
-        inside = [any(a <= i and k < b for a, b in spans) for i, k in ticks]
-        found.append(list(compress(windows, inside)))
-    return found
 
 
 def limits_of(
@@ -152,64 +129,34 @@ def above_most(values: FloatArray) -> float:
     return float(np.quantile(values, PAPER_QUANTILE))
 
 
-def set_limits(
-    path: Path,
-    recordings: Sequence[Recording],
-    held_out: Sequence[HeldOut],
-    config: Config,
-    origin: str = HELD_OUT,
-    unseen: Unseen | None = None,
-) -> tuple[ModelCard, int]:
+def set_limits(path: Path, unseen: Unseen, origin: str, config: Config) -> tuple[ModelCard, int]:
     """Write the limits of ``with_limits`` into the model file ``path``.
 
     Returns the new card and the number of windows. Raises as ``with_limits``.
     """
-    card, windows = with_limits(Model.load(path), recordings, held_out, config, origin, unseen)
+    card, windows = with_limits(Model.load(path).card, unseen, origin, config)
     update_card(path, card)
     return card, windows
 
 
 def with_limits(
-    model: Model,
-    recordings: Sequence[Recording],
-    held_out: Sequence[HeldOut],
-    config: Config,
-    origin: str = HELD_OUT,
-    unseen: Unseen | None = None,
+    card: ModelCard, unseen: Unseen, origin: str, config: Config
 ) -> tuple[ModelCard, int]:
-    """Return the model card with limits from held-out blocks, and the number of their windows.
+    """Return the model card with limits from healthy drives, and the number of their windows.
 
-    Short recordings, whose test blocks hold fewer than 10 windows, give those of the blocks that
-    chose the weights, too, and the limits say so; no weight was fitted to either. If these are too
-    few, all windows of the recordings count.
-    The healthy gain is the median over the recordings; models of the same kind tell the weight of
-    evidence by drives that they have not seen, this one by the recordings if there are none.
+    unseen : models of the card's kind, each with drives that it has not seen, or that hardly
+        changed it
     Raises RecordingError if there are fewer than 10 windows.
     """
-    model = RepeatedModel.of(model)
-    judged = judge_recordings(recordings, model, NO_LIMITS, config)
-    everything = [each.windows for each in judged]
-    drives = _held_out_windows(everything, recordings, held_out, ("test",))
-    if sum(map(len, drives)) < MINIMUM_WINDOWS and origin == HELD_OUT:
-        drives = _held_out_windows(everything, recordings, held_out, ("test", "validate"))
-        origin += ALSO_CHOSEN_ON
-        if sum(map(len, drives)) < MINIMUM_WINDOWS:
-            drives = everything
-            origin = ALL_OF_A_CHAIN if model.card.kind == "greybox" else ALL_OF_A_NETWORK
-    limits = limits_of(drives, model.card, config, origin, recordings)
-    card = replace(
-        model.card,
-        limits=limits,
-        trust={},  # what was counted with other limits no longer holds
-    )
-    used = Limits.from_card(card, config, origin)
-    response = response_limits(model, recordings, used, config, unseen)
-    return replace(card, limits={**card.limits, **response}), sum(map(len, drives))
-
-
-def whole(recordings: Sequence[Recording]) -> list[HeldOut]:
-    """Return whole recordings as held-out blocks.
-
-    Use it for a model with a few constants: a fit to the same recordings changes little.
-    """
-    return [HeldOut(i, 0, len(r.values), "test") for i, r in enumerate(recordings)]
+    pairs = [(RepeatedModel.of(model), drives) for model, drives in unseen]
+    recordings = [drive for _, drives in pairs for drive in drives]
+    judged = [
+        each.windows
+        for model, drives in pairs
+        for each in judge_recordings(drives, model, NO_LIMITS, config)
+    ]
+    limits = limits_of(judged, card, config, origin, recordings)
+    card = replace(card, limits=limits, trust={})  # counted with other limits
+    response = response_limits(pairs, Limits.from_card(card, config, origin), config)
+    still = still_limits(recordings, card, config)
+    return replace(card, limits={**limits, **response, **still}), sum(map(len, judged))

@@ -17,7 +17,7 @@ from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from training.limits.judging import judge_recordings
 from training.limits.repeated_model import RepeatedModel
-from training.limits.response.response_limits import Unseen
+from training.narx.model_file import Unseen
 from training.recordings.recording import Recording
 from training.recordings.sensor_fault import faulty_readings
 

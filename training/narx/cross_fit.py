@@ -51,7 +51,7 @@ class Twin:
 class CrossFit:
     """What the twins predict where they were not trained."""
 
-    data: Prepared  # with the samples as they were recorded
+    data: Prepared  # with the samples as they were recorded, test where a twin predicts
     predicted: FloatArray  # (n,) in model units, NaN where no twin predicts
     twins: tuple[Twin, ...]
 
@@ -120,7 +120,9 @@ def cross_fit(
     predicted = np.full(len(data.role), np.nan)
     for twin, run in found:
         predicted[twin.rows] = data.scaling.unscale_y(run[twin.rows])
-    return CrossFit(recorded, predicted, tuple(twin for twin, _ in found))
+    role = np.where(np.isfinite(predicted), Role.TEST, Role.TRAIN).astype(data.role.dtype)
+    twins = tuple(twin for twin, _ in found)
+    return CrossFit(replace(recorded, role=role), predicted, twins)
 
 
 def unseen_words(unseen: Mapping[str, Any]) -> str:

@@ -11,11 +11,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
+from monitor.model.step import Model
 from training.narx.cross_fit import CrossFit, cross_fit
 from training.narx.export import Network
-from training.narx.model_file import FreeRunFit, held_out, write_model
+from training.narx.model_file import (
+    ALL_OF_A_NETWORK,
+    OF_TWINS,
+    FreeRunFit,
+    Unseen,
+    held_out,
+    network_of,
+    write_model,
+)
 from training.narx.network import Spec
-from training.narx.search.folds import folds_of, free_folds, trained_on_all
+from training.narx.search.folds import folds_of
 from training.narx.search.mean import NetworkChoice, choose
 from training.narx.search.stages import N_SAMPLES, Trained, train
 from training.narx.search.structure import FOLDS, STARTS, Search, Try
@@ -40,6 +49,12 @@ class FitResult(FreeRunFit):
     unseen: CrossFit  # free runs of twins over what they did not see
     tries: tuple[Try, ...]  # structures that were tried, none if the shape was given
 
+    def healthy(self) -> tuple[Unseen, str]:
+        """Return the twins, each with the drives that it has not seen; without any, the model."""
+        if self.unseen.twins:
+            return list(self.unseen.unseen(self.card)), OF_TWINS
+        return [(Model.load(self.path), self.data.recordings)], ALL_OF_A_NETWORK
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitOptions:
@@ -54,7 +69,7 @@ class FitOptions:
     wall_minutes: float | None = None  # after which no further epoch begins
     seed: int = 0
     threads: int = 2
-    keep_validation: bool = False  # never train on the validation blocks
+    keep_held_out: bool = False  # never train on the blocks that choose, nor on those of the test
     progress: Callable[[float], None] = lambda _: None  # takes the work of every epoch
     tried: Callable[[Try], None] | None = None  # takes every structure of the search
 
@@ -104,10 +119,11 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     whole = Work.of_minutes(options.budget_minutes, options.wall_minutes, options.progress)
     work = whole.up_to(whole.limit * (PARTS - 1) / PARTS)
     data = source.prepared(options.lags or LAGS, seed)
+    seen = data if options.keep_held_out else data.training_on(Role.TEST)
     if options.lags is None and options.hidden is None:
-        data, chosen, tries = _searched(source, data, options, work)
+        chosen, tries = _searched(source, seen, options, work)
     else:
-        chosen, tries = _trained(data, options, work), ()
+        chosen, tries = _trained(seen, options, work), ()
     warnings = [*data.warnings, *_size_warnings(data, chosen.best_member.spec)]
     if not np.isfinite(chosen.model.score):
         raise UsageError(
@@ -116,16 +132,25 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     whole.join([work])
     best = chosen.best_member
     twins = cross_fit(data, best.spec, decay=best.decay, seed=seed, work=whole, threads=threads)
-    unseen = twins.to_card()
-    network, card, run = write_model(out, data, chosen.model, chosen.gap, unseen, whole)
+    network = network_of(data, chosen.model.spec, chosen.model.weights)
+    card = write_model(
+        out,
+        network,
+        twins.data,
+        twins.predicted,
+        chosen.gap,
+        members=chosen.model.members,
+        unseen=twins.to_card(),
+        work=whole,
+    )
     return FitResult(
         path=Path(out),
         card=card,
         network=network,
-        data=data,
+        data=twins.data,
         chosen=chosen,
-        predicted=run,
-        held_out=held_out(data),
+        predicted=twins.predicted,
+        held_out=held_out(twins.data),
         unseen=twins,
         tries=tries,
         seconds=time.monotonic() - began_s,
@@ -139,21 +164,18 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
 
 def _searched(
     source: FitSource, data: Prepared, options: FitOptions, work: Work
-) -> tuple[Prepared, NetworkChoice, tuple[Try, ...]]:
-    """Return the data with their roles at the end, the mean of the best trainings, all tries."""
+) -> tuple[NetworkChoice, tuple[Try, ...]]:
+    """Return the mean of the best trainings, and all tries."""
     seed, n_train = options.seed, int((data.role == Role.TRAIN).sum())
     count = min(max(N_SAMPLES // n_train, 1), FOLDS)
     folds = folds_of(data, (source.prepared(LAGS, seed + i) for i in range(1, count)))
-    keep = source.validate or options.keep_validation
-    free = 1 if keep else free_folds(folds)
     searching = work.up_to(work.limit / (PARTS - 1))
     search = Search(folds, seed, searching, options.threads, options.tried)
     search.run()
     work.join([searching])
-    chosen = choose(
-        data, search.members(free, work, options.starts or FOLDS), seed, work, join=True
-    )
-    return (trained_on_all(data) if free > 1 else data), chosen, tuple(search.ranked)
+    keep = bool(source.validate) or options.keep_held_out
+    members = search.members(keep, work, options.starts or FOLDS)
+    return choose(data, members, seed, work, join=True), tuple(search.ranked)
 
 
 def _trained(data: Prepared, options: FitOptions, work: Work) -> NetworkChoice:

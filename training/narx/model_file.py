@@ -1,6 +1,6 @@
 """The model file of a training: its graph, its card with measures."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from itertools import pairwise
@@ -11,16 +11,18 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
-from monitor.model.step import from_model_units
+from monitor.model.step import Model, from_model_units
 from training.narx.export import Network, save
 from training.narx.network import Spec
 from training.narx.search.stability import Contraction
-from training.narx.search.stages import Trained, free_run
 from training.narx.work import Work
 from training.recordings import metrics
-from training.recordings.recording import training_recording
+from training.recordings.recording import Recording, training_recording
 from training.recordings.samples.preparation import Prepared, Role
 
+ALL_OF_A_CHAIN = "the recordings of the fit, which changed a few constants only"
+ALL_OF_A_NETWORK = "the recordings that trained the network, because they are too short"
+OF_TWINS = "the recordings of the training, each predicted by a twin that had not seen it"
 PACKAGES = ("numpy", "onnx", "onnxruntime", "scipy")  # whose versions stand in the card
 
 
@@ -34,6 +36,9 @@ class HeldOut:
     role: str  # "validate" chose the weights, "test" chose nothing
 
 
+Unseen = Sequence[tuple[Model, Sequence[Recording]]]  # models, each with drives it has not seen
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FreeRunFit:
     """What the fit of any kind of model returns."""
@@ -45,6 +50,13 @@ class FreeRunFit:
     held_out: tuple[HeldOut, ...]
     seconds: float
     warnings: tuple[str, ...]
+
+    def healthy(self) -> tuple[Unseen, str]:
+        """Return what sets the limits: models with drives that they have not seen, and its name.
+
+        Here the model itself, whose few constants a recording hardly moves.
+        """
+        return [(Model.load(self.path), self.data.recordings)], ALL_OF_A_CHAIN
 
 
 def held_out(data: Prepared) -> tuple[HeldOut, ...]:
@@ -83,20 +95,21 @@ def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[st
 
 def write_model(
     out: Path | str,
+    network: Network,
     data: Prepared,
-    model: Trained,
+    predicted: FloatArray,
     gap: Contraction,
+    *,
+    members: int = 1,
     unseen: Mapping[str, Any] | None = None,
     work: Work | None = None,
-) -> tuple[Network, ModelCard, FloatArray]:
-    """Write a training as a model file; return its network, its card and its free run.
+) -> ModelCard:
+    """Write a network as a model file; return its card.
 
-    unseen : measures of twins that did not see what they predict, for the card
+    data, predicted : what tells the card's measures, see ``card_of``
+    members : trainings of which the network is the mean
     work : of the training, for the card
-    The free run is that over ``data.samples``, (n,) in model units, NaN at the beginnings.
     """
-    network = network_of(data, model.spec, model.weights)
-    predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
     checks: dict[str, Any] = {"contraction": asdict(gap)}
     if work:
         checks["work"] = {"counted": work.spent, "ended_by_wall": work.ended_by_wall}
@@ -107,10 +120,10 @@ def write_model(
         transforms=data.transforms,
         unseen=unseen,
         checks=checks,
-        **shape_of(network, model.members),
+        **shape_of(network, members),
     )
     save(out, network, card)
-    return network, card, predicted
+    return card
 
 
 def network_of(data: Prepared, spec: Spec, weights: FloatArray) -> Network:

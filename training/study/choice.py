@@ -16,8 +16,9 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
 from training.limits.decision_limits import MANY_WINDOWS, set_limits
+from training.narx.cross_fit import cross_fit
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
-from training.narx.model_file import held_out, write_model
+from training.narx.model_file import OF_TWINS, network_of, write_model
 from training.narx.network import Spec, describe
 from training.narx.search.mean import mean_of
 from training.narx.search.stability import CONTRACTION_SAMPLES, contraction
@@ -57,7 +58,7 @@ def free_structure(task: Task, _: Parts) -> dict[str, Any]:
         budget_minutes=settings.budget_minutes,
         seed=settings.seed,
         threads=task.jobs,
-        keep_validation=True,  # the blocks compare this model with the 29 others
+        keep_held_out=True,  # the blocks compare this model with the 29 others
     )
     source = FitSource(task.recordings, task.inputs, task.output)
     return _free_dict(task, fit(source, task.folder / "free.onnx", options))
@@ -210,7 +211,10 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
     """Write ``model.onnx`` with decision limits in its card; return them."""
     data, model, path = task.data, chosen(task, parts), task.folder / "model.onnx"
     gap = contraction(data, model.spec, model.weights, task.settings.seed)
-    _, card, _ = write_model(path, data, Trained(model.spec, model.weights, np.inf), gap)
+    work = Work.of_minutes(task.settings.budget_minutes)
+    twins = cross_fit(data, model.spec, seed=task.settings.seed, work=work, threads=task.jobs)
+    network = network_of(data, model.spec, model.weights)
+    card = write_model(path, network, twins.data, twins.predicted, gap, unseen=twins.to_card())
     warnings = []
     if not gap.gap <= gap.limit:
         warnings.append(
@@ -219,7 +223,8 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
             f"(limit {gap.limit:.3g})"
         )
     try:
-        card, windows = set_limits(path, task.recordings, held_out(data), config.load())
+        unseen = list(twins.unseen(card))
+        card, windows = set_limits(path, unseen, OF_TWINS, config.load())
         if windows < MANY_WINDOWS:
             warnings.append(
                 f"the decision limits rest on {windows} windows, {MANY_WINDOWS} are wanted"

@@ -47,6 +47,7 @@ from training.healthy.base_state import base_state
 from training.healthy.behaviour import Healthy
 from training.limits.decision_limits import set_limits
 from training.narx.fit import FitOptions, FitSource, fit
+from training.narx.model_file import FreeRunFit
 from training.recordings.recording import Recording
 
 BUDGET_MINUTES: Final = 3.0  # upper bound; a training on two hours of driving takes half a minute
@@ -74,7 +75,7 @@ def fit_base(base: str, recordings: Sequence[Recording], out: Path) -> None:
     The model gets decision limits if the recordings hold enough windows.
     """
     if base == GREYBOX:
-        held_out = fit_greybox(recordings, out).held_out
+        fitted: FreeRunFit = fit_greybox(recordings, out)
     else:
         options = FitOptions(
             lags=LAGS,
@@ -84,9 +85,9 @@ def fit_base(base: str, recordings: Sequence[Recording], out: Path) -> None:
             budget_minutes=BUDGET_MINUTES,
             threads=1,
         )
-        held_out = fit(FitSource(recordings, NARX_INPUTS, OUTPUT), out, options).held_out
+        fitted = fit(FitSource(recordings, NARX_INPUTS, OUTPUT), out, options)
     with suppress(RecordingError):  # too few windows: the model stands without limits
-        set_limits(out, recordings, held_out, config.load())
+        set_limits(out, *fitted.healthy(), config.load())
 
 
 def prepare(study: Study, number: int, model: Path) -> Vehicle:

@@ -10,6 +10,8 @@ import pytest
 import training
 from monitor import O2Error, replay
 from monitor.base.signals import OUTPUT
+from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
 from training import GapOptions, estimate_tables, evaluate, find_gap, fit, load_recordings
 from training.cli import main
 from training.healthy import new_model
@@ -127,6 +129,9 @@ def test_a_fit_to_one_drive_says_what_it_cannot_know(
     # GIVEN windows enough for limits
     monkeypatch.setattr(new_model, "set_limits", lambda *_, **__: (None, MANY_WINDOWS))
     # WHEN they come from one drive THEN the fit warns, and from several it does not
-    recordings = load_recordings([drive_of(i) for i in range(drives)])
-    said = new_model._set_limits(Path("model.onnx"), (), recordings)
+    recordings, model = (
+        load_recordings([drive_of(i) for i in range(drives)]),
+        Model.load(shipped_model()),
+    )
+    said = new_model._set_limits(Path("model.onnx"), [(model, recordings)], "")
     assert [("one recording" in each) for each in said] == [True] * warns

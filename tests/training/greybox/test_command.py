@@ -45,7 +45,7 @@ def test_fit_writes_limits_and_a_report(model: Path) -> None:
     card = Model.load(model).card
     assert card.kind == "greybox"
     assert {"j_mu", "j_sigma", "noise", "offset"} <= set(card.limits)
-    assert "held out" in card.limits["j_mu"].origin
+    assert "the recordings of the fit" in card.limits["j_mu"].origin
     page = model.with_suffix(".html").read_text()
     for text in ("dead_time_revolutions", "standard error", "sandwich", "Held-out", "simulated"):
         assert text.lower() in page.lower()

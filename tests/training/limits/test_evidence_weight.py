@@ -40,12 +40,11 @@ def test_drives_that_the_model_follows_badly_lower_the_weight() -> None:
     fuel = values[:, drive.names.index("fuel_mass_mg")]
     fuel *= 1.0 + 0.2 * np.sin(np.arange(len(fuel)) / 10.0)
     strange = replace(drive, values=values)
-    # WHEN limits are set by each, the second one judged by a model that has not seen it
-    followed = rules.response_limits(model, [drive], LIMITS, CONFIG)
-    unseen = rules.response_limits(model, [drive], LIMITS, CONFIG, [(model, [strange])])
+    # WHEN limits are set by the first alone, and by both
+    followed = rules.response_limits([(model, [drive])], LIMITS, CONFIG)
+    both = rules.response_limits([(model, [drive]), (model, [strange])], LIMITS, CONFIG)
     # THEN evidence counts for less
-    assert unseen["evidence"].value < followed["evidence"].value
-    assert unseen["gain_model"] == followed["gain_model"]
+    assert both["evidence"].value < followed["evidence"].value
 
 
 def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
@@ -54,8 +53,8 @@ def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
     n = 100
     short = replace(drive, t_s=drive.t_s[:n], values=drive.values[:n], quality=drive.quality[:n])
     # WHEN the limits are set THEN they are those of the drive alone
-    alone = rules.response_limits(model, [drive], LIMITS, CONFIG)
-    beside = rules.response_limits(model, [drive, short, short, short], LIMITS, CONFIG)
+    alone = rules.response_limits([(model, [drive])], LIMITS, CONFIG)
+    beside = rules.response_limits([(model, [drive, short, short, short])], LIMITS, CONFIG)
     assert {name: each.value for name, each in beside.items()} == {
         name: each.value for name, each in alone.items()
     }
@@ -66,5 +65,7 @@ def test_an_earlier_calibration_does_not_change_the_next_one() -> None:
     model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
     earlier = replace(LIMITS, evidence=0.1, still_s=100.0, still_end_s=100.0)
     # WHEN its limits are set anew THEN they are those of a card without any
-    found = [rules.response_limits(model, [drive] * 2, own, CONFIG) for own in (earlier, LIMITS)]
+    found = [
+        rules.response_limits([(model, [drive] * 2)], own, CONFIG) for own in (earlier, LIMITS)
+    ]
     assert found[0] == found[1]

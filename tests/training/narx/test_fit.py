@@ -96,20 +96,21 @@ def test_the_best_stage_is_the_one_with_the_best_free_run(fitted: FitResult) -> 
 
 
 def test_a_loop_so_unstable_that_no_step_helps_forgets_in_the_end(fitted: FitResult) -> None:
+    data = source_of(plant(1), plant(2), transforms=[fuel_air_ratio()]).prepared(3, 3)
     # GIVEN weights whose prediction hangs on its own past ten times as much
     best = fitted.chosen.model
     spec, weights = best.spec, best.weights.copy()
     layers(spec, weights)[0][0][:, -spec.lags :] *= 10.0
     layers(spec, weights)[1][0][:] *= 3.0
-    assert contraction(fitted.data, spec, weights, 0).gap > 1.0
+    assert contraction(data, spec, weights, 0).gap > 1.0
     # WHEN the feedback is taken back THEN the model forgets and predicts
     start = Trained(spec, weights, np.inf)
-    trained = with_less_feedback(fitted.data, start, 1, Work())
-    assert contraction(fitted.data, spec, trained.weights, 0).gap < 0.01
+    trained = with_less_feedback(data, start, 1, Work())
+    assert contraction(data, spec, trained.weights, 0).gap < 0.01
     assert trained.score < 0.1  # standard deviations of the output
     # AND without work left it forgets at least
-    trained = with_less_feedback(fitted.data, start, 1, Work(0.0))
-    assert contraction(fitted.data, spec, trained.weights, 0).gap < 0.01
+    trained = with_less_feedback(data, start, 1, Work(0.0))
+    assert contraction(data, spec, trained.weights, 0).gap < 0.01
 
 
 def test_evaluate_scores_free_run_and_one_step_after_the_washout(fitted: FitResult) -> None:
@@ -293,7 +294,7 @@ def test_fit_and_evaluate_on_the_command_line(
     done = main(["fit", str(tmp_path / "drive1.csv"), *shape, *written])
     assert done == 0
     out = capsys.readouterr().out
-    assert "held-out blocks, enabled samples: free run fit" in out
+    assert "held out, enabled samples: free run fit" in out
     assert "The model follows its vehicle" in out  # the verdict of its page
     done = main(
         ["evaluate", "--model", model, str(tmp_path / "drive2.csv"), "--json", str(figures)]

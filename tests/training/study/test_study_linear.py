@@ -168,4 +168,4 @@ def test_the_model_of_the_study_leaves_the_blocks_alone_that_compare_it(
         folder=tmp_path, settings=Settings(), recordings=[], inputs=[], output="y", jobs=1
     )
     choice.free_structure(task, {})  # type: ignore[arg-type]
-    assert [options.keep_validation for options in asked] == [True]
+    assert [options.keep_held_out for options in asked] == [True]

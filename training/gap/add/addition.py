@@ -23,7 +23,7 @@ from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import Ranges
 from training.healthy import card
 from training.jobs import Progress
-from training.limits.decision_limits import whole, with_limits
+from training.limits.decision_limits import with_limits
 from training.limits.judging import judge_recordings
 from training.narx.export import update_card
 from training.recordings.recording import Recording, training_recording
@@ -173,7 +173,7 @@ def _set_limits(new: Path, recordings: Sequence[Recording]) -> None:
     if not model.card.limits:
         return
     try:
-        set_anew, _ = with_limits(model, recordings, whole(recordings), settings, ACCEPTED)
+        set_anew, _ = with_limits(model.card, [(model, recordings)], ACCEPTED, settings)
     except RecordingError:
         return
     found, old = (Limits.from_card(c, settings, str(new)) for c in (set_anew, model.card))

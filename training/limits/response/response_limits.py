@@ -1,7 +1,7 @@
-"""How a model errs, from healthy recordings: amplitude, weights of evidence, stillness."""
+"""How a model errs, from healthy recordings: amplitude, weights of evidence."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
 from operator import attrgetter
@@ -19,63 +19,44 @@ from monitor.judge.response.claims import ErrorModel
 from monitor.judge.response.rule import Moments, ResponseRule
 from monitor.judge.window import Window
 from monitor.model.card import Limit
-from monitor.model.step import Model
 from training.limits.judging import Judged, judge_recordings
-from training.limits.repeated_model import RepeatedModel
-from training.limits.response.stillness import still_limits
-from training.recordings.recording import Recording
+from training.narx.model_file import Unseen
 
-Unseen = Iterable[tuple[Model, Sequence[Recording]]]  # models, each with drives it has not seen
 LEAST_EVIDENCE: Final = 1e-3  # with less the response rule decides nothing within a day
 GAIN_MOST: Final = 10.0  # of a model that follows its vehicle, and its inverse
 
 
-def response_limits(
-    model: Model,
-    recordings: Sequence[Recording],
-    limits: Limits,
-    config: Config,
-    unseen: Unseen | None = None,
-) -> dict[str, Limit]:
-    """Return how the model errs, and how long the reading may stand still.
+def response_limits(unseen: Unseen, limits: Limits, config: Config) -> dict[str, Limit]:
+    """Return how models err on drives that they have not seen.
 
     A model's errors look like a weak or late sensor: evidence counts for so much that it speaks for
-    no fault of healthy drives. A coarse or clipped reading that stands still in healthy recordings
-    is given more time before it is stuck.
+    no fault of healthy drives.
 
     limits : of the windows; what an earlier calibration says of the response does not count
-    unseen : more drives, which tell the weights, too
     """
-    plain = replace(limits, still_s=0.0, still_end_s=0.0)
-    period_s, errors = model.card.period_ns / 1e9, ErrorModel(limits.noise, limits.noise_memory)
-    rule = ResponseRule(config.response, build(config.response), errors, period_s)
+    own, plain = config.response, replace(limits, still_s=0.0, still_end_s=0.0)
 
-    def drives(of: Model, healthy: Sequence[Recording]) -> Iterator[Moments]:
-        for judged in judge_recordings(healthy, RepeatedModel.of(of), plain, config):
-            if windows := _moving(judged, config.plausibility.stuck_range):
-                yield _moments(windows, rule, model.card.transform)
+    def rule(errors: ErrorModel) -> ResponseRule:
+        return ResponseRule(own, build(own), errors, unseen[0][0].card.period_ns / 1e9)
 
-    seen = list(drives(model, recordings))
-    others = [each for of, healthy in unseen or () for each in drives(of, healthy)]
-    gain = healthy_gain(seen, errors, config.response.noise_least)
-    errors = replace(errors, gain=gain)
-    late: list[FloatArray] = []
-    weak: list[FloatArray] = []
-    for moments in (*seen, *others):
-        rule = ResponseRule(config.response, build(config.response), errors, period_s)
-        for steps, raised in zip((late, weak), _steps(moments, rule), strict=True):
-            steps.append(raised)
-    own = config.response
+    errors = ErrorModel(limits.noise, limits.noise_memory)
+    drives = [
+        _moments(windows, rule(errors), model.card.transform)
+        for model, healthy in unseen
+        for judged in judge_recordings(healthy, model, plain, config)
+        if (windows := _moving(judged, config.plausibility.stuck_range))
+    ]
+    gain = healthy_gain(drives, errors, own.noise_least)
+    steps = [_steps(moments, rule(replace(errors, gain=gain))) for moments in drives]
+    late, weak = ([each[part] for each in steps] for part in (0, 1))
     still = 2.0 * math.log(own.gain_sound_min / own.gain_least)
-    where = f"{len(seen)} healthy recordings"
+    where = f"{len(drives)} healthy recordings"
     bet = f"most at which a bet on a fault does not win on {where}"
-    bet += f" and {len(others)} that a twin had not seen" if others else ""
-    found = {
+    return {
         "gain_model": Limit(gain, "-", f"amplitude over the prediction's, median window, {where}"),
         "evidence": Limit(weight_of(late, own.evidence_window), "-", bet),
         "evidence_gain": Limit(weight_of(weak, still), "-", bet),
     }
-    return found | still_limits(recordings, model.card, config)
 
 
 def weight_of(drives: Sequence[FloatArray], most: float) -> float:

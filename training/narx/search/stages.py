@@ -185,6 +185,22 @@ def train(
     return best
 
 
+def finish(data: Prepared, trained: Trained, work: Work) -> Trained:
+    """Return a training trained on with all samples; none is left that could stop it.
+
+    Its score stays that of the blocks that it had not seen before.
+    """
+    whole, rng = data.training_on(*Role), np.random.default_rng(trained.seed)
+    spec, n_samples = trained.spec, RANDOM_SHARE * len(data.role)
+    cut = pieces(whole, spec, HORIZONS[-1]) + random_pieces(whole, spec, rng, n_samples)
+    objective = ClosedLoop(spec, data.samples, cut, decay=trained.decay)
+    begins = partial(work.begins, of_epoch(objective.n_samples, spec.n_weights))
+    outcome = minimise(objective, trained.weights, LmOptions(epochs=EPOCHS), begins=begins)
+    if outcome.stop == "budget" and trained.stages:
+        trained.stages[-1] = replace(trained.stages[-1], stop="budget")
+    return replace(trained, weights=outcome.weights)
+
+
 def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) -> Trained:
     """Return a training that remembers its history as one that forgets it.
 

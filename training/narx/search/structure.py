@@ -22,7 +22,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.narx.network import Spec
-from training.narx.search.stages import HORIZONS, N_SAMPLES, Trained, blocks_of, train
+from training.narx.search.stages import HORIZONS, N_SAMPLES, Trained, blocks_of, finish, train
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role
 
@@ -185,18 +185,20 @@ class Search:
         shares = weights / weights.sum()
         return Try(structure, tuple(trained), np.concatenate(errors), shares)
 
-    def members(self, free: int, work: Work, count: int = FOLDS) -> list[Trained]:
-        """Return about ``count`` trainings of the best structures, trained on.
+    def members(self, keep: bool, work: Work, count: int = FOLDS) -> list[Trained]:
+        """Return about ``count`` trainings of the best structures, trained on, last on all samples.
 
-        free : folds, the first ones, on which they may be trained
+        keep : only train on what the first fold does not hold out
         """
+        free = 1 if keep else len(self.folds)
         best = self.ranked[0]
         good = [each for each in self.ranked if not each.surely_behind(best)]
         begun = [t for each in good[: -(-count // free)] for t in each.trained[:free]]
         parts = work.split(len(begun))
 
         def one(start: Trained, part: Work) -> Trained:
-            return train(self.folds[start.fold], start, part, HORIZONS[1:])
+            done = train(self.folds[start.fold], start, part, HORIZONS[1:])
+            return done if keep else finish(self.folds[start.fold], done, part)
 
         with ThreadPoolExecutor(self.threads) as pool:
             found = list(pool.map(one, begun, parts))

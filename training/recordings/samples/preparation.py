@@ -5,7 +5,7 @@ A segment ends where an input is invalid. A sample whose output alone is invalid
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
@@ -93,6 +93,11 @@ class Prepared:
     def names(self) -> tuple[str, ...]:
         """Names of the inputs."""
         return tuple(channel.name for channel in self.inputs)
+
+    def training_on(self, *roles: Role) -> "Prepared":
+        """Return the samples with those of other roles among the ones that train."""
+        role = np.where(np.isin(self.role, roles), Role.TRAIN, self.role)
+        return replace(self, role=role.astype(self.role.dtype))
 
 
 def prepare(

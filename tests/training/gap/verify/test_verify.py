@@ -52,7 +52,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     for name, gain in (("old", 1.0), ("new", GAIN)):
         drives = [recording(seed, gain) for seed in (1, 2)]
         fitted = fit_greybox(drives, folder / f"{name}.onnx")
-        set_limits(fitted.path, drives, fitted.held_out, config.load())
+        set_limits(fitted.path, *fitted.healthy(), config.load())
         paths.append(fitted.path)
     return paths[0], paths[1]
 
