@@ -55,9 +55,10 @@ def limits_of(
     unit = card.output.unit
     means = np.array([w.mean for w in windows])
     stds = np.array([w.std for w in windows])
-    within = [oriented(w.window.measured, card.transform) - w.window.bank[:, 0] for w in windows]
-    noise, memory = _noise(within)
-    offsets, offset_std = healthy_offsets(_counted(drives, config), config.bias)
+    # a drive unlike all others tells of itself, so the median one counts
+    long = [drive for drive in drives if len(drive) >= MINIMUM_WINDOWS] or [windows]
+    noise, memory = _noise(long, card.transform)
+    offsets, offset_std = healthy_offsets(_counted(long, config), config.bias)
     spread = max(6.0 * offset_std, 3.0 * math.sqrt(float(np.mean(np.square(offsets)))))
     floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
     n = len(windows)
@@ -66,17 +67,19 @@ def limits_of(
     return {
         "j_mu": Limit(above_most(np.abs(means)), unit, f"quantile {PAPER_QUANTILE}, {where}"),
         "j_sigma": Limit(above_most(stds), unit, f"quantile {PAPER_QUANTILE}, {where}"),
-        "noise": Limit(noise, phi, f"residual within windows, {where}"),
+        "noise": Limit(noise, phi, f"residual within windows, median drive of {where}"),
         "noise_memory": Limit(
             memory, "-", f"correlation of the residual's neighbouring samples, {where}"
         ),
         "offset": Limit(
             max(floor, spread),
             unit,
-            f"largest of {floor:g}, six times the bounded spread of a drive's window means and "
-            f"three times that of the drives' offsets, {where}",
+            f"largest of {floor:g}, six times the bounded spread of the median drive's window "
+            f"means and three times that of the drives' offsets, {where}",
         ),
-        "offset_std": Limit(offset_std, unit, f"bounded spread of a drive's window means, {where}"),
+        "offset_std": Limit(
+            offset_std, unit, f"bounded spread of the median drive's window means, {where}"
+        ),
     }
 
 
@@ -98,7 +101,7 @@ def healthy_offsets(drives: Sequence[FloatArray], config: BiasConfig) -> tuple[l
     Both follow from each other, with windows that count for as much as in a decision (Huber, Robust
     Statistics, section 6.4, proposal 2). So a manoeuvre or two in which the model errs by far widen
     the spread no more than they delay a decision; where more than one window in 30 does, the model
-    errs so as a rule, and all of its spread counts.
+    errs so as a rule, and all of its spread counts. The spread is that of the median drive.
     """
     offsets, std = [float(drive.mean()) for drive in drives], math.inf
     counted, narrower = list(drives), _spread(drives)
@@ -112,16 +115,20 @@ def healthy_offsets(drives: Sequence[FloatArray], config: BiasConfig) -> tuple[l
 
 
 def _spread(drives: Sequence[FloatArray]) -> float:
-    return math.sqrt(float(np.mean([drive.var() for drive in drives])))
+    return math.sqrt(float(np.median([drive.var() for drive in drives])))
 
 
-def _noise(within: Sequence[FloatArray]) -> tuple[float, float]:
-    """Return the standard deviation of the residual within windows, and its lag-1 correlation."""
-    x = np.array(within)
-    x -= x.mean(axis=1, keepdims=True)
-    power = float((x**2).sum())
-    memory = float((x[:, 1:] * x[:, :-1]).sum()) / power if power > 0.0 else 0.0
-    return math.sqrt(power / x.size), min(max(memory, 0.0), MEMORY_MOST)
+def _noise(drives: Sequence[Sequence[WindowJudged]], transform: str) -> tuple[float, float]:
+    """Return the median drive's standard deviation within windows, and its lag-1 correlation."""
+    found = []
+    for drive in drives:
+        x = np.array([oriented(w.window.measured, transform) - w.window.bank[:, 0] for w in drive])
+        x -= x.mean(axis=1, keepdims=True)
+        power = float((x**2).sum())
+        memory = float((x[:, 1:] * x[:, :-1]).sum()) / power if power > 0.0 else 0.0
+        found.append((math.sqrt(power / x.size), memory))
+    std, memory = np.median(found, axis=0)
+    return float(std), min(max(float(memory), 0.0), MEMORY_MOST)
 
 
 def above_most(values: FloatArray) -> float:

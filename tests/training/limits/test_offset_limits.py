@@ -60,15 +60,28 @@ def test_healthy_drives_pass_and_a_faulty_one_fails_that_the_plain_spread_would_
     st.lists(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=50), min_size=1, max_size=4),
     st.floats(0.1, 10.0),
 )
-def test_the_spread_is_at_most_the_plain_one_in_any_unit(
+def test_the_spread_is_at_most_that_of_the_widest_drive_in_any_unit(
     drives: list[list[float]], unit: float
 ) -> None:
     means = [np.array(drive) for drive in drives]
-    plain = float(np.sqrt(np.mean([drive.var() for drive in means])))
     _, std = healthy_offsets(means, BIAS)
-    assert std <= plain * (1.0 + 1e-9)
+    assert std <= max(drive.std() for drive in means) * (1.0 + 1e-9)
     _, scaled = healthy_offsets([unit * drive for drive in means], BIAS)
     assert scaled == pytest.approx(unit * std, rel=1e-5, abs=1e-9)
+
+
+def test_a_drive_unlike_all_others_widens_neither_the_limit_of_an_offset_nor_the_noise() -> None:
+    # GIVEN five healthy drives, and the model ten times as wrong in one of them
+    means = np.random.default_rng(3).normal(0.0, 0.02, (5, 60)).tolist()
+    drives = [[judged(mean, swing=0.05) for mean in drive] for drive in means]
+    unlike = [judged(10.0 * mean, swing=0.5) for mean in means[4]]
+    # WHEN limits are set
+    alike, found = (
+        limits_of(each, CARD, CONFIG, "test", []) for each in (drives, [*drives[:4], unlike])
+    )
+    # THEN they are those of the others
+    for name in ("offset_std", "noise"):
+        assert found[name].value < 1.3 * alike[name].value, name
 
 
 def judged(mean: float, swing: float) -> WindowJudged:
