@@ -55,6 +55,7 @@ MARKS = {
         "training/fleet",
         "training/gap",
         "training/greybox",
+        "training/healthy",
         "training/limits",
         "training/narx",
         "training/study",
@@ -135,7 +136,8 @@ def _terms(config: pytest.Config) -> list[str]:
 def _rank(item: pytest.Item) -> int:
     """Return the place of a test in a run: the long ones first, so that no worker ends late."""
     marks = {mark.name for mark in item.iter_markers()}
-    return next((rank for rank, mark in enumerate(FIRST) if mark in marks), len(FIRST))
+    last = len(FIRST) + ("training" not in item.path.parts)
+    return next((rank for rank, mark in enumerate(FIRST) if mark in marks), last)
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
