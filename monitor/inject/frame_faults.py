@@ -22,8 +22,8 @@ class _Flood:
 
     what: Injection
     random: random.Random
-    next_ns: float
-    end_ns: float
+    next_ns: int
+    end_ns: int
 
 
 @dataclass(slots=True)
@@ -163,7 +163,7 @@ class FrameFaults:
                 self._counts["flooded"] += 1
                 can_id, due_ns = flood.what.can_id, round(flood.next_ns / 1000) * 1000
                 self._wait(Frame(due_ns, can_id, can_id > 0x7FF, flood.random.randbytes(8)))
-                flood.next_ns += 1e9 / flood.what.severity
+                flood.next_ns += round(1e9 / flood.what.severity)
         out = []
         while self._waiting and self._waiting[0][0] <= t_ns:
             out.append(heapq.heappop(self._waiting)[2])

@@ -69,9 +69,9 @@ class Injection:
         """Return whether the fault acts at this time after the first frame."""
         return self.start_s * 1e9 <= since_ns < self.end_s * 1e9
 
-    def span_ns(self, t0_ns: int) -> tuple[float, float]:
-        """Return its begin and end in bus time; the first frame comes at ``t0_ns``."""
-        return t0_ns + round(self.start_s * 1e9), t0_ns + self.end_s * 1e9
+    def span_ns(self, t0_ns: int) -> tuple[int, int]:
+        """Return its begin and end (within 1e9 s) in bus time; the first frame is at ``t0_ns``."""
+        return t0_ns + round(self.start_s * 1e9), t0_ns + round(min(self.end_s, 1e9) * 1e9)
 
     def __str__(self) -> str:
         end = f" to {self.end_s:g} s" if math.isfinite(self.end_s) else ""
