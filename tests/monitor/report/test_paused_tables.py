@@ -13,20 +13,23 @@ ROOT = Path(__file__).resolve().parents[3]
 DRIVE = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 
 
+def written(path: Path, every: int = 1, pause_s: float = 0.0) -> Path:
+    """Write every so many-th sample of the drive as a table, with a pause within it."""
+    recording = load(DRIVE)
+    t_s = np.arange(len(recording.values)) * recording.period_ns / 1e9
+    t_s[2000:] += pause_s
+    header = ",".join(("time_s", *recording.names))
+    cells = np.column_stack([t_s, recording.values])[::every]
+    np.savetxt(path, cells, "%.9g", ",", header=header, comments="")
+    return path
+
+
 @pytest.mark.parametrize("pause_s", [0.9, 12.0])
 def test_a_table_of_a_healthy_drive_with_a_pause_gets_no_code(
     pause_s: float, tmp_path: Path
 ) -> None:
-    recording = load(DRIVE)
-    t_s = np.arange(len(recording.values)) * recording.period_ns / 1e9
-    t_s[2000:] += pause_s
-    table = tmp_path / "paused.csv"
-    cells = np.column_stack([t_s, recording.values])
-    header = ",".join(("time_s", *recording.names))
-    np.savetxt(table, cells, "%.9g", ",", header=header, comments="")
-    code, (judged,) = replays(table)
-    assert code == 0
-    assert judged["dtcs"] == []
+    code, (judged,) = replays(written(tmp_path / "paused.csv", pause_s=pause_s))
+    assert (code, judged["dtcs"]) == (0, [])
     assert judged["windows_interrupted"] >= 1
 
 
@@ -34,12 +37,6 @@ def test_a_table_of_a_healthy_drive_with_a_pause_gets_no_code(
 def test_a_table_with_rows_further_apart_than_the_model_s_samples_is_not_judged_by_it(
     every: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    recording = load(DRIVE)
-    t_s = np.arange(len(recording.values)) * recording.period_ns / 1e9
-    table = tmp_path / "coarse.csv"
-    cells = np.column_stack([t_s, recording.values])[::every]
-    header = ",".join(("time_s", *recording.names))
-    np.savetxt(table, cells, "%.9g", ",", header=header, comments="")
-    assert cli.main(["replay", str(table)]) == 3
+    assert cli.main(["replay", str(written(tmp_path / "coarse.csv", every))]) == 3
     told = capsys.readouterr().out
     assert f"samples every {every / 10:g} s, the model needs them every 0.1 s" in told
