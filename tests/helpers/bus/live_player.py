@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from monitor.base import config
@@ -19,6 +19,14 @@ from monitor.pipeline.frames import FramePipeline
 from tests.conftest import ROOT
 
 GATHERED = 6  # frames of 25 ms
+
+
+def until(condition: Callable[[], object], seconds: float = 5.0) -> bool:
+    """Wait for a condition; return whether it came."""
+    end_s = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end_s:
+        time.sleep(0.02)
+    return bool(condition())
 
 
 class Sink:

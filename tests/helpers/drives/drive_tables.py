@@ -29,12 +29,14 @@ def columns() -> Columns:
 
 
 def table(path: Path, change: Callable[[Columns], None] = lambda _: None) -> Path:
-    """Write the drive as a table after a change; a blank cell has no value."""
+    """Write the drive as a table after a change, also of ``time_s``; blank cells have no value."""
     data = columns()
+    data = {"time_s": PERIOD_S * np.arange(len(data["lambda_measured"]))} | data
     change(data)
-    lines = [",".join(("time_s", *data))]
-    for k, row in enumerate(zip(*data.values(), strict=True)):
-        cells = ("" if np.isnan(value) else f"{value:.9g}" for value in row)
-        lines.append(",".join((f"{k * PERIOD_S:.1f}", *cells)))
+    lines = [",".join(data)]
+    lines += [
+        ",".join("" if np.isnan(value) else f"{value:.9g}" for value in row)
+        for row in zip(*data.values(), strict=True)
+    ]
     path.write_text("\n".join(lines) + "\n")
     return path

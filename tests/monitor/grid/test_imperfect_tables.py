@@ -13,11 +13,11 @@ from monitor import cli
 from monitor.base.signals import plausible_range
 from monitor.base.types import FloatArray
 from monitor.grid.column_times import column_times, merged, unlike
-from training.recordings.recording import load
+from tests.helpers.drives.drive_tables import Columns, table
+from tests.helpers.logs.replays import replays
 
-DRIVE = Path(__file__).resolve().parents[3] / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 Change = Callable[[FloatArray], FloatArray]
-NAMES = load(DRIVE).names
+Replay = Callable[[Callable[[Columns], None]], tuple[int, str, str]]
 
 
 def held(rows: int) -> Change:
@@ -28,21 +28,15 @@ def late(rows: int) -> Change:
     return lambda values: np.concatenate([values[:rows], values[:-rows]])
 
 
-@pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
-    recording = load(DRIVE)
-    names = recording.names
+@pytest.fixture
+def replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Replay:
+    """Give a replay of the changed table: exit code, what was said, and errors."""
 
-    def write(change: Callable[[FloatArray, int], None]) -> Path:
-        values = recording.values.copy()
-        change(values, names.index("lambda_measured"))
-        t_s = np.arange(len(values)) * recording.period_ns / 1e9
-        path = tmp_path_factory.mktemp("drive") / "drive.csv"
-        header = ",".join(("time_s", *names))
-        np.savetxt(path, np.column_stack([t_s, values]), "%.9g", ",", header=header, comments="")
-        return path
+    def run(change: Callable[[Columns], None]) -> tuple[int, str, str]:
+        code = cli.main(["replay", str(table(tmp_path / "drive.csv", change))])
+        return code, *capsys.readouterr()
 
-    return write
+    return run
 
 
 def passed_windows(told: str) -> int:
@@ -52,31 +46,53 @@ def passed_windows(told: str) -> int:
 
 
 def test_one_blank_cell_in_a_hundred_is_filled_and_counted_and_the_drive_is_judged(
-    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    replay: Replay,
 ) -> None:
-    n_blank = 0
+    n_blank, rng = 0, np.random.default_rng(1)
 
-    def blanks(values: FloatArray, _: int) -> None:
+    def blanks(data: Columns) -> None:
         nonlocal n_blank
-        hit = np.random.default_rng(1).random(values.shape) < 0.01
-        hit[:300] = False
-        n_blank = int((hit & ~np.isnan(values)).sum())
-        values[hit] = np.nan
+        for values in list(data.values())[1:]:
+            hit = rng.random(len(values)) < 0.01
+            hit[:300] = False
+            n_blank += int((hit & ~np.isnan(values)).sum())
+            values[hit] = np.nan
 
-    assert cli.main(["replay", str(written(blanks))]) == 0
-    told = capsys.readouterr().out
+    code, told, _ = replay(blanks)
+    assert code == 0
     assert passed_windows(told) >= 27  # of the 29 of the whole table
     assert f"{n_blank} blank cells filled with the value before it" in told
 
 
-def test_a_reading_left_blank_for_three_seconds_is_a_gap_of_the_log(
-    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    def blank(values: FloatArray, reading: int) -> None:
-        values[2000:2030, reading] = np.nan
+def test_a_reading_left_blank_for_three_seconds_is_a_gap_of_the_log(replay: Replay) -> None:
+    def blank(data: Columns) -> None:
+        data["lambda_measured"][2000:2030] = np.nan
 
-    assert cli.main(["replay", str(written(blank))]) == 0
-    assert "U0401" not in capsys.readouterr().out
+    code, told, _ = replay(blank)
+    assert code == 0
+    assert "U0401" not in told
+
+
+@pytest.mark.parametrize("pause_s", [0.9, 12.0])
+def test_a_drive_with_a_pause_of_the_logger_gets_no_code(pause_s: float, tmp_path: Path) -> None:
+    def pause(data: Columns) -> None:
+        data["time_s"][2000:] += pause_s
+
+    code, (judged,) = replays(table(tmp_path / "paused.csv", pause))
+    assert (code, judged["dtcs"]) == (0, [])
+    assert judged["windows_interrupted"] >= 1
+
+
+@pytest.mark.parametrize("every", [2, 10])
+def test_rows_further_apart_than_the_model_s_samples_are_not_judged_by_it(
+    every: int, replay: Replay
+) -> None:
+    def coarse(data: Columns) -> None:
+        data.update({name: values[::every] for name, values in data.items()})
+
+    code, told, _ = replay(coarse)
+    assert code == 3
+    assert f"samples every {every / 10:g} s, the model needs them every 0.1 s" in told
 
 
 @pytest.mark.parametrize(
@@ -88,13 +104,13 @@ def test_a_reading_left_blank_for_three_seconds_is_a_gap_of_the_log(
     ids=["AFR", "1/lambda"],
 )
 def test_another_quantity_in_lambda_s_column_is_told_in_one_line_and_not_judged(
-    change: Change, told: str, written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    change: Change, told: str, replay: Replay
 ) -> None:
-    def other(values: FloatArray, reading: int) -> None:
-        values[:, reading] = change(values[:, reading])
+    def other(data: Columns) -> None:
+        data["lambda_measured"] = change(data["lambda_measured"])
 
-    assert cli.main(["replay", str(written(other))]) == 2
-    out, line = capsys.readouterr()
+    code, out, line = replay(other)
+    assert code == 2
     assert told in line
     assert line.count("\n") == 1
     assert "P2" not in out
@@ -109,53 +125,46 @@ def test_another_quantity_in_lambda_s_column_is_told_in_one_line_and_not_judged(
     ],
 )
 def test_columns_that_the_logger_writes_at_other_times_are_named_and_no_response_is_judged(
-    names: tuple[str, ...],
-    change: Change,
-    told: str,
-    written: Callable[..., Path],
-    capsys: pytest.CaptureFixture[str],
+    names: tuple[str, ...], change: Change, told: str, replay: Replay
 ) -> None:
-    def other_times(values: FloatArray, _: int) -> None:
-        for place in [NAMES.index(name) for name in names]:
-            values[:, place] = change(values[:, place])
-
-    assert cli.main(["replay", str(written(other_times))]) == 3
-    said = capsys.readouterr().out
+    code, said, _ = replay(lambda data: data.update({n: change(data[n]) for n in names}))
+    assert code == 3
     assert "not judged: response: " in said
     assert told in said
 
 
-def test_an_input_far_outside_of_the_model_s_training_is_named(
-    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    def hotter(values: FloatArray, _: int) -> None:
-        values[:, NAMES.index("manifold_temperature_degc")] += 40.0
+def test_an_input_far_outside_of_the_model_s_training_is_named(replay: Replay) -> None:
+    def hotter(data: Columns) -> None:
+        data["manifold_temperature_degc"] += 40.0
 
-    assert cli.main(["replay", str(written(hotter))]) == 3
-    said = capsys.readouterr().out
+    code, said, _ = replay(hotter)
+    assert code == 3
     assert "not judged: trained range held " in said
     assert "manifold_temperature_degc is above " in said
 
 
 def test_an_air_flow_in_g_s_is_refused_because_no_engine_has_one_cylinder_and_a_tenth(
-    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    replay: Replay,
 ) -> None:
-    def in_g_s(values: FloatArray, _: int) -> None:
-        values[:, NAMES.index("maf_kg_h")] /= 3.6
+    def in_g_s(data: Columns) -> None:
+        data["maf_kg_h"] /= 3.6
 
-    assert cli.main(["replay", str(written(in_g_s))]) == 2
-    assert "are those of 1.1 cylinders" in capsys.readouterr().err
+    code, _, errors = replay(in_g_s)
+    assert code == 2
+    assert "are those of 1.1 cylinders" in errors
 
 
 def test_readings_that_jump_to_the_end_of_the_range_now_and_then_make_no_offset(
-    written: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    replay: Replay,
 ) -> None:
-    def spikes(values: FloatArray, reading: int) -> None:
-        hit = np.random.default_rng(1).random(len(values)) < 0.01
-        values[hit, reading] = plausible_range("lambda_measured")[1]
+    def spikes(data: Columns) -> None:
+        reading = data["lambda_measured"]
+        hit = np.random.default_rng(1).random(len(reading)) < 0.01
+        reading[hit] = plausible_range("lambda_measured")[1]
 
-    assert cli.main(["replay", str(written(spikes))]) == 0
-    assert passed_windows(capsys.readouterr().out) >= 27  # of the 29 of the whole table
+    code, told, _ = replay(spikes)
+    assert code == 0
+    assert passed_windows(told) >= 27  # of the 29 of the whole table
 
 
 def test_what_is_usual_for_a_logger_is_no_other_time() -> None:

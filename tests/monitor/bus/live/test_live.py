@@ -28,7 +28,7 @@ from monitor.judge.findings import DtcChanged
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import Tick
 from tests.conftest import ROOT
-from tests.helpers.bus.live_player import Player, Sink, frames_of
+from tests.helpers.bus.live_player import Player, Sink, frames_of, until
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +40,6 @@ def late_sensor() -> list[Frame]:
 def player() -> Iterator[Player]:
     with Player() as playing:
         yield playing
-
-
-def until(condition: object, seconds: float = 5.0) -> bool:
-    assert callable(condition)
-    end_s = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end_s:
-        time.sleep(0.02)
-    return bool(condition())
 
 
 def is_running(pid: int) -> bool:

@@ -17,6 +17,7 @@ from monitor.bus.live import page
 from monitor.bus.live.address import PageAddress, listen, may_ask
 from monitor.bus.live.hub import STREAMS, Hub
 from monitor.bus.live.page import Page
+from tests.helpers.bus.live_player import until
 
 LARGE = json.dumps({"samples": [[0, 1.0, 1.0, 1]] * 3000, "windows": []}).encode() + b"\n"
 
@@ -79,13 +80,6 @@ def connect(port: int, text: bytes = b"") -> socket.socket:
     client.connect(("127.0.0.1", port))
     client.sendall(text)
     return client
-
-
-def until(condition: Any, seconds: float = 5.0) -> bool:
-    end_s = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end_s:
-        time.sleep(0.02)
-    return bool(condition())
 
 
 EVENTS = b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n"
