@@ -155,10 +155,9 @@ def _print_measures(card: "ModelCard") -> None:
 
     if known := in_words(Trust.from_card(card.trust, "").entry()):
         print(known)
-    if unseen := card.fit.get("unseen"):
-        from training.narx.cross_fit import unseen_words
-
-        print(unseen_words(unseen))
+    if len(unseen := card.fit.get("unseen", {}).get("recordings", ())) > 1:
+        worst = min(unseen, key=lambda each: each["fit_percent"])
+        print(f"held out, worst recording: fit {worst['fit_percent']:.0f} % ({worst['path']})")
 
 
 def _print_measure(title: str, figures: "Mapping[str, Any]", card: "ModelCard") -> None:

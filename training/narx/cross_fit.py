@@ -7,7 +7,7 @@ Source: Stone, Cross-validatory choice and assessment of statistical predictions
 Statistical Society B 36 (1974).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -72,18 +72,14 @@ class CrossFit:
             yield twin.model(card), parts
 
     def to_card(self) -> dict[str, Any]:
-        """Return the measures on enabled samples of all recordings together and of each.
-
-        Nothing if no twin was trained.
-        """
-        data, enabled = self.data, self.data.enabled
+        """Return the measures on the enabled samples of each recording, {} without a twin."""
         found = []
-        for number, recording in enumerate(data.recordings):
-            own = measures(data, self.predicted, enabled & _of_recordings(data, [number]))
+        for number, recording in enumerate(self.data.recordings):
+            rows = self.data.enabled & _of_recordings(self.data, [number])
+            own = measures(self.data, self.predicted, rows)
             if "rmse" in own:
                 found.append({"path": Path(recording.path).name, **own})
-        pooled = measures(data, self.predicted, enabled)
-        return {"recordings": found, **pooled} if found else {}
+        return {"recordings": found} if found else {}
 
 
 def cross_fit(
@@ -123,18 +119,6 @@ def cross_fit(
     role = np.where(np.isfinite(predicted), Role.TEST, Role.TRAIN).astype(data.role.dtype)
     twins = tuple(twin for twin, _ in found)
     return CrossFit(replace(recorded, role=role), predicted, twins)
-
-
-def unseen_words(unseen: Mapping[str, Any]) -> str:
-    """Return the fit of a card's unseen recordings in words."""
-    each = unseen["recordings"]
-    if len(each) == 1:
-        return f"unseen blocks of the recording: fit {unseen['fit_percent']:.0f} %"
-    worst = min(each, key=lambda r: r["fit_percent"])
-    return (
-        f"unseen recordings: fit {unseen['fit_percent']:.0f} %, "
-        f"worst {worst['fit_percent']:.0f} % ({worst['path']})"
-    )
 
 
 def _left_out(data: Prepared) -> list[BoolArray]:

@@ -8,7 +8,6 @@ import numpy as np
 
 from monitor.base.files.outputs import write_text
 from monitor.base.types import FloatArray
-from training.narx.cross_fit import unseen_words
 from training.narx.fit import FitResult
 from training.narx.model_file import FreeRunFit
 from training.narx.network import describe
@@ -34,7 +33,6 @@ def write_report(path: Path | str, result: FitResult) -> None:
         tries=sorted(result.tries, key=lambda t: t.rmse),
         is_chosen=lambda t: t.structure.spec(result.data) in chosen,
         unseen=result.card.fit.get("unseen"),
-        unseen_words=unseen_words,
         curves=_training_curves(result),
     )
 
