@@ -37,7 +37,7 @@ from training.greybox.fit.drive import ChainDrive, until
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, save
 from training.greybox.graph.effect_inputs import with_margin
-from training.narx.model_file import FreeRunFit, card_of, held_out
+from training.narx.model_file import FreeRunFit, card_of
 from training.narx.search.stability import CONTRACTION_SAMPLES
 from training.recordings.samples.preparation import Prepared, Role, prepare
 
@@ -143,7 +143,6 @@ def fit_greybox(
         fitted=fitted,
         data=data,
         predicted=predicted,
-        held_out=held_out(data),
         seconds=time.monotonic() - began,
         warnings=warnings,
     )

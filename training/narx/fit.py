@@ -19,7 +19,6 @@ from training.narx.model_file import (
     OF_TWINS,
     FreeRunFit,
     Unseen,
-    held_out,
     network_of,
     write_model,
 )
@@ -150,7 +149,6 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
         data=twins.data,
         chosen=chosen,
         predicted=twins.predicted,
-        held_out=held_out(twins.data),
         unseen=twins,
         tries=tries,
         seconds=time.monotonic() - began_s,

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,16 +25,6 @@ OF_TWINS = "the recordings of the training, each predicted by a twin that had no
 PACKAGES = ("numpy", "onnx", "onnxruntime", "scipy")  # whose versions stand in the card
 
 
-@dataclass(frozen=True, slots=True)
-class HeldOut:
-    """Rows first .. stop - 1 of a recording that no training step saw."""
-
-    recording: int
-    first: int
-    stop: int
-    role: str  # "validate" chose the weights, "test" chose nothing
-
-
 Unseen = Sequence[tuple[Model, Sequence[Recording]]]  # models, each with drives it has not seen
 
 
@@ -47,7 +36,6 @@ class FreeRunFit:
     card: ModelCard
     data: Prepared
     predicted: FloatArray  # (n,) free run over data.samples in model units, NaN at the beginnings
-    held_out: tuple[HeldOut, ...]
     seconds: float
     warnings: tuple[str, ...]
 
@@ -57,21 +45,6 @@ class FreeRunFit:
         Here the model itself, whose few constants a recording hardly moves.
         """
         return [(Model.load(self.path), self.data.recordings)], ALL_OF_A_CHAIN
-
-
-def held_out(data: Prepared) -> tuple[HeldOut, ...]:
-    """Return the held-out ranges in rows of their recordings."""
-    result = []
-    for segment in data.segments:
-        role = data.role[segment.start : segment.stop]
-        edges = [0, *(np.flatnonzero(np.diff(role)) + 1).tolist(), len(role)]
-        for a, b in pairwise(edges):
-            if role[a] != Role.TRAIN:
-                name = Role(int(role[a])).name.lower()
-                result.append(
-                    HeldOut(segment.recording, segment.first + a, segment.first + b, name)
-                )
-    return tuple(result)
 
 
 def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[str, float]:

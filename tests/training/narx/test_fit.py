@@ -23,6 +23,7 @@ from training.limits.evaluation import evaluate, predict
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, layers
 from training.narx.page.fit_verdict import fit_verdict
+from training.narx.page.free_run_figures import test_blocks
 from training.narx.page.training_page import write_report
 from training.narx.search.stability import contraction
 from training.narx.search.stages import Trained, with_less_feedback
@@ -79,14 +80,11 @@ def test_the_file_holds_what_the_fit_says(fitted: FitResult) -> None:
     assert card.checks["contraction"]["gap"] < 0.01
 
 
-def test_held_out_ranges_are_rows_of_their_recordings_that_were_not_trained_on(
-    fitted: FitResult,
-) -> None:
-    tests = [h for h in fitted.held_out if h.role == "test"]
-    assert {h.recording for h in tests} == {0, 1}
-    rows = sum(h.stop - h.first for h in fitted.held_out)
-    assert rows == int((fitted.data.role > 0).sum())
-    assert all(0 <= h.first < h.stop <= 2500 for h in fitted.held_out)
+def test_twins_measure_a_fit_on_all_of_its_recordings(fitted: FitResult) -> None:
+    found = test_blocks(fitted.data)
+    assert {segment.recording for segment, _, _ in found} == {0, 1}
+    measured = sum(stop - first for _, first, stop in found)
+    assert measured == np.isfinite(fitted.predicted).sum() > 0.99 * len(fitted.data.role)
 
 
 def test_the_best_stage_is_the_one_with_the_best_free_run(fitted: FitResult) -> None:
@@ -247,8 +245,8 @@ def test_the_verdict_on_a_fit_follows_its_correlation(
 
 def test_the_plots_of_a_fit_are_drawn(fitted: FitResult, browser: Browser, tmp_path: Path) -> None:
     write_report(tmp_path / "fit.html", fitted)
-    blocks = sum(block.role == "test" for block in fitted.held_out)
-    assert plots_of(browser, tmp_path / "fit.html") == 1 + min(blocks, 3) + 2
+    blocks = min(len(test_blocks(fitted.data)), 3)
+    assert plots_of(browser, tmp_path / "fit.html") == 1 + blocks + 2
 
 
 def test_the_report_stands_alone(fitted: FitResult, tmp_path: Path) -> None:

@@ -6,9 +6,11 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units
-from training.narx.model_file import FreeRunFit, HeldOut
+from training.narx.model_file import FreeRunFit
 from training.pages.drawing import Drawing, axis, density, histogram, layer, plot
 from training.pages.numbers import with_unit
+from training.recordings.samples.preparation import Prepared, Role, Segment
+from training.recordings.samples.rows import runs
 
 FIGURE_SAMPLES = 1500  # at most this many of a held-out block are drawn
 
@@ -26,31 +28,31 @@ def output_units(result: FreeRunFit) -> tuple[FloatArray, FloatArray]:
 def held_out_run(result: FreeRunFit) -> Drawing:
     """Draw free run and measurement on the longest held-out blocks."""
     measured, predicted = output_units(result)
-    tests = [h for h in result.held_out if h.role == "test"]
-    chosen = sorted(tests, key=lambda h: h.first - h.stop)[:3]
+    chosen = sorted(test_blocks(result.data), key=lambda block: block[1] - block[2])[:3]
     low, high = _robust_limits(result)
     plots = []
-    for block in chosen:
-        rows = rows_of(result, block)[:FIGURE_SAMPLES]
+    for segment, first, stop in chosen:
+        rows = np.arange(first, min(stop, first + FIGURE_SAMPLES))
         plots.append(
             plot(
                 _label(result),
                 layer("line", y=predicted[rows], label="model, free run", color="predicted"),
                 layer("line", y=measured[rows], label="measured", color="measured"),
-                x=axis(f"s of {Path(result.card.recordings[block.recording].path).name}"),
+                x=axis(f"s of {Path(result.card.recordings[segment.recording].path).name}"),
                 y=axis(low=low, high=high),
-                at=(block.first + np.arange(len(rows))) * result.data.period_ns / 1e9,
+                at=(segment.first + rows - segment.start) * result.data.period_ns / 1e9,
             )
         )
     return Drawing(plots)
 
 
-def rows_of(result: FreeRunFit, block: HeldOut) -> np.ndarray:
-    """Return the rows of a held-out block among the samples of the fit."""
-    for s in result.data.segments:
-        if s.recording == block.recording and s.first <= block.first < s.first + s.stop - s.start:
-            return np.arange(s.start + block.first - s.first, s.start + block.stop - s.first)
-    raise ValueError(f"{block} lies in no segment")
+def test_blocks(data: Prepared) -> list[tuple[Segment, int, int]]:
+    """Return the stretches that measure, samples first .. stop - 1, each with its segment."""
+    return [
+        (segment, segment.start + first, segment.start + stop)
+        for segment in data.segments
+        for first, stop in runs(data.role[segment.start : segment.stop] == Role.TEST)
+    ]
 
 
 def _robust_limits(result: FreeRunFit) -> tuple[float, float]:
@@ -64,7 +66,7 @@ def _robust_limits(result: FreeRunFit) -> tuple[float, float]:
 def scatter(result: FreeRunFit) -> Drawing:
     """Draw prediction over measurement, and the residuals, on held-out enabled samples."""
     measured, predicted = output_units(result)
-    rows = (result.data.role == 2) & result.data.enabled & np.isfinite(predicted)
+    rows = (result.data.role == Role.TEST) & result.data.enabled & np.isfinite(predicted)
     a, b = measured[rows], predicted[rows]
     low, high = _robust_limits(result)
     ends, output, residual = np.array([low, high]), _label(result), a - b
