@@ -203,7 +203,7 @@ def _scored(
 
 def main(argv: Sequence[str]) -> int:
     """Read, fit and judge each vehicle's logs."""
-    options = BenchmarkOptions(__name__, __doc__, budget=0.02, only="wrx")
+    options = BenchmarkOptions(__name__, __doc__, budget=0.02, only="mx5")
     options.add_argument("folder", nargs="?", type=Path, default=Path("../shared/data/logs"))
     options.add_argument("--profiles", type=Path, default=Path(__file__).parent / "profiles")
     options.add_argument("--budget", type=float, default=2.0)

@@ -28,15 +28,17 @@ def columns() -> Columns:
     return {name: read.block.values[:, i].copy() for i, name in enumerate(read.names)}
 
 
+@cache
+def _cells(column: bytes) -> list[str]:
+    return ["" if np.isnan(value) else f"{value:.9g}" for value in np.frombuffer(column)]
+
+
 def table(path: Path, change: Callable[[Columns], None] = lambda _: None) -> Path:
     """Write the drive as a table after a change, also of ``time_s``; blank cells have no value."""
     data = columns()
     data = {"time_s": PERIOD_S * np.arange(len(data["lambda_measured"]))} | data
     change(data)
-    lines = [",".join(data)]
-    lines += [
-        ",".join("" if np.isnan(value) else f"{value:.9g}" for value in row)
-        for row in zip(*data.values(), strict=True)
-    ]
+    rows = zip(*(_cells(column.tobytes()) for column in data.values()), strict=True)
+    lines = [",".join(data), *map(",".join, rows)]
     path.write_text("\n".join(lines) + "\n")
     return path
