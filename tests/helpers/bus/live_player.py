@@ -21,7 +21,7 @@ from tests.conftest import ROOT
 GATHERED = 6  # frames of 25 ms
 
 
-def until(condition: Callable[[], object], seconds: float = 5.0) -> bool:
+def until(condition: Callable[[], object], seconds: float = 15.0) -> bool:
     """Wait for a condition; return whether it came."""
     end_s = time.monotonic() + seconds
     while not condition() and time.monotonic() < end_s:

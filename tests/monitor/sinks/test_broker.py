@@ -8,7 +8,7 @@ import socket
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -23,7 +23,7 @@ from monitor.sinks.address import open_sink
 from monitor.sinks.mqtt import Mqtt
 from monitor.sinks.outlet import Outlet
 from monitor.sinks.record import Record
-from tests.helpers.bus.live_player import frames_of
+from tests.helpers.bus.live_player import frames_of, until
 
 
 def program(name: str) -> str:
@@ -51,14 +51,6 @@ def accepts(port: int) -> bool:
     return True
 
 
-def wait_for(condition: Callable[[], bool], seconds: float = 15.0) -> bool:
-    """Return whether the condition became true in time."""
-    until_s = time.monotonic() + seconds
-    while not (now := condition()) and time.monotonic() < until_s:
-        time.sleep(0.02)
-    return now
-
-
 @contextmanager
 def running(command: list[str], port: int, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Run a server until the end of the block; it must accept connections."""
@@ -68,7 +60,7 @@ def running(command: list[str], port: int, folder: Path) -> Iterator[subprocess.
         subprocess.Popen(command, cwd=folder, stdout=out, stderr=subprocess.STDOUT) as process,
     ):
         try:
-            assert wait_for(lambda: accepts(port)), log.read_text()
+            assert until(lambda: accepts(port)), log.read_text()
             yield process
         finally:
             process.kill()
@@ -129,7 +121,7 @@ def outlive_the_broker(folder: Path, port: int, got: list[tuple[str, str]]) -> N
             with mosquitto(folder, port):
                 subscriber = Subscriber(port)
                 send_as_driven(bus, [each for each in frames if each.t_ns < half_ns])
-                wait_for(lambda: len(subscriber.got) > 5)
+                until(lambda: len(subscriber.got) > 5)
                 subscriber.close()
                 got += subscriber.got
             send_as_driven(bus, [each for each in frames if each.t_ns >= half_ns])
@@ -165,13 +157,13 @@ def test_a_broker_that_comes_back_gets_what_waited(tmp_path: Path) -> None:
     port = free_port()
     outlet = Outlet("mqtt", open_sink(f"mqtt://127.0.0.1:{port}", {}), again_s=0.1, flush_s=0.02)
     outlet.put(code(1))
-    assert wait_for(lambda: outlet.state == "lost")
+    assert until(lambda: outlet.state == "lost")
     with mosquitto(tmp_path, port):
         subscriber = Subscriber(port)
-        assert wait_for(lambda: outlet.sent == 1)
-        assert wait_for(lambda: "o2mon/code" in [topic for topic, _ in subscriber.got])
+        assert until(lambda: outlet.sent == 1)
+        assert until(lambda: "o2mon/code" in [topic for topic, _ in subscriber.got])
         outlet.close()
-        assert wait_for(lambda: ("o2mon/status", "offline") in subscriber.got)
+        assert until(lambda: ("o2mon/status", "offline") in subscriber.got)
         subscriber.close()
     assert (outlet.lost, outlet.dropped) == (1, 0)
 
@@ -259,7 +251,7 @@ def test_a_broker_behind_tls_gets_the_events_and_a_strange_one_gets_nothing(
         sink = open_sink(f"mqtts://localhost:{safe}/car", {})
         sink.write([code(2)])
         sink.close()
-        assert wait_for(lambda: ("car/status", "offline") in subscriber.got)
+        assert until(lambda: ("car/status", "offline") in subscriber.got)
         events = [json.loads(text) for topic, text in subscriber.got if topic == "car/code"]
         subscriber.close()
     assert [event["t_ns"] for event in events] == [2]

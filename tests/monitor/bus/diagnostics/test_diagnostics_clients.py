@@ -7,7 +7,7 @@ import argparse
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Final
@@ -37,6 +37,7 @@ from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from tests.helpers.bus.diagnostics_state import VIN
 from tests.helpers.bus.elm327 import terminal_of
+from tests.helpers.bus.live_player import until
 from tests.helpers.logs.batch_logs import ECU as ECU_MAP
 from tests.helpers.logs.batch_logs import MESSAGES, USUAL, payload
 
@@ -99,14 +100,6 @@ def states(path: Path) -> dict[str, str]:
         return {d.code: d.state for d in memory.load().dtcs if d.state}
 
 
-def wait_for(condition: Callable[[], bool], what: str) -> None:
-    """Wait until a condition holds."""
-    until_s = time.monotonic() + READY_S
-    while not condition():
-        assert time.monotonic() < until_s, f"not within {READY_S} s: {what}"
-        time.sleep(0.05)
-
-
 UDS_CONFIG = udsoncan.configs.default_client_config | {
     "request_timeout": 5.0,
     "p2_timeout": 2.0,
@@ -123,8 +116,8 @@ class Bench:
     def drive(self, engine_speed_rpm: float) -> None:
         """Set the engine speed and wait until the monitor has seen it."""
         self.ecu.engine_speed_rpm = engine_speed_rpm
-        wait_for(
-            lambda: self._state.values.get("engine_speed_rpm") == engine_speed_rpm, "engine speed"
+        assert until(
+            lambda: self._state.values.get("engine_speed_rpm") == engine_speed_rpm, READY_S
         )
 
 
