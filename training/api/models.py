@@ -87,7 +87,6 @@ def fit(
     kind: Literal["narx", "greybox"] = "narx",
     inputs: Sequence[str] | None = None,
     output: str = OUTPUT,
-    validate: Given | Sequence[Given] = (),
     period_s: float | None = None,
     buses: Pairs | None = None,
     columns: str | Path | None = None,
@@ -96,8 +95,7 @@ def fit(
 ) -> Fit:
     """Train a model on drives of a healthy vehicle and write it, with its limits, as ``out``.
 
-    recordings, validate, period_s, buses, columns : as in ``load_recordings``; ``validate`` chooses
-        and stops the training and is not trained on, by default held-out blocks do
+    recordings, period_s, buses, columns : as in ``load_recordings``
     out : the ``.onnx`` file to write
     kind : a network, or the physical chain
     inputs : default the paper's where all recordings have them, else chosen from what there is
@@ -109,18 +107,14 @@ def fit(
     """
     if Path(out).suffix != ".onnx":
         raise UsageError(f"{out}: a model file ends in .onnx")
-    how: dict[str, Any] = {"period_s": period_s, "buses": buses, "columns": columns}
-    drives = load_recordings(recordings, **how)
-    judges = load_recordings(validate, **how)
+    drives = load_recordings(recordings, period_s=period_s, buses=buses, columns=columns)
     check_each_once(drives)
     outcome: FitOutcome
     if kind == "greybox":
-        outcome = fit_greybox(
-            drives, out, inputs=inputs, output=output, seed=seed, validate=judges, **shape
-        )
+        outcome = fit_greybox(drives, out, inputs=inputs, output=output, seed=seed, **shape)
     else:
-        chosen = tuple(inputs) if inputs else choose_inputs((*drives, *judges), output)
-        source = FitSource(drives, chosen, output, judges, shape.pop("transforms", ()))
+        chosen = tuple(inputs) if inputs else choose_inputs(drives, output)
+        source = FitSource(drives, chosen, output, shape.pop("transforms", ()))
         outcome = fit_narx(source, out, FitOptions(seed=seed, **shape))
     return Fit.of(outcome, drives, columns)
 

@@ -103,8 +103,7 @@ def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
     from training.narx.fit import FitOptions, FitSource, fit
     from training.recordings.samples.transforms import fuel_air_ratio
 
-    validate = load_all(args, args.validate, args.period)
-    inputs = inputs_of(args, (*recordings, *validate))
+    inputs = inputs_of(args, recordings)
     if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
         raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
     with Bar(args.budget) as bar:
@@ -120,7 +119,7 @@ def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
             tried=bar.tried,
         )
         transforms = [fuel_air_ratio()] if args.ratio else []
-        source = FitSource(recordings, inputs, args.output or OUTPUT, validate, transforms)
+        source = FitSource(recordings, inputs, args.output or OUTPUT, transforms)
         return fit(source, args.out, options)
 
 

@@ -71,7 +71,6 @@ def fit_greybox(
     inputs: Sequence[str] | None = None,
     output: str = OUTPUT,
     seed: int = 0,
-    validate: "Sequence[Recording]" = (),
     progress: Report = nobody,
 ) -> GreyboxResult:
     """Fit the chain's constants to ``recordings`` and write the model file ``out``.
@@ -80,15 +79,12 @@ def fit_greybox(
         and temperature but without air per stroke the chain makes its own charge. Further inputs
         are for effects to be added.
     progress : is told the share done, 0 to 1, and the best RMSE so far in phi
-    validate : recordings that are not fitted; by default blocks are held out of all recordings
     Raises RecordingError or UsageError if the recordings or names cannot be used.
     """
     began = time.monotonic()
-    everything = (*recordings, *validate)
-    chosen, inputs = inputs is not None, tuple(inputs or greybox_inputs(everything))
+    chosen, inputs = inputs is not None, tuple(inputs or greybox_inputs(recordings))
     _check_names(inputs, output)
-    judges = range(len(recordings), len(everything))
-    data = prepare(everything, inputs, output, seed=seed, validate=judges)
+    data = prepare(recordings, inputs, output, seed=seed)
     limits = _input_limits(data)
     signals = _signals(data, limits)
     charge_map, charge_error = None, None
@@ -101,17 +97,11 @@ def fit_greybox(
     )
     own = () if has_own_charge(inputs) else own_of(drive)
     drive = replace(drive, own=own)
-    further = [] if chosen else _further_inputs(own, everything, inputs)
+    further = [] if chosen else _further_inputs(own, recordings, inputs)
     if further:  # a cold engine's walls
         wider = (*inputs, *further)
         return fit_greybox(
-            recordings,
-            out,
-            inputs=wider,
-            output=output,
-            seed=seed,
-            validate=validate,
-            progress=progress,
+            recordings, out, inputs=wider, output=output, seed=seed, progress=progress
         )
     if has_own_charge(inputs):
         told = Told(progress, ROUNDS * (len(STARTS) + MAP_ROUNDS))

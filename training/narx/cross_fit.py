@@ -94,8 +94,7 @@ def cross_fit(
     """Train a twin of the shape ``spec`` without each recording and let it run over that one.
 
     A single recording is cut into four blocks; of more than four recordings each twin misses
-    several. Recordings that only validate are left with all twins. A twin for which too few samples
-    are left is not trained.
+    several. A twin for which too few samples are left is not trained.
     work : budget, of which each twin has an equal part
     """
     recorded = replace(data, samples=as_recorded(data))
@@ -123,11 +122,7 @@ def cross_fit(
 
 def _left_out(data: Prepared) -> list[BoolArray]:
     """Return the rows (n,) that each twin does not see."""
-    numbers = [
-        number
-        for number in sorted({s.recording for s in data.segments})
-        if (data.role[_of_recordings(data, [number])] == Role.TRAIN).any()
-    ]
+    numbers = sorted({s.recording for s in data.segments})
     if len(numbers) == 1:
         own = np.flatnonzero(_of_recordings(data, numbers))
         return [np.isin(np.arange(len(data.role)), part) for part in np.array_split(own, FOLDS)]

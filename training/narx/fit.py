@@ -84,23 +84,12 @@ class FitSource:
     recordings: "Sequence[Recording]"
     inputs: Sequence[str]
     output: str
-    validate: "Sequence[Recording]" = ()  # choose and stop the training, not trained on; without
-    # them held-out blocks do
     transforms: Sequence[Mapping[str, Any]] = ()  # of inputs, see ``recordings.transforms``
 
     def prepared(self, lags: int, seed: int) -> Prepared:
         """Return the data; ``seed`` chooses the held-out blocks."""
-        everything = (*self.recordings, *self.validate)
-        return prepare(
-            everything,
-            self.inputs,
-            self.output,
-            self.transforms,
-            lags=lags,
-            seed=seed,
-            validate=range(len(self.recordings), len(everything)),
-            turn_fuel=True,
-        )
+        source = (self.recordings, self.inputs, self.output, self.transforms)
+        return prepare(*source, lags=lags, seed=seed, turn_fuel=True)
 
 
 def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -> FitResult:
@@ -171,8 +160,7 @@ def _searched(
     search = Search(folds, seed, searching, options.threads, options.tried)
     search.run()
     work.join([searching])
-    keep = bool(source.validate) or options.keep_held_out
-    members = search.members(keep, work, options.starts or FOLDS)
+    members = search.members(options.keep_held_out, work, options.starts or FOLDS)
     return choose(data, members, seed, work, join=True), tuple(search.ranked)
 
 

@@ -28,7 +28,7 @@ def defaults(function: Callable[..., Any]) -> dict[str, Any]:
         (training.GapOptions, GapCommand, {"steps", "sensor_known_good", "add"}),
         (training.estimate_tables, TablesCommand, {"axes", "load", "displacement_l", "cylinders"}),
         (training.evaluate, evaluate.run, {"washout"}),
-        (training.fit, FitCommand, {"kind", "inputs", "validate", "seed"}),
+        (training.fit, FitCommand, {"kind", "inputs", "seed"}),
         (FitOptions, FitCommand, {"budget", "starts", "lags", "hidden", "seed"}),
     ],
 )

@@ -16,10 +16,10 @@ from tests.helpers.drives.recordings import recording_of
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples, one_step
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, describe, forward, initial_weights, regressors
-from training.narx.search.stages import blocks_of, free_run, pieces
-from training.narx.search.structure import Structure, boxes
+from training.narx.search.stages import blocks_of, free_run
+from training.narx.search.structure import boxes
 from training.recordings.recording import Recording, load
-from training.recordings.samples.preparation import Role, prepare
+from training.recordings.samples.preparation import prepare
 
 PERIOD_NS = 100_000_000
 BOXED = Spec(
@@ -140,17 +140,6 @@ def test_a_short_record_of_a_nearly_linear_plant_gets_a_small_model(tmp_path: Pa
     truth = lfilter([0.2], [1.0, -0.8], u)
     off = result.predicted[60:] - truth[60:]
     assert np.sqrt(np.mean(off**2)) < 0.06  # the noise is 0.2, the signal 0.25
-
-
-def test_recordings_that_validate_are_not_trained_on() -> None:
-    drives = [analyser(1, 1500), analyser(2, 1500)]
-    data = prepare(drives, ["u0"], "y", validate=[1])
-    second = np.concatenate([np.arange(s.start, s.stop) for s in data.segments if s.recording])
-    assert set(data.role[second]) == {Role.VALIDATE}
-    spec = Structure(5, 2, (3,)).spec(data)
-    train = pieces(data, spec, 50)
-    assert train.stop.max() <= second.min()
-    assert blocks_of(data, spec).pieces.stop.max() == second.max() + 1
 
 
 def test_a_memory_longer_than_the_blocks_is_refused() -> None:

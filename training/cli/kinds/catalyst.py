@@ -23,8 +23,8 @@ def run(args: FitCommand) -> int:
 
     if args.out.suffix != ".json":
         raise UsageError(f"--out {args.out}: the constants of a catalyst are written as .json")
-    if args.inputs or args.validate or args.report:
-        raise UsageError("--inputs, --validate, --report: a fit of a catalyst has no such thing")
+    if args.inputs or args.report:
+        raise UsageError("--inputs, --report: a fit of a catalyst has no such thing")
     recordings = [_load(path, args) for path in args.recordings]
     check_each_once(recordings)
     fitted = fit([drive_of(recording) for recording in recordings])

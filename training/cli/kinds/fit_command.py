@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from monitor.base.command_line.parameters import Number, Recordings
+from monitor.base.command_line.parameters import Number
 from training.cli.options import (
     GridOptions,
     Minutes,
@@ -23,15 +23,13 @@ class FitCommand(SignalOptions, SeedOption, GridOptions):
     out : model file to write
     kind : narx: a network; greybox: the physical chain of charge and fuel, transport, mixing and
         sensor with a few constants
-    validate : recordings that choose the network and stop the training; no training uses them
-        (default: held-out blocks of every recording)
     lags : longest lag in samples (default: chosen from the data; 5 with --hidden)
     lag_zero : let the network also read the inputs of the predicted tick (without --lags and
         --hidden the data choose the lags)
     hidden : neurons per hidden layer (default: chosen from the data; 8 8 with --lags)
     ratio : give the network the fuel-air ratio instead of the fuel mass
-    starts : number of trainings from random weights (default: 3; 8 below 5000 samples); up to three
-        more if no network forgets its initial state
+    starts : number of trainings from random weights (default: 3 of a shape that is given, of which
+        the best is the model; about 4 after a search, whose mean is)
     budget : work of the training, in minutes of one core of a 2.1 GHz Xeon; the same seed, data
         and budget give the same file on every machine of a kind
     wall : minutes after which the training ends early, whatever is left of its work
@@ -41,7 +39,6 @@ class FitCommand(SignalOptions, SeedOption, GridOptions):
     recordings: SomeRecordings = field(kw_only=False)
     out: NewModel
     kind: Literal["narx", "greybox"] = "narx"
-    validate: Recordings = ()
     lags: Number | None = None
     lag_zero: bool = False
     hidden: Annotated[Sequence[int] | None, "N"] = None

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from training.cli.kinds.fit_command import FitCommand
-from training.cli.options import load_all
 
 if TYPE_CHECKING:
     from training.greybox.model import GreyboxResult
@@ -43,7 +42,6 @@ def fit(args: FitCommand, recordings: "list[Recording]") -> "GreyboxResult":
             inputs=args.inputs,
             output=args.output or OUTPUT,
             seed=args.seed,
-            validate=load_all(args, args.validate, args.period),
             progress=bar.update,
         )
 

@@ -4,7 +4,7 @@ A segment ends where an input is invalid. A sample whose output alone is invalid
 0. Contiguous blocks of every recording are held out for validation and for the limits.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
@@ -110,14 +110,12 @@ def prepare(
     seed: int = 0,
     block_s: float = BLOCK_S,
     other_weight: float = OTHER_WEIGHT,
-    validate: Collection[int] = (),
     turn_fuel: bool = False,
 ) -> Prepared:
     """Return the recordings' samples, ready for training.
 
     turn_fuel : turn fuel and phi of the training samples up and down together, for a network that
         has to learn their balance; a chain has it in its equations
-    validate : numbers of the recordings that only validate; without them, blocks of all do
     Raises UsageError for impossible names, RecordingError for recordings that cannot be used.
     """
     period_ns = _check(recordings, inputs, output)
@@ -125,7 +123,7 @@ def prepare(
     cut = _stretches(recordings, inputs, output, transform, 8 * lags)
     u, y, segments = cut.u, cut.y, cut.segments
     valid = np.isfinite(y)
-    role = _roles(segments, period_ns, block_s=block_s, seed=seed, lags=lags, validate=validate)
+    role = _roles(segments, period_ns, block_s=block_s, seed=seed, lags=lags)
     train = (role == Role.TRAIN) & valid
     recorded = y
     if turn_fuel and transform == "phi" and FUEL in inputs:
@@ -264,7 +262,6 @@ def _roles(
     block_s: float,
     seed: int,
     lags: int,
-    validate: Collection[int],
 ) -> np.ndarray:
     rng = np.random.default_rng(seed)
     total = segments[-1].stop
@@ -281,12 +278,6 @@ def _roles(
             role[starts[one] : stops[one]] = use
     if not (role == Role.TEST).any():
         raise RecordingError(f"{total} usable samples are too few to hold blocks out")
-    for s in segments:
-        if s.recording in validate:
-            role[s.start : s.stop] = Role.VALIDATE
-        elif validate:  # the validation blocks of the others are free for training
-            own = role[s.start : s.stop]
-            own[own == Role.VALIDATE] = Role.TRAIN
     return role
 
 
