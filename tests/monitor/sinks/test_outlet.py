@@ -2,12 +2,13 @@
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import pytest
 
 from monitor.sinks.outlet import BATCH, Outlet
 from monitor.sinks.record import Record
+from tests.helpers.bus.live_player import until
 
 
 class Fake:
@@ -31,13 +32,6 @@ class Fake:
 
 def record(k: int) -> Record:
     return Record("cycle", k, {"started": True})
-
-
-def soon(condition: Callable[[], bool]) -> bool:
-    until_s = time.monotonic() + 3.0
-    while not condition() and time.monotonic() < until_s:
-        time.sleep(0.005)
-    return condition()
 
 
 def outlet_of(sink: Fake, queued: int = 100) -> Outlet:
@@ -67,7 +61,7 @@ def test_a_sink_that_hangs_does_not_hold_the_loop_and_its_oldest_records_are_dro
     sink.gate.clear()
     outlet = outlet_of(sink)
     outlet.put(record(0))
-    assert soon(lambda: not outlet._queue)
+    assert until(lambda: not outlet._queue)
     # WHEN ten times as many records come as the queue holds
     begin_s = time.perf_counter()
     for k in range(1, 1001):
@@ -84,11 +78,11 @@ def test_a_lost_connection_is_tried_again_and_nothing_is_lost_meanwhile() -> Non
     sink = Fake(OSError("Connection refused"))
     outlet = outlet_of(sink)
     outlet.put(record(1))
-    assert soon(lambda: sink.closed >= 3)
+    assert until(lambda: sink.closed >= 3)
     outlet.put(record(2))
     assert outlet.state == "lost"
     sink.error = None
-    assert soon(lambda: outlet.sent == 2)
+    assert until(lambda: outlet.sent == 2)
     outlet.close()
     assert outlet.notes() == [
         "sink fake takes nothing: Connection refused; it is tried again",
@@ -114,7 +108,7 @@ def test_a_sink_that_never_returns_does_not_keep_the_process(
     sink.gate.clear()
     outlet = outlet_of(sink)
     outlet.put(record(1))
-    assert soon(lambda: not outlet._queue)
+    assert until(lambda: not outlet._queue)
     outlet.close()
     assert outlet.notes() == ["sink fake did not end within 0.05 s"]
     assert (outlet.sent, outlet.dropped) == (0, 1)

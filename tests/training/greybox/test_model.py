@@ -31,7 +31,8 @@ VEHICLE = 2001
 
 
 def drive(folder: Path, cycle: str, seed: int) -> Recording:
-    return load(write(Experiment(cycle=cycle, seed=seed, vehicle=VEHICLE), folder, "parquet"))
+    experiment = Experiment(cycle=cycle, seed=seed, vehicle=VEHICLE, duration_s=900.0)
+    return load(write(experiment, folder, "parquet"))
 
 
 @pytest.fixture(scope="module")
