@@ -26,7 +26,7 @@ UNITS = {**TUNER_UNITS, "lambda_controller": ("EGO", "", 0.01, 0.0)}
 def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give a simulated drive as an own table."""
     return write(
-        Experiment("micro_trips", 2003, 7, duration_s=1200.0), tmp_path_factory.mktemp("own"), "csv"
+        Experiment("micro_trips", 2003, 7, duration_s=800.0), tmp_path_factory.mktemp("own"), "csv"
     )
 
 
