@@ -155,9 +155,9 @@ def _searched(
     """Return the mean of the best trainings, and all tries."""
     seed, n_train = options.seed, int((data.role == Role.TRAIN).sum())
     count = min(max(N_SAMPLES // n_train, 1), FOLDS)
-    folds = folds_of(data, (source.prepared(LAGS, seed + i) for i in range(1, count)))
+    folds = folds_of(data, (source.prepared(LAGS, seed + i) for i in range(1, FOLDS)))
     searching = work.up_to(work.limit / (PARTS - 1))
-    search = Search(folds, seed, searching, options.threads, options.tried)
+    search = Search(folds, count, seed, searching, options.threads, options.tried)
     search.run()
     work.join([searching])
     members = search.members(options.keep_held_out, work, options.starts or FOLDS)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.signal import lfilter
 
 from tests.helpers.drives.recordings import recording_of
@@ -33,9 +34,12 @@ def folds(n: int = 1200) -> list[Prepared]:
     return folds_of(prepared(0.9, n), others)
 
 
-def test_the_mean_has_seen_all_folds_and_is_better_on_unseen_blocks_than_most_members() -> None:
+@pytest.mark.parametrize("most_tried", [1, 4])
+def test_the_mean_has_seen_all_folds_and_is_better_on_unseen_blocks_than_most_members(
+    most_tried: int,
+) -> None:
     data = folds()
-    search = Search(data, 0, Work(0.02 * PER_MINUTE), 1)
+    search = Search(data, most_tried, 0, Work(0.02 * PER_MINUTE), 1)
     search.run()
     members = search.members(False, Work())
     assert {each.fold for each in members} == set(range(len(data)))

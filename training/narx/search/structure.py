@@ -3,8 +3,7 @@
 Every structure is trained on some folds of the samples and judged by its free run over the blocks
 that it did not see. From the best one the search goes to its neighbours, which differ by one step
 in one number, until all of them are behind it or the work is used up. The trainings of the best
-structures are trained on with all samples of their folds; the model is the mean of those that are
-not surely worse than the best, so it has seen every fold.
+structures are trained on, one in each fold, and end on all samples; the model is their mean.
 Sources: Breiman, Friedman, Olshen and Stone, Classification and Regression Trees (1984), section
 3.4.3 (the rule of one standard error); Krogh and Vedelsby, Neural network ensembles, cross
 validation, and active learning, Advances in Neural Information Processing Systems 7 (1995).
@@ -111,17 +110,22 @@ def boxes(longest: int) -> tuple[tuple[int, int], ...]:
 
 
 class Search:
-    """Candidates on the same data, held-out blocks different in each of the ``folds``."""
+    """Candidates on the same data, held-out blocks different in each of the ``folds``.
+
+    most_tried : folds on which a candidate is tried; members are trained on all
+    """
 
     def __init__(
         self,
         folds: Sequence[Prepared],
+        most_tried: int,
         seed: int,
         work: Work,
         threads: int = 2,
         tried: Callable[[Try], None] | None = None,
     ) -> None:
         self.folds, self.seed, self.work, self.threads = folds, seed, work, threads
+        self.n_tried = min(most_tried, len(folds))
         self.tried, self.tries = tried, dict[Structure, Try]()
         data = folds[0]
         self.n_train = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
@@ -160,7 +164,7 @@ class Search:
         for structure in candidates:
             if self.tries and self.work.is_over():
                 return
-            parts = self.work.split(len(self.folds))
+            parts = self.work.split(self.n_tried)
             with ThreadPoolExecutor(self.threads) as pool:
                 found = list(pool.map(partial(self._short, structure), range(len(parts)), parts))
             self.work.join(parts)
@@ -174,7 +178,7 @@ class Search:
     def _short(self, structure: Structure, fold: int, work: Work) -> Trained:
         data, decay = self.folds[fold], structure.decay if structure.hidden else 0.0
         start = Trained(structure.spec(data), decay=decay, seed=self.seed + fold, fold=fold)
-        most = N_SAMPLES // len(self.folds)
+        most = N_SAMPLES // self.n_tried
         return train(data, start, work, horizons=HORIZONS[:-1], n_samples=most)
 
     def _judged(self, structure: Structure, trained: Sequence[Trained]) -> Try:
@@ -186,19 +190,21 @@ class Search:
         return Try(structure, tuple(trained), np.concatenate(errors), shares)
 
     def members(self, keep: bool, work: Work, count: int = FOLDS) -> list[Trained]:
-        """Return about ``count`` trainings of the best structures, trained on, last on all samples.
+        """Return at most ``count`` trainings of the best structures, ended on all samples.
 
         keep : only train on what the first fold does not hold out
         """
+        good = [each for each in self.ranked if not each.surely_behind(self.ranked[0])]
         free = 1 if keep else len(self.folds)
-        best = self.ranked[0]
-        good = [each for each in self.ranked if not each.surely_behind(best)]
-        begun = [t for each in good[: -(-count // free)] for t in each.trained[:free]]
+        each = min(free, self.n_tried)
+        begun = list(dict.fromkeys((i // each % len(good), i % free) for i in range(count)))
         parts = work.split(len(begun))
 
-        def one(start: Trained, part: Work) -> Trained:
-            done = train(self.folds[start.fold], start, part, HORIZONS[1:])
-            return done if keep else finish(self.folds[start.fold], done, part)
+        def one(place: tuple[int, int], part: Work) -> Trained:
+            known, fold = good[place[0]], place[1]
+            tried = known.trained[fold : fold + 1] or [self._short(known.structure, fold, part)]
+            done = train(self.folds[fold], tried[0], part, HORIZONS[1:])
+            return done if keep else finish(self.folds[fold], done, part)
 
         with ThreadPoolExecutor(self.threads) as pool:
             found = list(pool.map(one, begun, parts))
