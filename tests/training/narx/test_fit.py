@@ -23,7 +23,7 @@ from training.limits.evaluation import evaluate, predict
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, layers
 from training.narx.page.fit_verdict import fit_verdict
-from training.narx.page.free_run_figures import test_blocks
+from training.narx.page.free_run_figures import measured_blocks
 from training.narx.page.training_page import write_report
 from training.narx.search.stability import contraction
 from training.narx.search.stages import Trained, with_less_feedback
@@ -81,7 +81,7 @@ def test_the_file_holds_what_the_fit_says(fitted: FitResult) -> None:
 
 
 def test_twins_measure_a_fit_on_all_of_its_recordings(fitted: FitResult) -> None:
-    found = test_blocks(fitted.data)
+    found = measured_blocks(fitted.data)
     assert {segment.recording for segment, _, _ in found} == {0, 1}
     measured = sum(stop - first for _, first, stop in found)
     assert measured == np.isfinite(fitted.predicted).sum() > 0.99 * len(fitted.data.role)
@@ -245,7 +245,7 @@ def test_the_verdict_on_a_fit_follows_its_correlation(
 
 def test_the_plots_of_a_fit_are_drawn(fitted: FitResult, browser: Browser, tmp_path: Path) -> None:
     write_report(tmp_path / "fit.html", fitted)
-    blocks = min(len(test_blocks(fitted.data)), 3)
+    blocks = min(len(measured_blocks(fitted.data)), 3)
     assert plots_of(browser, tmp_path / "fit.html") == 1 + blocks + 2
 
 

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from training.narx.model_file import FreeRunFit
-from training.narx.page.free_run_figures import output_units, test_blocks
+from training.narx.page.free_run_figures import measured_blocks, output_units
 from training.recordings import metrics
 
 LEAST_SAMPLES: Final = 50  # a shorter stretch says nothing alone
@@ -15,7 +15,7 @@ def fit_confidence(result: FreeRunFit) -> str:
     """Return the sentence: correlations of the held-out stretches one by one."""
     measured, predicted = output_units(result)
     found = []
-    for _, first, stop in test_blocks(result.data):
+    for _, first, stop in measured_blocks(result.data):
         rows = np.arange(first, stop)
         rows = rows[np.isfinite(measured[rows]) & np.isfinite(predicted[rows])]
         if len(rows) >= LEAST_SAMPLES and np.ptp(measured[rows]) > 0.0:

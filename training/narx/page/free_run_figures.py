@@ -28,7 +28,7 @@ def output_units(result: FreeRunFit) -> tuple[FloatArray, FloatArray]:
 def held_out_run(result: FreeRunFit) -> Drawing:
     """Draw free run and measurement on the longest held-out blocks."""
     measured, predicted = output_units(result)
-    chosen = sorted(test_blocks(result.data), key=lambda block: block[1] - block[2])[:3]
+    chosen = sorted(measured_blocks(result.data), key=lambda block: block[1] - block[2])[:3]
     low, high = _robust_limits(result)
     plots = []
     for segment, first, stop in chosen:
@@ -46,7 +46,7 @@ def held_out_run(result: FreeRunFit) -> Drawing:
     return Drawing(plots)
 
 
-def test_blocks(data: Prepared) -> list[tuple[Segment, int, int]]:
+def measured_blocks(data: Prepared) -> list[tuple[Segment, int, int]]:
     """Return the stretches that measure, samples first .. stop - 1, each with its segment."""
     return [
         (segment, segment.start + first, segment.start + stop)
