@@ -260,16 +260,16 @@ def test_the_report_stands_alone(fitted: FitResult, tmp_path: Path) -> None:
     assert text.index('class="verdict') < text.index("<table")
 
 
-@pytest.mark.parametrize("is_best", [True, False])
-def test_the_report_shows_a_linear_model_that_was_solved_beside_those_trained(
-    fitted: FitResult, tmp_path: Path, *, is_best: bool
+def test_the_report_draws_the_starts_of_a_mean_which_has_no_epochs_itself(
+    fitted: FitResult, tmp_path: Path
 ) -> None:
-    # GIVEN starts of which one was solved at once, so that it has no epochs
-    starts = (*fitted.chosen.starts, solved := replace(fitted.chosen.model, stages=[]))
-    chosen = replace(fitted.chosen, starts=starts, model=solved if is_best else fitted.chosen.model)
-    # WHEN the report is written THEN it has the curves of the others
+    starts = fitted.chosen.starts
+    mean = replace(fitted.chosen.model, stages=[], members=len(starts))
+    chosen = replace(fitted.chosen, starts=(*starts, mean), model=mean)
     write_report(tmp_path / "fit.html", replace(fitted, chosen=chosen))
-    assert f"start {len(starts)}" in (tmp_path / "fit.html").read_text()
+    text = (tmp_path / "fit.html").read_text()
+    assert f"start {len(starts)}" in text
+    assert f"start {len(starts) + 1}" not in text
 
 
 def save_table(path: Path, drive: Recording) -> None:

@@ -21,7 +21,7 @@ from training.pages.page import page
 
 def write_report(path: Path | str, result: FitResult) -> None:
     """Write the page; figures are embedded, nothing is loaded from elsewhere."""
-    chosen = {each.spec for each in result.chosen.members}
+    chosen = {(each.spec, each.decay) for each in result.chosen.members}
     write_page(
         path,
         result,
@@ -31,7 +31,7 @@ def write_report(path: Path | str, result: FitResult) -> None:
         trainings=sum(t.members == 1 for t in result.chosen.starts),
         members=len(result.chosen.members),
         tries=sorted(result.tries, key=lambda t: t.rmse),
-        is_chosen=lambda t: t.structure.spec(result.data) in chosen,
+        is_chosen=lambda t: (t.trained[0].spec, t.trained[0].decay) in chosen,
         unseen=result.card.fit.get("unseen"),
         curves=_training_curves(result),
     )
@@ -59,17 +59,17 @@ def write_page(
 
 
 def _training_curves(result: FitResult) -> Drawing:
-    """Draw the error of each start over its epochs, and the horizons of the chosen one."""
-    starts, model = result.chosen.starts, result.chosen.model
+    """Draw the error of each start over its epochs, and the horizons of the best one."""
+    starts = [start for start in result.chosen.starts if start.stages]  # a mean has no epochs
     runs = [_joined([np.array(stage.scores) for stage in start.stages]) for start in starts]
     at = np.arange(max(map(len, runs)), dtype=np.float64)
     lines = []
     for index, scores in enumerate(runs):
         y = np.full(len(at), np.nan)
         y[: len(scores)] = scores * result.data.scaling.y_std
-        name = f"start {index + 1}" + (", chosen" if starts[index] is model else "")
+        name = f"start {index + 1}" + (", chosen" if starts[index] is result.chosen.model else "")
         lines.append(layer("line", y=y, label=name, color=index))
-    stages = model.stages
+    stages = result.chosen.best_member.stages
     begins = np.cumsum([0, *(len(stage.scores) - 1 for stage in stages)])[: len(stages)]
     names = [stage.name.removeprefix("horizon ") for stage in stages]
     horizons = layer("rule", x=begins, text=names, color="quiet", width=0.7)
@@ -78,8 +78,5 @@ def _training_curves(result: FitResult) -> Drawing:
 
 
 def _joined(stages: Sequence[FloatArray]) -> FloatArray:
-    """Return the scores of stages as one; a stage begins where the one before it ended.
-
-    A linear model that was solved has none.
-    """
-    return np.concatenate([np.empty(0), *(scores[:-1] for scores in stages[:-1]), *stages[-1:]])
+    """Return the scores of stages as one; a stage begins where the one before it ended."""
+    return np.concatenate([*(scores[:-1] for scores in stages[:-1]), stages[-1]])
