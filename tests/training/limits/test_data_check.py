@@ -121,7 +121,7 @@ def test_a_recording_too_short_to_be_used_is_named(good: Recording) -> None:
     assert result["usable"]
 
 
-@pytest.mark.parametrize(("n", "level"), [(60, "error"), (700, "warning"), (6000, "ok")])
+@pytest.mark.parametrize(("n", "level"), [(50, "error"), (700, "warning"), (6000, "ok")])
 def test_samples_are_weighed_against_the_weights(n: int, level: str) -> None:
     result = check([recording(engine(n=n))], INPUTS, "lean", hidden=(8,))
     assert "177 weights" in only(result, "samples", level)

@@ -127,7 +127,7 @@ def enough(
     """Return the findings on samples per weight, and on duration per block and per window."""
     period_s = recordings[0].period_ns / 1e9
     n, seconds = data.samples, data.samples * period_s
-    n_train = n * (GROUP - 2) // GROUP
+    n_train = n * (GROUP - 1) // GROUP
     weights = Spec(n_inputs, lags, tuple(hidden)).n_weights
     least = Spec(n_inputs, lags, SMALLEST).n_weights
     shape = "×".join(map(str, hidden))
@@ -143,7 +143,7 @@ def enough(
         findings = [DataFinding("warning", "samples", text)]
     else:
         findings = [DataFinding("ok", "samples", text)]
-    wanted_s = GROUP * MANY_WINDOWS * WINDOW * period_s
+    wanted_s = MANY_WINDOWS * WINDOW * period_s
     text = f"{duration(seconds)} usable"
     if output_transform(output) != "phi":
         findings.append(DataFinding("ok", "duration", text))
@@ -153,7 +153,7 @@ def enough(
     elif data.enabled * period_s < wanted_s:
         text += (
             f", {duration(data.enabled * period_s)} in the enabled region; {duration(wanted_s)} "
-            f"are wanted for limits that rest on {MANY_WINDOWS} held-out windows"
+            f"are wanted for limits that rest on {MANY_WINDOWS} windows"
         )
         findings.append(DataFinding("warning", "duration", text))
     else:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 BLOCK_S = 45.0  # length of a block that is held out or trained on as a whole
 BLOCK_SAMPLES = (200, 2000)  # least and most samples of a block
-GROUP = 7  # of seven blocks one validates and one tests: 71/14/14 percent
+GROUP = 7  # of seven blocks one validates and one tests, which networks train on, too
 LAMBDA_MEMORY = 50  # samples, one window, after which lambda has forgotten what was before
 OTHER_WEIGHT = 0.1  # of samples outside the enabled region: cold start, fuel cut, open loop
 ENABLE_COLUMNS = {"closed_loop": 1.0, "sensor_ready": 1.0, "fuel_cut": 0.0}
