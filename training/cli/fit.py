@@ -31,10 +31,9 @@ def run(args: FitCommand) -> int:
     """Train a NARX.
 
     The command chooses memory and size by free run on held-out blocks, trains the network
-    series-parallel, then in closed loop over growing horizons, and ends the best on all samples.
-    Twins without some recordings measure it. --lags or --hidden fix the shape, without a linear
-    path. --kind
-    greybox fits the constants of the physical chain instead. The chain reads its charge as air per
+    series-parallel, then in closed loop over growing horizons, and last on all samples; twins
+    without some recordings measure it. --lags or --hidden fix the shape, without a linear path.
+    --kind greybox fits the constants of the physical chain, which reads its charge as air per
     stroke; with manifold pressure and temperature among --inputs it computes the charge from them
     and a map. With --output downstream_voltage_v it fits capacity, filling and release of the
     catalyst and the sensor behind it, and writes them with standard errors as JSON.
