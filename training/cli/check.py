@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from json import dumps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from monitor.base.command_line.parameters import Number, Output
+from monitor.base.command_line.parameters import Output
 from training.cli.options import GridOptions, SignalOptions, SomeRecordings, inputs_of, load_all
 
 if TYPE_CHECKING:
@@ -24,42 +24,28 @@ def run(
     recordings: SomeRecordings,
     *,
     signals: SignalOptions,
-    lags: Number = 5,
-    hidden: Annotated[Sequence[int], "N"] = (8, 8),
     reading: GridOptions,
     json: Output = None,
     html: Output = None,
 ) -> int:
     """Judge whether recordings suffice to train a model.
 
-    The command checks duration, coverage of speed and load, excitation of every input, time in
-    closed loop, missing channels, gaps, inputs that copy the output, and collinear inputs.
+    The command checks duration, coverage of speed and load, motion of every input, time in closed
+    loop, missing channels, gaps, and inputs that copy the output.
 
-    lags : longest lag of the planned model in samples
-    hidden : neurons per hidden layer of the planned model
     json : write findings and figures as JSON
     html : write an HTML report
-    Raises RecordingError if the recordings cannot be used, UsageError for an impossible option
-    (both exit code 2).
+    Raises RecordingError if the recordings cannot be used (exit code 2).
     """
-    from monitor.base.errors import RecordingError, UsageError
+    from monitor.base.errors import RecordingError
     from monitor.base.files.outputs import write_text
     from monitor.base.signals import NARX_INPUTS, OUTPUT
     from training.limits.data_check.check import check
     from training.limits.data_check.findings import as_page, as_text, verdict
 
-    if min(lags, *hidden) < 1:
-        raise UsageError("--lags and --hidden must be positive")
     found, unreadable = _load(reading, recordings)
     inputs = inputs_of(signals, found) if found else (signals.inputs or NARX_INPUTS)
-    result = check(
-        found,
-        inputs,
-        signals.output or OUTPUT,
-        lags=lags,
-        hidden=hidden,
-        unreadable=unreadable,
-    )
+    result = check(found, inputs, signals.output or OUTPUT, unreadable=unreadable)
     print(as_text(result))
     if json:
         write_text(json, dumps(result, indent=1, allow_nan=False) + "\n")

@@ -14,7 +14,7 @@ from training.limits.data_check.inputs import copies, covered, excited
 from training.limits.data_check.samples import DataFinding, closed_loop, enough, usable
 from training.recordings.recording import Recording
 
-SCHEMA = "o2train.check/1"
+SCHEMA = "o2train.check/2"
 
 
 def check(
@@ -22,37 +22,29 @@ def check(
     inputs: Sequence[str],
     output: str,
     *,
-    lags: int = 5,
-    hidden: Sequence[int] = (8, 8),
     unreadable: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return findings and figures as JSON values; ``usable`` is False if a finding is an error.
 
-    lags : longest lag of the planned model in samples
-    hidden : neurons per hidden layer of the planned model
     unreadable : one error message per file that could not be read
     """
     findings = [DataFinding("error", "file", text) for text in unreadable]
-    figures: dict[str, Any] = {"coverage": None, "excitation": [], "condition_number": None}
+    figures: dict[str, Any] = {"coverage": None, "excitation": []}
     findings += _setup(recordings, inputs, output)
     if not any(f.level == "error" for f in findings):
-        data, on_samples = usable(recordings, inputs, output, lags)
+        data, on_samples = usable(recordings, inputs, output)
         findings += on_samples
         if data.u:
-            findings += enough(
-                recordings, data, n_inputs=len(inputs), lags=lags, hidden=hidden, output=output
-            )
+            findings += enough(recordings, data, len(inputs), output)
             findings += closed_loop(recordings, data)
             findings += covered(recordings, figures)
-            findings += excited(recordings, data, inputs, lags, figures)
+            findings += excited(recordings, data, inputs, figures)
             findings += copies(data, inputs, output)
     return {
         "schema": SCHEMA,
         "usable": not any(f.level == "error" for f in findings),
         "inputs": list(inputs),
         "output": output,
-        "lags": lags,
-        "hidden": list(hidden),
         "recordings": [_recording(r) for r in recordings],
         "findings": [asdict(f) for f in findings],
         **figures,

@@ -17,10 +17,9 @@ def as_text(result: dict[str, Any]) -> str:
     width = max((len(f["topic"]) for f in findings), default=0)
     lines += [f"{f['level']:8} {f['topic']:{width}}  {f['text']}" for f in findings]
     if result["excitation"]:
-        lines += ["", f"{'input':28} {'std':>10} {'moving':>8} {'order':>6} {'95 % below':>11}"]
+        lines += ["", f"{'input':28} {'std':>10} {'moving':>8} {'changes':>8}"]
         lines += [
-            f"{e['input']:28} {e['std']:>10.4g} {100 * e['moving']:>6.1f} % {_order(e):>6} "
-            f"{_hertz(e['bandwidth_hz']):>11}"
+            f"{e['input']:28} {e['std']:>10.4g} {100 * e['moving']:>6.1f} % {e['moves']:>8}"
             for e in result["excitation"]
         ]
     return "\n".join([*lines, "", verdict(result)])
@@ -80,8 +79,6 @@ def _view(result: dict[str, Any]) -> dict[str, Any]:
         "findings": sorted(result["findings"], key=lambda f: worst_first[f["level"]]),
         "excitation": result["excitation"],
         "coverage": _coverage(coverage) if coverage else None,
-        "order": _order,
-        "hertz": _hertz,
     }
 
 
@@ -105,12 +102,3 @@ def _coverage(coverage: dict[str, Any]) -> Heat:
     corner = f"{words(coverage['load'])} over {words(coverage['speed'])}, lower ends; s"
     speed, load = (np.array(coverage[key]) for key in ("speed_edges", "load_edges"))
     return over_plane(corner, speed, load, seconds, ".0f", seconds)
-
-
-def _order(excitation: dict[str, Any]) -> str:
-    order = int(excitation["order"])
-    return f"≥ {order}" if order == excitation["order_tested"] else str(order)
-
-
-def _hertz(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g} Hz"

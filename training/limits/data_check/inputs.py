@@ -1,12 +1,11 @@
-"""Findings on the inputs: coverage, excitation, collinearity, copies of the output."""
+"""Findings on the inputs: coverage, motion, copies of the output."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from monitor.base.signals import NARX_INPUTS
-from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
 from training.limits.data_check import measures
 from training.limits.data_check.samples import DataFinding, Usable
@@ -64,62 +63,25 @@ def excited(
     recordings: Sequence[Recording],
     data: Usable,
     inputs: Sequence[str],
-    lags: int,
     figures: dict[str, Any],
 ) -> list[DataFinding]:
-    """Return the findings on excitation and collinearity; store the measures in ``figures``."""
+    """Return the findings on how the inputs move; store the measures in ``figures``."""
     findings = []
-    period_s = recordings[0].period_ns / 1e9
     for i, name in enumerate(inputs):
-        motion = measures.excitation([u[:, i] for u in data.u], period_s, 2 * lags)
-        figures["excitation"].append(
-            {
-                "input": name,
-                "std": motion.std,
-                "moving": motion.moving,
-                "moves": motion.moves,
-                "order": motion.order,
-                "order_tested": 2 * lags,
-                "bandwidth_hz": motion.bandwidth_hz,
-            }
-        )
+        motion = measures.motion([u[:, i] for u in data.u])
+        figures["excitation"].append({"input": name, **asdict(motion)})
         if motion.moves == 0:
             values = np.concatenate([r.column(name) for r in recordings])
             if np.ptp(values[np.isfinite(values)]) > 0.0:  # else ``usable`` has reported it
                 text = f"{name} is constant where all inputs are valid: leave it out"
                 findings.append(DataFinding("error", "constant", text))
-        elif motion.order < lags:
-            text = (
-                f"{name} is persistently exciting of order {motion.order} only, {lags} is wanted "
-                f"for {lags} lags: its lags cannot be told apart"
-            )
-            findings.append(DataFinding("warning", "excitation", text))
         elif motion.moves < MOVES:
             text = (
                 f"{name} changes {motion.moves} times, {MOVES} times are wanted: its effect is "
                 "seen in a few places only"
             )
             findings.append(DataFinding("warning", "excitation", text))
-    if not findings:
-        text = f"every input moves and excites {lags} lags"
-        findings.append(DataFinding("ok", "excitation", text))
-    return findings + _collinear(np.concatenate(data.u), inputs, figures)
-
-
-def _collinear(u: FloatArray, inputs: Sequence[str], figures: dict[str, Any]) -> list[DataFinding]:
-    if (u.std(axis=0) <= 1e-12 * np.maximum(1.0, np.abs(u).max(axis=0))).any():
-        return []  # an input is constant, which is an error of its own
-    condition, groups = measures.collinear(u, inputs)
-    figures["condition_number"] = condition
-    text = f"condition number of the inputs {condition:.3g}"
-    limit = measures.CONDITION_INDEX
-    if condition <= limit:
-        return [DataFinding("ok", "collinearity", f"{text}, below {limit:g}")]
-    members = "; ".join(" and ".join(g) for g in groups) or "spread over all"
-    text += f", below {limit:g} is wanted: {members} carry nearly the same, one may go"
-    if set(inputs) == set(NARX_INPUTS):
-        text += " (the paper's seven are so by their physics, and the NARX bears it)"
-    return [DataFinding("warning", "collinearity", text)]
+    return findings or [DataFinding("ok", "excitation", "every input moves")]
 
 
 def copies(data: Usable, inputs: Sequence[str], output: str) -> list[DataFinding]:

@@ -1,76 +1,39 @@
-"""Measures of the data check: excitation, copies, collinearity, coverage."""
+"""Measures of the data check: motion, copies, coverage."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 
 from monitor.base.types import FloatArray
-from training.recordings.spectrum import welch
 
 MOVING = 0.001  # least change between two samples that counts as motion, as a share of the span
-PE_CONDITION = 1e10  # power ratio; weaker directions (1e5 in size) drown in 16-bit rounding
 COPY = 0.999  # correlation above which one signal is a copy of the other
-CONDITION_INDEX = 30.0  # above it coefficients are degraded (Belsley, Kuh and Welsch)
-PROPORTION = 0.5  # share of a coefficient's variance above which it belongs to a direction
 CELLS = 8  # of the histogram, per axis
 VISITED_S = 1.0  # least time in a visited cell
 VISITED_SHARE = 0.1  # the same for short recordings, as a share of the time under even spread
-BANDWIDTH = 0.95  # share of the variance below the bandwidth
 
 
 @dataclass(frozen=True, slots=True)
-class Excitation:
-    """Excitation of a model by one input."""
+class Motion:
+    """How an input moves."""
 
     std: float  # unit of the input
     moves: int  # samples that differ from the sample before
     moving: float  # share of samples that differ from the sample before by more than 0.1 % of span
-    order: int  # of persistent excitation, at most the tested order
-    bandwidth_hz: float | None  # 95 % of the variance lies below it; None if too short
 
 
-def excitation(stretches: Sequence[FloatArray], period_s: float, order: int) -> Excitation:
-    """Return the excitation of a model with ``order`` lags by one input.
-
-    stretches : unbroken stretches of the input, shapes (n_i,)
-    The order of persistent excitation is the largest L for which the L × L autocovariance matrix
-    is not singular; the matrix is the Hankel matrix of the samples times its transpose.
-    Source: Ljung, System Identification, 2nd ed., section 13.2.
-    """
+def motion(stretches: Sequence[FloatArray]) -> Motion:
+    """Return how an input moves in its unbroken stretches, shapes (n_i,)."""
     values = np.concatenate(stretches)
     low, high = np.percentile(values, [0.5, 99.5])
     span = float(high - low) or float(np.ptp(values))
     steps = np.concatenate([np.abs(np.diff(s)) for s in stretches])
-    spectrum = welch([s[:, np.newaxis] for s in stretches], period_s)
-    return Excitation(
+    return Motion(
         std=float(values.std()),
         moves=int((steps > 1e-9 * span).sum()) if span > 0 else 0,
         moving=float((steps > MOVING * span).mean()) if span > 0 and len(steps) else 0.0,
-        order=_order(stretches, float(values.mean()), order),
-        bandwidth_hz=None
-        if spectrum is None
-        else _bandwidth(spectrum.frequency_hz, spectrum.density[:, 0]),
     )
-
-
-def _order(stretches: Sequence[FloatArray], mean: float, most: int) -> int:
-    covariance = np.zeros((most, most))
-    for values in stretches:
-        if len(values) >= most:
-            hankel = np.lib.stride_tricks.sliding_window_view(values - mean, most)
-            covariance += hankel.T @ hankel
-    for order in range(most, 0, -1):
-        powers = linalg.eigvalsh(covariance[:order, :order])
-        if powers[-1] > 0.0 and powers[0] > powers[-1] / PE_CONDITION:
-            return order
-    return 0
-
-
-def _bandwidth(frequency_hz: FloatArray, density: FloatArray) -> float:
-    power = np.cumsum(density)
-    return float(frequency_hz[np.searchsorted(power, BANDWIDTH * power[-1])])
 
 
 def copy_of(
@@ -102,39 +65,6 @@ def _correlation(a: FloatArray, b: FloatArray) -> float:
     a, b = a - a.mean(), b - b.mean()
     scale = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.clip(a @ b / scale, -1.0, 1.0)) if scale > 0 else 0.0
-
-
-def collinear(u: FloatArray, names: Sequence[str]) -> tuple[float, list[list[str]]]:
-    """Return the condition number of the inputs (n, k), and groups of collinear inputs.
-
-    A group belongs to one direction with a condition index above 30. Its inputs are the inputs
-    whose coefficients have more than half of their variance in this direction, at least two.
-    Source: Belsley, Kuh and Welsch, Regression Diagnostics (1980), chapter 3.
-    """
-    z = (u - u.mean(axis=0)) / u.std(axis=0)
-    _, sizes, directions = linalg.svd(z, full_matrices=False)
-    sizes = np.maximum(sizes, sizes[0] * 1e-15)
-    parts = (directions / sizes[:, np.newaxis]) ** 2  # (direction, coefficient)
-    parts = parts / parts.sum(axis=0)
-    groups = []
-    for index, part in zip(sizes[0] / sizes, parts, strict=True):
-        members = [n for n, p in zip(names, part, strict=True) if p > PROPORTION]
-        if index > CONDITION_INDEX and len(members) > 1:
-            groups.append(members)
-    return float(sizes[0] / sizes[-1]), groups
-
-
-def variance_inflation(u: FloatArray) -> FloatArray:
-    """Return the variance inflation factor of each column of ``u`` (n, k): 1 / (1 - R²)."""
-    z = (u - u.mean(axis=0)) / u.std(axis=0)
-    factors = np.empty(z.shape[1])
-    for i in range(z.shape[1]):
-        others = np.delete(z, i, axis=1)
-        rest = z[:, i]
-        if others.shape[1]:
-            rest = rest - others @ linalg.lstsq(others, rest)[0]
-        factors[i] = 1.0 / max(float(rest @ rest) / len(z), 1e-12)
-    return factors
 
 
 @dataclass(frozen=True, slots=True)

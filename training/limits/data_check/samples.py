@@ -1,4 +1,4 @@
-"""Findings on the samples: gaps, outliers, constants, samples per weight, time in closed loop."""
+"""Findings on the samples: gaps, outliers, constants, duration, time in closed loop."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,10 +15,8 @@ from training.recordings.samples.outliers import outlier_mask
 from training.recordings.samples.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP, enabled_rows
 from training.recordings.samples.rows import runs
 
-SHORTEST_STRETCH = (
-    8  # times the lags: training.recordings.samples.preparation drops shorter stretches
-)
-SAMPLES_PER_WEIGHT = 10  # with fewer samples the network overfits
+LAGS = 5  # of a small network
+SHORTEST_STRETCH = 8 * LAGS  # training.recordings.samples.preparation drops shorter ones
 SMALLEST = (2,)  # neurons per hidden layer of the smallest useful network
 WINDOW = 50  # samples of a window, Model Based Diagnosis of Oxygen Sensors, section 2
 LOST = 0.05  # share of invalid samples above which a signal gets a warning
@@ -51,13 +49,12 @@ class Usable:
 
 
 def usable(
-    recordings: Sequence[Recording], inputs: Sequence[str], output: str, lags: int
+    recordings: Sequence[Recording], inputs: Sequence[str], output: str
 ) -> tuple[Usable, list[DataFinding]]:
     """Return the samples that a training can use, and findings on gaps, outliers and constants."""
     names = (*inputs, output)
     columns = [np.column_stack([r.column(n) for n in names]) for r in recordings]
     findings, outliers = [], dict.fromkeys(names, 0)
-    shortest = SHORTEST_STRETCH * lags
     for values in columns:
         for i, name in enumerate(names):
             bad = outlier_mask(name, values[:, i])
@@ -68,21 +65,20 @@ def usable(
     for i, name in enumerate(names):
         findings += _one_signal(name, together[:, i], outliers[name])
     data = Usable([], [], 0, total)
-    enabled = 0
+    enabled, stretch = 0, f"stretch of {SHORTEST_STRETCH} samples with all inputs valid"
     for r, values in zip(recordings, columns, strict=True):
         good = np.asarray(np.isfinite(values[:, :-1]).all(axis=1))
         is_enabled = enabled_rows(r) & good & np.isfinite(values[:, -1])
         enabled += int(is_enabled.sum())
         before = len(data.u)
         for a, b in runs(good):
-            if b - a >= shortest and np.isfinite(values[a:b, -1]).any():
+            if b - a >= SHORTEST_STRETCH and np.isfinite(values[a:b, -1]).any():
                 data.u.append(values[a:b, :-1])
                 data.y.append(values[a:b, -1])
         if len(data.u) == before:
-            text = f"{r.path}: not used, no stretch of {shortest} samples with all inputs valid"
-            findings.append(DataFinding("warning", "gaps", text))
+            findings.append(DataFinding("warning", "gaps", f"{r.path}: not used, no {stretch}"))
     if not data.u:
-        text = f"no recording has a stretch of {shortest} samples with all inputs valid"
+        text = f"no recording has a {stretch}"
         findings.append(DataFinding("error", "gaps", text))
     elif not any(f.topic == "gaps" for f in findings):
         longest = max(len(u) for u in data.u)
@@ -117,48 +113,29 @@ def _one_signal(name: str, values: FloatArray, outliers: int) -> list[DataFindin
 
 
 def enough(
-    recordings: Sequence[Recording],
-    data: Usable,
-    n_inputs: int,
-    lags: int,
-    hidden: Sequence[int],
-    output: str,
+    recordings: Sequence[Recording], data: Usable, n_inputs: int, output: str
 ) -> list[DataFinding]:
-    """Return the findings on samples per weight, and on duration per block and per window."""
+    """Return the finding on the duration: for a training, whole blocks, and limits."""
     period_s = recordings[0].period_ns / 1e9
-    n, seconds = data.samples, data.samples * period_s
-    n_train = n * (GROUP - 1) // GROUP
-    weights = Spec(n_inputs, lags, tuple(hidden)).n_weights
-    least = Spec(n_inputs, lags, SMALLEST).n_weights
-    shape = "×".join(map(str, hidden))
-    text = f"{n_train} training samples for the {weights} weights of layers {shape}"
-    if n_train < least:
-        text += f"; even {SMALLEST[0]} neurons have {least} weights: record more or take fewer lags"
-        findings = [DataFinding("error", "samples", text)]
-    elif n_train < SAMPLES_PER_WEIGHT * weights:
-        text += (
-            f", {SAMPLES_PER_WEIGHT * weights} are wanted: expect overfitting, take fewer neurons "
-            "or lags"
-        )
-        findings = [DataFinding("warning", "samples", text)]
-    else:
-        findings = [DataFinding("ok", "samples", text)]
+    seconds = data.samples * period_s
+    least = Spec(n_inputs, LAGS, SMALLEST).n_weights
     wanted_s = MANY_WINDOWS * WINDOW * period_s
-    text = f"{duration(seconds)} usable"
-    if output_transform(output) != "phi":
-        findings.append(DataFinding("ok", "duration", text))
+    text, level = f"{duration(seconds)} usable", "ok"
+    if data.samples < least:
+        text += f": {data.samples} samples, even {SMALLEST[0]} neurons have {least} weights"
+        level = "error"
+    elif output_transform(output) != "phi":
+        pass
     elif seconds < GROUP * BLOCK_S:
         text += f", at least {duration(GROUP * BLOCK_S)} are wanted to hold out whole blocks"
-        findings.append(DataFinding("warning", "duration", text))
+        level = "warning"
     elif data.enabled * period_s < wanted_s:
         text += (
             f", {duration(data.enabled * period_s)} in the enabled region; {duration(wanted_s)} "
             f"are wanted for limits that rest on {MANY_WINDOWS} windows"
         )
-        findings.append(DataFinding("warning", "duration", text))
-    else:
-        findings.append(DataFinding("ok", "duration", text))
-    return findings
+        level = "warning"
+    return [DataFinding(level, "duration", text)]
 
 
 def closed_loop(recordings: Sequence[Recording], data: Usable) -> list[DataFinding]:

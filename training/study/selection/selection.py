@@ -10,7 +10,6 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import source_of
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
-from training.limits.data_check.measures import variance_inflation
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.linear_data import cleaned, output_transform
@@ -143,9 +142,9 @@ def _variables(
 ) -> list[dict[str, Any]]:
     """Return correlation with the output, redundancy, loading and reason of every candidate."""
     values = np.concatenate(parts)
-    among_all = variance_inflation(values[:, :-1])
+    among_all = _inflation(values[:, :-1])
     own = [i for i, n in enumerate(names) if n in chosen]
-    among_chosen = dict(zip(own, variance_inflation(values[:, own]).tolist(), strict=True))
+    among_chosen = dict(zip(own, _inflation(values[:, own]).tolist(), strict=True))
     loadings = np.array(components["loadings"])[:, : components["kept"]]
     rows = []
     for i, name in enumerate(names):
@@ -165,6 +164,12 @@ def _variables(
             }
         )
     return rows
+
+
+def _inflation(values: FloatArray) -> FloatArray:
+    """Return the variance inflation factor 1 / (1 - R²) of each column of ``values`` (n, k)."""
+    among = np.atleast_2d(np.corrcoef(values.T))
+    return np.diag(linalg.inv(among + 1e-12 * np.eye(len(among))))
 
 
 def pca(values: FloatArray, names: Sequence[str]) -> dict[str, Any]:
