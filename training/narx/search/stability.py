@@ -1,6 +1,6 @@
 """Contraction: two runs with the same inputs and different histories end at the same prediction."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,7 +34,46 @@ def contraction(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> C
     """
     rng = np.random.default_rng(seed)
     samples = data.memory or CONTRACTION_SAMPLES
-    pairs = STEPS // samples
+    moving, rows = _moving(data, spec, samples, rng)
+    points = rng.choice(np.flatnonzero(data.samples.weight > 0), max(1, STEPS // len(rows) // 2))
+    held = np.repeat(points[:, None], len(rows), axis=1)
+    gap = max(
+        _gap(spec, weights, data.samples.u[at], *_any_histories(spec, len(at), rng))
+        for at in (moving, held)
+    )
+    return _found(data, gap, len(moving) + len(points), samples)
+
+
+def settling(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
+    """Return the contraction after 50 samples, or twice, four times as many, that first suffice.
+
+    That after 50 if none up to the longest block does. After a break of the inputs a run begins at
+    a reading, so the pairs have recorded histories, and run over the inputs of recorded places.
+    """
+    first, samples = None, data.memory or CONTRACTION_SAMPLES
+    while True:
+        rng = np.random.default_rng(seed)
+        moving, _ = _moving(data, spec, samples, rng)
+        own = data.samples.y[rng.choice(np.flatnonzero(data.samples.weight > 0), (2, len(moving)))]
+        histories = np.repeat(own[:, :, None], spec.lags, axis=2)
+        gap = _gap(spec, weights, data.samples.u[moving], *histories)
+        found = _found(data, gap, len(moving), samples)
+        first, samples = first or found, 2 * samples
+        if found.gap <= found.limit:
+            return found
+        if samples > data.longest_block:
+            return first
+
+
+def _found(data: Prepared, gap: float, pairs: int, samples: int) -> Contraction:
+    limit = CONTRACTION_LIMIT * (data.scaling.y_high - data.scaling.y_low) / PHI_SPAN
+    return Contraction(gap * data.scaling.y_std, limit, pairs, samples)
+
+
+def _moving(
+    data: Prepared, spec: Spec, samples: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of runs from random places, (n_runs, rows), and those of a run at row 0."""
     length = samples + 1
     places = np.concatenate(
         [
@@ -43,40 +82,37 @@ def contraction(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> C
         ]
     )
     rows = np.arange(-spec.memory, length)
-    moving = np.minimum(rng.choice(places, pairs)[:, None] + rows, len(data.samples.y) - 1)
-    points = rng.choice(np.flatnonzero(data.samples.weight > 0), max(1, STEPS // len(rows) // 2))
-    held = np.repeat(points[:, None], len(rows), axis=1)
-    gap = max(_gap(spec, weights, data.samples.u[at], rng) for at in (moving, held))
-    span = data.scaling.y_high - data.scaling.y_low
-    limit = CONTRACTION_LIMIT * span / PHI_SPAN
-    return Contraction(gap * data.scaling.y_std, limit, pairs + len(points), samples)
+    chosen = rng.choice(places, STEPS // samples)[:, None]
+    return np.minimum(chosen + rows, len(data.samples.y) - 1), rows
 
 
-def settling(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
-    """Return the contraction after 50 samples, or twice, four times as many, that first suffice.
+def _any_histories(spec: Spec, count: int, rng: np.random.Generator) -> list[FloatArray]:
+    """Return two sets of histories, (count, lags) each, in scaled units.
 
-    That after 50 if none up to the longest block does.
+    They are drawn evenly over the output's range (phi 0 .. 1.7), half of them constant; one pair in
+    eight starts at the two ends of the range.
     """
-    first = found = contraction(data, spec, weights, seed)
-    while found.gap > found.limit and 2 * found.samples <= data.longest_block:
-        found = contraction(replace(data, memory=2 * found.samples), spec, weights, seed)
-    return found if found.gap <= found.limit else first
+    both = []
+    for end in (spec.y_min, spec.y_max):
+        history = rng.uniform(spec.y_min, spec.y_max, size=(count, spec.lags))
+        history[::2] = history[::2, :1]
+        history[: count // 8] = end
+        both.append(history)
+    return both
 
 
-def _gap(spec: Spec, weights: FloatArray, u: FloatArray, rng: np.random.Generator) -> float:
+def _gap(
+    spec: Spec, weights: FloatArray, u: FloatArray, one: FloatArray, other: FloatArray
+) -> float:
     """Return the largest difference at the end of runs from two histories each, scaled units.
 
     u : (n_runs, rows, n_inputs), the model's memory first
-    Histories are drawn evenly over the output's range (phi 0 .. 1.7), half of them constant; one
-    pair in eight starts at the two ends of the range.
     """
     count, rows, _ = u.shape
     stop = rows * np.arange(1, count + 1)
-    start, flat, ends = stop - rows + spec.memory, u.reshape(count * rows, -1), []
-    for side in (0, 1):
-        history = rng.uniform(spec.y_min, spec.y_max, size=(count, spec.lags))
-        history[::2] = history[::2, :1]
-        history[: count // 8] = spec.y_max if side else spec.y_min
-        run = simulate(spec, weights, u=flat, start=start, stop=stop, history=history)
-        ends.append(run[stop - 1])
+    start, flat = stop - rows + spec.memory, u.reshape(count * rows, -1)
+    ends = [
+        simulate(spec, weights, u=flat, start=start, stop=stop, history=each)[stop - 1]
+        for each in (one, other)
+    ]
     return float(np.abs(ends[0] - ends[1]).max())
