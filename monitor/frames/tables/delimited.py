@@ -179,10 +179,11 @@ def _rows(
     least = width if dialect.is_exact else max(least, named)
     most = width if dialect.is_exact else csv.field_size_limit()
     with open_text(path, dialect.encoding, errors=dialect.errors) as text:
-        reader = (
-            csv.reader(_ended_quotes(text), delimiter=dialect.separator)
-            if dialect.has_quotes
-            else csv.reader(text, delimiter=dialect.separator, quoting=csv.QUOTE_NONE)
+        reader = csv.reader(
+            _ended_quotes(text) if dialect.has_quotes else text,
+            delimiter=dialect.separator,
+            skipinitialspace=True,
+            quoting=csv.QUOTE_MINIMAL if dialect.has_quotes else csv.QUOTE_NONE,
         )
         odd: list[str] = []  # rows of another length
         last_odd = 0

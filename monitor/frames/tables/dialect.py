@@ -23,7 +23,7 @@ from monitor.frames.units import unit_of
 OWN_TIME: Final = "time_s"  # first column of the project's own tables
 HEAD_BYTES: Final = 1 << 18
 LINES: Final = 60  # of the head that are looked at
-_SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars"}
+_SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "blanks"}
 _BOMS: Final = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
@@ -120,8 +120,11 @@ def _layout(lines: Sequence[str], separator: str) -> _TextLayout | None:
 
     Of several headers the one counts that names most rows: settings may stand above a table.
     """
+    if separator == " ":  # a mark before the names is no name
+        lines = [line.rstrip().lstrip("#% ") for line in lines]
     try:
-        rows = list(csv.reader(io.StringIO("\n".join(lines)), delimiter=separator))
+        text = io.StringIO("\n".join(lines))
+        rows = list(csv.reader(text, delimiter=separator, skipinitialspace=True))
     except csv.Error:
         return None
     comma = separator != "," or any('"' in line for line in lines)

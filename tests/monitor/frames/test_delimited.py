@@ -24,7 +24,9 @@ def cells(path: Path) -> tuple[np.ndarray, Notes]:
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "cp1252"])
-@pytest.mark.parametrize(("separator", "comma"), [(",", False), (";", True), ("\t", True)])
+@pytest.mark.parametrize(
+    ("separator", "comma"), [(",", False), (";", True), ("\t", True), ("  ", True)]
+)
 @pytest.mark.parametrize("quoted", [False, True])
 @pytest.mark.parametrize("units", [(), ("s", "°")])
 def test_every_dialect_gives_the_same_numbers(
@@ -62,6 +64,13 @@ def test_marks_repeated_headers_and_words_for_no_value(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found[:, 1], [1000.0, *[np.nan] * 4])
     np.testing.assert_array_equal(found[:, 2], [1.0, 0.0, 1.0, 0.0, 1.0])
     assert notes.counts == {"markers": 1, "repeated_headers": 1}
+
+
+def test_columns_apart_by_blanks_may_have_a_mark_before_their_names(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("# by hand\n# Time  AFR\n  0.0 14.70  \n 10.5  9.81  \n")
+    assert open_delimited(path).names[:2] == ("Time", "AFR")
+    np.testing.assert_array_equal(cells(path)[0][:, :2], [[0.0, 14.7], [10.5, 9.81]])
 
 
 def test_words_tell_closed_loop(tmp_path: Path) -> None:
