@@ -68,7 +68,7 @@ def test_marks_repeated_headers_and_words_for_no_value(tmp_path: Path) -> None:
 
 def test_columns_apart_by_blanks_may_have_a_mark_before_their_names(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
-    path.write_text("# recorded by hand\n# Time  AFR\n  0.0 14.70  \n 10.5  9.81  \n")
+    path.write_text("# recorded by hand in May\n# Time  AFR\n  0.0 14.70  \n 10.5  9.81  \n")
     assert open_delimited(path).names[:2] == ("Time", "AFR")
     np.testing.assert_array_equal(cells(path)[0][:, :2], [[0.0, 14.7], [10.5, 9.81]])
 
