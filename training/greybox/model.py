@@ -20,7 +20,6 @@ from training.greybox.chain import (
 )
 from training.greybox.charge import ERROR_ROUNDS, MAP_ROUNDS, fit_with_error, fit_with_map
 from training.greybox.charge import INPUTS as CHARGE_INPUTS
-from training.greybox.effects import Own
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import (
     ROUNDS,
@@ -120,7 +119,7 @@ def fit_greybox(
         period_s=_period_s(data),
         charge_map=charge_map,
         charge_error=charge_error,
-        own=tuple(ModelEffect.with_values(effect.name, values.tolist()) for effect, values in own),
+        own=own,
     ).with_register()
     predicted = _free_run(data, greybox)
     card = _card(greybox, fitted, data, predicted)
@@ -139,11 +138,11 @@ def fit_greybox(
 
 
 def _further_inputs(
-    own: Own, recordings: "Sequence[Recording]", inputs: Sequence[str]
+    own: Sequence[ModelEffect], recordings: "Sequence[Recording]", inputs: Sequence[str]
 ) -> list[str]:
     """Return the signals of the vehicle's own effects that are no inputs but in all recordings."""
     common = frozenset.intersection(*(recording.known for recording in recordings))
-    wanted = dict.fromkeys(name for effect, _ in own for name in effect.signals_of(common))
+    wanted = dict.fromkeys(name for each in own for name in each.effect.signals_of(common))
     present = {*inputs, "engine_speed_rpm"}  # the chain computes a speed that is not broadcast
     return [name for name in wanted if name not in present]
 

@@ -22,6 +22,7 @@ from monitor.model.step import Model
 from training.greybox.chain import STOICHIOMETRIC, Constants
 from training.greybox.charge import ChargeError
 from training.greybox.effects import LIBRARY
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import ChainDrive, make
 from training.greybox.fit.ridge import Ridge
 from training.healthy.behaviour import Healthy, columns
@@ -73,7 +74,7 @@ def to_card(
         "recordings": [recording.path.name for recording in recordings],
         "base": constants(known.base),
         "plain": constants(known.plain),
-        "own": {effect.name: listed(values) for effect, values in known.own},
+        "own": {each.name: listed(each.values) for each in known.own},
         "columns": list(known.names),
         "size": [_rounded(sizes[name], PROBE_DIGITS) for name in known.names],
         "weight": listed(known.ridge.weights),
@@ -166,7 +167,7 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
         base=_constants(stored["base"]),
         plain=_constants(stored["plain"]),
         own=tuple(
-            (LIBRARY[name], _array(values, len(LIBRARY[name].parameters)))
+            ModelEffect.with_values(name, _array(values, len(LIBRARY[name].parameters)).tolist())
             for name, values in stored["own"].items()
         ),
         names=names,

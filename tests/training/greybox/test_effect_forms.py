@@ -11,8 +11,8 @@ from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from tests.helpers.gap.gap_graphs import driven, plain, ranges_of
 from training.greybox.chain import Constants, Path, base_path, inputs_of
 from training.greybox.effects import LIBRARY, Effect
-from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.graph.chain_graph import FUEL, Entry, Greybox, build
+from training.greybox.effects.model_effect import FUEL, ModelEffect
+from training.greybox.graph.chain_graph import Greybox, build
 
 CONSTANTS = Constants(
     gain=1.01, dead_time_s=0.17, dead_time_revolutions=1.6, mixing_s=0.05, sensor_s=0.12, span=0.96
@@ -39,7 +39,7 @@ def chain_with(effect: ModelEffect, reads: tuple[str, ...]) -> Greybox:
         u_low=low,
         u_high=high,
         period_s=PERIOD_S,
-        effects=(Entry(effect, reads),),
+        effects=(replace(effect, reads=reads),),
     )
     return chain.with_register()
 

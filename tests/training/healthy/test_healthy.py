@@ -96,7 +96,7 @@ def test_what_is_kept_for_later_runs_has_every_digit(tmp_path: Path) -> None:
     for name in ("weights", "low", "high"):
         assert np.array_equal(getattr(again.ridge, name), getattr(learned.ridge, name)), name
     assert np.array_equal(again.spread, learned.spread)
-    assert [(e, v.tolist()) for e, v in again.own] == [(e, v.tolist()) for e, v in learned.own]
+    assert [each.parameters for each in again.own] == [each.parameters for each in learned.own]
     assert np.array_equal(again.visited.cells, learned.visited.cells)
     # AND a damaged file is as none
     path.write_text(path.read_text()[:-100])

@@ -188,7 +188,7 @@ def test_a_model_extended_without_healthy_recordings_has_no_gap_left(
     assert card.reference[KEY] == Model.load(chain).card.reference[KEY]
     assert base.constants_of(card) == pytest.approx(known().base, rel=1e-5)
     own = {each.name: each.values for each in Greybox.of(card).own}
-    assert own == {effect.name: pytest.approx(values, rel=1e-5) for effect, values in known().own}
+    assert own == {each.name: pytest.approx(each.values, rel=1e-5) for each in known().own}
     again = asked(alone.addition.path, recordings(2_311_000, **FILM), tmp_path)
     assert again.verdict == "no_gap"
 

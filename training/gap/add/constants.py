@@ -63,9 +63,7 @@ def constants_of(
     tried = [fit_and_leave_out(case, last, groups) for case in cases]
     ratios = [left_out_ratio(judge, state.current, *each, groups) for each in tried]
     whole, left = tried[int(np.argmin(ratios))]
-    names = [c.name for c in naming.answer.effects]
-    left_out = tuple(_effects(names, each) for each in left)
-    return EffectConstants(_effects(names, whole), left_out, min(ratios))
+    return EffectConstants(whole.effects, tuple(each.effects for each in left), min(ratios))
 
 
 def fit_weighted(case: Case, found: JointFit) -> tuple[Case, JointFit]:
@@ -163,10 +161,3 @@ def _corrections(subject: Subject, case: Case, current: JointFit) -> tuple[Float
     alone = replace(case, corrections=tuple(np.zeros(len(drive)) for drive in case.drives))
     chain = predict(alone, current.base, (), ())
     return tuple(by_name[d.name] - phi for d, phi in zip(case.drives, chain, strict=True))
-
-
-def _effects(names: Sequence[str], found: JointFit) -> Effects:
-    values = zip(names, found.parameters, found.standard_errors, strict=True)
-    return tuple(
-        ModelEffect.with_values(name, own.tolist(), errors.tolist()) for name, own, errors in values
-    )

@@ -1,7 +1,7 @@
 """Effects become part of a grey-box model's file."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,8 @@ from training.greybox.charge import ChargeError
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import Fitted, described, reference
 from training.greybox.fit.drive import ChainDrive
-from training.greybox.graph.chain_graph import Entry, Greybox, save
-from training.greybox.graph.effect_inputs import SPEED, Ranges, channel_of, limits_of, reads_of
+from training.greybox.graph.chain_graph import Greybox, save
+from training.greybox.graph.effect_inputs import SPEED, Ranges, channel_of, limits_of, seeing
 from training.healthy.behaviour import Healthy
 
 BEFORE = "before_effects"  # what the card's measures are of: the new model's are not known here
@@ -34,9 +34,8 @@ class ChainVehicle:
     @classmethod
     def of(cls, known: Healthy, model: Greybox, drives: Sequence[ChainDrive]) -> "ChainVehicle":
         """Return the vehicle, with the model's charge if ``drives`` have it."""
-        own = tuple(ModelEffect.with_values(e.name, values.tolist()) for e, values in known.own)
         charged = any(drive.charged for drive in drives)
-        return cls(known.base, own, model.charge_error if charged else known.charge)
+        return cls(known.base, known.own, model.charge_error if charged else known.charge)
 
 
 def add(
@@ -60,17 +59,13 @@ def add(
     if card.kind != "greybox":
         raise ModelError(f"{model}: a {card.kind} model, a greybox is wanted to add effects in it")
     old = Greybox.of(card)
-    reads = [reads_of(each, old.inputs, ranges) for each in added]
+    added = [seeing(each, old.inputs, ranges) for each in added]
     if vehicle is not None:
         old = replace(
             old, constants=vehicle.constants, own=vehicle.own, charge_error=vehicle.charge_error
         )
-    greybox = _extended(old, added, reads, ranges)
-    came_from = [asdict(recording) for recording in recordings]
-    entries = [
-        each.to_card() | {"reads": list(names), "recordings": came_from}
-        for each, names in zip(added, reads, strict=True)
-    ]
+    greybox = _extended(old, added, ranges)
+    entries = [each.to_card(recordings) for each in added]
     card = _card(card, greybox, entries, ranges, recordings)
     if vehicle is not None:
         card = _with_constants(card, vehicle.constants)
@@ -78,21 +73,15 @@ def add(
     return card
 
 
-def _extended(
-    old: Greybox,
-    added: Sequence[ModelEffect],
-    reads: Sequence[Sequence[str]],
-    ranges: Ranges,
-) -> Greybox:
-    own = [reads_of(each, old.inputs, ranges) for each in old.own]
-    wanted = dict.fromkeys(name for each in (*own, *reads) for name in each)
+def _extended(old: Greybox, added: Sequence[ModelEffect], ranges: Ranges) -> Greybox:
+    own = [seeing(each, old.inputs, ranges) for each in old.own]
+    wanted = dict.fromkeys(name for each in (*own, *added) for name in each.reads or ())
     further = [name for name in wanted if name not in (*old.inputs, SPEED)]  # it knows the speed
     inputs = (*old.inputs, *further)
     known = dict(zip(old.inputs, zip(old.u_low, old.u_high, strict=True), strict=True))
     limits = np.array([limits_of(name, known.get(name), ranges.get(name)) for name in inputs])
-    new = tuple(Entry(each, tuple(names)) for each, names in zip(added, reads, strict=True))
     low, high = limits.T
-    extended = replace(old, inputs=inputs, u_low=low, u_high=high, effects=(*old.effects, *new))
+    extended = replace(old, inputs=inputs, u_low=low, u_high=high, effects=(*old.effects, *added))
     return extended.with_register()
 
 

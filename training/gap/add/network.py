@@ -55,7 +55,10 @@ def add(
         inputs=_channels(card, inputs, ranges),
         state=replace(card.state, size=size + 1 + difference.n_states),
         recordings=tuple({r.sha256: r for r in (*card.recordings, *recordings)}.values()),
-        effects=(*card.effects, *difference.effects_to_card(recordings)[len(older) :]),
+        effects=(
+            *card.effects,
+            *(each.to_card(recordings) for each in difference.effects[len(older) :]),
+        ),
         structure=dict(card.structure)
         | {"chain": difference.to_card(), "network_inputs": n_inputs, "network_state": size},
     )

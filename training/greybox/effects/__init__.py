@@ -1,8 +1,8 @@
 """The library of effects that a vehicle may have and its model may lack, by where it acts.
 
 Each effect has a few constants and changes the mixture's path (``training.greybox.chain.Path``),
-nothing else. Its equation stands once; a drive and a graph compute it alike. Enter a new effect
-here; fits try the effects in this order. A distribution may bring further ones by the entry point
+nothing else. Its equation stands once; a drive and a graph compute it alike. Fits try
+the effects in the order of the modules. A distribution may bring further ones by the entry point
 ``o2_monitor.effects``, named as the effect; they follow in alphabetical order.
 
 ``ALL`` and ``LIBRARY`` are made on first use, because a module that brings an effect imports this
@@ -16,28 +16,16 @@ from typing import Final
 
 from monitor.base.errors import UsageError
 from training.greybox.effects import air, exhaust, fuel
-from training.greybox.effects.effect import Effect, Own, Parameter, along
+from training.greybox.effects.effect import Effect, Parameter
 
 GROUP: Final = "o2_monitor.effects"
 ALL: tuple[Effect, ...]
 LIBRARY: Mapping[str, Effect]
-OWN: Final[tuple[Effect, ...]] = (  # of this package
-    fuel.WALL_FILM,
-    fuel.INJECTOR_OFFSET,
-    fuel.RAIL_EXPONENT,
-    fuel.PURGE,
-    fuel.ETHANOL,
-    air.MAF_OFFSET,
-    air.MAF_PULSATION,
-    air.SCAVENGING,
-    air.CHARGE_TEMPERATURE,
-    air.MANIFOLD_FILLING,
-    exhaust.DELAY_FLOW,
-    exhaust.MIX_FLOW,
-    exhaust.EXHAUST_LEAK,
-    exhaust.FUEL_CUT_TAIL,
-    exhaust.SENSOR_ASYMMETRY,
-    exhaust.BACK_PRESSURE,
+OWN: Final = tuple(  # of this package, as they stand in its modules
+    each
+    for module in (fuel, air, exhaust)
+    for each in vars(module).values()
+    if isinstance(each, Effect)
 )
 
 
@@ -76,4 +64,4 @@ def _loaded(plugin: EntryPoint) -> Effect:
     return found
 
 
-__all__ = ["ALL", "LIBRARY", "OWN", "Effect", "Own", "Parameter", "along", "origins"]
+__all__ = ["ALL", "LIBRARY", "OWN", "Effect", "Parameter", "origins"]

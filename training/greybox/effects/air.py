@@ -5,10 +5,11 @@ corrected by the meter follows over seconds. Healthy drives tell the two apart, 
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 from training.greybox.chain import AIR_LEAST_MG
-from training.greybox.effects.effect import Effect, Parameter, Values
+from training.greybox.effects.effect import Changed, Effect, Parameter, Values
 from training.greybox.effects.place import KELVIN, Place
 from training.greybox.quantity.value import Quantity, clip, exp, maximum, minimum, tanh
 
@@ -52,7 +53,14 @@ def _taken_over(at: Place, error: Quantity, metered: Quantity, followed_s: float
     return at.lag(error / at.lag(metered, followed_s), followed_s)
 
 
-def _maf_offset(at: Place, p: Values) -> dict[str, Quantity]:
+@partial(
+    Effect,
+    says="the air meter reads a constant flow too much",
+    parameters=(Parameter("offset", "kg/h", -8.0, 8.0, (0.2,)), FOLLOWED),
+    needs=("maf_kg_h",),
+    tag="fault-like",
+)
+def maf_offset(at: Place, p: Values) -> Changed:
     """Change the air as a meter does that reads a constant flow too much.
 
     The constant is the part that the charge takes over: a charge that follows the meter in part
@@ -62,17 +70,21 @@ def _maf_offset(at: Place, p: Values) -> dict[str, Quantity]:
     return at.air_times(1.0 - _taken_over(at, offset_kg_h, _metered_kg_h(at), followed_s))
 
 
-MAF_OFFSET: Final = Effect(
-    name="maf_offset",
-    says="the air meter reads a constant flow too much",
-    parameters=(Parameter("offset", "kg/h", -8.0, 8.0, (0.2,)), FOLLOWED),
-    needs=("maf_kg_h",),
-    tag="fault-like",
-    equation=_maf_offset,
+@partial(
+    Effect,
+    says="pulsation makes the air meter read too much",
+    look_at="pulsation by which the meter reads too little, and the ECU's correction of it",
+    parameters=(
+        Parameter("magnitude", "-", -1.0, 4.0, (0.2,), positive=True),
+        Parameter("centre", "1/min", 800.0, 2500.0, (1200.0, 1800.0)),
+        Parameter("limit", "-", 0.02, 0.5, (0.1,)),
+        FOLLOWED,
+    ),
+    needs=("engine_speed_rpm", "manifold_pressure_kpa", "maf_kg_h"),
+    optional=("ambient_pressure_kpa",),
+    tag="physics",
 )
-
-
-def _maf_pulsation(at: Place, p: Values) -> dict[str, Quantity]:
+def maf_pulsation(at: Place, p: Values) -> Changed:
     """Change the air as a meter does that reads too much at low speed and high load.
 
     Air that flows back counts as air drawn in, so the error is never negative. Its form is a bump
@@ -88,24 +100,19 @@ def _maf_pulsation(at: Place, p: Values) -> dict[str, Quantity]:
     return at.air_times(1.0 - limit * tanh(wrong / limit))
 
 
-MAF_PULSATION: Final = Effect(
-    name="maf_pulsation",
-    says="pulsation makes the air meter read too much",
-    look_at="pulsation by which the meter reads too little, and the ECU's correction of it",
+@partial(
+    Effect,
+    says="air blows through while both valves are open",
+    look_at="charge that the ECU's scavenging correction takes away too much",
     parameters=(
-        Parameter("magnitude", "-", -1.0, 4.0, (0.2,), positive=True),
-        Parameter("centre", "1/min", 800.0, 2500.0, (1200.0, 1800.0)),
-        Parameter("limit", "-", 0.02, 0.5, (0.1,)),
-        FOLLOWED,
+        Parameter("magnitude", "-", -0.5, 5.0, (0.2,), positive=True),
+        Parameter("end", "1/min", 1600.0, 4000.0, (2400.0, 3200.0)),
     ),
-    needs=("engine_speed_rpm", "manifold_pressure_kpa", "maf_kg_h"),
+    needs=("engine_speed_rpm", "manifold_pressure_kpa"),
     optional=("ambient_pressure_kpa",),
     tag="physics",
-    equation=_maf_pulsation,
 )
-
-
-def _scavenging(at: Place, p: Values) -> dict[str, Quantity]:
+def scavenging(at: Place, p: Values) -> Changed:
     """Add air that blows through both open valves at high load and low speed.
 
     The sensor reads this air as lean. Its share grows in proportion to manifold pressure above 0.9
@@ -118,22 +125,18 @@ def _scavenging(at: Place, p: Values) -> dict[str, Quantity]:
     return at.air_times(1.0 + minimum(magnitude * drive * fade, SHARE_MAX))
 
 
-SCAVENGING: Final = Effect(
-    name="scavenging",
-    says="air blows through while both valves are open",
-    look_at="charge that the ECU's scavenging correction takes away too much",
+@partial(
+    Effect,
+    says="walls warm the charge behind the temperature sensor",
     parameters=(
-        Parameter("magnitude", "-", -0.5, 5.0, (0.2,), positive=True),
-        Parameter("end", "1/min", 1600.0, 4000.0, (2400.0, 3200.0)),
+        Parameter("share", "-", -0.6, 0.8, (0.05,)),
+        Parameter("learned", "-", 0.0, 0.9, (0.5,), spread=0.5),
+        SLOWLY,
     ),
-    needs=("engine_speed_rpm", "manifold_pressure_kpa"),
-    optional=("ambient_pressure_kpa",),
+    needs=("coolant_temperature_degc", "manifold_temperature_degc", "maf_kg_h"),
     tag="physics",
-    equation=_scavenging,
 )
-
-
-def _charge_temperature(at: Place, p: Values) -> dict[str, Quantity]:
+def charge_temperature(at: Place, p: Values) -> Changed:
     """Take away the mass that the charge loses to hot walls behind the manifold's sensor.
 
     The charge warms by a share of the coolant's excess, less at high flow. An ECU that corrects its
@@ -148,21 +151,14 @@ def _charge_temperature(at: Place, p: Values) -> dict[str, Quantity]:
     return at.air_times(left / (1.0 - learned * at.lag(1.0 - left, followed_s)))
 
 
-CHARGE_TEMPERATURE: Final = Effect(
-    name="charge_temperature",
-    says="walls warm the charge behind the temperature sensor",
-    parameters=(
-        Parameter("share", "-", -0.6, 0.8, (0.05,)),
-        Parameter("learned", "-", 0.0, 0.9, (0.5,), spread=0.5),
-        SLOWLY,
-    ),
-    needs=("coolant_temperature_degc", "manifold_temperature_degc", "maf_kg_h"),
+@partial(
+    Effect,
+    says="the charge is later or earlier than broadcast while load moves",
+    parameters=(Parameter("time", "s", -0.4, 0.4, (0.02, -0.02)),),
+    needs=("engine_speed_rpm",),
     tag="physics",
-    equation=_charge_temperature,
 )
-
-
-def _manifold_filling(at: Place, p: Values) -> dict[str, Quantity]:
+def manifold_filling(at: Place, p: Values) -> Changed:
     """Fill the runner later than the manifold's sensor says.
 
     The charge follows with a time constant in inverse proportion to engine speed. It follows in its
@@ -173,13 +169,3 @@ def _manifold_filling(at: Place, p: Values) -> dict[str, Quantity]:
     charge = maximum(at.of("air_mg"), AIR_LEAST_MG)
     late = at.proportional_lag(charge, time_s)
     return {"air_mg": late if p[0] >= 0.0 else charge * charge / late}
-
-
-MANIFOLD_FILLING: Final = Effect(
-    name="manifold_filling",
-    says="the charge is later or earlier than broadcast while load moves",
-    parameters=(Parameter("time", "s", -0.4, 0.4, (0.02, -0.02)),),
-    needs=("engine_speed_rpm",),
-    tag="physics",
-    equation=_manifold_filling,
-)

@@ -1,7 +1,7 @@
 """An effect of the library: parameters, signals, equation, and the memory that it needs."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from monitor.base.types import FloatArray
@@ -10,6 +10,8 @@ from training.greybox.effects.place import Place
 from training.greybox.quantity.value import Quantity
 
 Values = Sequence[float]  # of an effect's parameters, in their order
+Changed = Mapping[str, Quantity]  # fields of the path with their new values
+Equation = Callable[[Place, Values], Changed]
 Tag = Literal["physics", "fault-like", "either"]
 
 
@@ -34,7 +36,8 @@ def _none(values: Values) -> float:
 class Effect:
     """One entry of the library."""
 
-    name: str
+    equation: Equation = field(kw_only=False)
+    name: str = ""  # that of the equation if none is given
     says: str  # effect on the vehicle, as the end of a sentence
     look_at: str = ""  # causes of a size below 0 that is another effect, as the end of a sentence
     parameters: tuple[Parameter, ...]
@@ -46,10 +49,12 @@ class Effect:
     like: tuple[str, ...] = ()  # names from which the effect cannot be told by construction
     gain_class: bool = False  # a constant factor on the mixture: seen against a reference only
     varies: bool = False  # from drive to drive, so that the effect may begin between two drives
-    equation: Callable[[Place, Values], Mapping[str, Quantity]]  # the fields that change
     dead_time_s: Callable[[Values], float] = _none  # at most, beside the base's
     lag_s: Callable[[Values], float] = _none  # at most, beside the base's lags
     slower: Callable[[Values], float] = _none  # relative growth of the base's lags, at most
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", self.name or self.equation.__name__)
 
     def apply(
         self, path: Path, values: FloatArray, signals: Mapping[str, Quantity], period_s: float
@@ -68,13 +73,3 @@ class Effect:
         better = dict(self.superseded)
         optional = (n for n in self.optional if n in present and better.get(n) not in present)
         return (*self.needs, *optional)
-
-
-Own = tuple[tuple[Effect, FloatArray], ...]  # effects of a healthy vehicle, with their values
-
-
-def along(path: Path, own: Own, signals: Mapping[str, Quantity], period_s: float) -> Path:
-    """Return the path with the effects applied one after the other."""
-    for effect, values in own:
-        path = effect.apply(path, values, signals, period_s)
-    return path

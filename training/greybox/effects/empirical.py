@@ -11,7 +11,7 @@ from typing import Final
 
 from monitor.base.errors import ModelError
 from training.greybox.effects.air import SLOWLY
-from training.greybox.effects.effect import Effect, Parameter, Values
+from training.greybox.effects.effect import Changed, Effect, Parameter, Values
 from training.greybox.effects.place import Place
 from training.greybox.effects.shape import (
     BEND,
@@ -29,8 +29,6 @@ from training.greybox.quantity.value import Quantity, clip, maximum
 
 PREFIX: Final = "empirical"
 PERCENT: Final = 100.0
-
-Changed = Mapping[str, Quantity]  # fields of the path
 
 
 @dataclass(frozen=True, slots=True)

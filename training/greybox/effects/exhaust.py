@@ -1,11 +1,12 @@
 """Effects between the exhaust valve and the reading."""
 
 import math
+from functools import partial
 from typing import Final
 
-from training.greybox.effects.effect import Effect, Parameter, Values
+from training.greybox.effects.effect import Changed, Effect, Parameter, Values
 from training.greybox.effects.place import FLOW_MIN_KG_H, Place, longest_passage_s
-from training.greybox.quantity.value import Quantity, clip, exp, maximum, where
+from training.greybox.quantity.value import clip, exp, maximum, where
 
 DEAD_TIME_MAX_S: Final = 3.0
 MIXING_MAX_S: Final = 5.0
@@ -17,51 +18,49 @@ DROP_FLOW_KG_H: Final = 200.0  # at which the pressure drop is 100 kPa
 SPAN_MIN, SPAN_MAX = 0.1, 5.0
 
 
-def _delay_flow(at: Place, p: Values) -> dict[str, Quantity]:
-    """Let the exhaust fill a volume before it reaches the sensor: volume over flow."""
-    dead_time_s = at.of("dead_time_s") + at.passage_s(p[0])
-    return {"dead_time_s": clip(dead_time_s, 0.0, DEAD_TIME_MAX_S)}
-
-
-def _longest_delay_s(p: Values) -> float:
-    return min(longest_passage_s(p[0]), DEAD_TIME_MAX_S)
-
-
-DELAY_FLOW: Final = Effect(
-    name="delay_flow",
+@partial(
+    Effect,
     says="dead time follows the exhaust's flow",
     look_at="a sensor that sits nearer to the valves than on the healthy vehicle",
     parameters=(Parameter("volume", "l", -1.0, 20.0, (0.5, 2.0, 8.0), positive=True),),
     needs=("engine_speed_rpm",),
     tag="physics",
-    equation=_delay_flow,
-    dead_time_s=_longest_delay_s,
+    dead_time_s=lambda p: min(longest_passage_s(p[0]), DEAD_TIME_MAX_S),
 )
+def delay_flow(at: Place, p: Values) -> Changed:
+    """Let the exhaust fill a volume before it reaches the sensor: volume over flow."""
+    dead_time_s = at.of("dead_time_s") + at.passage_s(p[0])
+    return {"dead_time_s": clip(dead_time_s, 0.0, DEAD_TIME_MAX_S)}
 
 
-def _mix_flow(at: Place, p: Values) -> dict[str, Quantity]:
-    """Let the exhaust mix in a volume, whose time constant is volume over flow."""
-    mixing_s = at.of("mixing_s") + at.passage_s(p[0])
-    return {"mixing_s": clip(mixing_s, 0.0, MIXING_MAX_S)}
-
-
-def _longest_mixing_s(p: Values) -> float:
-    return min(longest_passage_s(p[0]), MIXING_MAX_S)
-
-
-MIX_FLOW: Final = Effect(
-    name="mix_flow",
+@partial(
+    Effect,
     says="mixing follows the exhaust's flow",
     look_at="a sensor that sits where the exhaust mixes less than on the healthy vehicle",
     parameters=(Parameter("volume", "l", -1.0, 20.0, (0.5, 2.0), positive=True),),
     needs=("engine_speed_rpm",),
     tag="physics",
-    equation=_mix_flow,
-    lag_s=_longest_mixing_s,
+    lag_s=lambda p: min(longest_passage_s(p[0]), MIXING_MAX_S),
 )
+def mix_flow(at: Place, p: Values) -> Changed:
+    """Let the exhaust mix in a volume, whose time constant is volume over flow."""
+    mixing_s = at.of("mixing_s") + at.passage_s(p[0])
+    return {"mixing_s": clip(mixing_s, 0.0, MIXING_MAX_S)}
 
 
-def _exhaust_leak(at: Place, p: Values) -> dict[str, Quantity]:
+@partial(
+    Effect,
+    says="a leak draws air into the exhaust at low flow",
+    look_at="fuel that enters at low flow: dripping injectors, vapour of the crankcase",
+    parameters=(
+        Parameter("fraction", "-", -0.3, 0.4, (0.02,), positive=True),
+        Parameter("fading", "kg/h", 8.0, 120.0, (20.0, 50.0)),
+        Parameter("place", "-", 0.0, 1.0, (0.5,), spread=0.5),
+    ),
+    needs=("engine_speed_rpm",),
+    tag="fault-like",
+)
+def exhaust_leak(at: Place, p: Values) -> Changed:
     """Draw air in through a leak by pulsation; its share fades with the flow.
 
     Air that enters near the valves (place 0) travels to the sensor with the exhaust; air that
@@ -76,22 +75,20 @@ def _exhaust_leak(at: Place, p: Values) -> dict[str, Quantity]:
     }
 
 
-EXHAUST_LEAK: Final = Effect(
-    name="exhaust_leak",
-    says="a leak draws air into the exhaust at low flow",
-    look_at="fuel that enters at low flow: dripping injectors, vapour of the crankcase",
+@partial(
+    Effect,
+    says="the exhaust stays lean after a fuel cut",
+    look_at="the ECU's enrichment after a fuel cut, and dripping injectors",
     parameters=(
-        Parameter("fraction", "-", -0.3, 0.4, (0.02,), positive=True),
-        Parameter("fading", "kg/h", 8.0, 120.0, (20.0, 50.0)),
-        Parameter("place", "-", 0.0, 1.0, (0.5,), spread=0.5),
+        Parameter("depth", "-", -0.5, 2.0, (0.05,), positive=True),
+        Parameter("time", "s", 0.2, 8.0, (2.0,)),
+        Parameter("exponent", "-", 0.0, 1.0, (0.5,), spread=0.5),
     ),
     needs=("engine_speed_rpm",),
-    tag="fault-like",
-    equation=_exhaust_leak,
+    tag="physics",
+    lag_s=lambda p: p[1] * (TAIL_FLOW_KG_H / FLOW_MIN_KG_H) ** p[2],
 )
-
-
-def _fuel_cut_tail(at: Place, p: Values) -> dict[str, Quantity]:
+def fuel_cut_tail(at: Place, p: Values) -> Changed:
     """Keep the gas lean for a while after a fuel cut.
 
     Air leaves a dead volume, and walls are dry. The cut fills a store, which empties afterwards in
@@ -106,27 +103,16 @@ def _fuel_cut_tail(at: Place, p: Values) -> dict[str, Quantity]:
     return {"gas_factor": at.of("gas_factor") * kept}
 
 
-def _longest_tail_s(p: Values) -> float:
-    return p[1] * (TAIL_FLOW_KG_H / FLOW_MIN_KG_H) ** p[2]
-
-
-FUEL_CUT_TAIL: Final = Effect(
-    name="fuel_cut_tail",
-    says="the exhaust stays lean after a fuel cut",
-    look_at="the ECU's enrichment after a fuel cut, and dripping injectors",
-    parameters=(
-        Parameter("depth", "-", -0.5, 2.0, (0.05,), positive=True),
-        Parameter("time", "s", 0.2, 8.0, (2.0,)),
-        Parameter("exponent", "-", 0.0, 1.0, (0.5,), spread=0.5),
-    ),
-    needs=("engine_speed_rpm",),
-    tag="physics",
-    equation=_fuel_cut_tail,
-    lag_s=_longest_tail_s,
+@partial(
+    Effect,
+    says="the sensor follows one direction slower than the other",
+    parameters=(Parameter("logarithm", "-", -2.5, 2.5, (0.3, -0.3)),),
+    needs=(),
+    tag="either",
+    like=("slow_rich_to_lean", "slow_lean_to_rich"),
+    slower=lambda p: math.exp(abs(p[0])) - 1.0,
 )
-
-
-def _sensor_asymmetry(at: Place, p: Values) -> dict[str, Quantity]:
+def sensor_asymmetry(at: Place, p: Values) -> Changed:
     """Make a healthy sensor slower in one direction and faster in the other by the same factor.
 
     For a logarithm above 0 it follows a rising phi (lean to rich) slower.
@@ -137,23 +123,16 @@ def _sensor_asymmetry(at: Place, p: Values) -> dict[str, Quantity]:
     }
 
 
-def _slower(p: Values) -> float:
-    return math.exp(abs(p[0])) - 1.0
-
-
-SENSOR_ASYMMETRY: Final = Effect(
-    name="sensor_asymmetry",
-    says="the sensor follows one direction slower than the other",
-    parameters=(Parameter("logarithm", "-", -2.5, 2.5, (0.3, -0.3)),),
-    needs=(),
-    tag="either",
-    like=("slow_rich_to_lean", "slow_lean_to_rich"),
-    equation=_sensor_asymmetry,
-    slower=_slower,
+@partial(
+    Effect,
+    says="exhaust pressure raises the sensor's sensitivity",
+    look_at="a pressure correction of the reading that is too strong",
+    parameters=(Parameter("sensitivity", "1/bar", -2.0, 6.0, (0.3,), positive=True),),
+    needs=("engine_speed_rpm",),
+    optional=("ambient_pressure_kpa",),
+    tag="physics",
 )
-
-
-def _back_pressure(at: Place, p: Values) -> dict[str, Quantity]:
+def back_pressure(at: Place, p: Values) -> Changed:
     """Raise the sensor's sensitivity by the exhaust's pressure.
 
     The pressure at the sensor is ambient plus a drop with the square of the exhaust's flow.
@@ -163,15 +142,3 @@ def _back_pressure(at: Place, p: Values) -> dict[str, Quantity]:
     above_kpa = drop_kpa + (at.ambient_kpa(without=REFERENCE_KPA) - REFERENCE_KPA)
     factor = clip(1.0 + 0.01 * p[0] * above_kpa, SPAN_MIN, SPAN_MAX)
     return {"span": at.of("span") * factor}
-
-
-BACK_PRESSURE: Final = Effect(
-    name="back_pressure",
-    says="exhaust pressure raises the sensor's sensitivity",
-    look_at="a pressure correction of the reading that is too strong",
-    parameters=(Parameter("sensitivity", "1/bar", -2.0, 6.0, (0.3,), positive=True),),
-    needs=("engine_speed_rpm",),
-    optional=("ambient_pressure_kpa",),
-    tag="physics",
-    equation=_back_pressure,
-)

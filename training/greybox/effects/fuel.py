@@ -1,11 +1,12 @@
 """Effects on the fuel that the cylinder gets."""
 
+from functools import partial
 from typing import Final
 
 from training.greybox.chain import STOICHIOMETRIC
-from training.greybox.effects.effect import Effect, Parameter, Values
+from training.greybox.effects.effect import Changed, Effect, Parameter, Values
 from training.greybox.effects.place import Place
-from training.greybox.quantity.value import Quantity, maximum, minimum, where
+from training.greybox.quantity.value import maximum, minimum, where
 
 FILM_WARM_DEGC: Final = 80.0
 FILM_SHARE_MAX: Final = 0.8
@@ -19,7 +20,20 @@ ETHANOL_AIR_FUEL: Final = 9.0  # stoichiometric, by mass
 GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / STOICHIOMETRIC  # of the mixture, per fraction
 
 
-def _wall_film(at: Place, p: Values) -> dict[str, Quantity]:
+@partial(
+    Effect,
+    says="part of the fuel lands on walls and evaporates later",
+    look_at="a transient compensation of the ECU that is too strong",
+    parameters=(
+        Parameter("share", "-", -0.1, 0.6, (0.1,), positive=True),
+        Parameter("time", "s", 0.1, 4.0, (0.4, 1.2)),
+        Parameter("cold_growth", "-", 0.0, 4.0, (1.0,), spread=1.0),
+    ),
+    needs=("engine_speed_rpm",),
+    optional=("coolant_temperature_degc",),
+    tag="physics",
+)
+def wall_film(at: Place, p: Values) -> Changed:
     """Let part of the fuel land on the intake's walls and evaporate later, the X-tau model.
 
     The film takes a share X of the fuel flow and gives it back with the time constant tau. Both
@@ -40,23 +54,14 @@ def _wall_film(at: Place, p: Values) -> dict[str, Quantity]:
     return {"fuel_mg": fuel - landed + evaporated}
 
 
-WALL_FILM: Final = Effect(
-    name="wall_film",
-    says="part of the fuel lands on walls and evaporates later",
-    look_at="a transient compensation of the ECU that is too strong",
-    parameters=(
-        Parameter("share", "-", -0.1, 0.6, (0.1,), positive=True),
-        Parameter("time", "s", 0.1, 4.0, (0.4, 1.2)),
-        Parameter("cold_growth", "-", 0.0, 4.0, (1.0,), spread=1.0),
-    ),
-    needs=("engine_speed_rpm",),
-    optional=("coolant_temperature_degc",),
-    tag="physics",
-    equation=_wall_film,
+@partial(
+    Effect,
+    says="every injection gives a constant mass more or less",
+    parameters=(Parameter("offset", "mg/stroke", -3.0, 3.0, (0.1,)),),
+    needs=(),
+    tag="either",
 )
-
-
-def _injector_offset(at: Place, p: Values) -> dict[str, Quantity]:
+def injector_offset(at: Place, p: Values) -> Changed:
     """Let every injection give a constant mass more than commanded.
 
     A wrong dead time of the injectors does this; it matters most where injections are short.
@@ -65,17 +70,14 @@ def _injector_offset(at: Place, p: Values) -> dict[str, Quantity]:
     return {"fuel_mg": maximum(fuel + where(at.injecting(), p[0], 0.0), 0.0)}
 
 
-INJECTOR_OFFSET: Final = Effect(
-    name="injector_offset",
-    says="every injection gives a constant mass more or less",
-    parameters=(Parameter("offset", "mg/stroke", -3.0, 3.0, (0.1,)),),
-    needs=(),
-    tag="either",
-    equation=_injector_offset,
+@partial(
+    Effect,
+    says="injected mass follows rail pressure by another power",
+    parameters=(Parameter("exponent", "-", -0.5, 0.5, (0.05,)),),
+    needs=("rail_pressure_mpa",),
+    tag="physics",
 )
-
-
-def _rail_exponent(at: Place, p: Values) -> dict[str, Quantity]:
+def rail_exponent(at: Place, p: Values) -> Changed:
     """Let the injected mass follow rail pressure by another power than a square root.
 
     The ECU takes the square root of Bernoulli's law; cavitation changes the power. The deviation x
@@ -85,17 +87,18 @@ def _rail_exponent(at: Place, p: Values) -> dict[str, Quantity]:
     return {"fuel_mg": at.of("fuel_mg") * ratio ** p[0]}
 
 
-RAIL_EXPONENT: Final = Effect(
-    name="rail_exponent",
-    says="injected mass follows rail pressure by another power",
-    parameters=(Parameter("exponent", "-", -0.5, 0.5, (0.05,)),),
-    needs=("rail_pressure_mpa",),
+@partial(
+    Effect,
+    says="canister purge brings fuel vapour",
+    look_at="air through the purge valve: an empty canister whose vapour the ECU takes for granted",
+    parameters=(Parameter("concentration", "mg/s/kPa", -2.0, 8.0, (0.3,), positive=True),),
+    needs=("manifold_pressure_kpa", "engine_speed_rpm"),
+    optional=("ambient_pressure_kpa", "purge_duty_percent", "coolant_temperature_degc"),
+    superseded=(("coolant_temperature_degc", "purge_duty_percent"),),
     tag="physics",
-    equation=_rail_exponent,
+    varies=True,
 )
-
-
-def _purge(at: Place, p: Values) -> dict[str, Quantity]:
+def purge(at: Place, p: Values) -> Changed:
     """Add the fuel vapour of the canister that comes with the purge air.
 
     The vapour flow is its concentration times the valve's duty times the pressure drop to the
@@ -115,21 +118,16 @@ def _purge(at: Place, p: Values) -> dict[str, Quantity]:
     return {"fuel_mg": fuel + where(at.injecting(), vapour_mg_s / at.strokes_per_s(), 0.0)}
 
 
-PURGE: Final = Effect(
-    name="purge",
-    says="canister purge brings fuel vapour",
-    look_at="air through the purge valve: an empty canister whose vapour the ECU takes for granted",
-    parameters=(Parameter("concentration", "mg/s/kPa", -2.0, 8.0, (0.3,), positive=True),),
-    needs=("manifold_pressure_kpa", "engine_speed_rpm"),
-    optional=("ambient_pressure_kpa", "purge_duty_percent", "coolant_temperature_degc"),
-    superseded=(("coolant_temperature_degc", "purge_duty_percent"),),
-    tag="physics",
-    varies=True,
-    equation=_purge,
+@partial(
+    Effect,
+    says="the fuel's stoichiometric ratio differs",
+    parameters=(Parameter("fraction", "-", -0.3, 1.0, (0.05,)),),
+    needs=(),
+    tag="either",
+    like=("biased", "humidity", "slope error of the air meter", "slope error of the injectors"),
+    gain_class=True,
 )
-
-
-def _ethanol(at: Place, p: Values) -> dict[str, Quantity]:
+def ethanol(at: Place, p: Values) -> Changed:
     """Let a fraction of ethanol need less air.
 
     The stoichiometric ratio falls from 14.7 to 9.0 by mass in proportion to the fraction, which is
@@ -137,15 +135,3 @@ def _ethanol(at: Place, p: Values) -> dict[str, Quantity]:
     same.
     """
     return {"factor": at.of("factor") * (1.0 - p[0] * GAIN_OF_ETHANOL)}
-
-
-ETHANOL: Final = Effect(
-    name="ethanol",
-    says="the fuel's stoichiometric ratio differs",
-    parameters=(Parameter("fraction", "-", -0.3, 1.0, (0.05,)),),
-    needs=(),
-    tag="either",
-    like=("biased", "humidity", "slope error of the air meter", "slope error of the injectors"),
-    gain_class=True,
-    equation=_ethanol,
-)

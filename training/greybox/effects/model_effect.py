@@ -1,16 +1,20 @@
 """An effect of the library with its values, as a part of a model and its card."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 import numpy as np
 
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
+from monitor.model.card import TrainingRecording
+from training.greybox.chain import Path
 from training.greybox.effects import LIBRARY, Effect
 from training.greybox.effects.empirical import effect_of, is_empirical
+from training.greybox.quantity.value import Quantity
 
+FUEL: Final = "fuel_mass_mg"  # every effect reads it
 AS_EXPECTED: Final = 0.8  # of the expected spread: a larger standard error tells nothing new
 
 
@@ -24,6 +28,7 @@ class ModelEffect:
     name: str
     parameters: Mapping[str, float]
     standard_errors: Mapping[str, float]
+    reads: tuple[str, ...] | None = field(default=None, compare=False)  # beside fuel; None: all
 
     def __post_init__(self) -> None:
         wanted = [p.name for p in _entry(self.name).parameters]
@@ -71,10 +76,15 @@ class ModelEffect:
         sizes = (f"{p.name} {value:.3g} {p.unit}".removesuffix(" -") for p, value in of)
         return f"{self.name}: {', '.join(sizes)}"
 
-    def to_card(self) -> dict[str, Any]:
-        """Return the entry for a card, with what the library says; see ``from_card``."""
+    def to_card(self, recordings: Sequence[TrainingRecording]) -> dict[str, Any]:
+        """Return the entry for a card, with what the library says; see ``from_card``.
+
+        recordings : what the effect was fitted to
+        """
         effect = self.effect
         return asdict(self) | {
+            "reads": list(self.reads or ()),
+            "recordings": [asdict(recording) for recording in recordings],
             "says": effect.says,
             "tag": effect.tag,
             "like": list(effect.like),
@@ -88,7 +98,8 @@ class ModelEffect:
         Raises ModelError if a field is missing or the library has no such effect.
         """
         try:
-            return cls(**{name: given[name] for name in cls.__slots__})
+            kept = {name: given[name] for name in ("name", "parameters", "standard_errors")}
+            return cls(**kept, reads=tuple(given["reads"]))
         except (KeyError, TypeError) as error:
             raise ModelError(f"an added effect of the card lacks {error}") from None
 
@@ -100,6 +111,16 @@ def _entry(name: str) -> Effect:
     if name not in LIBRARY:
         raise ModelError(f"effect {name!r} is not in the library: {', '.join(LIBRARY)}")
     return LIBRARY[name]
+
+
+def along(
+    path: Path, effects: Sequence[ModelEffect], signals: Mapping[str, Quantity], period_s: float
+) -> Path:
+    """Return the path with the effects applied one after the other, by the signals they read."""
+    for each in effects:
+        seen = signals if each.reads is None else {n: signals[n] for n in (FUEL, *each.reads)}
+        path = each.effect.apply(path, each.values, seen, period_s)
+    return path
 
 
 def uncertain(added: Sequence[ModelEffect]) -> list[str]:

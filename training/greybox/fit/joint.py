@@ -10,6 +10,8 @@ from scipy.optimize import least_squares
 
 from monitor.base.types import FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants
+from training.greybox.effects import Effect
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.case import Case, Term, judged, plain_errors, predict, white
 from training.greybox.fit.comparison import FOLDS
 
@@ -61,6 +63,16 @@ class JointFit:
         own = [len(p) for p in self.parameters]
         sizes = np.cumsum([len(spread) - sum(own), *own])
         return tuple(spread[a:b] for a, b in pairwise(sizes))
+
+    @property
+    def effects(self) -> tuple[ModelEffect, ...]:
+        """Its effects with their values and standard errors."""
+        terms = zip(self.terms, self.parameters, self.standard_errors, strict=True)
+        return tuple(
+            ModelEffect.with_values(term.name, values.tolist(), errors.tolist())
+            for term, values, errors in terms
+            if isinstance(term, Effect)
+        )
 
 
 def fit(

@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from training.greybox.chain import Constants
-from training.greybox.effects import LIBRARY, Effect, Own
+from training.greybox.effects import LIBRARY, Effect
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.case import WHITE, Case, has_its_signs
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.joint import JointFit, fit
@@ -20,11 +21,10 @@ FALL: Final = 0.3  # relative fall of the squared error with which the first eff
 FURTHER_FALL: Final = 0.1  # and the second: without it, walls would stand for both
 
 
-def own_of(drive: ChainDrive) -> Own:
+def own_of(drive: ChainDrive) -> tuple[ModelEffect, ...]:
     """Return the effects of a healthy vehicle with their values, none if it has no strong one."""
     case = Case((drive,), (np.zeros(len(drive)),), WHITE)
-    effects, found = with_more(case, fit(case, (), [Constants()]))
-    return tuple(zip(effects, found.parameters, strict=True))
+    return with_more(case, fit(case, (), [Constants()]))[1].effects
 
 
 def with_more(case: Case, found: JointFit) -> tuple[list[Effect], JointFit]:

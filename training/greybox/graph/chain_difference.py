@@ -5,18 +5,18 @@ They share constants and inputs, so that the chain's error mostly cancels.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
-from monitor.model.card import Channel, ModelCard, TrainingRecording
+from monitor.model.card import Channel, ModelCard
 from training.greybox.chain import Constants, inputs_of
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.graph.chain_graph import Entry, Greybox
-from training.greybox.graph.effect_inputs import SPEED, Ranges, limits_of, reads_of
+from training.greybox.graph.chain_graph import Greybox
+from training.greybox.graph.effect_inputs import SPEED, Ranges, limits_of, seeing
 from training.narx.export import Graph
 
 
@@ -25,7 +25,7 @@ class ChainDifference:
     """Two chains that differ in their effects."""
 
     without: Greybox
-    entries: tuple[Entry, ...]
+    effects: tuple[ModelEffect, ...]
 
     @classmethod
     def of(
@@ -48,15 +48,14 @@ class ChainDifference:
                 f"the chain needs {', '.join(missing)}: neither an input of the model nor in the "
                 "drives of the fit"
             )
-        reads = [reads_of(each, tuple(known), ranges) for each in added]
+        effects = tuple(seeing(each, tuple(known), ranges) for each in added)
         chain = inputs_of(available)
-        wanted = dict.fromkeys((*chain, *(name for each in reads for name in each)))
+        wanted = dict.fromkeys((*chain, *(name for each in effects for name in each.reads or ())))
         inputs = tuple(name for name in wanted if name != SPEED or SPEED in chain)
         bounds = np.array(
             [limits_of(name, _trained(known.get(name)), ranges.get(name)) for name in inputs]
         )
         bounds[inputs.index("fuel_mass_mg"), 0] = 0.0  # fuel cut must reach the chain
-        entries = tuple(Entry(each, names) for each, names in zip(added, reads, strict=True))
         low, high = bounds.T
         both = Greybox(
             constants=constants,
@@ -64,9 +63,9 @@ class ChainDifference:
             u_low=low,
             u_high=high,
             period_s=card.period_ns / 1e9,
-            effects=entries,
+            effects=effects,
         ).with_register()
-        return cls(replace(both, effects=()), entries)
+        return cls(replace(both, effects=()), effects)
 
     @classmethod
     def from_card(cls, card: ModelCard) -> "ChainDifference":
@@ -81,7 +80,7 @@ class ChainDifference:
                 period_s=card.period_ns / 1e9,
                 register=int(given["register_samples"]),
             )
-            return cls(without, tuple(Entry.of(entry) for entry in card.effects))
+            return cls(without, tuple(map(ModelEffect.from_card, card.effects)))
         except (KeyError, TypeError) as error:
             raise ModelError(f"the card lacks part of its added effects: {error}") from None
 
@@ -95,14 +94,6 @@ class ChainDifference:
             "register_samples": self.without.register,
         }
 
-    def effects_to_card(self, recordings: Sequence[TrainingRecording]) -> list[dict[str, Any]]:
-        """Return the entries for the card's effects, fitted to ``recordings``."""
-        came_from = [asdict(recording) for recording in recordings]
-        return [
-            entry.added.to_card() | {"reads": list(entry.reads), "recordings": came_from}
-            for entry in self.entries
-        ]
-
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the signals that the two chains read."""
@@ -111,7 +102,7 @@ class ChainDifference:
     @property
     def with_effects(self) -> Greybox:
         """The chain with the effects."""
-        return replace(self.without, effects=self.entries)
+        return replace(self.without, effects=self.effects)
 
     @property
     def n_states(self) -> int:

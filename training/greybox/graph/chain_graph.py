@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import starmap
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from onnx import ModelProto
@@ -23,7 +23,7 @@ from monitor.model.step import LAMBDA_MAX, PHI_MAX
 from training.greybox.chain import SPEED_LEAST_RPM, Constants, base_path, simulate, with_speed
 from training.greybox.chain import Path as ChainPath
 from training.greybox.charge import ChargeError, ChargeMap
-from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.effects.model_effect import ModelEffect, along
 from training.greybox.quantity.dynamics import ramp_lag, sensor_lag
 from training.greybox.quantity.trace import StepTrace
 from training.greybox.quantity.value import Quantity, Value, clip, maximum
@@ -31,25 +31,6 @@ from training.narx.export import Graph, finished, write
 from training.narx.search.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
 
 FORGOTTEN = 12.0  # time constants after which the start of a lag no longer matters
-FUEL: Final = "fuel_mass_mg"  # every effect reads it
-
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """An effect of a card and the signals that it reads beside the fuel; it sees no others."""
-
-    added: ModelEffect
-    reads: tuple[str, ...]
-
-    @classmethod
-    def of(cls, given: Mapping[str, Any]) -> "Entry":
-        """Return the entry of a card."""
-        return cls(ModelEffect.from_card(given), tuple(given["reads"]))
-
-    def apply(self, path: ChainPath, signals: Mapping[str, Quantity], period_s: float) -> ChainPath:
-        """Return the path with the effect."""
-        seen = {name: signals[name] for name in (FUEL, *self.reads)}
-        return self.added.effect.apply(path, self.added.values, seen, period_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +44,7 @@ class Greybox:
     period_s: float
     register: int = 1  # samples of phi at the valve in the state
     charge_map: ChargeMap | None = None  # None: the charge is an input
-    effects: tuple[Entry, ...] = ()
+    effects: tuple[ModelEffect, ...] = ()
     charge_error: ChargeError | None = None  # of a charge that is an input
     own: tuple[ModelEffect, ...] = ()  # of the healthy vehicle, before the effects
 
@@ -87,7 +68,7 @@ class Greybox:
                 register=int(given["register_samples"]),
                 charge_map=charge_map and ChargeMap.from_card(charge_map),
                 charge_error=charge_error and ChargeError.from_card(charge_error),
-                effects=tuple(map(Entry.of, card.effects)),
+                effects=tuple(map(ModelEffect.from_card, card.effects)),
                 own=tuple(starmap(ModelEffect.with_values, given.get("own", {}).items())),
             )
         except (KeyError, TypeError) as error:
@@ -112,10 +93,9 @@ class Greybox:
         return StateLayout(self.traced(Graph(), {}, "state")[1].size, 0, 1, 1)
 
     @property
-    def on_the_way(self) -> tuple[Entry, ...]:
+    def on_the_way(self) -> tuple[ModelEffect, ...]:
         """The healthy vehicle's own effects, then the added ones."""
-        own = (Entry(each, each.effect.signals_of(self.inputs)) for each in self.own)
-        return (*own, *self.effects)
+        return (*self.own, *self.effects)
 
     def with_register(self) -> "Greybox":
         """Return the chain with a register for its longest dead time, not shorter than before."""
@@ -123,17 +103,15 @@ class Greybox:
         slowest_rpm = max(lowest.get("engine_speed_rpm", SPEED_LEAST_RPM), SPEED_LEAST_RPM)
         c = self.constants
         longest_s = c.dead_time_s + c.dead_time_revolutions * 60.0 / slowest_rpm
-        longest_s += sum(
-            entry.added.effect.dead_time_s(entry.added.values.tolist()) for entry in self.on_the_way
-        )
+        longest_s += sum(each.effect.dead_time_s(each.values.tolist()) for each in self.on_the_way)
         return replace(self, register=max(math.ceil(longest_s / self.period_s), self.register))
 
     @property
     def memory(self) -> int:
         """Samples after which a steady input has filled the register and all lags."""
         lags_s = self.constants.mixing_s + self.constants.sensor_s
-        for entry in self.on_the_way:
-            effect, values = entry.added.effect, entry.added.values.tolist()
+        for each in self.on_the_way:
+            effect, values = each.effect, each.values.tolist()
             lags_s = lags_s * (1.0 + effect.slower(values)) + effect.lag_s(values)
         return self.register + math.ceil(FORGOTTEN * lags_s / self.period_s)
 
@@ -169,9 +147,7 @@ class Greybox:
     def path(self, signals: Mapping[str, Quantity]) -> ChainPath:
         """Return the path with all effects for what the chain sees."""
         path = base_path(self.constants, signals)
-        for entry in self.on_the_way:
-            path = entry.apply(path, signals, self.period_s)
-        return path
+        return along(path, self.on_the_way, signals, self.period_s)
 
     def reading(self, u: FloatArray) -> FloatArray:
         """Return the phi (n,) that the sensor reads for inputs ``u`` (n, n_inputs)."""

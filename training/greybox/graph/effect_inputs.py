@@ -18,8 +18,8 @@ LEAST = {"air_mass_mg": AIR_LEAST_MG, "engine_speed_rpm": SPEED_LEAST_RPM, "fuel
 SURROUNDINGS = "context"  # role of signals that change between drives and hardly within one
 
 
-def reads_of(added: ModelEffect, inputs: Sequence[str], ranges: Ranges) -> tuple[str, ...]:
-    """Return the signals that an effect reads; raises ModelError if it lacks a signal."""
+def seeing(added: ModelEffect, inputs: Sequence[str], ranges: Ranges) -> ModelEffect:
+    """Return an effect that reads the present signals; raises ModelError if it lacks one."""
     available = {*inputs, *ranges}
     if SPEED not in inputs_of(available):  # then the chain works it out
         available.add(SPEED)
@@ -29,7 +29,7 @@ def reads_of(added: ModelEffect, inputs: Sequence[str], ranges: Ranges) -> tuple
             f"effect {added.name} needs {', '.join(missing)}: neither an input of the model nor "
             "in the drives of the fit"
         )
-    return added.effect.signals_of(ranges)
+    return replace(added, reads=added.effect.signals_of(ranges))
 
 
 def limits_of(

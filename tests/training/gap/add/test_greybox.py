@@ -251,7 +251,7 @@ def test_a_card_whose_effects_are_not_ours_is_refused(base: Path, tmp_path: Path
     for effects, message in (
         ({**entry, "name": "turbo_lag"}, "'turbo_lag' is not in the library"),
         ({n: v for n, v in entry.items() if n != "parameters"}, "lacks 'parameters'"),
-        ({n: v for n, v in entry.items() if n != "reads"}, "lacks part of its structure: 'reads'"),
+        ({n: v for n, v in entry.items() if n != "reads"}, "lacks 'reads'"),
     ):
         update_card(out, replace(card, effects=(effects,)))
         with pytest.raises(ModelError, match=message):

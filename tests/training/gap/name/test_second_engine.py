@@ -23,7 +23,7 @@ def asked(hidden: Mapping[str, float], sensor: Sensor = SOUND) -> Naming:
 
 
 def test_the_healthy_vehicle_has_volumes_of_its_own() -> None:
-    volumes = {effect.name: values[0] for effect, values in known().own}
+    volumes = {each.name: each.values[0] for each in known().own}
     assert set(volumes) == {"delay_flow", "mix_flow"}
     assert min(volumes.values()) > 0.1  # litres
 

@@ -111,9 +111,8 @@ def _reread(plain: BaseState, found: JointFit) -> BaseState:
     """Return the state with the healthy vehicle's errors as it shows them without the terms."""
     if plain.known is None:
         return plain
-    pairs = zip(found.terms, found.parameters, strict=True)
-    effects = tuple((term, own) for term, own in pairs if isinstance(term, Effect))
-    case = replace(plain.case, corrections=corrections(plain.known, plain.case.drives, effects))
+    drives = plain.case.drives
+    case = replace(plain.case, corrections=corrections(plain.known, drives, found.effects))
     current = fit(case, plain.current.terms, [plain.current])
     return _with(replace(plain, case=case), current)
 
