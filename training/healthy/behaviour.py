@@ -11,7 +11,7 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import Constants, Path, simulate
 from training.greybox.charge import ChargeError, fit_with_error, with_charge
 from training.greybox.effects import LIBRARY, Effect
-from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.effects.model_effect import Effects
 from training.greybox.fit import ridge
 from training.greybox.fit.case import WHITE, Case, Run, Term, reading
 from training.greybox.fit.comparison import BLOCK_S, FOLDS
@@ -50,7 +50,7 @@ class Healthy:
 
     base: Constants  # beside ``own``
     plain: Constants  # of the chain alone, which a grey-box model can hold
-    own: tuple[ModelEffect, ...]  # effects that the vehicle has when healthy
+    own: Effects  # effects that the vehicle has when healthy
     names: tuple[str, ...]  # of the columns
     ridge: Ridge
     spread: FloatArray  # (k,) of the columns' coefficients over drives
@@ -216,7 +216,7 @@ def _charge_error(drives: Sequence[ChainDrive]) -> ChargeError | None:
 
 def _chain(
     drives: Sequence[ChainDrive], start: Constants, like: Healthy | None
-) -> tuple[Constants, Constants, tuple[ModelEffect, ...]]:
+) -> tuple[Constants, Constants, Effects]:
     """Return constants of the chain alone, constants beside the vehicle's effects, the effects."""
     if like is not None:
         found = _fit([like.with_own(drive) for drive in drives], (), [like.base])

@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import valve_phi
-from training.greybox.effects.model_effect import ModelEffect, along
+from training.greybox.effects.model_effect import Effects, along
 from training.greybox.fit.drive import ChainDrive, path_of
 from training.healthy.behaviour import Healthy
 from training.healthy.config import CONFIG
@@ -24,7 +24,7 @@ MOVED: Final = ("fuel_mass_mg", "lambda_controller")
 
 
 def corrections(
-    known: Healthy, drives: Sequence[ChainDrive], effects: Sequence[ModelEffect]
+    known: Healthy, drives: Sequence[ChainDrive], effects: Effects
 ) -> tuple[FloatArray, ...]:
     """Return the chain's expected error, (n,) in phi, on each drive without the effects."""
     return tuple(
@@ -35,7 +35,7 @@ def corrections(
     )
 
 
-def _without(known: Healthy, drive: ChainDrive, effects: Sequence[ModelEffect]) -> ChainDrive:
+def _without(known: Healthy, drive: ChainDrive, effects: Effects) -> ChainDrive:
     """Return the drive with the same mixture of a vehicle without the effects."""
     path = path_of(drive, known.base)
     moved = along(path, effects, drive.signals, drive.period_s)

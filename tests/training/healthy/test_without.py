@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 
 from tests.helpers.gap.gap_simulated import known, simulated
-from training.greybox.effects.empirical import name_of
 from training.greybox.effects.model_effect import ModelEffect
 from training.healthy.without import LIMITS, corrections
 
 
 def test_an_effect_on_the_mixture_is_taken_out_of_fuel_and_controller() -> None:
     # GIVEN an effect that makes the mixture richer by 5 % wherever the engine runs
-    name = name_of("engine_speed_rpm", "factor", 2000.0, 1000.0)
+    richer = ModelEffect.with_values("empirical:engine_speed_rpm:factor:2000:1000", [5.0, 0.0])
     drive = known().known_of(simulated("hwfet", 2_020_019))
     # WHEN the healthy errors are asked for without it
-    (read,) = corrections(known(), [drive], [ModelEffect.with_values(name, [5.0, 0.0])])
+    (read,) = corrections(known(), [drive], (richer,))
     # THEN they are those of a drive with 5 % more fuel, and a controller that asks for it
     share = np.where(drive.signals["fuel_mass_mg"] > LIMITS.controller_fuel_min_mg, 1.05, 1.0)
     moved = {n: share * drive.signals[n] for n in ("fuel_mass_mg", "lambda_controller")}

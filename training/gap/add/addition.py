@@ -12,12 +12,12 @@ from monitor.base.errors import ModelError, RecordingError
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from training.gap.add import greybox, network
-from training.gap.add.constants import Effects, constants_of, groups
+from training.gap.add.constants import constants_of, groups
 from training.gap.inputs.roles import ACCEPTED, GapOptions
 from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
 from training.gap.name.verdict import Naming
-from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.effects.model_effect import Effects
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import Ranges
@@ -43,7 +43,7 @@ class Addition:
     path: Path | None = None
     left_out: tuple[Path, ...] = ()  # per group of recordings, with constants from the others
     form: str = ""  # a sentence
-    effects: tuple[ModelEffect, ...] = ()
+    effects: Effects = ()
     warnings: tuple[str, ...] = ()
     withdrawn: str | None = None  # why the new model is an offer only
     offer: Path | None = None  # its file then, instead of ``path``

@@ -23,7 +23,7 @@ from monitor.base.types import FloatArray
 from training.gap.inputs.subject import Subject
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.effects.model_effect import Effects
 from training.greybox.fit.case import Case, plain_errors, predict
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.joint import JointFit, fit
@@ -34,7 +34,6 @@ from training.recordings.prediction import predicted_phi
 
 ROUNDS: Final = 4
 GROUPS_MOST: Final = 4  # of drives, each left out in turn
-Effects = tuple[ModelEffect, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,9 +113,10 @@ def _entry(name: str) -> Effect:
     return LIBRARY[name]
 
 
-def along(
-    path: Path, effects: Sequence[ModelEffect], signals: Mapping[str, Quantity], period_s: float
-) -> Path:
+Effects = tuple[ModelEffect, ...]
+
+
+def along(path: Path, effects: Effects, signals: Mapping[str, Quantity], period_s: float) -> Path:
     """Return the path with the effects applied one after the other, by the signals they read."""
     for each in effects:
         seen = signals if each.reads is None else {n: signals[n] for n in (FUEL, *each.reads)}

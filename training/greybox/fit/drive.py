@@ -13,7 +13,7 @@ from monitor.model.step import PHI_MAX
 from training.greybox.chain import RECOVERY_S, Constants, Path, base_path, charge_mg, with_speed
 from training.greybox.effects import ALL, Effect
 from training.greybox.effects.air import following
-from training.greybox.effects.model_effect import ModelEffect, along
+from training.greybox.effects.model_effect import Effects, along
 from training.pages.numbers import percent
 from training.recordings.recording import Recording
 from training.recordings.samples.rows import hold
@@ -39,7 +39,7 @@ class ChainDrive:
     scored: BoolArray  # (n,) measured, outside fuel cut and the recovery from it
     phi_of_model: FloatArray | None = None  # (n,) of a model that is more than the chain
     moved_phi: FloatArray | float = 0.0  # (n,) by which the model's effects move the chain's phi
-    own: tuple[ModelEffect, ...] = ()  # effects of the healthy vehicle, part of the base
+    own: Effects = ()  # effects of the healthy vehicle, part of the base
     charged: bool = False  # whether the air per stroke is corrected as healthy drives taught
     meter_s: float | None = None  # time in which the air meter corrects the charge; None: unknown
 

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from monitor.base.types import FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants
 from training.greybox.effects import Effect
-from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.effects.model_effect import Effects, ModelEffect
 from training.greybox.fit.case import Case, Term, judged, plain_errors, predict, white
 from training.greybox.fit.comparison import FOLDS
 
@@ -65,7 +65,7 @@ class JointFit:
         return tuple(spread[a:b] for a, b in pairwise(sizes))
 
     @property
-    def effects(self) -> tuple[ModelEffect, ...]:
+    def effects(self) -> Effects:
         """Its effects with their values and standard errors."""
         terms = zip(self.terms, self.parameters, self.standard_errors, strict=True)
         return tuple(

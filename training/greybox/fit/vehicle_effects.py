@@ -11,7 +11,7 @@ import numpy as np
 
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY, Effect
-from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.effects.model_effect import Effects
 from training.greybox.fit.case import WHITE, Case, has_its_signs
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.joint import JointFit, fit
@@ -21,7 +21,7 @@ FALL: Final = 0.3  # relative fall of the squared error with which the first eff
 FURTHER_FALL: Final = 0.1  # and the second: without it, walls would stand for both
 
 
-def own_of(drive: ChainDrive) -> tuple[ModelEffect, ...]:
+def own_of(drive: ChainDrive) -> Effects:
     """Return the effects of a healthy vehicle with their values, none if it has no strong one."""
     case = Case((drive,), (np.zeros(len(drive)),), WHITE)
     return with_more(case, fit(case, (), [Constants()]))[1].effects

@@ -14,7 +14,7 @@ from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.card import Channel, ModelCard
 from training.greybox.chain import Constants, inputs_of
-from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.effects.model_effect import Effects, ModelEffect
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import SPEED, Ranges, limits_of, seeing
 from training.narx.export import Graph
@@ -25,7 +25,7 @@ class ChainDifference:
     """Two chains that differ in their effects."""
 
     without: Greybox
-    effects: tuple[ModelEffect, ...]
+    effects: Effects
 
     @classmethod
     def of(

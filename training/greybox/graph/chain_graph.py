@@ -23,7 +23,7 @@ from monitor.model.step import LAMBDA_MAX, PHI_MAX
 from training.greybox.chain import SPEED_LEAST_RPM, Constants, base_path, simulate, with_speed
 from training.greybox.chain import Path as ChainPath
 from training.greybox.charge import ChargeError, ChargeMap
-from training.greybox.effects.model_effect import ModelEffect, along
+from training.greybox.effects.model_effect import Effects, ModelEffect, along
 from training.greybox.quantity.dynamics import ramp_lag, sensor_lag
 from training.greybox.quantity.trace import StepTrace
 from training.greybox.quantity.value import Quantity, Value, clip, maximum
@@ -44,9 +44,9 @@ class Greybox:
     period_s: float
     register: int = 1  # samples of phi at the valve in the state
     charge_map: ChargeMap | None = None  # None: the charge is an input
-    effects: tuple[ModelEffect, ...] = ()
+    effects: Effects = ()
     charge_error: ChargeError | None = None  # of a charge that is an input
-    own: tuple[ModelEffect, ...] = ()  # of the healthy vehicle, before the effects
+    own: Effects = ()  # of the healthy vehicle, before the effects
 
     @classmethod
     def of(cls, card: ModelCard) -> "Greybox":
@@ -93,7 +93,7 @@ class Greybox:
         return StateLayout(self.traced(Graph(), {}, "state")[1].size, 0, 1, 1)
 
     @property
-    def on_the_way(self) -> tuple[ModelEffect, ...]:
+    def on_the_way(self) -> Effects:
         """The healthy vehicle's own effects, then the added ones."""
         return (*self.own, *self.effects)
 
