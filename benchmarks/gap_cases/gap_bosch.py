@@ -25,7 +25,7 @@ from monitor.base.types import BoolArray, FloatArray
 from training.gap.response.account import ResponseAccount
 from training.gap.response.difference import Difference, Finding, difference_of
 from training.gap.response.reference import ResponseReference
-from training.greybox.fit.comparison import Comparison
+from training.greybox.fit.drive import Comparison
 from training.greybox.quantity.dynamics import lag
 from training.recordings.recording import Recording
 

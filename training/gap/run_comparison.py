@@ -24,8 +24,7 @@ from training.gap.response.difference import Difference, difference_of
 from training.gap.response.reference import ResponseReference
 from training.gap.result import Inputs, NewModelFile, Result
 from training.greybox.effects import ALL
-from training.greybox.fit.comparison import Comparison
-from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, ChainDrive, make, until
+from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, ChainDrive, Comparison, make, until
 from training.jobs import Progress
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording, training_recording

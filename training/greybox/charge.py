@@ -24,9 +24,8 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.greybox.chain import STOICHIOMETRIC, Constants, Path, base_path, charge_mg, simulate
 from training.greybox.fit import ridge
-from training.greybox.fit.comparison import BLOCK_S, FOLDS
 from training.greybox.fit.constants import Fitted, Told, fit_constants
-from training.greybox.fit.drive import ChainDrive, path_of
+from training.greybox.fit.drive import BLOCK_S, FOLDS, ChainDrive, path_of
 from training.greybox.quantity.dynamics import lag
 from training.greybox.quantity.value import Quantity, bilinear, cells, clip, maximum
 

@@ -14,8 +14,7 @@ from training.greybox.effects import LIBRARY, Effect
 from training.greybox.effects.model_effect import Effects
 from training.greybox.fit import ridge
 from training.greybox.fit.case import WHITE, Case, Run, Term, reading
-from training.greybox.fit.comparison import BLOCK_S, FOLDS
-from training.greybox.fit.drive import ChainDrive, joined, path_of
+from training.greybox.fit.drive import BLOCK_S, FOLDS, ChainDrive, joined, path_of
 from training.greybox.fit.joint import JointFit, fit
 from training.greybox.fit.ridge import Ridge
 from training.greybox.fit.sensor_faults import FAULTS
@@ -195,7 +194,7 @@ def as_shown(drives: Sequence[ChainDrive], start: Constants) -> Sequence[ChainDr
     if not any(np.any(drive.moved_phi) for drive in drives):
         return drives
     without = [replace(drive, moved_phi=0.0) for drive in drives]
-    return min(drives, without, key=lambda each: _fit(each, (), [start, Constants()]).cost)
+    return min(drives, without, key=lambda each: _fit(each, [start, Constants()]).cost)
 
 
 def charged(drive: ChainDrive, error: ChargeError | None) -> ChainDrive:
@@ -219,7 +218,7 @@ def _chain(
 ) -> tuple[Constants, Constants, Effects]:
     """Return constants of the chain alone, constants beside the vehicle's effects, the effects."""
     if like is not None:
-        found = _fit([like.with_own(drive) for drive in drives], (), [like.base])
+        found = _fit([like.with_own(drive) for drive in drives], [like.base])
         return like.plain, found.base, like.own
     case = _case(drives)
     plain = fit(case, (), [start, Constants()])
@@ -232,10 +231,8 @@ def _chain(
     return plain.base, found.base, found.effects
 
 
-def _fit(
-    drives: Sequence[ChainDrive], terms: Sequence[Term], starts: Sequence[JointFit | Constants]
-) -> JointFit:
-    return fit(_case(drives), terms, starts)
+def _fit(drives: Sequence[ChainDrive], starts: Sequence[Constants]) -> JointFit:
+    return fit(_case(drives), (), starts)
 
 
 def _case(drives: Sequence[ChainDrive]) -> Case:

@@ -9,7 +9,7 @@ import numpy as np
 from monitor.base.types import FloatArray, IntArray
 from training.greybox.fit import ridge
 from training.greybox.fit.case import Case, plain_errors, predict
-from training.greybox.fit.comparison import FOLDS
+from training.greybox.fit.drive import FOLDS
 from training.greybox.fit.joint import JointFit, held_out
 from training.healthy.behaviour import columns, noise, white
 

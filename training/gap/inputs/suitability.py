@@ -13,8 +13,7 @@ from training.gap.config import CONFIG
 from training.gap.inputs.roles import Material
 from training.greybox.chain import Constants, base_path, valve_phi
 from training.greybox.effects import ALL
-from training.greybox.fit.comparison import Comparison
-from training.greybox.fit.drive import NEEDED, ChainDrive
+from training.greybox.fit.drive import NEEDED, ChainDrive, Comparison
 from training.healthy import base
 from training.pages.numbers import percent
 from training.recordings.recording import Recording, check_each_once

@@ -10,7 +10,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.gap.response.equations import Held
 from training.gap.response.families import PASTS_S, Family
-from training.greybox.fit.comparison import Comparison
+from training.greybox.fit.drive import Comparison
 from training.greybox.quantity.dynamics import delayed, lag
 from training.greybox.quantity.value import hats
 

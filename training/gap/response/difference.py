@@ -18,7 +18,7 @@ from training.gap.response.drivers import UNITS, find_drivers, name_of
 from training.gap.response.families import Family, families_of
 from training.gap.response.reference import ResponseReference
 from training.gap.response.trial import Questions, Trial, p_value
-from training.greybox.fit.comparison import Comparison
+from training.greybox.fit.drive import Comparison
 from training.pages.numbers import percent
 from training.recordings.samples.rows import hold
 

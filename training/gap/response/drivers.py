@@ -10,8 +10,7 @@ import numpy as np
 from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
-from training.greybox.fit.comparison import Comparison
-from training.greybox.fit.drive import in_fuel_cut
+from training.greybox.fit.drive import Comparison, in_fuel_cut
 from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.drivers

@@ -15,8 +15,7 @@ import numpy as np
 from monitor.base.types import FloatArray, IntArray
 from training.gap.response.families import Family
 from training.gap.response.reference import NOTHING, Spread, solve
-from training.greybox.fit.comparison import BLOCK_S, Comparison
-from training.greybox.fit.drive import until
+from training.greybox.fit.drive import BLOCK_S, Comparison, until
 from training.healthy.behaviour import noise, white
 
 TINY: Final = 1e-100

@@ -17,7 +17,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.response.drivers import Driver, rate
-from training.greybox.fit.comparison import Comparison
+from training.greybox.fit.drive import Comparison
 from training.greybox.quantity.dynamics import lag
 from training.greybox.quantity.value import hats
 from training.recordings.samples.rows import hold

@@ -13,7 +13,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.gap.response.drivers import rate
 from training.gap.response.regressors import Regressors
-from training.greybox.fit.comparison import Comparison
+from training.greybox.fit.drive import Comparison
 from training.greybox.quantity.dynamics import lag
 
 PENALTIES: Final = (1e-5, 1e-4, 1e-3, 1e-2)  # of the mean diagonal; the best predicts others

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.greybox.fit.comparison import Comparison
+from training.greybox.fit.drive import Comparison
 from training.greybox.quantity.dynamics import delayed, lag
 from training.recordings.samples.rows import hold
 

@@ -16,7 +16,7 @@ from monitor.base.types import FloatArray, IntArray
 from training.gap.response.equations import EquationBlocks, Equations, Held, hold, two_sided
 from training.gap.response.families import Family
 from training.gap.response.reference import Spread
-from training.greybox.fit.comparison import Comparison
+from training.greybox.fit.drive import Comparison
 from training.greybox.quantity.dynamics import lag
 
 SETS: Final = 60  # of healthy runs that take the part of new ones

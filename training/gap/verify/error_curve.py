@@ -8,7 +8,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.response.drivers import find_drivers
-from training.greybox.fit.comparison import Comparison
+from training.greybox.fit.drive import Comparison
 
 PARTS: Final = 16  # of the samples, alike in number
 PARTS_LEAST: Final = 4

@@ -15,7 +15,7 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.gap.config import CONFIG
 from training.gap.response.drivers import DERIVED
 from training.gap.verify.evidence import Error
-from training.greybox.fit.comparison import BLOCK_S, Comparison
+from training.greybox.fit.drive import BLOCK_S, Comparison
 from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.verify

@@ -18,8 +18,7 @@ from training.gap.verify.error_regimes import blocks_of, compare, rms, scored
 from training.gap.verify.evidence import Error, ErrorTrace, Verification
 from training.greybox.chain import Constants
 from training.greybox.fit import ridge
-from training.greybox.fit.comparison import FOLDS, Comparison
-from training.greybox.fit.drive import ChainDrive
+from training.greybox.fit.drive import FOLDS, ChainDrive, Comparison
 from training.greybox.graph.chain_graph import Greybox
 from training.healthy.base import GREYBOX, check, plain_drives_of
 from training.healthy.behaviour import columns

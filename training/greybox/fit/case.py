@@ -9,8 +9,7 @@ import numpy as np
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import Constants, Path, simulate
 from training.greybox.effects import Effect
-from training.greybox.fit.comparison import BLOCK_S
-from training.greybox.fit.drive import ChainDrive, path_of
+from training.greybox.fit.drive import BLOCK_S, ChainDrive, path_of
 from training.greybox.fit.sensor_faults import FaultHypothesis
 from training.greybox.fit.variation import Shrink
 

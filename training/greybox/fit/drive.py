@@ -1,7 +1,7 @@
 """Drives for a fit: signals on the model's grid, measured phi, and the samples that count."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import Final
 
@@ -26,6 +26,8 @@ AFTER_CUT_READ_S: Final = 1.0  # the end of a cut has passed the sensor, whateve
 AFTER_GAP_S: Final = 5.0  # a held value has left the chain
 CUT_FUEL_MG: Final = 0.3  # per stroke; below the smallest injection
 MIN_SCORED_S: Final = 60.0
+BLOCK_S: Final = 30.0  # holds many cycles of the lambda controller and a manoeuvre or two
+FOLDS: Final = 5  # of blocks that are held out together
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +61,36 @@ class ChainDrive:
         kept[1:] &= self.scored[:-1]
         kept[2:] &= self.scored[:-2]
         return kept
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison(ChainDrive):
+    """A drive beside a model's free run on it, scored where both are known.
+
+    Raises RecordingError if the lengths differ.
+    """
+
+    phi_predicted: FloatArray  # (n,)
+    residual: FloatArray = field(init=False)  # (n,) measured minus predicted, 0 where not scored
+
+    @classmethod
+    def of(cls, drive: ChainDrive, phi_predicted: FloatArray) -> "Comparison":
+        """Return a drive beside a model's prediction (n,) in phi."""
+        of_drive = {f.name: getattr(drive, f.name) for f in fields(ChainDrive)}
+        return cls(**of_drive, phi_predicted=phi_predicted)
+
+    def __post_init__(self) -> None:
+        n = len(self.phi_measured)
+        others = {"prediction": self.phi_predicted, "scored samples": self.scored, **self.signals}
+        for what, values in others.items():
+            if values.shape != (n,):
+                raise RecordingError(
+                    f"{self.name}: {what} has shape {values.shape}, wanted ({n},) as measured phi"
+                )
+        difference = self.phi_measured - self.phi_predicted
+        scored = self.scored & np.isfinite(difference)
+        object.__setattr__(self, "scored", scored)
+        object.__setattr__(self, "residual", np.where(scored, difference, 0.0))
 
 
 def path_of(drive: ChainDrive, base: Constants) -> Path:

@@ -13,7 +13,7 @@ from training.greybox.chain import RANGES, Constants
 from training.greybox.effects import Effect
 from training.greybox.effects.model_effect import Effects, ModelEffect
 from training.greybox.fit.case import Case, Term, judged, plain_errors, predict, white
-from training.greybox.fit.comparison import FOLDS
+from training.greybox.fit.drive import FOLDS
 
 LOW: Final = np.array([RANGES[name].low for name in Constants._fields])
 HIGH: Final = np.array([RANGES[name].high for name in Constants._fields])

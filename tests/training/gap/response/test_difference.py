@@ -9,7 +9,7 @@ import pytest
 from monitor.base.types import FloatArray
 from training.gap.response.difference import Difference, difference_of
 from training.gap.response.reference import ResponseReference
-from training.greybox.fit.comparison import Comparison
+from training.greybox.fit.drive import Comparison
 from training.greybox.quantity.dynamics import lag
 
 PERIOD_S: Final = 0.5

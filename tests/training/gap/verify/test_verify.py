@@ -23,7 +23,7 @@ from training.gap.verify.evidence import Count
 from training.gap.verify.verification import Fold, Verification, verify
 from training.gap.workflow import delivered
 from training.greybox.chain import Constants, base_path, simulate
-from training.greybox.fit.comparison import Comparison
+from training.greybox.fit.drive import Comparison
 from training.greybox.model import fit_greybox
 from training.limits.decision_limits import set_limits
 from training.narx.export import update_card

@@ -6,7 +6,7 @@ from typing import Final
 from monitor.base.types import FloatArray
 from training.gap.name.formulas.signal_functions import columns, functions_of
 from training.greybox.fit import ridge
-from training.greybox.fit.comparison import FOLDS
+from training.greybox.fit.drive import FOLDS
 from training.healthy import scoring
 from training.healthy.base_state import BaseState
 
