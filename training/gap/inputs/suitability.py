@@ -13,7 +13,7 @@ from training.gap.config import CONFIG
 from training.gap.inputs.roles import Material
 from training.greybox.chain import Constants, base_path, valve_phi
 from training.greybox.effects import ALL
-from training.greybox.fit.drive import NEEDED, ChainDrive, Comparison
+from training.greybox.fit.drive import NEEDED, ChainDrive
 from training.healthy import base
 from training.pages.numbers import percent
 from training.recordings.recording import Recording, check_each_once
@@ -89,7 +89,7 @@ def check_healthy(recordings: Sequence[Recording], own_charge: bool = False) -> 
         )
 
 
-def check_long(drives: Sequence[ChainDrive | Comparison], role: str) -> None:
+def check_long(drives: Sequence[ChainDrive], role: str) -> None:
     """Raise RecordingError if all drives together are too short to hold blocks out."""
     seconds = sum(float(d.scored.sum()) * d.period_s for d in drives)
     if seconds < LIMITS.scored_min_s:
@@ -183,5 +183,5 @@ def _moves(values: Sequence[FloatArray]) -> tuple[float, float]:
     return float(middle), float((high - low) / max(abs(middle), 1e-9))
 
 
-def _names(drives: Sequence[ChainDrive | Comparison]) -> str:
+def _names(drives: Sequence[ChainDrive]) -> str:
     return ", ".join(d.name for d in drives)
