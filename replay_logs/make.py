@@ -14,9 +14,10 @@ import sys
 from pathlib import Path
 
 from monitor import cli
-from monitor.base import downstream_faults, faults
+from monitor.base import faults
 from monitor.base.files import manifest
 from training.dyno import vehicle
+from training.dyno.downstream import fault_behind
 from training.dyno.recording_files import describe, write
 from training.dyno.simulation import Experiment
 
@@ -65,7 +66,7 @@ def experiments() -> list[tuple[str, Experiment]]:
 
 def behind() -> list[tuple[str, Experiment]]:
     """Return (file stem, drive) with a sensor behind the catalyst, warm at the start."""
-    drives = {None: RESPONSE_S, **{downstream_faults.resolve(n): s for n, s in BEHIND.items()}}
+    drives = {None: RESPONSE_S, **{fault_behind(n): s for n, s in BEHIND.items()}}
     number, seed = FIRST_BEHIND, FIRST_BEHIND
     chosen = []
     for fault, duration_s in drives.items():

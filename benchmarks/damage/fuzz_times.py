@@ -36,9 +36,8 @@ from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline import replay
 from monitor.pipeline.collector import Collector
 from monitor.pipeline.events import CycleStarted, Event
-from monitor.pipeline.monitor import Judge, SensorMonitor
+from monitor.pipeline.monitor import Judge, SensorMonitor, slices
 from monitor.pipeline.names import needed_names
-from monitor.pipeline.side_by_side import slices
 
 LOG = REPLAY_LOGS / "healthy_micro_trips_v102_s102.blf"
 BEGIN_NS = 1_700_000_000_000_000_000

@@ -34,11 +34,11 @@ from monitor.judge.response.bank import Bank
 from monitor.model.step import Model
 from monitor.pipeline import recordings
 from monitor.pipeline.replay import Setup, replay, result_of, set_up
-from monitor.pipeline.side_by_side import RecordingJudge
 from monitor.report.model_facts import model_info
 from monitor.report.page import write_report
 from training.dyno import ecu
 from training.dyno.simulation import simulate
+from training.limits.side_by_side import RecordingJudge
 from training.recordings.files.can_log import write_log
 
 TARGETS = {"candump": 500.0, "BLF": 500.0}  # times real time

@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.outcome import BenchmarkOptions, Row, finish, say
-from monitor.base import downstream_faults, faults
+from monitor.base import faults
 from monitor.base.config import load as load_config
 from monitor.base.errors import O2Error
 from monitor.base.signals import plausible_range
@@ -29,6 +29,7 @@ from monitor.base.types import FloatArray, IntArray
 from monitor.judge.causes.causes import Cause
 from monitor.pipeline import replay
 from training.dyno import ecu
+from training.dyno.downstream import fault_behind
 from training.dyno.simulation import Experiment, simulate
 from training.recordings.files.can_log import write_log
 from training.recordings.files.frame_block import EncodedFrames
@@ -209,7 +210,7 @@ def plan(n: int, *, behind: bool) -> Iterator[tuple[str, Experiment]]:
         usual = replace(usual, vehicle=usual.vehicle + n, seed=usual.seed + n)
         if behind:
             name = BEHIND[i % len(BEHIND)]
-            yield name, replace(usual, downstream_fault=downstream_faults.resolve(name))
+            yield name, replace(usual, downstream_fault=fault_behind(name))
         else:
             name = tuple(FAULTS)[i % len(FAULTS)]
             yield name, replace(usual, fault=faults.resolve(name, FAULTS[name]))

@@ -35,8 +35,8 @@ from benchmarks.studies.sensor import severities
 from benchmarks.studies.sensor.conditions import ageing
 from benchmarks.studies.sensor.plan import MOST_ETHANOL
 from benchmarks.studies.sensor.run import judge_drives, learn
+from benchmarks.studies.sensor.severities import LIMIT_SEVERITY
 from monitor.base import config, faults
-from monitor.base.faults import LIMIT_SEVERITY
 from monitor.base.signals import OUTPUT
 from monitor.base.types import FloatArray, SampleBlock
 from monitor.grid.arrays import table_of
@@ -44,7 +44,7 @@ from monitor.grid.table_samples import table_block
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from monitor.pipeline.side_by_side import Judged
+from training.limits.side_by_side import Judged
 from training.recordings.sensor_fault import faulty_readings
 
 CONFIG: Final = config.load()

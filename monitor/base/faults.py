@@ -15,9 +15,8 @@ control loop. ``fault_streams`` applies them to readings one after the other.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from monitor.base.errors import UsageError
 
@@ -115,18 +114,6 @@ DEFAULT_SEVERITY = {
     "heater": 1.0,
 }
 NAMES = tuple(DEFAULT_SEVERITY)
-LIMIT_SEVERITY = {  # from which the monitor must detect a fault
-    "slow_rich_to_lean": 0.5,  # s
-    "slow_lean_to_rich": 0.5,
-    "slow_symmetric": 0.5,
-    "delay_rich_to_lean": 0.4,  # s
-    "delay_lean_to_rich": 0.4,
-    "delay_symmetric": 0.4,
-    "transient": 0.5,  # s, together with a reduced amplitude
-    "gain_low": 0.6,  # remaining share of the amplitude
-    "biased_lean": 0.05,  # lambda
-    "biased_rich": 0.05,
-}
 
 
 def severity_of(name: str, given: float | None, usual: Mapping[str, float]) -> float:
@@ -178,24 +165,6 @@ def resolve(name: str, severity: float | None = None) -> Fault:
         "out_of_range": Fault(name, s, stuck_lambda=s),
         "signal_missing": Fault(name, s, missing=True),
     }[name]
-
-
-def combine(parts: Sequence[Fault]) -> Fault | None:
-    """Return one fault with the effects of all parts; None if there are no parts.
-
-    Raises UsageError if two parts set the same parameter.
-    """
-    if len(parts) < 2:
-        return parts[0] if parts else None
-    healthy = Fault("", 0.0)
-    values: dict[str, Any] = {}
-    for part in parts:
-        for field in fields(Fault)[2:]:
-            value = getattr(part, field.name)
-            changed = value != getattr(healthy, field.name)
-            if changed and values.setdefault(field.name, value) != value:
-                raise UsageError(f"faults {[p.name for p in parts]} both set {field.name}")
-    return Fault("+".join(p.name for p in parts), parts[0].severity, **values)
 
 
 # Disturbances of the sensor signal. They are random and have no trouble code.

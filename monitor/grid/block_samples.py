@@ -15,7 +15,7 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import EXTENDED, chosen
 from monitor.frames.blocks import joined as joined_frames
 from monitor.frames.loop_frames import BUS_STATE_ID, CLEARED_ID, LOG_GAP_ID
-from monitor.grid.block_assembler import BlockAssembler, joined
+from monitor.grid.block_assembler import BlockAssembler
 
 _FRAMES = 1 << 20  # decoded at once
 _SAMPLES = 1 << 16  # that the time of the frames held may span
@@ -114,20 +114,6 @@ def log_samples(
     for block in blocks:
         yield from samples.push(block)
     yield samples.flush()
-
-
-def whole(
-    parts: Iterable[SampleBlock | Clearing], n_names: int
-) -> tuple[SampleBlock, tuple[Clearing, ...]]:
-    """Return a recording's samples as one block, and its clearings."""
-    blocks: list[SampleBlock] = []
-    clearings: list[Clearing] = []
-    for part in parts:
-        if isinstance(part, Clearing):
-            clearings.append(part)
-        else:
-            blocks.append(part)
-    return joined(blocks, n_names), tuple(clearings)
 
 
 def _parts(block: FrameBlock, longest_ns: int) -> Iterator[FrameBlock]:

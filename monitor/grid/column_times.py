@@ -5,7 +5,7 @@ other. A sensor then seems late, early or weak, though only the log is. What is 
 and its logger stands in the model card.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from typing import Any, Final
 
@@ -31,23 +31,6 @@ def column_times(values: FloatArray, names: Sequence[str], period_s: float) -> d
     every = {name: round(interval(column) * period_s, 4) for name, column in columns.items()}
     apart = dict(_apart(columns, period_s))
     return {"every_s": every, "apart_s": {pair: [round(s, 4)] * 2 for pair, s in apart.items()}}
-
-
-def merged(times: Iterable[Mapping[str, Any]], compared: Set[str]) -> dict[str, Any]:
-    """Return the times of several recordings: longest intervals, ranges of what is apart.
-
-    compared : names of the columns that are compared with each other
-    """
-    every: dict[str, float] = {}
-    apart: dict[str, list[float]] = {}
-    for each in times:
-        every |= {k: max(s, every.get(k, s)) for k, s in each["every_s"].items()}
-        for pair, (low, high) in each["apart_s"].items():
-            if not compared >= {*pair.split()}:
-                continue
-            least, most = apart.get(pair, (low, high))
-            apart[pair] = [min(least, low), max(most, high)]
-    return {"every_s": every, "apart_s": apart}
 
 
 def unlike(

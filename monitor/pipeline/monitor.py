@@ -36,6 +36,8 @@ from monitor.pipeline.events import BlockEvent, DtcChanged, Ticks
 from monitor.pipeline.names import check_names
 from monitor.pipeline.segments import Part, RunState, Segments
 
+SAMPLES = 2048  # of each recording that are judged at once
+
 
 class Judge:
     """Judges recordings with the same signals, some at a time side by side.
@@ -281,3 +283,9 @@ class SensorMonitor:
         if end - begin < len(block.t_ns):
             block = block.part(begin, end)
         return Ticks(block, part.predicted[inside], part.conditions[inside], enabled)
+
+
+def slices(block: SampleBlock, begin: int, end: int) -> Iterator[SampleBlock]:
+    """Yield the samples from begin to end in blocks of ``SAMPLES``."""
+    for first in range(begin, end, SAMPLES):
+        yield block.part(first, min(first + SAMPLES, end))

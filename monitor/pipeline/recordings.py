@@ -15,7 +15,7 @@ from monitor.decode.bus_map import BusMap
 from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters
 from monitor.grid.block_assembler import BlockAssembler
-from monitor.grid.block_samples import Clearing, log_samples, whole
+from monitor.grid.block_samples import Clearing, log_samples
 from monitor.grid.column_times import unlike
 from monitor.grid.table_samples import table_block
 from monitor.grid.tables import BLANK, Table, is_table, read_table
@@ -24,7 +24,6 @@ from monitor.judge.causes.causes import SignalSource
 from monitor.model.card import ModelCard
 from monitor.pipeline.entry import (
     bus_sources,
-    check_long_enough,
     check_received,
     frame_counts,
     table_counts,
@@ -47,17 +46,6 @@ class OpenRecording:
     is_live: Callable[[], bool] = lambda: False  # whether a live monitor made it, with its part
     profile: str = ""  # of a logger's file
     notes: Callable[[], tuple[str, ...]] = tuple  # oddities in words, behind the parts
-
-
-@dataclass(frozen=True, slots=True)
-class ReadRecording:
-    """A whole recording on the model's grid."""
-
-    path: Path
-    names: tuple[str, ...]  # signals of a sample
-    block: SampleBlock
-    clearings: tuple[Clearing, ...]
-    counters: Mapping[str, int]  # of frames that could not be used
 
 
 class RecordingReader:
@@ -86,21 +74,6 @@ class RecordingReader:
         if not is_table(path):
             return self._log(path)
         return self.table(table_of_model(path, self._columns, self._card))
-
-    def read(self, path: Path) -> ReadRecording:
-        """Return a whole recording with the signals that the monitor looks at.
-
-        Raises as ``open``.
-        """
-        opened = self.open(path)
-        block, clearings = whole(opened.parts, len(opened.names))
-        check_long_enough(path, len(block.t_ns))
-        counters = opened.counters()
-        names = needed_names(self._card, opened.names)
-        if names != opened.names:
-            order = [opened.names.index(name) for name in names]
-            block = block._replace(values=block.values[:, order], quality=block.quality[:, order])
-        return ReadRecording(path, names, block, clearings, counters)
 
     def _log(self, path: Path) -> OpenRecording:
         check_names(self._card, self._names)

@@ -23,9 +23,8 @@ from monitor.pipeline import without_model
 from monitor.pipeline.collector import Collector, Trace
 from monitor.pipeline.entry import check_long_enough
 from monitor.pipeline.events import BlockEvent, CycleStarted
-from monitor.pipeline.monitor import Judge, SensorMonitor
+from monitor.pipeline.monitor import Judge, SensorMonitor, slices
 from monitor.pipeline.recordings import OpenRecording, RecordingReader
-from monitor.pipeline.side_by_side import slices
 
 Listeners = Callable[[SensorMonitor], Callable[[BlockEvent], None]]
 SCHEMA = "o2mon.replay/1"

@@ -19,11 +19,15 @@ from benchmarks.studies.sensor.plan import (
     refuse_used,
     trials,
 )
-from benchmarks.studies.sensor.severities import ELECTRICAL, SEVERITIES, beyond_limit
+from benchmarks.studies.sensor.severities import (
+    ELECTRICAL,
+    LIMIT_SEVERITY,
+    SEVERITIES,
+    beyond_limit,
+)
 from benchmarks.studies.tables import Row
 from benchmarks.studies.targets import Target
 from monitor.base.errors import UsageError
-from monitor.base.faults import LIMIT_SEVERITY
 from training.dyno import ecu
 
 FIRST, SEED = 2000, 2_100_000

@@ -1,21 +1,21 @@
 """The command ``o2train simulate``: write drives of the simulated vehicle as logs or tables."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from monitor.base import downstream_faults, faults
+from monitor.base import faults
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import UsageError
 from monitor.base.files.outputs import write_text
 from training.cli.options import Folder, Length
-from training.dyno import effects
+from training.dyno import downstream, effects
 
 if TYPE_CHECKING:
-    from monitor.base.downstream_faults import DownstreamFault
     from monitor.base.faults import Fault
+    from training.dyno.downstream import DownstreamFault
     from training.dyno.engine import EngineLayout
     from training.dyno.simulation import Experiment
 
@@ -35,7 +35,7 @@ FORMATS = ("log", "blf", "asc", "trc", "mf4", "parquet", "csv", "csv.gz")
 _FAULT = {
     "help": f"sensor fault in the control loop: {', '.join(faults.NAMES)}; the unit of the "
     "severity depends on the fault: s (slow, delay), gain or lambda (bias). Behind it: "
-    f"{', '.join(downstream_faults.NAMES)}; g (catalyst_low), s, gain, V (stuck, low, high, "
+    f"{', '.join(downstream.FAULTS)}; g (catalyst_low), s, gain, V (stuck, low, high, "
     "inactive) or part of the power (heater)"
 }
 _EFFECT = {
@@ -144,11 +144,29 @@ def run(args: SimulateCommand) -> int:
 def _faults(texts: Sequence[str]) -> "tuple[Fault | None, DownstreamFault | None]":
     """Return the fault of the sensor, and that behind it; raises UsageError for two behind it."""
     pairs = [_fault(text) for text in texts]
-    behind = [pair for pair in pairs if pair[0] in downstream_faults.NAMES]
+    behind = [pair for pair in pairs if pair[0] in downstream.FAULTS]
     if len(behind) > 1:
         raise UsageError(f"faults {[name for name, _ in behind]}: one behind the sensor is wanted")
     own = [faults.resolve(*pair) for pair in pairs if pair not in behind]
-    return faults.combine(own), downstream_faults.resolve(*behind[0]) if behind else None
+    return combined(own), downstream.fault_behind(*behind[0]) if behind else None
+
+
+def combined(parts: "Sequence[Fault]") -> "Fault | None":
+    """Return one fault with the effects of all parts; None if there are no parts.
+
+    Raises UsageError if two parts set the same parameter.
+    """
+    if len(parts) < 2:
+        return parts[0] if parts else None
+    healthy = faults.Fault("", 0.0)
+    values: dict[str, Any] = {}
+    for part in parts:
+        for field in fields(faults.Fault)[2:]:
+            value = getattr(part, field.name)
+            changed = value != getattr(healthy, field.name)
+            if changed and values.setdefault(field.name, value) != value:
+                raise UsageError(f"faults {[p.name for p in parts]} both set {field.name}")
+    return faults.Fault("+".join(p.name for p in parts), parts[0].severity, **values)
 
 
 def _layout(args: SimulateCommand) -> "EngineLayout | None":

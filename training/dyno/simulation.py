@@ -4,11 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from monitor.base.downstream_faults import DownstreamFault
 from monitor.base.faults import Fault
 from monitor.base.signals import OWN
 from monitor.base.types import FloatArray
 from training.dyno import cycles, downstream, drive, engine, mixture, vehicle
+from training.dyno.downstream import DownstreamFault
 from training.dyno.drive import SimulatedDrive
 from training.dyno.effects import Effects
 from training.dyno.engine import Engine, EngineLayout

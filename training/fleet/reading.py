@@ -12,6 +12,7 @@ from monitor.base.types import SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.enable import Enable
 from monitor.model.card import ModelCard
+from monitor.pipeline.entry import check_long_enough
 from monitor.pipeline.names import needed_names
 from monitor.pipeline.recordings import RecordingReader
 from training.recordings import recording
@@ -51,9 +52,13 @@ class FleetReader:
         if path.suffix.lower() == ".parquet" or is_measurement(path, self._columns):
             names, block, begin_ns = self._load(path)
         else:
-            log = self._reader.read(path)
-            names, block, begin_ns = log.names, log.block, int(log.block.t_ns[0])
-            counters, clearings = log.counters, log.clearings
+            opened = self._reader.open(path)
+            samples, clearings = recording.whole(opened.parts, len(opened.names))
+            check_long_enough(path, len(samples.t_ns))
+            names, counters = needed_names(self._card, opened.names), opened.counters()
+            order = [opened.names.index(name) for name in names]
+            values, quality = samples.values[:, order], samples.quality[:, order]
+            block, begin_ns = samples._replace(values=values, quality=quality), int(samples.t_ns[0])
         return Read(
             names,
             block,

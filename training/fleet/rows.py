@@ -10,11 +10,11 @@ from monitor.base.types import Quality, SampleBlock
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import WindowJudged
 from monitor.model.card import ModelCard
-from monitor.pipeline.side_by_side import Judged
 from training.fleet.columns import BEHIND_KEYS, COUNTERS, ESTIMATES
 from training.fleet.drives import FleetDrive
 from training.fleet.reading import Read
 from training.limits.judging import reached_twice
+from training.limits.side_by_side import Judged
 from training.recordings.start import start_of
 
 Row = dict[str, Any]

@@ -16,11 +16,11 @@ from monitor.grid.tables import checked_columns
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.recordings import RecordingReader
-from monitor.pipeline.side_by_side import RecordingJudge
 from training.fleet import places
 from training.fleet.reading import FleetReader
 from training.jobs import run_folder
 from training.jobs.model_bytes import model_of
+from training.limits.side_by_side import RecordingJudge
 from training.recordings.recording import default_pairs
 
 File = tuple[str, bytes]  # name and content

@@ -1,15 +1,23 @@
 """What a new model's card keeps of the recordings: profile, decision limits, healthy reference."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from monitor.base import config
 from monitor.base.errors import RecordingError
-from monitor.frames.profiles.profile import is_profile, load_profile, path_of, tree_of
-from monitor.grid.column_times import column_times, merged
+from monitor.frames.profiles.profile import (
+    Profile,
+    ProfileEngine,
+    is_profile,
+    load_profile,
+    path_of,
+    source_tree,
+)
+from monitor.grid.column_times import column_times
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.healthy.reference import set_reference
@@ -83,3 +91,35 @@ def _set_limits(path: Path, unseen: Unseen, origin: str) -> list[str]:
             "a healthy drive may be judged faulty; train on more or longer drives"
         )
     return warnings
+
+
+def tree_of(profile: Profile) -> dict[str, Any]:
+    """Return the tree from which ``profile_of`` makes the profile again, without based_on."""
+    return {
+        "title": profile.title,
+        "stoich_afr": profile.stoich_afr,
+        "time": [source_tree(source) for source in profile.time],
+        "signals": {
+            name: [source_tree(source) for source in sources]
+            for name, sources in profile.signals.items()
+        },
+        "engine": {each.name: getattr(profile.engine, each.name) for each in fields(ProfileEngine)},
+        **({"pivot": profile.pivot._asdict()} if profile.pivot else {}),
+    }
+
+
+def merged(times: Iterable[Mapping[str, Any]], compared: Set[str]) -> dict[str, Any]:
+    """Return the times of several recordings: longest intervals, ranges of what is apart.
+
+    compared : names of the columns that are compared with each other
+    """
+    every: dict[str, float] = {}
+    apart: dict[str, list[float]] = {}
+    for each in times:
+        every |= {k: max(s, every.get(k, s)) for k, s in each["every_s"].items()}
+        for pair, (low, high) in each["apart_s"].items():
+            if not compared >= {*pair.split()}:
+                continue
+            least, most = apart.get(pair, (low, high))
+            apart[pair] = [min(least, low), max(most, high)]
+    return {"every_s": every, "apart_s": apart}

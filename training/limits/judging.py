@@ -16,7 +16,7 @@ from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.side_by_side import Judged, RecordingJudge
+from training.limits.side_by_side import Judged, RecordingJudge
 from training.recordings.recording import Recording
 
 __all__ = [

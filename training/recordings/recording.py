@@ -6,7 +6,7 @@ Logs and tables pass through the same code as in ``o2mon replay``.
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -24,8 +24,8 @@ from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters
 from monitor.grid.arrays import table_of
-from monitor.grid.block_assembler import BlockAssembler, assemble_arrays
-from monitor.grid.block_samples import log_samples, whole
+from monitor.grid.block_assembler import BlockAssembler, assemble_arrays, joined
+from monitor.grid.block_samples import Clearing, log_samples
 from monitor.grid.table_samples import in_range, table_block
 from monitor.grid.tables import DEFAULT_PERIOD_NS, Table, is_table, read_table, table_period_ns
 from monitor.grid.timeline import Timeline
@@ -263,3 +263,12 @@ def training_recording(recording: Recording, n_samples: int | None = None) -> Tr
     path, used = recording.path, len(recording.values) if n_samples is None else n_samples
     source = source_of(path, recording.sha256) or ""
     return TrainingRecording(path.name, recording.sha256, used, source)
+
+
+def whole(
+    parts: Iterable[SampleBlock | Clearing], n_names: int
+) -> tuple[SampleBlock, tuple[Clearing, ...]]:
+    """Return a recording's samples as one block, and its clearings."""
+    taken = list(parts)
+    clearings = tuple(each for each in taken if isinstance(each, Clearing))
+    return joined([each for each in taken if not isinstance(each, Clearing)], n_names), clearings

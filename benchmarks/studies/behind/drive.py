@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.studies.behind.plan import CatalystTrial
 from benchmarks.studies.second import brick
 from benchmarks.studies.sensor.conditions import weather
-from monitor.base import downstream_faults, faults
+from monitor.base import faults
 from monitor.base.config import Config, DebounceConfig
 from monitor.base.types import FloatArray
 from monitor.judge.catalyst.watch import BehindResult, CatalystMonitor
@@ -20,6 +20,7 @@ from monitor.judge.decision.decisions import CIRCUIT_TESTS
 from monitor.memory.codes import CODES
 from monitor.memory.debounce import PASSED, Debounce
 from training.dyno import downstream, ecu, effects
+from training.dyno.downstream import DownstreamFault, fault_behind
 from training.dyno.simulation import Experiment, simulate
 from training.dyno.vehicle import conditions, piece
 
@@ -40,9 +41,9 @@ def drive(trial: CatalystTrial, seconds: float) -> tuple[tuple[str, ...], FloatA
     capacity_g = trial.grams or downstream.piece(vehicle).capacity_g
     outside = weather(trial.ambient, vehicle) if trial.ambient else conditions(vehicle)
     parts = piece(vehicle)
-    fault = downstream_faults.DownstreamFault("", 0.0)
+    fault = DownstreamFault("", 0.0)
     if trial.sensor:
-        fault = downstream_faults.resolve(trial.sensor, trial.lag_s)
+        fault = fault_behind(trial.sensor, trial.lag_s)
     upstream = faults.resolve(trial.upstream, abs(trial.bias_lambda)) if trial.upstream else None
     signals = simulate(
         Experiment(

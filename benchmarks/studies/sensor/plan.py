@@ -15,6 +15,7 @@ import numpy as np
 from benchmarks.studies.options import option
 from benchmarks.studies.sensor.conditions import AMBIENTS, ageing, weather
 from benchmarks.studies.sensor.severities import (
+    LIMIT_SEVERITY,
     NOT_AFTERWARDS,
     SEVERITIES,
     at_limit,
@@ -22,7 +23,7 @@ from benchmarks.studies.sensor.severities import (
 )
 from monitor.base import faults
 from monitor.base.errors import UsageError
-from monitor.base.faults import LIMIT_SEVERITY, Fault
+from monitor.base.faults import Fault
 from training.dyno import cycles
 from training.dyno.vehicle import Conditions
 

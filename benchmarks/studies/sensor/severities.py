@@ -4,7 +4,6 @@ from typing import Final
 
 from monitor.base import faults
 from monitor.base.errors import UsageError
-from monitor.base.faults import LIMIT_SEVERITY
 
 SLOW, DELAY = (0.2, 0.3, 0.5, 0.7, 1.0, 2.0), (0.2, 0.3, 0.4, 0.6, 1.0, 2.0)  # s
 BIAS = (0.02, 0.035, 0.05, 0.07, 0.1, 0.2)  # lambda
@@ -23,6 +22,18 @@ ELECTRICAL: Final = (
 )
 # the ECU sends them, no reading shows them
 NOT_AFTERWARDS: Final = ("not_ready", "signal_missing", "heater")
+LIMIT_SEVERITY: Final = {  # from which the monitor must detect a fault
+    "slow_rich_to_lean": 0.5,  # s
+    "slow_lean_to_rich": 0.5,
+    "slow_symmetric": 0.5,
+    "delay_rich_to_lean": 0.4,  # s
+    "delay_lean_to_rich": 0.4,
+    "delay_symmetric": 0.4,
+    "transient": 0.5,  # s, together with a reduced amplitude
+    "gain_low": 0.6,  # remaining share of the amplitude
+    "biased_lean": 0.05,  # lambda
+    "biased_rich": 0.05,
+}
 SEVERITIES: Final[dict[str, tuple[float, ...]]] = {
     **{name: SLOW for name in faults.NAMES if name.startswith("slow")},
     **{name: DELAY for name in faults.NAMES if name.startswith("delay")},

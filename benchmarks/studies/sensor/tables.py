@@ -11,7 +11,7 @@ from benchmarks.studies import targets
 from benchmarks.studies.report import DEVELOPMENT, Report, Section
 from benchmarks.studies.rules.alarms import FALSE_ALARM_RATE, TITLES
 from benchmarks.studies.sensor.plan import CALIBRATION_VEHICLES, PLACEMENTS, Matrix
-from benchmarks.studies.sensor.severities import ELECTRICAL, at_limit, beyond_limit
+from benchmarks.studies.sensor.severities import ELECTRICAL, LIMIT_SEVERITY, at_limit, beyond_limit
 from benchmarks.studies.tables import (
     AND,
     Row,
@@ -24,7 +24,6 @@ from benchmarks.studies.tables import (
     split,
 )
 from benchmarks.studies.targets import Target
-from monitor.base.faults import LIMIT_SEVERITY
 from monitor.judge.enable import CONDITIONS
 from training.limits.rates import Figures, per_1000_h, rate
 from training.pages.drawing import Drawing, Layer, axis, layer, plot

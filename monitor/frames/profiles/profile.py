@@ -183,21 +183,6 @@ def profile_of(tree: Mapping[str, Any], path: Path) -> Profile:
     )
 
 
-def tree_of(profile: Profile) -> dict[str, Any]:
-    """Return the tree from which ``profile_of`` makes the profile again, without based_on."""
-    return {
-        "title": profile.title,
-        "stoich_afr": profile.stoich_afr,
-        "time": [source_tree(source) for source in profile.time],
-        "signals": {
-            name: [source_tree(source) for source in sources]
-            for name, sources in profile.signals.items()
-        },
-        "engine": {each.name: getattr(profile.engine, each.name) for each in fields(ProfileEngine)},
-        **({"pivot": profile.pivot._asdict()} if profile.pivot else {}),
-    }
-
-
 def source_tree(source: Source) -> dict[str, Any]:
     """Return the tree of a source: its column, and what differs from the defaults."""
     plain = Source(column=source.column)

@@ -7,25 +7,31 @@ from pathlib import Path
 import numpy as np
 
 from monitor.base import config
-from monitor.pipeline.recordings import ReadRecording, RecordingReader
-from monitor.pipeline.replay import set_up
+from monitor.pipeline.recordings import RecordingReader
+from monitor.pipeline.replay import Setup, set_up
 from tests.conftest import ROOT
+from training.fleet.reading import FleetReader, Read
 
 PERIOD_S = 0.1
 Columns = dict[str, np.ndarray]
 
 
+def read(log: Path | str, setup: Setup) -> Read:
+    """Return a whole replay log, or any other, with the signals that the monitor looks at."""
+    card = setup.model.card
+    reader = FleetReader(RecordingReader(setup.bus_map, card), card, setup.config, None)
+    return reader.read(ROOT / "replay_logs" / log)
+
+
 @cache
-def _healthy() -> ReadRecording:
-    setup = set_up(None, [], config.load())
-    log = ROOT / "replay_logs/healthy_micro_trips_v102_s102.blf"
-    return RecordingReader(setup.bus_map, setup.model.card).read(log)
+def _healthy() -> Read:
+    return read("healthy_micro_trips_v102_s102.blf", set_up(None, [], config.load()))
 
 
 def columns() -> Columns:
     """Return the healthy drive of seven minutes, column by column."""
-    read = _healthy()
-    return {name: read.block.values[:, i].copy() for i, name in enumerate(read.names)}
+    drive = _healthy()
+    return {name: drive.block.values[:, i].copy() for i, name in enumerate(drive.names)}
 
 
 @cache

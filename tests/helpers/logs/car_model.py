@@ -6,10 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from monitor.base.types import FloatArray
-from monitor.frames.profiles.profile import load_profile, tree_of
+from monitor.frames.profiles.profile import load_profile
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.logs.logger_files import write_text_table
+from training.healthy.new_model import tree_of
 from training.narx.export import update_card
 
 

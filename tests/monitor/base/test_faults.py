@@ -7,13 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.base import config, downstream_faults
+from monitor.base import config
 from monitor.base.errors import UsageError
-from monitor.base.faults import NAMES, TRANSIENT_GAIN, Fault, combine, resolve
+from monitor.base.faults import NAMES, TRANSIENT_GAIN, Fault, resolve
 from monitor.judge.response.bank import DIRECTIONS, build
 from monitor.memory.codes import CODES
 from tests.helpers.examples import inputs
 from tests.helpers.models.bank import readings
+from training.cli.simulate import combined
+from training.dyno.downstream import FAULTS
 from training.recordings.sensor_fault import faulty_readings
 
 PERIOD_S = 0.1
@@ -140,7 +142,7 @@ def test_a_reading_no_sensor_can_give_leaves_no_trace(name: str, reading: float)
 
 
 def test_every_fault_has_a_code() -> None:
-    names = {*NAMES, *downstream_faults.NAMES}
+    names = {*NAMES, *FAULTS}
     assert names <= set(CODES)
     found_only = {"signal_invalid", "bus_off", "memory_lost", "balance_lean", "balance_rich"}
     assert set(CODES) - names == found_only
@@ -168,7 +170,7 @@ def test_combined_faults_do_what_all_parts_do(phi: list[float]) -> None:
         resolve("delay_lean_to_rich", 0.4),
         resolve("biased_lean", 0.05),
     ]
-    both = combine(parts)
+    both = combined(parts)
     assert both is not None
     assert both.name == "slow_rich_to_lean+delay_lean_to_rich+biased_lean"
     # dead time, then lag, then offset, as the signal runs through the sensor
@@ -181,8 +183,8 @@ def test_combined_faults_do_what_all_parts_do(phi: list[float]) -> None:
 
 def test_one_or_no_part_needs_no_combining() -> None:
     part = resolve("gain_low", 0.5)
-    assert combine([]) is None
-    assert combine([part]) is part
+    assert combined([]) is None
+    assert combined([part]) is part
 
 
 @pytest.mark.parametrize(
@@ -197,7 +199,7 @@ def test_one_or_no_part_needs_no_combining() -> None:
 def test_faults_that_contradict_each_other_are_refused(names: tuple[str, str]) -> None:
     severities = (0.3, 0.7)
     with pytest.raises(UsageError, match=names[0]):
-        combine([resolve(name, s) for name, s in zip(names, severities, strict=True)])
+        combined([resolve(name, s) for name, s in zip(names, severities, strict=True)])
 
 
 # The bank of hypotheses

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from monitor.controller.export import export
-from monitor.pipeline.recordings import RecordingReader
 from monitor.pipeline.replay import Setup
 from tests.conftest import ROOT
+from tests.helpers.drives.drive_tables import read
 from tests.helpers.models import c_monitor, c_target
 
 MISSING = [tool for tool in c_target.TOOLS if not shutil.which(tool)]
@@ -41,7 +41,7 @@ def test_a_drive_is_judged_on_the_core_as_in_python(
 ) -> None:
     # GIVEN a replay log as samples for the controller
     log = next((ROOT / "replay_logs").glob(f"{kind}*.blf"))
-    drive = RecordingReader(setup.bus_map, setup.model.card).read(log)
+    drive = read(log, setup)
     (python,) = c_monitor.in_python([drive.block], drive.names, setup)
     given = c_monitor.rows(drive.block, drive.names, c_monitor.source_of(setup))
     file = exported / "drive.bin"

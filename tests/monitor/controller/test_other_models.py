@@ -13,10 +13,10 @@ from monitor.controller.export import export
 from monitor.controller.tables import FURTHER
 from monitor.judge.limits import Limits
 from monitor.model.card import Limit
-from monitor.pipeline.recordings import ReadRecording, RecordingReader
 from monitor.pipeline.replay import Setup, set_up
-from tests.conftest import ROOT
+from tests.helpers.drives.drive_tables import read
 from tests.helpers.models import c_monitor
+from training.fleet.reading import Read
 
 LOGS = ("gain_low_micro_trips_v110_s116.blf", "stuck_lean_micro_trips_v113_s119.blf")
 LATE = {"lead_s": 0.17, "delays_s": (0.13, 0.25, 0.4, 0.66, 1.1, 1.9)}  # parts of a sample
@@ -25,10 +25,9 @@ pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 
 
 @pytest.fixture(scope="module")
-def drives() -> list[ReadRecording]:
+def drives() -> list[Read]:
     setup = set_up(None, [], config.load())
-    reader = RecordingReader(setup.bus_map, setup.model.card)
-    return [reader.read(ROOT / "replay_logs" / name) for name in LOGS]
+    return [read(name, setup) for name in LOGS]
 
 
 def other(response: dict[str, Any] | None = None, **card: Any) -> Setup:
@@ -43,7 +42,7 @@ def other(response: dict[str, Any] | None = None, **card: Any) -> Setup:
 
 @pytest.mark.parametrize("kind", ["still", "trust", "late", "bare"])
 def test_another_card_other_settings_and_signals_give_the_same_verdicts(
-    kind: str, drives: list[ReadRecording], tmp_path: Path
+    kind: str, drives: list[Read], tmp_path: Path
 ) -> None:
     # GIVEN a model whose reading may stand still or that mistakes a fault, delays between samples,
     # or a controller without any signal but the model's

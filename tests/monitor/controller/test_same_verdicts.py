@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from monitor.base.files import manifest
 from monitor.controller.export import export
 from monitor.memory.reference import Reference
-from monitor.pipeline.recordings import RecordingReader
 from monitor.pipeline.replay import Setup
 from tests.conftest import ROOT
+from tests.helpers.drives.drive_tables import read
 from tests.helpers.examples import inputs
 from tests.helpers.models import c_monitor
 from tests.helpers.models.broken_samples import drive_of
@@ -41,7 +41,7 @@ def driver(exported: Path) -> Path:
 def test_every_window_and_code_of_a_replay_log_is_the_same_in_c(
     name: str, setup: Setup, driver: Path
 ) -> None:
-    drive = RecordingReader(setup.bus_map, setup.model.card).read(ROOT / "replay_logs" / name)
+    drive = read(name, setup)
     (python,) = c_monitor.in_python([drive.block], drive.names, setup)
     given = c_monitor.rows(drive.block, drive.names, c_monitor.source_of(setup))
     (c,) = c_monitor.in_c([driver, *c_monitor.ANY], [given])
@@ -50,8 +50,8 @@ def test_every_window_and_code_of_a_replay_log_is_the_same_in_c(
 
 @pytest.fixture(scope="module")
 def logs(setup: Setup) -> list[Any]:
-    reader, source = RecordingReader(setup.bus_map, setup.model.card), c_monitor.source_of(setup)
-    drives = [reader.read(ROOT / "replay_logs" / name) for name in NAMES if "micro" in name]
+    source = c_monitor.source_of(setup)
+    drives = [read(name, setup) for name in NAMES if "micro" in name]
     return [c_monitor.rows(drive.block, drive.names, source) for drive in drives[::3]]
 
 
@@ -112,7 +112,7 @@ def test_a_reading_that_jumps_to_one_value_is_intermittent_in_c_too(
 def test_the_vehicle_s_reference_is_an_input(setup: Setup, driver: Path) -> None:
     # GIVEN a sound sensor in a vehicle whose reference knows other offsets and a stronger gain
     name = next(each for each in NAMES if each.startswith("healthy_micro"))
-    drive = RecordingReader(setup.bus_map, setup.model.card).read(ROOT / "replay_logs" / name)
+    drive = read(name, setup)
     own = setup.limits.of_vehicle(Reference(0.09, 0.1, 1.1, 5), setup.config.bias)
     (python,) = c_monitor.in_python([drive.block], drive.names, setup, own)
     # WHEN the C monitor gets that reference

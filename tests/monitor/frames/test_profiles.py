@@ -16,7 +16,6 @@ from monitor.frames.profiles.profile import (
     profile_of,
     shipped,
     shipped_profile,
-    tree_of,
 )
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.profiles.times import held
@@ -26,6 +25,7 @@ from monitor.grid.tables import Table, read_table, table_period_ns
 from monitor.mapping.profile_proposal import proposed
 from monitor.report.check_table import check_table
 from tests.helpers.logs.logger_files import Field, drive, write_mlg, write_text_table
+from training.healthy.new_model import tree_of
 
 D = drive()
 LAMBDA = D["afr"] / 14.7

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from monitor import cli
 from monitor.base.signals import plausible_range
 from monitor.base.types import FloatArray
-from monitor.grid.column_times import column_times, merged, unlike
+from monitor.grid.column_times import column_times, unlike
 from tests.helpers.drives.drive_tables import Columns, table
 from tests.helpers.logs.replays import replays
+from training.healthy.new_model import merged
 
 Change = Callable[[FloatArray], FloatArray]
 Replay = Callable[[Callable[[Columns], None]], tuple[int, str, str]]

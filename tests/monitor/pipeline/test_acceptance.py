@@ -10,11 +10,11 @@ from monitor.base import config, faults
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from monitor.pipeline.side_by_side import Judged, RecordingJudge
 from training.dyno import ecu
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate
 from training.limits.judging import judge
+from training.limits.side_by_side import Judged, RecordingJudge
 from training.recordings import metrics
 from training.recordings.recording import load
 

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor.base import config, downstream_faults, faults
+from monitor.base import config, faults
 from monitor.judge.catalyst.watch import CatalystMonitor
 from monitor.pipeline.replay import replay, set_up
 from training.dyno import ecu, effects, vehicle
+from training.dyno.downstream import fault_behind
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate
 
@@ -27,7 +28,7 @@ def test_circuit_and_heater_of_the_downstream_sensor_have_codes(
     fault: str, code: str, tmp_path: Path
 ) -> None:
     drive = DRIVE | {"cycle": "micro_trips", "duration_s": 110.0}
-    experiment = Experiment(**drive, downstream_fault=downstream_faults.resolve(fault))
+    experiment = Experiment(**drive, downstream_fault=fault_behind(fault))
     log = write(experiment, tmp_path, "blf")
     recording, _ = replay(log, set_up(None, [], config.shipped()))
     assert [(dtc["code"], dtc["fault"]) for dtc in recording["dtcs"]] == [(code, fault)]
@@ -38,7 +39,7 @@ def test_circuit_and_heater_of_the_downstream_sensor_have_codes(
     [
         (Experiment(**DRIVE), set()),
         (
-            Experiment(**DRIVE, downstream_fault=downstream_faults.resolve("catalyst_low", 0.05)),
+            Experiment(**DRIVE, downstream_fault=fault_behind("catalyst_low", 0.05)),
             {"P0420"},
         ),
         (Experiment(**DRIVE, fault=faults.resolve("biased_lean", 0.025)), {"P2097", "P2195"}),

@@ -19,10 +19,10 @@ from monitor.judge.response.bank import Bank, Spans, build
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from monitor.pipeline.side_by_side import RecordingJudge
 from tests.helpers.examples import inputs
 from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, stream
 from tests.helpers.models.networks import card_of, network_of
+from training.limits.side_by_side import RecordingJudge
 from training.narx.export import save
 
 INPUTS = ("air_mass_mg", "lambda_controller")

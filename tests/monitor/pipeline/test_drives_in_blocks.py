@@ -10,10 +10,10 @@ from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from monitor.pipeline.side_by_side import RecordingJudge
 from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, stream
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
+from training.limits.side_by_side import RecordingJudge
 
 MODEL = Model.load(shipped_model())
 LIMITS = Limits.from_card(MODEL.card, SHIPPED, "shipped")

@@ -10,10 +10,10 @@ from monitor.base.types import SampleBlock
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from monitor.pipeline.side_by_side import Judged, RecordingJudge
 from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
+from training.limits.side_by_side import Judged, RecordingJudge
 
 WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
 DRIVE = Experiment("udds", vehicle=3, seed=9300, conditions=WARM, duration_s=700.0)

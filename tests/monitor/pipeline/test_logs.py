@@ -21,7 +21,7 @@ from monitor.frames.logs import read_blocks
 from monitor.frames.loop_frames import time_mark
 from monitor.grid import block_samples
 from monitor.grid.block_assembler import BlockAssembler
-from monitor.grid.block_samples import Clearing, FrameSamples, log_samples, whole
+from monitor.grid.block_samples import Clearing, FrameSamples, log_samples
 from monitor.grid.timeline import Timeline
 from monitor.judge.limits import Limits
 from monitor.memory.dtc_store import DtcStore
@@ -30,12 +30,13 @@ from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import bus_sources, check_long_enough, check_received
 from monitor.pipeline.frames import FramePipeline
 from monitor.pipeline.names import needed_names
-from monitor.pipeline.recordings import RecordingReader
 from monitor.pipeline.replay import Setup, replay, set_up, shipped_model
 from tests.conftest import ROOT
+from tests.helpers.drives.drive_tables import read
 from tests.helpers.examples import inputs
 from tests.helpers.logs.batch_logs import ECU, S, logs
 from training.recordings.files.table_files import write_table
+from training.recordings.recording import whole
 
 MODEL = Model.load(shipped_model())
 SETTINGS = config.load()
@@ -190,13 +191,11 @@ def test_a_whole_recording_holds_only_the_signals_that_the_monitor_looks_at(
     tmp_path: Path,
 ) -> None:
     (log,) = (ROOT / "replay_logs").glob("gain_low_*.blf")
-    reader = RecordingReader(ECU, MODEL.card)
-    recorded = reader.read(log)
+    recorded = read(log, SETUP)
     path = tmp_path / "table.csv"
     t_s = (recorded.block.t_ns - recorded.block.t_ns[0]) / 1e9
     values = np.column_stack([np.zeros(len(t_s)), recorded.block.values])
     write_table(path, t_s, ["wiper", *recorded.names], values)
-    read = reader.read(path)
-    assert "wiper" in reader.open(path).names
-    assert read.names == recorded.names
-    np.testing.assert_allclose(read.block.values, recorded.block.values, rtol=1e-6)
+    again = read(path, SETUP)
+    assert again.names == recorded.names
+    np.testing.assert_allclose(again.block.values, recorded.block.values, rtol=1e-6)

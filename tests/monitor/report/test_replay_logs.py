@@ -24,10 +24,11 @@ def _at_the_root(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_there_is_a_drive_for_health_and_for_every_fault() -> None:
-    from monitor.base import downstream_faults, faults
+    from monitor.base import faults
+    from training.dyno.downstream import FAULTS
 
     found = {entry["fault"] for entry in LOGS.values()}
-    assert found - set(downstream_faults.NAMES) == {None, *faults.NAMES}
+    assert found - set(FAULTS) == {None, *faults.NAMES}
     assert {"catalyst_low", *CIRCUIT} <= found
     assert sum((ROOT / "replay_logs" / name).stat().st_size for name in NAMES) < 30e6
     assert all(entry["source"] == "simulated" for entry in LOGS.values())

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.base import downstream_faults
 from monitor.base.errors import UsageError
 from monitor.base.types import FloatArray
 from tests.helpers.examples import inputs
 from training.dyno import catalyst, downstream, ecu
+from training.dyno.downstream import fault_behind
 from training.dyno.simulation import Experiment, simulate
 
 WARM_S = 300.0
@@ -45,7 +45,7 @@ def test_what_enters_and_does_not_leave_is_stored(
 @cache
 def driven(fault: str = "", severity: float | None = None) -> dict[str, FloatArray]:
     """A drive of vehicle 3 with catalyst and downstream sensor."""
-    found = downstream_faults.resolve(fault, severity) if fault else None
+    found = fault_behind(fault, severity) if fault else None
     return simulate(
         Experiment(
             cycle="udds",
@@ -155,8 +155,8 @@ def test_a_wide_range_sensor_behind_the_catalyst_reads_lambda_and_no_voltage() -
 
 def test_an_impossible_fault_behind_the_sensor_is_refused() -> None:
     with pytest.raises(UsageError, match="catalyst_low"):
-        downstream_faults.resolve("catalyst_low", 0.0)
+        fault_behind("catalyst_low", 0.0)
     with pytest.raises(UsageError, match="unknown"):
-        downstream_faults.resolve("catalyst_high")
+        fault_behind("catalyst_high")
     with pytest.raises(UsageError, match="below 1"):
-        downstream_faults.resolve("downstream_weak", 1.0)
+        fault_behind("downstream_weak", 1.0)

@@ -13,9 +13,9 @@ from monitor.base.config import Config
 from monitor.base.faults import Fault
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
-from monitor.pipeline.side_by_side import Judged
 from training.gap.verify.evidence import Count, Detection
 from training.limits.judging import judge_recordings
+from training.limits.side_by_side import Judged
 from training.limits.trust import put_on
 from training.recordings.recording import Recording
 

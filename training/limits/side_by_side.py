@@ -23,9 +23,8 @@ from monitor.pipeline.events import (
     Ticks,
     WindowJudged,
 )
-from monitor.pipeline.monitor import Judge, SensorMonitor
+from monitor.pipeline.monitor import Judge, SensorMonitor, slices
 
-SAMPLES = 2048  # of each recording that are judged at once
 _NONE = np.empty(0)
 _Kind = TypeVar("_Kind")
 
@@ -198,9 +197,3 @@ class _Run:
             behind=monitor.catalyst.entry(),
             explained=monitor.decisions.explained,
         )
-
-
-def slices(block: SampleBlock, begin: int, end: int) -> Iterator[SampleBlock]:
-    """Yield the samples from begin to end in blocks of ``SAMPLES``."""
-    for first in range(begin, end, SAMPLES):
-        yield block.part(first, min(first + SAMPLES, end))
