@@ -7,7 +7,8 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
 from monitor.frames.blocks import block_of
 from monitor.grid.block_assembler import BlockAssembler
-from monitor.grid.block_samples import log_samples, whole
+from monitor.grid.block_samples import log_samples
+from training.recordings.recording import whole
 
 Values = dict[str, float] | None  # of a frame by channel, None if it is not used
 
