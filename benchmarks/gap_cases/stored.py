@@ -22,8 +22,8 @@ from benchmarks.studies.workflow import plan
 from monitor.base.types import FloatArray
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
-from training.greybox.chain import Constants, simulate
-from training.greybox.fit.drive import ChainDrive, from_recording, path_of
+from training.greybox.chain import Constants
+from training.greybox.fit.drive import ChainDrive, from_recording, phi_of
 from training.healthy import yardstick
 from training.healthy.behaviour import Healthy
 from training.jobs import run_folder
@@ -131,7 +131,7 @@ def _errors(drives: Sequence[ChainDrive], known: Healthy) -> list[FloatArray]:
     """Return the healthy chain's error over each drive, (n,) in phi, NaN where not scored."""
     found = []
     for drive in map(known.known_of, drives):
-        phi = simulate(path_of(drive, known.base), drive.period_s) + known.correction(drive)
+        phi = phi_of(drive, known.base) + known.correction(drive)
         found.append(np.where(drive.scored, phi - drive.phi_measured, np.nan))
     return found
 

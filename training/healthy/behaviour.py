@@ -13,8 +13,8 @@ from training.greybox.charge import ChargeError, fit_with_error, with_charge
 from training.greybox.effects import LIBRARY, Effect
 from training.greybox.effects.model_effect import Effects
 from training.greybox.fit import ridge
-from training.greybox.fit.case import WHITE, Case, Run, Term, reading
-from training.greybox.fit.drive import BLOCK_S, FOLDS, ChainDrive, joined, path_of
+from training.greybox.fit.case import WHITE, Case, Term, reading
+from training.greybox.fit.drive import BLOCK_S, FOLDS, ChainDrive, joined, path_of, phi_of
 from training.greybox.fit.joint import JointFit, fit
 from training.greybox.fit.ridge import Ridge
 from training.greybox.fit.sensor_faults import FAULTS
@@ -98,7 +98,7 @@ class Healthy:
         learned = self.learned(drive, made)
         if drive.phi_of_model is None:
             return np.asarray(learned + drive.moved_phi)
-        own = simulate(path_of(self.with_own(drive), self.base), drive.period_s)
+        own = phi_of(self.with_own(drive), self.base)
         return np.asarray(learned + drive.phi_of_model - own)
 
 
@@ -244,7 +244,7 @@ def _left(drive: ChainDrive, base: Constants) -> FloatArray:
     """Return the model's error, (n,) in phi."""
     phi = drive.phi_of_model
     if phi is None:
-        phi = simulate(path_of(drive, base), drive.period_s) + drive.moved_phi
+        phi = phi_of(drive, base) + drive.moved_phi
     return np.asarray(drive.phi_measured - phi)
 
 
@@ -273,8 +273,7 @@ def noise(kept: Sequence[BoolArray], rest: FloatArray) -> tuple[tuple[float, flo
 
 def columns(drive: ChainDrive, base: Constants) -> dict[str, FloatArray]:
     """Return the columns of a drive: plain functions and every effect's signature."""
-    run = Run.of(drive, base)
-    path, phi = run.path, run.phi
+    path, phi = path_of(drive, base), phi_of(drive, base)
     made = features(drive, path, phi)
     made[SKEW] = (simulate(_skewed(path, drive.period_s), drive.period_s) - phi) / SKEW_S
     terms: tuple[Term, ...] = (*drive.effects, *FAULTS)
@@ -282,7 +281,7 @@ def columns(drive: ChainDrive, base: Constants) -> dict[str, FloatArray]:
         if isinstance(term, Effect) and not set(term.needs) <= set(drive.signals):
             continue
         for start in product(*(p.start for p in term.parameters)):
-            changed = reading(drive, base, (term,), (np.array(start),), run=run)
+            changed = reading(drive, base, (term,), (np.array(start),))
             made[f"{term.name} {start}"] = (changed - phi) / abs(start[0])
     return made
 

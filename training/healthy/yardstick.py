@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from training.greybox.chain import Constants, simulate
+from training.greybox.chain import Constants
 from training.greybox.fit.case import Term
-from training.greybox.fit.drive import ChainDrive, path_of
+from training.greybox.fit.drive import ChainDrive, phi_of
 from training.greybox.fit.joint import fit, held_out_rmse
 from training.greybox.fit.sensor_faults import FAULTS
 from training.healthy import behaviour
@@ -67,7 +67,7 @@ def _offsets(drives: Sequence[ChainDrive], known: Healthy) -> list[float]:
     offsets = []
     for drive in map(known.known_of, drives):
         rows = drive.kept
-        own = simulate(path_of(drive, known.base), drive.period_s)
+        own = phi_of(drive, known.base)
         error = own + known.correction(drive) - drive.phi_measured
         offsets += [float(error[rows].mean())] if rows.any() else []
     return offsets

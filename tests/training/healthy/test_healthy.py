@@ -11,8 +11,8 @@ from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap import gap_simulated
 from tests.helpers.gap.gap_simulated import known, simulated
-from training.greybox.chain import Constants, simulate
-from training.greybox.fit.drive import ChainDrive, path_of
+from training.greybox.chain import Constants
+from training.greybox.fit.drive import ChainDrive, phi_of
 from training.healthy import behaviour, card
 from training.healthy.behaviour import Healthy
 from training.healthy.card import KEY, from_card, to_card
@@ -20,7 +20,7 @@ from training.healthy.card import KEY, from_card, to_card
 
 def _rmse(driven: ChainDrive, taught: Healthy) -> float:
     own = taught.with_own(driven)
-    e = simulate(path_of(own, taught.base), own.period_s) - own.phi_measured
+    e = phi_of(own, taught.base) - own.phi_measured
     return float(np.sqrt(np.mean(e[own.scored] ** 2)))
 
 

@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
-from training.greybox.chain import Constants, Path, simulate
+from training.greybox.chain import Constants, simulate
 from training.greybox.effects import Effect
-from training.greybox.fit.drive import BLOCK_S, ChainDrive, path_of
+from training.greybox.fit.drive import BLOCK_S, ChainDrive, path_of, phi_of
 from training.greybox.fit.sensor_faults import FaultHypothesis
 from training.greybox.fit.variation import Shrink
 
@@ -23,20 +23,6 @@ class Prior:
 
     mean: Constants
     spread: Constants  # standard deviation
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """The base on a drive, without any terms."""
-
-    path: Path
-    phi: FloatArray  # (n,) that the sensor reads
-
-    @classmethod
-    def of(cls, drive: ChainDrive, base: Constants) -> "Run":
-        """Return the run of a base on a drive."""
-        path = path_of(drive, base)
-        return cls(path, simulate(path, drive.period_s))
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +40,10 @@ class Case:
 
     kept: tuple[BoolArray, ...] = field(init=False)  # per drive (n,), see ``Drive.kept``
     rows: tuple[IntArray, ...] = field(init=False)  # per drive (m,), the numbers of these samples
-    runs: tuple[Run, ...] = field(init=False)  # per drive, of a fixed base
 
     def __post_init__(self) -> None:
-        fixed = self.fixed
-        runs = () if fixed is None else tuple(Run.of(drive, fixed) for drive in self.drives)
         object.__setattr__(self, "kept", tuple(drive.kept for drive in self.drives))
         object.__setattr__(self, "rows", tuple(map(np.flatnonzero, self.kept)))
-        object.__setattr__(self, "runs", runs)
 
     @property
     def blocks(self) -> IntArray:
@@ -84,10 +66,9 @@ def predict(
     case: Case, base: Constants, terms: Sequence[Term], parameters: Sequence[FloatArray]
 ) -> list[FloatArray]:
     """Return the predicted reading of the sensor, per drive (n,) in phi."""
-    runs = case.runs if base == case.fixed else (None,) * len(case.drives)
     return [
-        reading(drive, base, terms=terms, parameters=parameters, correction=correction, run=run)
-        for drive, correction, run in zip(case.drives, case.corrections, runs, strict=True)
+        reading(drive, base, terms, parameters, correction)
+        for drive, correction in zip(case.drives, case.corrections, strict=True)
     ]
 
 
@@ -97,18 +78,16 @@ def reading(
     terms: Sequence[Term],
     parameters: Sequence[FloatArray],
     correction: FloatArray | float = 0.0,
-    run: Run | None = None,
 ) -> FloatArray:
     """Return the chain's phi (n,) with effects on the path and sensor faults after the chain.
 
     correction : (n,) in phi, from the chain to the reading of a healthy sensor
-    run : of the base on the drive, computed by default
     """
-    path = run.path if run else path_of(drive, base)
+    path = plain = path_of(drive, base)
     for term, values in zip(terms, parameters, strict=True):
         if isinstance(term, Effect):
             path = term.apply(path, values, drive.signals, drive.period_s)
-    read = run.phi if run and path is run.path else simulate(path, drive.period_s)
+    read = phi_of(drive, base) if path is plain else simulate(path, drive.period_s)
     phi = read + correction
     for term, values in zip(terms, parameters, strict=True):
         if isinstance(term, FaultHypothesis):

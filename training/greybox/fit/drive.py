@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Final
 
@@ -10,7 +11,15 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.step import PHI_MAX
-from training.greybox.chain import RECOVERY_S, Constants, Path, base_path, charge_mg, with_speed
+from training.greybox.chain import (
+    RECOVERY_S,
+    Constants,
+    Path,
+    base_path,
+    charge_mg,
+    simulate,
+    with_speed,
+)
 from training.greybox.effects import ALL, Effect
 from training.greybox.effects.air import following
 from training.greybox.effects.model_effect import Effects, along
@@ -26,11 +35,12 @@ AFTER_CUT_READ_S: Final = 1.0  # the end of a cut has passed the sensor, whateve
 AFTER_GAP_S: Final = 5.0  # a held value has left the chain
 CUT_FUEL_MG: Final = 0.3  # per stroke; below the smallest injection
 MIN_SCORED_S: Final = 60.0
+KEPT: Final = 32  # paths and readings that are not computed again
 BLOCK_S: Final = 30.0  # holds many cycles of the lambda controller and a manoeuvre or two
 FOLDS: Final = 5  # of blocks that are held out together
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ChainDrive:
     """One recording as the chain needs it."""
 
@@ -63,7 +73,7 @@ class ChainDrive:
         return kept
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Comparison(ChainDrive):
     """A drive beside a model's free run on it, scored where both are known.
 
@@ -93,9 +103,16 @@ class Comparison(ChainDrive):
         object.__setattr__(self, "residual", np.where(scored, difference, 0.0))
 
 
+@lru_cache(KEPT)
 def path_of(drive: ChainDrive, base: Constants) -> Path:
     """Return the path of the base on a drive, with the healthy vehicle's own effects."""
     return along(base_path(base, drive.signals), drive.own, drive.signals, drive.period_s)
+
+
+@lru_cache(KEPT)
+def phi_of(drive: ChainDrive, base: Constants) -> FloatArray:
+    """Return the phi (n,) that the sensor reads on a drive by the base."""
+    return np.asarray(simulate(path_of(drive, base), drive.period_s))
 
 
 def joined(drives: Sequence[ChainDrive]) -> ChainDrive:
