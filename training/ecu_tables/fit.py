@@ -7,7 +7,7 @@ residual is an outlier. The uncertainty is that of blocks of samples (White's sa
 holds when the residual is not quite white.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -21,6 +21,7 @@ from training.ecu_tables.fields import KNOTS, grid_over
 from training.ecu_tables.parameters import SCALARS, Parameters
 from training.ecu_tables.prediction import PredictionCase, reading, sensitivities
 from training.ecu_tables.signals import TableDrive, TableSubject
+from training.greybox.fit.constants import Report, nobody, part
 
 AR_S: Final = 0.5  # length of the whitening filter
 AR_MOST: Final = 12
@@ -36,8 +37,6 @@ ROUGH_KNOTS: Final = 2
 ROUGH_STEPS: Final = 6
 ROUGH_SHARE: Final = 0.4  # of the time
 FILM_LOG_ODDS: Final = (-1.5, -4.0)  # starts: a wet wall and a dry one
-
-Report = Callable[[float, float], None]  # share done, scale of the residual in phi
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,14 +71,14 @@ class _Noise:
         return np.asarray(lfilter(taps, [1.0], usable.astype(float)) > taps.sum() - 0.5)
 
 
-def fit(subject: TableSubject, report: Report = lambda _share, _sigma: None) -> FittedTables:
+def fit(subject: TableSubject, report: Report = nobody) -> FittedTables:
     """Return the fit of all tables of one vehicle, and the same fit of each log alone.
 
     report : is told the share done, 0 to 1, and the scale of the whitened residual in phi
     """
     logs = subject.logs()
     share = 1.0 / (1 + len(logs))
-    parts = [_part(report, k * share, (k + 1) * share) for k in range(1 + len(logs))]
+    parts = [part(report, k * share, (k + 1) * share) for k in range(1 + len(logs))]
     alone = tuple(_fit(log, part) for log, part in zip(logs, parts[1:], strict=True))
     return replace(_fit(subject, parts[0]), alone=alone)
 
@@ -89,17 +88,12 @@ def _fit(subject: TableSubject, report: Report) -> FittedTables:
     problem = _Problem.of(subject, subject.drives, KNOTS)
     x = problem.p.mean()
     x[: len(SCALARS)] = first[: len(SCALARS)]
-    x, noise = problem.descent(x, STEPS, _part(report, ROUGH_SHARE, 1.0))
+    x, noise = problem.descent(x, STEPS, part(report, ROUGH_SHARE, 1.0))
     normal, _, blocks = problem.equations(x, noise)
     inverse, prior = np.linalg.inv(normal + problem.prior), problem.prior
     covariance = inverse @ (blocks + prior) @ inverse
     report(1.0, noise.sigma)
     return FittedTables(problem.p, x, covariance, noise.sigma, problem.cases)
-
-
-def _part(report: Report, begin: float, end: float) -> Report:
-    """Return the report of a part of the work, whose share runs from ``begin`` to ``end``."""
-    return lambda done, sigma: report(begin + (end - begin) * done, sigma)
 
 
 def _rough(subject: TableSubject, report: Report) -> FloatArray:
@@ -118,7 +112,7 @@ def _rough(subject: TableSubject, report: Report) -> FloatArray:
     for k, (film, pipe_s) in enumerate(starts):
         x = p.mean()
         x[p.at["film"]], x[p.at["delay_flow"]] = film, np.log(pipe_s * flow)
-        x, noise = problem.descent(x, ROUGH_STEPS, _part(report, k * share, (k + 1) * share))
+        x, noise = problem.descent(x, ROUGH_STEPS, part(report, k * share, (k + 1) * share))
         number = sum(int(noise.kept(c.drive.usable).sum()) for c in problem.cases)
         deviance = problem.cost(x, noise) + number * float(np.log(noise.sigma))
         found.append((deviance, x))  # comparable between scales of the noise

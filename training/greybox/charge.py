@@ -24,7 +24,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.greybox.chain import STOICHIOMETRIC, Constants, Path, base_path, charge_mg, simulate
 from training.greybox.fit import ridge
-from training.greybox.fit.constants import Fitted, Told, fit_constants
+from training.greybox.fit.constants import STARTS, Fitted, Report, fit_constants, nobody, part
 from training.greybox.fit.drive import BLOCK_S, FOLDS, ChainDrive, path_of
 from training.greybox.quantity.dynamics import lag
 from training.greybox.quantity.value import Quantity, bilinear, cells, clip, maximum
@@ -113,38 +113,39 @@ def with_charge(drive: ChainDrive, air_mg: FloatArray) -> ChainDrive:
     return replace(drive, signals={**drive.signals, "air_mass_mg": air_mg})
 
 
-def fit_with_map(drive: ChainDrive, told: Told | None = None) -> tuple[Fitted, ChargeMap]:
+def fit_with_map(drive: ChainDrive, report: Report = nobody) -> tuple[Fitted, ChargeMap]:
     """Return the constants and the charge map with which the chain reads a drive best.
 
     Both are fitted in turn: the map for a gain of 1, then the gain with its standard error.
     Raises RecordingError if too few samples count.
     """
-    charge_map = _flat(drive)
-    known = with_charge(drive, charge_map.air_mass_mg(drive.signals))
-    fitted = fit_constants(known, told=told)
-    for _ in range(MAP_ROUNDS):
-        charge_map = _refitted(charge_map, fitted.constants, drive)
+    charge_map, starts = _flat(drive), list(STARTS)
+    for k in range(1 + MAP_ROUNDS):
         known = with_charge(drive, charge_map.air_mass_mg(drive.signals))
-        fitted = fit_constants(known, [fitted.constants], told)
+        own = part(report, k / (1 + MAP_ROUNDS), (k + 1) / (1 + MAP_ROUNDS))
+        fitted = fit_constants(known, starts, own)
+        starts = [fitted.constants]
+        if k < MAP_ROUNDS:
+            charge_map = _refitted(charge_map, fitted.constants, drive)
     return fitted, charge_map
 
 
-def fit_with_error(
-    drive: ChainDrive, told: Told | None = None
-) -> tuple[Fitted, ChargeError | None]:
+def fit_with_error(drive: ChainDrive, report: Report = nobody) -> tuple[Fitted, ChargeError | None]:
     """Return the constants and the charge's error with which the chain reads a drive best.
 
     The error is None if it does not reduce the error on held-out blocks.
     Raises RecordingError if too few samples count.
     """
-    fitted = alone = fit_constants(drive, told=told)
+    share = 1.0 / (1 + ERROR_ROUNDS)
+    fitted = alone = fit_constants(drive, report=part(report, 0.0, share))
     error = None
-    for _ in range(ERROR_ROUNDS):
+    for k in range(1, 1 + ERROR_ROUNDS):
         error = _error(fitted.constants, drive)
         if error is None:
             return alone, None
         right = with_charge(drive, error.air_mass_mg(drive.signals, drive.period_s))
-        fitted = fit_constants(right, [fitted.constants], told)
+        own = part(report, k * share, (k + 1) * share)
+        fitted = fit_constants(right, [fitted.constants], own)
     return fitted, error
 
 

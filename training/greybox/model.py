@@ -18,15 +18,12 @@ from training.greybox.chain import (
     inputs_of,
     with_speed,
 )
-from training.greybox.charge import ERROR_ROUNDS, MAP_ROUNDS, fit_with_error, fit_with_map
 from training.greybox.charge import INPUTS as CHARGE_INPUTS
+from training.greybox.charge import fit_with_error, fit_with_map
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import (
-    ROUNDS,
-    STARTS,
     Fitted,
     Report,
-    Told,
     described,
     fit_constants,
     nobody,
@@ -77,7 +74,7 @@ def fit_greybox(
     inputs : default those of the chain and of the vehicle's own effects. With manifold pressure
         and temperature but without air per stroke the chain makes its own charge. Further inputs
         are for effects to be added.
-    progress : is told the share done, 0 to 1, and the best RMSE so far in phi
+    progress : is told the share done, 0 to 1, and the RMSE in phi
     Raises RecordingError or UsageError if the recordings or names cannot be used.
     """
     began = time.monotonic()
@@ -103,14 +100,11 @@ def fit_greybox(
             recordings, out, inputs=wider, output=output, seed=seed, progress=progress
         )
     if has_own_charge(inputs):
-        told = Told(progress, ROUNDS * (len(STARTS) + MAP_ROUNDS))
-        fitted, charge_map = fit_with_map(drive, told)
+        fitted, charge_map = fit_with_map(drive, progress)
     elif "air_mass_mg" in inputs:
-        told = Told(progress, ROUNDS * (len(STARTS) + ERROR_ROUNDS))
-        fitted, charge_error = fit_with_error(drive, told)
+        fitted, charge_error = fit_with_error(drive, progress)
     else:
-        told = Told(progress, ROUNDS * len(STARTS))
-        fitted = fit_constants(drive, told=told)
+        fitted = fit_constants(drive, report=progress)
     greybox = Greybox(
         constants=fitted.constants,
         inputs=data.names,

@@ -8,17 +8,17 @@ autoregression, fitted in turn with the constants (Söderström and Stoica, Syst
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import FloatArray, IntArray
+from monitor.base.types import FloatArray
 from training.greybox.chain import RANGES, Constants
 from training.greybox.fit.case import WHITE, Case, predict
 from training.greybox.fit.drive import ChainDrive
-from training.greybox.fit.joint import HIGH, LOW, JointFit, JointSearch, fit
+from training.greybox.fit.joint import HIGH, LOW, JointSearch, fit
 
 BLOCK_S = 45.0  # samples further apart than this count as independent in a standard error
 SAMPLES_LEAST = 500
@@ -39,7 +39,7 @@ STANDARD_ERRORS = (
     f"correlation within blocks of {BLOCK_S:g} s is allowed for (sandwich over blocks)"
 )
 AT_BOUND = 1e-3  # of the range: a constant so near to its bound ended at it
-Report = Callable[[float, float], None]  # share done, 0 to 1; best RMSE so far in phi
+Report = Callable[[float, float], None]  # share done, 0 to 1; RMSE in phi
 SWAPPED = (0, 1, 2, 4, 3, 5)  # mixing_s and sensor_s
 
 
@@ -47,23 +47,9 @@ def nobody(_share: float, _rmse: float) -> None:
     """Tell nobody."""
 
 
-@dataclass
-class Told:
-    """Counts the rounds of a fit.
-
-    rounds : of the whole fit; a fit that ends early has fewer
-    """
-
-    report: Report = nobody
-    rounds: int = 1
-    _done: int = 0
-    _best: float = field(default=float("inf"))
-
-    def round_done(self, rmse: float) -> None:
-        """Count one more round that ended with this error."""
-        self._done += 1
-        self._best = min(self._best, rmse)
-        self.report(min(self._done / self.rounds, 1.0), self._best)
+def part(report: Report, begin: float, end: float) -> Report:
+    """Return the report of a part of the work, whose share runs from ``begin`` to ``end``."""
+    return lambda done, rmse: report(begin + (end - begin) * done, rmse)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +62,6 @@ class Fitted:
     rmse: float  # phi, free run, on the samples of the fit
     white_rmse: float  # phi, after whitening
     samples: int
-    spread: float  # of the starts' whitened RMSE, relative: 0 if all of them end in one place
     at_bound: tuple[str, ...]
 
     @property
@@ -86,12 +71,12 @@ class Fitted:
 
 
 def fit_constants(
-    drive: ChainDrive, starts: Sequence[Constants] = STARTS, told: Told | None = None
+    drive: ChainDrive, starts: Sequence[Constants] = STARTS, report: Report = nobody
 ) -> Fitted:
     """Return the constants with which the chain's free run reads a drive best.
 
     The chain runs over all samples, so samples soon after a break should not be scored.
-    told : of every round of every start
+    report : is told the share done and the RMSE after every round
     Raises RecordingError if too few samples count.
     """
     at = np.flatnonzero(drive.kept)
@@ -101,48 +86,31 @@ def fit_constants(
             f"{SAMPLES_LEAST} are wanted to fit the grey-box chain: give longer recordings with "
             "the engine warm and in closed loop, all signals on every sample of the grid"
         )
-    ends = [_whitened(drive, at, start, told or Told()) for start in starts]
-    costs = np.array([found.cost for _, found in ends])
-    case, found = ends[int(costs.argmin())]
+    past = at[:, None] - np.arange(1, NOISE_ORDER + 1)
+    case = Case((drive,), (np.zeros(len(drive)),), WHITE)
+    for left in reversed(range(ROUNDS)):
+        found = fit(case, (), starts, FROM_AFAR)
+        starts = [found.base]
+        e = predict(case, found.base, (), ())[0] - drive.phi_measured
+        report(1.0 - left / ROUNDS, float(np.sqrt(np.mean(e[at] ** 2))))
+        if left:
+            newest, older = np.linalg.lstsq(e[past], e[at])[0].tolist()
+            case = replace(case, ar=(newest, older))
     x, jacobian = np.array(found.base), found.jacobian
     if found.base.mixing_s > found.base.sensor_s:  # the two lags read the same in either order
         x, jacobian = x[list(SWAPPED)], jacobian[:, SWAPPED]
     near = AT_BOUND * (HIGH - LOW)
     stuck = (x - LOW < near) | (HIGH - x < near)
-    constants = Constants(*x.tolist())
-    off = (predict(case, constants, (), ())[0] - drive.phi_measured)[drive.scored]
+    block = at // max(round(BLOCK_S / drive.period_s), 1)
     return Fitted(
-        constants=constants,
-        covariance=sandwich(
-            jacobian, found.residual, at // max(round(BLOCK_S / drive.period_s), 1)
-        ),
+        constants=Constants(*x.tolist()),
+        covariance=sandwich(jacobian, found.residual, block),
         noise_model=case.ar,
-        rmse=float(np.sqrt(np.mean(off**2))),
+        rmse=float(np.sqrt(np.mean(e[drive.scored] ** 2))),
         white_rmse=float(np.sqrt(2.0 * found.cost / len(at))),
         samples=int(drive.scored.sum()),
-        spread=float(np.sqrt(costs.max() / costs.min()) - 1.0) if costs.min() > 0.0 else 0.0,
         at_bound=tuple(name for name, on in zip(Constants._fields, stuck, strict=True) if on),
     )
-
-
-def _whitened(
-    drive: ChainDrive, at: IntArray, start: Constants, told: Told
-) -> tuple[Case, JointFit]:
-    """Return the fit from one start, in turn with the autoregression of its residual.
-
-    at : the samples that count together with those before them
-    """
-    past = at[:, None] - np.arange(1, NOISE_ORDER + 1)
-    case, base = Case((drive,), (np.zeros(len(drive)),), WHITE), start
-    for left in reversed(range(ROUNDS)):
-        found = fit(case, (), [base], FROM_AFAR)
-        base = found.base
-        e = predict(case, base, (), ())[0] - drive.phi_measured
-        told.round_done(float(np.sqrt(np.mean(e[at] ** 2))))
-        if left:
-            newest, older = np.linalg.lstsq(e[past], e[at])[0].tolist()
-            case = replace(case, ar=(newest, older))
-    return case, found
 
 
 def sandwich(jacobian: FloatArray, residual: FloatArray, block: np.ndarray) -> FloatArray:
@@ -180,7 +148,6 @@ def described(fitted: Fitted) -> dict[str, Any]:
         "rmse_phi": fitted.rmse,
         "white_rmse_phi": fitted.white_rmse,
         "noise_model": list(fitted.noise_model),
-        "starts_rmse_spread": fitted.spread,
     }
 
 
