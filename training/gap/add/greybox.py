@@ -119,6 +119,7 @@ def _with_constants(card: ModelCard, constants: Constants) -> ModelCard:
         rmse=given["rmse_phi"],
         white_rmse=given["white_rmse_phi"],
         samples=given["samples"],
+        spread=given["starts_rmse_spread"],
         at_bound=tuple(given["at_bound"]),
     )
     note = {"standard_errors": str(given["standard_errors"]).removesuffix(BEFORE_EFFECTS)}

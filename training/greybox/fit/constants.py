@@ -40,6 +40,7 @@ STANDARD_ERRORS = (
 )
 AT_BOUND = 1e-3  # of the range: a constant so near to its bound ended at it
 Report = Callable[[float, float], None]  # share done, 0 to 1; RMSE in phi
+PLACE_DIGITS = 3
 SWAPPED = (0, 1, 2, 4, 3, 5)  # mixing_s and sensor_s
 
 
@@ -62,6 +63,7 @@ class Fitted:
     rmse: float  # phi, free run, on the samples of the fit
     white_rmse: float  # phi, after whitening
     samples: int
+    spread: float  # of the starts' whitened RMSE, relative: 0 if all of them end in one place
     at_bound: tuple[str, ...]
 
     @property
@@ -87,15 +89,23 @@ def fit_constants(
             "the engine warm and in closed loop, all signals on every sample of the grid"
         )
     past = at[:, None] - np.arange(1, NOISE_ORDER + 1)
-    case = Case((drive,), (np.zeros(len(drive)),), WHITE)
+    plain = Case((drive,), (np.zeros(len(drive)),), WHITE)
+    tried = [(plain, start) for start in starts]
     for left in reversed(range(ROUNDS)):
-        found = fit(case, (), starts, FROM_AFAR)
-        starts = [found.base]
-        e = predict(case, found.base, (), ())[0] - drive.phi_measured
-        report(1.0 - left / ROUNDS, float(np.sqrt(np.mean(e[at] ** 2))))
-        if left:
+        ends = {}  # starts that have come to one place go on together
+        for case, base in tried:
+            found = fit(case, (), [base], FROM_AFAR)
+            ends.setdefault(_place(found.base), (case, found))
+        tried, least = [], np.inf
+        for case, found in ends.values():
+            e = predict(case, found.base, (), ())[0] - drive.phi_measured
             newest, older = np.linalg.lstsq(e[past], e[at])[0].tolist()
-            case = replace(case, ar=(newest, older))
+            tried.append((replace(case, ar=(newest, older)), found.base))
+            least = min(least, float(np.sqrt(np.mean(e[at] ** 2))))
+        report(1.0 - left / ROUNDS, least)
+    case, found = min(ends.values(), key=lambda end: end[1].cost)
+    costs = [each.cost for _, each in ends.values()]
+    off = (predict(case, found.base, (), ())[0] - drive.phi_measured)[drive.scored]
     x, jacobian = np.array(found.base), found.jacobian
     if found.base.mixing_s > found.base.sensor_s:  # the two lags read the same in either order
         x, jacobian = x[list(SWAPPED)], jacobian[:, SWAPPED]
@@ -106,11 +116,20 @@ def fit_constants(
         constants=Constants(*x.tolist()),
         covariance=sandwich(jacobian, found.residual, block),
         noise_model=case.ar,
-        rmse=float(np.sqrt(np.mean(e[drive.scored] ** 2))),
+        rmse=float(np.sqrt(np.mean(off**2))),
         white_rmse=float(np.sqrt(2.0 * found.cost / len(at))),
         samples=int(drive.scored.sum()),
+        spread=float(np.sqrt(max(costs) / min(costs)) - 1.0) if min(costs) > 0.0 else 0.0,
         at_bound=tuple(name for name, on in zip(Constants._fields, stuck, strict=True) if on),
     )
+
+
+def _place(base: Constants) -> tuple[float, ...]:
+    """Return the constants to a thousandth of their ranges, the shorter lag first."""
+    ordered = base._replace(
+        mixing_s=min(base.mixing_s, base.sensor_s), sensor_s=max(base.mixing_s, base.sensor_s)
+    )
+    return tuple(np.round((np.array(ordered) - LOW) / (HIGH - LOW), PLACE_DIGITS).tolist())
 
 
 def sandwich(jacobian: FloatArray, residual: FloatArray, block: np.ndarray) -> FloatArray:
@@ -148,6 +167,7 @@ def described(fitted: Fitted) -> dict[str, Any]:
         "rmse_phi": fitted.rmse,
         "white_rmse_phi": fitted.white_rmse,
         "noise_model": list(fitted.noise_model),
+        "starts_rmse_spread": fitted.spread,
     }
 
 
