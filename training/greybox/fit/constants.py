@@ -92,7 +92,8 @@ def fit_constants(
     plain = Case((drive,), (np.zeros(len(drive)),), WHITE)
     tried = [(plain, start) for start in starts]
     for left in reversed(range(ROUNDS)):
-        ends = {}  # starts that have come to one place go on together
+        # starts that have come to one place go on together
+        ends = dict[tuple[float, ...], tuple[Case, JointFit]]()
         for case, base in tried:
             found = fit(case, (), [base], FROM_AFAR)
             ends.setdefault(_place(found.base), (case, found))
