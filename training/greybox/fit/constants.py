@@ -18,7 +18,7 @@ from monitor.base.types import FloatArray
 from training.greybox.chain import RANGES, Constants
 from training.greybox.fit.case import WHITE, Case, predict
 from training.greybox.fit.drive import ChainDrive
-from training.greybox.fit.joint import HIGH, LOW, JointSearch, fit
+from training.greybox.fit.joint import HIGH, LOW, JointFit, JointSearch, fit
 
 BLOCK_S = 45.0  # samples further apart than this count as independent in a standard error
 SAMPLES_LEAST = 500
