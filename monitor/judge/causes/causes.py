@@ -288,8 +288,8 @@ def _evidence(seen: Observed, asked: Asked, judgement: Judgement) -> list[Cause]
     had = f"{seen.enabled * seen.period_s:.0f} s could be judged"
     if "response" in judgement.unfinished and n:
         moved = f"in {excited} of {n} windows the prediction moves clearly"
-        left_s = judgement.left_s
-        more = "more" if left_s is None else f"about {left_s:.0f} s more"
+        left_s, window_s = judgement.left_s, asked.config.window.n_samples * seen.period_s
+        more = "more" if left_s is None else f"about {max(left_s, window_s):.0f} s more"
         quicker = "changing load or fuel cuts" if judgement.judges_cuts else "changing load"
         advice = f"{had}, {moved}: drive {more} like this, less with {quicker}"
         reason = "not_excited" if excited < n / 2 else "undecided"
