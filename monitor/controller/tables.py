@@ -17,9 +17,9 @@ from monitor.controller.network import literal, vector
 from monitor.judge import bias, enable
 from monitor.judge.counters import ticks_to_mature
 from monitor.judge.decision.window_facts import LAMBDA_LEAST
-from monitor.judge.electrical import heater, returns
+from monitor.judge.electrical import returns
 from monitor.judge.electrical.plausibility import STRETCHES_OF_A_CODE
-from monitor.judge.electrical.readiness import ENGINE, READY
+from monitor.judge.electrical.readiness import DUTY, ENGINE, READY
 from monitor.judge.enable import CONDITIONS, NO_CUT, Enable
 from monitor.judge.limits import Limits
 from monitor.judge.response import bank
@@ -31,7 +31,7 @@ from monitor.model.step import PHI_MAX
 
 TESTS_INSIDE: Final = ("response", "bias", "activity", "communication", "range", "ready")
 # signals beside the model's that rules look at, where the controller has them
-FURTHER: Final = tuple(dict.fromkeys((*enable.SIGNALS, ENGINE, READY, heater.DUTY)))
+FURTHER: Final = tuple(dict.fromkeys((*enable.SIGNALS, ENGINE, READY, DUTY)))
 FAULTS_INSIDE: Final = ("", *(fault for test in TESTS_INSIDE for fault in TESTS[test]))
 CODES_INSIDE: Final = tuple(
     dict.fromkeys(code for fault in FAULTS_INSIDE[1:] for code in CODES[fault])

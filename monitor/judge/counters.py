@@ -7,6 +7,7 @@ from monitor.base.config import Config, DebounceConfig
 from monitor.judge.bias import Bias
 from monitor.judge.catalyst.rule import Claim
 from monitor.judge.decision.plugins import Opinion
+from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.findings import Change, Counted, DtcChanged
 from monitor.judge.response.rule import Response
 from monitor.memory.codes import CODES, codes_on
@@ -61,6 +62,13 @@ class Counters:
         if not after.failed and not after.passed:
             return ()
         return self.set_codes(test, failed=after.failed, fault=fault, also=also, t_ns=t_ns)
+
+    def electrical(self, result: TickResult, t_ns: int) -> Sequence[Change]:
+        """Take a result of a test without model; those before it in its row are not needed."""
+        test, failed, fault = result
+        if test == "activity":
+            return self.step(test, failed=failed, fault=fault, also=(), t_ns=t_ns)
+        return self.mature(test, failed=failed, fault=fault, t_ns=t_ns)
 
     def mature(self, test: str, *, failed: bool, fault: str, t_ns: int) -> list[Change]:
         """Take the last of so many alike results in a row."""

@@ -10,7 +10,7 @@ from monitor.base.signals import CAPACITY
 from monitor.base.types import FloatArray, SampleBlock
 from monitor.judge.catalyst.watch import BehindResult
 from monitor.judge.decision.decisions import Decisions
-from monitor.judge.electrical.plausibility import Still, TickResult
+from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.findings import Facts
 from monitor.judge.limits import Limits
 from monitor.judge.window import Window
@@ -33,23 +33,20 @@ _Found = TypeVar("_Found")
 At = Sequence[tuple[int, _Found]]  # findings, each with its sample's number, which never falls
 
 
-class Filled(NamedTuple):
-    """The windows up to the next driving cycle or the end of the block."""
-
-    items: Sequence[Window]
-    anew: bool  # a tester has cleared the codes: forget the conclusions so far
-
-
 class Findings(NamedTuple):
     """The findings on a block, in the order in which those of one sample take effect."""
 
     driven: At[Driven]
     moments: At[Moment]
-    known: At[Filled] = ()
-    matured: At[TickResult] = ()
-    stretches: At[Still] = ()
+    cleared: At[None] = ()  # a tester has cleared the codes
+    electrical: At[TickResult] = ()
     behind: At[BehindResult] = ()
     items: At[Window] = ()
+
+
+def between(found: At[_Found], begin: int, end: int) -> At[_Found]:
+    """Return the findings on samples from begin to end, which count from begin."""
+    return [(k - begin, each) for k, each in found if begin <= k < end]
 
 
 class SamplePlace(NamedTuple):
@@ -79,7 +76,7 @@ class Conclusions:
         decide: Callable[[Limits], Decisions],
     ) -> None:
         self._names, self._store, self._decide = names, store, decide
-        self._facts: Iterator[Facts] = iter(())
+        self._facts: Iterator[Facts] | None = None  # of the windows of a block
         self._has_begun = False
         self.adopt(limits)
 
@@ -98,12 +95,13 @@ class Conclusions:
         if not self._has_begun:
             self._has_begun = True
             yield 0, self._judge_memory(SamplePlace(block, 0))
+        self._facts = None
+        self._windows = [window for _, window in found.items]
         steps: tuple[Callable[..., Iterable[Happening]], ...] = (
             self._drive,
             self._count,
-            self._know,
-            self._mature,
-            self._act,
+            self._forget,
+            self._electrical,
             self._judge_behind,
             self._judge,
         )
@@ -143,20 +141,14 @@ class Conclusions:
         changed = [DtcChanged(t_ns, dtc) for dtc in self._store.judge_memory(t_ns) if dtc.state]
         return list(self._frozen(changed, at))
 
-    def _know(self, filled: Filled, _: SamplePlace) -> Iterable[Happening]:
-        """Take note of the windows that follow."""
-        if filled.anew:
-            self.adopt(self.limits)
-        self._facts = iter(self.decisions.facts(filled.items) if filled.items else ())
+    def _forget(self, _: None, __: SamplePlace) -> Iterable[Happening]:
+        """Forget the conclusions so far."""
+        self.adopt(self.limits)
         return ()
 
-    def _mature(self, result: TickResult, at: SamplePlace) -> Iterator[Happening]:
-        """Take the last of enough alike results of an electrical test."""
-        yield from self._frozen(self.decisions.matured(result, at.t_ns), at)
-
-    def _act(self, still: Still, at: SamplePlace) -> Iterator[Happening]:
-        """Take a stretch of the activity test."""
-        yield from self._frozen(self.decisions.activity(*still, at.t_ns), at)
+    def _electrical(self, result: TickResult, at: SamplePlace) -> Iterator[Happening]:
+        """Take a result of a test without model."""
+        yield from self._frozen(self.decisions.electrical(result, at.t_ns), at)
 
     def _judge_behind(self, result: BehindResult, at: SamplePlace) -> Iterable[Happening]:
         """Take a result of catalyst, downstream sensor or oxygen balance."""
@@ -166,7 +158,9 @@ class Conclusions:
         return list(self._frozen(changes, at, {} if grams is None else {CAPACITY: grams}))
 
     def _judge(self, item: Window, at: SamplePlace) -> Iterator[Happening]:
-        """Take a full window."""
+        """Take a full window; the facts of all those of a block are found together."""
+        if self._facts is None:
+            self._facts = iter(self.decisions.facts(self._windows))
         decide = self.decisions.cut if item.is_cut else self.decisions.window
         yield from self._frozen(decide(item, next(self._facts)), at)
 

@@ -16,22 +16,21 @@ from monitor.base.config import Config
 from monitor.base.runs import runs
 from monitor.base.types import SampleBlock
 from monitor.judge import enable
-from monitor.judge.catalyst.watch import BehindResult, CatalystMonitor
+from monitor.judge.catalyst.watch import CatalystMonitor
 from monitor.judge.causes.observation import Observation
 from monitor.judge.decision import plugins as rules
 from monitor.judge.decision.decisions import Decisions
-from monitor.judge.electrical.plausibility import Still, TickResult
 from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
 from monitor.judge.response import bank
 from monitor.judge.window import Series, Window, Windows
 from monitor.memory.codes import BEHIND
-from monitor.memory.cycles import Cycles
+from monitor.memory.cycles import Counting, Cycles
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.reference import Seen
 from monitor.model.step import Model
-from monitor.pipeline.conclusions import At, Conclusions, Filled, Findings
+from monitor.pipeline.conclusions import At, Conclusions, Findings, between
 from monitor.pipeline.events import BlockEvent, DtcChanged, Ticks
 from monitor.pipeline.names import check_names
 from monitor.pipeline.segments import Part, RunState, Segments
@@ -66,10 +65,9 @@ class Judge:
 
         They come one by one, and all of them must be taken before the next block.
         """
-        pairs = list(zip(monitors, blocks, strict=True))
-        parts = [monitor.begin(block) for monitor, block in pairs]
-        self._segments.run(parts)
-        return [monitor.end(part) for monitor, part in zip(monitors, parts, strict=True)]
+        parts = [each.begin(block) for each, block in zip(monitors, blocks, strict=True)]
+        self._segments.run([part for own in parts for part in own])
+        return [each.end(own) for each, own in zip(monitors, parts, strict=True)]
 
 
 class SensorMonitor:
@@ -191,42 +189,42 @@ class SensorMonitor:
         """Let a tester clear the codes; conclusions are forgotten with the next sample."""
         return [DtcChanged(t_ns, dtc) for dtc in self.store.clear()]
 
-    def begin(self, block: SampleBlock) -> Part:
-        """Take a block through the steps before the model: cycles, enable, tests without model."""
-        values, quality, n = block.values, block.quality, len(block.t_ns)
-        counting = self._cycles.push(block)
-        cuts = [k for k, moment in counting.moments if moment == "driving_cycle"]
+    def begin(self, block: SampleBlock) -> list[Part]:
+        """Take a block through the steps before the model; return a part for each driving cycle."""
+        counting, n = self._cycles.push(block), len(block.t_ns)
         if self._clearings != self.store.clearings:
             self._electrical.forget()
             self.catalyst.reset()
-        conditions = np.empty((n, len(enable.CONDITIONS)), dtype=np.bool_)
-        masks = np.empty(n, dtype=np.uint16)
-        segments: list[tuple[int, int]] = []
-        matured: list[tuple[int, TickResult]] = []
-        stretches: list[tuple[int, Still]] = []
-        behind: list[tuple[int, BehindResult]] = []
-        for begin, end in pairwise(sorted({0, *cuts, n})):
-            if begin in cuts:
-                self._start()
-            part = slice(begin, end)
-            own = values[part]
-            conditions[part] = self._enable.push(own, quality[part])
-            mask = masks[part] = enable.masks(conditions[part])
-            segments += [(begin + a, begin + b) for a, b in runs(enable.INPUTS_VALID[mask])]
-            electrical = self._electrical.push(own, quality[part], enable.BURNING[mask])
-            matured += [(begin + k, found) for k, found in electrical.matured]
-            stretches += [(begin + k, still) for k, still in electrical.stretches]
-            results = self.catalyst.push(own, electrical.running)
-            behind += [(begin + result.at, result) for result in results]
-        goes_on = bool(segments) and segments[0][0] == 0 and 0 not in cuts
+        starts = [k for k, moment in counting.moments if moment == "driving_cycle"]
+        edges = sorted({0, *starts, n})
+        return [self._part(block, a, b, counting, starts) for a, b in pairwise(edges)]
+
+    def _part(
+        self, block: SampleBlock, begin: int, end: int, counting: Counting, starts: Sequence[int]
+    ) -> Part:
+        """Take the samples from begin to end, in one driving cycle."""
+        if begin in starts:
+            self._start()
+        own = block.part(begin, end)
+        conditions = self._enable.push(own.values, own.quality)
+        masks = enable.masks(conditions)
+        burning = enable.BURNING[masks]
+        electrical, running = self._electrical.push(own.values, own.quality, burning)
+        found = Findings(
+            driven=between(counting.driven, begin, end),
+            moments=between(counting.moments, begin, end),
+            electrical=electrical,
+            behind=[(each.at, each) for each in self.catalyst.push(own.values, running)],
+        )
+        segments = runs(enable.INPUTS_VALID[masks])
+        goes_on = begin == 0 and begin not in starts and bool(segments) and segments[0][0] == 0
         return Part(
-            block=block,
-            measured=values[:, self._output],
+            block=own,
+            measured=own.values[:, self._output],
             conditions=conditions,
             enabled=enable.ENABLED[masks],
-            cuts=cuts,
             segments=segments,
-            found=Findings(counting.driven, counting.moments, (), matured, stretches, behind),
+            found=found,
             windows=self._windows,
             in_cut=enable.IN_FUEL_CUT[masks],
             cut_windows=self._cut_windows,
@@ -239,21 +237,21 @@ class SensorMonitor:
         self._electrical.reset()
         self.catalyst.reset()
 
-    def end(self, part: Part) -> Iterator[BlockEvent]:
-        """Yield the events of a block that has been through the model: windows, then decisions."""
-        if len(part.measured) == 0:
-            return
-        self._run = part.end
-        items = self._items(part)
-        found = part.found._replace(known=self._filled(part, items), items=items)
-        told = 0  # samples whose ticks are out
-        for n_ticks, events in self._conclusions.take(found, part.block):
-            if told < n_ticks:
-                yield self._ticks(part, told, n_ticks)
-                told = n_ticks
-            yield from events
-        if told < len(part.measured):
-            yield self._ticks(part, told, len(part.measured))
+    def end(self, parts: Sequence[Part]) -> Iterator[BlockEvent]:
+        """Yield the events of parts that have been through the model: windows, then decisions."""
+        for part in parts:
+            self._run = part.end
+            is_cleared = self._clearings != self.store.clearings
+            self._clearings = self.store.clearings
+            found = part.found._replace(cleared=[(0, None)] * is_cleared, items=self._items(part))
+            told = 0  # samples whose ticks are out
+            for n_ticks, events in self._conclusions.take(found, part.block):
+                if told < n_ticks:
+                    yield self._ticks(part, told, n_ticks)
+                    told = n_ticks
+                yield from events
+            if told < len(part.measured):
+                yield self._ticks(part, told, len(part.measured))
 
     def _items(self, part: Part) -> At[Window]:
         """Return the windows that are complete, each with its last sample."""
@@ -262,17 +260,6 @@ class SensorMonitor:
         windows = self._windows.push(part.spans, series, goes_on=goes_on)
         windows += self._cut_windows.push(part.cut_spans, series, goes_on=goes_on)
         return sorted(windows, key=itemgetter(0))
-
-    def _filled(self, part: Part, items: At[Window]) -> At[Filled]:
-        """Return the windows of each driving cycle, at its begin."""
-        is_cleared, self._clearings = self._clearings != self.store.clearings, self.store.clearings
-        filled = []
-        for begin, end in pairwise(sorted({0, *part.cuts, len(part.measured)})):
-            own = [item for k, item in items if begin <= k < end]
-            anew = is_cleared and begin == 0
-            if own or anew:
-                filled.append((begin, Filled(own, anew)))
-        return filled
 
     def _ticks(self, part: Part, begin: int, end: int) -> Ticks:
         inside = slice(begin, end)

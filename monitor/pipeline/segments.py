@@ -25,14 +25,13 @@ class RunState(NamedTuple):
 
 @dataclass(slots=True)
 class Part:
-    """A block of one recording on its way through the steps."""
+    """Samples of one recording, in one driving cycle, on their way through the steps."""
 
     block: SampleBlock
     measured: FloatArray  # (n,) output's unit
     conditions: BoolArray  # (n, n_conditions)
     enabled: BoolArray  # (n,)
-    cuts: list[int]  # where driving cycles begin, 0 included if one does there
-    segments: list[tuple[int, int]]  # runs of samples with valid inputs in one driving cycle
+    segments: list[tuple[int, int]]  # runs of samples with valid inputs
     found: Findings
     windows: Windows
     in_cut: BoolArray  # (n,) samples that only a fuel cut disables

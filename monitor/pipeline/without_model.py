@@ -109,17 +109,11 @@ def _judge_reading(table: Table, store: DtcStore, config: Config) -> None:
     enable = Enable(config.enable, names, (), OUTPUT, nothing, nothing, period_s)
     tests = ElectricalTests(config, names, output, period_s)
     burning = BURNING[masks(enable.push(block.values, block.quality))]
-    found = tests.push(block.values, block.quality, burning)
+    found, _ = tests.push(block.values, block.quality, burning)
     counters = Counters(TESTS, config, store)
-    for k, result in found.matured:
-        t_ns = block.t_ns.item(k)
-        failed, fault = result.failed, result.fault
-        for change in counters.mature(result.test, failed=failed, fault=fault, t_ns=t_ns):
-            freeze(change, store, names, block.values[k])
-    for k, (failed, fault) in found.stretches:
-        if fault != "stuck_at_one":
-            t_ns = block.t_ns.item(k)
-            for change in counters.step("activity", failed=failed, fault=fault, also=(), t_ns=t_ns):
+    for k, result in found:
+        if result.fault != "stuck_at_one":
+            for change in counters.electrical(result, block.t_ns.item(k)):
                 freeze(change, store, names, block.values[k])
 
 

@@ -99,17 +99,12 @@ class Decisions:
                 found[test] = "failed" if self._counters.failed(test) else "passed"
         return {test: found[test] for test in (*OF_VEHICLE, *self._rules) if test in found}
 
-    def matured(self, result: TickResult, t_ns: int) -> list[Change]:
-        """Take the last of so many alike results in a row; those before it are not needed."""
-        return self._counters.mature(
-            result.test, failed=result.failed, fault=result.fault, t_ns=t_ns
-        )
-
-    def activity(self, failed: bool, fault: str, t_ns: int) -> Sequence[Change]:
-        """Take a judged stretch of the activity test."""
-        if failed and fault in self._limits.trust.untold:
+    def electrical(self, result: TickResult, t_ns: int) -> Sequence[Change]:
+        """Take a result of a test without model."""
+        is_untold = result.fault in self._limits.trust.untold
+        if result.test == "activity" and result.failed and is_untold:
             return ()
-        return self._counters.step("activity", failed=failed, fault=fault, also=(), t_ns=t_ns)
+        return self._counters.electrical(result, t_ns)
 
     def behind(self, test: str, claim: Claim, t_ns: int) -> Sequence[Change]:
         """Take how the evidence about catalyst, downstream sensor or oxygen balance stands.

@@ -1,8 +1,7 @@
 """Tests that need no model: the signal is missing, implausible, not ready or frozen."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -10,9 +9,7 @@ import numpy as np
 from monitor.base.config import PlausibilityConfig
 from monitor.base.runs import Thresholds, alike
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
-from monitor.judge.electrical import heater
-from monitor.judge.electrical.heater import Heater
-from monitor.judge.electrical.readiness import ENGINE, READY
+from monitor.judge.electrical.readiness import DUTY, ENGINE, READY
 from monitor.model.card import Channel
 
 _GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS, _PINNED, _GAP = (
@@ -21,24 +18,15 @@ _GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS, _PINNED, _GAP = (
 _N_QUALITIES = len(Quality)
 STRETCHES_OF_A_CODE: Final = 2  # in which the reading stands still; see response_fail
 _UNKNOWN, _NO, _, _YES = range(4)  # of a signal: it is not valid, below its threshold, above it
+_REGULATED, _FULL = 1, 3  # of a heater's duty: below full duty, at it; else not valid or off
 
 
-@dataclass(frozen=True, slots=True)
-class TickResult:
+class TickResult(NamedTuple):
     """One result of one test on one sample."""
 
-    test: str  # "communication", "ready" or "range"
+    test: str  # "communication", "ready", "range", "response" or "activity"
     failed: bool
     fault: str
-
-
-_HEARD = TickResult("communication", False, "signal_missing")
-_MISSING = TickResult("communication", True, "signal_missing")
-_NOT_VALID = TickResult("communication", True, "signal_invalid")
-_BUS_OFF = TickResult("communication", True, "bus_off")
-_READY, _NOT_READY = (TickResult("ready", failed, "not_ready") for failed in (False, True))
-_NOT_HEATED = TickResult("ready", True, "heater")
-_INSIDE, _OUTSIDE = (TickResult("range", failed, "out_of_range") for failed in (False, True))
 
 
 class Results(NamedTuple):
@@ -49,15 +37,11 @@ class Results(NamedTuple):
     result: TickResult
 
 
-class Still(NamedTuple):
-    """A judged stretch of the activity test."""
-
-    failed: bool  # the reading was frozen
-    fault: str
-
-
 class Plausibility:
     """Judges the quality of the measured signal, one run of alike samples after the other.
+
+    An ECU heats a cold sensor at full duty and regulates it from then on. Where the duty was
+    regulated and is full again for long, the heater gives less than it should.
 
     names : signals of a sample
     output : name of the measured signal among them
@@ -74,9 +58,7 @@ class Plausibility:
         is_expected: bool = True,
     ) -> None:
         at = {name: i for i, name in enumerate(names)}
-        self._output = at[output]
-        self._ready = at.get(READY)
-        self._speed = at.get(ENGINE)
+        self._output, self._ready, self._speed = at[output], at.get(READY), at.get(ENGINE)
         self._running_rpm = config.engine_running_rpm
         # two bits each for what readiness, engine speed and the heater's duty say; those of a
         # signal which is not provided stay _UNKNOWN
@@ -84,23 +66,23 @@ class Plausibility:
         told = (
             (self._ready, -math.inf, above_zero),
             (self._speed, -math.inf, config.engine_running_rpm),
-            (at.get(heater.DUTY), above_zero, config.heater_full_percent),
+            (at.get(DUTY), above_zero, config.heater_full_percent),
         )
         self._told = Thresholds(
             [place or 0 for place, *_ in told for _ in range(2)],
             [math.nan if place is None else bound for place, *bounds in told for bound in bounds],
         )
-        samples = [round(s / period_s) for s in (config.heater_full_s, config.heater_regulated_s)]
-        self._heater = Heater(*samples)
         patience_s = config.first_move_s if self._ready is None else config.not_ready_s
-        self._patience = round(patience_s / period_s)
-        self._start_patience = round(config.start_patience_s / period_s)
+        seconds = config.heater_full_s, config.heater_regulated_s, patience_s
+        self._most_full, self._least_regulated, self._patience, self._start_patience = (
+            round(s / period_s) for s in (*seconds, config.start_patience_s)
+        )
         self.is_expected, self._heard = is_expected, False
         self.reset()
 
     def reset(self) -> None:
         """Start as after switching on."""
-        self._heater.reset()
+        self._full = self._regulated = 0  # samples at full duty in a row, and regulated in all
         self._not_ready = 0  # samples in a row with the engine running
         self._unheard = 0  # samples before the sender was heard for the first time
         self.is_expected |= self._heard
@@ -123,23 +105,14 @@ class Plausibility:
         found: list[Results] = []
         for begin, end, each in alike(codes):
             rest, q = divmod(each, _N_QUALITIES)
-            rest, told = divmod(rest, 4)
-            duty, engine = divmod(rest, 4)
-            self._run(begin, end, found, quality=q, told=told, engine=engine, duty=duty)
+            own = self._run(begin, end, q, told=rest & 3, engine=rest >> 2 & 3, duty=rest >> 4)
+            found += [Results(a, b, TickResult(*result)) for a, b, *result in own if a < b]
         return found
 
     def _run(
-        self,
-        begin: int,
-        end: int,
-        found: list[Results],
-        *,
-        quality: int,
-        told: int,
-        engine: int,
-        duty: int,
-    ) -> None:
-        """Add the results of samples that are alike.
+        self, begin: int, end: int, quality: int, *, told: int, engine: int, duty: int
+    ) -> Iterator[tuple[int, int, str, bool, str]]:
+        """Yield samples of a run, which may be none, with a test, whether it failed, and its fault.
 
         told, engine, duty : what ``sensor_ready``, the engine's speed and the heater's duty say
         """
@@ -152,41 +125,43 @@ class Plausibility:
         missing = quality in (_STALE, _OFF_BUS) or (quality == _INVALID and gone)
         if engine != _UNKNOWN:
             self._stood = engine == _NO
-        # with the ignition off an ECU falls silent, which is no fault
-        asleep = missing and self._stood and quality != _OFF_BUS
         self._heard = self._heard or not missing
         first = begin
         if not self._heard:  # an ECU that was never heard may still be starting
             patience = self._start_patience - self._unheard if self.is_expected else end
             first += max(patience, 0)
             self._unheard += end - begin
-        if first < end and not asleep:
-            result = _MISSING if missing else _HEARD
-            if quality == _OFF_BUS:
-                result = _BUS_OFF
-            elif quality == _INVALID and ready:
-                result = _NOT_VALID
-            found.append(Results(first, end, result))
+        is_invalid = quality == _INVALID and ready
+        # with the ignition off an ECU falls silent, which is no fault
+        if quality == _OFF_BUS:
+            yield first, end, "communication", True, "bus_off"
+        elif not (missing and self._stood):
+            fault = "signal_invalid" if is_invalid else "signal_missing"
+            yield first, end, "communication", missing or is_invalid, fault
         runs = self._speed is None or engine == _YES
-        n_cold = self._heater.push(duty if runs else heater.UNKNOWN, end - begin)
+        cold = end - self._count_full(duty if runs else _UNKNOWN, end - begin)
         if not ready and not gone and runs:
-            self._wait(begin, end, found, is_full=duty == heater.FULL)
+            first = begin + max(self._patience - self._not_ready, 0)
+            self._not_ready += end - begin
+            yield first, end, "ready", True, "heater" if duty == _FULL else "not_ready"
         else:
             self._not_ready = 0
             if ready and not missing:  # else it is not known yet
-                if begin < end - n_cold:
-                    found.append(Results(begin, end - n_cold, _READY))
-                if n_cold:
-                    found.append(Results(end - n_cold, end, _NOT_HEATED))
+                yield begin, cold, "ready", False, "not_ready"
+                yield cold, end, "ready", True, "heater"
         if ready and quality in (_GOOD, _PINNED, _OUT_OF_RANGE):
-            found.append(Results(begin, end, _OUTSIDE if quality == _OUT_OF_RANGE else _INSIDE))
+            yield begin, end, "range", quality == _OUT_OF_RANGE, "out_of_range"
 
-    def _wait(self, begin: int, end: int, found: list[Results], *, is_full: bool) -> None:
-        """Take samples with a running engine and a sensor that is not ready."""
-        first = begin + max(self._patience - self._not_ready, 0)
-        self._not_ready += end - begin
-        if first < end:
-            found.append(Results(first, end, _NOT_HEATED if is_full else _NOT_READY))
+    def _count_full(self, duty: int, count: int) -> int:
+        """Take samples with one duty; return how many, the last ones, tell of a faulty heater."""
+        if duty != _FULL:
+            self._full = 0
+            self._regulated += count * (duty == _REGULATED)
+            return 0
+        self._full += count
+        if self._regulated < self._least_regulated:
+            return 0
+        return min(max(self._full - self._most_full, 0), count)
 
     def running(self, values: FloatArray) -> BoolArray:
         """Return whether the engine runs, (n,); without its speed it does."""
@@ -225,49 +200,33 @@ class Maturing:
 class ActivityTest:
     """Finds a frozen signal: no change over so many samples though the engine burns fuel.
 
-    saturated : highest output that training saw; a sensor may stand still there for as long as a
-        fuel cut lasts, if nothing says whether the fuel is cut
-    cold : reading of a healthy sensor that is not heated yet, if it may be read unknowingly
+    Where nothing says whether the fuel is cut, a sensor may stand still at the highest output that
+    training saw for as long as a fuel cut lasts. Where nothing says whether the engine runs, a
+    healthy sensor may stand still at its lowest reading, heater and engine off, if it dwelt there
+    in training.
+
+    output : of the model; names : of the signals of a sample
     still_s : time for which this car's healthy reading may stand still, if longer than usual
-    still_end_s : the same at ``saturated``
+    still_end_s : the same at the highest output
     """
 
     def __init__(
         self,
-        config: PlausibilityConfig,
-        saturated: float,
-        period_s: float,
-        cold: float = -math.inf,
-        *,
-        still_s: float = 0.0,
-        still_end_s: float = 0.0,
-    ) -> None:
-        self._config = config
-        self._saturated, self._cold = saturated, cold
-        self._n = max(round(max(config.stuck_s, still_s / STRETCHES_OF_A_CODE) / period_s), 2)
-        rest_s = max(config.fuel_cut_most_s, still_end_s)
-        self._cuts = math.ceil(rest_s / (self._n * period_s))
-        self.reset()
-
-    @classmethod
-    def of(
-        cls,
         config: PlausibilityConfig,
         output: Channel,
         names: Sequence[str],
         period_s: float,
         still_s: float = 0.0,
         still_end_s: float = 0.0,
-    ) -> "ActivityTest":
-        """Return the test of a model's output on samples of ``names``.
-
-        Where nothing says whether the engine runs, a healthy sensor may stand still at its lowest
-        reading, heater and engine off, if it dwelt there in training.
-        """
+    ) -> None:
+        self._config = config
         dwelt = output.percentile_0_1 - output.minimum <= config.stuck_range
-        cold = output.minimum if dwelt and not {ENGINE, READY} & set(names) else -math.inf
-        saturated = math.inf if "fuel_cut" in names else output.maximum
-        return cls(config, saturated, period_s, cold, still_s=still_s, still_end_s=still_end_s)
+        self._cold = output.minimum if dwelt and not {ENGINE, READY} & set(names) else -math.inf
+        self._saturated = math.inf if "fuel_cut" in names else output.maximum
+        self._n = max(round(max(config.stuck_s, still_s / STRETCHES_OF_A_CODE) / period_s), 2)
+        rest_s = max(config.fuel_cut_most_s, still_end_s)
+        self._cuts = math.ceil(rest_s / (self._n * period_s))
+        self.reset()
 
     def reset(self) -> None:
         """Begin anew."""
@@ -278,7 +237,7 @@ class ActivityTest:
         self._count = 0
         self._low, self._high = math.inf, -math.inf
 
-    def push(self, measured: FloatArray, active: BoolArray) -> list[tuple[int, Still]]:
+    def push(self, measured: FloatArray, active: BoolArray) -> list[tuple[int, TickResult]]:
         """Return every stretch that is judged, with its last sample.
 
         measured : (n,)
@@ -326,16 +285,14 @@ class ActivityTest:
         """Return whether a healthy sensor may read so in a fuel cut that no signal tells."""
         return reading >= self._saturated
 
-    def _judged(self, last: float) -> Still | None:
+    def _judged(self, last: float) -> TickResult | None:
         frozen = self._is_frozen
         if frozen and self.is_cold(last):
             return None
         self._rested = self._rested + 1 if frozen and self.is_at_end(last) else 0
         if 0 < self._rested <= self._cuts:
             return None
-        return Still(frozen, self._name(last))
-
-    def _name(self, measured: float) -> str:
-        if abs(measured - 1.0) <= self._config.stuck_band_at_one:
-            return "stuck_at_one"
-        return "stuck_lean" if measured > 1.0 else "stuck_rich"
+        fault = "stuck_lean" if last > 1.0 else "stuck_rich"
+        if abs(last - 1.0) <= self._config.stuck_band_at_one:
+            fault = "stuck_at_one"
+        return TickResult("activity", frozen, fault)

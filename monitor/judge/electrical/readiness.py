@@ -13,7 +13,7 @@ from monitor.base.config import PlausibilityConfig
 from monitor.base.runs import alike
 from monitor.base.types import BoolArray, FloatArray
 
-ENGINE, READY = "engine_speed_rpm", "sensor_ready"
+ENGINE, READY, DUTY = "engine_speed_rpm", "sensor_ready", "sensor_heater_percent"
 
 
 class Readiness:

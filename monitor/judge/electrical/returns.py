@@ -9,8 +9,6 @@ out (Boyer and Moore, MJRTY, a fast majority vote algorithm, 1981).
 import math
 from typing import Final
 
-import numpy as np
-
 from monitor.base.types import BoolArray, FloatArray
 
 LEAST: Final = 3  # equal readings of a visit; two may be chance
@@ -40,19 +38,18 @@ class ReturnTest:
         burning : (n,) whether fuel surely burns; else a healthy reading, too, may jump to the value
             of air, the leanest, and back
         """
-        before = np.append(self._last, measured[:-1])
-        ends = np.flatnonzero(measured != before)  # the first sample after each rest
-        steps = measured[ends] - before[ends]
-        lengths = np.diff(ends, prepend=-self._length)
-        entries = np.append(self._entry, steps)[: len(ends)]
-        may_be_air = (entries > 0.0) & (steps < 0.0) & ~np.append(self._burning, burning)[ends]
-        visits = np.minimum(np.abs(entries), np.abs(steps)) >= self._jump
-        visits &= (lengths >= LEAST) & ~may_be_air
-        found = [k for k in ends[visits].tolist() if self._decides(before.item(k))]
-        self._last, self._burning = measured.item(-1), bool(burning[-1])
-        self._length += len(measured)
-        if len(ends):
-            self._length, self._entry = len(measured) - ends.item(-1), steps.item(-1)
+        found, last, burnt = [], self._last, self._burning
+        for k, (now, burns) in enumerate(zip(measured.tolist(), burning.tolist(), strict=True)):
+            if now != last:
+                entry, step = self._entry, now - last
+                is_jump = abs(entry) >= self._jump and abs(step) >= self._jump
+                may_be_air = entry > 0.0 > step and not burnt
+                if is_jump and not may_be_air and self._length >= LEAST and self._decides(last):
+                    found.append(k)
+                self._length, self._entry = 0, step
+            self._length += 1
+            last, burnt = now, burns
+        self._last, self._burning = last, burnt
         return found
 
     def _decides(self, value: float) -> bool:

@@ -4,7 +4,7 @@ The signal is missing, invalid, out of range, not ready, frozen, or jumps to one
 """
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from monitor.judge.electrical.plausibility import (
     ActivityTest,
     Maturing,
     Plausibility,
-    Still,
     TickResult,
 )
 from monitor.judge.electrical.readiness import Readiness
@@ -24,14 +23,6 @@ from monitor.judge.limits import Limits
 from monitor.model.card import Channel
 
 RETURNS: Final = TickResult("response", True, "intermittent")
-
-
-class Electrical(NamedTuple):
-    """The findings on a block."""
-
-    matured: list[tuple[int, TickResult]]  # sample, and the result of which so many came in a row
-    stretches: list[tuple[int, Still]]  # sample, and the stretch that ends with it
-    running: BoolArray  # (n,) whether the engine runs
 
 
 class ElectricalTests:
@@ -62,7 +53,7 @@ class ElectricalTests:
             own, names, output.name, period_s, is_expected=is_expected
         )
         self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
-        self._activity = ActivityTest.of(own, output, names, period_s, *still_s)
+        self._activity = ActivityTest(own, output, names, period_s, *still_s)
         self._returns = ReturnTest(max(noise, own.stuck_band_at_one), own.visits)
         self._knows_cuts = "fuel_cut" in names
 
@@ -82,20 +73,23 @@ class ElectricalTests:
         """Take a sensor that is silent from the start for a fault from here on."""
         self._plausibility.is_expected = True
 
-    def push(self, values: FloatArray, quality: QualityArray, burning: BoolArray) -> Electrical:
-        """Return the findings on samples.
+    def push(
+        self, values: FloatArray, quality: QualityArray, burning: BoolArray
+    ) -> tuple[list[tuple[int, TickResult]], BoolArray]:
+        """Return the results that count, each with its sample, and whether the engine runs, (n,).
 
         values, quality : (n, n_names)
         burning : (n,) whether a live sensor moves while the engine runs
+        Of alike results in a row the one counts with which they are enough; of the activity test
+        each.
         """
         running = self._plausibility.running(values)
         ready = self._ready(values, quality, running)
-        results = self._plausibility.push(values, quality, ready)
         measured, awake = values[:, self._output], running & ready
-        matured = self._maturing.push(results)
+        found = self._maturing.push(self._plausibility.push(values, quality, ready))
         seen = np.where(awake, measured, np.nan)
-        matured += [(k, RETURNS) for k in self._returns.push(seen, burning & self._knows_cuts)]
-        return Electrical(matured, self._activity.push(measured, awake & burning), running)
+        found += [(k, RETURNS) for k in self._returns.push(seen, burning & self._knows_cuts)]
+        return found + self._activity.push(measured, awake & burning), running
 
     def must_move(self, values: FloatArray, quality: QualityArray, burning: BoolArray) -> BoolArray:
         """Return on which samples a live sensor moves, (n,); arguments as for ``push``."""

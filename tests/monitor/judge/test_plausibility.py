@@ -166,11 +166,16 @@ class ActivityOneByOne(ActivityTest):
 
     def step(self, measured: float) -> tuple[bool, str] | None:
         found = self.push(np.array([measured]), np.array([True]))
-        return found[0][1] if found else None
+        return (found[0][1].failed, found[0][1].fault) if found else None
+
+
+def output(percentile_0_1: float = 0.5) -> Channel:
+    """Return the model's output; the lowest that training saw is 0.5."""
+    return Channel(NAMES[0], "-", 0.5, SATURATED, percentile_0_1, SATURATED)
 
 
 def activity() -> ActivityOneByOne:
-    return ActivityOneByOne(CONFIG.plausibility, SATURATED, PERIOD_S)
+    return ActivityOneByOne(CONFIG.plausibility, output(), NAMES, PERIOD_S)
 
 
 def live(n: int, seed: int = 0) -> list[float]:
@@ -187,7 +192,7 @@ def test_a_fuel_cut_does_not_count_and_a_reading_that_moves_there_lives(
     active = np.tile(np.repeat([True, False], [50, 10]), 4)
     measured = np.where(active, 1.15, in_cut)
     # WHEN the reading is the same between the cuts
-    found = ActivityTest(CONFIG.plausibility, SATURATED, PERIOD_S).push(measured, active)
+    found = activity().push(measured, active)
     # THEN it is frozen only if it was so in the cuts, too
     assert any(still.failed for _, still in found) is is_found
 
@@ -253,16 +258,8 @@ def test_a_signal_at_the_trained_lean_end_is_saturated_and_not_judged(reads: flo
 
 
 def rests(names: tuple[str, ...], reads: float, percentile_0_1: float = 0.5) -> bool:
-    """Return whether a frozen reading is rest; the lowest that training saw is 0.5."""
-    output = Channel(
-        name="lambda_measured",
-        unit="-",
-        minimum=0.5,
-        maximum=SATURATED,
-        percentile_0_1=percentile_0_1,
-        percentile_99_9=SATURATED,
-    )
-    test = ActivityOneByOne.of(CONFIG.plausibility, output, names, PERIOD_S)
+    """Return whether a frozen reading is rest."""
+    test = ActivityOneByOne(CONFIG.plausibility, output(percentile_0_1), names, PERIOD_S)
     for k in range(STUCK):  # it was alive before
         test.step(0.9 + 0.1 * (k % 2))
     return [test.step(reads) for _ in range(STUCK)][-1] is None

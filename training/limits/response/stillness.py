@@ -80,7 +80,7 @@ def next_longest(drives: Sequence[Sequence[float]]) -> float:
 def still_stretches(recording: Recording, card: ModelCard, config: Config) -> Stretches:
     """Return the stretches in which the reading stands still though a live sensor must move."""
     own, period_s = config.plausibility, card.period_ns * 1e-9
-    test = ActivityTest.of(own, card.output, recording.names, period_s)
+    test = ActivityTest(own, card.output, recording.names, period_s)
     measured = recording.column(card.output.name)
     found = Stretches([], [])
     active = moving_samples(recording, card, config)
