@@ -12,7 +12,7 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import Quality
 from monitor.judge import enable
 from monitor.judge.causes.liveness import dead_at_end
-from monitor.judge.causes.observation import Observed
+from monitor.judge.causes.observation import Observation
 from monitor.judge.enable import CONDITIONS, Range
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
@@ -20,6 +20,7 @@ from monitor.model.card import ModelCard
 MOST: Final = 3  # conditions that are named
 ENOUGH_WINDOWS: Final = 6  # from so many on, more of them alone do not help
 HALF: Final = 0.5
+CONTROLLER: Final = "lambda_controller"
 HELD_ENOUGH: Final = 0.9  # a condition that held for this share kept no drive from its verdict
 
 
@@ -70,7 +71,7 @@ class Asked:
     limits: Limits | None = None  # with which the recording was judged
 
 
-def causes(seen: Observed, asked: Asked, judgement: Judgement | None = None) -> list[Cause]:
+def causes(seen: Observation, asked: Asked, judgement: Judgement | None = None) -> list[Cause]:
     """Return why a recording gives no verdict, the plainest cause first; none if nothing is wrong.
 
     judgement : of the tests; without it only signals and conditions are looked at
@@ -84,9 +85,7 @@ def causes(seen: Observed, asked: Asked, judgement: Judgement | None = None) -> 
         return [Cause("samples", None, None, "short", advice)]
     undecided = judgement is None or "response" in judgement.unfinished
     found = [*_blocked(seen, asked)] if undecided else []
-    found += _open_loop(seen, asked)
-    if undecided:
-        found += _still_inputs(seen, asked, found)
+    found += list(_still_inputs(seen, asked, found if undecided else None))
     grave = [each for each in found if _is_grave(each)]
     if judgement is None:
         return grave
@@ -108,7 +107,7 @@ def _is_grave(cause: Cause) -> bool:
     return not is_of_driving or cause.held_share is None or cause.held_share < HALF
 
 
-def _blocked(seen: Observed, asked: Asked) -> Iterator[Cause]:
+def _blocked(seen: Observation, asked: Asked) -> Iterator[Cause]:
     """Yield the causes of the conditions that held least."""
     shares = {c: seen.share(c) for c in CONDITIONS if c not in seen.unavailable}
     if shares["inputs_valid"] < HELD_ENOUGH:
@@ -124,7 +123,7 @@ def _blocked(seen: Observed, asked: Asked) -> Iterator[Cause]:
             yield cause
 
 
-def _of_condition(condition: str, share: float, seen: Observed, asked: Asked) -> Cause:
+def _of_condition(condition: str, share: float, seen: Observation, asked: Asked) -> Cause:
     """Return the cause of one condition: of its signals, the one that is worst."""
     if condition in ("inputs_valid", "model_settled"):
         signal = _worst(seen, asked.card.input_names)
@@ -135,9 +134,14 @@ def _of_condition(condition: str, share: float, seen: Observed, asked: Asked) ->
         beside = [_beside(seen, each) for each in ranges]
         signal = ranges[int(np.argmax(beside))].signal
         output = asked.card.output.name
-        pinned = int(seen.quality[Quality.PINNED, seen.names.index(output)])
+        pinned = seen.of(output, Quality.PINNED)
         if pinned > max(beside):
-            return Cause(condition, round(share, 6), output, "pinned", _pinned(pinned, seen))
+            advice = (
+                f"the sensor's reading stands at an end of its range in {_share(pinned, seen)}: "
+                "cold, broken, or in a fuel cut that the log does not tell; log fuel_cut or the "
+                "pulse width"
+            )
+            return Cause(condition, round(share, 6), output, "pinned", advice)
         if max(beside) == 0:  # NaN is outside, too
             signal = _worst(seen, asked.card.input_names)
     else:
@@ -146,70 +150,54 @@ def _of_condition(condition: str, share: float, seen: Observed, asked: Asked) ->
     return Cause(condition, round(share, 6), signal, reason, advice)
 
 
-def _pinned(pinned: int, seen: Observed) -> str:
-    """Return the advice for a reading at an end of its range."""
-    share = f"{100 * pinned / seen.samples:.0f} % of the samples"
-    return (
-        f"the sensor's reading stands at an end of its range in {share}: cold, "
-        "broken, or in a fuel cut that the log does not tell; log fuel_cut or the pulse width"
-    )
-
-
-def _worst(seen: Observed, names: Sequence[str]) -> str:
+def _worst(seen: Observation, names: Sequence[str]) -> str:
     """Return the signal that was good on the fewest samples."""
-    return min(names, key=lambda name: int(seen.quality[Quality.GOOD, seen.names.index(name)]))
+    return min(names, key=lambda name: seen.of(name, Quality.GOOD))
 
 
-def _beside(seen: Observed, each: Range) -> int:
+def _beside(seen: Observation, each: Range) -> int:
     place = seen.ranges.index(each)
     return int(seen.below[place] + seen.above[place])
 
 
-def _of_signal(condition: str, signal: str, seen: Observed, asked: Asked) -> tuple[str, str]:
+def _of_signal(condition: str, signal: str, seen: Observation, asked: Asked) -> tuple[str, str]:
     """Return reason and advice for the signal of a condition that did not hold."""
-    counts = seen.quality[:, seen.names.index(signal)]
-    bad = _bad(signal, counts.tolist(), seen, asked)
     outside = [each for each in seen.ranges if (each.condition, each.signal) == (condition, signal)]
     beside = sum(_beside(seen, each) for each in outside)
-    if bad is not None and seen.samples - counts[Quality.GOOD] >= beside:
+    bad = _bad(signal, seen, asked)
+    if bad is not None and seen.samples - seen.of(signal, Quality.GOOD) >= beside:
         return bad
     if seen.is_constant(signal) and beside:
-        low = seen.low[seen.names.index(signal)].item()
-        return "constant", _constant(signal, low, asked)
-    if not outside or not beside:
-        remedy = enable.BY_NAME[condition].remedy
+        return "constant", _constant(signal, seen, asked)
+    remedy = enable.BY_NAME[condition].remedy
+    if not beside:
         return "interrupted", remedy or f"{signal} is interrupted again and again"
     place, each = seen.ranges.index(outside[0]), outside[0]
     is_below = bool(seen.below[place] >= seen.above[place])
-    share = beside / seen.samples
     limit = f"{each.low if is_below else each.high:.4g}{_unit(signal)}"
     side = "below" if is_below else "above"
-    text = f"{signal} is {side} {limit} in {100 * share:.0f} % of the samples: "
     if condition == "trained_range":
-        text += "outside the model's training; check its unit, or train on such drives"
-    else:
-        text += enable.BY_NAME[condition].remedy
+        remedy = "outside the model's training; check its unit, or train on such drives"
+    text = f"{signal} is {side} {limit} in {_share(beside, seen)}: {remedy}"
     return ("untrained" if condition == "trained_range" else side), text
 
 
-def _bad(
-    signal: str, counts: Sequence[int], seen: Observed, asked: Asked
-) -> tuple[str, str] | None:
+def _bad(signal: str, seen: Observation, asked: Asked) -> tuple[str, str] | None:
     """Return reason and advice for a signal whose values are not usable, None if all are."""
-    stale = counts[Quality.STALE] + counts[Quality.OFF_BUS]
+    stale = seen.of(signal, Quality.STALE) + seen.of(signal, Quality.OFF_BUS)
     source = asked.sources.get(signal, SignalSource("its source"))
     if stale == seen.samples:
         text = f"{signal} never came ({source.place}): correct the map, or leave the signal out"
         return "never_seen", text
     kinds = {
         "stale": stale,
-        "invalid": counts[Quality.INVALID],
-        "out_of_range": counts[Quality.OUT_OF_RANGE],
+        "invalid": seen.of(signal, Quality.INVALID),
+        "out_of_range": seen.of(signal, Quality.OUT_OF_RANGE),
     }
     reason = max(kinds, key=lambda name: kinds[name])
     if not kinds[reason]:
         return None
-    share = f"{100 * kinds[reason] / seen.samples:.0f} % of the samples"
+    share = _share(kinds[reason], seen)
     if reason == "stale":
         return reason, _stale(signal, stale, source, seen)
     if reason == "invalid":
@@ -221,10 +209,14 @@ def _bad(
     return reason, f"{text} ({source.place})"
 
 
-def _stale(signal: str, stale: int, source: SignalSource, seen: Observed) -> str:
+def _share(count: int, seen: Observation) -> str:
+    return f"{100 * count / seen.samples:.0f} % of the samples"
+
+
+def _stale(signal: str, stale: int, source: SignalSource, seen: Observation) -> str:
     """Return the advice for a signal whose values come too seldom or stopped."""
     n = max(int(seen.stale_runs[seen.names.index(signal)]), 1)
-    share = f"{100 * stale / seen.samples:.0f} % of the samples"
+    share = _share(stale, seen)
     held_s = source.timeout_s or 0.0
     age_s = held_s + stale / n * seen.period_s
     if n == 1 or source.timeout_s is None:
@@ -244,7 +236,8 @@ def timeout_of(interval_s: float) -> float:
     return float(f"{max(3.0 * interval_s, 0.3):.2g}")
 
 
-def _constant(signal: str, value: float, asked: Asked) -> str:
+def _constant(signal: str, seen: Observation, asked: Asked) -> str:
+    value = seen.low[seen.names.index(signal)].item()
     place = f" ({asked.sources[signal].place})" if signal in asked.sources else ""
     return (
         f"{signal} is {value:g}{_unit(signal)} throughout{place}: if it did change, this is "
@@ -252,32 +245,28 @@ def _constant(signal: str, value: float, asked: Asked) -> str:
     )
 
 
-def _open_loop(seen: Observed, asked: Asked) -> list[Cause]:
-    """Return the cause of a controller that never moves: its loop was never closed.
+def _still_inputs(
+    seen: Observation, asked: Asked, found: Sequence[Cause] | None
+) -> Iterator[Cause]:
+    """Yield the causes of inputs that never move, which no condition shows.
 
-    A flag that says otherwise says something else.
+    A controller that never moves stands in a loop that was never closed, whatever a flag says.
+    found : causes of the conditions; None asks for the loop alone
     """
-    signal = "lambda_controller"
-    if signal not in asked.card.input_names or not seen.is_constant(signal):
-        return []
-    value = seen.low[seen.names.index(signal)].item()
-    advice = f"the loop was never closed: {_constant(signal, value, asked)}"
-    return [Cause("closed_loop", 0.0, signal, "constant", advice)]
+    named = {each.signal for each in found or ()}
+    for signal in sorted(asked.card.input_names, key=lambda name: name != CONTROLLER):
+        is_loop = signal == CONTROLLER
+        is_asked = is_loop or (found is not None and signal not in named)
+        if is_asked and signal in seen.names and seen.is_constant(signal):
+            advice = _constant(signal, seen, asked)
+            if is_loop:
+                advice = f"the loop was never closed: {advice}"
+                yield Cause("closed_loop", 0.0, signal, "constant", advice)
+            else:
+                yield Cause("inputs_valid", None, signal, "constant", advice)
 
 
-def _still_inputs(seen: Observed, asked: Asked, found: Sequence[Cause]) -> list[Cause]:
-    """Return the causes of inputs that never move, which no condition shows."""
-    named = {each.signal for each in found}
-    result = []
-    for signal in asked.card.input_names:
-        if signal in seen.names and signal not in named and seen.is_constant(signal):
-            value = seen.low[seen.names.index(signal)].item()
-            advice = _constant(signal, value, asked)
-            result.append(Cause("inputs_valid", None, signal, "constant", advice))
-    return result
-
-
-def _evidence(seen: Observed, asked: Asked, judgement: Judgement) -> list[Cause]:
+def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cause]:
     """Return why tests have no decision though most samples could be judged."""
     if asked.limits and asked.limits.trust.is_blind:
         drives = counted(asked.limits.trust.drives, "drive")
@@ -298,7 +287,7 @@ def _evidence(seen: Observed, asked: Asked, judgement: Judgement) -> list[Cause]
     return [Cause(judgement.unfinished[0], None, None, "undecided", advice)]
 
 
-def _dead(seen: Observed, asked: Asked) -> list[Cause]:
+def _dead(seen: Observation, asked: Asked) -> list[Cause]:
     """Return the cause of a sensor that was not alive when the recording ended."""
     output = asked.card.output
     reason = dead_at_end(seen, asked.card, asked.config, asked.limits)

@@ -10,7 +10,7 @@ import numpy as np
 
 from monitor.base.config import Config, PlausibilityConfig
 from monitor.base.types import BoolArray, FloatArray, Quality
-from monitor.judge.causes.observation import Observed
+from monitor.judge.causes.observation import Observation
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.limits import Limits
 from monitor.model.card import Channel, ModelCard
@@ -28,7 +28,7 @@ _RECOVERED: Final = CONDITIONS.index("fuel_cut_recovered")
 
 
 def dead_at_end(
-    seen: Observed, card: ModelCard, config: Config, limits: Limits | None
+    seen: Observation, card: ModelCard, config: Config, limits: Limits | None
 ) -> Dead | None:
     """Return how the sensor was dead when the recording ended, None if it was alive.
 
@@ -41,7 +41,7 @@ def dead_at_end(
     return _silent(seen, card.output, own) or _still(seen, card.output, own, limits)
 
 
-def _silent(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead | None:
+def _silent(seen: Observation, output: Channel, config: PlausibilityConfig) -> Dead | None:
     """Return the state of the sensor if it gave no usable value in the last samples."""
     n = max(round(config.end_s / seen.period_s), 1)
     quality = seen.end_quality[-n:, seen.names.index(output.name)]
@@ -55,7 +55,7 @@ def _silent(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead
 
 
 def _still(
-    seen: Observed, output: Channel, config: PlausibilityConfig, limits: Limits | None
+    seen: Observation, output: Channel, config: PlausibilityConfig, limits: Limits | None
 ) -> Dead | None:
     """Return the state of the sensor if its last values are all alike though the engine runs.
 
@@ -77,7 +77,7 @@ def _still(
     return "pegged" if burning >= least else None
 
 
-def _running(seen: Observed, config: PlausibilityConfig, n: int) -> BoolArray:
+def _running(seen: Observation, config: PlausibilityConfig, n: int) -> BoolArray:
     """Return whether the engine ran in the last n samples; without its speed it did.
 
     A speed that is no longer known holds on. A speed that is not known for longer than the kept
@@ -90,5 +90,5 @@ def _running(seen: Observed, config: PlausibilityConfig, n: int) -> BoolArray:
     return np.asarray(speed_rpm[known][-n:] >= config.engine_running_rpm)
 
 
-def _column(seen: Observed, name: str, n: int) -> FloatArray | None:
+def _column(seen: Observation, name: str, n: int) -> FloatArray | None:
     return seen.end_values[-n:, seen.names.index(name)] if name in seen.names else None

@@ -1,14 +1,12 @@
 """Counts over a recording: the same wherever blocks begin, alone or together."""
 
-from dataclasses import astuple
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.types import Quality
-from monitor.judge.causes.observation import Observation, Observed
+from monitor.judge.causes.observation import Observation
 from monitor.judge.enable import Enable
 from tests.helpers.examples import inputs
 
@@ -40,7 +38,7 @@ def drive() -> tuple[np.ndarray, np.ndarray]:
     return values, quality
 
 
-def observed(cuts: list[int]) -> Observed:
+def observed(cuts: list[int]) -> Observation:
     subject = enable()
     observation = Observation(subject, NAMES, CONFIG.plausibility, 0.1)
     values, quality = drive()
@@ -53,7 +51,7 @@ def observed(cuts: list[int]) -> Observed:
 @inputs(15)
 @given(st.lists(st.integers(1, N - 1), unique=True, max_size=30).map(sorted))
 def test_no_count_depends_on_where_blocks_begin(cuts: list[int]) -> None:
-    whole, parts = astuple(observed([])), astuple(observed(cuts))
+    whole, parts = vars(observed([])).values(), vars(observed(cuts)).values()
     for expected, got in zip(whole, parts, strict=True):
         np.testing.assert_array_equal(expected, got)
 
