@@ -101,7 +101,7 @@ class OxygenSensorMonitor(can.Listener):
         judging = self.monitor.judging
         monitor = judging.pipeline.monitor
         begin_ns = judging.collector.begin_ns
-        entry = dtc_entry(event.dtc, begin_ns, monitor.decisions.probability(event.dtc.fault))
+        entry = dtc_entry(event.dtc, begin_ns, monitor.decisions.facts.probability(event.dtc.fault))
         try:
             self._on_code(Code(**{**entry, "also": tuple(entry.get("also", ()))}))
         except Exception:

@@ -5,7 +5,7 @@ follows the prediction is judged in ``response``.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,11 +19,6 @@ MOST: Final = 256  # means of a drive that are kept
 LEAST: Final = 8  # means that a line is laid through, or a step
 EDGE: Final = 3  # means before a step and behind it, at least
 RISE: Final = 5.0  # least rise of a drift over the drive, in standard deviations of a window
-
-
-def _pairs(values: Sequence[float]) -> Iterator[tuple[float, float]]:
-    """Return neighbours in pairs."""
-    return zip(values[::2], values[1::2], strict=True)
 
 
 def paper_failed(mean: float, std: float, j_mu: float, j_sigma: float) -> bool:
@@ -79,7 +74,7 @@ class Course:
         self._means.append(math.fsum(self._open) / self._each)
         self._open = []
         if len(self._means) == MOST:
-            self._means = [0.5 * (a + b) for a, b in _pairs(self._means)]
+            self._means = np.mean(np.reshape(self._means, (-1, 2)), axis=1).tolist()
             self._each *= 2
 
     def drifts(self, window_std: float) -> bool:
@@ -185,9 +180,11 @@ class BiasRule:
     def _verdict(self, offset: float, beyond: float) -> tuple[Outcome, str | None]:
         """Return outcome and fault after a window that counts."""
         config = self._config
-        stepped = self._step()
-        if stepped:
-            return "failed", self._named(is_lean=stepped > 0.0)
+        if math.isfinite(self._step_most):  # an offset may have begun within the drive
+            healthy = 0.5 * (self._low + self._high)
+            step, sure = self._course.step(self._step_most, healthy, self._window_std, config)
+            if sure > config.certainty:
+                return "failed", self._named(is_lean=step > 0.0)
         if self._windows < config.n_windows or 0.0 <= beyond <= config.certainty:
             return "inconclusive", None
         if beyond < 0.0:
@@ -197,11 +194,3 @@ class BiasRule:
     def _named(self, *, is_lean: bool) -> str:
         kind = "drift" if self._course.drifts(self._window_std) else "biased"
         return f"{kind}_{'lean' if is_lean else 'rich'}"
-
-    def _step(self) -> float:
-        """Return the step of an offset that began within the drive, 0 without one."""
-        if not math.isfinite(self._step_most):
-            return 0.0
-        healthy, std = 0.5 * (self._low + self._high), self._window_std
-        step, sure = self._course.step(self._step_most, healthy, std, self._config)
-        return step if sure > self._config.certainty else 0.0

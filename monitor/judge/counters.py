@@ -50,7 +50,7 @@ class Counters:
         return self.step(test, failed=failed, fault=fault, also=found.also, t_ns=t_ns)
 
     def step(
-        self, test: str, *, failed: bool, fault: str, also: tuple[str, ...], t_ns: int
+        self, test: str, *, failed: bool, fault: str, t_ns: int, also: tuple[str, ...] = ()
     ) -> Sequence[Change]:
         """Advance one test's counter; a counter that matures sets or completes codes."""
         before = self._debounce[test]
@@ -67,16 +67,16 @@ class Counters:
         """Take a result of a test without model; those before it in its row are not needed."""
         test, failed, fault = result
         if test == "activity":
-            return self.step(test, failed=failed, fault=fault, also=(), t_ns=t_ns)
+            return self.step(test, failed=failed, fault=fault, t_ns=t_ns)
         return self.mature(test, failed=failed, fault=fault, t_ns=t_ns)
 
     def mature(self, test: str, *, failed: bool, fault: str, t_ns: int) -> list[Change]:
         """Take the last of so many alike results in a row."""
         self._debounce[test] = Debounce(FAILED if failed else PASSED)
-        return self.set_codes(test, failed=failed, fault=fault, also=(), t_ns=t_ns)
+        return self.set_codes(test, failed=failed, fault=fault, t_ns=t_ns)
 
     def set_codes(
-        self, test: str, *, failed: bool, fault: str, also: tuple[str, ...], t_ns: int
+        self, test: str, *, failed: bool, fault: str, t_ns: int, also: tuple[str, ...] = ()
     ) -> list[Change]:
         """Set the codes of a fault, or complete those of a test."""
         self.decided.add(test)
@@ -97,10 +97,8 @@ class Counters:
         return [DtcChanged(t_ns, dtc) for dtc in self._fail(fault, also, t_ns)]
 
     def _fail(self, fault: str, also: tuple[str, ...], t_ns: int) -> list[Dtc]:
-        return self._store.fail(fault, t_ns, also, self._codes(fault))
-
-    def _codes(self, fault: str) -> tuple[str, ...]:
-        return codes_on(fault, close_coupled=self._config.catalyst.close_coupled)
+        codes = codes_on(fault, close_coupled=self._config.catalyst.close_coupled)
+        return self._store.fail(fault, t_ns, also, codes)
 
 
 def ticks_to_mature(config: DebounceConfig, period_s: float) -> tuple[int, int]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.causes.causes import Asked, Judgement, SignalSource, causes
+from monitor.judge.findings import Evidence
 from monitor.pipeline.entry import (
     dtc_entry,
     enable_shares,
@@ -112,19 +113,20 @@ class Collector:
 
     def result(self, path: str, sha256: str | None, counters: Mapping[str, int]) -> dict[str, Any]:
         """Return the recording's entry of the JSON."""
-        monitor = self._monitor
+        monitor, facts = self._monitor, self._monitor.decisions.facts
+        outcomes, evidence = monitor.outcomes, facts.evidence()
         seen = self._observation.observed()
         judgement = Judgement(
             self._n_windows,
             self._n_excited,
-            monitor.unfinished,
-            _left_s(monitor),
+            tuple(test for test, own in outcomes.items() if own == "undecided"),
+            _left_s(evidence),
             judges_cuts=self._n_cuts > 0,
         )
         is_faulty = monitor.store.fault_flag
         why = [] if is_faulty else causes(seen, self._asked, judgement)
         behind = monitor.catalyst.entry()
-        trust = monitor.limits.trust.entry(monitor.decisions.explained)
+        trust = monitor.limits.trust.entry(facts.response.explained)
         return {
             "path": path,
             "sha256": sha256,
@@ -134,15 +136,15 @@ class Collector:
             "windows_interrupted": monitor.interrupted_windows,
             "windows_dropped": self._n_windows - len(self._windows),
             "dtcs": [
-                dtc_entry(dtc, self.begin_ns, monitor.decisions.probability(dtc.fault))
+                dtc_entry(dtc, self.begin_ns, facts.probability(dtc.fault))
                 for dtc in monitor.store.active
             ],
             "fault_flag": monitor.store.fault_flag,
             "completed": monitor.completed,
             "not_judged": not_judged(why),
-            "tests": monitor.outcomes,
+            "tests": outcomes,
             **({"windows_fuel_cut": self._n_cuts} if self._n_cuts else {}),
-            "evidence": evidence_entry(monitor.decisions.evidence()),
+            "evidence": evidence_entry(evidence),
             "enable": enable_shares(seen.held.tolist(), monitor.samples, monitor.unavailable),
             "limits": limits_entry(monitor.limits),
             **({"trust": trust} if trust else {}),
@@ -157,9 +159,9 @@ class Collector:
         return Trace(*columns[:3], *on)
 
 
-def _left_s(monitor: SensorMonitor) -> float | None:
+def _left_s(evidence: Mapping[str, Evidence]) -> float | None:
     """Return the driving in s that the slowest decision of the response test still needs."""
-    left = [each.seconds_to_decision for each in monitor.decisions.evidence().values()]
+    left = [each.seconds_to_decision for each in evidence.values()]
     known = [each for each in left if each is not None]
     return max(known) if known and len(known) == len(left) else None
 

@@ -160,7 +160,7 @@ class Conclusions:
     def _judge(self, item: Window, at: SamplePlace) -> Iterator[Happening]:
         """Take a full window; the facts of all those of a block are found together."""
         if self._facts is None:
-            self._facts = iter(self.decisions.facts(self._windows))
+            self._facts = iter(self.decisions.facts.of(self._windows))
         decide = self.decisions.cut if item.is_cut else self.decisions.window
         yield from self._frozen(decide(item, next(self._facts)), at)
 

@@ -141,19 +141,14 @@ class SensorMonitor:
         return self.decisions.completed
 
     @property
-    def unfinished(self) -> tuple[str, ...]:
-        """Return the tests that have reached no decision in this driving cycle.
+    def outcomes(self) -> dict[str, str]:
+        """Return of each test of this vehicle whether it failed, passed or is undecided.
 
         Behind the catalyst only that is to be decided which its signals allow.
         """
-        behind = self.catalyst.supported
-        return tuple(t for t in self.decisions.unfinished if t not in BEHIND or t in behind)
-
-    @property
-    def outcomes(self) -> dict[str, str]:
-        """Return of each test of this vehicle whether it failed, passed or is undecided."""
-        left = set(self.decisions.unfinished) - set(self.unfinished)
-        return {test: own for test, own in self.decisions.outcomes.items() if test not in left}
+        left = {*BEHIND} - {*self.catalyst.supported}
+        found = self.decisions.outcomes.items()
+        return {test: own for test, own in found if own != "undecided" or test not in left}
 
     def observation(self) -> Observation:
         """Return a count of this monitor's samples that begins with the next one."""

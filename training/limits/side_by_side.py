@@ -195,5 +195,5 @@ class _Run:
             reference=self._reference,
             limits=monitor.limits,
             behind=monitor.catalyst.entry(),
-            explained=monitor.decisions.explained,
+            explained=monitor.decisions.facts.response.explained,
         )

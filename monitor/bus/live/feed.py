@@ -178,7 +178,7 @@ class LiveFeed(Attachment):
         )
 
     def _evidence(self) -> dict[str, Any]:
-        return {"evidence": evidence_entry(self._monitor.decisions.evidence())}
+        return {"evidence": evidence_entry(self._monitor.decisions.facts.evidence())}
 
     def _now(self, tick: Tick) -> dict[str, Any]:
         monitor, sample = self._monitor, tick.sample

@@ -20,7 +20,6 @@ from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.findings import (
     Change,
     CutJudged,
-    Evidence,
     Facts,
     RuleOff,
     WindowJudged,
@@ -31,7 +30,7 @@ from monitor.judge.response.estimates import WindowEstimates
 from monitor.judge.response.movement import Moved
 from monitor.judge.response.rule import EDGES, Response
 from monitor.judge.window import Window
-from monitor.memory.codes import OF_VEHICLE, TESTS
+from monitor.memory.codes import OF_VEHICLE
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import TestResult
 from monitor.memory.reference import Seen
@@ -62,7 +61,7 @@ class Decisions:
     ) -> None:
         self.store, self._limits, self._config = store, limits, config
         self._transform = transform
-        self._facts = WindowFacts(limits, config, hypotheses, transform, end, period_s)
+        self.facts = WindowFacts(limits, config, hypotheses, transform, end, period_s)
         self._may_be_dead = False
         # a drive has one fuel; the offsets of other outputs have no known bound
         step_most = config.bias.fuel_span_lambda if transform == "phi" else math.inf
@@ -80,23 +79,14 @@ class Decisions:
         self._windows, self._offset_sum = 0, 0.0
 
     @property
-    def unfinished(self) -> tuple[str, ...]:
-        """Return the tests that have reached no decision, of those that set codes."""
-        decided = self._counters.decided
-        is_open = self._may_be_dead or self._limits.trust.is_blind
-        return tuple(
-            test
-            for test in OF_VEHICLE
-            if (TESTS[test] and test not in decided) or (test == "response" and is_open)
-        )
-
-    @property
     def outcomes(self) -> dict[str, str]:
         """Return of each test that sets codes whether it failed, passed or is undecided."""
-        found = dict.fromkeys(self.unfinished, "undecided")
-        for test in (*OF_VEHICLE, *self._rules):
-            if test in self._counters.decided and test not in found:
-                found[test] = "failed" if self._counters.failed(test) else "passed"
+        decided = self._counters.decided
+        found = {test: "undecided" for test in OF_VEHICLE if test not in decided}
+        if self._may_be_dead or self._limits.trust.is_blind:
+            found["response"] = "undecided"
+        for test in decided - {*found}:
+            found[test] = "failed" if self._counters.failed(test) else "passed"
         return {test: found[test] for test in (*OF_VEHICLE, *self._rules) if test in found}
 
     def electrical(self, result: TickResult, t_ns: int) -> Sequence[Change]:
@@ -118,12 +108,8 @@ class Decisions:
         if test == "bias":
             if not counters.failed("balance") or counters.named(test) == claim.fault:
                 return ()
-            return counters.set_codes(test, failed=failed, fault=fault, also=(), t_ns=t_ns)
+            return counters.set_codes(test, failed=failed, fault=fault, t_ns=t_ns)
         return counters.take(test, claim, t_ns)
-
-    def facts(self, windows: Sequence[Window]) -> list[Facts]:
-        """Return the facts of windows that follow each other, each once, before it decides."""
-        return self._facts.of(windows)
 
     def window(self, window: Window, facts: Facts) -> Iterator[WindowJudged | Change]:
         """Take a full window; yield its verdict, then the codes that it changes."""
@@ -147,19 +133,6 @@ class Decisions:
         self._suspicious |= response.outcome == "failed"
         yield from self._response_step(response, window.t_end_ns)
 
-    def probability(self, fault: str) -> float:
-        """Return the probability of a fault's name among the names with the same code."""
-        return self._facts.probability(fault)
-
-    @property
-    def explained(self) -> float | None:
-        """Return the share of the reading that the likeliest sensor explains; None at first."""
-        return self._facts.explained
-
-    def evidence(self) -> dict[str, Evidence]:
-        """Return how far the response test is from a decision about each fault."""
-        return self._facts.evidence()
-
     @property
     def seen(self) -> Seen | None:
         """Return the lesson for the vehicle's reference, None if anything was suspicious."""
@@ -167,7 +140,7 @@ class Decisions:
         sound = self._counters.passed("response") and not self._suspicious
         if self._transform != "phi" or not (enough and sound) or self.store.fault_flag:
             return None
-        gain = self._facts.drive_gain / self._limits.gain_model
+        gain = self.facts.response.drive_gain / self._limits.gain_model
         return Seen(self._offset_sum / self._windows, gain)
 
     def _response_step(self, response: Response, t_ns: int) -> Iterator[Change]:

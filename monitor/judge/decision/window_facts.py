@@ -44,7 +44,7 @@ class WindowFacts:
         self._config = config.response
         self._stuck_range = config.plausibility.stuck_range
         self._window_s = config.window.n_samples * period_s
-        self._response = ResponseRule(
+        self.response = ResponseRule(
             config=config.response,
             bank=hypotheses,
             errors=limits.errors,
@@ -62,22 +62,12 @@ class WindowFacts:
         kinds = groupby(windows, attrgetter("is_cut"))
         return [each for is_cut, own in kinds for each in self._of_kind(list(own), is_cut=is_cut)]
 
-    @property
-    def drive_gain(self) -> float:
-        """Return the gain of the likeliest sound sensor over all windows."""
-        return self._response.drive_gain
-
-    @property
-    def explained(self) -> float | None:
-        """Return the share of the reading that the likeliest sensor explains; None at first."""
-        return self._response.explained
-
     def evidence(self) -> dict[str, Evidence]:
         """Return how far the response test is from a decision about each fault.
 
         The time left supposes that the evidence goes on to grow as it did so far.
         """
-        rule, config = self._response, self._config
+        rule, config = self.response, self._config
         # a window around a fuel cut has half the samples
         seconds = (rule.windows - 0.5 * self._n_cuts) * self._window_s
         found = {}
@@ -90,7 +80,7 @@ class WindowFacts:
 
     def probability(self, fault: str) -> float:
         """Return the probability of a fault's name among the names with the same code."""
-        odds = self._response.odds
+        odds = self.response.odds
         if fault not in odds:
             return 1.0
         alike = [value for name, value in odds.items() if CODES[name] == CODES[fault]]
@@ -105,7 +95,7 @@ class WindowFacts:
         mean, std = means_and_stds(residual)
         low, high = np.minimum.reduce(measured, axis=1), np.maximum.reduce(measured, axis=1)
         ignore = high - low <= self._stuck_range  # it stands still: for the activity test
-        responses = self._response.judge(phi, banks, ignore)
+        responses = self.response.judge(phi, banks, ignore)
         if is_cut:
             self._n_cuts += int(np.count_nonzero(~ignore))
             at_end = low >= self._range_end - self._stuck_range  # in air
