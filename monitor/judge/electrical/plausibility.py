@@ -106,12 +106,12 @@ class Plausibility:
         for begin, end, each in alike(codes):
             rest, q = divmod(each, _N_QUALITIES)
             own = self._run(begin, end, q, told=rest & 3, engine=rest >> 2 & 3, duty=rest >> 4)
-            found += [Results(a, b, TickResult(*result)) for a, b, *result in own if a < b]
+            found += [Results(a, b, TickResult(*result)) for a, b, result in own if a < b]
         return found
 
     def _run(
         self, begin: int, end: int, quality: int, *, told: int, engine: int, duty: int
-    ) -> Iterator[tuple[int, int, str, bool, str]]:
+    ) -> Iterator[tuple[int, int, tuple[str, bool, str]]]:
         """Yield samples of a run, which may be none, with a test, whether it failed, and its fault.
 
         told, engine, duty : what ``sensor_ready``, the engine's speed and the heater's duty say
@@ -134,23 +134,23 @@ class Plausibility:
         is_invalid = quality == _INVALID and ready
         # with the ignition off an ECU falls silent, which is no fault
         if quality == _OFF_BUS:
-            yield first, end, "communication", True, "bus_off"
+            yield first, end, ("communication", True, "bus_off")
         elif not (missing and self._stood):
             fault = "signal_invalid" if is_invalid else "signal_missing"
-            yield first, end, "communication", missing or is_invalid, fault
+            yield first, end, ("communication", missing or is_invalid, fault)
         runs = self._speed is None or engine == _YES
         cold = end - self._count_full(duty if runs else _UNKNOWN, end - begin)
         if not ready and not gone and runs:
             first = begin + max(self._patience - self._not_ready, 0)
             self._not_ready += end - begin
-            yield first, end, "ready", True, "heater" if duty == _FULL else "not_ready"
+            yield first, end, ("ready", True, "heater" if duty == _FULL else "not_ready")
         else:
             self._not_ready = 0
             if ready and not missing:  # else it is not known yet
-                yield begin, cold, "ready", False, "not_ready"
-                yield cold, end, "ready", True, "heater"
+                yield begin, cold, ("ready", False, "not_ready")
+                yield cold, end, ("ready", True, "heater")
         if ready and quality in (_GOOD, _PINNED, _OUT_OF_RANGE):
-            yield begin, end, "range", quality == _OUT_OF_RANGE, "out_of_range"
+            yield begin, end, ("range", quality == _OUT_OF_RANGE, "out_of_range")
 
     def _count_full(self, duty: int, count: int) -> int:
         """Take samples with one duty; return how many, the last ones, tell of a faulty heater."""
