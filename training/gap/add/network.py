@@ -47,7 +47,7 @@ def add(
     if card.kind != "narx" or card.transform != "phi":
         raise ModelError(f"{model}: a network of lambda is wanted, to add effects to its output")
     older = [ModelEffect.from_card(each) for each in card.effects]
-    difference = ChainDifference.of(card, [*older, *added], chain, ranges)
+    difference = ChainDifference.beside(card, [*older, *added], chain, ranges)
     inputs = tuple(dict.fromkeys((*card.input_names, *difference.inputs)))
     own, size, n_inputs = _network_of(model, card)
     new = replace(

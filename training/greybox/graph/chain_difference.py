@@ -14,21 +14,18 @@ from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.card import Channel, ModelCard
 from training.greybox.chain import Constants, inputs_of
-from training.greybox.effects.model_effect import Effects, ModelEffect
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import SPEED, Ranges, limits_of, seeing
 from training.narx.export import Graph
 
 
-@dataclass(frozen=True, slots=True)
-class ChainDifference:
-    """Two chains that differ in their effects."""
-
-    without: Greybox
-    effects: Effects
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChainDifference(Greybox):
+    """A chain with effects; what it reads beyond the same chain without them counts."""
 
     @classmethod
-    def of(
+    def beside(
         cls,
         card: ModelCard,
         added: Sequence[ModelEffect],
@@ -42,14 +39,14 @@ class ChainDifference:
         """
         known = {channel.name: channel for channel in card.inputs}
         available = {*known, *ranges}
-        missing = [name for name in inputs_of(available) if name not in available]
+        chain = inputs_of(available)
+        missing = [name for name in chain if name not in available]
         if missing:
             raise ModelError(
                 f"the chain needs {', '.join(missing)}: neither an input of the model nor in the "
                 "drives of the fit"
             )
         effects = tuple(seeing(each, tuple(known), ranges) for each in added)
-        chain = inputs_of(available)
         wanted = dict.fromkeys((*chain, *(name for each in effects for name in each.reads or ())))
         inputs = tuple(name for name in wanted if name != SPEED or SPEED in chain)
         bounds = np.array(
@@ -57,7 +54,7 @@ class ChainDifference:
         )
         bounds[inputs.index("fuel_mass_mg"), 0] = 0.0  # fuel cut must reach the chain
         low, high = bounds.T
-        both = Greybox(
+        return cls(
             constants=constants,
             inputs=inputs,
             u_low=low,
@@ -65,54 +62,43 @@ class ChainDifference:
             period_s=card.period_ns / 1e9,
             effects=effects,
         ).with_register()
-        return cls(replace(both, effects=()), effects)
 
     @classmethod
     def from_card(cls, card: ModelCard) -> "ChainDifference":
         """Return the difference of a model's card; raises ModelError if a field is missing."""
         try:
             given = card.structure["chain"]
-            without = Greybox(
+            return cls(
                 constants=Constants(**given["constants"]),
                 inputs=tuple(given["inputs"]),
                 u_low=np.array(given["inputs_low"]),
                 u_high=np.array(given["inputs_high"]),
                 period_s=card.period_ns / 1e9,
                 register=int(given["register_samples"]),
+                effects=tuple(map(ModelEffect.from_card, card.effects)),
             )
-            return cls(without, tuple(map(ModelEffect.from_card, card.effects)))
         except (KeyError, TypeError) as error:
             raise ModelError(f"the card lacks part of its added effects: {error}") from None
 
     def to_card(self) -> dict[str, Any]:
         """Return the entry for a card, without the effects, see ``from_card``."""
         return {
-            "constants": self.without.constants._asdict(),
+            "constants": self.constants._asdict(),
             "inputs": list(self.inputs),
-            "inputs_low": self.without.u_low.tolist(),
-            "inputs_high": self.without.u_high.tolist(),
-            "register_samples": self.without.register,
+            "inputs_low": self.u_low.tolist(),
+            "inputs_high": self.u_high.tolist(),
+            "register_samples": self.register,
         }
 
     @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the signals that the two chains read."""
-        return self.without.inputs
-
-    @property
-    def with_effects(self) -> Greybox:
-        """The chain with the effects."""
-        return replace(self.without, effects=self.effects)
+    def without(self) -> Greybox:
+        """The chain without the effects."""
+        return replace(self, effects=())
 
     @property
     def n_states(self) -> int:
         """Size of the state of both chains."""
-        return self.without.state_layout.size + self.with_effects.state_layout.size
-
-    @property
-    def memory(self) -> int:
-        """Samples after which both chains have forgotten how they began."""
-        return self.with_effects.memory
+        return self.without.state_layout.size + self.state_layout.size
 
     def values(self, signals: Mapping[str, FloatArray]) -> FloatArray:
         """Return the difference (n,) in phi for signals (n,) in physical units, all of them good.
@@ -120,7 +106,7 @@ class ChainDifference:
         Both chains start settled at the first sample.
         """
         u = np.column_stack([signals[name] for name in self.inputs])
-        return self.with_effects.reading(u) - self.without.reading(u)
+        return self.reading(u) - self.without.reading(u)
 
     def nodes(self, graph: Graph, signals: Mapping[str, str], state: str) -> tuple[str, str]:
         """Add both chains; return the difference (batch, 1) and their next state.
@@ -129,7 +115,7 @@ class ChainDifference:
         """
         graph = graph.part("chain_")
         without, before = self.without.traced(graph, signals, state)
-        read, behind = self.with_effects.traced(graph, signals, state, before.size)
+        read, behind = self.traced(graph, signals, state, before.size)
         ahead = graph.add("Concat", [*before.next_state, *behind.next_state], "next", axis=1)
         return graph.add("Sub", [read.name, without.name], "difference"), ahead
 

@@ -97,7 +97,7 @@ class Greybox:
         """The healthy vehicle's own effects, then the added ones."""
         return (*self.own, *self.effects)
 
-    def with_register(self) -> "Greybox":
+    def with_register(self) -> Self:
         """Return the chain with a register for its longest dead time, not shorter than before."""
         lowest = dict(zip(self.inputs, self.u_low.tolist(), strict=True))
         slowest_rpm = max(lowest.get("engine_speed_rpm", SPEED_LEAST_RPM), SPEED_LEAST_RPM)
