@@ -8,12 +8,13 @@ which an effect is adequate.
 from typing import Final
 
 import numpy as np
+from numpy import gradient as slope
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import Path
 from training.greybox.effects.place import Place
 from training.greybox.fit.drive import ChainDrive
-from training.greybox.quantity.dynamics import charged, delayed, lag, slope
+from training.greybox.quantity.dynamics import delayed, lag
 from training.greybox.quantity.value import hats
 from training.healthy.config import CONFIG
 
@@ -108,5 +109,5 @@ def _at_sensor(drive: ChainDrive, path: Path, phi: FloatArray) -> dict[str, Floa
     }
     cut = ~at.injecting()
     for time_s in (0.5, 1.2, 3.0):
-        columns[f"after cut {time_s}"] = charged(cut, 1.0, time_s, drive.period_s)
+        columns[f"after cut {time_s}"] = lag(cut * 1.0, np.where(cut, 1.0, time_s), drive.period_s)
     return columns

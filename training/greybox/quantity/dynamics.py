@@ -1,4 +1,4 @@
-"""Lags and delays at the sample period, slope and store: of arrays (n,), or as nodes with a state.
+"""Lags and delays at the sample period: of arrays (n,), or as nodes with a state.
 
 Lags are exact for inputs that run straight between samples (ramp invariance; Franklin, Powell,
 Workman, Digital Control of Dynamic Systems, section 6.3): a time constant means the same at any
@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import FloatArray
 from monitor.model.step import PHI_MAX
 from training.greybox.quantity.dual import Dual, moved, value_of
 from training.greybox.quantity.value import READING, Quantity, Value, clip, exp, maximum, where
@@ -41,20 +41,10 @@ def lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity:
     """
     share = 1.0 - exp(-period_s / maximum(time_s, LEAST_S))
     if not isinstance(u, Value):
-        return _lag(u, _row(share))
+        return followed(u, (share, share))
     place = u.trace.place()
     x = u.trace.old(place, u)
     return u.trace.keep(place, x + share * (u - x))
-
-
-@njit(cache=True)
-def _lag(u, share):  # pragma: no cover
-    out = np.empty_like(u)
-    x, step = u[0], len(share) > 1
-    for k in range(len(u)):
-        x += share[k * step] * (u[k] - x)
-        out[k] = x
-    return out
 
 
 def ramp_lag(u: Quantity, time_s: Quantity, period_s: float) -> Quantity:
@@ -233,30 +223,3 @@ def _weights(time_s: Quantity, period_s: float, least: float = LEAST_SAMPLES) ->
 def _row(x: FloatArray | float) -> FloatArray:
     """Return an array (n,) as it is, a number as (1,), for a loop that reads both alike."""
     return x if isinstance(x, np.ndarray) and x.ndim else np.array([x], dtype=np.float64)
-
-
-def slope(u: FloatArray, period_s: float) -> FloatArray:
-    """Return the time derivative of ``u`` (n,) by central differences, per second."""
-    return np.asarray(np.gradient(u) / period_s)
-
-
-@njit(cache=True)
-def _decay(active, share_up, share_down):  # pragma: no cover
-    out = np.zeros(len(active))
-    x = 0.0
-    for k in range(len(active)):
-        x = x + share_up * (1.0 - x) if active[k] else x * (1.0 - share_down[k])
-        out[k] = x
-    return out
-
-
-def charged(
-    active: BoolArray, up_s: float, down_s: FloatArray | float, period_s: float
-) -> FloatArray:
-    """Return a store (n,) that fills to 1 while ``active`` and empties afterwards.
-
-    up_s, down_s : time constants in s of filling and emptying
-    """
-    down = 1.0 - np.exp(-period_s / np.maximum(down_s, LEAST_S))
-    share_up = 1.0 - np.exp(-period_s / up_s)
-    return _decay(active, share_up, np.broadcast_to(down, active.shape))
