@@ -84,7 +84,7 @@ def run(args: TablesCommand) -> int:
     steady = fitted.parameters.fuel
     notes = {
         "the logs' steady balance": balance.balance_text(steady, absolute=subject.absolute_air)
-        if steady is not None and subject.has_pulse
+        if steady is not None and signals.PULSE in subject.known
         else "",
         "the tune's injectors": msq.injectors_text(args.axes, args.displacement_l, args.cylinders)
         if args.axes is not None

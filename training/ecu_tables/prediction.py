@@ -10,7 +10,7 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.ecu_tables import parameters as laws
 from training.ecu_tables.parameters import Moving, Parameters, Point, Vector
-from training.ecu_tables.signals import Air, TableDrive
+from training.ecu_tables.signals import PULSE, Air, TableDrive
 from training.greybox.chain import Path, simulate
 from training.greybox.quantity.dual import Dual, moved, value_of
 from training.greybox.quantity.dynamics import ramp_lag
@@ -102,7 +102,7 @@ def _passage_s(flow: FloatArray, volume: FloatArray, period_s: float) -> FloatAr
 def injected_mg(p: Parameters, x: Vector, d: TableDrive) -> Quantity:
     """Return the injected fuel per stroke (n,) in mg."""
     flow = exp(p.value(x, "flow"))
-    if not p.subject.has_pulse:
+    if PULSE not in p.subject.known:
         return flow * (d.command * d.commanded)
     opened = maximum(d.commanded - laws.dead_ms(p, x, d.volts), 0.0)
     return flow * opened * (d.command * d.pressure * (d.commanded > 0.0))

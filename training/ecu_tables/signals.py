@@ -6,7 +6,7 @@ filling of the manifold.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Final, NamedTuple
@@ -27,6 +27,13 @@ KELVIN: Final = 273.15
 CYLINDERS: Final = 4  # where nobody says how many
 LITRES: Final = 2.0  # displacement where nobody says one: the flow scale is then unknown
 KG_H_PER_MG_RPM: Final = 60.0e-6 / 2.0  # kg/h of one cylinder with 1 mg per stroke at 1 rpm
+PULSE: Final = "injector_pulse_width_ms"
+NEEDED: Final = (  # one of each
+    ("engine_speed_rpm",),
+    ("lambda_measured",),
+    (PULSE, "fuel_mass_mg"),
+    (MG_PER_STROKE, KPA, "maf_kg_h"),
+)
 WARM_DEGC: Final = 88.0
 MANIFOLD_DEGC: Final = 35.0
 VOLTS: Final = 14.0
@@ -88,10 +95,7 @@ class TableSubject:
     drives: tuple[TableDrive, ...]
     air: Air
     load: str  # name of the load axis
-    has_pulse: bool
-    has_rail: bool
-    has_volts: bool
-    has_coolant: bool
+    known: frozenset[str]  # signals of all drives
     absolute_air: bool  # the air is in true milligrams, so a flow scale can be told
 
     @property
@@ -109,11 +113,6 @@ class TableSubject:
         return [replace(self, drives=(d,)) for d in drives if d.usable.any()]
 
 
-def load_of(recordings: Sequence[Recording]) -> str:
-    """Return the load axis that the recordings can fill: kPa, or mg per stroke without MAP."""
-    return KPA if _in_all(recordings, "manifold_pressure_kpa") else MG_PER_STROKE
-
-
 def subject_of(
     recordings: Sequence[Recording],
     load: str | None = None,
@@ -122,37 +121,29 @@ def subject_of(
 ) -> TableSubject:
     """Return the drives of one vehicle.
 
-    load : name of the load axis; None takes the one that the recordings fill
+    load : name of the load axis; None takes kPa, or mg per stroke without manifold pressure
     displacement_l : of all cylinders, in litres; without it speed density has no scale
     cylinders : turn the air meter's flow and the displacement into the charge of one
     Raises RecordingError if the recordings hold no fuel, no air, no speed or no lambda.
     """
-    for name in ("engine_speed_rpm", "lambda_measured"):
-        if not _in_all(recordings, name):
-            raise RecordingError(f"{recordings[0].path}: tables need {name}")
-    has_pulse = _in_all(recordings, "injector_pulse_width_ms")
-    if not has_pulse and not _in_all(recordings, "fuel_mass_mg"):
-        raise RecordingError(
-            f"{recordings[0].path}: tables need injector_pulse_width_ms or fuel_mass_mg"
-        )
-    air = _air_of(recordings)
-    load = load or load_of(recordings)
-    if load == KPA and not _in_all(recordings, KPA):
-        raise RecordingError(
-            f"{recordings[0].path}: a load axis in kPa needs manifold_pressure_kpa"
-        )
+    known = frozenset.intersection(*(r.known for r in recordings))
+    for needed in NEEDED:
+        if known.isdisjoint(needed):
+            raise RecordingError(f"{recordings[0].path}: tables need {' or '.join(needed)}")
+    air = _air_of(known)
+    load = load or (KPA if KPA in known else MG_PER_STROKE)
+    if load == KPA and KPA not in known:
+        raise RecordingError(f"{recordings[0].path}: a load axis in kPa needs {KPA}")
     size = _Size(displacement_l or LITRES, cylinders)
-    drives = tuple(_drive(r, air, load, has_pulse, size) for r in recordings)
+    fuel = PULSE if PULSE in known else "fuel_mass_mg"
+    drives = tuple(_drive(r, air, load, fuel, size) for r in recordings)
     if not any(d.usable.any() for d in drives):
         raise RecordingError(f"{recordings[0].path}: no usable sample: {rejected_text(drives)}")
     return TableSubject(
         drives=drives,
         air=air,
         load=load,
-        has_pulse=has_pulse,
-        has_rail=_in_all(recordings, "rail_pressure_mpa"),
-        has_volts=_in_all(recordings, "battery_voltage_v"),
-        has_coolant=_in_all(recordings, "coolant_temperature_degc"),
+        known=known,
         absolute_air=air in (Air.STROKE, Air.METER) or displacement_l is not None,
     )
 
@@ -165,21 +156,13 @@ def rejected_text(drives: Sequence[TableDrive]) -> str:
     return ", ".join(f"{number} where {why}" for why, number in total.most_common() if number)
 
 
-def _in_all(recordings: Sequence[Recording], name: str) -> bool:
-    return all(name in r.known for r in recordings)
-
-
-def _air_of(recordings: Sequence[Recording]) -> Air:
-    if _in_all(recordings, "air_mass_mg"):
+def _air_of(known: Collection[str]) -> Air:
+    if MG_PER_STROKE in known:
         return Air.STROKE
-    if _in_all(recordings, KPA):
-        has_ve = _in_all(recordings, "volumetric_efficiency_percent")
-        return Air.SPEED_DENSITY_VE if has_ve else Air.SPEED_DENSITY
-    if _in_all(recordings, "maf_kg_h"):
+    if KPA not in known:
         return Air.METER
-    raise RecordingError(
-        f"{recordings[0].path}: tables need air_mass_mg, manifold_pressure_kpa or maf_kg_h"
-    )
+    has_ve = "volumetric_efficiency_percent" in known
+    return Air.SPEED_DENSITY_VE if has_ve else Air.SPEED_DENSITY
 
 
 class _Size(NamedTuple):
@@ -189,13 +172,13 @@ class _Size(NamedTuple):
     cylinders: int
 
 
-def _drive(r: Recording, air: Air, load: str, has_pulse: bool, size: _Size) -> TableDrive:
+def _drive(r: Recording, air: Air, load: str, command: str, size: _Size) -> TableDrive:
     period_s = r.period_ns / 1e9
     most = max(round(HOLD_MOST_S / period_s), 1)
     held = {name: _held(r.values[:, i], most) for i, name in enumerate(r.names)}
     rpm = held["engine_speed_rpm"]
     charge = _charge(held, air, size)
-    fuel = held["injector_pulse_width_ms" if has_pulse else "fuel_mass_mg"]
+    fuel = held[command]
     if "fuel_cut" in r.known:
         fuel = np.where(held["fuel_cut"] > 0.5, 0.0, fuel)
     with np.errstate(divide="ignore"):

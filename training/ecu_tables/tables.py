@@ -17,7 +17,7 @@ from training.ecu_tables import parameters as laws
 from training.ecu_tables.config import TablesConfig
 from training.ecu_tables.fit import FittedTables
 from training.ecu_tables.parameters import Moving, Parameters, Point, Vector
-from training.ecu_tables.signals import WARM_DEGC
+from training.ecu_tables.signals import PULSE, WARM_DEGC
 from training.greybox.quantity.value import Quantity, log
 from training.recordings.ecu_table import (
     COOLANT_BANDS,
@@ -125,7 +125,9 @@ def _laws(fitted: FittedTables, axes: TableAxes) -> list[_Law]:
         return _Law(name, unit, (axes.speed, axes.load), cells, at, *counted)
 
     made = [law("lambda_delay", "s", 0.0), law("lambda_lag", "s", 0.0)]
-    for band in COOLANT_BANDS if p.subject.has_coolant else COOLANT_BANDS[-1:]:
+    for band in (
+        COOLANT_BANDS if "coolant_temperature_degc" in p.subject.known else COOLANT_BANDS[-1:]
+    ):
         inside = (samples.degc >= band.low_degc) & (samples.degc < band.high_degc)
         cold = max(WARM_DEGC - band.at_degc, 0.0) / 60.0
         made.append(law("wall_film_fraction", "-", cold, inside, band))
@@ -138,13 +140,13 @@ def _laws(fitted: FittedTables, axes: TableAxes) -> list[_Law]:
 
 def _of_injectors(p: Parameters, axes: TableAxes, samples: CellSamples) -> list[_Law]:
     """Return dead time and flow scale of the injectors, none without a pulse width."""
-    if not p.subject.has_pulse:
+    if PULSE not in p.subject.known:
         return []
     volts, at = np.asarray(axes.volts.values), axes.volts.nearest(samples.volts)
-    known = np.full(len(at), p.subject.has_volts)
+    known = np.full(len(at), "battery_voltage_v" in p.subject.known)
     of_volts = lambda x: log(laws.dead_ms(p, x, volts))  # noqa: E731
     dead = _Law("injector_dead_time", "ms", (axes.volts,), of_volts, (at,), known)
-    pressure = axes.pressure(direct=p.subject.has_rail)
+    pressure = axes.pressure(direct="rail_pressure_mpa" in p.subject.known)
     flow = _Law(
         "injector_flow_scale",
         "mg/ms",
