@@ -51,11 +51,8 @@ def _at_valve(drive: ChainDrive, path: Path) -> dict[str, FloatArray]:
     made["charge slope at low speed"] = made["charge slope"] * 1500.0 / np.maximum(rpm, 700.0)
     made["fuel slope"] = np.clip(slope(fuel, period_s) / np.maximum(fuel, 4.0), -3.0, 3.0) * running
     coolant = s.get("coolant_temperature_degc")
-    cold = (
-        np.zeros(len(air))
-        if coolant is None
-        else np.maximum(CONFIG.warm_degc - coolant, 0.0) / 60.0
-    )
+    degc = np.full(len(air), CONFIG.warm_degc) if coolant is None else coolant
+    cold = np.maximum(CONFIG.warm_degc - degc, 0.0) / 60.0
     strokes = np.maximum(rpm, 500.0)
     for time_s in (0.3, 0.8, 2.0):
         late = lag(fuel * strokes, time_s, period_s) / strokes
