@@ -223,16 +223,11 @@ class Enable:
         )
         checked = [Range("inputs_valid", name, -math.inf, math.inf) for name in inputs]
         checked += [Range("measured_valid", output, -math.inf, math.inf), *self.ranges]
-        self._checks = [
-            (
-                _AT[name],
-                np.array([at[each.signal] for each in own], dtype=np.intp),
-                np.array([each.low for each in own]),
-                np.array([each.high for each in own]),
-            )
-            for name in CONDITIONS
-            if (own := [each for each in checked if each.condition == name])
-        ]
+        of = [each.condition for each in checked]
+        self._checked = [_AT[name] for name in dict.fromkeys(of)]  # conditions
+        self._first = [of.index(name) for name in dict.fromkeys(of)]  # of their ranges
+        self._places = [at[each.signal] for each in checked]
+        self._low, self._high = (np.array([each[i] for each in checked]) for i in (2, 3))
         self._measured, self._cut = at[output], at.get("fuel_cut")
         self._purge = at.get("purge_duty_percent")
         self._open_percent = config.purge_open_percent
@@ -272,26 +267,22 @@ class Enable:
         held = np.ones((len(values), len(CONDITIONS)), dtype=np.bool_)
         if len(values) == 0:
             return held
-        for condition, places, low, high in self._checks:
-            x = values.take(places, axis=1)
-            np.logical_and.reduce((low <= x) & (x <= high), axis=1, out=held[:, condition])
+        x = values.take(self._places, axis=1)
+        inside = (self._low <= x) & (x <= self._high)
+        held[:, self._checked] = np.logical_and.reduceat(inside, self._first, axis=1)
         held[:, _SETTLED] = held[:, _VALID]
         if quality is not None:
             pinned = quality[:, self._measured] == Quality.PINNED
             if pinned.any():
-                held[:, _TRAINED] &= ~pinned | self._in_cut(values)
+                if self._cut is not None:
+                    pinned &= ~(values[:, self._cut] >= NO_CUT)
+                held[:, _TRAINED] &= ~pinned
         if self._purge is not None:
             held[:, _PURGE] = self._purge_stays(values[:, self._purge])
         count = since(~held[:, _RECOVERING], self._since)
         self._since = count[-1]
         held[:, _RECOVERING] = count >= self._recovery
         return held
-
-    def _in_cut(self, values: FloatArray) -> BoolArray:
-        """Return whether fuel is known to be cut, (n,)."""
-        if self._cut is None:
-            return np.zeros(len(values), dtype=np.bool_)
-        return np.asarray(values[:, self._cut] >= NO_CUT)
 
     def _purge_stays(self, duty: FloatArray) -> BoolArray:
         """Return whether the purge valve stays open or shut, moves slowly and is known, (n,)."""

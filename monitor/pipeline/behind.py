@@ -74,11 +74,11 @@ def _judge_circuit(table: Table, store: DtcStore, config: Config) -> None:
     running = np.cumsum(runs, dtype=np.int64).tolist()
     for k, sample in enumerate(zip(at[VOLTAGE].tolist(), x.tolist(), running, strict=True)):
         volts, lean, run = sample
-        for each in circuit.push(
+        for _, fault in circuit.push(
             volts=volts, x=lean, air_g_s=0.0, running=run, duty_percent=math.nan
         ):
-            failed, t_ns = bool(each.fault), block.t_ns.item(k)
-            for change in counters.mature(CIRCUIT, failed=failed, fault=each.fault, t_ns=t_ns):
+            failed, t_ns = bool(fault), block.t_ns.item(k)
+            for change in counters.mature(CIRCUIT, failed=failed, fault=fault, t_ns=t_ns):
                 freeze(change, store, list(at), block.values[k])
 
 

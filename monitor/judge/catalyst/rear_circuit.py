@@ -14,8 +14,7 @@ An unheated sensor rests as an open circuit does, so a heater that failed explai
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal
 
 from monitor.base.config import Config
 from monitor.judge.catalyst.bank import MID_V, OXYGEN_IN_AIR
@@ -24,26 +23,6 @@ CircuitTest = Literal["downstream_circuit", "downstream_heater"]
 CIRCUIT: Final = "downstream_circuit"
 HEATER: Final = "downstream_heater"
 LOW, HIGH, INACTIVE = "downstream_low", "downstream_high", "downstream_inactive"
-
-
-class CircuitResult(NamedTuple):
-    """A decision of one test; ``fault`` is "" where it passed."""
-
-    test: CircuitTest
-    fault: str
-    wake_s: float | None  # after a cold start; None where none was seen or the sensor sleeps
-
-
-@dataclass(slots=True)
-class _Stretch:
-    """For how long, in s, something has held without a break."""
-
-    low: float = 0.0
-    high: float = 0.0  # without a lean reading between
-    rest: float = 0.0  # near the ECU's own voltage
-    lively: float = 0.0
-    full: float = 0.0  # heater at full duty
-    regulated: float = 0.0
 
 
 class RearCircuit:
@@ -56,7 +35,8 @@ class RearCircuit:
 
     def reset(self) -> None:
         """Begin as after switching on."""
-        self._for_s = _Stretch()
+        # for how long, in s, something has held without a break; "high" lasts until a lean reading
+        self._for_s = dict.fromkeys(("low", "high", "rest", "lively", "full", "regulated"), 0.0)
         self._lean_g = self._most_lean_g = 0.0  # oxygen of one lean stretch, while at rest
         self._began_at_rest: bool | None = None
         self._was_regulated = False
@@ -79,8 +59,8 @@ class RearCircuit:
 
     def push(
         self, *, volts: float, x: float, air_g_s: float, running: int, duty_percent: float
-    ) -> list[CircuitResult]:
-        """Take the next sample; return the decisions that it brings.
+    ) -> list[tuple[CircuitTest, str]]:
+        """Take the next sample; return the tests that it decides, each with its fault or "".
 
         volts, x (1 - 1/lambda upstream), air_g_s, duty_percent : nan where unknown
         running : samples so far with the engine running, this one included
@@ -93,71 +73,65 @@ class RearCircuit:
         found = []
         for test, fault in self._decided(run_s):
             if self._said.get(test) != fault:
-                self._said[test] = fault
-                found.append(CircuitResult(test, fault, self.wake_s))
+                self._said[test] = fault  # a heater that failed tells of the circuit
+                found.append((test, fault))
         return found
 
+    def _hold(self, what: str, goes_on: bool, counts: bool = True) -> None:
+        """Let something hold for this sample, too, if it counts, or end."""
+        step_s = self._period_s * counts
+        self._for_s[what] = self._for_s[what] + step_s if goes_on else 0.0
+
     def _voltage(self, v: float, x: float, air_g_s: float, run_s: float) -> None:
-        config, step_s, held = self._config, self._period_s, self._for_s
+        config, step_s = self._config, self._period_s
         is_lean, is_hot = x > config.circuit_lean_phi, run_s > config.circuit_after_s
         apart = abs(v - MID_V)
-        if v > config.circuit_high_v:
-            held.high += step_s
-        elif v < config.lean_v:
-            held.high = 0.0
-        if v >= config.circuit_low_v:
-            held.low = 0.0
-        elif is_hot and not is_lean:
-            held.low += step_s
-        if apart < config.rest_band_v:
-            held.rest += step_s * is_hot
-            self._lean_g = self._lean_g + OXYGEN_IN_AIR * air_g_s * x * step_s if is_lean else 0.0
-            self._most_lean_g = max(self._most_lean_g, self._lean_g * is_hot)
-        else:
-            held.rest = self._lean_g = self._most_lean_g = 0.0
+        is_high = v > config.circuit_high_v
+        self._hold("high", is_high or v >= config.lean_v, is_high)
+        self._hold("low", v < config.circuit_low_v, is_hot and not is_lean)
+        rests = apart < config.rest_band_v
+        self._hold("rest", rests, is_hot)
+        more_g = OXYGEN_IN_AIR * air_g_s * x * step_s
+        self._lean_g = self._lean_g + more_g if rests and is_lean else 0.0
+        self._most_lean_g = max(self._most_lean_g, self._lean_g * is_hot) if rests else 0.0
         is_awake = apart > config.awake_v
         if self._began_at_rest is None:
             self._began_at_rest = not is_awake
         if is_awake and self.awake_s is None:
             self.awake_s = run_s
         is_plausible = config.circuit_low_v <= v <= config.circuit_high_v
-        held.lively = held.lively + step_s * is_awake if is_plausible else 0.0
+        self._hold("lively", is_plausible, is_awake)
 
     def _heating(self, duty: float, run_s: float) -> None:
-        config, step_s, held = self._config, self._period_s, self._for_s
-        if math.isnan(duty):
-            held.full = held.regulated = 0.0
-            return
-        self.heater_heard = True
-        is_full = duty >= self._heater.heater_full_percent
-        held.full = held.full + step_s if is_full else 0.0
-        is_regulated = not is_full and duty > 0.0 and run_s > config.wake_most_s
-        held.regulated = held.regulated + step_s if is_regulated else 0.0
-        self._was_regulated |= held.regulated >= config.circuit_pass_s
+        config, is_full = self._config, duty >= self._heater.heater_full_percent
+        self.heater_heard |= not math.isnan(duty)
+        self._hold("full", is_full)
+        self._hold("regulated", not is_full and duty > 0.0 and run_s > config.wake_most_s)
+        self._was_regulated |= self._for_s["regulated"] >= config.circuit_pass_s
 
     def _decided(self, run_s: float) -> Iterator[tuple[CircuitTest, str]]:
         config, held = self._config, self._for_s
         is_late = bool(self._began_at_rest) and (self.awake_s or run_s) > config.wake_most_s
-        is_slow_start = is_late and held.full >= config.heater_start_s
-        is_never_hot = self._was_regulated and held.full >= self._heater.heater_full_s
+        is_slow_start = is_late and held["full"] >= config.heater_start_s
+        is_never_hot = self._was_regulated and held["full"] >= self._heater.heater_full_s
         if is_slow_start or is_never_hot:
             yield HEATER, HEATER
         elif self.can_judge_heater and self.awake_s and (self._was_regulated or not is_late):
             yield HEATER, ""
         may_be_cold = self._said.get(HEATER) == HEATER
-        full = self._most_lean_g >= config.inactive_oxygen_g and held.rest >= config.inactive_s
-        if held.high >= config.circuit_s:
+        full = self._most_lean_g >= config.inactive_oxygen_g and held["rest"] >= config.inactive_s
+        if held["high"] >= config.circuit_s:
             yield CIRCUIT, HIGH
-        elif held.low >= config.circuit_s:
+        elif held["low"] >= config.circuit_s:
             yield CIRCUIT, LOW
-        elif (full or held.rest >= config.inactive_most_s) and not may_be_cold:
+        elif (full or held["rest"] >= config.inactive_most_s) and not may_be_cold:
             yield CIRCUIT, INACTIVE
-        elif held.lively >= config.circuit_pass_s:
+        elif held["lively"] >= config.circuit_pass_s:
             yield CIRCUIT, ""
 
     @property
     def is_doubtful(self) -> bool:
         """Return whether the latest voltage may be no reading of the gas."""
         config, held = self._config, self._for_s
-        longest = max(held.low, held.high, held.rest - config.circuit_s)
+        longest = max(held["low"], held["high"], held["rest"] - config.circuit_s)
         return longest > 0.5 * config.circuit_pass_s or self._said.get(CIRCUIT, "") != ""

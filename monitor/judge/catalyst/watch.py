@@ -16,7 +16,7 @@ import numpy as np
 from monitor.base.config import CatalystConfig, Config
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.catalyst.bank import LEAK, switching_volts
-from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER, CircuitResult, RearCircuit
+from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER, RearCircuit
 from monitor.judge.catalyst.rule import CatalystRule, Claim
 from monitor.memory.obd_records import TestResult
 
@@ -65,11 +65,6 @@ def balance_results(at: int, claim: Claim) -> Iterator[BehindResult]:
         yield BehindResult(at, "bias", replace(claim, also=()))
 
 
-def circuit_claim(result: CircuitResult) -> Claim:
-    """Return a decision about circuit or heater as a claim."""
-    return Claim("failed" if result.fault else "passed", result.fault or None, 0.0)
-
-
 def rule_results(rule: CatalystRule, config: CatalystConfig) -> Iterator[TestResult]:
     """Yield the estimates of capacity and downstream sensor so far, with their limits."""
     capacity, threshold_g = rule.capacity(), config.threshold_g
@@ -112,11 +107,6 @@ class CatalystMonitor:
         self._n_warm_up = round(self._config.warm_up_s / period_s)
         self.rule: CatalystRule | None = None  # from the first good reading on
         self.reset()
-
-    @property
-    def is_heard(self) -> bool:
-        """Return whether a good reading came, so that there is something to judge."""
-        return self.rule is not None
 
     def reset(self) -> None:
         """Begin as after switching on."""
@@ -163,14 +153,15 @@ class CatalystMonitor:
             held = self._last = [new if math.isfinite(new) else old for new, old in pairs]
         if self.rule is None:
             return
-        for each in self.circuit.push(
+        for test, fault in self.circuit.push(
             volts=math.nan if self._is_wide else volts,
             x=_x_of(upstream[0]),
             air_g_s=upstream[1] / KG_H_PER_G_S,
             running=self._running,
             duty_percent=math.nan if self._duty is None else sample[self._duty],
         ):
-            yield BehindResult(k, each.test, circuit_claim(each), results=self._wake(each))
+            claim = Claim("failed" if fault else "passed", fault or None, 0.0)
+            yield BehindResult(k, test, claim, results=self._wake())
         is_bridged = self._missing <= self._n_hold and all(map(math.isfinite, held))
         if not (is_complete or is_bridged):
             if not self._is_lost:
@@ -194,11 +185,10 @@ class CatalystMonitor:
         for each in balance_results(k, rule.balance()):
             yield each._replace(capacity_g=grams)
 
-    def _wake(self, found: CircuitResult) -> tuple[TestResult, ...]:
+    def _wake(self) -> tuple[TestResult, ...]:
         """Return after how long the downstream sensor woke from a cold start, if it did."""
-        if found.wake_s is None:
-            return ()
-        return (TestResult(HEATER, "wake_s", found.wake_s, 0.0, self._config.wake_most_s),)
+        wake_s, most_s = self.circuit.wake_s, self._config.wake_most_s
+        return () if wake_s is None else (TestResult(HEATER, "wake_s", wake_s, 0.0, most_s),)
 
     def _entering(self, x: float, before: float) -> float:
         """Return x of the gas that the upstream sensor follows with its lag.
@@ -219,7 +209,7 @@ class CatalystMonitor:
     @property
     def supported(self) -> tuple[str, ...]:
         """Return the tests behind the catalyst that the signals so far allow."""
-        if not self.is_heard:
+        if self.rule is None:
             return ()
         circuit = () if self._is_wide else (CIRCUIT,)
         heater = (HEATER,) if self.circuit.can_judge_heater else ()
@@ -230,32 +220,24 @@ class CatalystMonitor:
         if self.rule is None:
             return None
         rule, capacity = self.rule, self.rule.capacity()
-        catalyst, sensor, balance = rule.catalyst(), rule.sensor(), rule.balance()
+        claims = {"": rule.catalyst(), "sensor_": rule.sensor(), "balance_": rule.balance()}
         found: dict[str, Any] = {
             "segments": rule.segments,
             "threshold_g": self._config.threshold_g,
-            "capacity_g": None,
-            "capacity_low_g": None,
+            "capacity_g": None if capacity is None else round(capacity.grams, 4),
+            "capacity_low_g": None if capacity is None else round(capacity.low_g, 4),
             "capacity_high_g": None,
-            "capacity_is_bound": False,
-            "verdict": catalyst.outcome,
-            "log_odds": round(catalyst.log_odds, 3),
-            "sensor_verdict": sensor.outcome,
-            "sensor_log_odds": round(sensor.log_odds, 3),
-            "balance_verdict": balance.outcome,
-            "balance_log_odds": round(balance.log_odds, 3),
+            "capacity_is_bound": capacity is not None and capacity.is_bound,
+        }
+        if capacity is not None and not capacity.is_bound:
+            found["capacity_high_g"] = round(capacity.high_g, 4)
+        for of, claim in claims.items():
+            found |= {f"{of}verdict": claim.outcome, f"{of}log_odds": round(claim.log_odds, 3)}
+        return found | {
             "upstream_offset_lambda": round(-rule.offset(), 5),
             "upstream_offset_std": round(rule.offset_std(), 5),
             "needed": round(rule.evidence_fail, 3),
         }
-        if capacity is not None:
-            found |= {
-                "capacity_g": round(capacity.grams, 4),
-                "capacity_low_g": round(capacity.low_g, 4),
-                "capacity_high_g": None if capacity.is_bound else round(capacity.high_g, 4),
-                "capacity_is_bound": capacity.is_bound,
-            }
-        return found
 
 
 def _x_of(lambda_upstream: float) -> float:
