@@ -102,7 +102,7 @@ class Judging:
     def close(self) -> None:
         """Store the last changes, and the reference that this driving cycle taught."""
         self.store()
-        self._learn(self.pipeline.monitor.seen)
+        self._learn(self.pipeline.monitor.decisions.seen)
 
     def result(self, path: str, counters: Mapping[str, int]) -> dict[str, Any]:
         """Return the run so far as a recording's entry of ``o2mon.replay/1``."""

@@ -82,7 +82,7 @@ class Transmitter(Attachment):
     def _monitor_state(self, tick: Tick) -> int:
         if self._monitor.store.fault_flag:
             return MONITOR_STATES["failed"]
-        if self._monitor.completed:
+        if self._monitor.decisions.completed:
             return MONITOR_STATES["passed"]
         if math.isnan(tick.predicted):
             return MONITOR_STATES["no signals"]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.causes.causes import Asked, Judgement, SignalSource, causes
+from monitor.judge.causes.observation import Observation
 from monitor.judge.findings import Evidence
 from monitor.pipeline.entry import (
     dtc_entry,
@@ -67,8 +68,8 @@ class Collector:
         """
         self._monitor = monitor
         self._t0_ns: int | None = None
-        self._observation = monitor.observation()
-        judge = monitor.judge
+        judge, config = monitor.judge, monitor.judge.config.plausibility
+        self._observation = Observation(monitor.enable, monitor.names, config, judge.period_s)
         self._asked = Asked(judge.card, judge.config, sources or {}, monitor.limits)
         self._windows: deque[dict[str, Any]] = deque(maxlen=keep)
         self._n_windows = self._n_excited = self._n_cuts = 0
@@ -140,12 +141,14 @@ class Collector:
                 for dtc in monitor.store.active
             ],
             "fault_flag": monitor.store.fault_flag,
-            "completed": monitor.completed,
+            "completed": monitor.decisions.completed,
             "not_judged": not_judged(why),
             "tests": outcomes,
             **({"windows_fuel_cut": self._n_cuts} if self._n_cuts else {}),
             "evidence": evidence_entry(evidence),
-            "enable": enable_shares(seen.held.tolist(), monitor.samples, monitor.unavailable),
+            "enable": enable_shares(
+                seen.held.tolist(), monitor.samples, monitor.enable.unavailable
+            ),
             "limits": limits_entry(monitor.limits),
             **({"trust": trust} if trust else {}),
             "counters": dict(counters),

@@ -19,13 +19,10 @@ from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.pipeline.events import (
-    Change,
     Counted,
-    CutJudged,
     CycleStarted,
     DtcChanged,
     Happening,
-    WindowJudged,
 )
 
 _AFTER_TICK: Final = 3  # from this field of ``Findings`` on
@@ -47,18 +44,6 @@ class Findings(NamedTuple):
 def between(found: At[_Found], begin: int, end: int) -> At[_Found]:
     """Return the findings on samples from begin to end, which count from begin."""
     return [(k - begin, each) for k, each in found if begin <= k < end]
-
-
-class SamplePlace(NamedTuple):
-    """A sample of a block."""
-
-    block: SampleBlock
-    k: int
-
-    @property
-    def t_ns(self) -> int:
-        """Return the time of the sample."""
-        return self.block.t_ns.item(self.k)
 
 
 class Conclusions:
@@ -94,38 +79,50 @@ class Conclusions:
         """
         if not self._has_begun:
             self._has_begun = True
-            yield 0, self._judge_memory(SamplePlace(block, 0))
-        self._facts = None
-        self._windows = [window for _, window in found.items]
-        steps: tuple[Callable[..., Iterable[Happening]], ...] = (
-            self._drive,
-            self._count,
-            self._forget,
-            self._electrical,
-            self._judge_behind,
-            self._judge,
-        )
+            t_ns = block.t_ns.item(0)
+            yield 0, self._frozen(self._judge_memory(t_ns), block.values[0])
+        self._facts, self._windows = None, [window for _, window in found.items]
         merged = sorted(
             ((k, step, each) for step, own in enumerate(found) for k, each in own),
             key=itemgetter(0, 1),
         )
         for k, step, each in merged:
-            events = steps[step](each, SamplePlace(block, k))
+            events = self._taken(each, block.t_ns.item(k))
             if events:
-                yield k + (step >= _AFTER_TICK), events
+                grams = each.capacity_g if isinstance(each, BehindResult) else None
+                estimates = {} if grams is None else {CAPACITY: grams}
+                yield k + (step >= _AFTER_TICK), self._frozen(events, block.values[k], estimates)
 
-    def _drive(self, driven: Driven, _: SamplePlace) -> Iterable[Happening]:
-        """Let the fault memory count driving."""
-        self._store.drive(*driven)
+    def _taken(
+        self, found: Driven | Moment | TickResult | BehindResult | Window | None, t_ns: int
+    ) -> Iterable[Happening]:
+        """Take one finding; return what it causes."""
+        match found:
+            case Driven():
+                self._store.drive(*found)
+            case None:
+                self.adopt(self.limits)
+            case TickResult():
+                return self.decisions.electrical(found, t_ns)
+            case BehindResult():
+                self._store.report(found.results)
+                return self.decisions.behind(found.test, found.claim, t_ns)
+            case Window():  # the facts of all those of a block are found together
+                if self._facts is None:
+                    self._facts = iter(self.decisions.facts.of(self._windows))
+                decide = self.decisions.cut if found.is_cut else self.decisions.window
+                return decide(found, next(self._facts))
+            case _:
+                return self._count(found, t_ns)
         return ()
 
-    def _count(self, moment: Moment, at: SamplePlace) -> Iterator[Happening]:
+    def _count(self, moment: Moment, t_ns: int) -> Iterator[Happening]:
         """Let the fault memory count; begin the next driving cycle."""
         store = self._store
         match moment:
             case "driving_cycle":
-                yield from self._next_cycle(at.t_ns)
-                yield from self._judge_memory(at)
+                yield from self._next_cycle(t_ns)
+                yield from self._judge_memory(t_ns)
                 return
             case "ignition_cycle":
                 store.count_ignition_cycle()
@@ -133,36 +130,11 @@ class Conclusions:
                 store.count_warm_up()
             case "general_denominator":
                 store.count_general_denominator()
-        yield Counted(at.t_ns, moment)
+        yield Counted(t_ns, moment)
 
-    def _judge_memory(self, at: SamplePlace) -> Iterable[Happening]:
+    def _judge_memory(self, t_ns: int) -> list[DtcChanged]:
         """Judge the fault memory itself at the first sample of a driving cycle."""
-        t_ns = at.t_ns
-        changed = [DtcChanged(t_ns, dtc) for dtc in self._store.judge_memory(t_ns) if dtc.state]
-        return list(self._frozen(changed, at))
-
-    def _forget(self, _: None, __: SamplePlace) -> Iterable[Happening]:
-        """Forget the conclusions so far."""
-        self.adopt(self.limits)
-        return ()
-
-    def _electrical(self, result: TickResult, at: SamplePlace) -> Iterator[Happening]:
-        """Take a result of a test without model."""
-        yield from self._frozen(self.decisions.electrical(result, at.t_ns), at)
-
-    def _judge_behind(self, result: BehindResult, at: SamplePlace) -> Iterable[Happening]:
-        """Take a result of catalyst, downstream sensor or oxygen balance."""
-        self._store.report(result.results)
-        changes = self.decisions.behind(result.test, result.claim, at.t_ns)
-        grams = result.capacity_g
-        return list(self._frozen(changes, at, {} if grams is None else {CAPACITY: grams}))
-
-    def _judge(self, item: Window, at: SamplePlace) -> Iterator[Happening]:
-        """Take a full window; the facts of all those of a block are found together."""
-        if self._facts is None:
-            self._facts = iter(self.decisions.facts.of(self._windows))
-        decide = self.decisions.cut if item.is_cut else self.decisions.window
-        yield from self._frozen(decide(item, next(self._facts)), at)
+        return [DtcChanged(t_ns, dtc) for dtc in self._store.judge_memory(t_ns) if dtc.state]
 
     def _next_cycle(self, t_ns: int) -> Iterator[Happening]:
         seen = self.decisions.seen
@@ -176,16 +148,16 @@ class Conclusions:
 
     def _frozen(
         self,
-        events: Iterable[WindowJudged | CutJudged | Change],
-        at: SamplePlace,
+        events: Iterable[Happening],
+        values: FloatArray,
         estimates: Mapping[str, float] = MappingProxyType({}),
-    ) -> Iterator[WindowJudged | CutJudged | Change]:
+    ) -> Iterator[Happening]:
         """Yield the events; with a code that fails, the signals of the sample are kept.
 
         estimates : what is kept beside them
         """
         for event in events:
-            freeze(event, self._store, self._names, at.block.values[at.k], estimates)
+            freeze(event, self._store, self._names, values, estimates)
             yield event
 
 

@@ -17,7 +17,6 @@ from monitor.base.runs import runs
 from monitor.base.types import SampleBlock
 from monitor.judge import enable
 from monitor.judge.catalyst.watch import CatalystMonitor
-from monitor.judge.causes.observation import Observation
 from monitor.judge.decision import plugins as rules
 from monitor.judge.decision.decisions import Decisions
 from monitor.judge.electrical.suite import ElectricalTests
@@ -28,7 +27,6 @@ from monitor.judge.window import Series, Window, Windows
 from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import Counting, Cycles
 from monitor.memory.dtc_store import DtcStore
-from monitor.memory.reference import Seen
 from monitor.model.step import Model
 from monitor.pipeline.conclusions import At, Conclusions, Findings, between
 from monitor.pipeline.events import BlockEvent, DtcChanged, Ticks
@@ -89,8 +87,8 @@ class SensorMonitor:
         self.output, self._output = output.name, names.index(output.name)
         running_rpm = config.plausibility.engine_running_rpm
         self._cycles = Cycles(config.cycles, config.profile, names, output.name, running_rpm)
-        self._enable = Enable.of(config.enable, names, card)
-        self._electrical = ElectricalTests(
+        self.enable = Enable.of(config.enable, names, card)
+        self.electrical = ElectricalTests(
             config,
             names,
             output,
@@ -109,10 +107,8 @@ class SensorMonitor:
         decide = partial(
             Decisions,
             config=config,
+            card=card,
             hypotheses=judge.hypotheses,
-            transform=card.transform,
-            end=output.maximum,
-            period_s=period_s,
             store=store,
             rules=judge.rules,
         )
@@ -131,16 +127,6 @@ class SensorMonitor:
         return self._conclusions.decisions
 
     @property
-    def unavailable(self) -> tuple[str, ...]:
-        """Return the enable conditions whose signals are not provided."""
-        return self._enable.unavailable
-
-    @property
-    def completed(self) -> bool:
-        """Return whether the response test has reached a decision."""
-        return self.decisions.completed
-
-    @property
     def outcomes(self) -> dict[str, str]:
         """Return of each test of this vehicle whether it failed, passed or is undecided.
 
@@ -150,24 +136,10 @@ class SensorMonitor:
         found = self.decisions.outcomes.items()
         return {test: own for test, own in found if own != "undecided" or test not in left}
 
-    def observation(self) -> Observation:
-        """Return a count of this monitor's samples that begins with the next one."""
-        judge = self.judge
-        return Observation(self._enable, self.names, judge.config.plausibility, judge.period_s)
-
-    @property
-    def seen(self) -> Seen | None:
-        """Return the lesson of this drive for the vehicle's reference, None without one."""
-        return self.decisions.seen
-
     @property
     def interrupted_windows(self) -> int:
         """Return how many windows were begun and discarded."""
         return self._windows.discarded
-
-    def expect_sensor(self) -> None:
-        """Take a sensor that is silent from the start for a fault from here on."""
-        self._electrical.expect_sensor()
 
     def push(self, block: SampleBlock) -> Iterator[BlockEvent]:
         """Take a block of samples and yield its events; all of them must be taken."""
@@ -188,7 +160,7 @@ class SensorMonitor:
         """Take a block through the steps before the model; return a part for each driving cycle."""
         counting, n = self._cycles.push(block), len(block.t_ns)
         if self._clearings != self.store.clearings:
-            self._electrical.forget()
+            self.electrical.forget()
             self.catalyst.reset()
         starts = [k for k, moment in counting.moments if moment == "driving_cycle"]
         edges = sorted({0, *starts, n})
@@ -201,10 +173,10 @@ class SensorMonitor:
         if begin in starts:
             self._start()
         own = block.part(begin, end)
-        conditions = self._enable.push(own.values, own.quality)
+        conditions = self.enable.push(own.values, own.quality)
         masks = enable.masks(conditions)
         burning = enable.BURNING[masks]
-        electrical, running = self._electrical.push(own.values, own.quality, burning)
+        electrical, running = self.electrical.push(own.values, own.quality, burning)
         found = Findings(
             driven=between(counting.driven, begin, end),
             moments=between(counting.moments, begin, end),
@@ -228,8 +200,8 @@ class SensorMonitor:
 
     def _start(self) -> None:
         """Begin a driving cycle as one begins after switching on."""
-        self._enable.reset()
-        self._electrical.reset()
+        self.enable.reset()
+        self.electrical.reset()
         self.catalyst.reset()
 
     def end(self, parts: Sequence[Part]) -> Iterator[BlockEvent]:

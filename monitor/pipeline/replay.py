@@ -172,7 +172,7 @@ def judged(
     recording = collector.result(str(opened.path), sha256, opened.counters())
     if memory:
         memory.save(store.saved)
-        memory.learn(setup.model_sha256, monitor.seen, setup.config.bias)
+        memory.learn(setup.model_sha256, monitor.decisions.seen, setup.config.bias)
     recording |= of_memory(memory)
     if opened.profile:
         recording |= {"profile": opened.profile}
@@ -198,7 +198,7 @@ def of_memory(memory: Memory | None) -> dict[str, Any]:
 def _events(monitor: SensorMonitor, opened: OpenRecording) -> Iterator[BlockEvent]:
     for part in opened.parts:
         if opened.is_live():
-            monitor.expect_sensor()
+            monitor.electrical.expect_sensor()
         if isinstance(part, Clearing):
             yield from monitor.clear(part.t_ns)
             continue

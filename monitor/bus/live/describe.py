@@ -55,13 +55,12 @@ class ConditionWords:
     def __init__(self, monitor: SensorMonitor, config: EnableConfig, card: ModelCard) -> None:
         self._output = monitor.output
         self._at = {name: i for i, name in enumerate(monitor.names)}
-        self._unavailable = monitor.unavailable
+        self._unavailable = monitor.enable.unavailable
         self._config = settings_for(config, card)
-        margins = [config.range_margin * (c.maximum - c.minimum) for c in card.inputs]
         self._trained = {
-            c.name: (c.minimum - margin, c.maximum + margin)
-            for c, margin in zip(card.inputs, margins, strict=True)
-            if c.name not in config.range_ignored
+            signal: bounds
+            for name, signal, *bounds in monitor.enable.ranges
+            if name == "trained_range" and math.isfinite(bounds[0])
         }
         self._inputs = card.input_names
 

@@ -171,7 +171,7 @@ class LiveFeed(Attachment):
         return confidence(
             {
                 "dtcs": codes,
-                "not_judged": not monitor.completed,
+                "not_judged": not monitor.decisions.completed,
                 "catalyst": monitor.catalyst.entry(),
                 **self._evidence(),
             }
@@ -194,7 +194,7 @@ class LiveFeed(Attachment):
             "samples": monitor.samples,
             "enabled_samples": monitor.enabled_samples,
             "windows_interrupted": monitor.interrupted_windows,
-            "completed": monitor.completed,
+            "completed": monitor.decisions.completed,
         }
 
 

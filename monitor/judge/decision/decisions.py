@@ -34,6 +34,7 @@ from monitor.memory.codes import OF_VEHICLE
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import TestResult
 from monitor.memory.reference import Seen
+from monitor.model.card import ModelCard
 
 Finding = TypeVar("Finding", Response, Bias)
 CIRCUIT_TESTS: Final = (CIRCUIT, HEATER)
@@ -42,8 +43,7 @@ CIRCUIT_TESTS: Final = (CIRCUIT, HEATER)
 class Decisions:
     """Everything that is decided about one sensor in one driving cycle.
 
-    transform : of the model, "phi" or "none"
-    end : of the reading's range
+    card : of the model
     store : fault memory; a new driving cycle begins in the caller's hands
     rules : of plug-ins, by the name of their test
     """
@@ -52,19 +52,17 @@ class Decisions:
         self,
         limits: Limits,
         config: Config,
+        card: ModelCard,
         hypotheses: tuple[Hypothesis, ...],
-        transform: str,
-        end: float,
-        period_s: float,
         store: DtcStore,
-        rules: Mapping[str, RuleClass] | None = None,
+        rules: Mapping[str, RuleClass],
     ) -> None:
         self.store, self._limits, self._config = store, limits, config
-        self._transform = transform
-        self.facts = WindowFacts(limits, config, hypotheses, transform, end, period_s)
+        self._transform = card.transform
+        self.facts = WindowFacts(limits, config, card, hypotheses)
         self._may_be_dead = False
         # a drive has one fuel; the offsets of other outputs have no known bound
-        step_most = config.bias.fuel_span_lambda if transform == "phi" else math.inf
+        step_most = config.bias.fuel_span_lambda if card.transform == "phi" else math.inf
         self._bias = BiasRule(
             config.bias,
             low=limits.offset_low,
@@ -72,7 +70,7 @@ class Decisions:
             window_std=limits.offset_std,
             step_most=step_most,
         )
-        self._rules = {test: kind() for test, kind in (rules or {}).items()}
+        self._rules = {test: kind() for test, kind in rules.items()}
         self._counters = Counters((*OF_VEHICLE, *self._rules), config, store)
         self.completed = False  # the response test reached a decision
         self._suspicious = False  # a window failed

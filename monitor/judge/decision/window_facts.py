@@ -18,28 +18,19 @@ from monitor.judge.response.movement import MovementRule
 from monitor.judge.response.rule import Response, ResponseRule
 from monitor.judge.window import Window
 from monitor.memory.codes import CODES
+from monitor.model.card import ModelCard
 
 LAMBDA_LEAST: Final = 0.1  # what stays of a measurement whose offset is taken off
 
 
 class WindowFacts:
-    """The facts of one driving cycle's windows, and the evidence that they sum up to.
-
-    transform : of the model, "phi" or "none"
-    end : of the reading's range
-    """
+    """The facts of one driving cycle's windows, and the evidence that they sum up to."""
 
     def __init__(
-        self,
-        limits: Limits,
-        config: Config,
-        hypotheses: tuple[Hypothesis, ...],
-        transform: str,
-        end: float,
-        period_s: float,
+        self, limits: Limits, config: Config, card: ModelCard, hypotheses: tuple[Hypothesis, ...]
     ) -> None:
-        self._limits, self._transform = limits, transform
-        self._range_end = end
+        self._transform, period_s = card.transform, card.period_ns * 1e-9
+        self._range_end = end = card.output.maximum
         self._end = end if limits.still_end_s else math.inf  # where a healthy reading stands still
         self._config = config.response
         self._stuck_range = config.plausibility.stuck_range

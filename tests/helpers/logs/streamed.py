@@ -108,8 +108,8 @@ def assert_same(streamed: Streamed, judged: Judged) -> None:
     assert streamed.monitor.limits == judged.limits
     assert streamed.monitor.interrupted_windows == judged.interrupted_windows
     assert streamed.monitor.store.active == judged.dtcs
-    assert streamed.monitor.completed == judged.completed
-    assert streamed.monitor.seen == judged.seen
+    assert streamed.monitor.decisions.completed == judged.completed
+    assert streamed.monitor.decisions.seen == judged.seen
 
 
 def fresh() -> DtcStore:
