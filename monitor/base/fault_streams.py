@@ -22,22 +22,6 @@ def _reading(fault: Fault, x: float) -> float:
     return 1.0 / phi + fault.offset_lambda
 
 
-def _is_none(reading: float) -> bool:
-    """Return whether no sensor gives this reading."""
-    return not (math.isfinite(reading) and reading > 0.0)
-
-
-def _aged(fault: Fault, reading: float, last: float, t_s: float) -> float:
-    return aged(
-        reading,
-        last,
-        t_s=t_s,
-        ripple_lambda=fault.ripple_lambda,
-        drift_lambda=fault.drift_lambda,
-        hold_s=fault.hold_s,
-    )
-
-
 class TimedSensorFault:
     """A fault on readings at uneven times, behind the control loop.
 
@@ -56,12 +40,14 @@ class TimedSensorFault:
     def push(self, t_ns: int, lambda_healthy: float) -> float:
         """Return the faulty reading in lambda; NaN stays NaN, values of 0 and below stay."""
         reading = self._followed(t_ns, lambda_healthy)
-        if _is_none(reading):
+        if not 0.0 < reading < math.inf:  # no sensor gives it
             return reading
-        if self._begin_ns is None and not _is_none(lambda_healthy):
+        if self._begin_ns is None and 0.0 < lambda_healthy < math.inf:
             self._begin_ns = t_ns
         t_s = (t_ns - (self._begin_ns or t_ns)) / 1e9
-        self._last = _aged(self._fault, reading, self._last, t_s)
+        fault = self._fault
+        rates = fault.ripple_lambda, fault.drift_lambda, fault.hold_s
+        self._last = aged(reading, self._last, t_s, *rates)
         return self._last
 
     def _followed(self, t_ns: int, lambda_healthy: float) -> float:

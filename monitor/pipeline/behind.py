@@ -19,7 +19,7 @@ from monitor.judge.causes.causes import Cause
 from monitor.judge.counters import Counters
 from monitor.judge.electrical.readiness import ENGINE
 from monitor.memory.dtc_store import DtcStore
-from monitor.pipeline.conclusions import freeze
+from monitor.pipeline.conclusions import frozen
 from monitor.pipeline.entry import seconds
 
 CATALYST_TEST: Final = "catalyst"
@@ -77,9 +77,9 @@ def _judge_circuit(table: Table, store: DtcStore, config: Config) -> None:
         for _, fault in circuit.push(
             volts=volts, x=lean, air_g_s=0.0, running=run, duty_percent=math.nan
         ):
-            failed, t_ns = bool(fault), block.t_ns.item(k)
-            for change in counters.mature(CIRCUIT, failed=failed, fault=fault, t_ns=t_ns):
-                freeze(change, store, list(at), block.values[k])
+            t_ns = block.t_ns.item(k)
+            changes = counters.mature(CIRCUIT, failed=bool(fault), fault=fault, t_ns=t_ns)
+            list(frozen(changes, store, list(at), block.values[k]))
 
 
 def _follow(table: Table, activity: RearActivity, store: DtcStore, config: Config) -> None:
@@ -94,31 +94,27 @@ def _follow(table: Table, activity: RearActivity, store: DtcStore, config: Confi
         claim = activity.claim()
         if claim.outcome in (before, "inconclusive"):
             continue
-        before, failed = claim.outcome, claim.outcome == "failed"
-        fault = claim.fault or ""
-        for change in counters.mature(CATALYST_TEST, failed=failed, fault=fault, t_ns=t_ns):
-            freeze(change, store, table.names, table.values[k])
+        before, failed, fault = claim.outcome, claim.outcome == "failed", claim.fault or ""
+        changes = counters.mature(CATALYST_TEST, failed=failed, fault=fault, t_ns=t_ns)
+        list(frozen(changes, store, table.names, table.values[k]))
 
 
 def _cause(table: Table, activity: RearActivity) -> Cause:
     """Return why the catalyst was not judged."""
-    if FRONT not in table.names:
-        missing = next(n for n in ("lambda_measured", "maf_kg_h", FRONT) if n not in table.names)
-        advice = f"the capacity needs upstream lambda and the air flow: record {missing}, too"
-        return _because(missing, "signal_missing", advice)
+    signal, reason = VOLTAGE, "undecided"
     step_s = seconds(int(np.median(np.diff(table.t_ns))), 0) if len(table.t_ns) > 1 else 0.0
-    if not activity.trials:
-        advice = f"one sample each {step_s:.2g} s, wanted two a second: log fewer signals"
-        return _because(VOLTAGE, "too_slow", advice)
-    if not activity.shows_both_sides:
-        advice = "the rear sensor stood on one side only: drive with fuel cuts or check its wiring"
-        return _because(VOLTAGE, "undecided", advice)
     excursions = counted(activity.trials, "excursion")
-    advice = f"{excursions} of the front sensor could be judged: record a longer drive"
-    return _because(VOLTAGE, "undecided", advice)
-
-
-def _because(signal: str, reason: str, advice: str) -> Cause:
+    if FRONT not in table.names:
+        signal = next(n for n in ("lambda_measured", "maf_kg_h", FRONT) if n not in table.names)
+        reason = "signal_missing"
+        advice = f"the capacity needs upstream lambda and the air flow: record {signal}, too"
+    elif not activity.trials:
+        reason = "too_slow"
+        advice = f"one sample each {step_s:.2g} s, wanted two a second: log fewer signals"
+    elif not activity.shows_both_sides:
+        advice = "the rear sensor stood on one side only: drive with fuel cuts or check its wiring"
+    else:
+        advice = f"{excursions} of the front sensor could be judged: record a longer drive"
     return Cause("catalyst", None, signal, reason, advice)
 
 

@@ -27,6 +27,7 @@ from monitor.pipeline.events import (
 
 _AFTER_TICK: Final = 3  # from this field of ``Findings`` on
 _Found = TypeVar("_Found")
+_Event = TypeVar("_Event")
 At = Sequence[tuple[int, _Found]]  # findings, each with its sample's number, which never falls
 
 
@@ -77,10 +78,11 @@ class Conclusions:
 
         Cycles, memory and windows come before the tick of their sample, the others behind it.
         """
+        kept = self._store, self._names
         if not self._has_begun:
             self._has_begun = True
             t_ns = block.t_ns.item(0)
-            yield 0, self._frozen(self._judge_memory(t_ns), block.values[0])
+            yield 0, frozen(self._judge_memory(t_ns), *kept, block.values[0])
         self._facts, self._windows = None, [window for _, window in found.items]
         merged = sorted(
             ((k, step, each) for step, own in enumerate(found) for k, each in own),
@@ -91,7 +93,8 @@ class Conclusions:
             if events:
                 grams = each.capacity_g if isinstance(each, BehindResult) else None
                 estimates = {} if grams is None else {CAPACITY: grams}
-                yield k + (step >= _AFTER_TICK), self._frozen(events, block.values[k], estimates)
+                known = frozen(events, *kept, block.values[k], estimates)
+                yield k + (step >= _AFTER_TICK), known
 
     def _taken(
         self, found: Driven | Moment | TickResult | BehindResult | Window | None, t_ns: int
@@ -146,29 +149,21 @@ class Conclusions:
             if dtc.code in were_active:
                 yield DtcChanged(t_ns, dtc)
 
-    def _frozen(
-        self,
-        events: Iterable[Happening],
-        values: FloatArray,
-        estimates: Mapping[str, float] = MappingProxyType({}),
-    ) -> Iterator[Happening]:
-        """Yield the events; with a code that fails, the signals of the sample are kept.
 
-        estimates : what is kept beside them
-        """
-        for event in events:
-            freeze(event, self._store, self._names, values, estimates)
-            yield event
-
-
-def freeze(
-    event: object,
+def frozen(
+    events: Iterable[_Event],
     store: DtcStore,
     names: Sequence[str],
     values: FloatArray,
     estimates: Mapping[str, float] = MappingProxyType({}),
-) -> None:
-    """Keep the known signals of a sample, (n_names,), if a code fails on it."""
-    if isinstance(event, DtcChanged) and event.dtc.status & Status.TEST_FAILED:
-        signals = {n: v for n, v in zip(names, values.tolist(), strict=True) if math.isfinite(v)}
-        store.freeze(FreezeFrame(event.dtc.code, event.t_ns, {**signals, **estimates}))
+) -> Iterator[_Event]:
+    """Yield events; with a code that fails, the known signals of the sample, (n_names,), are kept.
+
+    estimates : what is kept beside them
+    """
+    for event in events:
+        if isinstance(event, DtcChanged) and event.dtc.status & Status.TEST_FAILED:
+            known = zip(names, values.tolist(), strict=True)
+            signals = {name: value for name, value in known if math.isfinite(value)}
+            store.freeze(FreezeFrame(event.dtc.code, event.t_ns, {**signals, **estimates}))
+        yield event

@@ -24,7 +24,7 @@ from monitor.memory.dtc_store import DtcStore
 from monitor.model.card import Channel
 from monitor.pipeline.behind import CUT, judge_behind
 from monitor.pipeline.collector import Trace
-from monitor.pipeline.conclusions import freeze
+from monitor.pipeline.conclusions import frozen
 from monitor.pipeline.entry import dtc_entry, not_judged
 
 TESTS: Final = ("communication", "range", "ready", "activity")
@@ -113,8 +113,8 @@ def _judge_reading(table: Table, store: DtcStore, config: Config) -> None:
     counters = Counters(TESTS, config, store)
     for k, result in found:
         if result.fault != "stuck_at_one":
-            for change in counters.electrical(result, block.t_ns.item(k)):
-                freeze(change, store, names, block.values[k])
+            changes = counters.electrical(result, block.t_ns.item(k))
+            list(frozen(changes, store, names, block.values[k]))
 
 
 def _tells_cut(table: Table) -> bool:

@@ -80,21 +80,16 @@ class RearActivity:
 
     def _close(self, t_s: float) -> bool:
         """Count the excursions that are over for longer than the rear sensor may be late."""
-        late_s = self._config.follow_late_s
-        over = [each for each in self._open if t_s > each.end_s + late_s]
-        self._open = [each for each in self._open if t_s <= each.end_s + late_s]
-        judged = [
-            each
-            for each in over
-            if not each.is_spoilt and each.end_s - each.begin_s <= self._config.follow_longest_s
-        ]
-        for each in judged:
-            self.trials += 1
-            self.followed += each.is_followed
-            self.log_odds += self._followed if each.is_followed else self._missed
-        most = self._config.evidence_most
-        self.log_odds = min(max(self.log_odds, -most), most)
-        return bool(judged)
+        config, trials = self._config, self.trials
+        over = [each for each in self._open if t_s > each.end_s + config.follow_late_s]
+        for each in over:
+            self._open.remove(each)
+            if not each.is_spoilt and each.end_s - each.begin_s <= config.follow_longest_s:
+                self.trials += 1
+                self.followed += each.is_followed
+                self.log_odds += self._followed if each.is_followed else self._missed
+        self.log_odds = min(max(self.log_odds, -config.evidence_most), config.evidence_most)
+        return self.trials > trials
 
     @property
     def shows_both_sides(self) -> bool:
