@@ -11,22 +11,8 @@ from monitor.judge.trust import UNKNOWN, Trust
 from monitor.memory.reference import Reference
 from monitor.model.card import ModelCard
 
-NAMES: Final = (
-    "j_mu",
-    "j_sigma",
-    "noise",
-    "noise_memory",
-    "offset",
-    "offset_std",
-)  # in the card
-# not every card has them
-OPTIONAL: Final = (
-    "evidence",
-    "evidence_gain",
-    "gain_model",
-    "still_s",
-    "still_end_s",
-)
+NAMES: Final = "j_mu", "j_sigma", "noise", "noise_memory", "offset", "offset_std"  # in each card
+OPTIONAL: Final = "evidence", "evidence_gain", "gain_model", "still_s", "still_end_s"
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,12 +96,4 @@ class Limits:
         return replace(self, offset_low=low, offset_high=high, gain=reference.gain)
 
 
-NO_LIMITS: Final = Limits(  # judge nothing, for windows alone
-    j_mu=inf,
-    j_sigma=inf,
-    noise=1.0,
-    noise_memory=0.0,
-    offset_low=-inf,
-    offset_high=inf,
-    offset_std=1.0,
-)
+NO_LIMITS: Final = Limits(inf, inf, 1.0, 0.0, -inf, inf, 1.0)  # judge nothing, for windows alone

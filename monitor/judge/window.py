@@ -90,18 +90,10 @@ class Windows:
             k = begin
             while k < end:
                 stop = min(k + self._n - self._filled, end)
-                part, bank = slice(k, stop), read[k - begin : stop - begin]
-                if stop - k == self._n:
-                    self._t_start_ns = series.t_ns.item(k)
-                    arrays = (series.measured[part].copy(), series.predicted[part].copy(), bank)
-                    found.append((stop - 1, self._window(series.t_ns.item(stop - 1), *arrays)))
-                else:
-                    self._fill(part, series, bank)
-                    if self._filled == self._n:
-                        arrays = self._measured, self._predicted, self._bank
-                        found.append((stop - 1, self._window(series.t_ns.item(stop - 1), *arrays)))
-                        self._filled = 0
+                self._fill(slice(k, stop), series, read[k - begin : stop - begin])
                 k = stop
+                if self._filled == self._n:
+                    found.append((k - 1, self._window(series.t_ns.item(k - 1))))
         return found
 
     def _fill(self, part: slice, series: Series, bank: FloatArray) -> None:
@@ -116,6 +108,7 @@ class Windows:
         self._bank[place] = bank
         self._filled = place.stop
 
-    def _window(self, t_end_ns: int, *arrays: FloatArray) -> Window:
-        self.completed += 1
+    def _window(self, t_end_ns: int) -> Window:
+        self._filled, self.completed = 0, self.completed + 1
+        arrays = self._measured, self._predicted, self._bank
         return Window(self.completed - 1, self._t_start_ns, t_end_ns, *arrays, is_cut=self._is_cut)

@@ -76,7 +76,7 @@ class CatalystRule:
         self._product = np.ones(self._bank.shape)
         self._n = self.segments = 0
         self._capacity: Capacity | None = None  # of the segments so far, once it was asked for
-        self._low_v, self._high_v = math.inf, -math.inf
+        self.low_v, self.high_v = math.inf, -math.inf  # of the voltage that was judged
         self._sum_v, self._n_v = 0.0, 0
         self.interrupt()
 
@@ -112,7 +112,7 @@ class CatalystRule:
         return is_full
 
     def _add(self, predicted: FloatArray, volts: float) -> None:
-        self._low_v, self._high_v = min(self._low_v, volts), max(self._high_v, volts)
+        self.low_v, self.high_v = min(self.low_v, volts), max(self.high_v, volts)
         self._sum_v += volts
         self._n_v += 1
         predicted[self._stuck] = self._sum_v / self._n_v  # such a sensor reads its own mean
@@ -177,10 +177,10 @@ class CatalystRule:
         """Return whether the range of the voltage so far allows a fault of its amplitude."""
         config = self._config
         if fault == WEAK:
-            return self._low_v > config.lean_v or self._high_v < config.rich_v
+            return self.low_v > config.lean_v or self.high_v < config.rich_v
         if fault in STUCK:
             is_lean = self._sum_v < MID_V * self._n_v
-            still = self._high_v - self._low_v <= config.stuck_range_v
+            still = self.high_v - self.low_v <= config.stuck_range_v
             return still and fault == STUCK[0 if is_lean else 1]
         return True
 
@@ -257,11 +257,6 @@ class CatalystRule:
         to_rich = [s.tau_to_rich_s + s.delay_s * (s.direction >= 0) for s in sensors]
         to_lean = [s.tau_to_lean_s + s.delay_s * (s.direction <= 0) for s in sensors]
         return {"lean_to_rich": float(weight @ to_rich), "rich_to_lean": float(weight @ to_lean)}
-
-    @property
-    def range_v(self) -> tuple[float, float]:
-        """Return the lowest and highest voltage that was judged, (inf, -inf) before any."""
-        return self._low_v, self._high_v
 
     def offset(self) -> float:
         """Return the addend of the balance to upstream x, in phi."""

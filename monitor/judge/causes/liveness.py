@@ -9,8 +9,9 @@ from typing import Final, Literal
 import numpy as np
 
 from monitor.base.config import Config, PlausibilityConfig
-from monitor.base.types import BoolArray, FloatArray, Quality
+from monitor.base.types import BoolArray, Quality
 from monitor.judge.causes.observation import Observation
+from monitor.judge.electrical.readiness import ENGINE, READY
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.limits import Limits
 from monitor.model.card import Channel, ModelCard
@@ -45,11 +46,10 @@ def _silent(seen: Observation, output: Channel, config: PlausibilityConfig) -> D
     """Return the state of the sensor if it gave no usable value in the last samples."""
     n = max(round(config.end_s / seen.period_s), 1)
     quality = seen.end_quality[-n:, seen.names.index(output.name)]
-    ready = _column(seen, "sensor_ready", n)
-    not_ready = ready <= 0.0 if ready is not None else np.zeros(len(quality), dtype=np.bool_)
-    running = _running(seen, config, n)
-    dead = ((quality != Quality.GOOD) | not_ready) & running
-    if len(quality) < n or not dead.all():
+    dead = quality != Quality.GOOD
+    if READY in seen.names:
+        dead |= seen.end_values[-n:, seen.names.index(READY)] <= 0.0
+    if len(quality) < n or not (dead & _running(seen, config, n)).all():
         return None
     return _BY_QUALITY.get(int(quality[-1]), "not_ready")
 
@@ -83,12 +83,8 @@ def _running(seen: Observation, config: PlausibilityConfig, n: int) -> BoolArray
     A speed that is no longer known holds on. A speed that is not known for longer than the kept
     samples belongs to an ECU that sleeps; awake, its silence would have set a code.
     """
-    speed_rpm = _column(seen, "engine_speed_rpm", len(seen.end_values))
-    if speed_rpm is None:
+    if ENGINE not in seen.names:
         return np.ones(len(seen.end_values[-n:]), dtype=np.bool_)
+    speed_rpm = seen.end_values[:, seen.names.index(ENGINE)]
     known = np.maximum.accumulate(np.where(np.isnan(speed_rpm), 0, np.arange(len(speed_rpm))))
     return np.asarray(speed_rpm[known][-n:] >= config.engine_running_rpm)
-
-
-def _column(seen: Observation, name: str, n: int) -> FloatArray | None:
-    return seen.end_values[-n:, seen.names.index(name)] if name in seen.names else None
