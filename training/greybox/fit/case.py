@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from numba import njit
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import Constants, simulate
@@ -102,13 +103,17 @@ def errors(case: Case, phi: Sequence[FloatArray]) -> FloatArray:
 
 def white(case: Case, phi: Sequence[FloatArray]) -> list[FloatArray]:
     """Return each drive's errors on its kept samples, whitened, before drives' differences."""
-    a, b = case.ar
-    parts = []
-    for drive, predicted, rows in zip(case.drives, phi, case.rows, strict=True):
-        e = predicted - drive.phi_measured
-        e[2:] = e[2:] - a * e[1:-1] - b * e[:-2]
-        parts.append(e[rows] / case.sigma)
-    return parts
+    of = zip(phi, case.drives, case.rows, strict=True)
+    return [_white(each, d.phi_measured, rows, *case.ar, case.sigma) for each, d, rows in of]
+
+
+@njit(cache=True)
+def _white(predicted, measured, rows, a, b, sigma):  # type: ignore[no-untyped-def]
+    out = np.empty(len(rows))
+    for i, k in enumerate(rows):
+        before = a * (predicted[k - 1] - measured[k - 1]) + b * (predicted[k - 2] - measured[k - 2])
+        out[i] = (predicted[k] - measured[k] - before) / sigma
+    return out
 
 
 def judged(case: Case, parts: Sequence[FloatArray]) -> FloatArray:
