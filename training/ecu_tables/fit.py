@@ -17,8 +17,7 @@ from scipy.signal import lfilter
 
 from monitor.base.types import BoolArray, FloatArray
 from training.ecu_tables.balance import balance
-from training.ecu_tables.fields import KNOTS, grid_over
-from training.ecu_tables.parameters import SCALARS, Parameters
+from training.ecu_tables.parameters import KNOTS, SCALARS, Parameters, grid_over
 from training.ecu_tables.prediction import PredictionCase, reading, sensitivities
 from training.ecu_tables.signals import TableDrive, TableSubject
 from training.greybox.fit.constants import Report, nobody, part

@@ -9,10 +9,9 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.greybox.chain import Constants
-from training.greybox.fit.case import WHITE, Case, Prior, errors, predict
+from training.greybox.fit.case import WHITE, Case, Prior, Shrink, errors, predict, shrink
 from training.greybox.fit.drive import MIN_SCORED_S, ChainDrive
 from training.greybox.fit.joint import JointFit, fit
-from training.greybox.fit.variation import Shrink, shrink
 from training.healthy import scoring
 from training.healthy.behaviour import SKEW, Healthy, white
 

@@ -18,13 +18,11 @@ from training.dyno.simulation import Experiment
 from training.dyno.truth import tables as truth
 from training.ecu_tables.balance import balance, balance_text
 from training.ecu_tables.config import defaults
-from training.ecu_tables.drive_plan import plan
-from training.ecu_tables.fields import grid_over
 from training.ecu_tables.files import csv, tuner_studio
 from training.ecu_tables.fit import fit
 from training.ecu_tables.msq import injectors_text, read_axes
-from training.ecu_tables.page import heat
-from training.ecu_tables.parameters import SHARE_MOST, Parameters, point_of
+from training.ecu_tables.page import heat, plan
+from training.ecu_tables.parameters import SHARE_MOST, Parameters, grid_over, point_of
 from training.ecu_tables.prediction import PredictionCase, air_mg, reading, sensitivities
 from training.ecu_tables.signals import subject_of
 from training.ecu_tables.tables import LINKS, _Cells, _Law, _table, tables

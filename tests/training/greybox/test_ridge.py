@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from training.greybox.fit import ridge
-from training.greybox.fit.variation import shrink
+from training.greybox.fit.case import shrink
 
 
 def test_a_ridge_predicts_what_is_there_and_nothing_of_noise() -> None:

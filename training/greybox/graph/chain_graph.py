@@ -25,8 +25,7 @@ from training.greybox.chain import Path as ChainPath
 from training.greybox.charge import ChargeError, ChargeMap
 from training.greybox.effects.model_effect import Effects, ModelEffect, along
 from training.greybox.quantity.dynamics import ramp_lag, sensor_lag
-from training.greybox.quantity.trace import StepTrace
-from training.greybox.quantity.value import Quantity, Value, clip, maximum
+from training.greybox.quantity.value import Quantity, StepTrace, Value, clip, maximum
 from training.narx.export import Graph, finished, write
 from training.narx.search.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
 
