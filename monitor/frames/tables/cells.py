@@ -25,6 +25,7 @@ _CLOCK: Final = re.compile(
     re.I,
 )
 _BASIC: Final = re.compile(r"(\d{8})T(\d\d)(\d\d)(\d\d)[.,]?(\d*)")  # ISO 8601, 20261128T063000.5
+_IN_WORDS: Final = re.compile(r"(\d+) ?h ?(\d+) ?m(?:in)? ?([\d.,]+) ?s(?:ec)?", re.I)  # 0h 1m 2.5s
 _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
 
 THOUSANDS: Final = re.compile(r"-?\d{1,3}(?:,\d{3})+(?:\.\d*)?")  # 1,700
@@ -145,8 +146,8 @@ def _readings(day: str) -> dict[str, float]:
 def clock(text: str) -> float:
     """Return the seconds of a single cell, as ``ColumnClock`` does.
 
-    >>> clock("25:36.7"), clock("16:37:18.5"), clock("1970-01-02T02:00:01+02:00")
-    (1536.7, 59838.5, 86401.0)
+    >>> clock("25:36.7"), clock("0h 25m 36.7s"), clock("1970-01-02T02:00:01+02:00")
+    (1536.7, 1536.7, 86401.0)
     """
     return ColumnClock()(text)
 
@@ -160,7 +161,7 @@ def wrap_s(text: str) -> float:
 
 
 def _clock_match(text: str) -> re.Match[str] | None:
-    text = text.strip()
+    text = _IN_WORDS.sub(r"\1:\2:\3", text.strip())
     return _CLOCK.fullmatch(_BASIC.sub(r"\1T\2:\3:\4.\5", text) if text[8:9] == "T" else text)
 
 
