@@ -13,13 +13,11 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.files.outputs import write_text
-from monitor.base.types import FloatArray
 from training.recordings.ecu_table import EcuTable, document, nulls
 
 NAMESPACE: Final = "http://www.EFIAnalytics.com/:table"
 BLANK: Final = 0.0
-SCALES: Final = {"s": (1000.0, 0, "ms"), "-": (100.0, 1, "%"), "ms": (1.0, 3, "ms")}
-UNSCALED: Final = (1.0, 3, "")
+SCALES: Final = {"s": (1000.0, 0), "-": (100.0, 1)}  # unit → factor, digits
 
 
 def write_files(folder: Path, tables: Sequence[EcuTable], **more: Any) -> list[Path]:
@@ -59,8 +57,8 @@ def tuner_studio(table: EcuTable) -> str:
     Times are in ms, fractions in percent, as these programs show them.
     """
     speed, load = table.axes
-    factor, digits, _ = SCALES.get(table.unit, UNSCALED)
-    rows = _filled(table.estimate.T * factor)
+    factor, digits = SCALES.get(table.unit, (1.0, 3))
+    rows = np.nan_to_num(table.estimate.T * factor, nan=BLANK)
     lines = [
         '<?xml version="1.0" encoding="UTF-8" standalone="no"?>',
         f'<tableData xmlns="{NAMESPACE}">',
@@ -80,7 +78,3 @@ def tuner_studio(table: EcuTable) -> str:
         "</tableData>",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _filled(values: FloatArray) -> FloatArray:
-    return np.where(np.isnan(values), BLANK, values)

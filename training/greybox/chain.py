@@ -67,9 +67,6 @@ class Path:
     gas_factor: Quantity = 1.0  # on phi at the sensor, after mixing
     span: Quantity = 1.0
 
-    def __len__(self) -> int:
-        return len(self.fuel_mg)
-
 
 def charge_mg(signals: Mapping[str, Quantity]) -> Quantity:
     """Return the air per stroke (n,) in mg, as broadcast or from air meter and engine speed.

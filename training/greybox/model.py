@@ -15,8 +15,8 @@ from monitor.model.card import ModelCard
 from training.greybox.chain import (
     RANGES,
     RECOVERY_S,
+    Constants,
     inputs_of,
-    with_speed,
 )
 from training.greybox.charge import INPUTS as CHARGE_INPUTS
 from training.greybox.charge import fit_with_error, fit_with_map
@@ -81,12 +81,20 @@ def fit_greybox(
     chosen, inputs = inputs is not None, tuple(inputs or greybox_inputs(recordings))
     _check_names(inputs, output)
     data = prepare(recordings, inputs, output, seed=seed)
-    limits = _input_limits(data)
-    signals = _signals(data, limits)
+    u = _physical_inputs(data)
+    low, high = _input_limits(data)
+    greybox = Greybox(
+        constants=Constants(),
+        inputs=data.names,
+        u_low=low,
+        u_high=high,
+        period_s=data.period_ns / 1e9,
+    )
+    signals = greybox.signals(u)
     charge_map, charge_error = None, None
     drive = ChainDrive(
         name="",
-        period_s=_period_s(data),
+        period_s=greybox.period_s,
         signals=signals,
         phi_measured=data.scaling.unscale_y(data.samples.y),
         scored=scored_rows(data, signals) & (data.role == Role.TRAIN),
@@ -105,17 +113,14 @@ def fit_greybox(
         fitted, charge_error = fit_with_error(drive, progress)
     else:
         fitted = fit_constants(drive, report=progress)
-    greybox = Greybox(
+    greybox = replace(
+        greybox,
         constants=fitted.constants,
-        inputs=data.names,
-        u_low=limits[0],
-        u_high=limits[1],
-        period_s=_period_s(data),
         charge_map=charge_map,
         charge_error=charge_error,
         own=own,
     ).with_register()
-    predicted = _free_run(data, greybox)
+    predicted = _free_run(data, u, greybox)
     card = _card(greybox, fitted, data, predicted)
     save(out, greybox, card)
     warnings = (*data.warnings, *_warnings(fitted, card))
@@ -149,7 +154,7 @@ def has_own_charge(inputs: Sequence[str]) -> bool:
 def scored_rows(data: Prepared, signals: Mapping[str, FloatArray]) -> BoolArray:
     """Return (n,) bool: enabled, clear of fuel cut, and not at the start of a stretch."""
     rows = np.zeros(len(data.role), dtype=bool)
-    period_s = _period_s(data)
+    period_s = data.period_ns / 1e9
     for s in data.segments:
         own = slice(s.start, s.stop)
         rows[own] = ~until(signals["fuel_mass_mg"][own] <= 0.0, RECOVERY_S, period_s)
@@ -166,10 +171,6 @@ def _check_names(inputs: Sequence[str], output: str) -> None:
         )
     if output != OUTPUT:
         raise UsageError(f"output {output}: a grey-box model predicts {OUTPUT} alone")
-
-
-def _period_s(data: Prepared) -> float:
-    return data.period_ns / 1e9
 
 
 def _physical_inputs(data: Prepared) -> FloatArray:
@@ -190,16 +191,10 @@ def _input_limits(data: Prepared) -> tuple[FloatArray, FloatArray]:
     return low, high
 
 
-def _signals(data: Prepared, limits: tuple[FloatArray, FloatArray]) -> dict[str, FloatArray]:
-    u = np.clip(_physical_inputs(data), *limits)
-    return with_speed({name: u[:, i] for i, name in enumerate(data.names)})
-
-
-def _free_run(data: Prepared, greybox: Greybox) -> FloatArray:
+def _free_run(data: Prepared, u: FloatArray, greybox: Greybox) -> FloatArray:
     """Return the prediction (n,) in phi, NaN at the start of each stretch."""
     predicted = np.full(len(data.role), np.nan)
     washout = round(WASHOUT_S / greybox.period_s)
-    u = _physical_inputs(data)
     for s in data.segments:
         predicted[s.start + washout : s.stop] = greybox.reading(u[s.start : s.stop])[washout:]
     return predicted

@@ -288,8 +288,7 @@ def columns(drive: ChainDrive, base: Constants) -> dict[str, FloatArray]:
 
 def _skewed(path: Path, period_s: float) -> Path:
     """Return the path with the charge's message later than the fuel's."""
-    late = np.full(len(path), SKEW_S)
-    return replace(path, air_mg=ramp_lag(path.air_mg, late, period_s))
+    return replace(path, air_mg=ramp_lag(path.air_mg, SKEW_S, period_s))
 
 
 def _fold(drive: ChainDrive, number: int) -> IntArray:
