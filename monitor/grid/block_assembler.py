@@ -286,17 +286,18 @@ class _Grid:
 
     def _taken(self, end_ns: int, n_channels: int) -> tuple[IntArray, IntArray, FloatArray]:
         """Return place, time and value of all that came up to a time; keep the rest."""
-        places, times_ns, data = [_NONE], [_NONE], [np.empty(0)]
+        numbers_of, times_ns, data = [_NONE], [_NONE], [np.empty(0)]
         kept, self._kept = self._kept, []
         for numbers, t_ns, values in kept:
             n = int(np.searchsorted(t_ns, end_ns, "right"))  # ticks never fall
-            tick = np.maximum((t_ns[:n] + self._period_ns - 1) // self._period_ns, 1) - 1 - self._n
-            places.append((tick * n_channels + numbers).ravel())
-            times_ns.append(np.tile(t_ns[:n], len(numbers)))
+            numbers_of.append(numbers.repeat(n))
+            times_ns += [t_ns[:n]] * len(numbers)
             data.append(values[:, :n].ravel())
             if n < len(t_ns):
                 self._kept.append((numbers, t_ns[n:], values[:, n:]))
-        return np.concatenate(places), np.concatenate(times_ns), np.concatenate(data)
+        t_ns = np.concatenate(times_ns)
+        tick = np.maximum((t_ns + self._period_ns - 1) // self._period_ns, 1) - 1 - self._n
+        return tick * n_channels + np.concatenate(numbers_of), t_ns, np.concatenate(data)
 
     def note_times(self, received_ns: IntArray) -> None:
         """Note when the values of the open tick came, which a break forgets."""
