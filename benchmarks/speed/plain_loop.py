@@ -33,7 +33,7 @@ class PlainLoop:
         own = {message.frame_id for message in self._database.messages}
         self._decoded = own if foreign else self.needed
         *self._inputs, self._output = (channels[name].mapped.signal for name in names)
-        self._run = open_session(setup.model_path.read_bytes(), "model").run
+        self._run = open_session(setup.model.path.read_bytes(), "model").run
         self._state = np.zeros((1, card.state.size), np.float32)
         self._period_s, self._next_s = card.period_ns / 1e9, 0.0
         self._values: dict[str, float] = {}

@@ -122,6 +122,6 @@ class Judging:
         if self._memory is None:
             return
         try:
-            self._memory.learn(self._setup.model_sha256, seen, self._setup.config.bias)
+            self._memory.learn(self._setup.model.sha256, seen, self._setup.config.bias)
         except RecordingError as error:
             self._say(str(error))

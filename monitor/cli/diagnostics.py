@@ -68,8 +68,8 @@ def _state(args: DiagnosticsOptions, setup: "Setup", loop: "Loop") -> "State":
     return State(
         store=monitor.store,
         identity=Identity(
-            model_name=setup.model_path.name,
-            model_sha256=setup.model_sha256,
+            model_name=setup.model.path.name,
+            model_sha256=setup.model.sha256,
             profile=config.obd.profile,
             vin=args.vin,
         ),

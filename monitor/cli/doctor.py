@@ -154,5 +154,5 @@ def _listened(args: DoctorOptions, interface: "Interface | None") -> "Iterator[B
     yield from findings.of_messages(seen, block, result, whose)
     provided = (*setup.bus_map.names, *(each.name for each in result.signals))
     if args.model and (lacking := lacking_names(setup.model.card, provided)):
-        facts = {"names": ", ".join(lacking), "model": setup.model_path.name}
+        facts = {"names": ", ".join(lacking), "model": setup.model.path.name}
         yield findings.BusFinding("model", facts)

@@ -154,7 +154,7 @@ def tell_if_too_slow(args: ObdOptions, setup: "Setup", tell: Callable[[str], Non
     period_s = setup.model.card.period_ns / 1e9
     if served_s > 0.75 * period_s:
         tell(
-            f"{setup.model_path.name} samples every {period_s:g} s, polling brings a signal about "
+            f"{setup.model.path.name} samples every {period_s:g} s, polling brings a signal about "
             f"every {served_s:.2g} s: record drives, then o2train fit --period "
             f"{max(0.5, 2 * served_s):.2g}"
         )

@@ -24,21 +24,9 @@ class Counters:
 
     def __init__(self, tests: Iterable[str], config: Config, store: DtcStore) -> None:
         self._config, self._store = config, store
-        self._debounce = dict.fromkeys(tests, Debounce())
-        self._named: dict[str, str] = {}  # the fault that each matured test has set
+        self.debounce = dict.fromkeys(tests, Debounce())
+        self.named: dict[str, str] = {}  # the fault that each matured test has set
         self.decided: set[str] = set()  # tests that reached a decision
-
-    def failed(self, test: str) -> bool:
-        """Return whether the test's counter says failed."""
-        return self._debounce[test].failed
-
-    def passed(self, test: str) -> bool:
-        """Return whether the test's counter says passed."""
-        return self._debounce[test].passed
-
-    def named(self, test: str) -> str | None:
-        """Return the fault that a matured test has set."""
-        return self._named.get(test)
 
     def take(
         self, test: str, found: Response | Bias | Claim | Opinion, t_ns: int
@@ -53,12 +41,12 @@ class Counters:
         self, test: str, *, failed: bool, fault: str, t_ns: int, also: tuple[str, ...] = ()
     ) -> Sequence[Change]:
         """Advance one test's counter; a counter that matures sets or completes codes."""
-        before = self._debounce[test]
+        before = self.debounce[test]
         if before.count == (FAILED if failed else PASSED):  # no result can change it
             return self._renamed(test, fault, also, t_ns) if failed else ()
         debounce = self._config.debounce
         by = debounce.response_fail if failed else debounce.response_pass
-        after = self._debounce[test] = before.step(failed=failed, by=by)
+        after = self.debounce[test] = before.step(failed=failed, by=by)
         if not after.failed and not after.passed:
             return ()
         return self.set_codes(test, failed=after.failed, fault=fault, also=also, t_ns=t_ns)
@@ -72,7 +60,7 @@ class Counters:
 
     def mature(self, test: str, *, failed: bool, fault: str, t_ns: int) -> list[Change]:
         """Take the last of so many alike results in a row."""
-        self._debounce[test] = Debounce(FAILED if failed else PASSED)
+        self.debounce[test] = Debounce(FAILED if failed else PASSED)
         return self.set_codes(test, failed=failed, fault=fault, t_ns=t_ns)
 
     def set_codes(
@@ -82,7 +70,7 @@ class Counters:
         self.decided.add(test)
         counted = [Counted(t_ns, "numerator")] if self._store.count_judged(test) else []
         if failed:
-            self._named[test] = fault
+            self.named[test] = fault
             changed = self._fail(fault, also, t_ns)
         else:
             changed = self._store.complete(test)
@@ -90,10 +78,10 @@ class Counters:
 
     def _renamed(self, test: str, fault: str, also: tuple[str, ...], t_ns: int) -> Sequence[Change]:
         """Give a code the name that more evidence speaks for, if both names have the same code."""
-        before = self._named.get(test, fault)
+        before = self.named.get(test, fault)
         if fault == before or CODES[fault] != CODES[before]:
             return ()
-        self._named[test] = fault
+        self.named[test] = fault
         return [DtcChanged(t_ns, dtc) for dtc in self._fail(fault, also, t_ns)]
 
     def _fail(self, fault: str, also: tuple[str, ...], t_ns: int) -> list[Dtc]:

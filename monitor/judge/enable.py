@@ -40,11 +40,6 @@ class EnableCondition:
     states: tuple[str, str] | None = None  # words while it holds and while it does not
     flag: tuple[str, str] | None = None  # words while the signal is 1 and while it is 0
 
-    @property
-    def has_range(self) -> bool:
-        """Return whether values of its signal decide, each sample alone."""
-        return bool(self.signal) and (self.low, self.high) != (-math.inf, math.inf)
-
 
 TABLE: Final = (
     EnableCondition("inputs_valid", "Model inputs", "received and plausible"),
@@ -218,7 +213,7 @@ class Enable:
             *(
                 Range(c.name, c.signal, _limit(config, c.low), _limit(config, c.high))
                 for c in TABLE
-                if c.has_range and c.signal in at
+                if c.signal in at and (c.low, c.high) != (-math.inf, math.inf)
             ),
         )
         checked = [Range("inputs_valid", name, -math.inf, math.inf) for name in inputs]

@@ -134,7 +134,7 @@ class Collector:
             "samples": monitor.samples,
             "enabled_samples": monitor.enabled_samples,
             "windows": list(self._windows),
-            "windows_interrupted": monitor.interrupted_windows,
+            "windows_interrupted": monitor.windows.discarded,
             "windows_dropped": self._n_windows - len(self._windows),
             "dtcs": [
                 dtc_entry(dtc, self.begin_ns, facts.probability(dtc.fault))

@@ -98,7 +98,7 @@ class SensorMonitor:
         )
         self.catalyst = CatalystMonitor(config, names, period_s)
         n_samples, n_hypotheses = config.window.n_samples, len(judge.hypotheses)
-        self._windows = Windows(n_samples, n_hypotheses)
+        self.windows = Windows(n_samples, n_hypotheses)
         # an edge of a fuel cut takes one to two seconds, and a cut is soon over
         self._cut_windows = Windows(n_samples // 2, n_hypotheses, is_cut=True)
         self._run: RunState | None = None
@@ -136,11 +136,6 @@ class SensorMonitor:
         found = self.decisions.outcomes.items()
         return {test: own for test, own in found if own != "undecided" or test not in left}
 
-    @property
-    def interrupted_windows(self) -> int:
-        """Return how many windows were begun and discarded."""
-        return self._windows.discarded
-
     def push(self, block: SampleBlock) -> Iterator[BlockEvent]:
         """Take a block of samples and yield its events; all of them must be taken."""
         return self.judge.push([self], [block])[0]
@@ -160,7 +155,7 @@ class SensorMonitor:
         """Take a block through the steps before the model; return a part for each driving cycle."""
         counting, n = self._cycles.push(block), len(block.t_ns)
         if self._clearings != self.store.clearings:
-            self.electrical.forget()
+            self.electrical.maturing.reset()
             self.catalyst.reset()
         starts = [k for k, moment in counting.moments if moment == "driving_cycle"]
         edges = sorted({0, *starts, n})
@@ -192,7 +187,7 @@ class SensorMonitor:
             enabled=enable.ENABLED[masks],
             segments=segments,
             found=found,
-            windows=self._windows,
+            windows=self.windows,
             in_cut=enable.IN_FUEL_CUT[masks],
             cut_windows=self._cut_windows,
             run=self._run if goes_on else None,
@@ -224,7 +219,7 @@ class SensorMonitor:
         """Return the windows that are complete, each with its last sample."""
         series = Series(part.block.t_ns, part.measured, part.predicted)
         goes_on = part.run is not None
-        windows = self._windows.push(part.spans, series, goes_on=goes_on)
+        windows = self.windows.push(part.spans, series, goes_on=goes_on)
         windows += self._cut_windows.push(part.cut_spans, series, goes_on=goes_on)
         return sorted(windows, key=itemgetter(0))
 

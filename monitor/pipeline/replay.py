@@ -41,19 +41,9 @@ class Setup:
     bus_map: BusMap
     columns: Path | None = None
 
-    @property
-    def model_path(self) -> Path:
-        """Return the model's file."""
-        return self.model.path
-
-    @property
-    def model_sha256(self) -> str:
-        """Return the sha256 of the model's file."""
-        return self.model.sha256
-
     def of_vehicle(self, memory: Memory) -> "Setup":
         """Return the setup for the vehicle whose reference stands in the memory."""
-        reference = memory.reference(self.model_sha256)
+        reference = memory.reference(self.model.sha256)
         return replace(self, limits=self.limits.of_vehicle(reference, self.config.bias))
 
 
@@ -166,13 +156,13 @@ def judged(
         if listen:
             listen(event)
         if memory and isinstance(event, CycleStarted):
-            memory.learn(setup.model_sha256, event.seen, setup.config.bias)
+            memory.learn(setup.model.sha256, event.seen, setup.config.bias)
             monitor.adopt(setup.of_vehicle(memory).limits)
     check_long_enough(opened.path, monitor.samples)
     recording = collector.result(str(opened.path), sha256, opened.counters())
     if memory:
         memory.save(store.saved)
-        memory.learn(setup.model_sha256, monitor.decisions.seen, setup.config.bias)
+        memory.learn(setup.model.sha256, monitor.decisions.seen, setup.config.bias)
     recording |= of_memory(memory)
     if opened.profile:
         recording |= {"profile": opened.profile}
@@ -198,7 +188,7 @@ def of_memory(memory: Memory | None) -> dict[str, Any]:
 def _events(monitor: SensorMonitor, opened: OpenRecording) -> Iterator[BlockEvent]:
     for part in opened.parts:
         if opened.is_live():
-            monitor.electrical.expect_sensor()
+            monitor.electrical.plausibility.is_expected = True
         if isinstance(part, Clearing):
             yield from monitor.clear(part.t_ns)
             continue
@@ -218,6 +208,6 @@ def result_of(recordings: list[dict[str, Any]], setup: Setup) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "o2mon_version": __version__,
-        "model": {"path": setup.model_path.name, "sha256": setup.model_sha256},
+        "model": {"path": setup.model.path.name, "sha256": setup.model.sha256},
         "recordings": recordings,
     }

@@ -25,8 +25,8 @@ def model_info(setup: Setup) -> dict[str, str]:
     layers = " and ".join(str(n) for n in card.layers)
     shape = f"lags {card.lags}, hidden layers {layers}" if layers else f"{card.lags} samples"
     return {
-        "model": setup.model_path.name,
-        "sha256": setup.model_sha256,
+        "model": setup.model.path.name,
+        "sha256": setup.model.sha256,
         "kind": f"{card.kind}, {shape}",
         "inputs": ", ".join(card.input_names),
         "output": card.output.name,

@@ -186,7 +186,7 @@ class _Run:
             enabled=np.concatenate([_NONE.astype(np.bool_), *(each.enabled for each in ticks)]),
             windows=self._of(WindowJudged),
             cuts=self._of(CutJudged),
-            interrupted_windows=monitor.interrupted_windows,
+            interrupted_windows=monitor.windows.discarded,
             changes=self._of(DtcChanged),
             cycles=self._of(CycleStarted),
             dtcs=monitor.store.active,

@@ -71,7 +71,7 @@ class LiveFeed(Attachment):
         self._greeting: dict[str, Any] = {
             "version": __version__,
             "channel": channel,
-            "model": setup.model_path.name,
+            "model": setup.model.path.name,
             "output": card.output.name,
             "period_s": card.period_ns * 1e-9,
             "window_samples": setup.config.window.n_samples,
@@ -193,7 +193,7 @@ class LiveFeed(Attachment):
             "signals": signal_rows(monitor.names, sample, self._absent),
             "samples": monitor.samples,
             "enabled_samples": monitor.enabled_samples,
-            "windows_interrupted": monitor.interrupted_windows,
+            "windows_interrupted": monitor.windows.discarded,
             "completed": monitor.decisions.completed,
         }
 

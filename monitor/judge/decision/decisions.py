@@ -84,7 +84,7 @@ class Decisions:
         if self._may_be_dead or self._limits.trust.is_blind:
             found["response"] = "undecided"
         for test in decided - {*found}:
-            found[test] = "failed" if self._counters.failed(test) else "passed"
+            found[test] = "failed" if self._counters.debounce[test].failed else "passed"
         return {test: found[test] for test in (*OF_VEHICLE, *self._rules) if test in found}
 
     def electrical(self, result: TickResult, t_ns: int) -> Sequence[Change]:
@@ -104,7 +104,7 @@ class Decisions:
         if test in CIRCUIT_TESTS:  # they decide at once
             return counters.mature(test, failed=failed, fault=fault, t_ns=t_ns)
         if test == "bias":
-            if not counters.failed("balance") or counters.named(test) == claim.fault:
+            if not counters.debounce["balance"].failed or counters.named.get(test) == claim.fault:
                 return ()
             return counters.set_codes(test, failed=failed, fault=fault, t_ns=t_ns)
         return counters.take(test, claim, t_ns)
@@ -135,7 +135,7 @@ class Decisions:
     def seen(self) -> Seen | None:
         """Return the lesson for the vehicle's reference, None if anything was suspicious."""
         enough = self._windows >= self._config.bias.reference_windows
-        sound = self._counters.passed("response") and not self._suspicious
+        sound = self._counters.debounce["response"].passed and not self._suspicious
         if self._transform != "phi" or not (enough and sound) or self.store.fault_flag:
             return None
         gain = self.facts.response.drive_gain / self._limits.gain_model
@@ -144,7 +144,9 @@ class Decisions:
     def _response_step(self, response: Response, t_ns: int) -> Iterator[Change]:
         """Take the response rule's finding on a window of either kind."""
         yield from self._counters.take("response", response, t_ns)
-        self.completed |= self._counters.failed("response") or self._counters.passed("response")
+        self.completed |= (
+            self._counters.debounce["response"].failed or self._counters.debounce["response"].passed
+        )
 
     def _by_plugins(self, window: Window) -> Iterator[Change]:
         """Let the rules of plug-ins judge a window."""

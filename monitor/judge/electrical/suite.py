@@ -49,10 +49,8 @@ class ElectricalTests:
         noise, *still_s = (limits.noise, limits.still_s, limits.still_end_s) if limits else (0.0,)
         self._output = names.index(output.name)
         self._readiness = Readiness(own, names, period_s)
-        self._plausibility = Plausibility(
-            own, names, output.name, period_s, is_expected=is_expected
-        )
-        self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
+        self.plausibility = Plausibility(own, names, output.name, period_s, is_expected=is_expected)
+        self.maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
         self._activity = ActivityTest(own, output, names, period_s, *still_s)
         self._returns = ReturnTest(max(noise, own.stuck_band_at_one), own.visits)
         self._knows_cuts = "fuel_cut" in names
@@ -60,18 +58,10 @@ class ElectricalTests:
     def reset(self) -> None:
         """Start as after switching on."""
         for each in (
-            *(self._readiness, self._plausibility, self._maturing),
+            *(self._readiness, self.plausibility, self.maturing),
             *(self._activity, self._returns),
         ):
             each.reset()
-
-    def forget(self) -> None:
-        """Begin every row of results anew."""
-        self._maturing.reset()
-
-    def expect_sensor(self) -> None:
-        """Take a sensor that is silent from the start for a fault from here on."""
-        self._plausibility.is_expected = True
 
     def push(
         self, values: FloatArray, quality: QualityArray, burning: BoolArray
@@ -83,17 +73,17 @@ class ElectricalTests:
         Of alike results in a row the one counts with which they are enough; of the activity test
         each.
         """
-        running = self._plausibility.running(values)
+        running = self.plausibility.running(values)
         ready = self._ready(values, quality, running)
         measured, awake = values[:, self._output], running & ready
-        found = self._maturing.push(self._plausibility.push(values, quality, ready))
+        found = self.maturing.push(self.plausibility.push(values, quality, ready))
         seen = np.where(awake, measured, np.nan)
         found += [(k, RETURNS) for k in self._returns.push(seen, burning & self._knows_cuts)]
         return found + self._activity.push(measured, awake & burning), running
 
     def must_move(self, values: FloatArray, quality: QualityArray, burning: BoolArray) -> BoolArray:
         """Return on which samples a live sensor moves, (n,); arguments as for ``push``."""
-        running = self._plausibility.running(values)
+        running = self.plausibility.running(values)
         return running & burning & self._ready(values, quality, running)
 
     def _ready(self, values: FloatArray, quality: QualityArray, running: BoolArray) -> BoolArray:

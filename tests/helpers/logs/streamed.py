@@ -106,7 +106,7 @@ def assert_same(streamed: Streamed, judged: Judged) -> None:
     assert streamed.cycles == judged.cycles
     assert streamed.reference == judged.reference
     assert streamed.monitor.limits == judged.limits
-    assert streamed.monitor.interrupted_windows == judged.interrupted_windows
+    assert streamed.monitor.windows.discarded == judged.interrupted_windows
     assert streamed.monitor.store.active == judged.dtcs
     assert streamed.monitor.decisions.completed == judged.completed
     assert streamed.monitor.decisions.seen == judged.seen

@@ -227,16 +227,16 @@ def test_the_vehicles_reference_learns_from_each_driving_cycle_of_a_stream(
     with closing(Memory(tmp_path / "apart.db")) as apart:
         for _ in range(2):
             last, _ = replay.replay(log, setup, apart)
-        known = apart.reference(setup.model_sha256)
+        known = apart.reference(setup.model.sha256)
     stream = [*healthy, *later(healthy, length_s + 10 * MINUTE)]
     record = tmp_path / "bench.log"
     with closing(Memory(tmp_path / "live.db")) as memory:
         live, _ = run_on(stream, setup, memory=memory, record=record)
-        assert memory.reference(setup.model_sha256).drives == known.drives == 2
+        assert memory.reference(setup.model.sha256).drives == known.drives == 2
     with closing(Memory(tmp_path / "replay.db")) as memory:
         again, _ = replay.replay(record, setup, memory)
         # THEN the second one is judged with what the first one taught
-        assert memory.reference(setup.model_sha256).drives == 2
+        assert memory.reference(setup.model.sha256).drives == 2
     assert live["limits"] == again["limits"]
     assert live["limits"]["gain"] == pytest.approx(last["limits"]["gain"], abs=1e-3)
     assert live["limits"]["gain"] != setup.limits.gain
