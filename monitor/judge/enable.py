@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from monitor.base.config import EnableConfig
 from monitor.base.runs import since
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
-from monitor.model.card import ModelCard
+from monitor.model.card import Channel, ModelCard
 
 NO_CUT: Final = 1e-3  # mean of a flag over a tick; a single frame of a cut is more
 
@@ -189,34 +189,28 @@ class Enable:
     """Checks every condition on each sample; recovery times count samples.
 
     names : signals of a sample
-    inputs, output : names of the model's signals among them
-    trained_low, trained_high : (n_inputs,) range of each input in training
+    inputs : of the model; output : name of the measured signal
     """
 
     def __init__(
         self,
         config: EnableConfig,
         names: Sequence[str],
-        inputs: Sequence[str],
+        inputs: Sequence[Channel],
         output: str,
-        trained_low: FloatArray,
-        trained_high: FloatArray,
         period_s: float,
     ) -> None:
         at = {name: i for i, name in enumerate(names)}
         self.unavailable = tuple(c.name for c in TABLE if c.signal and c.signal not in at)
-        ignored = np.isin(inputs, config.range_ignored)
-        margin = np.where(ignored, np.inf, config.range_margin * (trained_high - trained_low))
-        trained = zip(inputs, trained_low - margin, trained_high + margin, strict=True)
         self.ranges = (
-            *(Range("trained_range", name, float(low), float(high)) for name, low, high in trained),
+            *(_trained(config, channel) for channel in inputs),
             *(
                 Range(c.name, c.signal, _limit(config, c.low), _limit(config, c.high))
                 for c in TABLE
                 if c.signal in at and (c.low, c.high) != (-math.inf, math.inf)
             ),
         )
-        checked = [Range("inputs_valid", name, -math.inf, math.inf) for name in inputs]
+        checked = [Range("inputs_valid", each.name, -math.inf, math.inf) for each in inputs]
         checked += [Range("measured_valid", output, -math.inf, math.inf), *self.ranges]
         of = [each.condition for each in checked]
         self._checked = [_AT[name] for name in dict.fromkeys(of)]  # conditions
@@ -236,15 +230,8 @@ class Enable:
     @classmethod
     def of(cls, config: EnableConfig, names: Sequence[str], card: ModelCard) -> "Enable":
         """Return the conditions for a model on samples of ``names``."""
-        return cls(
-            config=settings_for(config, card),
-            names=names,
-            inputs=card.input_names,
-            output=card.output.name,
-            trained_low=np.array([channel.minimum for channel in card.inputs]),
-            trained_high=np.array([channel.maximum for channel in card.inputs]),
-            period_s=card.period_ns * 1e-9,
-        )
+        own, period_s = settings_for(config, card), card.period_ns * 1e-9
+        return cls(own, names, card.inputs, card.output.name, period_s)
 
     def reset(self) -> None:
         """Start as after switching on."""
@@ -289,6 +276,15 @@ class Enable:
         is_open = duties[second - 1 :] >= self._open_percent
         is_slow = np.abs(duty - duties[:-second]) <= self._step_percent
         return np.asarray(is_slow & (is_open[1:] == is_open[:-1]))
+
+
+def _trained(config: EnableConfig, channel: Channel) -> Range:
+    """Return the range of an input in training, with its margin."""
+    margin = config.range_margin * (channel.maximum - channel.minimum)
+    if channel.name in config.range_ignored:
+        margin = math.inf
+    low, high = channel.minimum - margin, channel.maximum + margin
+    return Range("trained_range", channel.name, low, high)
 
 
 def _limit(config: EnableConfig, bound: float | str) -> float:

@@ -105,8 +105,7 @@ def _judge_reading(table: Table, store: DtcStore, config: Config) -> None:
     period_s = float(np.median(np.diff(block.t_ns))) / 1e9 if len(block.t_ns) > 1 else 1.0
     lean = 1.0 + config.plausibility.stuck_band_at_one
     output = Channel(OUTPUT, "-", 0.0, lean, lean, lean)
-    nothing = np.empty(0)
-    enable = Enable(config.enable, names, (), OUTPUT, nothing, nothing, period_s)
+    enable = Enable(config.enable, names, (), OUTPUT, period_s)
     tests = ElectricalTests(config, names, output, period_s)
     burning = BURNING[masks(enable.push(block.values, block.quality))]
     found, _ = tests.push(block.values, block.quality, burning)

@@ -13,6 +13,7 @@ from monitor.base.types import Quality
 from monitor.judge import enable
 from monitor.judge.enable import CONDITIONS, Enable
 from monitor.judge.window import Series, Span, Window, Windows
+from monitor.model.card import Channel
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 
@@ -20,7 +21,7 @@ CONFIG = config.load().enable
 PERIOD_S = 0.1
 NAMES = ("air_mass_mg", "lambda_controller", "lambda_measured", *enable.SIGNALS)
 INPUTS = ("air_mass_mg", "lambda_controller")
-LOW, HIGH = np.array([100.0, 0.8]), np.array([600.0, 1.2])
+RANGES = (100.0, 600.0), (0.8, 1.2)  # in training
 GOOD = {
     "air_mass_mg": 300.0,
     "lambda_controller": 1.0,
@@ -52,15 +53,9 @@ SETTLE = 50  # samples, 5 s
 
 
 def enable_of(names: tuple[str, ...], period_s: float) -> Enable:
-    return Enable(
-        config=CONFIG,
-        names=names,
-        inputs=INPUTS,
-        output="lambda_measured",
-        trained_low=LOW,
-        trained_high=HIGH,
-        period_s=period_s,
-    )
+    pairs = zip(INPUTS, RANGES, strict=True)
+    inputs = [Channel(name, "-", *trained, *trained) for name, trained in pairs]
+    return Enable(CONFIG, names, inputs, "lambda_measured", period_s)
 
 
 class Bench:

@@ -8,6 +8,7 @@ from monitor.base import config
 from monitor.base.types import Quality
 from monitor.judge.causes.observation import Observation
 from monitor.judge.enable import Enable
+from monitor.model.card import Channel
 from tests.helpers.examples import inputs
 
 CONFIG = config.load()
@@ -16,16 +17,8 @@ N = 2500
 
 
 def enable() -> Enable:
-    low, high = np.array([100.0]), np.array([600.0])
-    return Enable(
-        config=CONFIG.enable,
-        names=NAMES,
-        inputs=NAMES[:1],
-        output="lambda_measured",
-        trained_low=low,
-        trained_high=high,
-        period_s=0.1,
-    )
+    air = Channel(NAMES[0], "mg", 100.0, 600.0, 100.0, 600.0)
+    return Enable(CONFIG.enable, NAMES, [air], "lambda_measured", 0.1)
 
 
 def drive() -> tuple[np.ndarray, np.ndarray]:
