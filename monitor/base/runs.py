@@ -1,13 +1,13 @@
 """Running counts and runs of alike samples in blocks, with counts carried from block to block."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.base.types import BoolArray, IntArray
 
 
 def since(broken: BoolArray, start: int | IntArray = 0) -> IntArray:
@@ -23,28 +23,6 @@ def since(broken: BoolArray, start: int | IntArray = 0) -> IntArray:
     if broken.ndim == 2:
         places = places[:, np.newaxis]
     return places - np.maximum.accumulate(np.where(broken, places, -1 - np.asarray(start)), axis=0)
-
-
-class Thresholds:
-    """Packs into one number per sample which signals are at a threshold or above.
-
-    places : (n_thresholds,) of the signals in a sample, at most eight
-    least : (n_thresholds,) thresholds; a signal that is not valid, NaN, is below each
-
-    >>> Thresholds([0, 0, 1], [1.0, 3.0, 5.0]).masks(np.array([[2.0, 9.0], [np.nan, 5.0]]))
-    array([5, 4], dtype=uint8)
-    """
-
-    def __init__(self, places: Sequence[int], least: Sequence[float]) -> None:
-        self._places, self._least = np.array(places, dtype=np.intp), np.array(least)
-
-    def masks(self, values: FloatArray) -> NDArray[np.uint8]:
-        """Return a number for each sample, (n,); the first threshold is its lowest bit.
-
-        values : (n, n_signals)
-        """
-        reached = values.take(self._places, axis=1) >= self._least
-        return np.packbits(reached, axis=1, bitorder="little")[:, 0]
 
 
 def runs(on: BoolArray) -> list[tuple[int, int]]:

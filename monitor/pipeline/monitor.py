@@ -191,6 +191,7 @@ class SensorMonitor:
             in_cut=enable.IN_FUEL_CUT[masks],
             cut_windows=self._cut_windows,
             run=self._run if goes_on else None,
+            predicted=np.full(end - begin, np.nan),
         )
 
     def _start(self) -> None:

@@ -37,14 +37,10 @@ class Part:
     in_cut: BoolArray  # (n,) samples that only a fuel cut disables
     cut_windows: Windows  # around fuel cuts
     run: RunState | None  # that the first segment goes on from, if it begins with the block
-    predicted: FloatArray = field(init=False)  # (n,) output's unit
+    predicted: FloatArray  # (n,) output's unit, NaN until it is filled in
     spans: list[Span] = field(default_factory=list)  # the samples that fill windows
     cut_spans: list[Span] = field(default_factory=list)  # those that fill windows around cuts
     end: RunState | None = None  # behind the last sample
-
-    def __post_init__(self) -> None:
-        self.predicted = np.empty(len(self.measured))
-        self.predicted.fill(np.nan)
 
 
 class _Row(NamedTuple):
@@ -55,12 +51,6 @@ class _Row(NamedTuple):
     end: int
     state: RunState | None  # that the segment goes on from, None if it begins here
     is_last: bool  # the segment may go on in the recording's next block
-
-    @classmethod
-    def of(cls, part: Part, begin: int, end: int) -> "_Row":
-        """Return a row for the samples begin to end of a part."""
-        state = part.run if begin == 0 else None
-        return cls(part, begin, end, state, end == len(part.measured))
 
     def spans(self, usable: BoolArray) -> Iterator[tuple[list[Span], int, int]]:
         """Yield the samples of the segment that fill windows, and the part's spans they join.
@@ -99,7 +89,11 @@ class Segments:
 
     def run(self, parts: Sequence[Part]) -> None:
         """Fill in the predictions of parts, and the bank's readings where windows need them."""
-        rows = [_Row.of(part, begin, end) for part in parts for begin, end in part.segments]
+        rows = [
+            _Row(part, begin, end, None if begin else part.run, end == len(part.measured))
+            for part in parts
+            for begin, end in part.segments
+        ]
         rows.sort(key=lambda row: row.begin - row.end)
         for first in range(0, len(rows), self._n_rows):
             self._run(rows[first : first + self._n_rows])
@@ -157,7 +151,8 @@ class Segments:
         states: dict[int, Float32Array] = {}
         for begin, end, n_rows in phases(lengths):
             if n_rows < model.batch:
-                model = self._kept(model, n_rows)
+                whole, model = model, self._model(n_rows)  # goes on with the first rows
+                model.state[:] = whole.state[:n_rows]
             for a, b in pairwise([begin, *sorted(k for k in ends if begin < k < end), end]):
                 predicted[:n_rows, a:b] = model.run_batch(u[:n_rows, a:b])
                 for i in ends.get(b, ()):
@@ -176,9 +171,3 @@ class Segments:
         if batch not in self._models:
             self._models[batch] = self._models[1].with_batch(batch)
         return self._models[batch]
-
-    def _kept(self, model: Model, rows: int) -> Model:
-        """Return a model that goes on with the first rows of another."""
-        kept = self._model(rows)
-        kept.state[:] = model.state[:rows]
-        return kept

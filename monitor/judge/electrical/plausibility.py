@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from monitor.base.config import PlausibilityConfig
-from monitor.base.runs import Thresholds, alike
+from monitor.base.runs import alike
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.judge.electrical.readiness import DUTY, ENGINE, READY
 from monitor.model.card import Channel
@@ -68,9 +68,9 @@ class Plausibility:
             (self._speed, -math.inf, config.engine_running_rpm),
             (at.get(DUTY), above_zero, config.heater_full_percent),
         )
-        self._told = Thresholds(
-            [place or 0 for place, *_ in told for _ in range(2)],
-            [math.nan if place is None else bound for place, *bounds in told for bound in bounds],
+        self._places = [place or 0 for place, *_ in told for _ in range(2)]
+        self._least = np.array(
+            [math.nan if place is None else bound for place, *bounds in told for bound in bounds]
         )
         patience_s = config.first_move_s if self._ready is None else config.not_ready_s
         seconds = config.heater_full_s, config.heater_regulated_s, patience_s
@@ -97,7 +97,8 @@ class Plausibility:
         values, quality : (n, n_names)
         ready : (n,) whether the sensor is ready, where no signal says so
         """
-        masks = self._told.masks(values)
+        reached = values.take(self._places, axis=1) >= self._least
+        masks = np.packbits(reached, axis=1, bitorder="little")[:, 0]
         if self._ready is None and ready is not None:
             masks[~ready] |= _NO
         codes = np.multiply(masks, _N_QUALITIES, dtype=np.uint16)
