@@ -21,13 +21,7 @@ from monitor.pipeline.entry import (
     seconds,
     window_entry,
 )
-from monitor.pipeline.events import (
-    BlockEvent,
-    CutJudged,
-    RuleOff,
-    Ticks,
-    WindowJudged,
-)
+from monitor.pipeline.events import BlockEvent, CutJudged, RuleOff, Ticks, WindowJudged
 from monitor.pipeline.monitor import SensorMonitor
 
 

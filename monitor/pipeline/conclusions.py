@@ -18,12 +18,7 @@ from monitor.memory.cycles import Driven, Moment
 from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
-from monitor.pipeline.events import (
-    Counted,
-    CycleStarted,
-    DtcChanged,
-    Happening,
-)
+from monitor.pipeline.events import Counted, CycleStarted, DtcChanged, Happening
 
 _AFTER_TICK: Final = 3  # from this field of ``Findings`` on
 _Found = TypeVar("_Found")

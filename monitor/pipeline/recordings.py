@@ -22,12 +22,7 @@ from monitor.grid.tables import BLANK, Table, is_table, read_table
 from monitor.grid.timeline import Timeline
 from monitor.judge.causes.causes import SignalSource
 from monitor.model.card import ModelCard
-from monitor.pipeline.entry import (
-    bus_sources,
-    check_received,
-    frame_counts,
-    table_counts,
-)
+from monitor.pipeline.entry import bus_sources, check_received, frame_counts, table_counts
 from monitor.pipeline.names import check_names, lacking_names, needed_names, needs
 
 COARSE: Final = 1.5  # steps of the model's grid from which its response cannot be told between rows

@@ -14,12 +14,11 @@ An unheated sensor rests as an open circuit does, so a heater that failed explai
 
 import math
 from collections.abc import Iterator
-from typing import Final, Literal
+from typing import Final
 
 from monitor.base.config import Config
 from monitor.judge.catalyst.bank import MID_V, OXYGEN_IN_AIR
 
-CircuitTest = Literal["downstream_circuit", "downstream_heater"]
 CIRCUIT: Final = "downstream_circuit"
 HEATER: Final = "downstream_heater"
 LOW, HIGH, INACTIVE = "downstream_low", "downstream_high", "downstream_inactive"
@@ -42,7 +41,7 @@ class RearCircuit:
         self._was_regulated = False
         self.awake_s: float | None = None  # running time when the sensor first left its rest
         self.heater_heard = False
-        self._said: dict[CircuitTest, str] = {}
+        self._said: dict[str, str] = {}
 
     @property
     def can_judge_heater(self) -> bool:
@@ -59,7 +58,7 @@ class RearCircuit:
 
     def push(
         self, *, volts: float, x: float, air_g_s: float, running: int, duty_percent: float
-    ) -> list[tuple[CircuitTest, str]]:
+    ) -> list[tuple[str, str]]:
         """Take the next sample; return the tests that it decides, each with its fault or "".
 
         volts, x (1 - 1/lambda upstream), air_g_s, duty_percent : nan where unknown
@@ -109,7 +108,7 @@ class RearCircuit:
         self._hold("regulated", not is_full and duty > 0.0 and run_s > config.wake_most_s)
         self._was_regulated |= self._for_s["regulated"] >= config.circuit_pass_s
 
-    def _decided(self, run_s: float) -> Iterator[tuple[CircuitTest, str]]:
+    def _decided(self, run_s: float) -> Iterator[tuple[str, str]]:
         config, held = self._config, self._for_s
         is_late = bool(self._began_at_rest) and (self.awake_s or run_s) > config.wake_most_s
         is_slow_start = is_late and held["full"] >= config.heater_start_s

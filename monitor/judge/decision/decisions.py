@@ -17,13 +17,7 @@ from monitor.judge.counters import Counters
 from monitor.judge.decision.plugins import RuleClass, opinion
 from monitor.judge.decision.window_facts import WindowFacts
 from monitor.judge.electrical.plausibility import TickResult
-from monitor.judge.findings import (
-    Change,
-    CutJudged,
-    Facts,
-    RuleOff,
-    WindowJudged,
-)
+from monitor.judge.findings import Change, CutJudged, Facts, RuleOff, WindowJudged
 from monitor.judge.limits import Limits
 from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.estimates import WindowEstimates

@@ -11,12 +11,7 @@ import numpy as np
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.judge.counters import ticks_to_mature
-from monitor.judge.electrical.plausibility import (
-    ActivityTest,
-    Maturing,
-    Plausibility,
-    TickResult,
-)
+from monitor.judge.electrical.plausibility import ActivityTest, Maturing, Plausibility, TickResult
 from monitor.judge.electrical.readiness import Readiness
 from monitor.judge.electrical.returns import ReturnTest
 from monitor.judge.limits import Limits
@@ -57,10 +52,8 @@ class ElectricalTests:
 
     def reset(self) -> None:
         """Start as after switching on."""
-        for each in (
-            *(self._readiness, self.plausibility, self.maturing),
-            *(self._activity, self._returns),
-        ):
+        tests = self._readiness, self.plausibility, self.maturing, self._activity, self._returns
+        for each in tests:
             each.reset()
 
     def push(
