@@ -37,11 +37,6 @@ class MessageCounters:
     not_available: int = 0  # values that the sender marks as not available
     out_of_range: int = 0  # values outside the plausible range
 
-    @property
-    def used(self) -> int:
-        """Return the number of frames whose values were used."""
-        return self.received - self.length - self.checksum - self.stuck - self.other
-
 
 class Decoded(NamedTuple):
     """Values of the frames of one message: row i of ``values`` belongs to channel i."""

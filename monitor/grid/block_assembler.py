@@ -70,9 +70,7 @@ class BlockAssembler:
         self._timeouts_ns = np.array(timeouts_ns, dtype=np.int64)
         self._output = Output(channels, names, derived)
         self._n_names = len(names)
-        self._received_ns = np.zeros(
-            len(channels), dtype=np.int64
-        )  # time of each channel's last value
+        self._received_ns = np.zeros(len(channels), dtype=np.int64)  # each channel's last value
         self._n = 0  # samples that are complete
         self._grid: _Grid | None = None
         self._newest_ns = 0  # time on the grid
