@@ -176,9 +176,9 @@ class FittedCatalyst:
         }
 
 
-def drive_of(recording: "Recording", config: CatalystConfig | None = None) -> CatalystDrive:
+def drive_of(recording: "Recording") -> CatalystDrive:
     """Return the fit's signals; raises RecordingError if a signal is missing."""
-    config = config or shipped().catalyst
+    config = shipped().catalyst
     missing = [name for name in NEEDED if name not in recording.known]
     if missing:
         raise RecordingError(
