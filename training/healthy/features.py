@@ -12,7 +12,7 @@ from numpy import gradient as slope
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import Path
-from training.greybox.effects.place import Place
+from training.greybox.effects.effect import Place
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.quantity.dynamics import delayed, lag
 from training.greybox.quantity.value import hats

@@ -9,8 +9,7 @@ from functools import partial
 from typing import Final
 
 from training.greybox.chain import AIR_LEAST_MG
-from training.greybox.effects.effect import Changed, Effect, Parameter, Values
-from training.greybox.effects.place import KELVIN, Place
+from training.greybox.effects.effect import KELVIN, Changed, Effect, Parameter, Place, Values
 from training.greybox.quantity.value import Quantity, clip, exp, maximum, minimum, tanh
 
 FOLLOWED: Final = Parameter("followed", "s", 0.02, 8.0, (0.05, 2.0))

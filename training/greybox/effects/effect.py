@@ -1,13 +1,78 @@
-"""An effect of the library: parameters, signals, equation, and the memory that it needs."""
+"""An effect of the library: its place on the path, parameters, signals, equation and memory."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Final, Literal
 
 from monitor.base.types import FloatArray
-from training.greybox.chain import Path
-from training.greybox.effects.place import Place
-from training.greybox.quantity.value import Quantity
+from training.greybox.chain import MG_RPM_PER_KG_H, Path
+from training.greybox.quantity import dynamics
+from training.greybox.quantity.value import Quantity, clip, maximum
+
+FLOW_MIN_KG_H: Final = 3.0
+SPEED_MIN_RPM: Final = 400.0  # of injection; below it the engine stands
+STANDARD_KPA: Final = 101.3
+KELVIN: Final = 273.15
+GAS_KG_PER_M3: Final = 0.44  # exhaust at 800 K and ambient pressure
+KG_PER_H_AND_LITRE_PER_S: Final = 3.6 * GAS_KG_PER_M3
+AIR_FACTOR_MIN, AIR_FACTOR_MAX = 0.5, 2.0
+
+
+def longest_passage_s(litres: float) -> float:
+    """Return the time in s in which the least flow passes through a volume, 0 for none."""
+    return max(litres, 0.0) * KG_PER_H_AND_LITRE_PER_S / FLOW_MIN_KG_H
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The surroundings of an effect; each lag starts settled at its first input."""
+
+    path: Path
+    signals: Mapping[str, Quantity]
+    period_s: float
+
+    def of(self, name: str) -> Quantity:
+        """Return a field of the path."""
+        return getattr(self.path, name)
+
+    def signal(self, name: str) -> Quantity:
+        """Return a signal that must be present."""
+        return self.signals[name]
+
+    def lag(self, u: Quantity, time_s: Quantity) -> Quantity:
+        """Return ``u`` behind a first-order lag, see ``dynamics.lag``."""
+        return dynamics.lag(u, time_s, self.period_s)
+
+    def proportional_lag(self, u: Quantity, time_s: Quantity) -> Quantity:
+        """Return a positive ``u`` whose logarithm is late, see ``dynamics.proportional_lag``."""
+        return dynamics.proportional_lag(u, time_s, self.period_s)
+
+    def injecting(self) -> Quantity:
+        """Return whether fuel is injected; in a fuel cut, fuel from the walls may still enter."""
+        return self.signal("fuel_mass_mg") > 0.0
+
+    def strokes_per_s(self) -> Quantity:
+        """Return the intake strokes of all four cylinders per second."""
+        return maximum(self.signal("engine_speed_rpm"), SPEED_MIN_RPM) / 30.0
+
+    def ambient_kpa(self, without: float = STANDARD_KPA) -> Quantity:
+        """Return the ambient pressure, or ``without`` if it is not measured."""
+        measured = "ambient_pressure_kpa" in self.signals
+        return self.signal("ambient_pressure_kpa") if measured else without
+
+    def flow_kg_h(self) -> Quantity:
+        """Return the exhaust's mass flow from charge and engine speed."""
+        flow = self.of("air_mg") * self.signal("engine_speed_rpm") * (1.0 / MG_RPM_PER_KG_H)
+        return maximum(flow, FLOW_MIN_KG_H)
+
+    def passage_s(self, litres: float) -> Quantity:
+        """Return the time in s in which the exhaust passes through a volume."""
+        return litres * KG_PER_H_AND_LITRE_PER_S / self.flow_kg_h()
+
+    def air_times(self, factor: Quantity) -> dict[str, Quantity]:
+        """Return the change of the cylinder's air by a factor, limited to 0.5 .. 2."""
+        return {"air_mg": self.of("air_mg") * clip(factor, AIR_FACTOR_MIN, AIR_FACTOR_MAX)}
+
 
 Values = Sequence[float]  # of an effect's parameters, in their order
 Changed = Mapping[str, Quantity]  # fields of the path with their new values

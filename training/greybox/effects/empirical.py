@@ -11,8 +11,7 @@ from typing import Final
 
 from monitor.base.errors import ModelError
 from training.greybox.effects.air import SLOWLY
-from training.greybox.effects.effect import Changed, Effect, Parameter, Values
-from training.greybox.effects.place import Place
+from training.greybox.effects.effect import Changed, Effect, Parameter, Place, Values
 from training.greybox.effects.shape import (
     BEND,
     BUMP,

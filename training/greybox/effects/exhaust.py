@@ -4,8 +4,15 @@ import math
 from functools import partial
 from typing import Final
 
-from training.greybox.effects.effect import Changed, Effect, Parameter, Values
-from training.greybox.effects.place import FLOW_MIN_KG_H, Place, longest_passage_s
+from training.greybox.effects.effect import (
+    FLOW_MIN_KG_H,
+    Changed,
+    Effect,
+    Parameter,
+    Place,
+    Values,
+    longest_passage_s,
+)
 from training.greybox.quantity.value import clip, exp, maximum, where
 
 DEAD_TIME_MAX_S: Final = 3.0

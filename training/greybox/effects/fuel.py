@@ -4,8 +4,7 @@ from functools import partial
 from typing import Final
 
 from training.greybox.chain import STOICHIOMETRIC
-from training.greybox.effects.effect import Changed, Effect, Parameter, Values
-from training.greybox.effects.place import Place
+from training.greybox.effects.effect import Changed, Effect, Parameter, Place, Values
 from training.greybox.quantity.value import maximum, minimum, where
 
 FILM_WARM_DEGC: Final = 80.0

@@ -8,8 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from training.greybox.effects.effect import Parameter, Values
-from training.greybox.effects.place import Place
+from training.greybox.effects.effect import Parameter, Place, Values
 from training.greybox.quantity.value import Quantity, clip, exp, maximum, minimum, tanh
 
 FARTHEST: Final = 3.0  # |u| beyond which a line goes on level

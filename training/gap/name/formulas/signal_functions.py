@@ -14,7 +14,7 @@ import numpy as np
 from monitor.base.signals import BY_NAME, OUTPUT
 from monitor.base.types import FloatArray
 from training.greybox.chain import Constants, simulate
-from training.greybox.effects.place import Place
+from training.greybox.effects.effect import Place
 from training.greybox.fit.drive import ChainDrive, path_of
 
 # The controller's answer to the mixture and the flags explain nothing.
