@@ -83,15 +83,6 @@ def drives_of(
     return [replace(d, moved_phi=added.values(d.signals)) for d in made]
 
 
-def read_by(model: Path, recordings: Sequence[Recording]) -> list[ChainDrive]:
-    """Return the recordings as drives beside the model's free run, to fit constants that suit it.
-
-    Raises RecordingError as ``drives_of``.
-    """
-    made, read = plain_drives_of(check(model), recordings), predicted_phi(model, recordings)
-    return [replace(d, phi_of_model=phi) for d, phi in zip(made, read, strict=True)]
-
-
 def plain_drives_of(
     card: ModelCard, recordings: Sequence[Recording], healthy: Sequence[Recording] = ()
 ) -> list[ChainDrive]:
