@@ -40,7 +40,7 @@ from monitor.base import config, faults
 from monitor.base.signals import OUTPUT
 from monitor.base.types import FloatArray, SampleBlock
 from monitor.grid.arrays import table_of
-from monitor.grid.table_samples import table_block
+from monitor.grid.table_samples import READY, table_block
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
@@ -58,7 +58,6 @@ OFFSETS: Final = ("biased_lean", "biased_rich")
 ELECTRICAL: Final = tuple(name for name in severities.ELECTRICAL if name != "heater")
 BROKEN_FROM_S: Final = 60.0  # a message that never came is no fault that a first drive can show
 NAMES: Final = (*LIMIT_SEVERITY, *ELECTRICAL)
-IN_A_TABLE: Final = {"signal_missing": "signal_invalid"}  # an empty cell is sent as invalid
 
 
 class SensorCase(NamedTuple):
@@ -87,6 +86,8 @@ def columns(vehicle: int, case: SensorCase) -> dict[str, FloatArray]:
     if fault and not case.in_loop:
         read = faulty_readings(fault, sent[OUTPUT], PERIOD_S)
         sent[OUTPUT] = np.minimum(read, LEANEST)
+    if fault and fault.missing:  # its readiness stands in the same message
+        sent[READY] = np.where(np.isnan(sent[OUTPUT]), np.nan, sent[READY])
     times = np.arange(len(sent[OUTPUT]), dtype=np.float64)
     return {"time_s": PERIOD_S * times} | sent
 
@@ -151,8 +152,7 @@ class Said(NamedTuple):
     @property
     def wanted(self) -> tuple[str, ...]:
         """Return the right names."""
-        fault = self.case.fault
-        return (IN_A_TABLE.get(fault, fault),) if fault else ()
+        return (self.case.fault,) if self.case.fault else ()
 
 
 def said(vehicle: int, case: SensorCase, judged: Judged) -> Said:
