@@ -22,7 +22,6 @@ from monitor.pipeline.events import Counted, CycleStarted, DtcChanged, Happening
 
 _AFTER_TICK: Final = 3  # from this field of ``Findings`` on
 _Found = TypeVar("_Found")
-_Event = TypeVar("_Event")
 At = Sequence[tuple[int, _Found]]  # findings, each with its sample's number, which never falls
 
 
@@ -76,8 +75,7 @@ class Conclusions:
         kept = self._store, self._names
         if not self._has_begun:
             self._has_begun = True
-            t_ns = block.t_ns.item(0)
-            yield 0, frozen(self._judge_memory(t_ns), *kept, block.values[0])
+            yield 0, frozen(self._judge_memory(block.t_ns.item(0)), *kept, block.values[0])
         self._facts, self._windows = None, [window for _, window in found.items]
         merged = sorted(
             ((k, step, each) for step, own in enumerate(found) for k, each in own),
@@ -85,11 +83,13 @@ class Conclusions:
         )
         for k, step, each in merged:
             events = self._taken(each, block.t_ns.item(k))
+            if isinstance(each, BehindResult):
+                known = {} if each.capacity_g is None else {CAPACITY: each.capacity_g}
+                events = list(frozen(events, *kept, block.values[k], known))
+            elif events:
+                events = frozen(events, *kept, block.values[k])
             if events:
-                grams = each.capacity_g if isinstance(each, BehindResult) else None
-                estimates = {} if grams is None else {CAPACITY: grams}
-                known = frozen(events, *kept, block.values[k], estimates)
-                yield k + (step >= _AFTER_TICK), known
+                yield k + (step >= _AFTER_TICK), events
 
     def _taken(
         self, found: Driven | Moment | TickResult | BehindResult | Window | None, t_ns: int
@@ -146,12 +146,12 @@ class Conclusions:
 
 
 def frozen(
-    events: Iterable[_Event],
+    events: Iterable[_Found],
     store: DtcStore,
     names: Sequence[str],
     values: FloatArray,
     estimates: Mapping[str, float] = MappingProxyType({}),
-) -> Iterator[_Event]:
+) -> Iterator[_Found]:
     """Yield events; with a code that fails, the known signals of the sample, (n_names,), are kept.
 
     estimates : what is kept beside them

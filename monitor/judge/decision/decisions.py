@@ -81,12 +81,11 @@ class Decisions:
             found[test] = "failed" if self._counters.debounce[test].failed else "passed"
         return {test: found[test] for test in (*OF_VEHICLE, *self._rules) if test in found}
 
-    def electrical(self, result: TickResult, t_ns: int) -> Sequence[Change]:
-        """Take a result of a test without model."""
+    def electrical(self, result: TickResult, t_ns: int) -> Iterator[Change]:
+        """Take a result of a test without model; yield the codes that it changes."""
         is_untold = result.fault in self._limits.trust.untold
-        if result.test == "activity" and result.failed and is_untold:
-            return ()
-        return self._counters.electrical(result, t_ns)
+        if not (result.test == "activity" and result.failed and is_untold):
+            yield from self._counters.electrical(result, t_ns)
 
     def behind(self, test: str, claim: Claim, t_ns: int) -> Sequence[Change]:
         """Take how the evidence about catalyst, downstream sensor or oxygen balance stands.
