@@ -41,9 +41,7 @@ def test_a_sensor_that_is_not_ready_with_a_heater_at_its_aim_has_another_fault()
     assert failures(drive((10.0, 0.0, 100.0), (90.0, 0.0, 45.0))) == {"not_ready": 600}
 
 
-def test_a_heater_that_needs_full_duty_again_for_long_has_failed_though_the_exhaust_is_hot() -> (
-    None
-):
+def test_a_heater_that_needs_full_duty_again_for_long_has_failed_in_hot_exhaust() -> None:
     healthy = (20.0, 1.0, 100.0), (60.0, 1.0, 40.0)
     assert failures(drive(*healthy, (119.0, 1.0, 100.0))) == {}
     assert failures(drive(*healthy, (130.0, 1.0, 100.0))) == {"heater": 2000}

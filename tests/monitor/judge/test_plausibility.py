@@ -265,9 +265,7 @@ def rests(names: tuple[str, ...], reads: float, percentile_0_1: float = 0.5) -> 
     return [test.step(reads) for _ in range(STUCK)][-1] is None
 
 
-def test_a_cold_sensor_may_rest_where_training_saw_it_rest_if_nothing_tells_that_it_is_cold() -> (
-    None
-):
+def test_a_cold_sensor_may_rest_where_training_saw_it_rest_if_nothing_tells_so() -> None:
     assert rests(("lambda_measured",), 0.5)
     assert not rests(("lambda_measured",), 0.51)
     assert not rests(("lambda_measured",), 0.5, percentile_0_1=0.6)  # training only passed there

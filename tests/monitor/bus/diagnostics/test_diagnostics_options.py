@@ -48,7 +48,7 @@ def test_with_transmit_the_monitor_answers_as_the_second_control_unit() -> None:
     (server,) = attached("--transmit")
     assert set(server.identifiers) == {(0x7DF, False), (0x7E1, False)}
     assert server.state.identity.vin is None
-    assert server.state.identity.model_sha256 == SETUP.model_sha256
+    assert server.state.identity.model_sha256 == SETUP.model.sha256
     assert "engine_speed_rpm" in server.state.names
     assert not server.state.clear_while_running
 

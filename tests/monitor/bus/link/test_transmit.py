@@ -35,6 +35,10 @@ class Stand:
     enabled_samples: int = 1
     completed: bool = False
 
+    @property
+    def decisions(self) -> "Stand":
+        return self
+
     def transmitter(self) -> Transmitter:
         return Transmitter(cast(SensorMonitor, cast(Any, self)))
 
