@@ -38,18 +38,19 @@ class ReturnTest:
         burning : (n,) whether fuel surely burns; else a healthy reading, too, may jump to the value
             of air, the leanest, and back
         """
-        found, last, burnt = [], self._last, self._burning
+        found, last, burnt, jump = [], self._last, self._burning, self._jump
+        length, entry = self._length, self._entry
         for k, (now, burns) in enumerate(zip(measured.tolist(), burning.tolist(), strict=True)):
             if now != last:
-                entry, step = self._entry, now - last
-                is_jump = abs(entry) >= self._jump and abs(step) >= self._jump
-                may_be_air = entry > 0.0 > step and not burnt
-                if is_jump and not may_be_air and self._length >= LEAST and self._decides(last):
-                    found.append(k)
-                self._length, self._entry = 0, step
-            self._length += 1
+                step = now - last
+                if length >= LEAST and abs(entry) >= jump and abs(step) >= jump:
+                    may_be_air = entry > 0.0 > step and not burnt
+                    if not may_be_air and self._decides(last):
+                        found.append(k)
+                length, entry = 0, step
+            length += 1
             last, burnt = now, burns
-        self._last, self._burning = last, burnt
+        self._last, self._burning, self._length, self._entry = last, burnt, length, entry
         return found
 
     def _decides(self, value: float) -> bool:
