@@ -43,10 +43,9 @@ class ReturnTest:
         for k, (now, burns) in enumerate(zip(measured.tolist(), burning.tolist(), strict=True)):
             if now != last:
                 step = now - last
-                if length >= LEAST and abs(entry) >= jump and abs(step) >= jump:
-                    may_be_air = entry > 0.0 > step and not burnt
-                    if not may_be_air and self._decides(last):
-                        found.append(k)
+                is_visit = length >= LEAST and abs(entry) >= jump and abs(step) >= jump
+                if is_visit and (burnt or not entry > 0.0 > step) and self._decides(last):
+                    found.append(k)
                 length, entry = 0, step
             length += 1
             last, burnt = now, burns
