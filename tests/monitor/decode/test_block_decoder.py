@@ -149,7 +149,7 @@ class Reference:
         for value in values.values():
             counts["not_available"] += math.isnan(value)
             counts["out_of_range"] += math.isinf(value)
-        return values if not reason else None
+        return (values or None) if not reason else None
 
     @property
     def counters(self) -> dict[str, MessageCounters]:
@@ -174,11 +174,12 @@ class Reference:
                 return "checksum", {}
         if integrity.counter and not self._counts_on(message, integrity.counter, data):
             return "stuck", {}
-        carried = [c for c in mine if self._is_carried(c, data)]
+        carried = [c for c in mine if self._is_carried(message, c.signal, data)]
+        tells = any(c.range and self._is_carried(message, c.range, data) for c in mine)
         if any(len(sent) <= last_byte(message, c.signal) for c in carried):
             return "length", {}
         values = {c.mapped.name: value_of(c, raw_of(message, c.signal, data)) for c in carried}
-        return ("" if carried else "other"), values
+        return ("" if carried or tells else "other"), values
 
     def _counts_on(self, message: Message, name: str, data: bytes) -> bool:
         signal = message.get_signal_by_name(name)
@@ -190,11 +191,10 @@ class Reference:
         self._due[message.name] = (count + 1) & mask
         return True
 
-    def _is_carried(self, channel: BusChannel, data: bytes) -> bool:
-        signal = channel.signal
+    def _is_carried(self, message: Message, signal: Signal, data: bytes) -> bool:
         while signal.multiplexer_signal is not None:
-            switch = channel.message.get_signal_by_name(signal.multiplexer_signal)
-            if raw_of(channel.message, switch, data) not in (signal.multiplexer_ids or ()):
+            switch = message.get_signal_by_name(signal.multiplexer_signal)
+            if raw_of(message, switch, data) not in (signal.multiplexer_ids or ()):
                 return False
             signal = switch
         return True
