@@ -96,4 +96,12 @@ class Limits:
         return replace(self, offset_low=low, offset_high=high, gain=reference.gain)
 
 
-NO_LIMITS: Final = Limits(inf, inf, 1.0, 0.0, -inf, inf, 1.0)  # judge nothing, for windows alone
+NO_LIMITS: Final = Limits(  # judge nothing, for windows alone
+    j_mu=inf,
+    j_sigma=inf,
+    noise=1.0,
+    noise_memory=0.0,
+    offset_low=-inf,
+    offset_high=inf,
+    offset_std=1.0,
+)
