@@ -10,6 +10,7 @@ The monitor's flag is read back from the bus, as an instrument cluster would rea
 import argparse
 import json
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -26,6 +27,10 @@ import dbc
 HEALTHY = Path(__file__).parent.parent / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 GROUP = "239.74.163.2"  # of the multicast bus
 O2MON = str(Path(sys.executable).with_name("o2mon"))
+REFUSALS = {  # of ip(8)
+    "Unknown device type": "the kernel has no vcan",
+    "not permitted": "the right is missing (a container has it with --cap-add NET_ADMIN)",
+}
 LOADED_S = 60.0  # longest wait for the monitor's first frame
 
 
@@ -83,17 +88,37 @@ def arguments() -> argparse.ArgumentParser:
 def bus(channel: str) -> tuple[str, str, str]:
     """Return interface and channel, and why it is not SocketCAN; a missing vcan is set up."""
     if sys.platform != "linux":
-        return "udp_multicast", GROUP, f" ({sys.platform} has no SocketCAN)"
+        return multicast(f"{sys.platform} has no SocketCAN")
     if not Path("/sys/class/net", channel).exists():
         link = ["ip", "link"] if os.geteuid() == 0 else ["sudo", "--non-interactive", "ip", "link"]
         for words in (["add", "dev", channel, "type", "vcan"], ["set", channel, "up"]):
             try:
                 subprocess.run([*link, *words], check=True, capture_output=True, text=True)
-            except FileNotFoundError as error:
-                return "udp_multicast", GROUP, f" ({error.filename} is missing)"
+            except FileNotFoundError:
+                lacks = {
+                    "ip": "iproute2 is not installed",
+                    "sudo": "not root, and there is no sudo",
+                }
+                return multicast(f"no {channel}: {lacks[link[0]]}")
             except subprocess.CalledProcessError as error:
-                return "udp_multicast", GROUP, f" (no {channel}: {error.stderr.strip()})"
+                said = error.stderr.strip()
+                meant = (REFUSALS[each] for each in REFUSALS if each in said)
+                return multicast(f"no {channel}: {next(meant, said)}")
     return "socketcan", channel, ""
+
+
+def multicast(why: str) -> tuple[str, str, str]:
+    """Return the bus between processes and why it is taken; without a network there is none."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        group = socket.inet_aton(GROUP) + socket.inet_aton("0.0.0.0")
+        try:
+            probe.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+        except OSError as error:
+            raise SystemExit(
+                f"no bus     {why}; no udp_multicast: {error.strerror}, it needs a network "
+                "(a container's --network none has none)"
+            ) from None
+    return "udp_multicast", GROUP, f" ({why})"
 
 
 def statuses(listener: can.BusABC, until_s: float) -> Iterator[str]:

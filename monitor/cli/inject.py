@@ -12,15 +12,7 @@ from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames, Input, Output
 from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import UsageError
-from monitor.cli.options import (
-    Seconds,
-    SetupOptions,
-    add_bus,
-    bus_name,
-    open_bus,
-    say,
-    set_up,
-)
+from monitor.cli.options import Seconds, SetupOptions, add_bus, bus_name, open_bus, say, set_up
 
 if TYPE_CHECKING:
     import can

@@ -2,6 +2,7 @@
 
 import argparse
 import errno
+import logging
 import os
 import sys
 from collections.abc import Callable, Mapping
@@ -248,8 +249,13 @@ def open_bus(args: argparse.Namespace) -> "can.BusABC":
         NotImplementedError,
     ) as error:
         where = bus_name(args) or "no -i and -c given"
-        cause = error.__cause__ or error
+        cause: BaseException = error
+        while cause.__cause__:
+            cause = cause.__cause__
         reason = str(cause) or type(cause).__name__
         if "msgpack" in reason:
             reason += ": pip install '.[multicast]' in the project's folder"
+        if "udp_multicast" in where and getattr(cause, "errno", None) == errno.ENODEV:
+            reason += ": it needs a network, and here is none (a container's --network none?)"
+        logging.getLogger("can").setLevel(logging.CRITICAL)  # of a bus that never opened
         raise BusError(f"cannot open the bus ({where}): {reason}") from None

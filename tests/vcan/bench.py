@@ -1,6 +1,6 @@
 """A bench on two virtual buses: player into vcan0, gateway with a scenario to vcan1, monitor there.
 
-    python bench.py LOG SCENARIO FOLDER
+    python bench.py LOG SCENARIO FOLDER SECONDS
 
 Shortly before the log ends a UDS tester on vcan1 and an OBD tester on vcan0, behind the gateway,
 ask for codes, and a browser fetches the live page. FOLDER then holds run.json and recorded.log of
@@ -19,13 +19,14 @@ from pathlib import Path
 
 import can
 import isotp
-from listening import wait_until_listening
+from listening import wait_until, wait_until_listening
 from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 
 O2MON = [sys.executable, "-m", "monitor.cli"]
 SOCKETCAN = ("-i", "socketcan", "-c")
 REQUEST_ID, RESPONSE_ID = 0x7E1, 0x7E9
+ADDRESS = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=REQUEST_ID, rxid=RESPONSE_ID)
 PAGE = "http://127.0.0.1:8765/"
 ASK_BEFORE_END_S = 18.0
 PATIENCE_S = 90.0
@@ -38,6 +39,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     for name in ("log", "scenario", "folder"):
         parser.add_argument(name, type=Path)
+    parser.add_argument("seconds", type=float, help="length of the log")
     options = parser.parse_args()
     folder: Path = options.folder
     monitor = [*O2MON, "run", *SOCKETCAN, "vcan1", "--transmit", "--live", PAGE[7:-1], "--quiet"]
@@ -56,17 +58,10 @@ def main() -> int:
             for process in (listening, between):
                 wait_until_listening(process, PATIENCE_S)
             with subprocess.Popen(player) as playing:
-                time.sleep(max(length_s(options.log) - ASK_BEFORE_END_S, 0.0))
-                uds = ask_uds()
-                until_s = time.monotonic() + PATIENCE_S
-                while not uds and time.monotonic() < until_s:  # the player lags on a busy machine
-                    time.sleep(1.0)
-                    uds = ask_uds()
-                event = first_event()
-                while not shown_codes(event) and time.monotonic() < until_s:  # so does the server
-                    time.sleep(1.0)
-                    event = first_event()
-                told = {"uds": uds, "obd": ask_obd(), "page": fetch(), "event": event}
+                time.sleep(options.seconds - ASK_BEFORE_END_S)
+                wait_until(ask_uds, PATIENCE_S)  # the player lags on a busy machine
+                wait_until(shown_codes, PATIENCE_S)  # so does the server
+                told = {"uds": ask_uds(), "obd": ask_obd(), "page": fetch(), "event": first_event()}
                 (folder / "clients.json").write_text(json.dumps(told), encoding="utf-8")
                 returncodes["player"] = playing.wait(timeout=PATIENCE_S)
             ended = {"monitor": listening, "gateway": between}
@@ -84,7 +79,7 @@ def main() -> int:
 def ask_uds() -> dict[str, int]:
     """Return the pending codes and their status as a UDS tester on the monitor's bus reads them."""
     with tester("vcan1") as bus:
-        stack = isotp.CanStack(bus, address=address())
+        stack = isotp.CanStack(bus, address=ADDRESS)
         with Client(PythonIsoTpConnection(stack), request_timeout=10) as client:
             client.tester_present()
             response = client.get_dtc_by_status_mask(BY_STATUS)
@@ -96,7 +91,7 @@ def ask_uds() -> dict[str, int]:
 def ask_obd() -> str:
     """Return the answer to OBD service $07, in hexadecimal, as it comes through the gateway."""
     with tester("vcan0") as bus:
-        stack = isotp.CanStack(bus, address=address())
+        stack = isotp.CanStack(bus, address=ADDRESS)
         stack.start()
         try:
             stack.send(b"\x07")
@@ -114,11 +109,6 @@ def tester(channel: str) -> can.BusABC:
     return can.Bus(interface="socketcan", channel=channel, can_filters=answers)
 
 
-def address() -> isotp.Address:
-    """Return the monitor's address as a tester has it."""
-    return isotp.Address(isotp.AddressingMode.Normal_11bits, txid=REQUEST_ID, rxid=RESPONSE_ID)
-
-
 def fetch() -> str:
     """Return the live page."""
     with urllib.request.urlopen(PAGE, timeout=20) as page:
@@ -126,27 +116,15 @@ def fetch() -> str:
 
 
 def first_event() -> str:
-    """Return the first event of the page's stream."""
-    lines: list[str] = []
+    """Return the data of the first event of the page's stream."""
     with urllib.request.urlopen(f"{PAGE}events", timeout=20) as stream:
-        for line in stream:
-            lines.append(line.decode("utf-8"))
-            if lines[-1] == "\n" and any(each.startswith("data:") for each in lines):
-                break
-    return "".join(lines)
+        return next(str(line, "utf-8") for line in stream if line.startswith(b"data: "))
 
 
-def shown_codes(event: str) -> list[object]:
-    """Return the codes that an event of the page shows."""
-    shown = json.loads(event.partition("data: ")[2])
+def shown_codes() -> list[object]:
+    """Return the codes that the page shows."""
+    shown = json.loads(first_event().partition("data: ")[2])
     return list(shown.get("memory", {}).get("codes", []))
-
-
-def length_s(log: Path) -> float:
-    """Return how long the log lasts."""
-    with can.LogReader(log) as reader:
-        times_s = [message.timestamp for message in reader]
-    return times_s[-1] - times_s[0]
 
 
 if __name__ == "__main__":

@@ -9,11 +9,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import can
-from listening import n_receivers, wait_until_listening
+from listening import n_receivers, wait_until, wait_until_listening
 
 CHECK = [sys.executable, "-m", "tests.vcan.check_obd"]
 MONITOR = ["-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--sink", "jsonl:-"]
@@ -43,7 +42,7 @@ def main() -> int:
             time.sleep(DOWN_S)
             ip("link add dev vcan0 type vcan")
             ip("link set dev vcan0 up")
-            wait_until_back()
+            wait_until(n_receivers, BACK_S)
             send()
             time.sleep(1.0)
             monitor.send_signal(signal.SIGINT)
@@ -53,13 +52,6 @@ def main() -> int:
             return 99
         finally:
             monitor.kill()
-
-
-def wait_until_back() -> None:
-    """Return once a socket listens on the new interface, at the latest after BACK_S."""
-    until_s = time.monotonic() + BACK_S
-    while not n_receivers() and time.monotonic() < until_s:
-        time.sleep(0.2)
 
 
 def send() -> None:
@@ -73,8 +65,7 @@ def send() -> None:
 
 def ip(words: str) -> None:
     """Run ``ip`` with these words."""
-    argv: Sequence[str] = ["ip", *words.split()]
-    subprocess.run(argv, check=True)
+    subprocess.run(["ip", *words.split()], check=True)
 
 
 if __name__ == "__main__":

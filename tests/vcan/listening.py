@@ -3,6 +3,7 @@
 import os
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -20,6 +21,13 @@ def wait_until_listening(listener: subprocess.Popen[bytes], patience_s: float) -
         if n_receivers() > 0 and cpu_time_s(listener.pid) - before < QUIET_SHARE:
             return
     raise TimeoutError(f"nobody listened on vcan0 within {patience_s} s")
+
+
+def wait_until(condition: Callable[[], object], patience_s: float) -> None:
+    """Return once the condition holds, at the latest after ``patience_s``."""
+    until_s = time.monotonic() + patience_s
+    while not condition() and time.monotonic() < until_s:
+        time.sleep(0.5)
 
 
 def n_receivers() -> int:

@@ -45,7 +45,7 @@ def test_a_fault_put_in_between_two_buses_is_found_and_told_to_testers_and_brows
     write_log(log, thinned(stretch(list(read_frames(HEALTHY)))))
     scenario.write_text(SCENARIO)
     # WHEN it is played into vcan0, passed on to vcan1 by the gateway, and judged there
-    command = [sys.executable, str(BENCH), str(log), str(scenario), str(tmp_path)]
+    command = [sys.executable, str(BENCH), str(log), str(scenario), str(tmp_path), str(LENGTH_S)]
     finished = run_with_vcan(command, ROOT, timeout_s=LENGTH_S + START_AND_END_S, n_buses=2)
     assert finished.returncode == 0, finished.stdout
     assert json.loads(finished.stdout.splitlines()[-1]) == {"player": 0, "gateway": 0, "monitor": 0}

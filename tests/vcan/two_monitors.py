@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import can
-from listening import n_receivers, wait_until_listening
+from listening import n_receivers, wait_until, wait_until_listening
 
 STATUS = [{"can_id": 0x5C0, "can_mask": 0x7FF, "extended": False}]
 O2MON = [sys.executable, "-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--transmit"]
@@ -34,9 +34,7 @@ def main() -> int:
             before = n_receivers()
             with subprocess.Popen([program, "vcan0", "vcan1"]) as in_c:
                 try:
-                    until_s = time.monotonic() + PATIENCE_S
-                    while n_receivers() < before + N_MESSAGES and time.monotonic() < until_s:
-                        time.sleep(0.05)
+                    wait_until(lambda: n_receivers() >= before + N_MESSAGES, PATIENCE_S)
                     Path(out).write_text(json.dumps(played(frames)), encoding="ascii")
                 finally:
                     in_c.terminate()

@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Sequence
+from math import inf
 from typing import Any
 
 from monitor.base import config
@@ -106,10 +107,8 @@ class Player:
         self.feed.close()
 
 
-def frames_of(fault: str, seconds: float | None = None) -> list[Frame]:
+def frames_of(fault: str, seconds: float = inf) -> list[Frame]:
     """Return the frames of one of the replay logs, the first so many seconds."""
     path = next(iter(sorted(ROOT.glob(f"replay_logs/{fault}_*.blf"))))
     frames = list(read_frames(path))
-    if seconds is None:
-        return frames
     return [frame for frame in frames if frame.t_ns < frames[0].t_ns + seconds * 1e9]

@@ -70,22 +70,6 @@ STEADY = {
 }
 
 
-class _At(Mapping[str, float]):
-    """One row of a drive."""
-
-    def __init__(self, drive: Mapping[str, FloatArray], at: int) -> None:
-        self._drive, self._at = drive, at
-
-    def __getitem__(self, name: str) -> float:
-        return float(self._drive[name][self._at])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._drive)
-
-    def __len__(self) -> int:
-        return len(self._drive)
-
-
 class ObdEcu:
     """Answers service 01 with the row of a drive that holds at the time.
 
@@ -169,7 +153,8 @@ class ObdEcu:
             return b""
         n, value_of = J1979[pid]
         at = max(int(np.searchsorted(self._t_s, now_s, side="right")) - 1, 0)
-        value = min(max(round(value_of(_At(self._drive, at))), 0), (1 << 8 * n) - 1)
+        row = {name: float(x[at]) for name, x in self._drive.items()}
+        value = min(max(round(value_of(row)), 0), (1 << 8 * n) - 1)
         return bytes([pid]) + value.to_bytes(n, "big")
 
 
