@@ -114,12 +114,6 @@ def test_a_stuck_sensor_reads_one_value(name: str, severity: float | None, reads
     assert got.tolist() == [reads] * 3
 
 
-@pytest.mark.parametrize("name", ["not_ready", "heater", "signal_missing"])
-def test_a_sensor_that_says_nothing_reads_nan(name: str) -> None:
-    got = faulty_readings(resolve(name), [0.8, 1.0, 1.3], PERIOD_S)
-    assert all(math.isnan(value) for value in got)
-
-
 @pytest.mark.parametrize("name", NAMES)
 @inputs(15)
 @given(st.lists(st.one_of(st.floats(0.6, 2.0), st.just(math.nan)), max_size=40))

@@ -9,7 +9,7 @@ import pytest
 from monitor import cli
 from monitor.memory import obd_records
 from monitor.memory.dtc import Dtc
-from monitor.memory.dtc_store import DtcStore, Saved
+from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
 from tests.helpers.logs.injected_frames import HEALTHY
@@ -140,26 +140,15 @@ def test_clearing_says_that_permanent_codes_stay(memory: Path, capsys: Capture) 
     assert again["cleared"] == []
 
 
-def test_clearing_is_refused_while_a_monitor_runs_on_the_memory(
-    memory: Path, capsys: Capture
+@pytest.mark.parametrize("command", [("dtc", "clear"), ("replay", str(HEALTHY), "--quiet")])
+def test_clearing_and_replaying_are_refused_while_a_monitor_runs_on_the_memory(
+    command: tuple[str, ...], memory: Path, capsys: Capture
 ) -> None:
     with closing(Memory(memory, hold=True)):
-        assert cli.main(["dtc", "clear", "--memory", str(memory)]) == 2
+        assert cli.main([*command, "--memory", str(memory)]) == 2
         assert "o2.db: the fault memory is in use by a running monitor" in capsys.readouterr().err
         assert "P015A" in output(capsys, "list", "--memory", memory)  # reading is allowed
     output(capsys, "clear", "--memory", memory)
-
-
-def test_a_replay_is_refused_while_another_process_works_on_the_memory(
-    memory: Path, capsys: Capture
-) -> None:
-    # GIVEN a memory that somebody else reads at the beginning and writes at the end
-    with closing(Memory(memory, hold=True)):
-        # WHEN a replay would do the same
-        code = cli.main(["replay", str(HEALTHY), "--memory", str(memory), "--quiet"])
-    # THEN it says so, and no code of either is written over
-    assert code == 2
-    assert "o2.db: the fault memory is in use by a running monitor" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("action", ["list", "freeze-frame", "readiness", "clear"])
@@ -180,15 +169,6 @@ def test_a_memory_that_cannot_be_used_is_one_line_and_exit_code_2(
     assert cli.main(["dtc", action, "--memory", str(other)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "drive.log: not a fault memory" in line
-
-
-def test_replay_goes_on_from_a_memory_that_was_cleared(tmp_path: Path) -> None:
-    path = tmp_path / "o2.db"
-    with closing(Memory(path)) as memory:
-        memory.save(Saved(permanent={"P0133": "transient"}))
-    assert cli.main(["dtc", "clear", "--memory", str(path)]) == 0
-    with closing(Memory(path)) as memory:
-        assert DtcStore(memory.load()).permanent == ("P0133",)
 
 
 def test_readiness_prints_numbers_without_exponents(tmp_path: Path, capsys: Capture) -> None:

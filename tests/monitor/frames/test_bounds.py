@@ -15,11 +15,11 @@ from can.io import blf as python_can
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
-from monitor.frames.blocks import LogCounters, frames_of
+from monitor.frames.blocks import LogCounters
 from monitor.frames.bounds import FREE_BYTES, LINE_BYTES, PIECE_BYTES, RATIO
-from monitor.frames.logs import read_blocks, read_frames
+from monitor.frames.logs import read_frames
 from tests.helpers.logs.bad_logs import block
-from tests.helpers.logs.read_outcome import outcome, streamed
+from tests.helpers.logs.read_outcome import read_at_once, streamed
 from training.recordings.files.mf4_log import write_mf4
 
 FRAME = {
@@ -37,15 +37,9 @@ WIDE = {
 }
 
 
-def in_blocks(path: Path) -> tuple[list[Frame], LogCounters, str | None]:
-    counters = LogCounters()
-    blocks = read_blocks(path, counters)
-    return outcome((frame for block in blocks for frame in frames_of(block)), counters)
-
-
 def refused(path: Path, message: str) -> None:
     """The log is refused; candump line by line with the same words after the same frames."""
-    found = in_blocks(path)
+    found = read_at_once(path)
     error = found[2]
     assert error is not None
     assert str(path) in error
@@ -74,8 +68,8 @@ def test_the_bound_of_a_line_is_the_same_for_both_readers(tmp_path: Path, length
     if is_bound:
         refused(path, "a line of")
     else:
-        assert in_blocks(path) == streamed(path)
-        assert "line 2 is" in in_blocks(path)[1].notes[0]
+        assert read_at_once(path) == streamed(path)
+        assert "line 2 is" in read_at_once(path)[1].notes[0]
 
 
 @pytest.mark.parametrize("kind", [".log", ".asc", ".csv", ".trc", ".blf", ".mf4"])
@@ -133,7 +127,7 @@ def test_a_fifo_a_socket_and_a_device_are_refused_at_once(tmp_path: Path, kind: 
         end.bind(str(port))
         for path, word in ((fifo, "a FIFO"), (device, "a device"), (port, "a socket")):
             with pytest.raises(RecordingError, match=f"is {word}, a regular file is wanted"):
-                in_blocks(path)
+                read_at_once(path)
 
 
 @pytest.mark.parametrize("kind", [".asc", ".csv", ".trc"])

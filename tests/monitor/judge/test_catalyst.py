@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -102,11 +103,16 @@ def judged(
     return monitor, results
 
 
+def entry_of(values: FloatArray) -> dict[str, Any]:
+    """Return what is said of the catalyst at the end of a drive."""
+    entry = judged(values)[0].entry()
+    assert entry is not None
+    return entry
+
+
 @pytest.mark.parametrize("capacity_g", [0.03, 0.06, 0.3, 0.6])
 def test_a_catalyst_is_judged_by_what_it_stores(capacity_g: float) -> None:
-    monitor, _ = judged(a_drive(capacity_g))
-    entry = monitor.entry()
-    assert entry is not None
+    entry = entry_of(a_drive(capacity_g))
     assert entry["verdict"] == ("failed" if capacity_g < 0.1 else "passed")
     assert entry["sensor_verdict"] != "failed"
     if capacity_g > 0.1:
@@ -135,9 +141,7 @@ def test_a_wide_range_sensor_behind_the_catalyst_tells_what_it_stores(
 
 @pytest.mark.parametrize("lag_s", [1.5, 3.0])
 def test_a_slow_sensor_passes_no_bad_catalyst(lag_s: float) -> None:
-    monitor, _ = judged(a_drive(0.05, lag_s=lag_s))
-    entry = monitor.entry()
-    assert entry is not None
+    entry = entry_of(a_drive(0.05, lag_s=lag_s))
     assert entry["verdict"] != "passed" or entry["sensor_verdict"] == "failed"
 
 
@@ -145,9 +149,7 @@ def test_a_slow_sensor_passes_no_bad_catalyst(lag_s: float) -> None:
 def test_a_sensor_that_is_slower_in_one_direction_within_the_spread_is_sound(
     to_rich_s: float, to_lean_s: float
 ) -> None:
-    monitor, _ = judged(a_drive(0.25, to_rich_s, to_lean_s=to_lean_s))
-    entry = monitor.entry()
-    assert entry is not None
+    entry = entry_of(a_drive(0.25, to_rich_s, to_lean_s=to_lean_s))
     assert (entry["verdict"], entry["sensor_verdict"]) == ("passed", "passed")
 
 
@@ -166,8 +168,7 @@ def test_an_upstream_offset_contradicts_the_balance(offset: float, faults: set[s
 def test_the_offset_has_a_standard_error_from_the_spread_of_the_drive() -> None:
     stds, errors = [], []
     for seed in range(3):
-        entry = judged(a_drive(0.3, offset=0.005, seed=seed, minutes=5.0))[0].entry()
-        assert entry is not None
+        entry = entry_of(a_drive(0.3, offset=0.005, seed=seed, minutes=5.0))
         errors.append(entry["upstream_offset_lambda"] - 0.005)
         stds.append(entry["upstream_offset_std"])
     assert min(stds) >= SETTINGS.offset_model_phi
@@ -197,9 +198,7 @@ def test_a_longer_drive_makes_no_error_of_the_model_certain(segments: int, fades
 
 @pytest.mark.parametrize("offset", [0.02, -0.02])
 def test_an_upstream_offset_that_saturates_passes_no_bad_catalyst(offset: float) -> None:
-    entry = judged(a_drive(0.05, offset=offset))[0].entry()
-    assert entry is not None
-    assert entry["verdict"] != "passed"
+    assert entry_of(a_drive(0.05, offset=offset))["verdict"] != "passed"
 
 
 @pytest.mark.parametrize("capacity_g", [0.05, 0.4])
@@ -207,8 +206,7 @@ def test_fuel_in_the_refill_that_the_front_sensor_does_not_see_turns_no_verdict(
     capacity_g: float,
 ) -> None:
     # GIVEN wall film that makes the gas richer by 0.03 after each fuel cut than the sensor reads
-    entry = judged(a_drive(capacity_g, unseen_fuel=0.03))[0].entry()
-    assert entry is not None
+    entry = entry_of(a_drive(capacity_g, unseen_fuel=0.03))
     assert entry["verdict"] != ("passed" if capacity_g < 0.1 else "failed")
     assert entry["sensor_verdict"] != "failed"
 

@@ -60,16 +60,7 @@ saved_stores = st.builds(
         max_size=5,
         unique_by=lambda r: r.test,
     ).map(tuple),
-    st.builds(
-        obd_records.Counts,
-        numbers,
-        numbers,
-        numbers,
-        quantities,
-        quantities,
-        quantities,
-        quantities,
-    ),
+    st.builds(obd_records.Counts, *3 * [numbers], *4 * [quantities]),
     st.frozensets(tests),
 )
 

@@ -8,7 +8,6 @@ from typing import Any
 import httpx
 import pytest
 
-from monitor.base.errors import UsageError
 from monitor.bus.live.address import PageAddress, is_loopback, listen, may_ask, parse
 from monitor.bus.live.hub import RING, SAMPLES, WINDOWS, Hub
 from monitor.bus.live.page import FILES, HEADERS, Page
@@ -171,13 +170,6 @@ def test_addresses_are_understood(text: str, wanted: PageAddress) -> None:
 def test_other_texts_are_no_addresses(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="HOST:PORT is wanted"):
         parse(text)
-
-
-def test_a_port_that_is_taken_is_refused_in_one_line() -> None:
-    with listen(PageAddress(HOST, 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(UsageError, match=f"^--live {HOST}:{port}: Address already in use$"):
-            listen(PageAddress(HOST, port))
 
 
 def test_loopback_is_known_from_the_rest() -> None:
