@@ -4,6 +4,7 @@ import importlib.util
 import re
 import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from monitor import load_model
 from tests.conftest import ROOT
+from tests.helpers.logs.injected_frames import first_minutes
 from training.fleet.page import fleet_page
 
 EXAMPLES = ROOT / "examples"
@@ -38,11 +40,14 @@ def test_an_example_runs_as_it_is(name: str) -> None:
 
 
 @pytest.mark.waits
-def test_a_drive_on_a_virtual_bus_sets_the_flag_that_is_read_back_from_the_bus() -> None:
-    # GIVEN the beginning of a drive whose sensor is late from its fifth second on
-    call = [sys.executable, str(EXAMPLES / "virtual_bus.py"), "--live", "", "--seconds", "75"]
+def test_a_drive_on_a_virtual_bus_sets_the_flag_that_is_read_back_from_the_bus(
+    tmp_path: Path,
+) -> None:
+    # GIVEN a stretch of a drive whose sensor is late from its fifth second on, its code at the 20th
+    drive = first_minutes(tmp_path, 50.0, from_s=30.0)
+    call = [sys.executable, str(EXAMPLES / "virtual_bus.py"), "--live", "", "--seconds", "50"]
     # WHEN it is played in real time into a bus of this machine
-    call += ["--fault", "delay_rich_to_lean=0.8@5"]
+    call += ["--drive", str(drive), "--fault", "delay_rich_to_lean=0.8@5"]
     ran = subprocess.run(call, capture_output=True, text=True, check=True, cwd=ROOT)
     # THEN the bus carried the monitor's states in their order, the flag and the code
     told = ran.stdout

@@ -18,29 +18,18 @@ from monitor.judge.limits import NO_LIMITS
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.drives.recordings import recording_of_samples
-from training.dyno import ecu, vehicle
-from training.dyno.simulation import Experiment, simulate
+from tests.helpers.drives.simulated_drives import WARM, sampled
+from training.dyno.simulation import Experiment
 from training.limits.judging import judge
-from training.recordings.recording import Recording
 
 RATE = 0.05
-WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
 HEALTHY = Experiment(cycle="hwfet", conditions=WARM)
-
-
-def drive(experiment: Experiment) -> Recording:
-    bus_map = ecu.own_bus()
-    rng = np.random.default_rng([experiment.seed, experiment.vehicle])
-    sent = ecu.broadcast(
-        simulate(experiment), bus_map, rng, experiment.fault, experiment.fault_start_s
-    )
-    block = ecu.samples(sent, bus_map, 100_000_000)
-    return recording_of_samples(block, bus_map.names)
 
 
 def windows(*experiments: Experiment) -> Windows:
     model, settings = Model.load(shipped_model()), config.load()
-    return Windows.of([judge(drive(e), model, NO_LIMITS, settings).windows for e in experiments])
+    drives = (recording_of_samples(*sampled(each)) for each in experiments)
+    return Windows.of([judge(drive, model, NO_LIMITS, settings).windows for drive in drives])
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 
-from monitor.base.types import FloatArray
-from training.dyno import vehicle
+from monitor.base.types import FloatArray, SampleBlock
+from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
 
 WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
@@ -31,3 +31,16 @@ def driven(experiment: Experiment) -> Mapping[str, FloatArray]:
 
 def differs(a: Mapping[str, FloatArray], b: Mapping[str, FloatArray], name: str) -> bool:
     return not np.array_equal(a[name], b[name], equal_nan=True)
+
+
+def sampled(
+    experiment: Experiment, rng: np.random.Generator | None = None
+) -> tuple[SampleBlock, tuple[str, ...]]:
+    """Return a drive's samples at 10 Hz, as the monitor makes them of its frames, and their names.
+
+    rng : draws phase and jitter of the messages
+    """
+    bus = ecu.own_bus()
+    rng = rng or np.random.default_rng([experiment.seed, experiment.vehicle])
+    sent = ecu.broadcast(simulate(experiment), bus, rng, experiment.fault, experiment.fault_start_s)
+    return ecu.samples(sent, bus, 100_000_000), ecu.names_of(sent, bus)

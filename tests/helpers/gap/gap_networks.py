@@ -15,11 +15,11 @@ from monitor.judge.limits import NO_LIMITS
 from monitor.model.card import TrainingRecording
 from monitor.model.step import Model
 from tests.helpers.drives.recordings import recording_of_samples
+from tests.helpers.drives.simulated_drives import sampled
 from tests.helpers.shared import shared
 from training.dyno import vehicle
-from training.dyno.ecu import broadcast, own_bus, samples
 from training.dyno.effects import from_severities
-from training.dyno.simulation import Experiment, simulate
+from training.dyno.simulation import Experiment
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
@@ -58,9 +58,8 @@ def drive(
         duration_s=duration_s,
         conditions=weather._replace(coolant_start_degc=start_degc),
     )
-    bus, rng = own_bus(), np.random.default_rng([5, seed])
-    block = samples(broadcast(simulate(experiment), bus, rng), bus, 100_000_000)
-    return recording_of_samples(block, bus.names, f"{experiment.name}.log", f"{seed:064x}")
+    block, names = sampled(experiment, np.random.default_rng([5, seed]))
+    return recording_of_samples(block, names, f"{experiment.name}.log", f"{seed:064x}")
 
 
 def small_network(folder: Path) -> FitResult:

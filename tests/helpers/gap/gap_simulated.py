@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 
 from monitor.base.faults import resolve
+from tests.helpers.drives.simulated_drives import sampled
 from tests.helpers.shared import shared
-from training.dyno.ecu import broadcast, own_bus, samples
 from training.dyno.effects import from_severities
-from training.dyno.simulation import Experiment, simulate
+from training.dyno.simulation import Experiment
 from training.greybox.chain import Constants
 from training.greybox.fit import drive
 from training.greybox.fit.drive import ChainDrive
@@ -28,21 +28,17 @@ def simulated(
     also: tuple[str, float] | None = None,
 ) -> ChainDrive:
     """Return ten minutes of a drive as the monitor's grid sees them."""
-    fails = resolve(*fault) if fault else None
     experiment = Experiment(
         cycle=cycle,
         vehicle=VEHICLE,
         seed=seed,
         effects=from_severities(dict(each for each in (effect, also) if each)),
-        fault=fails,
+        fault=resolve(*fault) if fault else None,
         fault_start_s=fault_start_s,
         duration_s=600.0,
     )
-    bus = own_bus()
-    rng = np.random.default_rng([5, seed])
-    sent = broadcast(simulate(experiment), bus, rng, fails, fault_start_s)
-    values = samples(sent, bus, 100_000_000).values
-    columns = {name: values[:, i] for i, name in enumerate(bus.names)}
+    block, names = sampled(experiment, np.random.default_rng([5, seed]))
+    columns = dict(zip(names, block.values.T, strict=True))
     measured = columns.pop("lambda_measured")
     return drive.make(experiment.name, 0.1, columns, measured)
 

@@ -56,9 +56,16 @@ def write(path: Path, frames: list[Frame]) -> None:
     assert write_log(path, frames) == len(frames)
 
 
-def first_minutes(folder: Path, seconds: float = 210.0) -> Path:
-    """Write the begin of a healthy drive to a log."""
+def first_minutes(folder: Path, seconds: float = 210.0, from_s: float = 0.0) -> Path:
+    """Write the begin of a healthy drive, or a part of it, to a log."""
     path = folder / "healthy.log"
     frames = list(read_frames(HEALTHY))
-    write(path, [frame for frame in frames if frame.t_ns - frames[0].t_ns < 1e9 * seconds])
+    write(
+        path,
+        [
+            frame
+            for frame in frames
+            if 0 <= frame.t_ns - frames[0].t_ns - 1e9 * from_s < 1e9 * seconds
+        ],
+    )
     return path

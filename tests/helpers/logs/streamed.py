@@ -28,6 +28,28 @@ from training.limits.side_by_side import Judged
 
 PERIOD_NS = 100_000_000
 SHIPPED = config.load()
+# short times, so that short recordings reach windows, verdicts and codes
+SHORT = replace(
+    SHIPPED,
+    window=replace(SHIPPED.window, n_samples=10),
+    enable=replace(
+        SHIPPED.enable, model_settle_samples=3, fuel_cut_recovery_s=0.3, purge_recovery_s=0.2
+    ),
+    cycles=replace(
+        SHIPPED.cycles,
+        engine_off_s=4.0,
+        silent_s=1.0,
+        start_s=0.5,
+        denominator_run_s=6.0,
+        denominator_moving_s=4.0,
+        denominator_idle_s=0.5,
+    ),
+    plausibility=replace(
+        SHIPPED.plausibility, stuck_s=1.0, start_patience_s=1.0, not_ready_s=1.0, stuck_range=0.01
+    ),
+    debounce=replace(SHIPPED.debounce, tick_fail_s=0.4, tick_pass_s=0.9),
+    bias=replace(SHIPPED.bias, reference_windows=2),
+)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import pytest
 
 from monitor.base import config
 from monitor.base.types import Frame
+from monitor.bus.ending import ended_by_signals
 from monitor.bus.loop import Loop
 from monitor.bus.terminal import REDRAW_S, WAITING_LINES, EventLines, Out, Screen, StatusLine
 from monitor.bus.watchdog import Watchdog
@@ -193,12 +194,16 @@ def test_a_manager_that_is_gone_ends_nothing(manager: socket.socket, tmp_path: P
     own.close()
 
 
-def test_a_service_is_ready_and_ends_by_sigterm_with_its_memory_stored(
-    manager: socket.socket, tmp_path: Path
+@pytest.mark.parametrize(
+    "signals", [[signal.SIGTERM], 2 * [signal.SIGHUP]], ids=["a service", "a terminal hangs up"]
+)
+def test_a_run_that_is_ended_from_outside_says_and_stores_what_it_found(
+    signals: list[signal.Signals], manager: socket.socket, tmp_path: Path
 ) -> None:
     # GIVEN the monitor as a service manager starts it, on a bus nobody sends to
-    memory = tmp_path / "o2.db"
-    command = ["run", "-i", "virtual", "-c", "silent", "--sink", "jsonl:-", "--memory", str(memory)]
+    memory, out, page = (tmp_path / name for name in ("o2.db", "out.json", "out.html"))
+    command = ["run", "-i", "virtual", "-c", "silent", "--quiet", "--sink", "jsonl:-"]
+    command += ["--memory", str(memory), "--json", str(out), "--html", str(page)]
     environment = os.environ | {"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "200000"}
     with subprocess.Popen(
         [sys.executable, "-m", "monitor.cli", *command],
@@ -211,14 +216,33 @@ def test_a_service_is_ready_and_ends_by_sigterm_with_its_memory_stored(
         assert "READY=1" in heard(manager)
         assert "WATCHDOG=1" in heard(manager)
         # WHEN it is to end
-        process.send_signal(signal.SIGTERM)
+        for each in signals:  # a hang-up comes from the kernel and from the shell
+            process.send_signal(each)
         records, words = process.communicate(timeout=60.0)
     # THEN it ends by itself, says so, and has stored its memory
     assert process.returncode == 3  # nothing was judged
     told = []
     while not told or told[-1] != "STOPPING=1":
         told += heard(manager)
-    assert [json.loads(line)["kind"] for line in records.splitlines()] == ["health", "health"]
+    *lines, said = records.splitlines()
+    assert [json.loads(line)["kind"] for line in lines] == ["health", "health"]
+    assert said == f"report: {page}"
     assert "not judged" in words
     with closing(Memory(memory)) as stored:
         assert stored.load().counts is not None
+    (recording,) = json.loads(out.read_text())["recordings"]
+    assert recording["completed"] is False
+    assert "</html>" in page.read_text()
+
+
+def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
+    stopped: list[int] = []
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_by_signals(lambda number, _: stopped.append(number)):
+            os.kill(os.getpid(), signal.SIGHUP)
+            os.kill(os.getpid(), signal.SIGTERM)
+        assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert stopped == [signal.SIGTERM]

@@ -139,21 +139,6 @@ def test_an_mf4_log_without_asammdf_names_the_extra(
         read_frames(folder / "drive.mf4")
 
 
-def test_candump_lines_of_every_kind_are_understood(tmp_path: Path) -> None:
-    path = tmp_path / "kinds.log"
-    path.write_text(
-        "(1.000001) can0 123#0102 R\n(1.1) can0 00000123#\n(2) vcan0 7FF##1AABB\n"
-        "(3.0) can0 123#R4\n(4.0) can0 20000080#0000000000000000\n"
-    )
-    counters = LogCounters()
-    assert list(read_frames(path, counters)) == [
-        Frame(1_000_001_000, 0x123, False, b"\1\2"),
-        Frame(1_100_000_000, 0x123, True, b""),
-        Frame(2_000_000_000, 0x7FF, False, b"\xaa\xbb"),
-    ]
-    assert counters.skipped == 2
-
-
 def table(tmp_path: Path, text: str, name: str = "t.csv") -> Path:
     path = tmp_path / name
     if name.endswith(".gz"):

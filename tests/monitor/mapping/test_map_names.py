@@ -181,16 +181,15 @@ def test_however_it_is_spelled(sensor: str, second: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "message", ["O2_Bank2", "PostCat_O2", "Lambda_Sensor_2", "Lambda_hinterKat"]
+    "said",
+    [
+        *({"message": each} for each in ("O2_Bank2", "PostCat_O2", "Lambda_Sensor_2")),
+        {"message": "Lambda_hinterKat"},
+        {"more": 'CM_ SG_ 256 Lambda "Wideband behind the catalyst";'},
+    ],
 )
-def test_nor_is_one_whose_message_says_so(message: str) -> None:
-    _, proposals = proposed(database_of(lambda_signal("Lambda"), message=message))
-    assert "lambda_measured" not in proposals.names
-
-
-def test_nor_is_one_whose_comment_says_so() -> None:
-    more = 'CM_ SG_ 256 Lambda "Wideband behind the catalyst";'
-    _, proposals = proposed(database_of(lambda_signal("Lambda"), more=more))
+def test_nor_is_one_whose_message_or_comment_says_so(said: dict[str, str]) -> None:
+    _, proposals = proposed(database_of(lambda_signal("Lambda"), **said))
     assert "lambda_measured" not in proposals.names
 
 

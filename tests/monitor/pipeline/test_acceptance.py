@@ -10,9 +10,9 @@ from monitor.base import config, faults
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from training.dyno import ecu
+from tests.helpers.drives.simulated_drives import sampled
 from training.dyno.recording_files import write
-from training.dyno.simulation import Experiment, simulate
+from training.dyno.simulation import Experiment
 from training.limits.judging import judge
 from training.limits.side_by_side import Judged, RecordingJudge
 from training.recordings import metrics
@@ -61,14 +61,10 @@ def model() -> Model:
 
 def judged(experiments: Sequence[Experiment], model: Model) -> list[Judged]:
     """Return the verdicts of the shipped settings, as one driving cycle each."""
-    bus_map, settings = ecu.own_bus(), config.load()
+    settings = config.load()
     limits = Limits.from_card(model.card, settings, "shipped")
-    blocks = []
-    for each in experiments:
-        rng = np.random.default_rng([each.seed, each.vehicle])
-        sent = ecu.broadcast(simulate(each), bus_map, rng, each.fault)
-        blocks.append(ecu.samples(sent, bus_map, model.card.period_ns))
-    return RecordingJudge(bus_map.names, model, limits, settings).judge(blocks)
+    blocks, (names, *_) = zip(*map(sampled, experiments), strict=True)
+    return RecordingJudge(names, model, limits, settings).judge(blocks)
 
 
 def test_healthy_drives_of_many_seeds_get_no_code_and_are_judged(model: Model) -> None:

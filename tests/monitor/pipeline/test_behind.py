@@ -9,10 +9,11 @@ import pytest
 from monitor.base import config, faults
 from monitor.judge.catalyst.watch import CatalystMonitor
 from monitor.pipeline.replay import replay, set_up
-from training.dyno import ecu, effects, vehicle
+from tests.helpers.drives.simulated_drives import sampled
+from training.dyno import effects, vehicle
 from training.dyno.downstream import fault_behind
 from training.dyno.recording_files import write
-from training.dyno.simulation import Experiment, simulate
+from training.dyno.simulation import Experiment
 
 DRIVE = {"vehicle": 21, "seed": 8, "duration_s": 420.0, "downstream": True}
 CIRCUIT = [
@@ -58,22 +59,18 @@ def test_codes_follow_from_the_frames_without_any_memory(
 
 def test_a_voltage_that_mostly_rests_is_no_evidence_of_an_offset() -> None:
     # GIVEN a sound vehicle in town whose ECU cuts no fuel, so that little moves the voltage
-    signals = simulate(
-        Experiment(
-            cycle="micro_trips",
-            vehicle=1124,
-            seed=1124,
-            duration_s=600.0,
-            downstream=True,
-            effects=effects.from_severities({"ethanol": 0.97}),
-            conditions=vehicle.conditions(1124)._replace(overrun_cut=0.0),
-        )
+    drive = Experiment(
+        cycle="micro_trips",
+        vehicle=1124,
+        seed=1124,
+        duration_s=600.0,
+        downstream=True,
+        effects=effects.from_severities({"ethanol": 0.97}),
+        conditions=vehicle.conditions(1124)._replace(overrun_cut=0.0),
     )
-    bus_map = ecu.own_bus()
-    sent = ecu.broadcast(signals, bus_map, np.random.default_rng(1124))
-    block = ecu.samples(sent, bus_map, 100_000_000)
+    block, names = sampled(drive, np.random.default_rng(1124))
     # WHEN the catalyst is judged
-    monitor = CatalystMonitor(config.shipped(), ecu.names_of(sent, bus_map), 0.1)
+    monitor = CatalystMonitor(config.shipped(), names, 0.1)
     running = np.ones(len(block.values), dtype=np.bool_)
     deque(monitor.push(block.values, running), maxlen=0)
     entry = monitor.entry()

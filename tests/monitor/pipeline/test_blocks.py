@@ -20,7 +20,7 @@ from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.examples import inputs
-from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, stream
+from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, SHORT, assert_same, fresh, stream
 from tests.helpers.models.networks import card_of, network_of
 from training.limits.side_by_side import RecordingJudge
 from training.narx.export import save
@@ -28,28 +28,6 @@ from training.narx.export import save
 INPUTS = ("air_mass_mg", "lambda_controller")
 NAMES = (*INPUTS, "lambda_measured", *enable.SIGNALS)
 USUAL = (300.0, 1.0, 1.0, 1.0, 0.0, 1.0, 85.0, 2000.0, 50.0, 60.0, 20.0)
-# short times, so that short recordings reach windows, verdicts and codes
-SHORT = replace(
-    SHIPPED,
-    window=replace(SHIPPED.window, n_samples=10),
-    enable=replace(
-        SHIPPED.enable, model_settle_samples=3, fuel_cut_recovery_s=0.3, purge_recovery_s=0.2
-    ),
-    cycles=replace(
-        SHIPPED.cycles,
-        engine_off_s=4.0,
-        silent_s=1.0,
-        start_s=0.5,
-        denominator_run_s=6.0,
-        denominator_moving_s=4.0,
-        denominator_idle_s=0.5,
-    ),
-    plausibility=replace(
-        SHIPPED.plausibility, stuck_s=1.0, start_patience_s=1.0, not_ready_s=1.0, stuck_range=0.01
-    ),
-    debounce=replace(SHIPPED.debounce, tick_fail_s=0.4, tick_pass_s=0.9),
-    bias=replace(SHIPPED.bias, reference_windows=2),
-)
 TIGHT = replace(
     Limits.from_card(Model.load(shipped_model()).card, SHIPPED, "shipped"),
     j_mu=0.02,

@@ -10,24 +10,14 @@ from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
+from tests.helpers.drives.simulated_drives import WARM, sampled
 from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, stream
-from training.dyno import ecu, vehicle
-from training.dyno.simulation import Experiment, simulate
+from training.dyno.simulation import Experiment
 from training.limits.side_by_side import RecordingJudge
 
 MODEL = Model.load(shipped_model())
 LIMITS = Limits.from_card(MODEL.card, SHIPPED, "shipped")
 streamed = partial(stream, model=MODEL, limits=LIMITS, settings=SHIPPED)
-WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
-
-
-def simulated(experiment: Experiment) -> tuple[SampleBlock, tuple[str, ...]]:
-    bus_map = ecu.own_bus()
-    rng = np.random.default_rng([experiment.seed, experiment.vehicle])
-    sent = ecu.broadcast(
-        simulate(experiment), bus_map, rng, experiment.fault, experiment.fault_start_s
-    )
-    return ecu.samples(sent, bus_map, PERIOD_NS), bus_map.names
 
 
 def ignition_off_and_on(names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
@@ -55,7 +45,7 @@ def test_every_vehicle_is_judged_by_its_own_reference_which_learns_between_two_d
     # GIVEN two recordings of two drives each, one of a vehicle that is known
     drives = [("hwfet", 200.0), ("us06", 200.0)]
     (first, names), (second, _) = [
-        simulated(Experiment(cycle, vehicle=7, seed=9200, conditions=WARM, duration_s=duration_s))
+        sampled(Experiment(cycle, vehicle=7, seed=9200, conditions=WARM, duration_s=duration_s))
         for cycle, duration_s in drives
     ]
     both = [joined(first, first, names), joined(first, second, names)]

@@ -6,34 +6,23 @@ import numpy as np
 import pytest
 
 from monitor.base import faults
-from monitor.base.types import SampleBlock
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED
-from training.dyno import ecu, vehicle
-from training.dyno.simulation import Experiment, simulate
+from tests.helpers.drives.simulated_drives import WARM, sampled
+from tests.helpers.logs.streamed import SHIPPED
+from training.dyno.simulation import Experiment
 from training.limits.side_by_side import Judged, RecordingJudge
 
-WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
 DRIVE = Experiment("udds", vehicle=3, seed=9300, conditions=WARM, duration_s=700.0)
 MODEL = Model.load(shipped_model())
 LIMITS = Limits.from_card(MODEL.card, SHIPPED, "shipped")
 
 
-def drive(fault: str | None, severity: float | None = None) -> tuple[SampleBlock, tuple[str, ...]]:
-    own = faults.resolve(fault, severity) if fault else None
-    experiment = replace(DRIVE, fault=own)
-    bus_map = ecu.own_bus()
-    rng = np.random.default_rng(3)
-    sent = ecu.broadcast(simulate(experiment), bus_map, rng, own, 0.0)
-    block = ecu.samples(sent, bus_map, PERIOD_NS)
-    block.values[:, bus_map.names.index("closed_loop")] = 0.0  # nothing but fuel cuts may decide
-    return block, bus_map.names
-
-
 def judged(fault: str | None, severity: float | None, limits: Limits = LIMITS) -> Judged:
-    block, names = drive(fault, severity)
+    own = faults.resolve(fault, severity) if fault else None
+    block, names = sampled(replace(DRIVE, fault=own), np.random.default_rng(3))
+    block.values[:, names.index("closed_loop")] = 0.0  # nothing but fuel cuts may decide
     return RecordingJudge(names, MODEL, limits, SHIPPED).judge([block])[0]
 
 

@@ -2,46 +2,30 @@
 
 from pathlib import Path
 
-import can
 import pytest
 
-import dbc
 from monitor import cli
 from monitor.base.types import Frame
-from monitor.decode.bus_map import load_pairs
 from monitor.frames.logs import read_frames
-from tests.conftest import ROOT
+from tests.helpers.logs.injected_frames import HEALTHY, LAMBDA_ID, write
 from tests.helpers.logs.replays import replays
-
-ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 
 
 @pytest.fixture(scope="module")
 def drive() -> list[Frame]:
     """Give two minutes of a healthy drive."""
-    (log,) = ROOT.glob("replay_logs/healthy_micro_*.blf")
-    frames = list(read_frames(log))
+    frames = list(read_frames(HEALTHY))
     return [f for f in frames if f.t_ns < frames[0].t_ns + 120_000_000_000]
 
 
 @pytest.fixture
 def deaf(drive: list[Frame], tmp_path: Path) -> Path:
     """Give the drive without the message of the sensor."""
-    lambda_id = ECU.channels["lambda_measured"].message.frame_id
-    return written(tmp_path / "deaf.blf", [f for f in drive if f.can_id != lambda_id])
+    return written(tmp_path / "deaf.blf", [f for f in drive if f.can_id != LAMBDA_ID])
 
 
 def written(path: Path, frames: list[Frame]) -> Path:
-    with can.BLFWriter(path) as writer:
-        for frame in frames:
-            writer.on_message_received(
-                can.Message(
-                    timestamp=frame.t_ns / 1e9,
-                    arbitration_id=frame.can_id,
-                    is_extended_id=frame.is_extended,
-                    data=frame.data,
-                )
-            )
+    write(path, frames)
     return path
 
 

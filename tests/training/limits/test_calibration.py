@@ -17,8 +17,8 @@ from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.bus.chromium import plots_of
+from tests.helpers.drives.simulated_drives import WARM
 from training.cli import main
-from training.dyno import vehicle
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.dyno.truth import tailpipe
@@ -27,7 +27,6 @@ from training.limits.judging import judge
 from training.limits.rates import quantile_bounds, rate
 from training.recordings.recording import load
 
-WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
 HIGHWAY = Experiment(cycle="hwfet", conditions=WARM)
 
 

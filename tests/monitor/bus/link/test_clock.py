@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,22 +45,26 @@ def moved(frames: FrameBlock, places: slice, step_s: float) -> FrameBlock:
     return frames._replace(t_ns=t_ns)
 
 
+def paused(pause_s: float, step_s: float, record: Path) -> dict[str, Any]:
+    """Return what a run says of a drive with a pause, its clock set meanwhile by so much."""
+    rest = moved(chosen(DRIVE, slice(MIDDLE, None)), slice(None), pause_s + step_s)
+    arrivals_s = np.concatenate([TRUE_S[:MIDDLE], TRUE_S[MIDDLE:] + pause_s])
+    bus = Arriving(joined([chosen(DRIVE, slice(0, MIDDLE)), rest]), arrivals_s.tolist())
+    with bus:
+        loop = Loop(bus, SETUP, record=record, say=lambda _: None, monotonic_s=lambda: bus.now_s)
+        bus.loop = loop
+        loop.run()
+    return loop.result("paused")
+
+
 @pytest.mark.parametrize("step_s", [0.0, 3600.0])
 def test_a_bus_that_is_silent_by_the_monotonic_clock_is_missed_whatever_its_counters_say(
     step_s: float, tmp_path: Path
 ) -> None:
     # GIVEN a bus that is silent for five seconds and then goes on as if nothing had been,
     # its clock set meanwhile or not
-    rest = moved(chosen(DRIVE, slice(MIDDLE, None)), slice(None), 5.0 + step_s)
-    frames = joined([chosen(DRIVE, slice(0, MIDDLE)), rest])
-    arrivals_s = np.concatenate([TRUE_S[:MIDDLE], TRUE_S[MIDDLE:] + 5.0])
-    bus = Arriving(frames, arrivals_s.tolist())
     record = tmp_path / "silent.log"
-    with bus:
-        loop = Loop(bus, SETUP, record=record, say=lambda _: None, monotonic_s=lambda: bus.now_s)
-        bus.loop = loop
-        loop.run()
-    live = loop.result("silent")
+    live = paused(5.0, step_s, record)
     # THEN the lost communication is a code, in the run and in the replay of its recording
     assert [dtc["code"] for dtc in live["dtcs"]] == ["U0100"]
     again, _ = replay.replay(record, SETUP)
@@ -71,19 +76,13 @@ def test_a_pause_in_which_values_go_stale_ends_with_a_time_mark_in_the_recording
     tmp_path: Path,
 ) -> None:
     # GIVEN a bus that pauses for less than it takes to make time marks
-    rest = moved(chosen(DRIVE, slice(MIDDLE, None)), slice(None), 0.4)
-    arrivals_s = np.concatenate([TRUE_S[:MIDDLE], TRUE_S[MIDDLE:] + 0.4])
-    bus = Arriving(joined([chosen(DRIVE, slice(0, MIDDLE)), rest]), arrivals_s.tolist())
     record = tmp_path / "pause.log"
-    with bus:
-        loop = Loop(bus, SETUP, record=record, say=lambda _: None, monotonic_s=lambda: bus.now_s)
-        bus.loop = loop
-        loop.run()
+    live = paused(0.4, 0.0, record)
     frames = list(read_frames(record))
     _, mark = [place for place, frame in enumerate(frames) if is_own(frame)]
     assert frames[mark].t_ns == frames[mark + 1].t_ns
     again, _ = replay.replay(record, SETUP)
-    assert judged(again) == judged(loop.result("pause"))
+    assert judged(again) == judged(live)
 
 
 @pytest.mark.parametrize(("asleep_s", "stamps_go_on"), [(8 * 3600.0, True), (61.0, False)])
