@@ -280,7 +280,7 @@ def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cau
         left_s, window_s = judgement.left_s, asked.config.window.n_samples * seen.period_s
         more = "more" if left_s is None else f"about {max(left_s, window_s):.0f} s more"
         quicker = "changing load or fuel cuts" if judgement.judges_cuts else "changing load"
-        advice = f"{had}, {moved}: drive {more} like this, less with {quicker}"
+        advice = f"{had}, {moved}: drive {more} like this; with {quicker} less is enough"
         reason = "not_excited" if excited < n / 2 else "undecided"
         return [Cause("evidence", round(excited / n, 6), None, reason, advice)]
     advice = f"{had}, without a decision of {tests}: record a longer drive"
