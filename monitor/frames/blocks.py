@@ -13,8 +13,6 @@ EXTENDED: Final = 1 << 31  # bit of a block's key: the identifier has 29 bits
 FRAMES: Final = 1 << 16  # most frames in a block
 MAX_BYTES: Final = 64  # data of a CAN FD frame
 LATEST_S: Final = 9.2e9  # 64 bits of nanoseconds end in the year 2262
-
-
 DAMAGED_SHARE: Final = 0.01  # of the lines; a log with more of them is another format, or rubbish
 
 

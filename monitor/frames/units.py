@@ -102,8 +102,6 @@ for _gauge in ("psi", "kpa", "bar", "mbar"):
     UNITS.update(dict.fromkeys((f"{_gauge}g", f"{_gauge}gauge", f"{_gauge}rel"), _counted))
 # lambda = value / stoichiometric
 AFR: Final = ("afr", "afrgasoline", ":1", "a/f", "air/fuel", "o2", "kg/kg", "g/g", "af", "afratio")
-
-
 # stoichiometric ratio of the fuel that a unit names
 FUELS: Final = {
     "e85": 9.8,

@@ -6,7 +6,7 @@ width is made of it, too, so the two would agree whatever the engine breathes. A
 learns the efficiency from pressure, temperature and speed instead.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -99,24 +99,14 @@ DERIVATIONS: Final = (
 )
 
 
-class Made(NamedTuple):
-    """A derived signal."""
-
-    name: str
-    values: FloatArray
-    in_words: str
-
-
-def derive(signals: Signals, engine: ProfileEngine) -> list[Made]:
-    """Return the signals that can be derived and are not there; (n,) each, NaN where unknown."""
-    there, made = dict(signals), list[Made]()
+def derive(signals: Signals, engine: ProfileEngine) -> Iterator[tuple[Derivation, FloatArray]]:
+    """Yield the signals that can be derived and are not there; (n,) each, NaN where unknown."""
+    there = dict(signals)
     for each in DERIVATIONS:
         if each.name in there or not all(name in there for name in each.sources):
             continue
         with np.errstate(all="ignore"):
             values = np.asarray(each.formula(there, engine), dtype=np.float64)
-        if not np.isfinite(values).any():
-            continue
-        there[each.name] = values
-        made.append(Made(each.name, values, each.in_words))
-    return made
+        if np.isfinite(values).any():
+            there[each.name] = values
+            yield each, values

@@ -36,16 +36,6 @@ from monitor.base.signals import BY_NAME
 from monitor.frames.tables.raw_table import Pivot
 
 STOICH_AFR: Final = 14.7
-_KEYS: Final = {
-    "title",
-    "based_on",
-    "stoich_afr",
-    "time",
-    "recognise",
-    "signals",
-    "engine",
-    "pivot",
-}
 _SOURCE_NAMES: Final = {"units": "unit", "inverted": "not"}  # fields whose keys differ
 _SOURCE_FIELDS: Final = {key: name for name, key in _SOURCE_NAMES.items()}
 _SOURCE_KEYS: Final[dict[str, tuple[type, bool]]] = {  # kind of value, and whether it is a list
@@ -165,7 +155,8 @@ def load_profile(path: Path) -> Profile:
 
 def profile_of(tree: Mapping[str, Any], path: Path) -> Profile:
     """Return the profile of a TOML file's tree; raises ConfigError as ``load_profile``."""
-    table = TomlTable(tree, path, ConfigError).only(_KEYS)
+    keys = {"based_on", *(each.name for each in fields(Profile))} - {"name", "file"}
+    table = TomlTable(tree, path, ConfigError).only(keys)
     base, signals = _base(table), table.table("signals")
     for name in signals:
         if name not in BY_NAME:

@@ -62,8 +62,8 @@ def read_signals(
             signals[each.name], pinned[each.name] = _signal(raw, profile, each, cells[:, i])
         told[each.name] = updates[i]
     blank = {each.name: raw.names[each.column] for each in choices if each.name not in signals}
-    for made in derive(signals, profile.engine):
-        signals[made.name], columns[made.name] = made.values, f"made of {made.in_words}"
+    for made, values in [*derive(signals, profile.engine)]:
+        signals[made.name], columns[made.name] = values, f"made of {made.in_words}"
     order = [s.name for s in SIGNALS if s.name in signals]
     order += [name for name in signals if name not in BY_NAME]
     if not order:

@@ -76,10 +76,8 @@ def spread(t_s: FloatArray, notes: Notes) -> FloatArray:
         return t_s
     first = np.flatnonzero(~same)
     size = np.diff(first, append=len(t_s))
-    step_s, usual = (
-        float(np.median(np.diff(t_s[first]))) if len(first) > 1 else 0.0,
-        np.median(size),
-    )
+    usual = np.median(size)
+    step_s = float(np.median(np.diff(t_s[first]))) if len(first) > 1 else 0.0
     if not step_s > 0.0:
         return t_s
     place = np.arange(len(t_s)) - np.repeat(first, size)

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from monitor.frames.tables.raw_table import DAY_S, HOUR_S
-from monitor.frames.units import unit_of
+from monitor.frames.units import conversion, unit_of
 
 NO_VALUE: Final = frozenset(
     {"", "-", "--", "---", "∞", "-∞", "+∞", "nan", "n/a", "na", "#n/a", "null", "none", "no data"}
@@ -166,8 +166,27 @@ def _clock_match(text: str) -> re.Match[str] | None:
 
 
 def of_unit(unit: str, parse: Parse) -> Parse:
-    """Return a parser of cells that end in a unit; one with another unit holds no value."""
-    return lambda text: parse(text.strip().removesuffix(unit))
+    """Return a parser of cells that end in a unit; it converts those in another of its quantity.
+
+    It raises ValueError for a unit of another quantity, and for AFR beside lambda: whose fuel?
+
+    >>> of_unit("V", float)("850 mV")
+    0.85
+    """
+    own = unit_of(unit, math.inf)
+    assert own
+
+    def parsed(text: str) -> float:
+        value, said = measure(text)
+        other = unit_of(said or unit, math.inf)
+        if other == own:
+            return parse(value)
+        if other is None or other.quantity != own.quantity or own.quantity == "lambda":
+            raise ValueError(said)
+        factor, offset = conversion(other, own)
+        return parse(value) * factor + offset
+
+    return parsed
 
 
 def of_words(words: tuple[str, ...]) -> Parse:

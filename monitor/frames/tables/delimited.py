@@ -70,8 +70,12 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
     if name is None or value is None or dialect.columns[name].kind != "text":
         return None
     units: dict[str, str] = {}
-    for _, row in _rows(path, dialect, 0, Notes()):
-        units.setdefault(row[name].strip(), row[unit].strip() if unit is not None else "")
+    for line, row in _rows(path, dialect, 0, Notes()):
+        said = row[unit].strip() if unit is not None else ""
+        if (before := units.setdefault(row[name].strip(), said)) != said:
+            raise RecordingError(
+                f"{path}: line {line}: {row[name]} in {said!r}, before in {before!r}"
+            )
         if len(units) > MOST_NAMES:
             return None
     first = [i for i in range(len(dialect.columns)) if i not in (name, value, unit)]
@@ -127,6 +131,7 @@ def _read(
     rows = _rows(path, dialect, max(places, default=0) + 1, notes)
     plain = not dialect.decimal_comma and all(p in (number, exact_number) for p in parsers)
     steps = np.array([dialect.steps[i] for i in places]) if dialect.steps else 1.0
+    odd: list[str] = []  # cells in another unit than those of their column
     while True:
         block: list[list[float]] = []
         for line, row in islice(rows, _ROWS):
@@ -138,19 +143,26 @@ def _read(
             except ValueError:
                 names = (dialect.columns[i].name for i in places)
                 told = zip(names, parsers, cells, strict=True)
-                block.append([_value(path, line, *each) for each in told])
+                block.append([_value(path, line, odd, *each) for each in told])
+            if len(odd) > 1 + DAMAGED_SHARE * line:
+                raise RecordingError(f"{path}: {odd[0]}, the unit of the cells above is wanted")
         if not block:
-            return
+            break
         yield np.array(block, dtype=np.float64).reshape(len(block), len(places)) * steps
+    if odd:
+        left_out = f"{counted(len(odd), 'cell')} in another unit left out"
+        notes.sentences.append(f"{left_out}, the first: {odd[0]}")
 
 
-def _value(path: Path, line: int, name: str, parse: Parse, cell: str) -> float:
+def _value(path: Path, line: int, odd: list[str], name: str, parse: Parse, cell: str) -> float:
+    """Return a cell's value; NaN for one in another unit, which is told in ``odd``."""
     try:
         return parse(cell)
     except ValueError:
-        raise RecordingError(
-            f"{path}: line {line}: column {name} is {cell.strip()[:40]!r}, a number is wanted"
-        ) from None
+        odd.append(f"line {line}: column {name} is {cell.strip()[:40]!r}")
+        if parse is exact_number:
+            raise RecordingError(f"{path}: {odd[-1]}, a number is wanted") from None
+        return np.nan
 
 
 def _parser(dialect: Dialect, wanted: Wanted) -> Parse:

@@ -135,6 +135,8 @@ def _layout(lines: Sequence[str], separator: str) -> _TextLayout | None:
         for cell in cells
     )
     is_data = [_is_data(row, comma=comma) for row in rows]
+    for n, row in enumerate(rows[1:], 1):  # below names, 1, 2, 3, … are the numbers of the columns
+        is_data[n] &= row != [str(i + 1) for i in range(len(row))]
     best: _TextLayout | None = None
     for data in range(1, len(rows)):
         if not is_data[data] or is_data[data - 1]:
@@ -206,7 +208,9 @@ def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:
         name, unit = _cell(names, i), _bare(_cell(units or [], i))
         more = tuple(cell for row in others if row is not names and (cell := _cell(row, i)))
         if not name and len(header) > 1:  # of a clock beside others
-            name, unit, more = " ".join(filter(None, (_cell(row, i) for row in below))), "", ()
+            unit = unit if unit_of(unit, 1.0) and len(below) > 1 else ""
+            told = (_cell(row, i) for row in below if not unit or row is not units)
+            name, more = " ".join(filter(None, told)), ()
         seen[name] += bool(name)
         name = f"{name}#{seen[name]}" if seen[name] > 1 else name
         column = _column(layout, i, name, unit, more)

@@ -113,12 +113,8 @@ def _wanted_bytes(path: Path, file: BinaryIO, n: int) -> bytes:
 
 def _scalar(entry: bytes, dtype: str) -> _Field:
     scale, transform = struct.unpack_from(">ff", entry, 46)
-    return _Field(_name(entry[1:35]), _name(entry[35:45]), dtype, _exact(scale), transform)
-
-
-def _exact(scale: float) -> float:
-    """Return the decimal that a scale of 32 bits stands for: 0.1, not 0.10000000149."""
-    return float(f"{scale:.7g}")
+    scale = float(f"{scale:.7g}")  # the decimal that 32 bits stand for: 0.1, not 0.10000000149
+    return _Field(_name(entry[1:35]), _name(entry[35:45]), dtype, scale, transform)
 
 
 class _Names(NamedTuple):
@@ -165,7 +161,7 @@ def _read(
     blocks = Blocks(layout.record)
     clock = _Clock()
     with open_binary(path) as file:
-        _skip(path, file, layout.data)
+        file.seek(layout.data)
         for records in blocks.of(file, notes):
             stamps = clock.seconds(records[:, 2].astype(np.int64) * 256 + records[:, 3])
             out = np.empty((len(records), len(wanted)))
@@ -177,13 +173,6 @@ def _read(
                     else _values(records, layout.fields[column], layout.offsets[column])
                 )
             yield out
-
-
-def _skip(path: Path, file: BinaryIO, n: int) -> None:
-    if file.seekable():
-        file.seek(n)
-    else:
-        _wanted_bytes(path, file, n)
 
 
 def _values(records: NDArray[np.uint8], field: _Field, offset: int) -> FloatArray:

@@ -35,6 +35,16 @@ TABLES = {
         + rows(lambda i: f"{i / 10},{RPM[i]},{AIR[i]},{AFR[i]}"),
         {"engine_speed_rpm": "RPM", "lambda_measured": "A2 Wideband"},
     ),
+    "short names and numbers of the channels": (
+        ",RPM,LA1,AIR,LAP\nTime,Engine RPM,Lambda 1,Air,Lap\ns,rpm,LA,g/s,\n,4097,8200,4100,1\n"
+        + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i] / 14.7},{AIR[i]},1"),
+        {"engine_speed_rpm": "RPM", "lambda_measured": "LA1"},
+    ),
+    "numbers of the columns": (
+        "Time,RPM,Lambda\ns,rpm,lambda\n1,2,3\n"
+        + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i] / 14.7}"),
+        {"engine_speed_rpm": "RPM", "lambda_measured": "Lambda"},
+    ),
     "settings above the table": (
         "Firmware,Engine,Gain,,\n4/15,X,0,,\nSafety,PID,Fuel,,\n28,10,60,,\n"
         "timestamp,rpm,afr,air,boost\n" + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i]},{AIR[i]},1"),
@@ -206,6 +216,10 @@ def test_a_long_table_may_hold_one_signal_after_the_other(tmp_path: Path) -> Non
     table, _ = proposed(path)
     assert 3.9e9 <= table.t_ns[-1] - table.t_ns[0] < 4.1e9  # and not twice as long
     np.testing.assert_allclose(values(table, "lambda_measured")[-1], AFR[-1] / 14.7)
+    # AND a signal keeps its unit
+    path.write_text("t,pid,value,unit\n" + rows(lambda i: f"{i},Speed,{i},{'mph'[: 3 * i]}"))
+    with pytest.raises(RecordingError, match="line 3: Speed in 'mph', before in ''"):
+        read_table(path)
 
 
 def test_one_broken_row_costs_a_note_and_many_the_table(tmp_path: Path) -> None:
@@ -239,10 +253,8 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
     np.testing.assert_allclose(np.unique(values(table, "lambda_measured")), np.array(AFR) / 14.7)
     assert not values(table, "fuel_cut").any()
     # AND columns that are not there are named, and so is a key that is missing
-    for name, wanted in (
-        ('"wert"', "wants the columns was with texts and wert"),
-        ('""', "names no"),
-    ):
+    refused = {'"wert"': "wants the columns was with texts and wert", '""': "names no"}
+    for name, wanted in refused.items():
         profile.write_text(tree.replace('"messwert"', name))
         with pytest.raises(O2Error, match=wanted):
             read_table(path, profile)
@@ -306,15 +318,23 @@ def test_a_packed_table_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) ->
 
 
 def test_numbers_may_stand_with_their_units_in_the_cells(tmp_path: Path) -> None:
-    # GIVEN cells such as 14.7 AFR, one of another unit, and -1 where the logger knows none
+    # GIVEN cells such as 14.7 AFR, one of another unit, -1 where the logger knows none, mV and V
     path = tmp_path / "units.csv"
-    path.write_text(
-        "Time,Engine Speed,Air Fuel Ratio\n0 s,1500 rpm,0.98 lambda\n0.1 s,1500 rpm,-1 AFR\n"
-        + rows(lambda i: f"{(i + 2) / 10} s,{RPM[i]} rpm,{AFR[i]:.2f} AFR")
+    text = (
+        "Time,Engine Speed,Air Fuel Ratio,Battery\n0 s,1500 rpm,0.98 lambda,\n"
+        + "0.1 s,1500 rpm,-1 AFR,12.5 V\n"
+        + rows(lambda i: f"{(i + 2) / 10} s,{RPM[i]} rpm,{AFR[i]:.2f} AFR,{12500 + i} mV")
     )
+    path.write_text(text)
     table, _ = proposed(path)
+    np.testing.assert_allclose(values(table, "battery_voltage_v")[:2], 12.5)
     np.testing.assert_allclose(values(table, "lambda_measured"), np.round(AFR, 2) / 14.7)
     assert values(table, "engine_speed_rpm").tolist() == [1500, 1500, *RPM]
+    assert "1 cell in another unit left out, the first: line 2: column Air" in table.notes.lines[0]
+    # AND a column that goes on in another unit is named: no sensor has fallen silent there
+    path.write_text(text + "4.2 s,3000 rpm,0.98 lambda,12.5 V\n")
+    with pytest.raises(RecordingError, match=r"Air Fuel Ratio is '0.98 lambda', the unit"):
+        read_table(path, path.with_suffix(".toml"))
 
 
 def test_a_clock_in_counts_without_a_unit_is_asked_for(tmp_path: Path) -> None:

@@ -11,12 +11,7 @@ import pytest
 import dbc
 from monitor.base.errors import ConfigError, RecordingError
 from monitor.base.types import Quality
-from monitor.frames.profiles.profile import (
-    load_profile,
-    profile_of,
-    shipped,
-    shipped_profile,
-)
+from monitor.frames.profiles.profile import load_profile, profile_of, shipped, shipped_profile
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.profiles.times import held
 from monitor.frames.tables.readers import open_table
@@ -98,19 +93,8 @@ def test_a_tunerstudio_log_becomes_canonical_signals(tmp_path: Path) -> None:
 def test_a_rusefi_log_is_recognised_with_its_fuel_cut(tmp_path: Path, version: int) -> None:
     cut = (D["t_s"] > 20.0) & (D["t_s"] < 25.0)
     pw_ms = np.where(cut, 0.0, D["pw_ms"])
-    values = np.column_stack(
-        [
-            D["t_s"],
-            D["rpm"],
-            D["map_kpa"],
-            LAMBDA,
-            pw_ms,
-            D["battery_v"],
-            D["clt_c"],
-            D["ego_percent"] - 100.0,
-            cut,
-        ]
-    )
+    own = D["t_s"], D["rpm"], D["map_kpa"], LAMBDA, pw_ms, D["battery_v"], D["clt_c"]
+    values = np.column_stack([*own, D["ego_percent"] - 100.0, cut])
     path = write_mlg(
         tmp_path / "drive.mlg", RUSEFI, values, D["t_s"], version=version, info='"rusEFI x"'
     )
@@ -242,9 +226,8 @@ def test_a_slow_uneven_log_has_a_grid_of_its_own(
     tmp_path: Path, step_s: float, period_s: float
 ) -> None:
     t_s = step_s * np.arange(50) + 0.05 * step_s * (np.arange(50) % 2)
-    path = write_text_table(
-        tmp_path / "a.csv", {"Time (msec)": 1000 * t_s, "Engine Speed (rpm)": 900 + t_s}
-    )
+    columns = {"Time (msec)": 1000 * t_s, "Engine Speed (rpm)": 900 + t_s}
+    path = write_text_table(tmp_path / "a.csv", columns)
     assert table_period_ns(read_table(path)) == round(period_s * 1e9)
 
 
@@ -269,12 +252,8 @@ def test_a_logger_that_nobody_knows_is_one_toml_file_and_no_code(tmp_path: Path)
     assert '# "Luftmasse [%]" 20 to 20' in draft
     # AND it is edited as it says
     mine = tmp_path / "neu.toml"
-    mine.write_text(
-        draft.replace(
-            '# ambient_temperature_degc = { column = ""',
-            'ambient_temperature_degc = { column = "Öltemperatur [°C]"',
-        )
-    )
+    blank = 'ambient_temperature_degc = { column = "'
+    mine.write_text(draft.replace(f"# {blank}", f"{blank}Öltemperatur [°C]"))
     # THEN the file is read
     table = read_table(path, mine)
     assert set(table.names) == {

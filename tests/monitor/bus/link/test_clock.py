@@ -35,7 +35,6 @@ SETUP = replay.set_up(None, (), config.load())
 DRIVE = healthy(28.0)
 MIDDLE = len(DRIVE.t_ns) // 2
 TRUE_S = (DRIVE.t_ns - BEGIN_NS) / S
-ARRIVALS_S = (TRUE_S + 0.002).tolist()
 PAUSE_NS = 300 * MS
 
 
