@@ -164,6 +164,22 @@ def setup() -> "Setup":
     return replay.set_up(None, [], config.load())
 
 
+@pytest.fixture(scope="session")
+def minutes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the begin of a healthy drive as a log, long enough for nearly all faults."""
+    from tests.helpers.logs.injected_frames import first_minutes
+
+    return first_minutes(tmp_path_factory.mktemp("minutes"))
+
+
+@pytest.fixture(scope="session")
+def two_minutes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give less of it, in which the most are found."""
+    from tests.helpers.logs.injected_frames import first_minutes
+
+    return first_minutes(tmp_path_factory.mktemp("minutes"), 120.0)
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator["Browser"]:
     """Give a browser that opens pages."""

@@ -3,7 +3,6 @@
 import json
 import time
 from collections.abc import Callable, Sequence
-from math import inf
 from typing import Any
 
 from monitor.base import config
@@ -12,12 +11,10 @@ from monitor.bus.live.address import PageAddress
 from monitor.bus.live.feed import LiveFeed
 from monitor.bus.live.process import Server
 from monitor.frames.blocks import block_of
-from monitor.frames.logs import read_frames
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline import replay
 from monitor.pipeline.events import Event, singly
 from monitor.pipeline.frames import FramePipeline
-from tests.conftest import ROOT
 
 GATHERED = 6  # frames of 25 ms
 
@@ -105,10 +102,3 @@ class Player:
 
     def __exit__(self, *_: object) -> None:
         self.feed.close()
-
-
-def frames_of(fault: str, seconds: float = inf) -> list[Frame]:
-    """Return the frames of one of the replay logs, the first so many seconds."""
-    path = next(iter(sorted(ROOT.glob(f"replay_logs/{fault}_*.blf"))))
-    frames = list(read_frames(path))
-    return [frame for frame in frames if frame.t_ns < frames[0].t_ns + seconds * 1e9]

@@ -47,6 +47,11 @@ class Conversation:
                 self._send()
         return self
 
+    def answered_with(self, answers: list[bytes] | None, seconds: float) -> "Conversation":
+        """Go on while the ECU gives these answers to all it is asked, or its own again."""
+        self.ecu.override = lambda _: answers
+        return self.run(seconds)
+
     def _send(self) -> None:
         for frame in self.poller.work(self.bus.now_s):
             self.bus.send(message_of(frame))

@@ -95,7 +95,7 @@ class ObdEcu:
         self.response = response
         self.is_extended = response > 0x7FF
         self.asked: list[tuple[float, bytes]] = []  # time and request
-        self.override: Callable[[bytes], list[bytes | None] | None] = lambda _: None
+        self.override: Callable[[bytes], list[bytes] | None] = lambda _: None
         self._rx: deque[isotp.CanMessage] = deque()
         self._tx: list[bytes] = []
         mode = isotp.AddressingMode.Normal_29bits if self.is_extended else None
@@ -135,7 +135,7 @@ class ObdEcu:
     def answers(self, request: bytes, now_s: float) -> list[bytes]:
         own = self.override(request)
         if own is not None:
-            return [each for each in own if each is not None]
+            return own
         pids = request[1:]
         if request[0] != 1 or not pids:
             return []

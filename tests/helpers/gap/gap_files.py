@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import pytest
-
 from monitor.base.faults import resolve
 from training import cli
 from training.dyno.effects import from_severities
@@ -43,14 +41,3 @@ def drives(
 def run(*arguments: str | Path) -> int:
     """Run ``o2train gap``; return the exit code."""
     return cli.main(["gap", *map(str, arguments)])
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
-    """Return the error line of a command that must fail with exit code 2."""
-    capsys.readouterr()
-    code = run(*arguments)
-    err = capsys.readouterr().err
-    assert code == 2, err
-    lines = err.strip().splitlines()
-    assert len(lines) == 1, err
-    return lines[0]

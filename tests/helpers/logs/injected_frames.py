@@ -6,13 +6,13 @@ import dbc
 from monitor.base.types import Frame
 from monitor.decode.bus_map import load_pairs
 from monitor.decode.checksum import payload_checksum
-from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
 from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.rewrite import writers
 from tests.conftest import ROOT
 from tests.helpers.logs.decoding import values_of
+from tests.helpers.logs.replays import frames_of
 
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
@@ -59,13 +59,6 @@ def write(path: Path, frames: list[Frame]) -> None:
 def first_minutes(folder: Path, seconds: float = 210.0, from_s: float = 0.0) -> Path:
     """Write the begin of a healthy drive, or a part of it, to a log."""
     path = folder / "healthy.log"
-    frames = list(read_frames(HEALTHY))
-    write(
-        path,
-        [
-            frame
-            for frame in frames
-            if 0 <= frame.t_ns - frames[0].t_ns - 1e9 * from_s < 1e9 * seconds
-        ],
-    )
+    frames = frames_of("healthy_micro_trips", from_s + seconds)
+    write(path, [frame for frame in frames if frame.t_ns >= frames[0].t_ns + 1e9 * from_s])
     return path

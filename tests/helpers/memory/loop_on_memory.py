@@ -12,14 +12,14 @@ from typing import Any
 
 from monitor.base import config
 from monitor.bus.loop import Loop
-from monitor.frames.logs import read_frames
 from monitor.memory.dtc_store import Saved
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
 from tests.helpers.bus.played_bus import Ear, PlayedBus
+from tests.helpers.logs.replays import frames_of
 
-DRIVE = 200 * 60  # frames, a minute of a late sensor
+DRIVE_S = 60.0  # of a late sensor
 PAUSE_NS = 600 * 10**9
 
 
@@ -48,8 +48,7 @@ def held(saved: Saved) -> list[Any]:
 
 def main(path: Path, drives: int) -> None:
     """Run the loop."""
-    (log,) = Path("replay_logs").glob("delay_rich_to_*.blf")
-    drive = list(read_frames(log))[:DRIVE]
+    drive = frames_of("delay_rich_to_lean", DRIVE_S)
     length_ns = drive[-1].t_ns - drive[0].t_ns + PAUSE_NS
     later = (
         [frame._replace(t_ns=frame.t_ns + i * length_ns) for frame in drive] for i in range(drives)

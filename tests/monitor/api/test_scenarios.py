@@ -10,19 +10,13 @@ import pytest
 from monitor.api.scenarios import ScenarioResult, play_scenario
 from monitor.base.errors import UsageError
 from tests.conftest import ROOT
-from tests.helpers.logs.injected_frames import first_minutes
 
 LATE = "delay_rich_to_lean=0.6@20"
 
 
 @pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return first_minutes(tmp_path_factory.mktemp("drive"), 120.0)
-
-
-@pytest.fixture(scope="module")
-def late(drive: Path) -> ScenarioResult:
-    return play_scenario(drive, faults=[LATE])
+def late(two_minutes: Path) -> ScenarioResult:
+    return play_scenario(two_minutes, faults=[LATE])
 
 
 def test_a_late_sensor_has_its_code_and_the_time_to_its_detection(late: ScenarioResult) -> None:
@@ -56,21 +50,20 @@ def test_a_wrong_assertion_fails_with_the_faults_and_a_table(
     assert any(each.startswith(row) and each.endswith("NOT MET") for each in rows), rows
 
 
-def test_the_drives_of_a_scenario_share_one_memory(drive: Path) -> None:
-    result = play_scenario(drive, ROOT / "docs" / "scenarios" / "late_sensor_confirmed.toml")
+def test_the_drives_of_a_scenario_share_one_memory(two_minutes: Path) -> None:
+    scenario = ROOT / "docs" / "scenarios" / "late_sensor_confirmed.toml"
+    result = play_scenario(two_minutes, scenario)
     states = [[code.state for code in verdict.codes] for verdict in result.verdicts]
     assert states == [["pending"], ["confirmed"]]
     result.assert_met()
     # and a further fault changes what is seen
-    worse = play_scenario(
-        drive, ROOT / "docs" / "scenarios" / "late_sensor_confirmed.toml", faults=["stuck_at_one"]
-    )
+    worse = play_scenario(two_minutes, scenario, faults=["stuck_at_one"])
     with pytest.raises(AssertionError, match=r"^A sensor that is late.*\n(.*\n)*1 .*NOT MET"):
         worse.assert_met()
 
 
-def test_a_healthy_drive_has_no_code_and_nothing_to_be_met(drive: Path) -> None:
-    healthy = play_scenario(drive)
+def test_a_healthy_drive_has_no_code_and_nothing_to_be_met(two_minutes: Path) -> None:
+    healthy = play_scenario(two_minutes)
     assert healthy.assert_codes().detection_s == {}
     with pytest.raises(UsageError, match="no \\[\\[expect\\]\\]"):
         healthy.assert_met()

@@ -3,11 +3,9 @@
 import pytest
 
 from monitor.base.types import Frame
-from monitor.frames.logs import read_frames
-from tests.conftest import ROOT
+from tests.helpers.logs.replays import frames_of
 
 
 @pytest.fixture(scope="session")
 def late_sensor() -> list[Frame]:
-    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
-    return list(read_frames(log))[: 200 * 70]
+    return frames_of("delay_rich_to_lean", 70.0)

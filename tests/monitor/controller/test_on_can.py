@@ -9,9 +9,9 @@ import pytest
 
 from monitor.decode.checksum import payload_checksum
 from monitor.pipeline.replay import Setup
-from tests.conftest import ROOT
 from tests.helpers.bus import on_can
 from tests.helpers.bus.played_bus import played_on
+from tests.helpers.logs.replays import replay_log
 
 LAMBDA_ID = 0xC2
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
@@ -49,8 +49,7 @@ def test_broken_frames_late_frames_and_pauses_do_to_it_what_they_do_to_the_live_
 
 def drive(fault: str, length_s: float) -> list[can.Message]:
     """Return the begin of a replay log, times in whole microseconds as a log has them."""
-    (log,) = (ROOT / "replay_logs").glob(f"{fault}_micro_trips_*.blf")
-    with can.LogReader(log) as reader:
+    with can.LogReader(replay_log(f"{fault}_micro_trips")) as reader:
         frames = list(reader)
     for frame in frames:
         frame.timestamp = round(frame.timestamp, 6)

@@ -7,8 +7,8 @@ import pytest
 
 from monitor.controller.export import export
 from monitor.pipeline.replay import Setup
-from tests.conftest import ROOT
 from tests.helpers.drives.drive_tables import read
+from tests.helpers.logs.replays import replay_log
 from tests.helpers.models import c_monitor, c_target
 
 MISSING = [tool for tool in c_target.TOOLS if not shutil.which(tool)]
@@ -40,8 +40,7 @@ def test_a_drive_is_judged_on_the_core_as_in_python(
     kind: str, setup: Setup, exported: Path
 ) -> None:
     # GIVEN a replay log as samples for the controller
-    log = next((ROOT / "replay_logs").glob(f"{kind}*.blf"))
-    drive = read(log, setup)
+    drive = read(replay_log(kind), setup)
     (python,) = c_monitor.in_python([drive.block], drive.names, setup)
     given = c_monitor.rows(drive.block, drive.names, c_monitor.source_of(setup))
     file = exported / "drive.bin"

@@ -10,11 +10,11 @@ from monitor.base import faults
 from monitor.base.types import Frame
 from monitor.decode.checksum import payload_checksum
 from monitor.frames.logs import read_frames
-from tests.helpers.logs.bad_logs import FUEL_ID, LAMBDA_ID, block, write_minute
+from monitor.inject.gateway import write_log
+from tests.helpers.logs.bad_logs import FUEL_ID, LAMBDA_ID, write_minute
 from tests.helpers.logs.replays import replays
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.recordings.files.can_log import write_log
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ Change = Callable[[list[Frame]], list[Frame]]
 def replayed(drive: Path, tmp_path: Path, change: Change) -> dict[str, Any]:
     """Return the result on a log whose frames were changed; the replay must survive it."""
     log = tmp_path / "changed.log"
-    write_log(log, block(change(list(read_frames(drive)))))
+    write_log(log, change(list(read_frames(drive))))
     code, (recording,) = replays(log)
     assert code in (0, 1, 3)
     return recording

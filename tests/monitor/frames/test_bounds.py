@@ -14,12 +14,10 @@ import pytest
 from can.io import blf as python_can
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import Frame
 from monitor.frames.blocks import LogCounters
 from monitor.frames.bounds import FREE_BYTES, LINE_BYTES, PIECE_BYTES, RATIO
 from monitor.frames.logs import read_frames
-from tests.helpers.logs.bad_logs import block
-from tests.helpers.logs.read_outcome import read_at_once, streamed
+from tests.helpers.logs.read_outcome import read_at_once, streamed, synthetic
 from training.recordings.files.mf4_log import write_mf4
 
 FRAME = {
@@ -143,24 +141,28 @@ def test_a_line_whose_identifier_has_more_than_29_bits_is_left_out_and_told(
     assert (len(list(read_frames(path, counters))), counters.damaged) == (1, 1)
 
 
-def test_an_mf4_whose_channel_lies_beyond_its_record_is_refused(tmp_path: Path) -> None:
+@pytest.fixture
+def mf4(tmp_path: Path) -> Path:
+    """A sound MF4 of nine frames."""
     path = tmp_path / "drive.mf4"
-    write_mf4(path, block([Frame(10**18 + i * 10**6, 1, False, b"12345678") for i in range(9)]))
-    whole = bytearray(path.read_bytes())
+    write_mf4(path, synthetic(9))
+    return path
+
+
+def test_an_mf4_whose_channel_lies_beyond_its_record_is_refused(mf4: Path) -> None:
+    whole = bytearray(mf4.read_bytes())
     links, fields = 24 + 8 * 8, struct.Struct("<BBBBII")  # kinds, bit offset, byte offset, bits
     for found in re.finditer(b"##CN", bytes(whole)):
         place = found.start() + links
         kind, sync, data, bit, _, n_bits = fields.unpack_from(whole, place)
         fields.pack_into(whole, place, kind, sync, data, bit, 1 << 20, n_bits)
-    path.write_bytes(whole)
-    refused(path, "lies beyond its record")
+    mf4.write_bytes(whole)
+    refused(mf4, "lies beyond its record")
 
 
-def test_an_mf4_that_announces_more_records_than_it_holds_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "drive.mf4"
-    write_mf4(path, block([Frame(10**18 + i * 10**6, 1, False, b"12345678") for i in range(9)]))
-    whole = bytearray(path.read_bytes())
+def test_an_mf4_that_announces_more_records_than_it_holds_is_refused(mf4: Path) -> None:
+    whole = bytearray(mf4.read_bytes())
     group = whole.index(b"##CG") + 24 + 6 * 8
     struct.pack_into("<I", whole, group + 24, 1 << 31)  # bytes of a record
-    path.write_bytes(whole)
-    refused(path, "bytes of the file grow to more than")
+    mf4.write_bytes(whole)
+    refused(mf4, "bytes of the file grow to more than")

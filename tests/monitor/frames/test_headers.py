@@ -72,13 +72,22 @@ TABLES = {
 }
 
 
-def proposed(path: Path) -> tuple[Table, dict[str, str]]:
-    """Return a table read with the profile that is proposed for it, and the profile's columns."""
-    profile = path.with_suffix(".toml")
-    assert cli.main(["check", str(path), "--write-profile", str(profile)]) == 0
-    signals = tomllib.loads(profile.read_text())["signals"]
-    columns = {k: v["column"] if isinstance(v, dict) else v for k, v in signals.items()}
-    return read_table(path, profile), columns
+Proposed = Callable[..., tuple[Table, dict[str, str]]]
+
+
+@pytest.fixture
+def proposed(tmp_path: Path) -> Proposed:
+    """Give what reads a text with the profile proposed for it, and the profile's columns."""
+
+    def read(text: str) -> tuple[Table, dict[str, str]]:
+        path, profile = tmp_path / "drive.csv", tmp_path / "drive.toml"
+        path.write_text(text)
+        assert cli.main(["check", str(path), "--write-profile", str(profile)]) == 0
+        signals = tomllib.loads(profile.read_text())["signals"]
+        columns = {k: v["column"] if isinstance(v, dict) else v for k, v in signals.items()}
+        return read_table(path, profile), columns
+
+    return read
 
 
 def values(table: Table, name: str) -> np.ndarray:
@@ -88,28 +97,24 @@ def values(table: Table, name: str) -> np.ndarray:
 
 @pytest.mark.parametrize("name", TABLES)
 def test_the_proposed_profile_reads_names_and_units_as_they_stand(
-    tmp_path: Path, name: str
+    proposed: Proposed, name: str
 ) -> None:
     text, wanted = TABLES[name]
-    path = tmp_path / "drive.csv"
-    path.write_text(text)
-    table, columns = proposed(path)
+    table, columns = proposed(text)
     assert wanted.items() <= columns.items()
     np.testing.assert_allclose(np.unique(values(table, "engine_speed_rpm")), RPM)
     seen = np.unique(np.round(values(table, "lambda_measured"), 3))
     np.testing.assert_allclose(seen, np.round(np.array(AFR) / 14.7, 3), atol=2e-3)
 
 
-def test_groups_with_clocks_of_their_own_keep_their_times(tmp_path: Path) -> None:
+def test_groups_with_clocks_of_their_own_keep_their_times(proposed: Proposed) -> None:
     # GIVEN two groups of columns, the second logged 0.3 s after the first
-    path = tmp_path / "groups.csv"
-    path.write_text(
+    # WHEN the proposed profile reads it
+    table, columns = proposed(
         "Friday,1,May\n,Group A:,'003,,Group B:,'033,\n,,RPM,Mass Flow,,Lambda,\n,TIME,,,TIME,,\n"
         "Marker,STAMP,/min,g/s,STAMP,,\n"
         + rows(lambda i: f",{i / 2},{RPM[i]},{AIR[i]},{i / 2 + 0.3},{0.9 + i / 200},")
     )
-    # WHEN the proposed profile reads it
-    table, columns = proposed(path)
     assert columns == {
         "engine_speed_rpm": "RPM",
         "maf_kg_h": "Mass Flow",
@@ -154,22 +159,19 @@ def test_what_is_no_measurement_is_not_proposed(
     assert signal not in tomllib.loads(out.read_text())["signals"]
 
 
-def test_a_counter_of_rows_is_no_time(tmp_path: Path) -> None:
-    path = tmp_path / "frames.csv"
-    path.write_text(
+def test_a_counter_of_rows_is_no_time(proposed: Proposed) -> None:
+    table, _ = proposed(
         "Frame,Duration,RPM,A/F Ratio\n0,281.8,1500,14.7\n"
         + rows(lambda i: f"{i + 1},{(i + 1) / 10},{RPM[i]},{AFR[i]}")
     )
-    table, _ = proposed(path)
     np.testing.assert_allclose(np.diff(table.t_ns), 1e8)
     assert len(table.t_ns) == len(ROWS)  # the old first row is left out, and told
     assert any("1 row older" in line for line in table.notes.lines)
 
 
-def test_rows_of_whole_seconds_are_spread_over_them(tmp_path: Path) -> None:
-    path = tmp_path / "seconds.csv"
-    path.write_text("Time,RPM,AFR\n" + rows(lambda i: f"00:00:{i // 10:02d},{RPM[i]},{AFR[i]}"))
-    table, _ = proposed(path)
+def test_rows_of_whole_seconds_are_spread_over_them(proposed: Proposed) -> None:
+    text = "Time,RPM,AFR\n" + rows(lambda i: f"00:00:{i // 10:02d},{RPM[i]},{AFR[i]}")
+    table, _ = proposed(text)
     np.testing.assert_allclose(np.diff(table.t_ns), 1e8, atol=1)
     assert any("36 rows with the time of another one" in line for line in table.notes.lines)
 
@@ -190,43 +192,40 @@ def test_rows_of_whole_seconds_are_spread_over_them(tmp_path: Path) -> None:
     ],
 )
 def test_the_steps_of_times_tell_their_unit(
-    tmp_path: Path, column: str, form: Callable[[int], str]
+    proposed: Proposed, column: str, form: Callable[[int], str]
 ) -> None:
-    path = tmp_path / "clock.csv"
-    path.write_text(f"{column},RPM,AFR\n" + rows(lambda i: f"{form(i)},{RPM[i]},{AFR[i]}"))
-    table, _ = proposed(path)
+    text = f"{column},RPM,AFR\n" + rows(lambda i: f"{form(i)},{RPM[i]},{AFR[i]}")
+    table, _ = proposed(text)
     np.testing.assert_allclose(np.diff(table.t_ns), 1e8, atol=2e5)
 
 
-def test_a_quote_without_an_end_costs_its_row_and_not_all_behind(tmp_path: Path) -> None:
-    path = tmp_path / "quote.csv"
+def test_a_quote_without_an_end_costs_its_row_and_not_all_behind(proposed: Proposed) -> None:
     good = [f"{i / 10},{1500 + i},{14.0 + i / 99:.2f}\n" for i in range(199)]
-    path.write_text("Time,RPM,AFR\n" + "".join([*good[:150], '15.0,"16\n', *good[151:]]))
-    table, _ = proposed(path)
+    table, _ = proposed("Time,RPM,AFR\n" + "".join([*good[:150], '15.0,"16\n', *good[151:]]))
     assert len(table.t_ns) == 198
 
 
-def test_a_long_table_may_hold_one_signal_after_the_other(tmp_path: Path) -> None:
-    path = tmp_path / "blocks.csv"
-    path.write_text(
+def test_a_long_table_may_hold_one_signal_after_the_other(
+    proposed: Proposed, tmp_path: Path
+) -> None:
+    table, _ = proposed(
         "t,field,value\n"
         + "".join(f"{i / 1250},RPM,{1500 + i % 9}\n" for i in range(5000))
         + rows(lambda i: f"{i / 10},AFR,{AFR[i]}")
     )
-    table, _ = proposed(path)
     assert 3.9e9 <= table.t_ns[-1] - table.t_ns[0] < 4.1e9  # and not twice as long
     np.testing.assert_allclose(values(table, "lambda_measured")[-1], AFR[-1] / 14.7)
     # AND a signal keeps its unit
+    path = tmp_path / "drive.csv"
     path.write_text("t,pid,value,unit\n" + rows(lambda i: f"{i},Speed,{i},{'mph'[: 3 * i]}"))
     with pytest.raises(RecordingError, match="line 3: Speed in 'mph', before in ''"):
         read_table(path)
 
 
-def test_one_broken_row_costs_a_note_and_many_the_table(tmp_path: Path) -> None:
-    path = tmp_path / "broken.csv"
+def test_one_broken_row_costs_a_note_and_many_the_table(proposed: Proposed, tmp_path: Path) -> None:
+    path = tmp_path / "drive.csv"
     good = [f"{i / 10},{1500 + i},{14.0 + i / 99:.2f}\n" for i in range(99)]
-    path.write_text("Time,RPM,AFR\n" + "".join([*good[:50], "5.0,15\n", *good[51:]]))
-    table, _ = proposed(path)
+    table, _ = proposed("Time,RPM,AFR\n" + "".join([*good[:50], "5.0,15\n", *good[51:]]))
     assert len(table.t_ns) == 98
     assert "1 row left out, the first: line 52: 2 cells" in "".join(table.notes.lines)
     path.write_text("Time,RPM,AFR\n" + "".join([*good[:50], *["5.0,15\n"] * 4, *good[51:]]))
@@ -276,14 +275,12 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
     ],
 )
 def test_the_unit_with_words_beside_it_or_the_values_tell_what_a_column_is_or_it_is_none(
-    tmp_path: Path, column: str, cell: float, name: str, wanted: float | None
+    proposed: Proposed, column: str, cell: float, name: str, wanted: float | None
 ) -> None:
-    path = tmp_path / "plain.csv"
-    path.write_text(
+    table, columns = proposed(
         f"Time (s),Vehicle Speed (km/h),{column}\n"
         + rows(lambda i: f"{i / 10},{10 + i},{cell * (1 + i / 4000):.6g}")
     )
-    table, columns = proposed(path)
     assert (name in columns) == (wanted is not None)
     if wanted:
         assert values(table, name)[0] == pytest.approx(wanted, rel=0.002)
@@ -302,36 +299,37 @@ def test_a_table_with_its_newest_row_first_is_read_from_its_end(tmp_path: Path) 
         read_table(path, path.with_suffix(".toml"))
 
 
-def test_a_comma_in_thousands_is_no_decimal_one(tmp_path: Path) -> None:
-    path = tmp_path / "thousands.csv"
-    path.write_text("Time,RPM,AFR\n" + rows(lambda i: f'{i / 10},"{RPM[i]:,}",{AFR[i]:.2f}'))
-    assert values(proposed(path)[0], "engine_speed_rpm").tolist() == RPM
+def test_a_comma_in_thousands_is_no_decimal_one(proposed: Proposed) -> None:
+    text = "Time,RPM,AFR\n" + rows(lambda i: f'{i / 10},"{RPM[i]:,}",{AFR[i]:.2f}')
+    assert values(proposed(text)[0], "engine_speed_rpm").tolist() == RPM
 
 
 def test_a_packed_table_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
-    path = tmp_path / "cut.csv.gz"
+    path, profile = tmp_path / "cut.csv.gz", tmp_path / "cut.toml"
     text = "Time,RPM,AFR\n" + "".join(f"{i / 10},{1500 + i * i % 977},14.{i}\n" for i in range(999))
     path.write_bytes(gzip.compress(text.encode())[:-200])
-    table, _ = proposed(path)
+    assert cli.main(["check", str(path), "--write-profile", str(profile)]) == 0
+    table = read_table(path, profile)
     assert 500 < len(table.t_ns) < 999
     assert any("cut short after line" in line for line in table.notes.lines)
 
 
-def test_numbers_may_stand_with_their_units_in_the_cells(tmp_path: Path) -> None:
+def test_numbers_may_stand_with_their_units_in_the_cells(
+    proposed: Proposed, tmp_path: Path
+) -> None:
     # GIVEN cells such as 14.7 AFR, one of another unit, -1 where the logger knows none, mV and V
-    path = tmp_path / "units.csv"
     text = (
         "Time,Engine Speed,Air Fuel Ratio,Battery\n0 s,1500 rpm,0.98 lambda,\n"
         + "0.1 s,1500 rpm,-1 AFR,12.5 V\n"
         + rows(lambda i: f"{(i + 2) / 10} s,{RPM[i]} rpm,{AFR[i]:.2f} AFR,{12500 + i} mV")
     )
-    path.write_text(text)
-    table, _ = proposed(path)
+    table, _ = proposed(text)
     np.testing.assert_allclose(values(table, "battery_voltage_v")[:2], 12.5)
     np.testing.assert_allclose(values(table, "lambda_measured"), np.round(AFR, 2) / 14.7)
     assert values(table, "engine_speed_rpm").tolist() == [1500, 1500, *RPM]
     assert "1 cell in another unit left out, the first: line 2: column Air" in table.notes.lines[0]
     # AND a column that goes on in another unit is named: no sensor has fallen silent there
+    path = tmp_path / "drive.csv"
     path.write_text(text + "4.2 s,3000 rpm,0.98 lambda,12.5 V\n")
     with pytest.raises(RecordingError, match=r"Air Fuel Ratio is '0.98 lambda', the unit"):
         read_table(path, path.with_suffix(".toml"))

@@ -26,15 +26,8 @@ from tests.helpers.logs.injected_frames import (
     LAMBDA_ID,
     OWN,
     decoded,
-    first_minutes,
     lambda_frames,
 )
-
-
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first minutes of a healthy drive."""
-    return first_minutes(tmp_path_factory.mktemp("drive"))
 
 
 class Loose(VirtualBus):
@@ -261,13 +254,13 @@ def test_the_judge_is_told_that_the_gateway_itself_is_off_a_bus() -> None:
 
 
 def test_between_two_buses_what_goes_out_is_judged_when_a_signal_ends_it(
-    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    minutes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # GIVEN a drive on a bus that keeps its time, so that it need not last as long
     scenario = tmp_path / "s.toml"
     fault = '[[fault]]\nname = "gain_low"\nstart_s = 20.0\n'
     scenario.write_text(f'{fault}[[expect]]\ncode = "P2A00"\nwithin_s = 120.0\n')
-    frames = list(read_frames(drive))
+    frames = list(read_frames(minutes))
     ecu, other, heard = "judged-ecu", "judged-other", list[can.Message]()
 
     def play() -> None:

@@ -18,24 +18,10 @@ from tests.helpers.logs.injected_frames import (
     OBD,
     ROOT,
     decoded,
-    first_minutes,
     injected,
     lambda_frames,
     write,
 )
-
-
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first minutes of a healthy drive."""
-    return first_minutes(tmp_path_factory.mktemp("drive"))
-
-
-@pytest.fixture(scope="module")
-def begin(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first two minutes of it, in which the most faults are found."""
-    return first_minutes(tmp_path_factory.mktemp("begin"), 120.0)
-
 
 SEVERITY = {"biased_lean": 0.2, "intermittent": 5.0}  # this vehicle's own offset is -0.03
 WITHIN_S = {"intermittent": 180.0}
@@ -46,7 +32,7 @@ FOUND = [name for name in CODES if name in NAMES and name not in SLOW]
 
 @pytest.mark.parametrize("name", FOUND)
 def test_a_healthy_drive_with_a_fault_put_on_has_the_code_of_the_fault(
-    name: str, drive: Path, begin: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, minutes: Path, two_minutes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # GIVEN a scenario that expects every code of the fault, pending in the first drive
     scenario = tmp_path / "s.toml"
@@ -57,26 +43,26 @@ def test_a_healthy_drive_with_a_fault_put_on_has_the_code_of_the_fault(
     )
     scenario.write_text(f'[[fault]]\nname = "{name}"\n{severity}start_s = 20.0\n{expected}')
     # THEN it is met, and no other code came
-    log = drive if name in WITHIN_S else begin
+    log = minutes if name in WITHIN_S else two_minutes
     assert cli.main(["inject", str(log), "--scenario", str(scenario), "--assert"]) == 0
     assert "NOT MET" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["noise", "drop_outs", *FRAME_FAULTS])
 def test_disturbances_that_are_no_fault_of_the_sensor_raise_no_code(
-    name: str, begin: Path, tmp_path: Path
+    name: str, two_minutes: Path, tmp_path: Path
 ) -> None:
     scenario = tmp_path / "s.toml"
     scenario.write_text(f'[[fault]]\nname = "{name}"\n[[expect]]\ncode = "none"\n')
-    assert cli.main(["inject", str(begin), "--scenario", str(scenario), "--assert"]) == 0
+    assert cli.main(["inject", str(two_minutes), "--scenario", str(scenario), "--assert"]) == 0
 
 
 def test_an_expectation_that_is_not_met_ends_with_1_and_a_table(
-    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    minutes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scenario = tmp_path / "s.toml"
     scenario.write_text('[[fault]]\nname = "gain_low"\n[[expect]]\ncode = "P0133"\n')
-    assert cli.main(["inject", str(drive), "--scenario", str(scenario), "--assert"]) == 1
+    assert cli.main(["inject", str(minutes), "--scenario", str(scenario), "--assert"]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[-3].split() == ["drive", "expected", "seen"]
     assert lines[-2].startswith("1      P0133          P2A00 pending (gain_low) after ")
@@ -86,10 +72,10 @@ def test_an_expectation_that_is_not_met_ends_with_1_and_a_table(
 
 @pytest.mark.parametrize("name", sorted(p.name for p in SCENARIOS.glob("*.toml")))
 def test_the_shipped_scenarios_are_met(
-    name: str, drive: Path, capsys: pytest.CaptureFixture[str]
+    name: str, minutes: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scenario = SCENARIOS / name
-    log = HEALTHY if name.startswith("offset") else drive  # what is healthy takes longer
+    log = HEALTHY if name.startswith("offset") else minutes  # what is healthy takes longer
     assert cli.main(["inject", str(log), "--scenario", str(scenario), "--assert"]) == 0
     assert "  met" in capsys.readouterr().out
 

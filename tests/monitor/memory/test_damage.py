@@ -22,8 +22,7 @@ from monitor.memory.dtc import Dtc
 from monitor.memory.dtc_store import Saved
 from monitor.memory.reference import Reference
 from monitor.memory.store import Memory
-from tests.conftest import ROOT
-from tests.helpers.logs.replays import replays
+from tests.helpers.logs.replays import replay_log, replays
 
 Files = dict[str, bytes]
 
@@ -129,7 +128,7 @@ def test_a_replay_on_a_lost_memory_says_so_sets_p062f_and_no_exit_code_1(
     tmp_path: Path, path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     damage(path)
-    healthy = next(ROOT.glob("replay_logs/healthy_micro_trips_*.blf"))
+    healthy = replay_log("healthy_micro_trips")
     # WHEN a healthy drive is judged on a memory that is lost
     code, (recording,) = replays(healthy, "--memory", path)
     # THEN it is judged, the loss is in text, JSON and codes, and it is no fault of the vehicle

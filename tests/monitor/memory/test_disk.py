@@ -8,14 +8,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from itertools import islice, pairwise
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from monitor.base.config import load
 from monitor.base.errors import RecordingError
-from monitor.frames.logs import read_frames
 from monitor.memory import block
 from monitor.memory.block import Block
 from monitor.memory.dtc import Dtc
@@ -25,6 +24,7 @@ from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
 from monitor.pipeline.replay import set_up
 from tests.conftest import ROOT
 from tests.helpers.bus.played_bus import Ear, run_on
+from tests.helpers.logs.replays import frames_of, replay_log
 from tests.helpers.memory.kills import assert_sound, loaded
 
 
@@ -40,7 +40,6 @@ class Told(Ear):
 def test_what_is_driven_is_written_from_time_to_time_and_at_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (log,) = ROOT.glob("replay_logs/healthy_micro_trips_*.blf")
     written_s = list[float]()
     save = Memory.save
 
@@ -53,9 +52,8 @@ def test_what_is_driven_is_written_from_time_to_time_and_at_the_end(
     told = Told()
     with closing(Memory(tmp_path / "o2.db")) as memory:
         setup = set_up(None, [], load())
-        recording, _ = run_on(
-            islice(read_frames(log), 200 * 60), setup, memory=memory, attachments=[told]
-        )
+        frames = frames_of("healthy_micro_trips", 60.0)
+        recording, _ = run_on(frames, setup, memory=memory, attachments=[told])
         last_s = memory.load().counts.engine_run_since_clear_s
     assert not recording["dtcs"]
     gaps_s = [b - a for a, b in pairwise(written_s)]
@@ -151,7 +149,7 @@ def mounted(command: list[object], folder: Path, then: str) -> list[str]:
 @pytest.mark.parametrize("is_new", [True, False])
 def test_a_read_only_file_system_is_one_line_and_exit_code_2(tmp_path: Path, is_new: bool) -> None:
     path = tmp_path / "o2.db"
-    cli, log = [sys.executable, "-m", "monitor.cli"], next(ROOT.glob("replay_logs/stuck_*.blf"))
+    cli, log = [sys.executable, "-m", "monitor.cli"], replay_log("stuck_")
     command = [*cli, *(("replay", log) if is_new else ("dtc", "clear")), "--memory", path]
     make = f"{sys.executable} -m tests.helpers.memory.driven_memory make {path} && "
     then = f"{'' if is_new else make}mount -o remount,ro {tmp_path}"

@@ -9,7 +9,7 @@ import pytest
 
 from monitor.base.types import Frame
 from monitor.frames.blocks import block_of
-from monitor.frames.logs import read_frames
+from monitor.inject.gateway import write_log
 from monitor.judge.electrical.plausibility import Plausibility
 from monitor.judge.findings import Counted
 from monitor.memory.dtc import Status
@@ -18,9 +18,8 @@ from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from monitor.pipeline.events import CycleStarted, DtcChanged, Event
 from monitor.pipeline.frames import FramePipeline
-from tests.conftest import ROOT
 from tests.helpers.bus.played_bus import Pause, run_on
-from tests.helpers.logs.bad_logs import block
+from tests.helpers.logs.replays import frames_of
 from tests.helpers.memory.stretches import (
     CONFIG,
     DRIVE,
@@ -34,13 +33,11 @@ from tests.helpers.memory.stretches import (
     lasting,
     samples,
 )
-from training.recordings.files.can_log import write_log
 
 
 @pytest.fixture(scope="module")
 def late_sensor() -> list[Frame]:
-    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
-    return list(read_frames(log))[: 200 * 100]
+    return frames_of("delay_rich_to_lean", 100.0)
 
 
 def later(frames: list[Frame], by_s: float) -> list[Frame]:
@@ -139,8 +136,7 @@ def test_a_healed_code_is_announced_where_the_next_driving_cycle_begins(
     setup: replay.Setup, late_sensor: list[Frame]
 ) -> None:
     # GIVEN a code pending from an earlier drive, and a stream of drives in which the test passes
-    (log,) = ROOT.glob("replay_logs/healthy_micro_trips_*.blf")
-    healthy = list(read_frames(log))
+    healthy = frames_of("healthy_micro_trips")
     store = DtcStore()
     store.start_driving_cycle()
     store.fail("delay_rich_to_lean", 1)
@@ -219,9 +215,8 @@ def test_the_vehicles_reference_learns_from_each_driving_cycle_of_a_stream(
     # GIVEN a vehicle of which a short drive tells enough
     bias = replace(CONFIG.bias, reference_windows=5)
     setup = replace(setup, config=replace(setup.config, bias=bias))
-    (whole,) = ROOT.glob("replay_logs/healthy_micro_trips_*.blf")
-    healthy, log = list(read_frames(whole))[: 200 * 90], tmp_path / "healthy.log"
-    write_log(log, block(healthy))
+    healthy, log = frames_of("healthy_micro_trips", 90.0), tmp_path / "healthy.log"
+    write_log(log, healthy)
     length_s = (healthy[-1].t_ns - healthy[0].t_ns) / 1e9
     # WHEN there are two such drives as two recordings, and as one
     with closing(Memory(tmp_path / "apart.db")) as apart:

@@ -12,7 +12,7 @@ from monitor.cli import main
 from monitor.model import model_file
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.conftest import ROOT
+from tests.helpers.logs.replays import replay_log
 from training.narx.export import update_card
 
 GOOD = shipped_model().read_bytes()
@@ -52,8 +52,7 @@ def test_a_file_that_asks_for_too_much_or_holds_nonsense_is_refused_at_once(
 def test_a_refused_model_is_exit_code_2_and_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "m.onnx"
-    log = next(ROOT.glob("replay_logs/healthy_micro_trips_*.blf"))
+    path, log = tmp_path / "m.onnx", replay_log("healthy_micro_trips")
     for name in ("deep JSON", "no UTF-8", "outer", "period_ns 1000", "huge integer"):
         path.write_bytes(HOSTILE[name])
         assert main(["replay", str(log), "--model", str(path)]) == 2

@@ -31,10 +31,10 @@ from monitor.pipeline.entry import bus_sources, check_long_enough, check_receive
 from monitor.pipeline.frames import FramePipeline
 from monitor.pipeline.names import needed_names
 from monitor.pipeline.replay import Setup, replay, set_up, shipped_model
-from tests.conftest import ROOT
 from tests.helpers.drives.drive_tables import read
 from tests.helpers.examples import inputs
 from tests.helpers.logs.batch_logs import ECU, S, logs
+from tests.helpers.logs.replays import replay_log
 from tests.helpers.logs.streamed import SHORT
 from training.recordings.files.table_files import write_table
 from training.recordings.recording import whole
@@ -176,8 +176,7 @@ def test_a_spoilt_log_is_judged_alike_on_a_bus_and_in_a_replay(
 def test_a_whole_recording_holds_only_the_signals_that_the_monitor_looks_at(
     tmp_path: Path,
 ) -> None:
-    (log,) = (ROOT / "replay_logs").glob("gain_low_*.blf")
-    recorded = read(log, SETUP)
+    recorded = read(replay_log("gain_low"), SETUP)
     path = tmp_path / "table.csv"
     t_s = (recorded.block.t_ns - recorded.block.t_ns[0]) / 1e9
     values = np.column_stack([np.zeros(len(t_s)), recorded.block.values])

@@ -12,13 +12,13 @@ import pytest
 import dbc
 from monitor import cli
 from monitor.frames.logs import read_frames
+from monitor.inject.gateway import write_log
 from monitor.model.model_file import metadata_of
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
-from tests.helpers.logs.bad_logs import block, write_minute
+from tests.helpers.logs.bad_logs import write_minute
 from tests.helpers.logs.replays import replays
-from training.recordings.files.can_log import write_log
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +118,7 @@ def test_a_log_of_a_killed_logger_is_judged_as_far_as_it_goes_and_the_verdict_sa
 ) -> None:
     # GIVEN a log that ends in the middle of a line, a container or a packed block
     whole = tmp_path / f"whole.{suffix}"
-    write_log(whole, block(list(read_frames(drive))))
+    write_log(whole, list(read_frames(drive)))
     cut = tmp_path / f"cut.{suffix}"
     cut.write_bytes(whole.read_bytes()[: int(whole.stat().st_size * 0.6) + 3])
     # WHEN it is judged

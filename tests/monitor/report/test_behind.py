@@ -9,7 +9,7 @@ import pytest
 from monitor import cli
 from tests.conftest import ROOT
 from tests.helpers.drives.switching_drive import switching_drive
-from tests.helpers.logs.replays import replays
+from tests.helpers.logs.replays import replay_log, replays
 
 
 def replayed(table: Path, tmp_path: Path, *options: str) -> tuple[int, dict[str, Any]]:
@@ -46,8 +46,7 @@ def test_a_warm_up_catalyst_close_to_the_engine_has_a_code_of_its_own(tmp_path: 
 
 
 def test_a_signal_map_says_where_the_catalyst_stands(tmp_path: Path) -> None:
-    (log,) = (ROOT / "replay_logs").glob("catalyst_low_*.blf")
-    own = tmp_path / "own.toml"
+    log, own = replay_log("catalyst_low"), tmp_path / "own.toml"
     text = (ROOT / "dbc" / "o2_ecu.toml").read_text()
     own.write_text(f'{text}\n[catalyst]\nposition = "close_coupled"\n')
     bus = ("--dbc", str(ROOT / "dbc" / "o2_ecu.dbc"), "--map", str(own))
@@ -87,8 +86,7 @@ def test_a_rear_sensor_that_is_shorted_or_on_one_side_passes_no_catalyst(
 def test_the_capacity_stands_among_the_results_of_the_tests(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (log,) = (ROOT / "replay_logs").glob("catalyst_low_*.blf")
-    memory = str(tmp_path / "memory.db")
+    log, memory = replay_log("catalyst_low"), str(tmp_path / "memory.db")
     assert (
         cli.main(["replay", str(log), "--html", str(tmp_path / "page.html"), "--memory", memory])
         == 1

@@ -23,7 +23,8 @@ from monitor.sinks.address import open_sink
 from monitor.sinks.mqtt import Mqtt
 from monitor.sinks.outlet import Outlet
 from monitor.sinks.record import Record
-from tests.helpers.bus.live_player import frames_of, until
+from tests.helpers.bus.live_player import until
+from tests.helpers.logs.replays import frames_of
 
 
 def program(name: str) -> str:

@@ -57,6 +57,13 @@ def local(folder: Path) -> tuple[pl.DataFrame, pl.DataFrame]:
     return judged([str(folder)], folder.parent / "local.parquet")
 
 
+def manifest_of(folder: Path, head: str, *rows: object) -> str:
+    """Write a manifest; return its path."""
+    path = folder / "manifest.csv"
+    path.write_text("\n".join([head, *map(str, rows)]) + "\n")
+    return str(path)
+
+
 def assert_as_replayed(row: dict[str, Any], windows: pl.DataFrame, found: dict[str, Any]) -> None:
     own = windows.filter(pl.col("recording") == row["recording"])
     assert row["samples"] == found["samples"]
@@ -102,13 +109,12 @@ def test_drives_of_a_vehicle_share_its_memory_as_in_a_replay(tmp_path: Path) -> 
     other = write_piece(tmp_path / "v2.csv", DELAYED, 0, 3000)
     lines = [*(f"{path.name},first" for path in own[:3]), f"{other.name},second"]
     lines += [f"{path.name},first" for path in own[3:]]
-    manifest = tmp_path / "manifest.csv"
-    manifest.write_text("path,vehicle\n" + "\n".join(lines) + "\n")
     setup = replay.set_up(None, [], config.load())
     with closing(Memory(tmp_path / "memory.sqlite")) as memory:
         replayed = [replay.replay(path, setup, memory)[0] for path in own]
     # WHEN the manifest is judged
-    rows, windows = judged([str(manifest)], tmp_path / "out.parquet")
+    manifest = manifest_of(tmp_path, "path,vehicle", *lines)
+    rows, windows = judged([manifest], tmp_path / "out.parquet")
     # THEN codes, states and limits follow from drive to drive as with --memory
     first = rows.filter(pl.col("vehicle") == "first")
     for row, found in zip(first.to_dicts(), replayed, strict=True):
@@ -149,10 +155,8 @@ def test_a_bad_file_is_a_row_with_its_reason(tmp_path: Path, folder: Path) -> No
         "words.csv": "a number is wanted",
     }
     # WHEN they are judged
-    given = [str(bad), str(tmp_path / "bad" / "gone.log")]
-    manifest = tmp_path / "all.csv"
-    manifest.write_text("path\n" + "".join(f"{p}\n" for p in [*sorted(bad.iterdir()), given[1]]))
-    rows, windows = judged([str(manifest)], tmp_path / "out.parquet")
+    manifest = manifest_of(tmp_path, "path", *sorted(bad.iterdir()), bad / "gone.log")
+    rows, windows = judged([manifest], tmp_path / "out.parquet")
     # THEN each has a row that names it and says why, and the good one is judged
     failed = {Path(r["path"]).name: r for r in rows.to_dicts() if r["error"] is not None}
     assert sorted(failed) == sorted(wanted)
@@ -214,9 +218,8 @@ def test_what_a_run_writes_among_its_recordings_is_none_of_them(
 
 
 def test_a_chunk_holds_whole_vehicles(tmp_path: Path) -> None:
-    text = "".join(f"{k}.log,{k % 100}\n" for k in range(1000))
-    (tmp_path / "m.csv").write_text("path,vehicle\n" + text)
-    chunks = chunks_of(drives_of([str(tmp_path / "m.csv")]))
+    rows = (f"{k}.log,{k % 100}" for k in range(1000))
+    chunks = chunks_of(drives_of([manifest_of(tmp_path, "path,vehicle", *rows)]))
     assert sum(chunk.drives for chunk in chunks) == 1000
     assert len({own[0].vehicle for chunk in chunks for own in chunk.vehicles}) == 100
     assert max(len(chunk.vehicles) for chunk in chunks) == 12
@@ -303,11 +306,9 @@ def test_a_file_that_kills_the_process_is_a_row_and_the_others_are_judged(
     monkeypatch.setattr(fleet.parallel, "run", fleet_drives.run_deadly)
     paths = sorted(folder.iterdir())
     shutil.copy(paths[0], tmp_path / "deadly.parquet")
-    manifest = tmp_path / "m.csv"
     given = [*paths[:5], tmp_path / "deadly.parquet", *paths[5:]]
-    manifest.write_text("path\n" + "".join(f"{path}\n" for path in given))
     # WHEN they are judged
-    rows, windows = judged([str(manifest)], tmp_path / "out.parquet")
+    rows, windows = judged([manifest_of(tmp_path, "path", *given)], tmp_path / "out.parquet")
     # THEN it has a row that says so, and all others are as without it
     (bad,) = rows.filter(pl.col("error").is_not_null()).to_dicts()
     assert bad["error"] == f"{tmp_path / 'deadly.parquet'}: {fleet.DIED}"
@@ -358,13 +359,11 @@ def test_a_query_finds_results_by_vehicle_and_date(folder: Path, tmp_path: Path)
         pl.read_parquet(path).with_columns(pl.col("time_s") + shift_s).write_parquet(
             tmp_path / path.name
         )
-    manifest = tmp_path / "all.csv"
-    rows = [f"{path.name},{vehicle}\n" for path, vehicle in zip(paths, "aab/b", strict=False)]
-    manifest.write_text("path,vehicle\n" + "".join(rows))
+    rows = [f"{path.name},{vehicle}" for path, vehicle in zip(paths, "aab/b", strict=False)]
     # WHEN the results are written by vehicle and date
     out, parts = tmp_path / "out.parquet", tmp_path / "parts"
     partitions.check(parts)
-    judged([str(manifest)], out)
+    judged([manifest_of(tmp_path, "path,vehicle", *rows)], out)
     partitions.write(out, fleet.windows_path(out), parts)
     # THEN the folders are the keys, and a query over all of them gives the tables back
     assert (parts / "recordings/vehicle=a/date=2026-03-01").is_dir()
@@ -427,11 +426,10 @@ def test_recordings_are_read_over_http(folder: Path, tmp_path: Path) -> None:
         Thread(target=server.serve_forever, daemon=True).start()
         root = f"http://127.0.0.1:{server.server_port}"
         names = sorted(path.name for path in folder.iterdir())[:2]
-        manifest = tmp_path / "m.csv"
         given = [names[0], f"{names[1]}?signature=a/b.log", "gone.log"]
-        manifest.write_text("path\n" + "".join(f"{root}/{name}\n" for name in given))
+        manifest = manifest_of(tmp_path, "path", *(f"{root}/{name}" for name in given))
         # WHEN they are judged by their URLs
-        rows, _ = judged([str(manifest)], tmp_path / "out.parquet")
+        rows, _ = judged([manifest], tmp_path / "out.parquet")
         server.shutdown()
     # THEN they are, and the one that is not there says so
     assert rows["error"].to_list()[:2] == [None, None]

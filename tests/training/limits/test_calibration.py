@@ -56,8 +56,12 @@ def calibrated(drives: Path) -> Path:
     return drives / "calibrated.onnx"
 
 
+def healthy(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*_healthy.parquet"))
+
+
 def command(folder: Path) -> list[str]:
-    sound = map(str, sorted(folder.glob("*_healthy.parquet"))[:3])
+    sound = map(str, healthy(folder)[:3])
     faulty = map(str, sorted(folder.glob("*_s9106_*.parquet")))
     model = str(folder / "model.onnx")
     return ["calibrate", "--model", model, "--healthy", *sound, "--faulty", *faulty]
@@ -89,7 +93,7 @@ def test_false_alarms_on_drives_said_to_be_healthy_stand_beside_what_the_limits_
     drives: Path, calibrated: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # GIVEN two drives with a sound sensor and one with a late one WHEN all are said to be healthy
-    sound = [str(path) for path in sorted(drives.glob("*_healthy.parquet"))[3:]]
+    sound = [str(path) for path in healthy(drives)[3:]]
     late = str(next(drives.glob("*_delay_lean_to_rich*.parquet")))
     figures = drives / "evaluated.json"
     options = ["--model", str(calibrated), "--healthy", "--json", str(figures)]
@@ -158,7 +162,7 @@ def test_the_page_calls_simulated_drives_simulated(drives: Path, calibrated: Pat
 def test_faulty_drives_choose_the_limits_of_the_papers_rule_alone(
     drives: Path, calibrated: Path
 ) -> None:
-    paths = sorted(drives.glob("*_healthy.parquet"))[:3]
+    paths = healthy(drives)[:3]
     recordings = [load(path, period_s=0.1) for path in paths]
     card, result = calibrate(drives / "model.onnx", recordings, [], config.load())
     chosen = Model.load(calibrated).card.limits
@@ -176,7 +180,7 @@ def test_faulty_drives_choose_the_limits_of_the_papers_rule_alone(
 
 
 def test_a_drive_that_the_model_was_trained_on_is_told(drives: Path) -> None:
-    path = sorted(drives.glob("*_healthy.parquet"))[1]
+    path = healthy(drives)[1]
     known = Model.load(shipped_model()).card.recordings[0].sha256
     recording = replace(load(path, period_s=0.1), sha256=known)
     _, result = calibrate(shipped_model(), [recording], [], config.load())

@@ -11,22 +11,20 @@ from monitor.base.errors import UsageError
 from monitor.bus.diagnostics import results
 from monitor.bus.diagnostics.state import Identity
 from monitor.frames.blocks import block_of
-from monitor.frames.logs import read_frames
 from monitor.memory import obd_records
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline import replay
 from monitor.pipeline.frames import FramePipeline
-from tests.conftest import ROOT
 from tests.helpers.bus.diagnostics_state import SHA256, VIN, Vehicle, ask
+from tests.helpers.logs.replays import frames_of
 
 
 @pytest.fixture(scope="module")
 def late_sensor() -> DtcStore:
     """Return the fault memory after a drive with a late sensor."""
-    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
     setup, store = replay.set_up(None, [], config.load()), DtcStore()
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
-    deque(pipeline.push(block_of(list(read_frames(log))[: 200 * 70])), maxlen=0)
+    deque(pipeline.push(block_of(frames_of("delay_rich_to_lean", 70.0))), maxlen=0)
     return store
 
 

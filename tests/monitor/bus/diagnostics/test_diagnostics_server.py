@@ -82,6 +82,11 @@ class Tester:
         raise AssertionError("the server is due without end")
 
 
+@pytest.fixture
+def tester() -> Tester:
+    return Tester()
+
+
 def test_a_request_to_all_and_one_to_this_monitor_are_answered_alike() -> None:
     for can_id in (FUNCTIONAL, REQUEST):
         assert Tester().send("02 01 1C", can_id) == ["03 41 1c 01 cc cc cc cc"]
@@ -92,8 +97,7 @@ def test_what_is_refused_is_told_only_to_who_asked_this_monitor() -> None:
     assert Tester().send("01 3F", FUNCTIONAL) == []
 
 
-def test_a_long_answer_waits_for_flow_control() -> None:
-    tester = Tester()
+def test_a_long_answer_waits_for_flow_control(tester: Tester) -> None:
     assert tester.send("02 09 02") == ["10 14 49 02 01 57 56 57"]
     assert tester.work() == []
     frames = tester.send("30 00 00") + tester.rest()
@@ -105,9 +109,8 @@ def test_a_long_answer_waits_for_flow_control() -> None:
     ("separation", "least_s"), [("00", 0.002), ("F1", 0.002), ("F9", 0.002), ("05", 0.005)]
 )
 def test_frames_keep_the_separation_asked_for_and_no_less_than_two_milliseconds(
-    separation: str, least_s: float
+    tester: Tester, separation: str, least_s: float
 ) -> None:
-    tester = Tester()
     tester.send("02 09 08")
     tester.send(f"30 00 {separation}")
     before_s = tester.now_s
@@ -117,15 +120,13 @@ def test_frames_keep_the_separation_asked_for_and_no_less_than_two_milliseconds(
 
 
 @pytest.mark.parametrize("separation", ["7F", "80", "F0", "FA", "FF"])
-def test_a_reserved_separation_is_the_longest(separation: str) -> None:
-    tester = Tester()
+def test_a_reserved_separation_is_the_longest(tester: Tester, separation: str) -> None:
     tester.send("02 09 08")
     tester.send(f"30 00 {separation}")
     assert tester.server.due_s - tester.now_s == pytest.approx(0.127, abs=0.001)
 
 
-def test_an_answer_that_nobody_lets_go_on_is_given_up_after_a_second() -> None:
-    tester = Tester()
+def test_an_answer_that_nobody_lets_go_on_is_given_up_after_a_second(tester: Tester) -> None:
     tester.send("02 09 02")
     tester.now_s += 0.99
     assert tester.send("02 01 1C") == []
@@ -136,15 +137,15 @@ def test_an_answer_that_nobody_lets_go_on_is_given_up_after_a_second() -> None:
     assert tester.server.due_s == math.inf
 
 
-def test_a_request_in_several_frames_is_answered() -> None:
-    tester = Tester()
+def test_a_request_in_several_frames_is_answered(tester: Tester) -> None:
     assert tester.send("10 09 19 02 FF FF FF FF") == ["30 00 00 cc cc cc cc cc"]
     assert tester.send("21 FF FF FF") == ["03 7f 19 13 cc cc cc cc"]
 
 
 @pytest.mark.parametrize("length", ["10 41", "1F FF", "10 00 00 00 10 00", "10 00 FF FF FF FF"])
-def test_a_request_that_is_too_long_is_refused_at_its_first_frame(length: str) -> None:
-    tester = Tester()
+def test_a_request_that_is_too_long_is_refused_at_its_first_frame(
+    tester: Tester, length: str
+) -> None:
     frame = bytes.fromhex(length).ljust(8, b"\x22")
     assert tester.send(frame) == ["32 00 00 cc cc cc cc cc"]
     for number in range(40):  # it is sent all the same
@@ -153,8 +154,7 @@ def test_a_request_that_is_too_long_is_refused_at_its_first_frame(length: str) -
     assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
 
 
-def test_a_wrong_sequence_number_ends_the_request() -> None:
-    tester = Tester()
+def test_a_wrong_sequence_number_ends_the_request(tester: Tester) -> None:
     tester.send("10 09 19 02 FF FF FF FF")
     assert tester.send("22 FF FF FF") == []
     assert tester.send("21 FF FF FF") == []
@@ -162,8 +162,7 @@ def test_a_wrong_sequence_number_ends_the_request() -> None:
     assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
 
 
-def test_several_frames_to_all_are_no_request() -> None:
-    tester = Tester()
+def test_several_frames_to_all_are_no_request(tester: Tester) -> None:
     assert tester.send("10 09 19 02 FF FF FF FF", FUNCTIONAL) == []
     assert tester.send("21 FF FF FF", FUNCTIONAL) == []
 
@@ -178,8 +177,7 @@ def test_frames_that_mean_nothing_are_not_answered(data: str) -> None:
         assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
 
 
-def test_one_answer_at_a_time() -> None:
-    tester = Tester()
+def test_one_answer_at_a_time(tester: Tester) -> None:
     tester.send("02 09 02")
     assert tester.send("02 01 1C") == []
     assert tester.send("02 01 1C", FUNCTIONAL) == []
@@ -187,8 +185,7 @@ def test_one_answer_at_a_time() -> None:
     assert [f[:2] for f in tester.send("30 00 00") + tester.rest()] == ["21", "22"]
 
 
-def test_the_extended_session_ends_five_seconds_after_the_last_request() -> None:
-    tester = Tester()
+def test_the_extended_session_ends_five_seconds_after_the_last_request(tester: Tester) -> None:
     tester.send("02 10 03")
     tester.now_s += 4.9
     assert tester.send("02 3E 80") == []
@@ -200,8 +197,7 @@ def test_the_extended_session_ends_five_seconds_after_the_last_request() -> None
     assert tester.vehicle.state.session == 1
 
 
-def test_clearing_is_announced_before_it_is_done() -> None:
-    tester = Tester()
+def test_clearing_is_announced_before_it_is_done(tester: Tester) -> None:
     assert tester.send("01 04", FUNCTIONAL) == ["03 7f 04 78 cc cc cc cc"]
     assert tester.vehicle.clearings == 0
     assert tester.server.due_s == tester.now_s
@@ -209,16 +205,14 @@ def test_clearing_is_announced_before_it_is_done() -> None:
     assert tester.vehicle.clearings == 1
 
 
-def test_an_engine_that_starts_in_between_stops_the_clearing() -> None:
-    tester = Tester()
+def test_an_engine_that_starts_in_between_stops_the_clearing(tester: Tester) -> None:
     tester.send("01 04")
     tester.server.push(tick(800.0))
     assert tester.work() == ["03 7f 04 22 cc cc cc cc"]
     assert tester.vehicle.clearings == 0
 
 
-def test_a_flood_is_answered_as_often_as_allowed_and_then_ignored() -> None:
-    tester = Tester()
+def test_a_flood_is_answered_as_often_as_allowed_and_then_ignored(tester: Tester) -> None:
     answers = 0
     for _ in range(4000):  # one second of a full bus
         answers += len(tester.send("02 01 1C"))
@@ -229,8 +223,7 @@ def test_a_flood_is_answered_as_often_as_allowed_and_then_ignored() -> None:
     assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
 
 
-def test_flow_control_of_an_answer_is_read_in_a_flood_too() -> None:
-    tester = Tester()
+def test_flow_control_of_an_answer_is_read_in_a_flood_too(tester: Tester) -> None:
     for _ in range(BURST_FRAMES - 1):
         tester.send("02 3E 80")
     assert tester.send("02 09 02") == ["10 14 49 02 01 57 56 57"]

@@ -12,7 +12,8 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from monitor.base.types import Frame
-from tests.helpers.bus.live_player import Player, frames_of
+from tests.helpers.bus.live_player import Player
+from tests.helpers.logs.replays import frames_of
 
 LAPTOP, PHONE = (1366, 768), (390, 844)
 

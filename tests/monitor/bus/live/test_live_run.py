@@ -14,7 +14,7 @@ import pytest
 
 from monitor import cli
 from monitor.bus.link.recorder import message_of
-from tests.helpers.bus.live_player import frames_of
+from tests.helpers.logs.replays import frames_of
 
 CHANNEL = "live-page"
 

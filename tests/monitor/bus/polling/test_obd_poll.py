@@ -171,44 +171,26 @@ def test_a_parameter_that_is_announced_but_never_answered_does_not_hold_up_the_o
 
 
 def test_nothing_is_asked_beside_a_pending_answer() -> None:
-    ecu = steady_ecu()
-    talk = Conversation(ecu).run(1.0)
-    ecu.override = lambda _: [b"\x7f\x01\x78"]
-    talk.run(0.2)
-    before = len(ecu.asked)
-    talk.run(3.0)
-    assert len(ecu.asked) == before  # waits for the answer to come
-    talk.run(3.0)
-    assert len(ecu.asked) > before  # but not for ever
+    talk = Conversation(steady_ecu()).run(1.0).answered_with([b"\x7f\x01\x78"], 0.2)
+    before = len(talk.asked)
+    assert len(talk.run(3.0).asked) == before  # waits for the answer to come
+    assert len(talk.run(3.0).asked) > before  # but not for ever
 
 
 def test_a_busy_ecu_is_asked_ever_less_often_and_normally_again_later() -> None:
-    ecu = steady_ecu()
-    talk = Conversation(ecu).run(1.0)
-    ecu.override = lambda _: [b"\x7f\x01\x21"]
-    talk.run(30.0)
-    times_s = np.array([t for t, _ in ecu.asked if t > 1.2])
-    pauses_s = np.diff(times_s)
+    talk = Conversation(steady_ecu()).run(1.0).answered_with([b"\x7f\x01\x21"], 30.0)
+    pauses_s = np.diff([t for t, _ in talk.ecu.asked if t > 1.2])
     assert np.all(np.diff(pauses_s) > -0.05)
     assert 4.9 < pauses_s[-1] < 5.2
-    ecu.override = lambda _: None
-    talk.run(6.0)
-    before = len(ecu.asked)
-    talk.run(5.0)
-    assert len(ecu.asked) - before > 50
+    before = len(talk.answered_with(None, 6.0).asked)
+    assert len(talk.run(5.0).asked) - before > 50
 
 
 def test_a_silent_bus_is_asked_seldom_and_a_returning_ecu_is_found() -> None:
-    ecu = steady_ecu()
-    talk = Conversation(ecu).run(2.0)
-    ecu.override = lambda _: []
-    talk.run(60.0)
-    late = [t for t, _ in ecu.asked if t > 40.0]
-    assert len(late) <= 5
-    ecu.override = lambda _: None
-    talk.run(7.0)
-    assert talk.polled
-    assert len([t for t, _ in ecu.asked if t > 69.0 - 1.0]) > 8
+    talk = Conversation(steady_ecu()).run(2.0).answered_with([], 60.0)
+    assert sum(t > 40.0 for t, _ in talk.ecu.asked) <= 5
+    assert talk.answered_with(None, 7.0).polled
+    assert sum(t > 69.0 - 1.0 for t, _ in talk.ecu.asked) > 8
 
 
 @pytest.mark.parametrize(
@@ -270,13 +252,9 @@ def test_flow_control_goes_to_the_engine_alone_when_all_were_asked() -> None:
 
 
 def test_after_silence_the_bitmaps_are_read_again() -> None:
-    ecu = steady_ecu()
-    talk = Conversation(ecu).run(2.0)
-    ecu.override = lambda _: []
-    talk.run(10.0)
-    ecu.override, ecu.supported = lambda _: None, (0x0C, 0x0D)
-    talk.run(8.0)
-    assert talk.polled == {0x0C, 0x0D}
+    talk = Conversation(steady_ecu()).run(2.0).answered_with([], 10.0)
+    talk.ecu.supported = (0x0C, 0x0D)
+    assert talk.answered_with(None, 8.0).polled == {0x0C, 0x0D}
 
 
 def test_an_answer_with_a_frame_missing_is_thrown_away() -> None:

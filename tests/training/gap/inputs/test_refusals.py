@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from shutil import copy
@@ -15,7 +15,7 @@ from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
-from tests.helpers.gap.gap_files import refused, run
+from tests.helpers.gap.gap_files import run
 from training import cli
 from training.greybox.chain import Constants, base_path, simulate
 from training.narx.export import update_card
@@ -72,6 +72,22 @@ def network(drives: list[Path]) -> Path:
     return path
 
 
+@pytest.fixture
+def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Give what returns the error line of a command that must fail with exit code 2."""
+
+    def line(model: Path, *arguments: str | Path) -> str:
+        capsys.readouterr()
+        code = run("--model", model, *arguments, "--out", tmp_path / "gap")
+        err = capsys.readouterr().err
+        assert code == 2, err
+        lines = err.strip().splitlines()
+        assert len(lines) == 1, err
+        return lines[0]
+
+    return line
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -81,28 +97,21 @@ def network(drives: list[Path]) -> Path:
     ],
 )
 def test_options_that_cannot_be_are_refused(
-    options: list[str],
-    words: str,
-    drives: list[Path],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    options: list[str], words: str, drives: list[Path], tmp_path: Path, refused: Callable[..., str]
 ) -> None:
-    arguments = ["--model", shipped_model(), drives[0], "--out", tmp_path / "gap", *options]
-    assert words in refused(capsys, *arguments)
+    assert words in refused(shipped_model(), drives[0], *options)
     assert not (tmp_path / "gap").exists()
 
 
 def test_a_model_of_another_kind_or_none_is_refused(
-    drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    drives: list[Path], tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     other = tmp_path / "other.onnx"
     copy(shipped_model(), other)
     card = Model.load(other).card
     update_card(other, replace(card, transform="none"))
-    line = refused(capsys, "--model", other, drives[0], "--out", tmp_path / "gap")
-    assert "other.onnx: predicts lambda_measured as it is" in line
-    line = refused(capsys, "--model", drives[0], drives[0], "--out", tmp_path / "gap")
-    assert "drive_1.csv" in line
+    assert "other.onnx: predicts lambda_measured as it is" in refused(other, drives[0])
+    assert "drive_1.csv" in refused(drives[0], drives[0])
 
 
 @pytest.mark.parametrize(
@@ -114,19 +123,14 @@ def test_a_model_of_another_kind_or_none_is_refused(
     ],
 )
 def test_a_recording_of_which_the_chain_can_make_nothing_is_refused(
-    changes: dict[str, Any],
-    words: str,
-    chain: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    changes: dict[str, Any], words: str, chain: Path, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
-    new = table(tmp_path, 4, **changes)
-    line = refused(capsys, "--model", chain, new, "--out", tmp_path / "gap")
+    line = refused(chain, table(tmp_path, 4, **changes))
     assert re.search(rf"drive_4\.csv: .*{words}", line)
 
 
 def test_recordings_without_excitation_are_refused(
-    chain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    chain: Path, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     n = 6000
     flat = {
@@ -136,21 +140,20 @@ def test_recordings_without_excitation_are_refused(
         "maf_kg_h": np.full(n, 48.0),
     }
     still = [table(tmp_path, seed, **flat) for seed in (6, 7)]
-    line = refused(capsys, "--model", chain, *still, "--out", tmp_path / "gap")
+    line = refused(chain, *still)
     assert "drive_6.csv, drive_7.csv: no excitation" in line
     assert re.search(r"\b(199|200|201) mg of air per stroke", line)  # with the model's own charge
     assert "must move by 10 %" in line
 
 
 def test_recordings_that_do_not_go_with_each_other_or_the_model_are_refused(
-    chain: Path, drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    chain: Path, drives: list[Path], tmp_path: Path, refused: Callable[..., str]
 ) -> None:
-    arguments = ["--model", chain, drives[0], "--out", tmp_path / "gap"]
-    same = refused(capsys, *arguments, "--healthy", *drives)
-    assert "drive_1.csv: the same as " in same
-    slow = refused(capsys, *arguments, "--period", "0.2")
+    assert "drive_1.csv: the same as " in refused(chain, drives[0], "--healthy", *drives)
+    slow = refused(chain, drives[0], "--period", "0.2")
     assert "drive_1.csv: sample period 0.2 s, chain.onnx has 0.1 s" in slow
-    dry = refused(capsys, *arguments, "--healthy", table(tmp_path, 9, without=["fuel_mass_mg"]))
+    without = table(tmp_path, 9, without=["fuel_mass_mg"])
+    dry = refused(chain, drives[0], "--healthy", without)
     assert "drive_9.csv: healthy, without a good value of fuel_mass_mg" in dry
 
 
@@ -201,9 +204,8 @@ def test_without_fuel_and_air_a_vehicle_as_it_was_has_no_gap(network: Path, tmp_
 
 
 def test_without_fuel_and_air_healthy_recordings_are_wanted(
-    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    network: Path, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     dry, one = (table(tmp_path, i, without=["fuel_mass_mg", "air_mass_mg"]) for i in (9, 10))
     for healthy in ([], ["--healthy", one]):
-        line = refused(capsys, "--model", network, dry, *healthy, "--out", tmp_path / "gap")
-        assert "3 or more are wanted" in line
+        assert "3 or more are wanted" in refused(network, dry, *healthy)

@@ -47,9 +47,17 @@ def found(change: Change, seeds: Sequence[int] = (1,)) -> tuple[Candidate, ...]:
     return formula_of(begun).terms if begun else ()
 
 
-def warm_intake(path: Path, signals: dict[str, FloatArray]) -> Path:
-    more = -0.0088 * (signals["manifold_temperature_degc"] - 30.0)
-    return replace(path, factor=path.factor * (1.0 + more))
+def by_intake(more: Callable[..., FloatArray]) -> Change:
+    """Return a mixture that is richer by a share of the intake's temperature and the voltage."""
+
+    def change(path: Path, signals: dict[str, FloatArray]) -> Path:
+        share = more(signals["manifold_temperature_degc"], signals["battery_voltage_v"])
+        return replace(path, factor=path.factor * (1.0 + share))
+
+    return change
+
+
+warm_intake = by_intake(lambda degc, _: -0.0088 * (degc - 30.0))
 
 
 def test_a_share_per_degree_is_found_with_its_size() -> None:
@@ -79,11 +87,7 @@ def test_a_resonance_is_found_at_its_speed_with_its_width() -> None:
 
 def test_what_halves_with_every_so_many_units_is_an_exponential() -> None:
     # GIVEN 12 % more at 20 °C of the intake, half as much for every 7 K above it
-    def cold(path: Path, signals: dict[str, FloatArray]) -> Path:
-        more = 0.12 * np.exp(-(signals["manifold_temperature_degc"] - 20.0) / 10.0)
-        return replace(path, factor=path.factor * (1.0 + more))
-
-    (term,) = found(cold)
+    (term,) = found(by_intake(lambda degc, _: 0.12 * np.exp(-(degc - 20.0) / 10.0)))
     _, signal, form, _, half = term.name.split(":")
     assert (signal, form) == ("manifold_temperature_degc", "exponential")
     assert term.parameters["rate"] / float(half) == pytest.approx(-0.1, rel=0.1)
@@ -105,13 +109,8 @@ def test_a_constant_is_part_of_a_formula() -> None:
 
 def test_a_share_that_grows_with_a_second_signal_is_found_with_it() -> None:
     # GIVEN a mixture that is leaner per degree of the intake, and the more so at high voltage
-    def warm_and_charged(path: Path, signals: dict[str, FloatArray]) -> Path:
-        more = -0.008 * (signals["manifold_temperature_degc"] - 30.0)
-        growth = 1.0 + 0.8 * (signals["battery_voltage_v"] - 13.9)
-        return replace(path, factor=path.factor * (1.0 + more * growth))
-
     # WHEN a formula is looked for
-    (term,) = found(warm_and_charged)
+    (term,) = found(by_intake(lambda degc, v: -0.008 * (degc - 30.0) * (1.0 + 0.8 * (v - 13.9))))
     # THEN it is one term, a product of the two
     _, signal, _, _, _, second, *_ = term.name.split(":")
     assert {signal, second} == {"manifold_temperature_degc", "battery_voltage_v"}
@@ -125,14 +124,13 @@ def test_where_no_form_gains_on_held_out_blocks_there_is_no_formula(
     assert found(warm_intake) == ()
 
 
-@pytest.mark.parametrize("form", [each for each in FORMS if each != "factor"])
-def test_arrays_and_graph_of_a_formula_agree(form: str) -> None:
-    graph_agrees(effect_of(name_of("manifold_pressure_kpa", form, 70.0, 20.0)))
+NAMES = {form: name_of("manifold_pressure_kpa", form, 70.0, 20.0) for form in FORMS}
+GROWING = growing(NAMES["bump"], "engine_speed_rpm", 2000.0, 1000.0)
 
 
-def test_arrays_and_graph_of_a_growing_formula_agree() -> None:
-    name = name_of("manifold_pressure_kpa", "bump", 70.0, 20.0)
-    graph_agrees(effect_of(growing(name, "engine_speed_rpm", 2000.0, 1000.0)))
+@pytest.mark.parametrize("name", [*(NAMES[form] for form in FORMS if form != "factor"), GROWING])
+def test_arrays_and_graph_of_a_formula_agree(name: str) -> None:
+    graph_agrees(effect_of(name))
 
 
 def test_a_formula_reads_as_one() -> None:
@@ -173,23 +171,25 @@ def test_a_name_that_says_no_formula_is_refused(name: str) -> None:
         effect_of(name)
 
 
-def test_a_curve_is_constant_beyond_its_knots() -> None:
+def by_pressure(form: str, *values: float) -> tuple[FloatArray, FloatArray]:
+    """Return the pressure, and how many times as rich a formula about 70 kPa makes the mixture."""
     path, signals = BASE_PATH
-    effect = effect_of(name_of("manifold_pressure_kpa", "curve", 70.0, 10.0))
-    changed = effect.apply(path, np.array([1.0, 0.0, 0.0, 0.0, 3.0]), signals, 0.1)
-    ratio = changed.factor / path.factor
-    np.testing.assert_allclose(ratio[signals["manifold_pressure_kpa"] > 80.0], 1.03)
-    np.testing.assert_allclose(ratio[signals["manifold_pressure_kpa"] < 60.0], 1.01)
+    effect = effect_of(name_of("manifold_pressure_kpa", form, 70.0, 10.0))
+    changed = effect.apply(path, np.array(values), signals, 0.1)
+    return signals["manifold_pressure_kpa"], changed.factor / path.factor
+
+
+def test_a_curve_is_constant_beyond_its_knots() -> None:
+    kpa, ratio = by_pressure("curve", 1.0, 0.0, 0.0, 0.0, 3.0)
+    np.testing.assert_allclose(ratio[kpa > 80.0], 1.03)
+    np.testing.assert_allclose(ratio[kpa < 60.0], 1.01)
 
 
 def test_a_bend_is_level_up_to_its_place_and_straight_beyond_it() -> None:
     # GIVEN a bend at 75 kPa, with 2 % per u of 10 kPa above it
-    path, signals = BASE_PATH
-    effect = effect_of(name_of("manifold_pressure_kpa", "bend", 70.0, 10.0))
-    changed = effect.apply(path, np.array([0.0, 0.0, 2.0, 0.5]), signals, 0.1)
+    kpa, ratio = by_pressure("bend", 0.0, 0.0, 2.0, 0.5)
     # THEN the mixture is richer by 0.2 % per kPa beyond it, up to the end of the line
-    beyond_kpa = np.clip(signals["manifold_pressure_kpa"] - 75.0, 0.0, 25.0)
-    np.testing.assert_allclose(changed.factor / path.factor, 1.0 + 0.002 * beyond_kpa)
+    np.testing.assert_allclose(ratio, 1.0 + 0.002 * np.clip(kpa - 75.0, 0.0, 25.0))
 
 
 def test_a_bend_begins_at_the_corner_of_a_curve_and_an_exponential_with_its_rate() -> None:

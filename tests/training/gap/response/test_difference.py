@@ -1,6 +1,8 @@
 """In what a reading without a chain differs from that of healthy runs."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -33,68 +35,51 @@ def run(seed: int) -> Comparison:
     )
 
 
-def with_reading(r: Comparison, reading: FloatArray) -> Comparison:
-    return replace(r, phi_measured=reading)
-
-
-@pytest.fixture(scope="module")
+@cache
 def healthy() -> ResponseReference:
     return ResponseReference.learn([run(seed) for seed in range(6)], INPUTS)
 
 
-@pytest.fixture(scope="module")
-def new() -> list[Comparison]:
-    return [run(seed) for seed in (11, 12, 13, 14, 15)]
+@cache
+def new() -> tuple[Comparison, ...]:
+    return tuple(run(seed) for seed in (11, 12, 13, 14, 15))
 
 
-def found(
-    new: list[Comparison], readings: list[FloatArray], healthy: ResponseReference
-) -> Difference:
-    changed = [with_reading(r, y) for r, y in zip(new, readings, strict=True)]
-    return difference_of(changed, healthy)
+def found(read: Callable[[int, Comparison], FloatArray]) -> Difference:
+    """Return in what the new runs differ when something else is read in each."""
+    changed = [replace(r, phi_measured=read(i, r)) for i, r in enumerate(new())]
+    return difference_of(changed, healthy())
 
 
-def test_runs_as_they_were_have_no_gap(healthy: ResponseReference, new: list[Comparison]) -> None:
-    assert difference_of(new, healthy).best is None
+def test_runs_as_they_were_have_no_gap() -> None:
+    assert found(lambda _, r: r.phi_measured).best is None
 
 
-def test_a_ripple_over_speed_is_described(
-    healthy: ResponseReference, new: list[Comparison]
-) -> None:
-    readings = [r.phi_measured + 0.005 * np.sin(6.0 * r.signals["speed"]) for r in new]
-    answer = found(new, readings, healthy)
+def test_a_ripple_over_speed_is_described() -> None:
+    answer = found(lambda _, r: r.phi_measured + 0.005 * np.sin(6.0 * r.signals["speed"]))
     assert answer.best is not None
     assert (answer.best.kind, answer.best.driver) == ("level", "speed")
     assert not answer.like_sensor
     assert "changes with the speed" in answer.best.sentence
 
 
-def test_a_gain_that_lowers_the_error_is_found(
-    healthy: ResponseReference, new: list[Comparison]
-) -> None:
-    readings = [1.0 + 0.7 * (r.phi_measured - 1.0) for r in new]
-    answer = found(new, readings, healthy)
+def test_a_gain_that_lowers_the_error_is_found() -> None:
+    answer = found(lambda _, r: 1.0 + 0.7 * (r.phi_measured - 1.0))
     assert answer.like_sensor
     assert answer.response is not None
     assert answer.response.gain == pytest.approx(0.7, abs=0.05)
     assert next(f for f in answer.findings if f.kind == "swing").significant
 
 
-def test_a_slow_reading_is_described_by_its_lag(
-    healthy: ResponseReference, new: list[Comparison]
-) -> None:
-    readings = [lag(r.phi_measured, 2.0, PERIOD_S) for r in new]
-    answer = found(new, readings, healthy)
+def test_a_slow_reading_is_described_by_its_lag() -> None:
+    answer = found(lambda _, r: lag(r.phi_measured, 2.0, PERIOD_S))
     assert answer.like_sensor
     assert answer.response is not None
     assert answer.response.lag_s + answer.response.delay_s == pytest.approx(2.0, abs=0.5)
 
 
-def test_an_offset_that_begins_with_a_run_names_the_run(
-    healthy: ResponseReference, new: list[Comparison]
-) -> None:
-    readings = [r.phi_measured + 0.03 * (i >= 3) for i, r in enumerate(new)]
-    answer = found(new, readings, healthy)
+def test_an_offset_that_begins_with_a_run_names_the_run() -> None:
+    answer = found(lambda i, r: r.phi_measured + 0.03 * (i >= 3))
     assert answer.like_sensor
     assert answer.best is not None
     assert "From run 14 on the reading is +0.03" in answer.best.sentence
@@ -105,25 +90,20 @@ def asked(r: Comparison, more: float, off: float = 0.0) -> Comparison:
     richer = more * (r.signals["load"] > 0.0)
     target = 1.0 + 0.1 * np.tanh(r.signals["speed"]) + richer
     told = replace(r, signals={**r.signals, "lambda_target": 1.0 / target})
-    return with_reading(told, r.phi_measured + lag(richer, 1.0, PERIOD_S) + off)
+    return replace(told, phi_measured=r.phi_measured + lag(richer, 1.0, PERIOD_S) + off)
 
 
-@pytest.fixture(scope="module")
+@cache
 def usual() -> ResponseReference:
     return ResponseReference.learn([asked(run(seed), 0.0) for seed in range(6)], INPUTS)
 
 
-def test_a_reading_that_goes_where_the_target_went_is_what_the_ecu_asks_for(
-    usual: ResponseReference, new: list[Comparison]
-) -> None:
-    tuned = [asked(r, -0.05 * (i >= 2)) for i, r in enumerate(new)]
-    answer = difference_of(tuned, usual)
+def test_a_reading_that_goes_where_the_target_went_is_what_the_ecu_asks_for() -> None:
+    answer = difference_of([asked(r, -0.05 * (i >= 2)) for i, r in enumerate(new())], usual())
     assert answer.best is not None
     assert answer.best.sentence.startswith("The ECU asks for it: ")
     assert not answer.like_sensor
 
 
-def test_an_offset_beside_a_target_that_stays_is_the_sensors(
-    usual: ResponseReference, new: list[Comparison]
-) -> None:
-    assert difference_of([asked(r, 0.0, off=0.02) for r in new], usual).like_sensor
+def test_an_offset_beside_a_target_that_stays_is_the_sensors() -> None:
+    assert difference_of([asked(r, 0.0, off=0.02) for r in new()], usual()).like_sensor
