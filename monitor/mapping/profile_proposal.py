@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from monitor.base.signals import BY_NAME, SIGNALS
+from monitor.base.signals import BY_NAME, SIGNALS, plausible_range
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.conversion import is_of_quantity, stated_unit
 from monitor.frames.profiles.profile import (
@@ -65,8 +65,9 @@ def proposed(raw: RawTable) -> Iterator[str]:
     yield "# columns that are not used:"
     for i, column in enumerate(raw.columns):
         if column.name and column.name not in used:
-            yield f"# {toml(column.name)}{_range(column.unit, cells[:, i])}"
-
+            known = cells[np.isfinite(cells[:, i]), i]
+            span = f"{known.min():g} to {known.max():g}" if len(known) else "no number"
+            yield "# " + " ".join(filter(None, (toml(column.name), column.unit, span)))
     yield "# signals without a column:"
     for signal in SIGNALS:
         if signal.name not in found:
@@ -118,12 +119,16 @@ def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> 
     own = replace(source, column=column.name)
     if not is_of_quantity(name, source, column, STOICHIOMETRIC):
         return None
-    if own != Source(column=column.name) or name not in QUANTITIES:
+    stated = stated_unit(column, STOICHIOMETRIC)
+    converts = own != Source(column=own.column, units=own.units, pinned=own.pinned)
+    if name not in QUANTITIES or converts or (len(own.units) > 1 and not stated):
         return own
-    if stated_unit(column, STOICHIOMETRIC):
-        return own
-    fit = fit_of(name, Description(column.name, values=values), is_named=True)
-    return _by_words(name, column, fit) if fit and fit.stands else None
+    unit = stated or "".join(own.units)
+    fit = fit_of(name, Description(column.name, unit, values=values), is_named=True)
+    if not unit:
+        return _by_words(name, column, fit) if fit and fit.stands else None
+    low, high = plausible_range(name)
+    return own if fit and low <= np.nanmedian(fit.canonical(values)) <= high else None
 
 
 def _by_words(name: str, column: RawColumn, fit: QuantityFit) -> Source:
@@ -155,9 +160,3 @@ def _source(source: Source) -> str:
     """Return a source in TOML, as its column alone if that says all."""
     tree = source_tree(source) | ({"unit": source.units[0]} if len(source.units) == 1 else {})
     return toml(tree if len(tree) > 1 else source.column)
-
-
-def _range(unit: str, cells: FloatArray) -> str:
-    known = cells[np.isfinite(cells)]
-    span = f" {known.min():g} to {known.max():g}" if len(known) else " no number"
-    return f"{' ' + unit if unit else ''}{span}"

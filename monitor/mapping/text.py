@@ -114,16 +114,12 @@ def _entries(proposals: Sequence[Proposal]) -> Iterator[str]:
     lacking = [p.name for p in proposals if p.best is None and not p.others and p.note == NOTHING]
     if lacking:
         yield from (comment(f"{NOTHING}: {', '.join(lacking)}"), "")
-    for each in proposals:
-        if each.name in lacking:
-            continue
-        word = "candidate"
+    for each in (p for p in proposals if p.name not in lacking):
+        word = "or" if each.best else "candidate"
         if each.best is None:
             yield comment(f"{each.name}: {each.note}")
         else:
-            word = "or"
-            yield comment(_why(each.best))
-            yield _entry(each.name, each.best)
+            yield from (comment(_why(each.best)), _entry(each.name, each.best))
         for other in each.others:
             yield comment(f"  {word} {_why(other)}")
             yield comment(f"  {_entry(each.name, other)}")
