@@ -16,6 +16,7 @@ import isotp
 import numpy as np
 
 from monitor.base.types import FloatArray
+from tests.helpers.bus.beside import beside
 
 Row = Mapping[str, float]
 Bytes = Callable[[Row], float | int]
@@ -166,22 +167,16 @@ def steady_ecu(**options: Any) -> ObdEcu:
 @contextmanager
 def answering(ecu: ObdEcu, channel: str, interface: str = "virtual") -> Iterator[None]:
     """Let the ECU answer on a bus in real time."""
-    done = threading.Event()
 
-    def answer() -> None:
+    def answer(over: threading.Event) -> None:
         with can.Bus(interface=interface, channel=channel) as bus:
-            while not done.is_set():
+            while not over.is_set():
                 message = bus.recv(0.02)
                 for data in ecu.push(message, time.monotonic()) if message else ():
                     bus.send(can.Message(arbitration_id=0x7E8, is_extended_id=False, data=data))
 
-    thread = threading.Thread(target=answer)
-    thread.start()
-    try:
+    with beside(answer):
         yield
-    finally:
-        done.set()
-        thread.join()
 
 
 class SimulatedBus(can.BusABC):

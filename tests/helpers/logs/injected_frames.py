@@ -52,13 +52,13 @@ def counted(frames: list[Frame]) -> list[int]:
 HALF_STEP = WRITER.signals["lambda_measured"].step / 2 + 1e-9
 
 
-def write(path: Path, frames: list[Frame]) -> None:
+def write(path: Path, frames: list[Frame]) -> Path:
     assert write_log(path, frames) == len(frames)
+    return path
 
 
 def first_minutes(folder: Path, seconds: float = 210.0, from_s: float = 0.0) -> Path:
     """Write the begin of a healthy drive, or a part of it, to a log."""
     path = folder / "healthy.log"
     frames = frames_of("healthy_micro_trips", from_s + seconds)
-    write(path, [frame for frame in frames if frame.t_ns >= frames[0].t_ns + 1e9 * from_s])
-    return path
+    return write(path, [f for f in frames if f.t_ns >= frames[0].t_ns + 1e9 * from_s])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.types import FloatArray
+from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
 
 CODES = {"u1": 0, "i1": 1, ">u2": 2, ">i2": 3, ">u4": 4, ">i4": 5, ">i8": 6, ">f4": 7}
 TUNER_UNITS = {  # signal → (column, unit, factor and offset of signal = factor x + offset)
@@ -88,6 +89,13 @@ def write_mlg(
     blocks = mlg_blocks(fields, values, t_s)
     path.write_bytes(mlg_header(version, fields, info) + b"".join(blocks))
     return path
+
+
+def cells_of(raw: RawTable) -> tuple[FloatArray, Notes]:
+    """Return all cells of a table, and what is to be told of it."""
+    notes = Notes()
+    blocks = raw.read([Wanted(i) for i in range(len(raw.columns))], notes)
+    return np.concatenate(list(blocks)), notes
 
 
 def write_text_table(

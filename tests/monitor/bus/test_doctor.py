@@ -18,11 +18,11 @@ from monitor.bus.bench.findings import BusFinding, of_bus, of_interface
 from monitor.bus.bench.interface import Interface
 from monitor.bus.link.error_frames import error_frame
 from monitor.bus.link.port import BusHealth
-from monitor.bus.link.recorder import message_of
 from monitor.cli import main
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.frames.blocks import block_of
 from monitor.pipeline.replay import shipped_model
+from tests.helpers.bus.beside import beside, send_as_driven
 from training.recordings.files.can_log import broadcast
 
 BUS_MAP = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
@@ -48,24 +48,14 @@ def identifier(message: str, bus_map: BusMap = BUS_MAP) -> int:
 @contextmanager
 def played(script: Iterable[Frame | can.Message]) -> Iterator[str]:
     """Play a script into a virtual bus in real time; give its channel."""
-    channel, over = f"doctor {time.monotonic_ns()}", threading.Event()
-    messages = [each if isinstance(each, can.Message) else message_of(each) for each in script]
+    channel = f"doctor {time.monotonic_ns()}"
 
-    def play() -> None:
+    def play(over: threading.Event) -> None:
         with can.Bus(channel, interface="virtual") as bus:
-            begin_s = time.monotonic()
-            for message in sorted(messages, key=lambda m: m.timestamp):
-                if over.wait(max(begin_s + message.timestamp - time.monotonic(), 0.0)):
-                    return
-                bus.send(message)
+            send_as_driven(bus, script, over)
 
-    thread = threading.Thread(target=play)
-    thread.start()
-    try:
+    with beside(play):
         yield channel
-    finally:
-        over.set()
-        thread.join()
 
 
 @pytest.fixture

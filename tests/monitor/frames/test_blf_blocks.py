@@ -55,6 +55,7 @@ def test_blf_times_beyond_exact_doubles_are_rounded_as_python_can_rounds_them(
     assert read_at_once(path) == python_can_reads(path)
 
 
+VERSIONS = (5, 0, 0, 0, 2, 6, 8, 1)  # of the program and the library that wrote it
 STORED, UNKNOWN, DEFLATED, CUT = range(4)  # ways of a container; the last is half of one
 
 
@@ -68,25 +69,8 @@ def blf_file(containers: list[tuple[bytes, int]], millisecond: int = 0) -> bytes
         content += struct.pack("<4sHHLLH6xL4x", b"LOBJ", 16, 1, size, 10, method, len(part))
         content += packed + bytes(size % 4)
     start = (2026, 11, 6, 21, 9, 30, 5, millisecond)
-    head = struct.pack(
-        "<4sL8BQQLL8H8H",
-        b"LOGG",
-        144,
-        5,
-        0,
-        0,
-        0,
-        2,
-        6,
-        8,
-        1,
-        144 + len(content),
-        0,
-        0,
-        0,
-        *start,
-        *start,
-    )
+    sizes = 144 + len(content), 0, 0, 0
+    head = struct.pack("<4sL8BQQLL8H8H", b"LOGG", 144, *VERSIONS, *sizes, *start, *start)
     return head.ljust(144, b"\0") + content
 
 

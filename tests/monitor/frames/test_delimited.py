@@ -11,16 +11,9 @@ from monitor.frames.tables.cells import clock, is_number, number
 from monitor.frames.tables.delimited import open_delimited
 from monitor.frames.tables.raw_table import Notes, Wanted
 from monitor.grid.tables import read_table
-from tests.helpers.logs.logger_files import write_text_table
+from tests.helpers.logs.logger_files import cells_of, write_text_table
 
 COLUMNS = {"Time": np.array([0.0, 0.1, 0.25]), "AFR": np.array([14.7, 14.25, 13.5])}
-
-
-def cells(path: Path) -> tuple[np.ndarray, Notes]:
-    raw, notes = open_delimited(path), Notes()
-    return np.concatenate(
-        list(raw.read([Wanted(i) for i in range(len(raw.columns))], notes))
-    ), notes
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "cp1252"])
@@ -50,7 +43,7 @@ def test_every_dialect_gives_the_same_numbers(
     raw = open_delimited(path)
     assert raw.names == ("Time", "AFR")
     assert tuple(column.unit for column in raw.columns) == (units or ("", ""))
-    np.testing.assert_allclose(cells(path)[0], np.column_stack(list(COLUMNS.values())))
+    np.testing.assert_allclose(cells_of(raw)[0], np.column_stack(list(COLUMNS.values())))
 
 
 def test_marks_repeated_headers_and_words_for_no_value(tmp_path: Path) -> None:
@@ -59,7 +52,7 @@ def test_marks_repeated_headers_and_words_for_no_value(tmp_path: Path) -> None:
         '"Speeduino"\nTime\tRPM\tState\ns\trpm\t\n0\t1000\tOn\nMARK 001 - pulling - Mon\n'
         "0.1\t-\tOff\nTime\tRPM\tState\ns\trpm\t\n0.2\t∞\tOn\n0.3\t\tOff\n0.4\tn/a\tOn\n"
     )
-    found, notes = cells(path)
+    found, notes = cells_of(open_delimited(path))
     np.testing.assert_array_equal(found[:, 0], [0.0, 0.1, 0.2, 0.3, 0.4])
     np.testing.assert_array_equal(found[:, 1], [1000.0, *[np.nan] * 4])
     np.testing.assert_array_equal(found[:, 2], [1.0, 0.0, 1.0, 0.0, 1.0])
@@ -69,8 +62,9 @@ def test_marks_repeated_headers_and_words_for_no_value(tmp_path: Path) -> None:
 def test_columns_apart_by_blanks_may_have_a_mark_before_their_names(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("# recorded by hand in May\n# Time  AFR\n  0.0 14.70  \n 10.5  9.81  \n")
-    assert open_delimited(path).names[:2] == ("Time", "AFR")
-    np.testing.assert_array_equal(cells(path)[0][:, :2], [[0.0, 14.7], [10.5, 9.81]])
+    raw = open_delimited(path)
+    assert raw.names[:2] == ("Time", "AFR")
+    np.testing.assert_array_equal(cells_of(raw)[0][:, :2], [[0.0, 14.7], [10.5, 9.81]])
 
 
 def test_words_tell_closed_loop(tmp_path: Path) -> None:
@@ -125,7 +119,7 @@ def test_times_go_on_where_the_offset_from_utc_changes(tmp_path: Path) -> None:
 def test_a_log_that_ends_in_a_row_is_read_to_that_row_and_says_so(tmp_path: Path) -> None:
     path = write_text_table(tmp_path / "a.csv", {"Time": np.arange(9.0), "A": np.arange(9.0)})
     path.write_bytes(path.read_bytes() + b"9")
-    found, notes = cells(path)
+    found, notes = cells_of(open_delimited(path))
     assert len(found) == 9
     assert notes.lines == ("cut short in line 11: 1 cell, the header has 2 columns",)
 
@@ -148,7 +142,7 @@ def test_a_file_that_is_no_table_is_refused_in_one_line(
     path = tmp_path / "a.csv"
     path.write_bytes(text)
     with pytest.raises(RecordingError, match=message) as caught:
-        cells(path)
+        cells_of(open_delimited(path))
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 

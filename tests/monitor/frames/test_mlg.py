@@ -7,10 +7,11 @@ import pytest
 
 from monitor.base.errors import RecordingError
 from monitor.frames.tables.mlg import TIMESTAMP, open_mlg
-from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
+from monitor.frames.tables.raw_table import Notes
 from tests.helpers.logs.logger_files import (
     CODES,
     Field,
+    cells_of,
     mlg_blocks,
     mlg_header,
     mlg_marker,
@@ -18,12 +19,6 @@ from tests.helpers.logs.logger_files import (
 )
 
 FIELDS = [Field(f"x {dtype}", "u", dtype, 0.5, 2.0) for dtype in CODES]
-
-
-def everything(raw: RawTable) -> tuple[np.ndarray, Notes]:
-    notes = Notes()
-    blocks = list(raw.read([Wanted(i) for i in range(len(raw.columns))], notes))
-    return np.concatenate(blocks), notes
 
 
 def numbers(n: int = 50) -> np.ndarray:
@@ -39,7 +34,7 @@ def test_every_type_of_field_is_read_with_scale_and_transform(tmp_path: Path, ve
     assert raw.names == (*(field.name for field in FIELDS), TIMESTAMP)
     assert {column.unit for column in raw.columns} == {"u", "s"}
     assert raw.preamble == '"rusEFI"'
-    found, notes = everything(raw)
+    found, notes = cells_of(raw)
     np.testing.assert_allclose(found[:, :-1], values)
     # the timestamps wrap after 0.66 s and are read on
     np.testing.assert_allclose(found[:, -1], t_s, atol=1e-5)
@@ -53,7 +48,7 @@ def test_markers_are_counted_and_records_with_a_wrong_checksum_left_out(tmp_path
     blocks.insert(12, mlg_marker("too rich here", 1.2))
     path = tmp_path / "a.mlg"
     path.write_bytes(mlg_header(2, FIELDS) + b"".join(blocks))
-    found, notes = everything(open_mlg(path))
+    found, notes = cells_of(open_mlg(path))
     np.testing.assert_allclose(found[:, :-1], np.delete(values, 7, axis=0))
     np.testing.assert_allclose(found[:, -1], np.delete(t_s, 7), atol=1e-5)
     assert notes.counts == {"bad_checksum": 1, "markers": 1}
@@ -65,7 +60,7 @@ def test_bytes_that_got_lost_cost_one_record(tmp_path: Path) -> None:
     blocks[10] = blocks[10][:6] + blocks[10][9:]
     path = tmp_path / "a.mlg"
     path.write_bytes(mlg_header(1, FIELDS) + b"".join(blocks))
-    found, notes = everything(open_mlg(path))
+    found, notes = cells_of(open_mlg(path))
     np.testing.assert_allclose(found[:, :-1], np.delete(values, 10, axis=0))
     assert notes.counts == {"damaged_bytes": len(blocks[10])}
 
@@ -73,7 +68,7 @@ def test_bytes_that_got_lost_cost_one_record(tmp_path: Path) -> None:
 def test_a_log_cut_in_the_middle_is_read_to_the_cut_and_says_so(tmp_path: Path) -> None:
     path = write_mlg(tmp_path / "a.mlg", FIELDS, numbers(30), 0.1 * np.arange(30))
     path.write_bytes(path.read_bytes()[:-10])
-    found, notes = everything(open_mlg(path))
+    found, notes = cells_of(open_mlg(path))
     assert len(found) == 29
     assert notes.lines[0].startswith("cut short after 29 records")
 
@@ -87,9 +82,9 @@ def test_a_log_larger_than_a_chunk_gives_what_small_chunks_give(
     blocks.insert(200, mlg_marker("x", 20.0))
     path = tmp_path / "a.mlg"
     path.write_bytes(mlg_header(2, FIELDS) + b"".join(blocks))
-    whole, noted = everything(open_mlg(path))
+    whole, noted = cells_of(open_mlg(path))
     monkeypatch.setattr("monitor.frames.tables.mlg_blocks.CHUNK", 100)
-    parts, again = everything(open_mlg(path))
+    parts, again = cells_of(open_mlg(path))
     np.testing.assert_array_equal(parts, whole)
     assert again == noted
     assert len(whole) == 299
@@ -120,7 +115,7 @@ def test_real_logs_of_rusefi_and_speeduino_are_read(shared_data: Path) -> None:
     folder = shared_data / "logs" / "rusefi_speeduino"
     for name, n_fields, n_records in (("rusefi_log1", 782, 727), ("speeduino", 59, 139)):
         raw = open_mlg(folder / f"{name}.mlg")
-        found, notes = everything(raw)
+        found, notes = cells_of(raw)
         assert found.shape == (n_records, n_fields + 1)
         assert not notes.lines
         times = found[:, [raw.names.index("Time"), n_fields]]

@@ -89,6 +89,13 @@ class Bench:
         return last
 
 
+@pytest.fixture
+def settled() -> Bench:
+    bench = Bench()
+    bench.settle()
+    return bench
+
+
 def blocking(conditions: dict[str, bool]) -> set[str]:
     return {name for name, holds in conditions.items() if not holds}
 
@@ -115,11 +122,9 @@ def test_a_model_that_forgets_slowly_settles_for_longer(forgets_after: int, want
     ("condition", "name", "value"), [*((c, *broken) for c, broken in BREAKS.items()), *ALSO_BREAKS]
 )
 def test_each_condition_blocks_on_its_own_and_is_listed(
-    condition: str, name: str, value: float
+    settled: Bench, condition: str, name: str, value: float
 ) -> None:
-    bench = Bench()
-    bench.settle()
-    assert blocking(bench.step(**{name: value})) == {condition}
+    assert blocking(settled.step(**{name: value})) == {condition}
 
 
 @pytest.mark.parametrize(
@@ -138,29 +143,25 @@ def test_each_condition_blocks_on_its_own_and_is_listed(
         ("lambda_controller", 0.5),  # far out, where a biased sensor may have driven it
     ],
 )
-def test_a_value_on_its_limit_does_not_block(name: str, value: float) -> None:
-    bench = Bench()
-    bench.settle()
-    assert blocking(bench.step(**{name: value})) == set()
+def test_a_value_on_its_limit_does_not_block(settled: Bench, name: str, value: float) -> None:
+    assert blocking(settled.step(**{name: value})) == set()
 
 
 @pytest.mark.parametrize("name", INPUTS)
-def test_an_input_that_is_not_valid_blocks_until_the_model_has_settled_again(name: str) -> None:
-    bench = Bench()
-    bench.settle()
-    assert {"inputs_valid", "model_settled"} <= blocking(bench.step(**{name: math.nan}))
+def test_an_input_that_is_not_valid_blocks_until_the_model_has_settled_again(
+    settled: Bench, name: str
+) -> None:
+    assert {"inputs_valid", "model_settled"} <= blocking(settled.step(**{name: math.nan}))
     for _ in range(SETTLE):
-        conditions = bench.step()
+        conditions = settled.step()
         assert conditions["inputs_valid"]
         assert not conditions["model_settled"]
-    assert blocking(bench.step()) == set()
+    assert blocking(settled.step()) == set()
 
 
-def test_a_missing_measurement_does_not_unsettle_the_model() -> None:
-    bench = Bench()
-    bench.settle()
-    bench.step(lambda_measured=math.nan)
-    assert blocking(bench.step()) == set()
+def test_a_missing_measurement_does_not_unsettle_the_model(settled: Bench) -> None:
+    settled.step(lambda_measured=math.nan)
+    assert blocking(settled.step()) == set()
 
 
 @pytest.mark.parametrize("signal", enable.SIGNALS)
@@ -173,10 +174,8 @@ def test_a_condition_whose_signal_is_not_provided_is_listed_and_never_blocks(sig
 
 
 @pytest.mark.parametrize("condition", [c for c in BREAKS if c not in ("trained_range",)])
-def test_a_provided_signal_that_is_not_valid_blocks(condition: str) -> None:
-    bench = Bench()
-    bench.settle()
-    assert blocking(bench.step(**{SIGNAL_OF[condition]: math.nan})) == {condition}
+def test_a_provided_signal_that_is_not_valid_blocks(settled: Bench, condition: str) -> None:
+    assert blocking(settled.step(**{SIGNAL_OF[condition]: math.nan})) == {condition}
 
 
 @pytest.mark.parametrize("period_s", [0.01, 0.1, 0.25])
@@ -201,16 +200,14 @@ def test_a_recovery_time_is_exact_in_samples(
     assert blocking(bench.step()) == set()
 
 
-def test_a_second_fuel_cut_starts_the_recovery_anew() -> None:
-    bench = Bench()
-    bench.settle()
-    bench.step(fuel_cut=1.0)
+def test_a_second_fuel_cut_starts_the_recovery_anew(settled: Bench) -> None:
+    settled.step(fuel_cut=1.0)
     for _ in range(20):
-        bench.step()
-    bench.step(fuel_cut=1.0)
+        settled.step()
+    settled.step(fuel_cut=1.0)
     for _ in range(29):
-        assert blocking(bench.step()) == {"fuel_cut_recovered"}
-    assert blocking(bench.step()) == set()
+        assert blocking(settled.step()) == {"fuel_cut_recovered"}
+    assert blocking(settled.step()) == set()
 
 
 @pytest.mark.parametrize(
@@ -237,13 +234,11 @@ def test_a_reading_at_the_end_of_its_range_is_judged_in_fuel_cut_only(
     assert blocking(dict(zip(CONDITIONS, held, strict=True))) == blocked
 
 
-def test_a_reset_is_like_switching_on() -> None:
-    bench = Bench()
-    bench.settle()
-    bench.step(fuel_cut=1.0)
-    bench.subject.reset()
-    assert blocking(bench.step()) == {"model_settled"}
-    assert blocking(bench.settle()) == set()
+def test_a_reset_is_like_switching_on(settled: Bench) -> None:
+    settled.step(fuel_cut=1.0)
+    settled.subject.reset()
+    assert blocking(settled.step()) == {"model_settled"}
+    assert blocking(settled.settle()) == set()
 
 
 # The purge valve
@@ -269,24 +264,22 @@ def test_the_recovery_time_after_the_purge_valve_opens_or_closes_is_exact(
     assert blocking(bench.step(purge_duty_percent=after)) == set()
 
 
-def test_a_fast_change_of_purge_blocks_while_it_lasts_and_until_it_is_taken_up() -> None:
+def test_a_fast_change_of_purge_blocks_while_it_lasts_and_until_it_is_taken_up(
+    settled: Bench,
+) -> None:
     # GIVEN a valve that is open and goes far further open in one sample
-    bench = Bench()
-    bench.settle()
     after = GOOD["purge_duty_percent"] + CONFIG.purge_step_percent + 1.0
     # WHEN it stays there
-    blocked = [blocking(bench.step(purge_duty_percent=after)) for _ in range(60)]
+    blocked = [blocking(settled.step(purge_duty_percent=after)) for _ in range(60)]
     # THEN the samples within a second of the change block, and the recovery time after the last
     last = round(1.0 / PERIOD_S) - 1 + round(CONFIG.purge_recovery_s / PERIOD_S)
     assert blocked == [{"purge_steady"}] * (last) + [set()] * (60 - last)
 
 
-def test_a_slow_change_of_purge_that_follows_the_load_does_not_block() -> None:
-    bench = Bench()
-    bench.settle()
+def test_a_slow_change_of_purge_that_follows_the_load_does_not_block(settled: Bench) -> None:
     per_sample = 0.9 * CONFIG.purge_step_percent * PERIOD_S
     for k in range(20):
-        assert blocking(bench.step(purge_duty_percent=20.0 + k * per_sample)) == set()
+        assert blocking(settled.step(purge_duty_percent=20.0 + k * per_sample)) == set()
 
 
 # Blocks

@@ -6,27 +6,20 @@ import pytest
 
 from monitor import cli
 from monitor.base.types import Frame
-from monitor.frames.logs import read_frames
-from tests.helpers.logs.injected_frames import HEALTHY, LAMBDA_ID, write
-from tests.helpers.logs.replays import replays
+from tests.helpers.logs.injected_frames import LAMBDA_ID, write
+from tests.helpers.logs.replays import frames_of, replays
 
 
 @pytest.fixture(scope="module")
 def drive() -> list[Frame]:
     """Give two minutes of a healthy drive."""
-    frames = list(read_frames(HEALTHY))
-    return [f for f in frames if f.t_ns < frames[0].t_ns + 120_000_000_000]
+    return frames_of("healthy_micro_trips", 120.0)
 
 
 @pytest.fixture
 def deaf(drive: list[Frame], tmp_path: Path) -> Path:
     """Give the drive without the message of the sensor."""
-    return written(tmp_path / "deaf.blf", [f for f in drive if f.can_id != LAMBDA_ID])
-
-
-def written(path: Path, frames: list[Frame]) -> Path:
-    write(path, frames)
-    return path
+    return write(tmp_path / "deaf.blf", [f for f in drive if f.can_id != LAMBDA_ID])
 
 
 def test_a_sensor_that_never_came_in_a_log_is_not_judged_and_gets_no_code(deaf: Path) -> None:
@@ -42,7 +35,7 @@ def test_a_vehicle_whose_sensor_was_heard_before_gets_the_code(
     deaf: Path, drive: list[Frame], tmp_path: Path
 ) -> None:
     # GIVEN a memory that knows the sensor of an earlier drive
-    healthy, memory = written(tmp_path / "healthy.blf", drive), tmp_path / "memory.db"
+    healthy, memory = write(tmp_path / "healthy.blf", drive), tmp_path / "memory.db"
     replays(healthy, "--memory", memory)
     # WHEN the sensor is silent from the start
     code, (recording,) = replays(deaf, "--memory", memory)
@@ -54,6 +47,6 @@ def test_a_vehicle_whose_sensor_was_heard_before_gets_the_code(
 def test_a_log_without_any_mapped_frame_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    log = written(tmp_path / "other.blf", [Frame(k * 10**8, 0x7A0, False, b"") for k in range(600)])
+    log = write(tmp_path / "other.blf", [Frame(k * 10**8, 0x7A0, False, b"") for k in range(600)])
     assert cli.main(["replay", str(log)]) == 2
     assert "none of its 600 frames is one of" in capsys.readouterr().err

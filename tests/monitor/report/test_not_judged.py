@@ -31,8 +31,11 @@ class Replayed:
         return [(c["condition"], c["signal"], c["reason"]) for c in found]
 
 
+Replay = Callable[[Change], Replayed]
+
+
 @pytest.fixture
-def replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[[Change], Replayed]:
+def replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Replay:
     """Give a replay of the healthy drive after a change."""
 
     def run(change: Change) -> Replayed:
@@ -54,9 +57,7 @@ def held(name: str, value: float, seconds: float | None = None) -> Change:
     return change
 
 
-def test_a_healthy_drive_is_judged_and_nothing_held_it_up(
-    replayed: Callable[[Change], Replayed],
-) -> None:
+def test_a_healthy_drive_is_judged_and_nothing_held_it_up(replayed: Replay) -> None:
     got = replayed(lambda _: None)
     assert got.exit_code == 0
     assert got.recording["not_judged"] is None
@@ -90,10 +91,7 @@ def test_a_healthy_drive_is_judged_and_nothing_held_it_up(
     ids=["a column of zeros", "a blank column", "outside training", "a controller that stands"],
 )
 def test_a_drive_without_a_verdict_names_the_column_at_fault(
-    replayed: Callable[[Change], Replayed],
-    change: Change,
-    cause: tuple[str, str, str],
-    words: str,
+    replayed: Replay, change: Change, cause: tuple[str, str, str], words: str
 ) -> None:
     got = replayed(change)
     assert got.exit_code == 3
@@ -118,7 +116,7 @@ def test_a_drive_without_a_verdict_names_the_column_at_fault(
     ids=["no value", "implausible", "not ready", "frozen", "pegged"],
 )
 def test_a_sensor_that_dies_after_its_tests_passed_gives_no_clean_bill(
-    replayed: Callable[[Change], Replayed], change: Change, reason: str
+    replayed: Replay, change: Change, reason: str
 ) -> None:
     # GIVEN a drive in which every test passes, and a sensor that dies too late for a code
     # WHEN it is replayed
@@ -129,9 +127,7 @@ def test_a_sensor_that_dies_after_its_tests_passed_gives_no_clean_bill(
     assert got.causes == [("sensor_alive", "lambda_measured", reason)]
 
 
-def test_a_sensor_may_be_silent_while_the_engine_stands(
-    replayed: Callable[[Change], Replayed],
-) -> None:
+def test_a_sensor_may_be_silent_while_the_engine_stands(replayed: Replay) -> None:
     def stop(data: Columns) -> None:
         held("engine_speed_rpm", 0.0, 2.0)(data)
         held("lambda_measured", np.nan, 1.5)(data)
@@ -139,15 +135,11 @@ def test_a_sensor_may_be_silent_while_the_engine_stands(
     assert replayed(stop).exit_code == 0
 
 
-def test_one_bad_sample_at_the_end_is_no_dead_sensor(
-    replayed: Callable[[Change], Replayed],
-) -> None:
+def test_one_bad_sample_at_the_end_is_no_dead_sensor(replayed: Replay) -> None:
     assert replayed(held("lambda_measured", np.nan, 0.2)).exit_code == 0
 
 
-def test_a_drive_too_short_for_its_tests_says_which_have_no_decision(
-    replayed: Callable[[Change], Replayed],
-) -> None:
+def test_a_drive_too_short_for_its_tests_says_which_have_no_decision(replayed: Replay) -> None:
     # GIVEN a stretch of the drive in which every condition holds, too short for a decision
     def cut(data: Columns) -> None:
         for name in data:

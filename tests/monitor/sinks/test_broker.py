@@ -7,8 +7,7 @@ import signal
 import socket
 import subprocess
 import threading
-import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -17,12 +16,11 @@ import can
 import pytest
 
 from monitor import cli
-from monitor.base.types import Frame
-from monitor.bus.link.recorder import message_of
 from monitor.sinks.address import open_sink
 from monitor.sinks.mqtt import Mqtt
 from monitor.sinks.outlet import Outlet
 from monitor.sinks.record import Record
+from tests.helpers.bus.beside import beside, send_as_driven
 from tests.helpers.bus.live_player import until
 from tests.helpers.logs.replays import frames_of
 
@@ -104,15 +102,6 @@ class Subscriber:
         self._client.loop_stop()
 
 
-def send_as_driven(bus: can.BusABC, frames: Iterable[Frame]) -> None:
-    """Send frames at the pace of their times, the first one at once."""
-    begin_s, first_ns = time.monotonic(), None
-    for frame in frames:
-        first_ns = frame.t_ns if first_ns is None else first_ns
-        time.sleep(max(0.0, begin_s + (frame.t_ns - first_ns) / 1e9 - time.monotonic()))
-        bus.send(message_of(frame._replace(t_ns=time.time_ns())))
-
-
 def outlive_the_broker(folder: Path, port: int, got: list[tuple[str, str]]) -> None:
     """Let an ECU send for two seconds while a broker runs and for two more, then end the run."""
     frames = list(frames_of("healthy_micro_trips", 4.0))
@@ -136,12 +125,10 @@ def test_a_run_publishes_its_signals_and_survives_the_broker_s_death(
     port, result = free_port(), tmp_path / "run.json"
     program("mosquitto")
     got: list[tuple[str, str]] = []
-    ecu = threading.Thread(target=outlive_the_broker, args=[tmp_path, port, got])
     address = f"mqtt://127.0.0.1:{port}/car"
     run = f"run -i virtual -c sinks --duration 60 --json {result} --sink-rate 5 --sink {address}"
-    ecu.start()
-    assert cli.main([*run.split(), "--sink-tag", "vehicle=17"]) == 3  # four seconds are too few
-    ecu.join()
+    with beside(lambda _: outlive_the_broker(tmp_path, port, got)):  # four seconds are too few
+        assert cli.main([*run.split(), "--sink-tag", "vehicle=17"]) == 3
     assert ("car/status", "online") in got
     signals = [json.loads(text) for topic, text in got if topic == "car/signals"]
     assert 500.0 < signals[-1]["engine_speed_rpm"] < 4000.0
@@ -193,7 +180,7 @@ def test_a_broker_that_sends_more_than_memory_may_hold_is_cut_off() -> None:
     ended = threading.Event()
     with socket.create_server(("127.0.0.1", 0)) as server:
 
-        def answer() -> None:
+        def answer(_: threading.Event) -> None:
             taken, _ = server.accept()
             with taken, suppress(ConnectionError):
                 taken.recv(4096)
@@ -202,15 +189,13 @@ def test_a_broker_that_sends_more_than_memory_may_hold_is_cut_off() -> None:
                     pass
             ended.set()
 
-        thread = threading.Thread(target=answer)
-        thread.start()
-        sink = Mqtt(urlsplit(f"mqtt://127.0.0.1:{server.getsockname()[1]}"), {})
-        # WHEN something is to be told THEN the connection ends, and is said to have
-        with pytest.raises(OSError, match=r"connection is lost|no confirmation"):
-            for i in range(3):
-                sink.write([code(i)])
-        assert ended.wait(2.0)
-        thread.join()
+        with beside(answer):
+            sink = Mqtt(urlsplit(f"mqtt://127.0.0.1:{server.getsockname()[1]}"), {})
+            # WHEN something is to be told THEN the connection ends, and is said to have
+            with pytest.raises(OSError, match=r"connection is lost|no confirmation"):
+                for i in range(3):
+                    sink.write([code(i)])
+            assert ended.wait(2.0)
         sink.close()
 
 

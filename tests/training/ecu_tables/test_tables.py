@@ -4,12 +4,14 @@ import io
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 
 from monitor.base.errors import UsageError
+from monitor.base.types import FloatArray
 from training.cli import main
 from training.cli.console.share_bar import Share
 from training.dyno.engine import EngineLayout, dead_time_ms, engine
@@ -47,6 +49,13 @@ def test_the_axes_of_a_tune_are_those_of_its_fuel_table(tmp_path: Path) -> None:
     assert read_axes(tune) == ((800.0, 1600.0, 2400.0), (30.0, 60.0))
 
 
+def delays(axes: Any, values: FloatArray, **more: Any) -> EcuTable:
+    """Return a table of delays of which all is known but ``more``."""
+    own = {"low": values, "high": values, "samples": np.full(values.shape, 100)} | more
+    sides = axes.speed, axes.load
+    return EcuTable(name="lambda_delay", unit="s", axes=sides, estimate=values, **own)
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -68,15 +77,7 @@ def test_a_file_without_axes_is_refused_by_name(tmp_path: Path, text: str, reaso
 def test_a_table_file_has_speed_across_load_upwards_and_zero_where_nothing_was_measured() -> None:
     axes = axes_of("manifold_pressure_kpa", (800.0, 1600.0, 2400.0), (30.0, 60.0))
     values = np.array([[0.3, 0.25], [0.2, np.nan], [0.15, 0.1]])
-    table = EcuTable(
-        name="lambda_delay",
-        unit="s",
-        axes=(axes.speed, axes.load),
-        estimate=values,
-        low=values,
-        high=values,
-        samples=np.ones((3, 2), dtype=np.int64),
-    )
+    table = delays(axes, values, samples=np.ones((3, 2), dtype=np.int64))
     root = ET.fromstring(tuner_studio(table))
     space = "{http://www.EFIAnalytics.com/:table}"
     rows = root.find(f"{space}table/{space}zValues")
@@ -89,17 +90,17 @@ def test_a_table_file_has_speed_across_load_upwards_and_zero_where_nothing_was_m
     assert table.document()["estimate"][1] == [0.2, None]
 
 
+def log_of(folder: Path, injection: str, air: str, seconds: float, **car: Any) -> Path:
+    """Write a log of a simulated car."""
+    layout = EngineLayout(injection, air)  # type: ignore[arg-type]
+    experiment = Experiment(cycle="micro_trips", duration_s=seconds, layout=layout, **car)
+    return write(experiment, folder, "csv", 0.05)
+
+
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a short log of a car with port injection and speed density."""
-    experiment = Experiment(
-        cycle="micro_trips",
-        vehicle=3,
-        seed=4,
-        duration_s=150.0,
-        layout=EngineLayout("port", "speed_density"),
-    )
-    return write(experiment, tmp_path_factory.mktemp("drive"), "csv", 0.05)
+    folder = tmp_path_factory.mktemp("drive")
+    return log_of(folder, "port", "speed_density", 150.0, vehicle=3, seed=4)
 
 
 def test_the_sensitivities_are_the_derivatives_of_the_reading(drive: Path) -> None:
@@ -124,9 +125,7 @@ def test_the_charge_behind_an_air_meter_is_free_of_its_lag_and_of_the_manifolds_
     tmp_path: Path,
 ) -> None:
     # GIVEN a charge that swings once a second, seen by a meter with a lag of 30 ms
-    layout = EngineLayout("port", "maf")
-    experiment = Experiment(cycle="micro_trips", duration_s=20.0, layout=layout)
-    subject = subject_of([load(write(experiment, tmp_path, "csv", 0.05))])
+    subject = subject_of([load(log_of(tmp_path, "port", "maf", 20.0))])
     d = subject.drives[0]
     p = Parameters(subject, grid_over([d.rpm], [d.load]))
     filling_s, meter_s, omega = 0.19, 0.03, 2.0 * np.pi
@@ -228,10 +227,7 @@ def test_a_file_gets_lines_with_share_time_left_and_the_best_error_so_far() -> N
 
 
 def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) -> None:
-    experiment = Experiment(
-        cycle="micro_trips", duration_s=30.0, layout=EngineLayout("port", "speed_density")
-    )
-    recording = load(write(experiment, tmp_path, "csv", 0.05))
+    recording = load(log_of(tmp_path, "port", "speed_density", 30.0))
     four = subject_of([recording], displacement_l=2.0).drives[0]
     six = subject_of([recording], displacement_l=3.0, cylinders=6).drives[0]
     np.testing.assert_allclose(six.air, four.air)
@@ -241,16 +237,13 @@ def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) ->
 
 def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
     # GIVEN a car whose drive is explained nearly as well by a wet wall and a long dead time
-    layout = EngineLayout("direct", "speed_density")
-    experiment = Experiment(
-        cycle="micro_trips", vehicle=216, seed=21600, duration_s=200.0, layout=layout
-    )
-    subject = subject_of([load(write(experiment, tmp_path, "csv", 0.05))], displacement_l=2.0)
+    log = log_of(tmp_path, "direct", "speed_density", 200.0, vehicle=216, seed=21600)
+    subject = subject_of([load(log)], displacement_l=2.0)
     # WHEN its tables are made
     made = {t.key: t for t in tables(fit(subject), axes_of(subject.load), defaults())}
     # THEN the dead time is the true one
     dead = made["injector_dead_time"]
-    true = dead_time_ms(engine(216, layout), np.array([14.0]))
+    true = dead_time_ms(engine(216, EngineLayout("direct", "speed_density")), np.array([14.0]))
     assert abs(dead.estimate[dead.axes[0].values.index(14.0)] - true[0]) < 0.05
 
 
@@ -376,10 +369,8 @@ def test_the_drive_plan_asks_for_no_load_beyond_the_visited_ones() -> None:
     axes = axes_of("manifold_pressure_kpa", (2000.0, 7000.0), (20.0, 30.0, 50.0, 80.0, 100.0))
     samples = np.array([[0, 9, 0, 9, 0], [0, 0, 0, 9, 0]])
     blank = np.full(samples.shape, np.nan)
-    bounds = {"estimate": blank, "low": blank, "high": blank, "samples": samples}
-    table = EcuTable(name="lambda_delay", unit="s", axes=(axes.speed, axes.load), **bounds)
     # WHEN a drive is planned, THEN it fills what lies between, and asks for nothing else
-    assert {leg.place for leg in plan([table], 0.1)} == {
+    assert {leg.place for leg in plan([delays(axes, blank, samples=samples)], 0.1)} == {
         "2000 rpm at 30, 50, 80 kPa",
         "7000 rpm at 80 kPa",
     }
@@ -388,17 +379,8 @@ def test_the_drive_plan_asks_for_no_load_beyond_the_visited_ones() -> None:
 def test_the_page_colours_cells_and_tells_where_they_were_driven() -> None:
     axes = axes_of("manifold_pressure_kpa", (800.0, 1600.0), (30.0, 60.0))
     values = np.array([[0.3, 0.25], [0.2, np.nan]])
-    table = EcuTable(
-        name="lambda_delay",
-        unit="s",
-        axes=(axes.speed, axes.load),
-        estimate=values,
-        low=values - 0.01,
-        high=values + 0.01,
-        samples=np.full((2, 2), 100),
-        log=np.full((2, 2), "monday.msl"),
-        at_s=np.array([[1.0, 2.0], [3.0, 4.0]]),
-    )
+    driven = {"log": np.full((2, 2), "monday.msl"), "at_s": np.array([[1.0, 2.0], [3.0, 4.0]])}
+    table = delays(axes, values, low=values - 0.01, high=values + 0.01, **driven)
     shown = heat(table, 0.05)
     assert [label for label, _ in shown.rows] == ["60", "30"]  # the highest load on top
     top, bottom = (cells for _, cells in shown.rows)

@@ -12,6 +12,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from monitor.base.types import Frame
+from tests.helpers.bus.beside import beside
 from tests.helpers.bus.live_player import Player
 from tests.helpers.logs.replays import frames_of
 
@@ -35,24 +36,18 @@ def drive(late_sensor: list[Frame]) -> Iterator[Player]:
 @contextmanager
 def at_work(player: Player, frames: Sequence[Frame] = ()) -> Iterator[None]:
     """Let the feed go on while the browser is asked, with frames at four times their pace."""
-    stop = threading.Event()
 
-    def work() -> None:
+    def work(over: threading.Event) -> None:
         player.feed.due_s = -1e9
         parts = (frames[k : k + 400] for k in range(0, len(frames), 400))  # half a second each
-        while not stop.is_set():
+        while not over.is_set():
             if part := next(parts, None):
                 player.push(part, 4)
             else:
                 player.work(0.1)
 
-    thread = threading.Thread(target=work)
-    thread.start()
-    try:
+    with beside(work):
         yield
-    finally:
-        stop.set()
-        thread.join()
 
 
 @contextmanager

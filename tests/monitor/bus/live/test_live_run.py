@@ -13,7 +13,7 @@ import httpx
 import pytest
 
 from monitor import cli
-from monitor.bus.link.recorder import message_of
+from tests.helpers.bus.beside import beside, send_as_driven
 from tests.helpers.logs.replays import frames_of
 
 CHANNEL = "live-page"
@@ -28,19 +28,13 @@ def port() -> int:
 @contextmanager
 def ecu_sending(seconds: float) -> Iterator[None]:
     """Let an ECU send what it sent in a recorded drive, at its pace."""
-    frames = frames_of("healthy_micro_trips", seconds)
 
-    def send() -> None:
-        begin_s = time.monotonic()
+    def send(_: threading.Event) -> None:
         with can.Bus(interface="virtual", channel=CHANNEL) as bus:
-            for frame in frames:
-                time.sleep(max(0.0, begin_s + frame.t_ns / 1e9 - time.monotonic()))
-                bus.send(message_of(frame._replace(t_ns=time.time_ns())))
+            send_as_driven(bus, frames_of("healthy_micro_trips", seconds))
 
-    thread = threading.Thread(target=send)
-    thread.start()
-    yield
-    thread.join()
+    with beside(send):
+        yield
 
 
 def watch(url: str, seconds: float, into: list[dict[str, Any]]) -> None:
@@ -61,12 +55,9 @@ def test_a_run_shows_its_page_while_it_judges(
 ) -> None:
     seen: list[dict[str, Any]] = []
     url = f"http://127.0.0.1:{port}/"
-    watcher = threading.Thread(target=watch, args=[url, 10.0, seen])
-    watcher.start()
     run = ["run", "-i", "virtual", "-c", CHANNEL, "--live", str(port), "--duration", "4"]
-    with ecu_sending(4.0):
+    with beside(lambda _: watch(url, 10.0, seen)), ecu_sending(4.0):
         assert cli.main(run) == 3
-    watcher.join()
     assert f"live page: {url}" in capsys.readouterr().out
     last = [message for message in seen if message][-1]
     greeting = next(message for message in seen if "channel" in message)  # a browser may be earlier
