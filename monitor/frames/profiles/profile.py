@@ -157,7 +157,9 @@ def profile_of(tree: Mapping[str, Any], path: Path) -> Profile:
     """Return the profile of a TOML file's tree; raises ConfigError as ``load_profile``."""
     keys = {"based_on", *(each.name for each in fields(Profile))} - {"name", "file"}
     table = TomlTable(tree, path, ConfigError).only(keys)
-    base, signals = _base(table), table.table("signals")
+    base, signals = Profile(name="", title=""), table.table("signals")
+    if "based_on" in table:
+        base = shipped_profile(table.value("based_on", str))
     for name in signals:
         if name not in BY_NAME:
             raise signals.fault(f"{name} is no canonical signal")
@@ -186,12 +188,6 @@ def source_tree(source: Source) -> dict[str, Any]:
     return {"column": source.column} | changed | lists
 
 
-def _base(table: TomlTable) -> Profile:
-    if "based_on" not in table:
-        return Profile(name="", title="")
-    return shipped_profile(table.value("based_on", str))
-
-
 def _recognition(table: TomlTable) -> Recognition:
     table.only({"columns", "preamble"})
     columns, preamble = (table.values(key, str, or_one=True) for key in ("columns", "preamble"))
@@ -202,9 +198,8 @@ def _recognition(table: TomlTable) -> Recognition:
 
 def _sources(table: TomlTable, key: str) -> tuple[Source, ...]:
     given = table.tree[key]
-    return tuple(
-        _source(table, key, each) for each in (given if isinstance(given, list) else [given])
-    )
+    every = given if isinstance(given, list) else [given]
+    return tuple(_source(table, key, each) for each in every)
 
 
 def _source(of: TomlTable, key: str, given: Any) -> Source:

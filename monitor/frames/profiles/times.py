@@ -38,6 +38,8 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
     keep = np.abs(t_s) < LATEST_S
     notes.count("rows_without_time", int((~keep).sum()))
     t_s = t_s[keep].copy()
+    if np.any(np.abs(np.diff(t_s) + DAY_S) < ANEW_S):  # seconds of the day go on over midnight
+        wraps_s = DAY_S
     if wraps_s:
         falls = np.diff(t_s, prepend=t_s[:1]) < -0.5 * wraps_s
         t_s += wraps_s * np.cumsum(falls)

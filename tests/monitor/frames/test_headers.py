@@ -183,6 +183,7 @@ def test_rows_of_whole_seconds_are_spread_over_them(proposed: Proposed) -> None:
         ("timestamp_us", lambda i: f"{5000000 + 100000 * i}"),
         ("time_h", lambda i: f"{12 + i / 36000:.8f}"),
         ("Time", lambda i: f"{73421 + i / 10:.1f}"),  # seconds of a day
+        ("SECONDS", lambda i: f"{(86399 + i / 10) % 86400:.1f}"),  # over midnight
         ("Ticks", lambda i: f"{638999999990000000 + 1000000 * i}"),
         ("Clock", lambda i: f"{1770000000000 + 100 * i}"),
         ("", lambda i: f"{1770000000000000000 + 100000000 * i}"),  # an index
@@ -205,9 +206,7 @@ def test_a_quote_without_an_end_costs_its_row_and_not_all_behind(proposed: Propo
     assert len(table.t_ns) == 198
 
 
-def test_a_long_table_may_hold_one_signal_after_the_other(
-    proposed: Proposed, tmp_path: Path
-) -> None:
+def test_a_long_table_may_hold_one_signal_after_another(proposed: Proposed, tmp_path: Path) -> None:
     table, _ = proposed(
         "t,field,value\n"
         + "".join(f"{i / 1250},RPM,{1500 + i % 9}\n" for i in range(5000))
