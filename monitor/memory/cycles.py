@@ -25,10 +25,8 @@ SIGNALS: Final = tuple(_ABSENT)
 Moment = Literal["driving_cycle", "ignition_cycle", "warm_up", "general_denominator"]
 _SECOND_NS: Final = 1_000_000_000  # driving is counted in steps of so much
 _HOURS_PER_NS: Final = 1.0 / 3.6e12
-_UNKNOWN: Final = (
-    int(Quality.OFF_BUS),
-    int(Quality.GAP),
-)  # of an engine not heard nothing is known
+# of an engine not heard nothing is known
+_UNKNOWN: Final = (int(Quality.OFF_BUS), int(Quality.GAP))
 _SILENT: Final = int(Quality.STALE)
 
 

@@ -83,7 +83,9 @@ class Dtc:
         if passed_cycles >= profile.lamp_off_cycles:
             status &= ~Status.WARNING_INDICATOR
         if self.warm_ups >= profile.erase_warm_ups:
-            return Dtc(self.code, status=status & ~Status.CONFIRMED)
+            status &= ~Status.CONFIRMED
+            if not status & Status.PENDING:
+                return Dtc(self.code, status=status)
         return replace(
             self,
             status=status,

@@ -70,9 +70,7 @@ class Lock:
     def let_go(self) -> None:
         """Let go of the lock, if it is taken, and remove its file where the system allows."""
         if self._descriptor is not None:
-            with suppress(
-                OSError
-            ):  # Windows removes no open file; a folder may be read-only by now
+            with suppress(OSError):  # Windows removes no open file; a folder may be read-only
                 self._file.unlink()
             os.close(self._descriptor)
             self._descriptor = None
