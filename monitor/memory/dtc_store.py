@@ -91,12 +91,12 @@ class DtcStore:
         codes : those that the fault sets on this vehicle, by default the usual ones
         """
         self._completed.add(TEST_OF[fault])
-        needed = self._profile.confirm_cycles
+        needed, most = self._profile.confirm_cycles, self._profile.permanent_most
         new = {c: self._dtcs[c].fail(fault, also, t_ns, needed) for c in codes or CODES[fault]}
         self._failed |= new.keys()
         for code, dtc in new.items():
             lit = dtc.status & Status.WARNING_INDICATOR
-            if lit and (code in self._permanent or self._has_room):
+            if lit and (code in self._permanent or len(self._permanent) < most):
                 self._permanent[code] = fault
             if dtc.state == "confirmed" != self._dtcs[code].state:
                 self._frames.pop(code, None)  # the frame of the confirmed state replaces it
@@ -105,10 +105,6 @@ class DtcStore:
         if self.mil and not was_lit:
             self.counts.distance_with_mil_km = self.counts.engine_run_with_mil_s = 0.0
         return changed
-
-    @property
-    def _has_room(self) -> bool:
-        return len(self._permanent) < self._profile.permanent_most
 
     def complete(self, test: str) -> list[Dtc]:
         """Record that a test has passed; return the codes that changed.
@@ -289,6 +285,11 @@ class DtcStore:
     def completed_since_clear(self, test: str) -> bool:
         """Return whether a test has passed or failed since the codes were cleared."""
         return test in self._completed
+
+    def completed_this_cycle(self, test: str) -> bool:
+        """Return whether a test has passed or failed in this cycle, and since a clearing."""
+        failed = {dtc.fault for dtc in self.all if dtc.status & Status.FAILED_THIS_CYCLE}
+        return test in self._passed or not failed.isdisjoint(TESTS[test])
 
     @property
     def saved(self) -> Saved:

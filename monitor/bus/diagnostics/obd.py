@@ -7,7 +7,6 @@ from monitor.bus.diagnostics.parameters import bitmap, encoded, unsigned
 from monitor.bus.diagnostics.results import monitors, test_results
 from monitor.bus.diagnostics.state import RefusedError, State
 from monitor.bus.transmit import dtc_number
-from monitor.memory.codes import CODES, TESTS
 from monitor.memory.dtc import Status
 from monitor.memory.obd_records import Ratio
 
@@ -59,12 +58,7 @@ def readiness(state: State) -> bytes:
 
 def readiness_of_cycle(state: State) -> bytes:
     """Return PID 41: monitors completed in this driving cycle."""
-    missing = {d.code for d in state.store.all if d.status & Status.NOT_COMPLETED_THIS_CYCLE}
-
-    def is_done(test: str) -> bool:
-        return not any(code in missing for fault in TESTS[test] for code in CODES[fault])
-
-    return bytes((0, COMPONENTS, *_readiness(state, is_done)))
+    return bytes((0, COMPONENTS, *_readiness(state, state.store.completed_this_cycle)))
 
 
 def _readiness(state: State, is_done: Callable[[str], bool]) -> tuple[int, int]:

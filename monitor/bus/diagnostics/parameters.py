@@ -43,9 +43,8 @@ PARAMETERS: Final[Mapping[int, ReportedParameter]] = {
     # the voltage behind the catalyst, then the byte of a sensor that takes no part in the trim
     0x15: ReportedParameter("downstream_voltage_v", 1, 200.0, tail=b"\xff"),
     0x23: ReportedParameter("rail_pressure_mpa", 2, 100.0),
-    0x24: ReportedParameter(
-        "lambda_measured", 2, 32768.0, tail=bytes(2)
-    ),  # no voltage of the sensor
+    # the sensor's voltage behind it is not known
+    0x24: ReportedParameter("lambda_measured", 2, 32768.0, tail=bytes(2)),
     0x25: ReportedParameter("downstream_lambda", 2, 32768.0, tail=bytes(2)),
     0x2E: ReportedParameter("purge_duty_percent", 1, 2.55),
     0x33: ReportedParameter("ambient_pressure_kpa", 1, 1.0),

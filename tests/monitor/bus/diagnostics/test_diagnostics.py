@@ -6,7 +6,6 @@ from collections import deque
 
 import pytest
 
-from monitor.base import config
 from monitor.base.errors import UsageError
 from monitor.bus.diagnostics import results
 from monitor.bus.diagnostics.state import Identity
@@ -20,9 +19,9 @@ from tests.helpers.logs.replays import frames_of
 
 
 @pytest.fixture(scope="module")
-def late_sensor() -> DtcStore:
+def late_sensor(setup: replay.Setup) -> DtcStore:
     """Return the fault memory after a drive with a late sensor."""
-    setup, store = replay.set_up(None, [], config.load()), DtcStore()
+    store = DtcStore()
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
     deque(pipeline.push(block_of(frames_of("delay_rich_to_lean", 70.0))), maxlen=0)
     return store
@@ -76,12 +75,14 @@ def test_after_clearing_the_sensor_monitor_is_not_ready() -> None:
     assert ask("0A", vehicle) == "4a 01 01 33"  # only driving takes a permanent code away
 
 
-def test_parameter_41_follows_this_driving_cycle() -> None:
+@pytest.mark.parametrize("fault", ["", "slow_rich_to_lean"])
+def test_parameter_41_counts_what_has_passed_or_failed_in_this_driving_cycle(fault: str) -> None:
     vehicle = Vehicle()
     vehicle.store.start_driving_cycle()
-    assert ask("01 41", vehicle) == "41 41 00 04 20 20"
-    for test in ("response", "bias", "activity", "ready", "range"):
+    for test in ("bias", "activity"):
         vehicle.store.complete(test)
+    assert ask("01 41", vehicle) == "41 41 00 04 20 20"
+    _ = vehicle.store.fail(fault, 1) if fault else vehicle.store.complete("response")
     assert ask("01 41", vehicle) == "41 41 00 04 20 00"
 
 
