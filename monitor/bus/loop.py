@@ -269,15 +269,9 @@ class Loop:
 
     def result(self, channel: str) -> dict[str, Any]:
         """Return the run as a recording's entry of ``o2mon.replay/1``."""
-        found = self.clock.counters.found
-        counters = (
-            self.pipeline.counters
-            | found
-            | {
-                "skipped": self.health.error_frames + self.health.remote_frames,
-                "transmit_errors": self.health.transmit_errors,
-            }
-        )
+        counters = self.pipeline.counters | self.clock.counters.found
+        counters["skipped"] = self.health.error_frames + self.health.remote_frames
+        counters["transmit_errors"] = self.health.transmit_errors
         return self.judging.result(channel, counters)
 
 

@@ -120,8 +120,7 @@ class Gateway:
                 if self._heard is None:
                     self._last_ns = frame.t_ns
                 self._heard = (frame.t_ns, self._now_s())
-                if message.is_fd:
-                    self.passed.flags[message.arbitration_id, message.is_extended_id] = message
+                self.passed.flags[message.arbitration_id, message.is_extended_id] = message
                 for out in self._injector.push(frame):
                     self._give(out)
         return True
@@ -162,7 +161,7 @@ class Gateway:
         message = message_of(frame)
         like = self.passed.flags.get((frame.can_id, frame.is_extended))
         if like is not None:
-            message.is_fd, message.bitrate_switch = True, like.bitrate_switch
+            message.is_fd, message.bitrate_switch = like.is_fd, like.bitrate_switch
         if self._send(self._other, message):
             self._last_ns = frame.t_ns
             if not is_own(frame):  # a monitor refuses the loop's identifiers from a bus

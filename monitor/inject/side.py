@@ -61,6 +61,7 @@ class Side(Connection):
         """Send a message; return whether the interface accepted it."""
         if self.bus is None:
             return False
+        message.timestamp = 0.0  # of the other bus: some interfaces pass it on, or refuse it
         try:
             self.bus.send(message, timeout=SEND_TIMEOUT_S)
         except (can.CanError, OSError, ValueError):

@@ -219,8 +219,9 @@ class Port:
         try:
             if self._bus is None:
                 raise can.CanOperationError("the bus is lost")
-            self._bus.send(message_of(frame), timeout=0)
-        except (can.CanError, OSError):
+            # without a time, which is that of a sample: some interfaces pass it on, or refuse it
+            self._bus.send(message_of(frame._replace(t_ns=0)), timeout=0)
+        except Exception:  # python-can's interfaces raise any
             self._health.transmit_errors += 1
 
     def close(self) -> None:

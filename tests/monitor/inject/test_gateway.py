@@ -21,10 +21,10 @@ from monitor.inject.gateway import Gateway
 from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.side import Side
+from tests.helpers.logs.bus_maps import OWN
 from tests.helpers.logs.injected_frames import (
     HALF_STEP,
     LAMBDA_ID,
-    OWN,
     decoded,
     lambda_frames,
 )
@@ -121,6 +121,7 @@ def test_a_gateway_rewrites_the_ecus_frames_and_passes_the_others_untouched() ->
             bench.ecu.send(message(LAMBDA_ID, frame.data))
         bench.ecu.send(message(0x123, b"", is_remote_frame=True, dlc=8))
         bench.ecu.send(message(0x124, bytes(range(20)), is_fd=True, bitrate_switch=True))
+        bench.ecu.send(message(0x124, bytes(range(8))))
         bench.other.send(message(0x7DF, b"\x02\x01\x0c"))
         bench.other.send(message(LAMBDA_ID, frames[0].data))
         bench.run(0.1)
@@ -128,16 +129,23 @@ def test_a_gateway_rewrites_the_ecus_frames_and_passes_the_others_untouched() ->
     read = decoded([Frame(0, m.arbitration_id, False, bytes(m.data)) for m in got[:5]])
     assert read == pytest.approx([1.0 / 0.9] * 5, abs=HALF_STEP)
     kinds = {(m.arbitration_id, m.is_remote_frame, m.is_fd, m.bitrate_switch) for m in got[5:]}
-    assert kinds == {(0x123, True, False, False), (0x124, False, True, True)}
+    classical = {(0x123, True, False, False), (0x124, False, False, False)}
+    assert kinds == classical | {(0x124, False, True, True)}
     assert [(m.arbitration_id, bytes(m.data)) for m in back] == [
         (0x7DF, b"\x02\x01\x0c"),
         (LAMBDA_ID, frames[0].data),
     ]
     lines = list(bench.gateway.lines())
     assert lines == [
-        "6 frames from the ECU, 6 passed on; rewritten 5",
+        "7 frames from the ECU, 7 passed on; rewritten 5",
         "2 frames to the ECU; 0 not sent, 0 error frames",
     ]
+
+
+def test_a_serial_interface_takes_the_frames_of_another_clock() -> None:
+    with can.Bus(interface="serial", channel="loop://") as bus:
+        assert Side(bus).send(message(0x124, b"\1", timestamp=1.7e9))
+        assert (got := bus.recv(1.0)) and got.data == b"\1"
 
 
 def test_a_delayed_frame_and_a_flood_go_out_although_the_ecu_is_silent() -> None:

@@ -196,12 +196,18 @@ def test_without_a_way_to_open_it_again_a_loss_is_an_error() -> None:
         bench.port.receive(0.1)
 
 
-def test_what_cannot_be_sent_is_counted() -> None:
+def test_what_cannot_be_sent_is_counted_and_the_time_of_a_sample_keeps_no_frame_back() -> None:
     bench = Bench(FailingBus([down()]))
     bench.port.send(Frame(0, 0x5C0, False, bytes(8)))
     bench.port.receive(0.1)  # lost now
     bench.port.send(Frame(0, 0x5C0, False, bytes(8)))
     assert bench.health.transmit_errors == 2
+    with can.Bus(interface="serial", channel="loop://") as bus:
+        bench = Bench(bus)
+        bench.port.send(Frame(1_700_000_000 * 10**9, 0x5C0, False, b"\1"))
+        assert (got := bus.recv(1.0)) and got.data == b"\1"
+        bench.port.send(Frame(0, 0x5C0, False, bytes(300)))
+    assert bench.health.transmit_errors == 1
 
 
 @pytest.mark.parametrize(
