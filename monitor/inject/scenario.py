@@ -11,11 +11,10 @@ from typing import Final
 from monitor.base.errors import ConfigError, UsageError
 from monitor.base.files.toml_table import TomlTable
 from monitor.inject.injection import Injection
-from monitor.memory.codes import CODES
+from monitor.memory.codes import every, is_known
 
 NO_CODE: Final = "none"
 MOST_DRIVES: Final = 100
-_CODES: Final = sorted({code for group in CODES.values() for code in group})
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +136,7 @@ def _expectation(table: TomlTable, n_drives: int) -> Expectation:
     drive = table.value("drive", int, n_drives)
     within_s = table.value("within_s", float, math.inf)
     for key, possible, wanted in (
-        ("code", code in (*_CODES, NO_CODE), f"{', '.join(_CODES)} or {NO_CODE} is"),
+        ("code", code == NO_CODE or is_known(code), f"{', '.join(every())} or {NO_CODE} is"),
         ("state", state in ("", "pending", "confirmed"), "pending or confirmed is"),
         ("drive", 1 <= drive <= n_drives, f"1 to {n_drives} is"),
         ("within_s", within_s > 0.0, "above 0 is"),
