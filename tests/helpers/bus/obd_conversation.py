@@ -2,17 +2,16 @@
 
 from typing import Any
 
-import dbc
 from monitor.base.types import Frame
 from monitor.bus.link.recorder import message_of
 from monitor.bus.polling.pids import lengths, wanted
 from monitor.bus.polling.poller import ObdPoller
-from monitor.decode.bus_map import BusMap, load_pairs
+from monitor.decode.bus_map import BusMap
 from monitor.frames.logs import frame_of
 from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus
+from tests.helpers.logs.bus_maps import OBD
 from tests.helpers.logs.decoding import Decoding
 
-OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
 PARAMETERS = wanted(OBD, OBD.names)
 LENGTHS = lengths(OBD, PARAMETERS)
 

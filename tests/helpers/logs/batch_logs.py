@@ -6,15 +6,13 @@ from typing import Final
 import numpy as np
 from hypothesis import strategies as st
 
-import dbc
 from monitor.base.types import Frame
-from monitor.decode.bus_map import load_pairs
 from monitor.decode.checksum import payload_checksum
 from monitor.frames.loop_frames import bus_state, codes_cleared, time_mark
+from tests.helpers.logs.bus_maps import OWN as ECU
 
 MS: Final = 1_000_000
 S: Final = 1_000 * MS
-ECU: Final = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 MESSAGES: Final = {c.message.frame_id: c.message for c in ECU.channels.values()}
 USUAL: Final = {
     "air_mass_mg": 300.0,

@@ -2,22 +2,18 @@
 
 from pathlib import Path
 
-import dbc
 from monitor.base.types import Frame
-from monitor.decode.bus_map import load_pairs
 from monitor.decode.checksum import payload_checksum
 from monitor.inject.gateway import write_log
 from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.rewrite import writers
 from tests.conftest import ROOT
+from tests.helpers.logs.bus_maps import OWN
 from tests.helpers.logs.decoding import values_of
 from tests.helpers.logs.replays import frames_of
 
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
-OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
-RUSEFI = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])
-OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
 LAMBDA_ID, AIR_ID, MS = 0xC2, 0xC0, 1_000_000
 WRITER = writers(OWN.channels)[LAMBDA_ID, False]
 

@@ -19,19 +19,18 @@ from monitor.bus.bench.interface import Interface
 from monitor.bus.link.error_frames import error_frame
 from monitor.bus.link.port import BusHealth
 from monitor.cli import main
-from monitor.decode.bus_map import BusMap, load_pairs
+from monitor.decode.bus_map import BusMap
 from monitor.frames.blocks import block_of
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.bus.beside import beside, send_as_driven
+from tests.helpers.logs.bus_maps import OWN, RUSEFI
 from training.recordings.files.can_log import broadcast
 
-BUS_MAP = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
-RUSEFI = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])
 FOREIGN = [Frame(k * 20_000_000, 0x123, False, bytes([k % 256, 1])) for k in range(150)]
 REAL = Interface("can0", "can", True, 500_000, "0.875", True, "error-active")
 
 
-def ecu(bus_map: BusMap = BUS_MAP, **changes: float) -> list[Frame]:
+def ecu(bus_map: BusMap = OWN, **changes: float) -> list[Frame]:
     """Three seconds of an ECU, each message at its stated rate."""
     t_ns = np.arange(0, 3_000_000_000, 10_000_000)
     usual = {"manifold_pressure_kpa": 50.0, "ambient_pressure_kpa": 98.0, "battery_voltage_v": 13.5}
@@ -40,7 +39,7 @@ def ecu(bus_map: BusMap = BUS_MAP, **changes: float) -> list[Frame]:
     return list(broadcast(bus_map, t_ns, values).frames())
 
 
-def identifier(message: str, bus_map: BusMap = BUS_MAP) -> int:
+def identifier(message: str, bus_map: BusMap = OWN) -> int:
     channels = bus_map.channels.values()
     return next(c.message.frame_id for c in channels if c.message.name == message)
 
@@ -76,7 +75,7 @@ def test_nothing_is_wrong_with_a_sound_bus(doctor: Doctor) -> None:
     code, said = doctor(ecu())
     assert code == 0, said
     assert said.endswith("nothing wrong was found\n")
-    assert said.count("as wanted") == len({c.message for c in BUS_MAP.channels.values()}), said
+    assert said.count("as wanted") == len({c.message for c in OWN.channels.values()}), said
 
 
 def test_a_bus_without_frames_is_silent_and_nothing_else(doctor: Doctor) -> None:

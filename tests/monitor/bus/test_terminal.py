@@ -15,7 +15,6 @@ from pathlib import Path
 
 import pytest
 
-from monitor.base import config
 from monitor.base.types import Frame
 from monitor.bus.ending import ended_by_signals
 from monitor.bus.loop import Loop
@@ -29,9 +28,8 @@ from tests.helpers.bus.played_bus import played_on
 
 
 @pytest.fixture(scope="module")
-def loop(late_sensor: list[Frame]) -> Loop:
+def loop(setup: replay.Setup, late_sensor: list[Frame]) -> Loop:
     """A loop at the end of a faulty drive, with what it said in its Recollection."""
-    setup = replay.set_up(None, [], config.load())
     return played_on(late_sensor, setup, attachments=[Recollection()])[0]
 
 

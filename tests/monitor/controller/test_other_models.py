@@ -25,8 +25,7 @@ pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 
 
 @pytest.fixture(scope="module")
-def drives() -> list[Read]:
-    setup = set_up(None, [], config.load())
+def drives(setup: Setup) -> list[Read]:
     return [read(name, setup) for name in LOGS]
 
 

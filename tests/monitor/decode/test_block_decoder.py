@@ -13,7 +13,6 @@ from cantools.database.utils import create_encode_decode_formats, decode_data
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-import dbc
 from monitor.base.errors import SignalMapError
 from monitor.base.types import Frame
 from monitor.decode.block_decoder import BlockDecoder, MessageCounters
@@ -21,11 +20,10 @@ from monitor.decode.bus_map import BusChannel, BusMap, load_pairs
 from monitor.decode.checksum import payload_checksum
 from monitor.decode.raw_values import plausible_range
 from tests.helpers.examples import inputs
+from tests.helpers.logs.bus_maps import OBD, OWN
 from tests.helpers.logs.decoding import Decoding, Values
 
-ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
-AIR = ECU.channels["air_mass_mg"].message
-OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
+AIR = OWN.channels["air_mass_mg"].message
 
 
 def air(count: int, **values: float) -> Frame:
@@ -36,7 +34,7 @@ def air(count: int, **values: float) -> Frame:
 
 
 def decoding(*names: str) -> Decoding:
-    return Decoding(ECU, names or ECU.names)
+    return Decoding(OWN, names or OWN.names)
 
 
 def bus_map_of(folder: Path, size: int, signals: str, own: str) -> BusMap:
@@ -253,7 +251,7 @@ cuts = st.lists(st.integers(0, 60), max_size=4)
 @st.composite
 def ecu_frames(draw: st.DrawFn) -> list[Frame]:
     """Frames whose counters advance, stand still or jump; some with a wrong bit or length."""
-    messages = sorted({c.message.frame_id for c in ECU.channels.values()})
+    messages = sorted({c.message.frame_id for c in OWN.channels.values()})
     counts = dict.fromkeys(messages, draw(st.integers(0, 15)))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     frames = []
@@ -273,11 +271,11 @@ def ecu_frames(draw: st.DrawFn) -> list[Frame]:
 
 
 @inputs(200)
-@given(frames=ecu_frames(), cuts=cuts, names=st.sets(st.sampled_from(ECU.names), min_size=1))
+@given(frames=ecu_frames(), cuts=cuts, names=st.sets(st.sampled_from(OWN.names), min_size=1))
 def test_protected_frames_give_the_same_values_and_counters(
     frames: list[Frame], cuts: list[int], names: set[str]
 ) -> None:
-    assert_alike(ECU, sorted(names), frames, cuts)
+    assert_alike(OWN, sorted(names), frames, cuts)
 
 
 # Answers of a scan tool's queries, told apart by multiplexers

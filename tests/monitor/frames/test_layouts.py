@@ -5,16 +5,15 @@ from pathlib import Path
 
 import pytest
 
-import dbc
 from monitor import cli
 from monitor.base.errors import RecordingError
-from monitor.decode.bus_map import load_pairs
 from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks, read_frames
 from monitor.grid.tables import is_table
 from monitor.report.check import check
+from tests.helpers.logs.bus_maps import OBD
 
 SPY = "Line,Abs Time(Sec),Rel Time (Sec),Status,Er,Tx,Description,Network,Node"
 BYTES = "B1,B2,B3,B4,B5,B6,B7,B8,Value,Trigger,Signals"
@@ -264,14 +263,13 @@ def test_a_log_of_two_buses_is_refused_unless_one_is_chosen(tmp_path: Path) -> N
 
 def test_answers_of_29_bits_are_decoded_as_those_of_11(tmp_path: Path) -> None:
     # GIVEN the same answers of an engine under both identifiers, and one of its gearbox
-    bus_map = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
     seen = []
     for name, identifier in (("obd29.log", "18DAF110"), ("obd11.log", "7E8")):
         path = tmp_path / name
         answers = (f"(1.{i:06d}) can0 {identifier}#04410C1{i % 10}70AAAAAA\n" for i in range(99))
         path.write_text("(0.5) can0 18DAF118#04410C0000AAAAAA\n" + "".join(answers))
         # WHEN the log is checked
-        found = {each.name: each for each in check(log_blocks(path, bus_map), bus_map).signals}
+        found = {each.name: each for each in check(log_blocks(path, OBD), OBD).signals}
         speed = found["engine_speed_rpm"]
         seen.append((speed.maximum, speed.last_ns))
         assert speed.count >= 99

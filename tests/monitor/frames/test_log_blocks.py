@@ -11,13 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import dbc
 from monitor.base.types import Frame
-from monitor.decode.bus_map import load_pairs
 from monitor.frames import mdf
 from monitor.frames.blocks import block_of, frames_of, joined
 from monitor.frames.logs import frame_of, read_blocks
 from tests.helpers.examples import inputs
+from tests.helpers.logs.bus_maps import OWN
 from tests.helpers.logs.read_outcome import (
     START_NS,
     read_at_once,
@@ -37,9 +36,8 @@ SUFFIXES = [".blf", ".mf4"]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    ecu = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
     t_ns = START_NS + np.arange(50) * 100_000_000
-    drive = broadcast(ecu, t_ns, {"lambda_measured": np.linspace(0.8, 1.2, 50)})
+    drive = broadcast(OWN, t_ns, {"lambda_measured": np.linspace(0.8, 1.2, 50)})
     folder = tmp_path_factory.mktemp("logs")
     for suffix in SUFFIXES:
         write_log(folder / f"drive{suffix}", drive)

@@ -6,28 +6,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import dbc
 from monitor.base.errors import ConfigError, RecordingError
 from monitor.base.signals import SIGNALS
 from monitor.base.types import Frame, Quality
-from monitor.decode.bus_map import load_pairs
 from monitor.frames.blocks import LogCounters
 from monitor.frames.logs import read_frames
 from monitor.grid.table_samples import table_block
 from monitor.grid.tables import is_table, read_table
 from tests.conftest import ROOT
+from tests.helpers.logs.bus_maps import OWN
 from training.recordings.files.can_log import broadcast, write_log
 from training.recordings.files.frame_block import EncodedFrames
 
 SUFFIXES = [".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".csv", ".csv.gz", ".trc", ".mf4"]
 START_NS = 1_700_000_000_123_456_000
-ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 
 
 @pytest.fixture(scope="module")
 def drive() -> EncodedFrames:
     t_ns = START_NS + np.arange(20) * 100_000_000
-    return broadcast(ECU, t_ns, {"lambda_measured": np.linspace(0.8, 1.2, 20)})
+    return broadcast(OWN, t_ns, {"lambda_measured": np.linspace(0.8, 1.2, 20)})
 
 
 @pytest.fixture(scope="module")

@@ -16,15 +16,13 @@ from monitor.base.types import Frame
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.inject.injector import Injector
 from tests.helpers.examples import inputs
+from tests.helpers.logs.bus_maps import OBD, OWN, RUSEFI
 from tests.helpers.logs.decoding import Decoding, values_of
 from tests.helpers.logs.injected_frames import (
     AIR_ID,
     HALF_STEP,
     LAMBDA_ID,
     MS,
-    OBD,
-    OWN,
-    RUSEFI,
     WRITER,
     counted,
     decoded,

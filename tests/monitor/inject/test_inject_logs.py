@@ -11,11 +11,11 @@ from monitor.base.types import Frame
 from monitor.frames.logs import read_frames
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.memory.codes import CODES
+from tests.helpers.logs.bus_maps import OBD
 from tests.helpers.logs.decoding import values_of
 from tests.helpers.logs.injected_frames import (
     HEALTHY,
     MS,
-    OBD,
     ROOT,
     decoded,
     injected,

@@ -9,7 +9,6 @@ from cantools.database.conversion import LinearConversion
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-import dbc
 from monitor.base.errors import SignalMapError
 from monitor.base.types import Frame
 from monitor.decode.bus_map import BusChannel, BusMap, load_pairs
@@ -18,11 +17,9 @@ from monitor.decode.raw_values import bit_position, not_available_raw
 from monitor.decode.signal_map import Integrity, MappedSignal
 from monitor.inject.rewrite import MessageWriter, SignalWriter, writers
 from tests.helpers.examples import inputs
+from tests.helpers.logs.bus_maps import OBD, OWN, RUSEFI
 from tests.helpers.logs.decoding import values_of
 
-OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
-RUSEFI = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])
-OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
 LAMBDA_ID, CHECKSUM = 0xC2, 7
 
 # Lambda where it is awkward: signed across bytes, big endian, floating point, in a long frame.

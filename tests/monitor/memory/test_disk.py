@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from monitor.base.config import load
 from monitor.base.errors import RecordingError
 from monitor.memory import block
 from monitor.memory.block import Block
@@ -21,7 +20,7 @@ from monitor.memory.dtc import Dtc
 from monitor.memory.dtc_store import Saved
 from monitor.memory.store import Memory
 from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
-from monitor.pipeline.replay import set_up
+from monitor.pipeline.replay import Setup
 from tests.conftest import ROOT
 from tests.helpers.bus.played_bus import Ear, run_on
 from tests.helpers.logs.replays import frames_of, replay_log
@@ -38,7 +37,7 @@ class Told(Ear):
 
 
 def test_what_is_driven_is_written_from_time_to_time_and_at_the_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    setup: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written_s = list[float]()
     save = Memory.save
@@ -51,7 +50,6 @@ def test_what_is_driven_is_written_from_time_to_time_and_at_the_end(
     monkeypatch.setattr("monitor.bus.judging.STORE_DRIVEN_S", 15.0)  # else a minute
     told = Told()
     with closing(Memory(tmp_path / "o2.db")) as memory:
-        setup = set_up(None, [], load())
         frames = frames_of("healthy_micro_trips", 60.0)
         recording, _ = run_on(frames, setup, memory=memory, attachments=[told])
         last_s = memory.load().counts.engine_run_since_clear_s

@@ -33,7 +33,8 @@ from monitor.pipeline.names import needed_names
 from monitor.pipeline.replay import Setup, replay, set_up, shipped_model
 from tests.helpers.drives.drive_tables import read
 from tests.helpers.examples import inputs
-from tests.helpers.logs.batch_logs import ECU, S, logs
+from tests.helpers.logs.batch_logs import S, logs
+from tests.helpers.logs.bus_maps import OWN
 from tests.helpers.logs.replays import replay_log
 from tests.helpers.logs.streamed import SHORT
 from training.recordings.files.table_files import write_table
@@ -67,14 +68,14 @@ def judged(parts: Iterable[SampleBlock | Clearing], n: int) -> tuple[Any, ...]:
 def test_spoilt_logs_give_one_result_however_they_are_cut_and_held(
     frames: list[Frame], sizes: list[int], decoded_at_once: int
 ) -> None:
-    names, period_ns = needed_names(MODEL.card, ECU.names), MODEL.card.period_ns
+    names, period_ns = needed_names(MODEL.card, OWN.names), MODEL.card.period_ns
     results = []
     for is_live, cut, held in (
         (False, [1 << 20], 1 << 20),
         (False, sizes, decoded_at_once),
         (True, sizes, 1 << 20),
     ):
-        decoder = BlockDecoder(ECU, names)
+        decoder = BlockDecoder(OWN, names)
         assembler = BlockAssembler.of(decoder, period_ns)
         samples = FrameSamples(decoder, assembler, is_live=is_live)
         with patch.object(block_samples, "_FRAMES", held):
@@ -91,8 +92,8 @@ def test_spoilt_logs_give_one_result_however_they_are_cut_and_held(
 def test_a_live_sample_leaves_with_the_first_frame_behind_it(
     frames: list[Frame], size: int
 ) -> None:
-    names, period_ns = needed_names(MODEL.card, ECU.names), MODEL.card.period_ns
-    decoder = BlockDecoder(ECU, names)
+    names, period_ns = needed_names(MODEL.card, OWN.names), MODEL.card.period_ns
+    decoder = BlockDecoder(OWN, names)
     assembler = BlockAssembler.of(decoder, period_ns)
     samples = FrameSamples(decoder, assembler, is_live=True)
     for block in blocks_of(frames, [size]):
@@ -101,10 +102,10 @@ def test_a_live_sample_leaves_with_the_first_frame_behind_it(
 
 
 def test_a_log_without_frames_has_no_samples() -> None:
-    decoder = BlockDecoder(ECU, ECU.names)
+    decoder = BlockDecoder(OWN, OWN.names)
     parts = log_samples([], decoder, BlockAssembler.of(decoder, 100_000_000))
-    block, _ = whole(parts, len(ECU.names))
-    assert block.values.shape == (0, len(ECU.names))
+    block, _ = whole(parts, len(OWN.names))
+    assert block.values.shape == (0, len(OWN.names))
     assert np.array_equal(block.index, [])
 
 

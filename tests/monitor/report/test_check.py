@@ -5,15 +5,14 @@ import math
 import numpy as np
 import pytest
 
-import dbc
 from monitor.base.types import FloatArray, Frame
-from monitor.decode.bus_map import BusMap, load_pairs
+from monitor.decode.bus_map import BusMap
 from monitor.frames.blocks import block_of
 from monitor.report.check import CheckResult, SignalSeen
 from monitor.report.check import check as check_blocks
+from tests.helpers.logs.bus_maps import OWN, RUSEFI
 from training.recordings.files.can_log import broadcast
 
-BUS_MAP = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 SECONDS = 2.0
 
 
@@ -21,7 +20,7 @@ def frames(**changes: FloatArray | float | None) -> list[Frame]:
     """Two seconds of the project's ECU; a signal set to None is never given."""
     t_ns = np.arange(0, round(SECONDS * 1e9), 10_000_000)
     values: dict[str, FloatArray] = {}
-    for name in BUS_MAP.channels:
+    for name in OWN.channels:
         change = changes.get(name, 1.0)
         if change is not None:
             values[name] = np.full(len(t_ns), change, dtype=float)
@@ -30,7 +29,7 @@ def frames(**changes: FloatArray | float | None) -> list[Frame]:
     values["battery_voltage_v"] = np.full(len(t_ns), 13.5)
     values["air_mass_mg"] = np.linspace(100.0, 300.0, len(t_ns))
     values |= {n: v for n, v in changes.items() if isinstance(v, np.ndarray)}
-    return list(broadcast(BUS_MAP, t_ns, values).frames())
+    return list(broadcast(OWN, t_ns, values).frames())
 
 
 def check(frames: list[Frame], bus_map: BusMap) -> CheckResult:
@@ -44,25 +43,23 @@ def seen(result: CheckResult, name: str) -> SignalSeen:
 
 
 def without(message: str, all_frames: list[Frame]) -> list[Frame]:
-    can_id = next(
-        c.message.frame_id for c in BUS_MAP.channels.values() if c.message.name == message
-    )
+    can_id = next(c.message.frame_id for c in OWN.channels.values() if c.message.name == message)
     return [f for f in all_frames if f.can_id != can_id]
 
 
 def test_a_complete_bus_is_plausible_in_every_signal() -> None:
-    result = check(frames(), BUS_MAP)
-    assert {s.name for s in result.signals} == set(BUS_MAP.channels)
+    result = check(frames(), OWN)
+    assert {s.name for s in result.signals} == set(OWN.channels)
     assert {s.verdict(result.end_ns) for s in result.signals} == {"plausible"}
-    assert result.missing(BUS_MAP.names) == []
+    assert result.missing(OWN.names) == []
     assert sum(result.rejected.values()) == 0
 
 
 def test_range_rate_and_age_are_those_of_the_frames() -> None:
     sent = frames()
-    result = check(sent, BUS_MAP)
+    result = check(sent, OWN)
     assert (result.frames, result.end_ns) == (len(sent), max(f.t_ns for f in sent))
-    for name, channel in BUS_MAP.channels.items():
+    for name, channel in OWN.channels.items():
         assert channel.message.cycle_time
         expected_hz = 1000.0 / channel.message.cycle_time
         assert seen(result, name).rate_hz == pytest.approx(expected_hz, rel=1e-6), name
@@ -73,10 +70,10 @@ def test_range_rate_and_age_are_those_of_the_frames() -> None:
 
 
 def test_a_message_that_never_comes_leaves_its_signals_missing() -> None:
-    result = check(without("ECU_Lambda", frames()), BUS_MAP)
-    lost = [n for n, c in BUS_MAP.channels.items() if c.message.name == "ECU_Lambda"]
+    result = check(without("ECU_Lambda", frames()), OWN)
+    lost = [n for n, c in OWN.channels.items() if c.message.name == "ECU_Lambda"]
     assert "lambda_measured" in lost
-    assert sorted(result.missing(BUS_MAP.names)) == sorted(lost)
+    assert sorted(result.missing(OWN.names)) == sorted(lost)
     assert {s.name for s in result.signals if s.verdict(result.end_ns) == "MISSING"} == set(lost)
 
 
@@ -85,7 +82,7 @@ def test_a_message_that_never_comes_leaves_its_signals_missing() -> None:
     [("rail_pressure_mpa", None, "not available"), ("lambda_measured", 0.31, "out of range")],
 )
 def test_a_signal_without_a_good_value_says_why(name: str, value: float, said: str) -> None:
-    result = check(frames(**{name: value}), BUS_MAP)
+    result = check(frames(**{name: value}), OWN)
     assert seen(result, name).verdict(result.end_ns) == said
     assert result.missing([name, "fuel_mass_mg"]) == [name]
 
@@ -93,7 +90,7 @@ def test_a_signal_without_a_good_value_says_why(name: str, value: float, said: s
 def test_a_signal_that_is_sometimes_implausible_says_how_often() -> None:
     wobbly = np.ones(round(SECONDS * 100))
     wobbly[50:100] = math.nan
-    result = check(frames(lambda_measured=wobbly), BUS_MAP)
+    result = check(frames(lambda_measured=wobbly), OWN)
     lam = seen(result, "lambda_measured")
     assert lam.verdict(result.end_ns) == f"{lam.invalid} bad values"
     assert lam.invalid / (lam.count + lam.invalid) == pytest.approx(0.25, abs=0.02)
@@ -102,14 +99,14 @@ def test_a_signal_that_is_sometimes_implausible_says_how_often() -> None:
 
 def test_frames_that_break_their_checksum_are_counted_and_give_no_values() -> None:
     broken = [f._replace(data=f.data[:-1] + bytes([f.data[-1] ^ 1])) for f in frames()]
-    result = check(broken, BUS_MAP)
+    result = check(broken, OWN)
     assert result.rejected["checksum"] == len(broken)
-    assert result.missing(BUS_MAP.names) == list(BUS_MAP.names)
+    assert result.missing(OWN.names) == list(OWN.names)
     assert f"checksum {len(broken)}" in list(result.lines())[-1]
 
 
 def test_the_table_has_one_line_per_signal_with_unit_and_verdict() -> None:
-    result = check(without("ECU_Temps", frames()), BUS_MAP)
+    result = check(without("ECU_Temps", frames()), OWN)
     lines = list(result.lines())
     assert len(lines) == len(result.signals) + 2
     for line, signal in zip(lines[1:-1], result.signals, strict=True):
@@ -122,34 +119,33 @@ def test_the_table_has_one_line_per_signal_with_unit_and_verdict() -> None:
 
 def test_the_time_of_an_epoch_clock_does_not_matter() -> None:
     shift_ns = 1_700_000_000_000_000_000
-    early = check(frames(), BUS_MAP)
-    late = check([f._replace(t_ns=f.t_ns + shift_ns) for f in frames()], BUS_MAP)
+    early = check(frames(), OWN)
+    late = check([f._replace(t_ns=f.t_ns + shift_ns) for f in frames()], OWN)
     assert list(early.lines()) == list(late.lines())
 
 
 def test_a_derived_signal_is_there_when_all_it_is_made_of_is() -> None:
-    bus_map = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])
     t_ns = np.arange(0, 2_000_000_000, 100_000_000)
-    names = list(bus_map.channels)
-    frames = broadcast(bus_map, t_ns, {n: np.full(len(t_ns), 50.0) for n in names}).frames()
-    result = check(list(frames), bus_map)
+    names = list(RUSEFI.channels)
+    frames = broadcast(RUSEFI, t_ns, {n: np.full(len(t_ns), 50.0) for n in names}).frames()
+    result = check(list(frames), RUSEFI)
     assert "fuel_mass_mg" in result.derived
     assert result.missing(["fuel_mass_mg"]) == []
-    assert check([], bus_map).missing(["fuel_mass_mg"]) == ["fuel_mass_mg"]
+    assert check([], RUSEFI).missing(["fuel_mass_mg"]) == ["fuel_mass_mg"]
 
 
 def test_a_message_that_stops_is_said_to_have_stopped_and_counts_as_missing() -> None:
     every = frames()
-    lambda_id = BUS_MAP.channels["lambda_measured"].message.frame_id
+    lambda_id = OWN.channels["lambda_measured"].message.frame_id
     half = [f for f in every if f.can_id != lambda_id or f.t_ns < 1_000_000_000]
-    result = check(half, BUS_MAP)
+    result = check(half, OWN)
     assert seen(result, "lambda_measured").verdict(result.end_ns).startswith("STOPPED 1.0 s")
     assert result.missing(["lambda_measured", "air_mass_mg"]) == ["lambda_measured"]
 
 
 def test_a_signal_slower_than_its_timeout_is_stale_with_age_and_timeout() -> None:
     # GIVEN a coolant temperature that comes once a second, under a timeout of half a second
-    coolant = BUS_MAP.channels["coolant_temperature_degc"]
+    coolant = OWN.channels["coolant_temperature_degc"]
     timeout_s = coolant.mapped.timeout_s
     sent, last_ns = [], -(10**12)
     for frame in frames():
@@ -159,7 +155,7 @@ def test_a_signal_slower_than_its_timeout_is_stale_with_age_and_timeout() -> Non
             last_ns = frame.t_ns
         sent.append(frame)
     # WHEN the log is checked
-    result = check(sent, BUS_MAP)
+    result = check(sent, OWN)
     # THEN the check says so, and which timeout would hold
     assert "coolant_temperature_degc" in result.stale
     words = seen(result, "coolant_temperature_degc").verdict(result.end_ns)

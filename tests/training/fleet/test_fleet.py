@@ -82,10 +82,9 @@ def assert_as_replayed(row: dict[str, Any], windows: pl.DataFrame, found: dict[s
         assert close(row[name], found["limits"][name])
 
 
-def test_a_fleet_has_the_verdicts_of_a_replay(tmp_path: Path) -> None:
+def test_a_fleet_has_the_verdicts_of_a_replay(setup: replay.Setup, tmp_path: Path) -> None:
     # GIVEN logs and tables of a healthy and a delayed sensor
     paths = [LOGS / DELAYED, write_piece(tmp_path / "healthy.csv", HEALTHY, n=2000)]
-    setup = replay.set_up(None, [], config.load())
     replayed = [replay.replay(path, setup)[0] for path in paths]
     # WHEN they are judged as a fleet
     rows, windows = judged([str(path) for path in paths], tmp_path / "out.parquet")

@@ -22,7 +22,6 @@ from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 from udsoncan.exceptions import NegativeResponseException
 
-from monitor.base import config
 from monitor.base.command_line import signature
 from monitor.base.types import Frame
 from monitor.bus.diagnostics.server import Diagnostics
@@ -38,8 +37,8 @@ from monitor.pipeline import replay
 from tests.helpers.bus.diagnostics_state import VIN
 from tests.helpers.bus.elm327 import terminal_of
 from tests.helpers.bus.live_player import until
-from tests.helpers.logs.batch_logs import ECU as ECU_MAP
 from tests.helpers.logs.batch_logs import MESSAGES, USUAL, payload
+from tests.helpers.logs.bus_maps import OWN as ECU_MAP
 
 PERIOD_S: Final = 0.05
 CHANNEL: Final = "diagnostics"
@@ -122,10 +121,9 @@ class Bench:
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+def bench(setup: replay.Setup, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     path = tmp_path_factory.mktemp("memory") / "o2.db"
     write_memory(path)
-    setup = replay.set_up(None, [], config.load())
     parser = argparse.ArgumentParser()
     signature.add_options(parser, DiagnosticsOptions)
     args = parser.parse_args(["--transmit", "--vin", VIN])

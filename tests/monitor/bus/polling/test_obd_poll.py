@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import dbc
 from monitor.base.command_line import signature
 from monitor.base.errors import UsageError
 from monitor.base.types import Frame
@@ -17,10 +16,10 @@ from monitor.bus.polling.pids import BITMAPS, wanted
 from monitor.bus.polling.poller import ObdPoller
 from monitor.bus.polling.schedule import Schedule
 from monitor.cli import options
-from monitor.decode.bus_map import load_pairs
-from tests.helpers.bus.obd_conversation import LENGTHS, OBD, PARAMETERS, Conversation
+from tests.helpers.bus.obd_conversation import LENGTHS, PARAMETERS, Conversation
 from tests.helpers.bus.obd_ecu import J1979, STEADY, steady_ecu
 from tests.helpers.examples import inputs
+from tests.helpers.logs.bus_maps import OBD
 
 
 def expected() -> dict[str, float]:
@@ -85,10 +84,9 @@ def test_bitmaps_come_first_and_only_what_is_supported_and_mapped_is_asked_for()
 def test_the_sensor_behind_the_catalyst_is_asked_for_on_demand() -> None:
     parser = argparse.ArgumentParser()
     signature.add_options(parser, options.ObdOptions)
-    bus_map = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
 
     def lengths(*words: str) -> set[int]:
-        poller = options.obd_poller(parser.parse_args(["--obd", *words]), bus_map)
+        poller = options.obd_poller(parser.parse_args(["--obd", *words]), OBD)
         return set(poller._lengths)
 
     assert lengths("--obd-optional") - lengths() == {0x15, 0x25, 0x35, 0x3C, 0x3E}
