@@ -70,8 +70,7 @@ def cycle_ms(message: Message) -> float:
 
     A message without one is a slow one.
     """
-    stated = message.cycle_time or SLOW_MS
-    return float(min(max(stated, 0), SLOW_MS))
+    return float(min(max(message.cycle_time or SLOW_MS, 0), SLOW_MS))
 
 
 def described_by(message: Message, signal: Signal) -> Description:

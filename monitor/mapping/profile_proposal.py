@@ -101,8 +101,7 @@ def _offers(raw: RawTable, cells: FloatArray) -> Iterator[tuple[float, int, str,
         for name, source in (known[each][0] for each in keys_of(column.name) if each in known):
             own = _known(name, source, column, values)
             if own and (name not in VARYING or np.nanmax(values) > np.nanmin(values)):
-                is_plain = (own.factor, own.offset) == (1.0, 0.0)
-                yield _KNOWN if is_plain else _CONVERTED, i, name, own
+                yield _KNOWN if (own.factor, own.offset) == (1.0, 0.0) else _CONVERTED, i, name, own
         for text in dict.fromkeys(name_and_unit(each)[0] for each in (column.name, *column.others)):
             described = Description(text, stated_unit(column, STOICHIOMETRIC), values=values)
             for name in BY_NAME.keys() & QUANTITIES.keys():
@@ -148,10 +147,12 @@ def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:
     if not (named or clocks) and len(cells) > 1:
         steps = np.diff(cells, axis=0)
         units = [unit_of(stated_unit(column, STOICHIOMETRIC), 1.0) for column in raw.columns]
-        in_time = np.array([bool(unit and unit.quantity == "time") for unit in units], dtype=bool)
+        kinds = [unit.quantity if unit else "" for unit in units]
+        in_time, unstated = (np.array([kind == each for kind in kinds]) for each in ("time", ""))
         rises = ((steps >= 0.0).mean(axis=0) > _RISING) & (np.median(steps, axis=0) > 0.0)
         rises &= ~(steps == 1.0).all(axis=0)  # a counter of rows is no time
-        rises = rises & in_time if (rises & in_time).any() else rises
+        rises[[i for _, i, *_ in _offers(raw, cells)]] = False  # signals
+        rises &= in_time if (rises & in_time).any() else unstated
         named = [raw.names[i] for i in np.flatnonzero(rises).tolist() if raw.names[i]][:1]
     return list(dict.fromkeys((*named, *clocks)))
 

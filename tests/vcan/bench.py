@@ -61,7 +61,9 @@ def main() -> int:
                 time.sleep(options.seconds - ASK_BEFORE_END_S)
                 wait_until(ask_uds, PATIENCE_S)  # the player lags on a busy machine
                 wait_until(shown_codes, PATIENCE_S)  # so does the server
-                told = {"uds": ask_uds(), "obd": ask_obd(), "page": fetch(), "event": first_event()}
+                told = {"uds": ask_uds(), "obd": ask_obd(), "event": first_event()}
+                with urllib.request.urlopen(PAGE, timeout=20) as page:
+                    told["page"] = page.read().decode("utf-8")
                 (folder / "clients.json").write_text(json.dumps(told), encoding="utf-8")
                 returncodes["player"] = playing.wait(timeout=PATIENCE_S)
             ended = {"monitor": listening, "gateway": between}
@@ -107,12 +109,6 @@ def tester(channel: str) -> can.BusABC:
     """Return a bus that hears the monitor's answers only."""
     answers = [{"can_id": RESPONSE_ID, "can_mask": 0x7FF, "extended": False}]
     return can.Bus(interface="socketcan", channel=channel, can_filters=answers)
-
-
-def fetch() -> str:
-    """Return the live page."""
-    with urllib.request.urlopen(PAGE, timeout=20) as page:
-        return str(page.read().decode("utf-8"))
 
 
 def first_event() -> str:

@@ -169,6 +169,11 @@ def test_a_counter_of_rows_is_no_time(proposed: Proposed) -> None:
     assert any("1 row older" in line for line in table.notes.lines)
 
 
+def test_neither_a_speed_that_rises_nor_a_distance_is_the_time(proposed: Proposed) -> None:
+    with pytest.raises(RecordingError, match=r"no column of time \(none named\)"):
+        proposed("Duration,RPM,Run (km)\n" + rows(lambda i: f"72:4354:{i},{RPM[i]},{i / 9}"))
+
+
 def test_rows_of_whole_seconds_are_spread_over_them(proposed: Proposed) -> None:
     text = "Time,RPM,AFR\n" + rows(lambda i: f"00:00:{i // 10:02d},{RPM[i]},{AFR[i]}")
     table, _ = proposed(text)
