@@ -10,6 +10,7 @@ short by a wrapper: what counts is that the command works as written.
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -141,13 +142,8 @@ def script(block: Block) -> str:
             continue
         verdicts = "0|1|3" if command.startswith("o2mon") else "0"
         check = f"code=$?; case $code in {verdicts}) ;; *) echo exit $code >&2; exit 9 ;; esac"
-        lines += [f"echo '+ '{quoted(command)}", command, check]
+        lines += [f"echo '+ '{shlex.quote(command)}", command, check]
     return "\n".join(lines)
-
-
-def quoted(text: str) -> str:
-    """Return a text as one word of a shell."""
-    return "'" + text.replace("'", "'\\''") + "'"
 
 
 def main() -> int:

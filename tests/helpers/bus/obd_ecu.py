@@ -22,11 +22,6 @@ Row = Mapping[str, float]
 Bytes = Callable[[Row], float | int]
 
 
-def _fuel_l_h(row: Row) -> float:
-    """Fuel per stroke of four cylinders, gasoline of 745 g/l."""
-    return row["fuel_mass_mg"] * row["engine_speed_rpm"] * 2 * 60 / 745e3
-
-
 # PID → bytes, value in steps
 J1979: dict[int, tuple[int, Bytes]] = {
     0x03: (2, lambda r: (2 if r["closed_loop"] > 0.5 else 4 if r["fuel_cut"] > 0.5 else 1) << 8),
@@ -46,7 +41,8 @@ J1979: dict[int, tuple[int, Bytes]] = {
     0x42: (2, lambda r: r["battery_voltage_v"] * 1000),
     0x44: (2, lambda r: r["lambda_target"] * 32768),
     0x46: (1, lambda r: r["ambient_temperature_degc"] + 40),
-    0x5E: (2, lambda r: _fuel_l_h(r) * 20),
+    # of four cylinders, gasoline of 745 g/l
+    0x5E: (2, lambda r: r["fuel_mass_mg"] * r["engine_speed_rpm"] * 2 * 60 / 745e3 * 20),
 }
 SUPPORTED = tuple(pid for pid in J1979 if pid != 0x24)
 STEADY = {

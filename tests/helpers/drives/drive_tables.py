@@ -11,6 +11,7 @@ from monitor.pipeline.recordings import RecordingReader
 from monitor.pipeline.replay import Setup, set_up
 from tests.conftest import ROOT
 from training.fleet.reading import FleetReader, Read
+from training.recordings.files.table_files import write_table
 
 PERIOD_S = 0.1
 Columns = dict[str, np.ndarray]
@@ -34,17 +35,11 @@ def columns() -> Columns:
     return {name: drive.block.values[:, i].copy() for i, name in enumerate(drive.names)}
 
 
-@cache
-def _cells(column: bytes) -> list[str]:
-    return ["" if np.isnan(value) else f"{value:.9g}" for value in np.frombuffer(column)]
-
-
 def table(path: Path, change: Callable[[Columns], None] = lambda _: None) -> Path:
     """Write the drive as a table after a change, also of ``time_s``; blank cells have no value."""
     data = columns()
     data = {"time_s": PERIOD_S * np.arange(len(data["lambda_measured"]))} | data
     change(data)
-    rows = zip(*(_cells(column.tobytes()) for column in data.values()), strict=True)
-    lines = [",".join(data), *map(",".join, rows)]
-    path.write_text("\n".join(lines) + "\n")
+    t_s = data.pop("time_s")
+    write_table(path, t_s, list(data), np.column_stack(list(data.values())))
     return path

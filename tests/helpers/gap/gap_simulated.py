@@ -1,6 +1,7 @@
 """Simulated drives for tests of the gap workflow: the plant's own effects, as sent on its bus."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -56,17 +57,7 @@ def healthy() -> tuple[ChainDrive, ...]:
     return tuple(simulated(cycle, 2_020_011 + i) for i, cycle in enumerate(cycles))
 
 
-def two_drives(
-    seed: int,
-    effect: tuple[str, float] | None = None,
-    fault: tuple[str, float] | None = None,
-    fault_start_s: float = 0.0,
-    also: tuple[str, float] | None = None,
-) -> list[ChainDrive]:
+def two_drives(seed: int, *effect: tuple[str, float], **other: Any) -> list[ChainDrive]:
     """Return two drives with the same effect or fault in each."""
-    return [
-        simulated(
-            cycle, seed + i, effect=effect, fault=fault, fault_start_s=fault_start_s, also=also
-        )
-        for i, cycle in enumerate(("micro_trips", "wltc_3b"))
-    ]
+    cycles = ("micro_trips", "wltc_3b")
+    return [simulated(cycle, seed + i, *effect, **other) for i, cycle in enumerate(cycles)]

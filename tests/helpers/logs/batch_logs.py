@@ -39,13 +39,7 @@ USUAL: Final = {
     "sensor_heater_percent": 40.0,
 }
 CYCLE_NS: Final = {
-    192: 20 * MS,
-    193: 20 * MS,
-    194: 20 * MS,
-    200: 50 * MS,
-    416: 100 * MS,
-    672: 100 * MS,
-    673: 100 * MS,
+    c.message.frame_id: c.message.cycle_time * MS for n, c in ECU.channels.items() if n in USUAL
 }
 
 

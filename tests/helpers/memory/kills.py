@@ -93,7 +93,7 @@ def kills(path: Path, n: int, rng: random.Random) -> Counter[str]:
                 for what in islice(drive(store, seed), len(events) + 1)
             ]
             assert events == states[1:-1]
-            possible = [without_what(state) for state in states[-2:]]
+            possible = [{k: v for k, v in state.items() if k != "what"} for state in states[-2:]]
             assert found in possible
             happened.update(event["what"] for event in events)
             happened["kill between storing and announcing"] += found != possible[0]
@@ -101,11 +101,6 @@ def kills(path: Path, n: int, rng: random.Random) -> Counter[str]:
             started = loaded(path)
         starter.stdin.close()
     return happened
-
-
-def without_what(state: dict[str, Any]) -> dict[str, Any]:
-    """Return the state without the event that led to it."""
-    return {key: value for key, value in state.items() if key != "what"}
 
 
 def loop_kills(folder: Path, n: int, rng: random.Random) -> int:

@@ -53,18 +53,6 @@ def network_of(
     )
 
 
-def channel(name: str, unit: str, low: float, high: float, usual_low: float) -> Channel:
-    """Return a channel whose highest value is usual."""
-    return Channel(
-        name=name,
-        unit=unit,
-        minimum=low,
-        maximum=high,
-        percentile_0_1=usual_low,
-        percentile_99_9=high,
-    )
-
-
 def card_of(
     net: Network, low: FloatArray, high: FloatArray, longest: float = 16.0, **more: Any
 ) -> ModelCard:
@@ -72,8 +60,8 @@ def card_of(
     ranges = zip(net.inputs, low.tolist(), high.tolist(), strict=True)
     return ModelCard(
         kind="narx",
-        inputs=tuple(channel(name, "", a, b, a) for name, a, b in ranges),
-        output=channel("lambda_measured", "-", 0.7, longest, 0.8),
+        inputs=tuple(Channel(name, "", a, b, a, b) for name, a, b in ranges),
+        output=Channel("lambda_measured", "-", 0.7, longest, 0.8, longest),
         transform=net.transform,
         output_limits=(net.scaling.y_low, net.scaling.y_high),
         period_ns=100_000_000,

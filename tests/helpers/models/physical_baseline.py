@@ -9,13 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.signal import lfilter
 
 from monitor.base.types import FloatArray
+from training.greybox.chain import STOICHIOMETRIC
+from training.greybox.quantity.dynamics import lag
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import enabled_rows
-
-STOICHIOMETRIC = 14.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +42,7 @@ def fit_baseline(recordings: Sequence[Recording]) -> Baseline:
             count += len(x)
         return squares / count
 
-    starts = [(d, lag) for d in (0.1, 0.25, 0.4) for lag in (0.05, 0.2)]
+    starts = [(d, lag_s) for d in (0.1, 0.25, 0.4) for lag_s in (0.05, 0.2)]
     best = min(
         (minimize(error, start, method="Nelder-Mead") for start in starts), key=lambda r: r.fun
     )
@@ -65,6 +64,4 @@ def _shaped(recording: Recording, delay_s: float, lag_s: float) -> FloatArray:
     ratio = np.nan_to_num(STOICHIOMETRIC * fuel / air, nan=1.0)
     ticks = np.arange(len(ratio))
     late = np.interp(ticks - max(delay_s, 0.0) / period_s, ticks, ratio)
-    keep = np.exp(-period_s / max(lag_s, 1e-3))
-    smooth, _ = lfilter([1.0 - keep], [1.0, -keep], late, zi=[keep * late[0]])
-    return np.asarray(smooth)
+    return np.asarray(lag(late, max(lag_s, 1e-3), period_s))

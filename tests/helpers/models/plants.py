@@ -1,7 +1,7 @@
 """Plants that no method under test has as its equation.
 
-They are continuous (exact solutions by scipy between the samples, dead times that are no whole
-number of samples) or nonlinear tanks.
+They are continuous: exact solutions by scipy between the samples, dead times that are no whole
+number of samples.
 """
 
 from collections.abc import Sequence
@@ -51,20 +51,6 @@ def two_inputs(n: int, seed: int, noise: float = 0.05) -> Stretch:
     y = continuous(u[:, 0], 1.0, [0.04, 0.4, 1.0], 0.53)
     y += continuous(u[:, 1], -0.5, [0.3, 1.0], 0.21)
     return u, y + noise * coloured(n, rng)
-
-
-def tank(n: int, seed: int) -> Stretch:
-    """Two tanks under a pump, outflow by the root of the level, level sensor with noise."""
-    rng = RNG(seed)
-    u = 0.5 + 0.15 * held_steps(n, 1, rng, 60).clip(-2.0, 2.0)
-    upper, lower, level = 0.25, 0.25, np.empty(n)
-    for t in range(n):
-        for _ in range(FINE):
-            flow, out = np.sqrt(max(upper, 0.0)), np.sqrt(max(lower, 0.0))
-            upper += PERIOD_S / FINE * (u[t, 0] - flow)
-            lower += PERIOD_S / FINE * (flow - out)
-        level[t] = lower
-    return u, level + 0.005 * coloured(n, rng, 0.5)
 
 
 def modes(n: int, rng: np.random.Generator, poles: FloatArray, disturbed: float) -> Stretch:

@@ -33,12 +33,6 @@ def parser_of(program: str, command: str) -> argparse.ArgumentParser:
     return (o2mon if program == "o2mon" else o2train)._parser([command])
 
 
-def command_names(program: str) -> list[str]:
-    """Return the commands of a program."""
-    (branch,) = _branches(parser_of(program, ""))
-    return list(branch.choices)
-
-
 def _branches(parser: argparse.ArgumentParser) -> list[Any]:
     return [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
 
@@ -85,7 +79,7 @@ def words_of(parser: argparse.ArgumentParser, chosen: dict[str, str]) -> list[st
 COMMANDS = [
     pytest.param(program, words, id=" ".join((program, *words)))
     for program in PROGRAMS
-    for name in command_names(program)
+    for name in _branches(parser_of(program, ""))[0].choices
     for words, _ in commands(parser_of(program, name))
     if words[0] == name
 ]
@@ -96,8 +90,7 @@ def parsed(
     program: str, words: tuple[str, ...], chosen: dict[str, str]
 ) -> tuple[argparse.ArgumentParser, argparse.Namespace]:
     parser = parser_of(program, words[0])
-    (leaf,) = [below for found, below in commands(parser) if found == words]
-    return parser, parser.parse_args([*words, *words_of(leaf, chosen)])
+    return parser, parser.parse_args([*words, *words_of(leaf_of(program, words), chosen)])
 
 
 def leaf_of(program: str, words: tuple[str, ...]) -> argparse.ArgumentParser:

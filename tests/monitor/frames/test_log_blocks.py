@@ -24,13 +24,6 @@ from tests.helpers.logs.read_outcome import (
 )
 from training.recordings.files.can_log import broadcast, write_log
 
-
-def by_python_can(path: Path) -> list[Frame]:
-    """Return the data frames that python-can's reader of the format finds."""
-    with can.LogReader(path) as reader:
-        return [frame_of(m) for m in reader if not (m.is_error_frame or m.is_remote_frame)]
-
-
 SUFFIXES = [".blf", ".mf4"]
 
 
@@ -95,7 +88,9 @@ def test_logs_written_by_python_can_are_read_as_python_can_reads_them(
         for message in messages:
             logger.on_message_received(message)
     found = read_at_once(path)
-    assert sorted(found[0]) == sorted(by_python_can(path))  # MF4: in the order of time
+    with can.LogReader(path) as reader:
+        sent = [frame_of(m) for m in reader if not (m.is_error_frame or m.is_remote_frame)]
+    assert sorted(found[0]) == sorted(sent)  # MF4: in the order of time
     assert len(found[0]) == sum(not (m.is_error_frame or m.is_remote_frame) for m in messages)
     assert found[1].skipped == len(messages) - len(found[0])
 

@@ -23,6 +23,7 @@ from monitor.grid import block_samples
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, FrameSamples, log_samples
 from monitor.grid.timeline import Timeline
+from monitor.inject.gateway import write_log
 from monitor.judge.limits import Limits
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.step import Model
@@ -33,7 +34,7 @@ from monitor.pipeline.names import needed_names
 from monitor.pipeline.replay import Setup, replay, set_up, shipped_model
 from tests.helpers.drives.drive_tables import read
 from tests.helpers.examples import inputs
-from tests.helpers.logs.batch_logs import S, logs
+from tests.helpers.logs.batch_logs import logs
 from tests.helpers.logs.bus_maps import OWN
 from tests.helpers.logs.replays import replay_log
 from tests.helpers.logs.streamed import SHORT
@@ -147,23 +148,14 @@ def replayed(path: Path, setup: Setup) -> dict[str, Any]:
     return entry | {"sha256": None}
 
 
-def write(path: Path, frames: list[Frame]) -> None:
-    lines = [
-        f"({f.t_ns // S}.{f.t_ns % S // 1000:06d}) can0 "
-        f"{f.can_id:{'08X' if f.is_extended else '03X'}}#{f.data.hex()}\n"
-        for f in frames
-        if f.t_ns >= 0
-    ]
-    path.write_text("".join(lines))
-
-
 @inputs(100)
 @given(frames=logs())
 def test_a_spoilt_log_is_judged_alike_on_a_bus_and_in_a_replay(
     tmp_path_factory: pytest.TempPathFactory, frames: list[Frame]
 ) -> None:
     path = tmp_path_factory.mktemp("logs") / "drive.log"
-    write(path, [*(time_mark(frame.t_ns) for frame in frames[:1]), *frames])  # it was made live
+    made = [*(time_mark(frame.t_ns) for frame in frames[:1]), *frames]  # as live
+    write_log(path, [frame for frame in made if frame.t_ns >= 0])
     try:
         expected = live(path, SPOILT)
     except RecordingError as error:

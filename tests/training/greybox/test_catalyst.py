@@ -11,6 +11,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.cli import main
 from training.greybox.catalyst import Catalyst, CatalystDrive, fit, volts
+from training.recordings.recording import write_table
 
 PERIOD_S = 0.1
 START = (Catalyst(capacity_g=0.1),)
@@ -55,10 +56,7 @@ def test_too_few_warm_samples_are_refused() -> None:
 
 
 def a_table(path: Path, names: tuple[str, ...], values: FloatArray) -> Path:
-    t_s = np.arange(len(values)) * PERIOD_S
-    header = ",".join(["time_s", *names])
-    table = np.column_stack([t_s, values])
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.6g")
+    write_table(path, np.arange(len(values)) * PERIOD_S, names, values)
     return path
 
 

@@ -9,33 +9,20 @@ import pytest
 
 from monitor.base.types import FloatArray
 from tests.helpers.drives.recordings import recording_of
+from tests.helpers.models.plants import coloured
 from training.cli import main
 from training.limits.data_check.check import check
 from training.limits.data_check.findings import as_page, as_text
 from training.limits.data_check.measures import coverage
-from training.recordings.recording import Recording
+from training.recordings.recording import Recording, write_table
 
 INPUTS = ("speed", "load", "ignition")
 Findings = dict[str, list[tuple[str, str]]]
 
 
-def recording(
-    columns: dict[str, FloatArray], name: str = "drive", period_s: float = 0.1
-) -> Recording:
-    return recording_of(columns, f"{name}.csv", period_s)
-
-
-def walk(rng: np.random.Generator, n: int, memory: float) -> FloatArray:
-    """A slow random signal of unit size."""
-    x = np.zeros(n)
-    for t in range(1, n):
-        x[t] = memory * x[t - 1] + np.sqrt(1 - memory**2) * rng.standard_normal()
-    return x
-
-
 def engine(seed: int = 1, n: int = 6000) -> dict[str, FloatArray]:
     rng = np.random.default_rng(seed)
-    speed, load, ignition = walk(rng, n, 0.98), walk(rng, n, 0.9), walk(rng, n, 0.8)
+    speed, load, ignition = coloured(n, rng, 0.98), coloured(n, rng, 0.9), coloured(n, rng, 0.8)
     lean = np.tanh(np.roll(load, 3) - 0.5 * np.roll(speed, 2) * np.roll(ignition, 1))
     return {
         "speed": speed,
@@ -55,7 +42,7 @@ def levels(result: dict[str, object]) -> Findings:
 
 @pytest.fixture(scope="module")
 def good() -> Recording:
-    return recording(engine())
+    return recording_of(engine())
 
 
 def only(result: dict[str, object], topic: str, level: str) -> str:
@@ -80,7 +67,7 @@ def test_a_missing_signal_is_an_error_that_names_file_and_signal(good: Recording
 
 
 def test_different_periods_are_an_error_that_names_both(good: Recording) -> None:
-    result = check([good, recording(engine(2), "other", 0.05)], INPUTS, "lean")
+    result = check([good, recording_of(engine(2), "other.csv", 0.05)], INPUTS, "lean")
     text = only(result, "sample period", "error")
     assert "0.05" in text and "0.1" in text and "other.csv" in text
 
@@ -105,7 +92,7 @@ def test_a_signal_that_cannot_be_learned_from_is_told(
 ) -> None:
     columns = engine()
     columns[name][rows] = value
-    result = check([recording(columns)], INPUTS, "lean")
+    result = check([recording_of(columns)], INPUTS, "lean")
     found = levels(result)[topic]
     assert len(found) == n
     assert any(own == level and all(word in text for word in words) for own, text in found)
@@ -113,47 +100,47 @@ def test_a_signal_that_cannot_be_learned_from_is_told(
 
 
 def test_a_recording_too_short_to_be_used_is_named(good: Recording) -> None:
-    result = check([good, recording(engine(2, 30), "short")], INPUTS, "lean")
+    result = check([good, recording_of(engine(2, 30), "short.csv")], INPUTS, "lean")
     assert "short.csv: not used" in only(result, "gaps", "warning")
     assert result["usable"]
 
 
 def test_fewer_samples_than_the_smallest_network_has_weights_are_an_error() -> None:
-    text = only(check([recording(engine(n=41))], INPUTS, "lean"), "duration", "error")
+    text = only(check([recording_of(engine(n=41))], INPUTS, "lean"), "duration", "error")
     assert "41 samples" in text and "weights" in text
-    assert check([recording(engine(n=700))], INPUTS, "lean")["usable"]
+    assert check([recording_of(engine(n=700))], INPUTS, "lean")["usable"]
 
 
 @pytest.mark.parametrize("shift", [-7, 0, 7])
 def test_a_scaled_and_shifted_copy_of_the_output_is_a_leak(shift: int) -> None:
     columns = engine()
     columns["ignition"] = 3.0 - 2.0 * np.roll(columns["lean"], shift)
-    result = check([recording(columns)], INPUTS, "lean")
+    result = check([recording_of(columns)], INPUTS, "lean")
     text = only(result, "leak", "error")
     assert "ignition" in text and ("shifted" in text) == (shift != 0)
 
 
 def test_the_reciprocal_of_the_measured_lambda_is_a_leak() -> None:
     rng = np.random.default_rng(4)
-    lambda_measured = 1.0 / (1.0 + 0.3 * np.tanh(walk(rng, 4000, 0.9)))
+    lambda_measured = 1.0 / (1.0 + 0.3 * np.tanh(coloured(4000, rng, 0.9)))
     columns = {
-        "speed": walk(rng, 4000, 0.9),
+        "speed": coloured(4000, rng, 0.9),
         "phi": 1.0 / lambda_measured,
         "lambda_measured": lambda_measured,
     }
-    result = check([recording(columns)], ("speed", "phi"), "lambda_measured")
+    result = check([recording_of(columns)], ("speed", "phi"), "lambda_measured")
     assert "phi follows lambda_measured" in only(result, "leak", "error")
 
 
 def test_a_neighbouring_slow_sensor_is_a_warning_not_a_leak() -> None:
     # GIVEN two temperatures that drift together, each with its own noise
     rng = np.random.default_rng(5)
-    drift = 50.0 * walk(rng, 6000, 0.999)
+    drift = 50.0 * coloured(6000, rng, 0.999)
     columns = engine() | {
         "one": drift + rng.standard_normal(6000),
         "two": drift + rng.standard_normal(6000),
     }
-    result = check([recording(columns)], ("speed", "one"), "two")
+    result = check([recording_of(columns)], ("speed", "one"), "two")
     # THEN their levels correlate almost fully, their changes do not
     assert "make sure" in only(result, "leak", "warning")
     assert result["usable"]
@@ -163,15 +150,15 @@ def test_an_input_that_is_constant_where_the_others_are_valid_is_an_error() -> N
     columns = engine()
     columns["ignition"][:4000] = 3.0
     columns["load"][4000:] = np.nan
-    blank = recording(engine(2) | {"ignition": np.full(6000, np.nan)}, "blank")
-    result = check([recording(columns), blank], INPUTS, "lean")
+    blank = recording_of(engine(2) | {"ignition": np.full(6000, np.nan)}, "blank.csv")
+    result = check([recording_of(columns), blank], INPUTS, "lean")
     assert "ignition is constant where all inputs" in only(result, "constant", "error")
 
 
 def test_time_outside_closed_loop_is_a_warning(good: Recording) -> None:
     closed = np.zeros(6000)
     closed[:2000] = 1.0
-    result = check([recording(engine() | {"closed_loop": closed})], INPUTS, "lean")
+    result = check([recording_of(engine() | {"closed_loop": closed})], INPUTS, "lean")
     assert "3.33\xa0min, 33 %" in only(result, "closed loop", "warning")
     assert "do not say" in only(check([good], INPUTS, "lean"), "closed loop", "ok")
 
@@ -181,7 +168,7 @@ def test_one_operating_point_is_poor_coverage() -> None:
     steady = np.arange(6000) < 5700
     for name in ("speed", "load"):
         columns[name] = np.where(steady, 0.3, columns[name])
-    result = check([recording(columns)], INPUTS, "lean")
+    result = check([recording_of(columns)], INPUTS, "lean")
     only(result, "coverage", "warning")
     assert result["coverage"]["fullest"] > 0.5
 
@@ -199,10 +186,8 @@ def test_the_same_file_twice_is_a_warning(good: Recording) -> None:
 
 
 def write_csv(path: Path, columns: dict[str, FloatArray]) -> Path:
-    table = np.column_stack([0.1 * np.arange(len(columns["lean"])), *columns.values()])
-    rows = [",".join(["time_s", *columns])]
-    rows += [",".join(f"{value:.6g}" for value in row) for row in table]
-    path.write_text("\n".join(rows) + "\n")
+    t_s = 0.1 * np.arange(len(columns["lean"]))
+    write_table(path, t_s, list(columns), np.column_stack(list(columns.values())))
     return path
 
 

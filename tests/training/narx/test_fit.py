@@ -14,7 +14,6 @@ import pytest
 from playwright.sync_api import Browser
 
 from monitor.base.errors import ModelError, RecordingError, UsageError
-from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives.recordings import recording_of
@@ -28,7 +27,7 @@ from training.narx.page.training_page import write_report
 from training.narx.search.stability import contraction
 from training.narx.search.stages import Trained, with_less_feedback
 from training.narx.work import PER_MINUTE, Work, of_epoch
-from training.recordings.recording import Recording
+from training.recordings.recording import Recording, write_table
 from training.recordings.samples.transforms import fuel_air_ratio
 
 NAMES = ("air_mass_mg", "fuel_mass_mg", "lambda_measured", "fuel_cut")
@@ -272,19 +271,13 @@ def test_the_report_draws_the_starts_of_a_mean_which_has_no_epochs_itself(
     assert f"start {len(starts) + 1}" not in text
 
 
-def save_table(path: Path, drive: Recording) -> None:
-    table: FloatArray = np.column_stack([drive.t_s, drive.values])
-    lines = [",".join(("time_s", *drive.names))]
-    lines += [",".join("" if np.isnan(v) else f"{v:.7g}" for v in row) for row in table]
-    path.write_text("\n".join(lines) + "\n")
-
-
 def test_fit_and_evaluate_on_the_command_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # GIVEN two drives as tables
     for seed in (1, 2):
-        save_table(tmp_path / f"drive{seed}.csv", plant(seed, 1500))
+        drive = plant(seed, 1500)
+        write_table(tmp_path / f"drive{seed}.csv", drive.t_s, drive.names, drive.values)
     model, figures = str(tmp_path / "m.onnx"), tmp_path / "figures.json"
     # WHEN one is trained on and the other evaluated
     shape = ["--inputs", *NAMES[:2], "--lags", "2", "--hidden", "3", "--starts", "1"]

@@ -24,12 +24,8 @@ from training.narx.linear.subspace import subspace
 from training.recordings.metrics import fit_percent
 
 
-@pytest.fixture(scope="module")
-def plants() -> list[Stretch]:
-    return [two_inputs(1500, seed) for seed in range(4)]
-
-
-def test_dead_times_of_a_continuous_plant_are_found_within_a_sample(plants: list[Stretch]) -> None:
+def test_dead_times_of_a_continuous_plant_are_found_within_a_sample() -> None:
+    plants = [two_inputs(1500, seed) for seed in range(4)]
     # GIVEN dead times of 0.53 and 0.21 s: an edge first moves the sample after, number 6 and 3
     # WHEN they are read from the impulse responses and from ARX models of order 2
     from_impulse = impulse_response(plants, 30).delays()

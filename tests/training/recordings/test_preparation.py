@@ -22,12 +22,6 @@ from training.study.preparation import preparation, unusable
 BOSCH = ("speed_z", "load_z", "ignition_angle_z", "fuel_cutoff_z")
 
 
-def recording(
-    columns: dict[str, FloatArray], name: str = "drive", period_s: float = 0.1
-) -> Recording:
-    return recording_of(columns, f"{name}.csv", period_s)
-
-
 def red_noise(seed: int, n: int, pole: float = 0.9) -> FloatArray:
     noise = np.random.default_rng(seed).standard_normal(n)
     return np.asarray(signal.lfilter([1.0], [1.0, -pole], noise))
@@ -41,14 +35,9 @@ def lines_of(values: FloatArray, period_s: float) -> list[tuple[float, float]]:
 
 
 @pytest.fixture(scope="module")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    folder = tmp_path_factory.mktemp("drive")
-    return load(write(Experiment(cycle="wltc_3b", seed=1), folder, "parquet", 0.1))
-
-
-@pytest.fixture(scope="module")
-def prepared(simulated: Recording) -> dict[str, object]:
-    result = preparation([simulated], NARX_INPUTS, "lambda_measured")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+    drive = write(Experiment("wltc_3b", seed=1), tmp_path_factory.mktemp("drive"), "parquet", 0.1)
+    result = preparation([load(drive)], NARX_INPUTS, "lambda_measured")
     return json.loads(json.dumps(result, allow_nan=False))  # type: ignore[no-any-return]
 
 
@@ -110,7 +99,7 @@ def test_every_outlier_is_counted_with_its_reason() -> None:
     speed[[500, 900, 1300]] += 2000.0
     speed[[1500, 1501]] = -50.0
     speed[2000:2010] = np.nan
-    drive = recording({"engine_speed_rpm": speed, "y": red_noise(1, 3000)})
+    drive = recording_of({"engine_speed_rpm": speed, "y": red_noise(1, 3000)})
     # THEN each is counted once
     masks = unusable(drive, "engine_speed_rpm")
     assert {reason: int(mask.sum()) for reason, mask in masks.items()} == {
@@ -133,7 +122,7 @@ def linear_records(
 
 def test_linear_records_are_level_and_of_unit_size() -> None:
     drives = [
-        recording(
+        recording_of(
             {
                 "u": 5.0 + 0.01 * np.arange(2000) + red_noise(s, 2000),
                 "y": -3.0 - 0.02 * np.arange(2000) + red_noise(s + 9, 2000),
@@ -154,8 +143,10 @@ def test_linear_records_are_level_and_of_unit_size() -> None:
 
 
 def test_nothing_of_a_held_out_recording_is_looked_at() -> None:
-    train = recording({"u": red_noise(1, 3000), "y": red_noise(2, 3000)}, "train")
-    held = recording({"u": 7.0 + 0.01 * np.arange(3000), "y": 2.0 * red_noise(3, 3000)}, "held")
+    train = recording_of({"u": red_noise(1, 3000), "y": red_noise(2, 3000)}, "train.csv")
+    held = recording_of(
+        {"u": 7.0 + 0.01 * np.arange(3000), "y": 2.0 * red_noise(3, 3000)}, "held.csv"
+    )
     _, data = linear_records([train], "y", "u")
     pairs, same = linear_records([held], "y", "u", reference=data)
     assert same is data
@@ -178,15 +169,15 @@ def test_the_filter_takes_the_line_and_leaves_the_rest() -> None:
 def test_short_holes_are_bridged_and_long_ones_part_stretches() -> None:
     u = red_noise(1, 1000)
     u[[100, 101, 500, 501, 502, 503]] = np.nan
-    pairs, _ = linear_records([recording({"u": u, "y": red_noise(2, 1000)})], "y", "u")
+    pairs, _ = linear_records([recording_of({"u": u, "y": red_noise(2, 1000)})], "y", "u")
     assert [len(y) for _, y in pairs] == [500, 496]
 
 
 def test_constant_and_missing_signals_are_refused_by_name() -> None:
-    drive = recording({"u": np.full(500, 3.0), "y": red_noise(1, 500)})
+    drive = recording_of({"u": np.full(500, 3.0), "y": red_noise(1, 500)})
     with pytest.raises(RecordingError, match="u is constant"):
         linear_records([drive], "y", "u")
     with pytest.raises(RecordingError, match="has no speed"):
         linear_records([drive], "y", "speed")
     with pytest.raises(RecordingError, match="no stretch of 60 samples"):
-        linear_records([recording({"u": red_noise(1, 50), "y": red_noise(2, 50)})], "y", "u")
+        linear_records([recording_of({"u": red_noise(1, 50), "y": red_noise(2, 50)})], "y", "u")

@@ -188,46 +188,19 @@ def test_the_model_evaluates_as_the_study_says(
     assert figures["rmse"] == pytest.approx(said["rmse"], rel=0.05)
 
 
-Change = Callable[[FloatArray], FloatArray]
+UNUSABLE: dict[str, Callable[..., tuple[FloatArray, ...]]] = {
+    "leak": lambda t, valve, leak, level: (t, valve, 0.0 * leak + 0.5, level),
+    "copy of the output": lambda t, valve, leak, level: (t, valve, 3.0 * level + 1.0, level),
+    "samples": lambda t, *others: (t[:30], *(x[::30][:30] for x in others)),
+    "level_m": lambda t, valve, leak, level: (t, valve, leak, np.nan * level),
+}
 
 
-def constant(values: FloatArray) -> FloatArray:
-    values[:, 2] = 0.5
-    return values
-
-
-def leak(values: FloatArray) -> FloatArray:
-    values[:, 2] = 3.0 * values[:, 3] + 1.0
-    return values
-
-
-def short(values: FloatArray) -> FloatArray:
-    return values[::30][:30] * [1 / 30, 1, 1, 1]
-
-
-def slower(values: FloatArray) -> FloatArray:
-    values[:, 0] *= 2.0
-    return values
-
-
-def empty(values: FloatArray) -> FloatArray:
-    values[:, 3] = np.nan
-    return values
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (constant, "leak"),
-        (leak, "copy of the output"),
-        (short, "samples"),
-        (empty, "level_m"),
-    ],
-)
+@pytest.mark.parametrize("says", UNUSABLE)
 def test_recordings_that_cannot_train_end_with_one_clear_line(
-    change: Change, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = write(tmp_path / "bad.csv", change(tank(900, 5)))
+    path = write(tmp_path / "bad.csv", np.column_stack(UNUSABLE[says](*tank(900, 5).T)))
     assert main(["study", str(path), *SIGNALS, *SMALL, "--out", str(tmp_path / "out")]) == 2
     last = capsys.readouterr().err.strip().splitlines()[-1]
     assert says in last and last.startswith("o2train: ") and "Traceback" not in last
@@ -238,7 +211,7 @@ def test_recordings_that_do_not_fit_together_are_named(
     drives: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     good = str(drives["morning"])
-    other = str(write(tmp_path / "slower.csv", slower(tank(900, 6))))
+    other = str(write(tmp_path / "slower.csv", tank(900, 6) * [2, 1, 1, 1]))
     without = str(write(tmp_path / "without.csv", tank(900, 6), "time_s,valve,drain,level_m"))
     for extra, says in (
         ([other], "sample period 0.5 s"),

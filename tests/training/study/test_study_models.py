@@ -57,12 +57,6 @@ def drive(n: int, seed: int, name: str) -> Recording:
     return recording_of(dict(columns), name, TANK_PERIOD_S)
 
 
-def two_drives() -> Prepared:
-    """Return a longer and a shorter recording, prepared."""
-    recordings = [drive(1500, 1, "morning"), drive(900, 2, "evening")]
-    return prepare(recordings, ["valve", "leak"], "level_m", block_s=25.0)
-
-
 def timeless(tree: Any) -> Any:
     """Return a result without its times."""
     if isinstance(tree, dict):
@@ -72,7 +66,9 @@ def timeless(tree: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def data() -> Prepared:
-    return two_drives()
+    """Return a longer and a shorter recording, prepared."""
+    recordings = [drive(1500, 1, "morning"), drive(900, 2, "evening")]
+    return prepare(recordings, ["valve", "leak"], "level_m", block_s=25.0)
 
 
 @pytest.fixture(scope="module")

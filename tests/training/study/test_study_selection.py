@@ -10,7 +10,6 @@ import pytest
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.faults import resolve
-from monitor.base.types import FloatArray
 from tests.helpers.drives.recordings import recording_of
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
@@ -26,10 +25,6 @@ from training.study.task import Settings, Task
 STEP_S = 0.01  # of the plant below; recordings have 0.1 s
 DRIVE = Experiment(cycle="micro_trips", seed=4, duration_s=700.0)
 LAMBDA_INPUTS = ("air_mass_mg", "fuel_mass_mg", "lambda_controller")
-
-
-def recording(columns: dict[str, FloatArray], name: str = "drive") -> Recording:
-    return recording_of(columns, f"{name}.csv")
 
 
 def closed_loop_drive(seed: int, n: int = 2500) -> Recording:
@@ -55,7 +50,7 @@ def closed_loop_drive(seed: int, n: int = 2500) -> Recording:
         phi[k] = seen
     rows = slice(9, None, 10)
     noise = 0.001 * rng.standard_normal(n)
-    return recording(
+    return recording_of(
         {
             "air_mass_mg": air[rows],
             "fuel_mass_mg": fuel[rows],
@@ -63,7 +58,7 @@ def closed_loop_drive(seed: int, n: int = 2500) -> Recording:
             "lambda_target": 1.0 / target[rows],
             "lambda_measured": 1.0 / (phi[rows] + noise),
         },
-        f"drive{seed}",
+        f"drive{seed}.csv",
     )
 
 
@@ -78,7 +73,7 @@ def nonlinear_drive(seed: int, n: int = 2500) -> Recording:
         y[t] = 0.7 * y[t - 1] + np.tanh(u[0, t - 1]) + 0.2 * u[1, t - 2] ** 2
     names = ("speed", "load", "idle")
     columns = dict(zip(names, u, strict=True)) | {"y": y + 0.05 * rng.standard_normal(n)}
-    return recording(columns, f"run{seed}")
+    return recording_of(columns, f"run{seed}.csv")
 
 
 def select(
@@ -100,12 +95,6 @@ def chosen() -> dict[str, Any]:
     return json.loads(json.dumps(result, allow_nan=False))  # type: ignore[no-any-return]
 
 
-@pytest.fixture(scope="module")
-def left_out() -> dict[str, Any]:
-    """Each input of a recording with other columns left out in turn."""
-    return select(nonlinear_drive(1), ("speed", "load", "idle"), "y")
-
-
 def test_components_are_those_of_the_correlation_matrix() -> None:
     rng = np.random.default_rng(1)
     values = rng.standard_normal((500, 4)) @ rng.standard_normal((4, 4)) * [1, 10, 100, 5] + 7
@@ -120,12 +109,12 @@ def test_components_are_those_of_the_correlation_matrix() -> None:
 def test_the_candidates_are_the_eleven_where_they_are_recorded() -> None:
     columns = {name: np.zeros(3) for name in (*CANDIDATES, "lambda_measured", "battery_voltage_v")}
     assert len(CANDIDATES) == 11
-    assert candidates([recording(columns)], CANDIDATES[:7], "lambda_measured") == CANDIDATES
-    other = recording({name: np.zeros(3) for name in ("speed", "load", "y")})
+    assert candidates([recording_of(columns)], CANDIDATES[:7], "lambda_measured") == CANDIDATES
+    other = recording_of({name: np.zeros(3) for name in ("speed", "load", "y")})
     assert candidates([other], ("load",), "y") == ("load",)
     assert candidates([other], (), "y") == ("speed", "load")
     with pytest.raises(UsageError, match="no input"):
-        candidates([recording({"y": np.zeros(3)})], (), "y")
+        candidates([recording_of({"y": np.zeros(3)})], (), "y")
 
 
 def test_every_set_of_inputs_gets_the_same_samples_and_blocks() -> None:
@@ -143,9 +132,8 @@ def test_every_set_of_inputs_gets_the_same_samples_and_blocks() -> None:
     assert np.isfinite(drive.values[0]).all()  # the recording itself is as it was
 
 
-def test_leaving_out_what_matters_is_worse_and_what_does_not_is_not(
-    left_out: dict[str, Any],
-) -> None:
+def test_leaving_out_what_matters_is_worse_and_what_does_not_is_not() -> None:
+    left_out = select(nonlinear_drive(1), ("speed", "load", "idle"), "y")
     full, *others = left_out["sets"]
     rmse = {s["name"]: s["rmse"] / full["rmse"] for s in others}
     assert rmse["without speed"] > 1.1 and rmse["without load"] > 1.1
@@ -190,7 +178,7 @@ def test_the_law_moves_as_the_simulated_vehicle_does_with_the_fault_in_its_loop(
 
 def test_without_closed_loop_no_law_is_found() -> None:
     drive = closed_loop_drive(7, 500)
-    open_loop = recording(
+    open_loop = recording_of(
         {n: drive.column(n) for n in drive.names} | {"closed_loop": np.zeros(500)}
     )
     assert estimate_controller([open_loop], "lambda_measured") is None
@@ -211,6 +199,6 @@ def test_a_fault_reaches_the_prediction_only_through_the_controller(
 
 def test_a_constant_candidate_is_refused_by_name() -> None:
     columns = {n: nonlinear_drive(1, 300).column(n) for n in ("speed", "load", "y")}
-    drive = recording(columns | {"load": np.full(300, 2.0)})
+    drive = recording_of(columns | {"load": np.full(300, 2.0)})
     with pytest.raises(RecordingError, match="load is constant"):
         select(drive, ("speed", "load"), "y", minutes=0.02)

@@ -18,15 +18,6 @@ from tests.helpers.bus.diagnostics_state import SHA256, VIN, Vehicle, ask
 from tests.helpers.logs.replays import frames_of
 
 
-@pytest.fixture(scope="module")
-def late_sensor(setup: replay.Setup) -> DtcStore:
-    """Return the fault memory after a drive with a late sensor."""
-    store = DtcStore()
-    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
-    deque(pipeline.push(block_of(frames_of("delay_rich_to_lean", 70.0))), maxlen=0)
-    return store
-
-
 def test_parameter_01_tells_lamp_codes_and_that_the_sensor_monitor_has_completed() -> None:
     assert ask("01 01") == "41 01 81 04 20 00"
 
@@ -173,11 +164,14 @@ def test_a_result_beyond_its_scaling_is_held_at_its_end(
     assert scaling.encode(value).hex() == data
 
 
-def test_every_result_of_the_monitor_is_told(late_sensor: DtcStore) -> None:
+def test_every_result_of_the_monitor_is_told(setup: replay.Setup) -> None:
     # GIVEN what a drive with a late sensor leaves
-    told = [row[1] for row in results.test_results(0x01, late_sensor.results) if any(row[3:])]
+    store = DtcStore()
+    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
+    deque(pipeline.push(block_of(frames_of("delay_rich_to_lean", 70.0))), maxlen=0)
     # THEN each of its results has an identifier
-    assert len(told) == len(late_sensor.results) > 3
+    told = [row[1] for row in results.test_results(0x01, store.results) if any(row[3:])]
+    assert len(told) == len(store.results) > 3
 
 
 def test_vehicle_information_names_vin_calibration_and_its_check() -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import dbc
 from monitor.base.types import Frame, Sample
 from monitor.bus.transmit import Transmitter, dtc_number
+from monitor.decode.checksum import payload_checksum
 from monitor.judge.bias import Outcome
 from monitor.memory.codes import CODES
 from monitor.memory.dtc import Status
@@ -71,19 +72,9 @@ def only(transmitter: Transmitter, event: Event) -> Frame:
     return frame
 
 
-def crc8(data: bytes) -> int:
-    """CRC-8 SAE J1850, bit by bit."""
-    register = 0xFF
-    for byte in data:
-        register ^= byte
-        for _ in range(8):
-            register = ((register << 1) ^ (0x1D if register & 0x80 else 0)) & 0xFF
-    return register ^ 0xFF
-
-
 def crc(frame: Frame) -> int:
     """The checksum of a frame: over the identifier's low byte and bytes 0 to 6."""
-    return crc8(bytes([frame.can_id & 0xFF]) + frame.data[:7])
+    return payload_checksum("crc8_sae_j1850_id", frame.can_id, frame.data, 7)
 
 
 def test_without_a_fault_the_status_says_so() -> None:

@@ -22,18 +22,12 @@ from tests.helpers.examples import inputs
 from tests.helpers.logs.bus_maps import OBD
 
 
-def expected() -> dict[str, float]:
-    """Return the steady values through J1979's quantisation, in the map's units."""
-    rate_l_h = round(STEADY["fuel_mass_mg"] * STEADY["engine_speed_rpm"] * 120 / 745e3 * 20) / 20
-    steps = {
-        "throttle_percent": round(STEADY["throttle_percent"] * 2.55) / 2.55,
-        "purge_duty_percent": round(STEADY["purge_duty_percent"] * 2.55) / 2.55,
-    }
-    return {**STEADY, **steps, "fuel_rate_l_h": rate_l_h}
-
-
 def assert_as_the_ecu_has_it(talk: Conversation) -> None:
-    known = expected()
+    """Compare with the steady values through J1979's quantisation, in the map's units."""
+    rate_l_h = round(STEADY["fuel_mass_mg"] * STEADY["engine_speed_rpm"] * 120 / 745e3 * 20) / 20
+    known = STEADY | {"fuel_rate_l_h": rate_l_h}
+    for name in ("throttle_percent", "purge_duty_percent"):
+        known[name] = round(STEADY[name] * 2.55) / 2.55
     for name, values in talk.values.items():
         assert values, name
         assert values == pytest.approx([known[name]] * len(values), rel=1e-9), name

@@ -37,18 +37,13 @@ def recording(seed: int, without: Sequence[str] = (), period_s: float = 0.1) -> 
     return recording_of(columns, f"drive_{seed}.csv", period_s, f"{seed:064x}")
 
 
-def roles(
-    new: Sequence[Recording], healthy: Sequence[Recording] = ()
-) -> dict[str, Sequence[Recording]]:
-    return {"RECORDING": new, "--healthy": healthy, "--verify": ()}
-
-
 CARD = Model.load(shipped_model()).card
 
 
 def test_a_recording_given_twice_is_refused() -> None:
+    given = {"RECORDING": [recording(1), recording(2), recording(1)], "--healthy": ()}
     with pytest.raises(UsageError, match=r"drive_1\.csv: the same as"):
-        suitability.check_files(roles([recording(1), recording(2), recording(1)]), CARD, "m.onnx")
+        suitability.check_files(given | {"--verify": ()}, CARD, "m.onnx")
 
 
 def test_air_per_stroke_may_come_from_air_meter_and_speed_and_speed_from_both_others() -> None:

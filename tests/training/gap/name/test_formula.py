@@ -26,6 +26,7 @@ from training.healthy.scoring import Score
 BASE = Constants(
     gain=1.0, dead_time_s=0.15, dead_time_revolutions=1.5, mixing_s=0.06, sensor_s=0.1, span=1.0
 )
+PLAIN = plain_signals(n=600)
 Change = Callable[[Path, dict[str, FloatArray]], Path]
 
 
@@ -150,7 +151,7 @@ def test_every_formula_can_be_read_again_and_leaves_a_mixture(
     form: str, at: float, width: float, share: float
 ) -> None:
     # GIVEN a form with constants anywhere within their limits
-    path, signals = BASE_PATH
+    path, signals = base_path(BASE, PLAIN), PLAIN
     name = name_of("manifold_pressure_kpa", form, at, width)
     effect = effect_of(name)
     values = [p.low + share * (p.high - p.low) for p in effect.parameters]
@@ -173,7 +174,7 @@ def test_a_name_that_says_no_formula_is_refused(name: str) -> None:
 
 def by_pressure(form: str, *values: float) -> tuple[FloatArray, FloatArray]:
     """Return the pressure, and how many times as rich a formula about 70 kPa makes the mixture."""
-    path, signals = BASE_PATH
+    path, signals = base_path(BASE, PLAIN), PLAIN
     effect = effect_of(name_of("manifold_pressure_kpa", form, 70.0, 10.0))
     changed = effect.apply(path, np.array(values), signals, 0.1)
     return signals["manifold_pressure_kpa"], changed.factor / path.factor
@@ -196,11 +197,3 @@ def test_a_bend_begins_at_the_corner_of_a_curve_and_an_exponential_with_its_rate
     assert _place_of("bend", np.array([1.0, 1.0, 1.0, 2.0, 3.0])) == pytest.approx(0.0, abs=0.2)
     knots = np.linspace(-1.0, 1.0, 5)
     assert _rate_of(1.0 + 3.0 * np.exp(2.0 * knots)) == 2.0
-
-
-def _base_path() -> tuple[Path, dict[str, FloatArray]]:
-    signals = plain_signals(n=600)
-    return base_path(BASE, signals), signals
-
-
-BASE_PATH = _base_path()
