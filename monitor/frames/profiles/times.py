@@ -63,9 +63,8 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
     notes.count("rows_out_of_order", int(older.sum()))
     notes.count("repeated_times", int(repeated.sum()))
     good = ~older & ~repeated
-    rows = np.zeros(len(keep), dtype=bool)
-    rows[np.flatnonzero(keep)[good]] = True
-    return t_ns[good], rows
+    keep[keep] = good
+    return t_ns[good], keep
 
 
 def spread(t_s: FloatArray, notes: Notes) -> FloatArray:

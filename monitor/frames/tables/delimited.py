@@ -24,7 +24,7 @@ from monitor.frames.tables.cells import (
     of_words,
 )
 from monitor.frames.tables.dialect import LINES, Dialect, dialect_of
-from monitor.frames.tables.haltech import haltech_dialect
+from monitor.frames.tables.haltech import NO_VALUE, haltech_dialect
 from monitor.frames.tables.raw_table import Notes, Pivot, RawColumn, RawTable, Wanted
 
 _ROWS: Final = 1 << 13  # of a block
@@ -148,7 +148,10 @@ def _read(
                 raise RecordingError(f"{path}: {odd[0]}, the unit of the cells above is wanted")
         if not block:
             break
-        yield np.array(block, dtype=np.float64).reshape(len(block), len(places)) * steps
+        found = np.array(block, dtype=np.float64).reshape(len(block), len(places))
+        if dialect.steps:
+            found[np.abs(found) >= NO_VALUE] = np.nan
+        yield found * steps
     if odd:
         left_out = f"{counted(len(odd), 'cell')} in another unit left out"
         notes.sentences.append(f"{left_out}, the first: {odd[0]}")

@@ -200,7 +200,7 @@ def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:
             others.index(row),
         ),
     )
-    if len(others) > 1 and _named(others[0]) >= 0.8 * len(others[0]):
+    if len(others) > 1 and len(set(filter(None, others[0]))) >= 0.8 * len(others[0]):
         names = others[0]  # two rows of names: the first is the tool's own
     below = header[header.index(names) + 1 :]
     columns, seen = [], Counter[str]()
@@ -229,10 +229,6 @@ def _units_row(header: Sequence[list[str]]) -> list[str] | None:
     ]
     best = max(range(len(known)), key=lambda row: (known[row], row))  # names may be units, too
     return header[1 + best] if any(known) or len(header) == 2 else None
-
-
-def _named(row: Sequence[str]) -> int:
-    return len(set(filter(None, row)))
 
 
 def _cell(row: Sequence[str], i: int) -> str:

@@ -11,8 +11,9 @@
     Log : 20230605 08:41:34
     08:41:34.000,1013,…
 
-Cells are whole numbers; the channel's type says of what. Source: Haltech's CAN broadcast protocol,
-whose units the logs share, and public logs.
+Cells are whole numbers; the channel's type says of what. From NO_VALUE on, the largest number of 24
+bits, they say that there is none, as -2147483645 and 2147483647 do. Source: Haltech's CAN broadcast
+protocol, whose units the logs share, and public logs.
 """
 
 import re
@@ -25,6 +26,7 @@ from monitor.frames.tables.dialect import HEAD_BYTES, Dialect, encoding_of
 from monitor.frames.tables.raw_table import DAY_S, RawColumn
 
 MARK: Final = b"%DataLog%"
+NO_VALUE: Final = float((1 << 23) - 1)
 _ROW: Final = re.compile(r"^\d{1,2}:\d{2}:\d{2}", re.M)
 # type of a channel: (unit, value of one step)
 TYPES: Final = {

@@ -151,12 +151,13 @@ def test_haltech_logs_describe_their_channels_before_the_rows(tmp_path: Path) ->
     row = ",".join(str(value) for _, value in channels.values())
     rows = "".join(f"23:59:59.{k}00,{row}\n" for k in range(8, 10))
     rows += "".join(f"00:00:00.{k}00,{row}\n" for k in range(5))
+    rows += "00:00:00.500,2000,-2147483645,3631,2147483647,8388607\n"  # no values but two
     path = tmp_path / "haltech.csv"
     path.write_text(f"%DataLog%\nDataLogVersion : 1.1\n{head}Log : 20230605 08:41:34\n{rows}00:0")
     table = read_table(path)
     assert table.profile == "haltech"
-    assert table.values[0].tolist() == pytest.approx([101.3, 0.985, 2000.0, 89.95, 13.85])
-    assert np.diff(table.t_ns).tolist() == [100_000_000] * 6  # on over midnight
+    assert table.values == pytest.approx(np.array([[101.3, 0.985, 2000.0, 89.95, 13.85]] * 8))
+    assert np.diff(table.t_ns).tolist() == [100_000_000] * 7  # on over midnight
     assert table.notes.counts == {"clock_wraps": 1}
 
 
@@ -344,7 +345,6 @@ def test_a_profile_that_cannot_be_is_refused(tmp_path: Path, text: str, message:
 
 
 def test_real_logs_are_recognised_and_give_a_lambda(shared_data: Path) -> None:
-    folder = shared_data / "logs"
     wanted = {
         "wrx_cobb": ("cobb", "lambda_measured", 0.95, 1.02),
         "mx5_megasquirt": ("megasquirt", "lambda_measured", 0.85, 1.0),
@@ -352,7 +352,7 @@ def test_real_logs_are_recognised_and_give_a_lambda(shared_data: Path) -> None:
         "evo_evoscan": ("evoscan", "coolant_temperature_degc", 85.0, 95.0),
     }
     for name, (profile, signal, low, high) in wanted.items():
-        for path in sorted((folder / name).iterdir()):
+        for path in sorted((shared_data / "logs" / name).iterdir()):
             table = read_table(path)
             assert table.profile == profile
             assert low < np.nanmedian(column(table, signal)) < high
