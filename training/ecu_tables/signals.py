@@ -136,7 +136,7 @@ def subject_of(
         raise RecordingError(f"{recordings[0].path}: a load axis in kPa needs {KPA}")
     size = _Size(displacement_l or LITRES, cylinders)
     fuel = PULSE if PULSE in known else "fuel_mass_mg"
-    drives = tuple(_drive(r, air, load, fuel, size) for r in recordings)
+    drives = tuple(_drive(r, air, load, fuel, size, known) for r in recordings)
     if not any(d.usable.any() for d in drives):
         raise RecordingError(f"{recordings[0].path}: no usable sample: {rejected_text(drives)}")
     return TableSubject(
@@ -172,10 +172,12 @@ class _Size(NamedTuple):
     cylinders: int
 
 
-def _drive(r: Recording, air: Air, load: str, command: str, size: _Size) -> TableDrive:
+def _drive(
+    r: Recording, air: Air, load: str, command: str, size: _Size, common: Collection[str]
+) -> TableDrive:
     period_s = r.period_ns / 1e9
     most = max(round(HOLD_MOST_S / period_s), 1)
-    held = {name: _held(r.values[:, i], most) for i, name in enumerate(r.names)}
+    held = {name: _held(r.column(name), most) for name in r.known}
     rpm = held["engine_speed_rpm"]
     charge = _charge(held, air, size)
     fuel = held[command]
@@ -183,11 +185,11 @@ def _drive(r: Recording, air: Air, load: str, command: str, size: _Size) -> Tabl
         fuel = np.where(held["fuel_cut"] > 0.5, 0.0, fuel)
     with np.errstate(divide="ignore"):
         phi = 1.0 / r.column("lambda_measured")
-    every = max(round(interval(phi)), 1)
+    every = max(round(interval(phi)), 1)  # more for a slow sensor in a fast log
     load_values = held[KPA] if load == KPA else charge
     coolant = held.get("coolant_temperature_degc", np.full(len(rpm), WARM_DEGC))
     volts = held.get("battery_voltage_v", np.full(len(rpm), VOLTS))
-    rail = held.get("rail_pressure_mpa")
+    rail = held["rail_pressure_mpa"] if "rail_pressure_mpa" in common else None
     of, which = _stays(phi)
     known = [rpm, charge, fuel, load_values, volts, coolant]
     rejected = {
@@ -195,11 +197,8 @@ def _drive(r: Recording, air: Air, load: str, command: str, size: _Size) -> Tabl
         "the engine stands": ~(rpm > RPM_LEAST),
         "the sensor is not ready": held.get("sensor_ready", np.ones(len(rpm))) <= 0.5,
         "lambda stands still for 2 s": of >= round(2.0 / period_s),
-        "lambda is repeated until its next update": which % every
-        > 0,  # a slow sensor in a fast log
-        "lambda is that of fuel cut or of the sensor's end": ~(
-            (phi > PHI_LEAST) & (phi < PHI_MOST)
-        ),
+        "lambda is repeated until its next update": which % every > 0,
+        "lambda is that of fuel cut or of the sensor's end": (phi <= PHI_LEAST) | (phi >= PHI_MOST),
     }
     usable = ~np.any(list(rejected.values()), axis=0)
     first = np.argmax([*rejected.values(), usable], axis=0)

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from monitor.base.errors import UsageError
+from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.cli import main
 from training.cli.console.share_bar import Share
@@ -193,16 +193,25 @@ def test_a_log_without_fuel_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
     assert "lambda_delay.csv: is there already" in capsys.readouterr().err
 
 
-def test_a_log_without_a_usable_sample_is_refused_with_the_reasons(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_without_a_usable_sample_is_refused_with_the_reasons(tmp_path: Path) -> None:
     path = tmp_path / "standing.csv"
     rows = "\n".join(f"{0.05 * k:.2f},{0 if k < 120 else 800},1.7,40,3" for k in range(200))
     head = "time_s,engine_speed_rpm,lambda_measured,manifold_pressure_kpa,injector_pulse_width_ms"
     path.write_text(f"{head}\n{rows}\n")
-    assert main(["tables", str(path), "--out", str(tmp_path / "out")]) == 2
     told = "no usable sample: 120 where the engine stands, 80 where lambda stands still"
-    assert told in capsys.readouterr().err
+    with pytest.raises(RecordingError, match=told):
+        subject_of([load(path)])
+
+
+def test_a_signal_that_a_log_names_without_a_value_is_none(drive: Path) -> None:
+    log = load(drive)
+    values = np.column_stack([log.values, np.full(len(log.values), np.nan)])
+    values[:, log.names.index("coolant_temperature_degc")] = np.nan
+    empty = replace(log, names=(*log.names, "rail_pressure_mpa"), values=values)
+    full = replace(empty, values=np.nan_to_num(values, nan=20.0))
+    for logs in ([empty], [full, log]):  # AND a rail pressure of one log alone scales no fuel
+        assert all((each.pressure == 1.0).all() for each in subject_of(logs).drives)
+    assert subject_of([empty]).samples == subject_of([log]).samples
 
 
 def test_the_truth_has_the_form_of_the_tables(tmp_path: Path) -> None:
