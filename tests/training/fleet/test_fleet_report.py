@@ -120,7 +120,7 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     run = fleet.run(drives_of([str(drives)]), kit, out, lambda _: None)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(outliers, "LEAST_WINDOWS", 2)
-        return fleet_page.write(out, kit, run, 0.05)
+        return fleet_page.write(out, kit, run, 0.05, lambda _: {})
 
 
 def test_the_plots_of_a_fleet_are_drawn(reported: tuple[Path, Path], browser: Browser) -> None:
@@ -134,13 +134,9 @@ def test_the_report_shows_the_fleet_and_what_was_not_judged(reported: tuple[Path
     # THEN the figures say so
     found: dict[str, Any] = json.loads(tree.read_text())
     assert (found["schema"], found["drives"], found["judged"]) == ("o2train.fleet/1", 14, 12)
-    assert found["not_judged"] == [
-        {
-            "reason": "the log is empty",
-            "recordings": 2,
-            "examples": [str(drives / f"empty_{i}.log") for i in range(2)],
-        }
-    ]
+    examples = [str(drives / f"empty_{i}.log") for i in range(2)]
+    empty = {"reason": "the log is empty", "recordings": 2, "examples": examples}
+    assert found["not_judged"] == [empty]
     (code,) = found["codes"]
     assert (code["code"], code["drives"]) == ("P015A", 2)
     assert code["examples"] == ["drive_004.parquet", "drive_009.csv.gz"]
@@ -163,5 +159,5 @@ def test_a_fleet_of_which_nothing_could_be_judged_is_reported(tmp_path: Path) ->
     (tmp_path / "empty.log").touch()
     kit, out = WorkerKit.of(shipped_model(), config.load()), tmp_path / "out.parquet"
     run = fleet.run(drives_of([str(tmp_path / "empty.log")]), kit, out, lambda _: None)
-    html, _ = fleet_page.write(out, kit, run, 0.05)
+    html, _ = fleet_page.write(out, kit, run, 0.05, lambda _: {})
     assert "the log is empty" in html.read_text()

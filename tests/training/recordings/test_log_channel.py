@@ -9,6 +9,8 @@ import pytest
 import dbc
 from monitor.cli import main as o2mon
 from training.cli import main as o2train
+from training.cli.console import drive_reports
+from training.cli.fleet import FleetCommand
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 
@@ -55,15 +57,15 @@ def test_a_command_refuses_a_mixture_of_buses_and_reads_the_named_one(
         assert "can1" not in out.read_text()
 
 
-def test_a_fleet_reads_the_named_channel(
-    two_buses: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fleet_reads_the_named_channel(two_buses: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(two_buses.parent, tmp_path / "drives")
     words = ["fleet", str(folder), "--model", MODEL, "--jobs", "1", "--out"]
     mixed, chosen = tmp_path / "mixed.parquet", tmp_path / "chosen.parquet"
     o2train([*words, str(mixed)])
     o2train([*words, str(chosen), "--channel", "can0"])
-    capsys.readouterr()
     errors = [pl.read_parquet(path)["error"][0] for path in (mixed, chosen)]
     assert "is on the channels 'can0' and 'can1'" in errors[0]
     assert not errors[1]
+    # AND so does the page of a drive with a code
+    named = FleetCommand([str(folder)], model=Path(MODEL), out=chosen, channel="can0")
+    assert drive_reports.write(named, [str(folder / "two.log")])

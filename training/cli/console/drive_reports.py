@@ -35,8 +35,8 @@ def _replayed(args: "FleetCommand", drive: str, page: Path) -> bool:
     call = [sys.executable, "-m", "monitor.cli", "replay", drive, "--model", str(args.model)]
     for database, signal_map in zip(args.dbc, args.map, strict=True):
         call += ["--dbc", str(database), "--map", str(signal_map)]
-    call += ["--profile", str(args.columns)] if args.columns else []
-    call += ["--config", str(args.config)] if args.config else []
+    more = {"--profile": args.columns, "--config": args.config, "--channel": args.channel}
+    call += [text for name, value in more.items() if value for text in (name, str(value))]
     page.unlink(missing_ok=True)
     try:
         subprocess.run(

@@ -22,13 +22,8 @@ ROWS: Final = 40  # of a table, at most
 SHOWN: Final = 10  # of them before the rest is folded
 
 
-def _none(drives: Sequence[str]) -> Mapping[str, str]:
-    """Return that no drive has a page."""
-    return {}
-
-
 def write(
-    out: Path, kit: WorkerKit, run: Mapping[str, Any], wished: float, reports: Reports = _none
+    out: Path, kit: WorkerKit, run: Mapping[str, Any], wished: float, reports: Reports
 ) -> tuple[Path, Path]:
     """Write the page and the JSON beside the table ``out``; return their paths.
 

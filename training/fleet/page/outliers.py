@@ -84,7 +84,7 @@ def standings(recordings: pl.DataFrame, rate: float = RATE) -> list[Standing]:
             statistic,
             vehicles,
             values,
-            robust(_compared(statistic, values)),
+            robust(np.log(np.maximum(values, 1e-12)) if statistic.is_log else values),
             limit_of(len(values), rate, len(by_statistic)),
         )
         for statistic, vehicles, values in by_statistic
@@ -121,10 +121,6 @@ def limit_of(n: int, rate: float = RATE, statistics: int = 1) -> float:
         np.abs(robust(rng.standard_normal((100, n)))).max(axis=1) for _ in range(DRAWS // 100)
     ]
     return float(np.quantile(np.concatenate(farthest), 1.0 - share))
-
-
-def _compared(statistic: Statistic, values: FloatArray) -> FloatArray:
-    return np.log(np.maximum(values, 1e-12)) if statistic.is_log else values
 
 
 def named(found: Sequence[Standing]) -> dict[str, list[tuple[Standing, int]]]:
