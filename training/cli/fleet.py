@@ -83,7 +83,7 @@ def run(args: FleetCommand) -> int:
     written = fleet.written_paths(args.out)
     if args.partitioned:
         partitions.check(args.partitioned)
-        written = (*written, args.partitioned)
+        written = (*written, args.partitioned, partitions.begun(args.partitioned))
     jobs = args.n_jobs
     settings = config.load(args.config)
     kit = WorkerKit.of(args.model, settings, args.pairs or None, args.columns, args.channel)

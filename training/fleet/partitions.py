@@ -4,6 +4,7 @@ The layout is Hive's: ``recordings/vehicle=17/date=2026-03-01/*.parquet``. DuckD
 others read both keys from the folders' names, and only the folders that a query asks for.
 """
 
+import shutil
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +21,11 @@ def check(folder: Path) -> None:
         raise UsageError(f"--partitioned {folder}: an empty or new folder is wanted")
 
 
+def begun(folder: Path) -> Path:
+    """Return the folder beside ``folder`` that takes its place when it is whole."""
+    return folder.with_name(f"{folder.name}.begun")
+
+
 def write(recordings: Path, windows: Path, folder: Path) -> None:
     """Write both tables of a run as folders; a recording without a date has none in its folder.
 
@@ -32,9 +38,11 @@ def write(recordings: Path, windows: Path, folder: Path) -> None:
         "recordings": drives,
         "windows": pl.scan_parquet(windows).join(days, on="recording", how="left"),
     }
+    shutil.rmtree(begun(folder), ignore_errors=True)  # of a killed run
     try:
         for name, table in tables.items():
-            place = pl.PartitionBy(folder / name, key=list(KEYS), include_key=False)
+            place = pl.PartitionBy(begun(folder) / name, key=list(KEYS), include_key=False)
             table.sink_parquet(place, mkdir=True)
+        begun(folder).replace(folder)
     except (OSError, pl.exceptions.ComputeError) as error:
         raise UsageError(f"--partitioned {folder}: {error}") from error

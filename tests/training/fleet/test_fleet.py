@@ -119,13 +119,8 @@ def test_drives_of_a_vehicle_share_its_memory_as_in_a_replay(tmp_path: Path) -> 
     for row, found in zip(first.to_dicts(), replayed, strict=True):
         assert_as_replayed(row, windows, found)
     assert first["reference_drives"].to_list() == [0, 1, 2, 2, 2]
-    assert [states[:1] for states in first["states"].to_list()] == [
-        [],
-        [],
-        ["pending"],
-        ["confirmed"],
-        ["confirmed"],
-    ]
+    told = [states[:1] for states in first["states"].to_list()]
+    assert told == [[], [], ["pending"], ["confirmed"], ["confirmed"]]
     assert rows.filter(pl.col("vehicle") == "second")["states"].to_list() == [["pending"]]
 
 
@@ -183,11 +178,8 @@ def test_recordings_are_found_by_folder_pattern_and_manifest(folder: Path, tmp_p
     )
     drives = drives_of([str(tmp_path / "m.csv")])
     assert [(d.vehicle, d.drive) for d in drives] == [("b", 0), ("a", 0), ("3.log", 0), ("b", 1)]
-    assert [d.path for d in drives][:3] == [
-        str(tmp_path / "x/1.log"),
-        "memory://far/2.log",
-        "/abs/3.log",
-    ]
+    wanted = [str(tmp_path / "x/1.log"), "memory://far/2.log", "/abs/3.log"]
+    assert [d.path for d in drives][:3] == wanted
     (tmp_path / "q.csv").write_text('"vehicle","path"\n"7, red","x/1, 2.log"\n')
     (quoted,) = drives_of([str(tmp_path / "q.csv")])
     assert (quoted.vehicle, quoted.path) == ("7, red", str(tmp_path / "x/1, 2.log"))
@@ -363,18 +355,18 @@ def test_a_query_finds_results_by_vehicle_and_date(folder: Path, tmp_path: Path)
     out, parts = tmp_path / "out.parquet", tmp_path / "parts"
     partitions.check(parts)
     judged([manifest_of(tmp_path, "path,vehicle", *rows)], out)
+    with pytest.raises(UsageError):  # half of them, as if killed, keep no further try from it
+        partitions.write(out, tmp_path / "gone.parquet", parts)
+    partitions.check(parts)
     partitions.write(out, fleet.windows_path(out), parts)
+    assert not partitions.begun(parts).exists()
     # THEN the folders are the keys, and a query over all of them gives the tables back
     assert (parts / "recordings/vehicle=a/date=2026-03-01").is_dir()
     for name, table in (("recordings", out), ("windows", fleet.windows_path(out))):
         query = f"read_parquet('{parts}/{name}/**/*.parquet', hive_partitioning = true)"
         found = duckdb.sql(f"SELECT vehicle, date, count(*) FROM {query} GROUP BY ALL").fetchall()
-        assert {(v, str(day)) for v, day, _ in found} == {
-            ("a", "2026-03-01"),
-            ("a", "2026-03-02"),
-            ("b", "2026-03-01"),
-            ("/", "None"),
-        }
+        days = {("a", "2026-03-01"), ("a", "2026-03-02"), ("b", "2026-03-01"), ("/", "None")}
+        assert {(v, str(day)) for v, day, _ in found} == days
         assert sum(n for *_, n in found) == pl.read_parquet(table).height
     # AND a second run does not mix its results with them
     with pytest.raises(UsageError, match="an empty or new folder is wanted"):
