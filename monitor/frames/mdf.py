@@ -33,6 +33,7 @@ _DATA: Final = (b"DT", b"SD", b"RD", b"DV", b"DI")  # blocks of records
 _BUS_EVENT: Final = 2  # flag of channel groups with bus events
 _BLOCK_HEADER: Final = struct.Struct("<4s4xQQ")  # id, length, number of links
 _FLAGS, _LAST_LENGTH = 60, 1 << 2  # byte of the unfinished parts; length of the last data block
+_LENGTH: Final = struct.Struct("<Q")  # eight bytes behind a block's begin
 _FIRST_BLOCK: Final = 64  # byte after the identification
 _FIELDS: Final = 32  # bytes of a block after its links that are looked at
 _CHANNEL_GROUP: Final = struct.Struct("<QQH6xII")  # record id, records, flags, sizes
@@ -42,13 +43,13 @@ _PACKED: Final = struct.Struct("<8xQ")  # unpacked bytes
 _IN_LISTS: Final = (b"DG", b"CG", b"CN", b"FH", b"CH", b"DL", b"AT", b"EV")  # by first link
 
 
-def check(file: IO[bytes]) -> tuple[str, bool]:
-    """Follow the links from the header through all blocks; return why the file ends too early.
+def mended(file: IO[bytes]) -> tuple[Path | io.BytesIO, str]:
+    """Return an MDF 4 file as asammdf can read it, and why it ends too early, "" if it does not.
 
-    Also returned is whether all data blocks are packed. A logger that is switched off leaves a file
-    marked as unfinished: its last data block may have any length, its counts are wrong. asammdf
-    mends them. Raises ValueError if the file is no MDF 4
-    file, or a finished one is incomplete.
+    The links are followed from the header through all blocks. A logger that is switched off leaves
+    a file marked as unfinished: its last data block may have any length, its counts are wrong.
+    asammdf mends the counts, and the length of a block that is not packed and says less than
+    there is. Raises ValueError if the file is no MDF 4 file, or a finished one is incomplete.
     """
     mark = file.read(8)
     if mark not in (_FINISHED, _UNFINISHED):
@@ -58,7 +59,7 @@ def check(file: IO[bytes]) -> tuple[str, bool]:
         raise ValueError("an MDF file of a version before 4")
     size = file.seek(0, 2)
     blocks = _Blocks(size)
-    seen: set[int] = set()
+    seen, beyond = set[int](), list[int]()
     waiting = [_FIRST_BLOCK]
     while waiting:
         address = waiting.pop()
@@ -72,13 +73,26 @@ def check(file: IO[bytes]) -> tuple[str, bool]:
         name, length, n_links = _BLOCK_HEADER.unpack(head)
         if name[:2] != b"##" or length < _BLOCK_HEADER.size + 8 * n_links:
             raise ValueError(f"no MDF block at byte {address}")
-        if address + length > size and not (is_open and name[2:] in _DATA):
-            raise ValueError(f"the block at byte {address} ends too early")
+        if address + length > size:
+            if not is_open or name[2:] not in _DATA:
+                raise ValueError(f"the block at byte {address} ends too early")
+            beyond.append(address)
         links = [target for (target,) in struct.iter_unpack("<Q", file.read(8 * n_links))]
         blocks.add(address, name[2:], links, file.read(_FIELDS))
         waiting.extend(target for target in links if target)
     blocks.check_channels()
-    return "the file was never closed" if is_open else "", not blocks.has_plain
+    file.seek(0)
+    early = "the file was never closed" if is_open else ""
+    has_no_length = is_open and (bool(beyond) or not blocks.has_plain)
+    if is_on_disk(file) and not has_no_length:
+        return Path(file.name), early
+    content = io.BytesIO(file.read())
+    if has_no_length:
+        bytes_of = content.getbuffer()
+        bytes_of[_FLAGS] &= 0xFF ^ _LAST_LENGTH
+        for address in beyond:
+            _LENGTH.pack_into(bytes_of, address + 8, size - address)
+    return content, early
 
 
 class _Blocks:
@@ -162,15 +176,7 @@ def read_blocks(
     """
     from asammdf import MDF  # noqa: PLC0415
 
-    (early, is_packed), channels = check(file), channels or Channels()
-    file.seek(0)
-    source: Path | io.BytesIO
-    if is_on_disk(file) and not (early and is_packed):
-        source = Path(file.name)
-    else:
-        source = io.BytesIO(file.read())
-        if early and is_packed:  # no length to mend, asammdf would fail
-            source.getbuffer()[_FLAGS] &= 0xFF ^ _LAST_LENGTH
+    (source, early), channels = mended(file), channels or Channels()
     with quiet(), MDF(source) as measurement:
         start_us = round(measurement.header.start_time.timestamp() * 1e6)
         channel_groups: list[Any] = list(measurement.groups)

@@ -2,12 +2,14 @@
 
 import gzip
 import re
+import struct
 import tracemalloc
 from pathlib import Path
 
 import can
 import numpy as np
 import pytest
+from asammdf import MDF
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -112,6 +114,29 @@ def test_a_log_that_was_never_closed_gives_all_frames_and_a_note(
     assert (frames, error) == (read_at_once(folder / f"drive{suffix}")[0], None)
     assert re.search("only zeros from byte|never closed", counters.notes[0])
     assert capsys.readouterr().out == ""
+
+
+def test_an_mf4_whose_last_block_is_shorter_than_it_says_gives_what_it_holds(
+    folder: Path, tmp_path: Path
+) -> None:
+    # GIVEN an MF4 of a killed logger that had announced the length of its records beforehand
+    path = tmp_path / "open.mf4"
+    with MDF(folder / "drive.mf4") as whole:
+        whole.save(path, compression=0)
+    content = path.read_bytes()
+    at = content.index(b"##DT")
+    moved = bytearray(content) + bytes(-len(content) % 8)
+    struct.pack_into("<Q", moved, content.index(struct.pack("<Q", at)), len(moved))
+    moved[:8], moved[60:62] = b"UnFinMF ", bytes([0b101, 0])
+    (length,) = struct.unpack_from("<Q", content, at + 8)
+    path.write_bytes(moved + content[at : at + length * 2 // 3])
+    # WHEN it is read THEN its whole frames are there, and the end is said
+    frames, counters, error = read_at_once(path)
+    every = read_at_once(folder / "drive.mf4")[0]
+    assert error is None
+    assert 0.6 * len(every) < len(frames) < 0.7 * len(every)
+    assert frames == every[: len(frames)]
+    assert "never closed" in counters.notes[0]
 
 
 def test_a_gzipped_blf_is_read_as_the_plain_one(folder: Path, tmp_path: Path) -> None:

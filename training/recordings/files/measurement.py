@@ -92,10 +92,9 @@ def _open(path: Path) -> Iterator[Any]:
     asammdf = _asammdf(path)
     try:
         with mdf4.quiet(), path.open("rb") as file:
-            if path.suffix.lower() == ".mf4":
-                mdf4.check(file)
-                file.seek(0)
-            measurement = asammdf.MDF(io.BytesIO(file.read()))
+            is_mf4 = path.suffix.lower() == ".mf4"
+            source = mdf4.mended(file)[0] if is_mf4 else io.BytesIO(file.read())
+            measurement = asammdf.MDF(source)
     except Exception as error:  # asammdf raises whatever its parsers raise
         reason = " ".join(str(error).split()) or type(error).__name__
         raise RecordingError(f"{path}: cannot read the measurement file: {reason}") from error
