@@ -37,7 +37,7 @@ def diagnosed(args: "DoctorOptions") -> int:
         words: Words = [*args.healthy, "--out", model, "--budget", f"{args.budget:g}", *reading]
         steps |= _step("o2train", "fit", *words)
     elif model is None:
-        say("no --healthy logs and no --model: only the sensor's electrical state is judged")
+        say("no --healthy logs, no --model: the shipped model judges, or electrical tests alone")
     of_model: Words = ["--model", model] if model else []
     for log in args.log:
         steps |= _step("o2mon", "check", log, *of_model, *reading)

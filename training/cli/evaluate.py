@@ -45,12 +45,11 @@ def run(
             f"fit {'-' if fit is None else f'{fit:.1f} %'}, "
             f"correlation {_number(r['correlation'])}, one-step RMSE {r['one_step_rmse']:.4g}"
         )
-        if r["enabled"]:
-            e = r["enabled"]
-            print(
-                f"  enabled: {e['samples']} samples, RMSE {e['rmse']:.4g}, "
-                f"correlation {_number(e['correlation'])}"
-            )
+        if e := r["enabled"]:
+            figures = f"RMSE {e['rmse']:.4g}, correlation {_number(e['correlation'])}"
+            print(f"  enabled: {e['samples']} samples, {figures}")
+        else:
+            print("  enabled: no sample, so the monitor would judge nothing of it")
     if healthy:
         print(alarms_in_words(result["false_alarms"]))
     if json:
