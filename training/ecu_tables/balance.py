@@ -41,7 +41,8 @@ class _Steady:
     @staticmethod
     def of(drive: TableDrive) -> "_Steady":
         window = max(round(STEADY_S / drive.period_s), 1)
-        steady = drive.usable & (drive.air_move < AIR_MOVE) & (drive.commanded > 0.0)
+        known = np.convolve(drive.usable, np.ones(drive.every))[: len(drive)] > 0.0  # until updated
+        steady = known & (drive.air_move < AIR_MOVE) & (drive.commanded > 0.0)
         share = uniform_filter1d(steady.astype(float), window)
         return _Steady(drive, window, np.flatnonzero(share > 1.0 - 1e-9))
 

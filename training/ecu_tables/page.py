@@ -56,24 +56,23 @@ def write_report(
     notes : what → text, to stand beside the tables
     """
     subject = fitted.parameters.subject
-    period_s = subject.drives[0].period_s
     filled = {t.key: int(np.isfinite(t.estimate).sum()) for t in tables}
     text = page(
         "ecu_tables.html",
         "Tables from recordings",
         verdict=_verdict(tables),
-        confidence=_confidence(tables, period_s),
+        confidence=_confidence(tables),
         tables=tables,
         filled=filled,
         heading=heading,
-        heat=lambda table: heat(table, period_s),
-        legs=plan(tables, period_s),
+        heat=heat,
+        legs=plan(tables),
         subject=subject,
-        minutes=subject.samples * period_s / 60.0,
+        minutes=float(tables[0].seconds.sum()) / 60.0,
         sigma=fitted.sigma,
         recordings=names,
         notes=notes,
-        seconds=lambda t: float(t.samples.sum()) * period_s,
+        seconds=lambda t: float(t.seconds.sum()),
     )
     write_text(path, text)
 
@@ -95,7 +94,7 @@ def _verdict(tables: Sequence[EcuTable]) -> str:
     return f"Lambda delay {low:.0f} to {high:.0f} ms in {cells}; blank: not known well enough."
 
 
-def _confidence(tables: Sequence[EcuTable], period_s: float) -> str:
+def _confidence(tables: Sequence[EcuTable]) -> str:
     """Return how narrow the intervals of the lambda delay are, and how many cells are blank."""
     delay = next(t for t in tables if t.name == "lambda_delay")
     at = np.isfinite(delay.estimate)
@@ -105,20 +104,20 @@ def _confidence(tables: Sequence[EcuTable], period_s: float) -> str:
     if not at.any():
         return f"none for the delay; {share}."
     half_ms = 1000.0 * float(np.median((delay.high - delay.low)[at])) / 2.0
-    minutes = float(delay.samples[at].sum()) * period_s / 60.0
+    minutes = float(delay.seconds[at].sum()) / 60.0
     return (
         f"a cell's delay is known to ±{half_ms:.0f} ms in the median (90 % interval, "
         f"{minutes:.1f} minutes of driving); {share}."
     )
 
 
-def heat(table: EcuTable, period_s: float) -> Heat:
+def heat(table: EcuTable) -> Heat:
     """Return the map of a table over two axes, or its row over one."""
     factor, unit, digits = SHOWN.get(table.unit, PLAIN)
     shape = (len(table.axes[0].values), -1)
     values = table.estimate.reshape(shape) * factor
     half = (table.high - table.low).reshape(shape) / 2.0 * factor
-    seconds = table.samples.reshape(shape) * period_s
+    seconds = table.seconds.reshape(shape)
     logs, at_s = table.log.reshape(shape), table.at_s.reshape(shape)
 
     def cell(i: int, j: int) -> HeatCell:
@@ -150,19 +149,18 @@ class Leg:
     fills: str
 
 
-def plan(tables: Sequence[EcuTable], period_s: float) -> list[Leg]:
+def plan(tables: Sequence[EcuTable]) -> list[Leg]:
     """Return the legs of the drive, the longest gaps first."""
     legs = []
     for table in tables:
         if table.name == "lambda_delay":
-            legs += _operating_points(table, period_s)
-    return sorted(legs, key=lambda leg: -leg.seconds)[:LEGS_MOST] + _elsewhere(tables, period_s)
+            legs += _operating_points(table)
+    return sorted(legs, key=lambda leg: -leg.seconds)[:LEGS_MOST] + _elsewhere(tables)
 
 
-def _operating_points(table: EcuTable, period_s: float) -> list[Leg]:
+def _operating_points(table: EcuTable) -> list[Leg]:
     """Return one leg per speed with the loads that lack samples."""
     speed, load = table.axes
-    seconds = table.samples * period_s
     visited = table.samples > 0
     below, above = (np.maximum.accumulate(v, axis=1) for v in (visited, visited[:, ::-1]))
     lacking = below & above[:, ::-1] & np.isnan(table.estimate)
@@ -172,12 +170,12 @@ def _operating_points(table: EcuTable, period_s: float) -> list[Leg]:
         if len(at) == 0:
             continue
         loads = ", ".join(f"{load.values[j]:g}" for j in at)
-        missing = float(np.maximum(WANTED_S - seconds[i, at], 5.0).sum())
+        missing = float(np.maximum(WANTED_S - table.seconds[i, at], 5.0).sum())
         legs.append(Leg(f"{rpm:g} rpm at {loads} {load.unit}", missing, f"{len(at)} cells"))
     return legs
 
 
-def _elsewhere(tables: Sequence[EcuTable], period_s: float) -> list[Leg]:
+def _elsewhere(tables: Sequence[EcuTable]) -> list[Leg]:
     """Return legs for cold coolant and other battery voltages."""
     legs = []
     for table in tables:

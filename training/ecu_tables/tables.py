@@ -242,6 +242,7 @@ def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfi
         low=low,
         high=high,
         samples=whole.samples.reshape(shape),
+        seconds=whole.seconds.reshape(shape),
         coolant=law.coolant,
         blank={why: int((first == k).sum()) for k, why in enumerate(blank)},
         log=whole.log.reshape(shape),

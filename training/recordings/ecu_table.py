@@ -78,8 +78,7 @@ class TableAxes:
 class EcuTable(Shown):
     """Estimate, 90 % bounds and samples of each cell; NaN where nothing was measured.
 
-    ``log`` and ``at_s``, where known, are log and begin of the longest stay in each cell, "" and
-    NaN where nobody drove.
+    ``log`` and ``at_s`` are log and begin of the longest stay in a cell, "" and NaN without one.
     """
 
     name: str
@@ -89,6 +88,7 @@ class EcuTable(Shown):
     low: FloatArray
     high: FloatArray
     samples: IntArray
+    seconds: FloatArray = field(default_factory=lambda: np.empty(0))  # of driving, by samples
     coolant: CoolantBand | None = None
     blank: Mapping[str, int] = field(default_factory=dict)  # why → cells
     log: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, np.str_))

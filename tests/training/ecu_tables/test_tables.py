@@ -52,7 +52,7 @@ def test_the_axes_of_a_tune_are_those_of_its_fuel_table(tmp_path: Path) -> None:
 def delays(axes: Any, values: FloatArray, **more: Any) -> EcuTable:
     """Return a table of delays of which all is known but ``more``."""
     own = {"low": values, "high": values, "samples": np.full(values.shape, 100)} | more
-    sides = axes.speed, axes.load
+    own["seconds"], sides = 0.05 * own["samples"], (axes.speed, axes.load)
     return EcuTable(name="lambda_delay", unit="s", axes=sides, estimate=values, **own)
 
 
@@ -149,8 +149,7 @@ def test_a_log_becomes_tables_with_bounds_and_blank_cells(
     tune.write_text(TUNE)
     # a short log knows no delay within what an ECU needs, and the command says so
     call = ["tables", str(drive), "--out", str(out), "--axes", str(tune)]
-    assert main(call) == 0
-    assert "more with wide intervals: --rough" in capsys.readouterr().out
+    assert main(call) == 0 and "more with wide intervals: --rough" in capsys.readouterr().out
     assert main([*call, "--rough"]) == 0
     assert "more with" not in capsys.readouterr().out
     document = json.loads((out / "tables.json").read_text())
@@ -267,14 +266,17 @@ def test_a_reading_that_is_updated_seldomer_than_logged_tells_the_true_lag(tmp_p
     write_table(tmp_path / "held.csv", log.t_s, log.names, values)
     # WHEN its tables are estimated
     subject = subject_of([load(tmp_path / "held.csv")])
-    axes = axes_of(subject.load)
-    lag = next(t for t in tables(fit(subject), axes, defaults()) if t.name == "lambda_lag")
+    axes, fitted = axes_of(subject.load), fit(subject)
+    lag = next(t for t in tables(fitted, axes, defaults()) if t.name == "lambda_lag")
     # THEN nearly all intervals, nine of ten by their claim, hold the true lag
     true = next(t for t in truth.tables(experiment.engine, axes, 25.0) if t.name == "lambda_lag")
     filled = np.isfinite(lag.estimate)
     assert filled.sum() >= 5
     held_true = (lag.low <= true.estimate) & (true.estimate <= lag.high)
     assert held_true[filled].mean() >= 0.8
+    # AND a value counts for the time until the next, in cells and in the steady balance
+    assert lag.seconds.sum() > 0.9 * 0.05 * subject_of([log]).samples
+    assert fitted.parameters.fuel.seconds > 60.0
 
 
 def cells(value: float, log_sd: float, seconds: float = 20.0) -> _Cells:
@@ -379,7 +381,7 @@ def test_the_drive_plan_asks_for_no_load_beyond_the_visited_ones() -> None:
     samples = np.array([[0, 9, 0, 9, 0], [0, 0, 0, 9, 0]])
     blank = np.full(samples.shape, np.nan)
     # WHEN a drive is planned, THEN it fills what lies between, and asks for nothing else
-    assert {leg.place for leg in plan([delays(axes, blank, samples=samples)], 0.1)} == {
+    assert {leg.place for leg in plan([delays(axes, blank, samples=samples)])} == {
         "2000 rpm at 30, 50, 80 kPa",
         "7000 rpm at 80 kPa",
     }
@@ -390,11 +392,9 @@ def test_the_page_colours_cells_and_tells_where_they_were_driven() -> None:
     values = np.array([[0.3, 0.25], [0.2, np.nan]])
     driven = {"log": np.full((2, 2), "monday.msl"), "at_s": np.array([[1.0, 2.0], [3.0, 4.0]])}
     table = delays(axes, values, low=values - 0.01, high=values + 0.01, **driven)
-    shown = heat(table, 0.05)
+    shown = heat(table)
     assert [label for label, _ in shown.rows] == ["60", "30"]  # the highest load on top
     top, bottom = (cells for _, cells in shown.rows)
     assert bottom[0] == HeatCell("300", "±10", LEVELS, "monday.msl from 1 s")
     assert bottom[1].level == 0 and top[0].level == LEVELS // 2
-    assert top[1] == HeatCell(
-        "5 s", "", None, "monday.msl from 4 s"
-    )  # blank: too little or too calm
+    assert top[1] == HeatCell("5 s", "", None, "monday.msl from 4 s")  # blank: too little, calm
