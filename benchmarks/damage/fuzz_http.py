@@ -16,7 +16,8 @@ from collections.abc import Sequence
 from benchmarks.damage.harness import fuzz_options
 from benchmarks.measures import rss_mb
 from benchmarks.outcome import Row, finish, say
-from tests.helpers.bus.live_player import Player, frames_of
+from tests.helpers.bus.live_player import Player
+from tests.helpers.logs.replays import frames_of
 
 _METHODS = [b"GET", b"HEAD", b"POST", b"PUT", b"OPTIONS", b"CONNECT", b"TRACE", b"PRI", b"get", b""]
 _PATHS = [b"/", b"/live.js", b"/events", b"/../x", b"/%00", b"*", b"http://a/", b"//", b"/?a=" * 50]

@@ -16,7 +16,8 @@ from typing import Final
 from playwright.sync_api import Browser
 
 from tests.helpers.bus.chromium import chromium
-from tests.helpers.bus.live_player import Player, frames_of
+from tests.helpers.bus.live_player import Player
+from tests.helpers.logs.replays import frames_of
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 PICTURES: Final = ROOT / "docs" / "pictures"
