@@ -58,7 +58,7 @@ def live(browser: Browser, folder: Path) -> None:
         }
         for page in shown.values():
             page.goto(player.url)
-        player.play(frames_of(FAULT, 345.0))
+        player.push(frames_of(FAULT, 345.0))
         player.work(2.0)
         for scheme, page in shown.items():
             page.screenshot(path=folder / f"{scheme}.png")
