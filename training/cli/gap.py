@@ -74,7 +74,7 @@ class GapCommand(GridOptions):
 
 def also_written(args: GapCommand) -> list[Path]:
     """Return the files in the folder that the command writes."""
-    return [args.out / name for name in (REPORT, RESULT, "model.onnx")]
+    return [args.out / name for name in (REPORT, RESULT, "model.onnx", "offer.onnx")]
 
 
 def run(args: GapCommand) -> int:

@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
+from monitor.base.files.outputs import check
 from training.gap import run_comparison
 from training.gap.add.addition import NO_BETTER, Addition, add
 from training.gap.add.constants import groups
@@ -50,9 +51,11 @@ def investigate(
     known : the healthy behaviour, if ``yardstick.learn`` has learned it before; else it is learned
         from the healthy recordings, or read from the model's card
     learned : file that keeps the healthy behaviour for later runs
-    Raises RecordingError or ModelError if recordings or model cannot be used.
+    Raises RecordingError, ModelError or UsageError if recordings, model or ``out`` cannot be used.
     """
     began_s = time.monotonic()
+    out.mkdir(parents=True, exist_ok=True)
+    check((out / NEW_MODEL, out / OFFER), (material.model,))
     card = base.card_of(material.model)
     missing = suitability.check_files(material.roles, card, material.model.name)
     if missing or card.transform != "phi":
@@ -76,7 +79,6 @@ def investigate(
         progress=progress,
     )
     knowledge = found.after(naming, subject)
-    out.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=out) as folder:
         addition = add(subject, naming, knowledge, Path(folder), options, progress)
         verification = _verification(subject, addition, knowledge, options, progress)

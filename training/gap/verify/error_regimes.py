@@ -16,7 +16,6 @@ from training.gap.config import CONFIG
 from training.gap.response.drivers import DERIVED
 from training.gap.verify.evidence import Error
 from training.greybox.fit.drive import BLOCK_S, Comparison
-from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.verify
 PARTS: Final = (("low", "medium", "high"), (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0))
@@ -39,10 +38,9 @@ def scored(recordings: Sequence[Comparison], arrays: Sequence[FloatArray]) -> Fl
 def find(recordings: Sequence[Comparison]) -> list[Regime]:
     """Return speed by load, cold and warm, after fuel cut, and edges: where the signals exist."""
     regimes = _speed_and_load(recordings)
-    coolant = [r.signals.get("coolant_temperature_degc") for r in recordings]
-    known = [hold(c) for c in coolant if c is not None]
-    if len(known) == len(recordings):
-        cold = scored(recordings, known) < LIMITS.cold_degc
+    if all("coolant_temperature_degc" in r.signals for r in recordings):
+        coolant = scored(recordings, [r.signals["coolant_temperature_degc"] for r in recordings])
+        cold = coolant < LIMITS.cold_degc
         regimes += [
             Regime("temperature", f"coolant below {LIMITS.cold_degc:g} °C", cold),
             Regime("temperature", f"coolant above {LIMITS.cold_degc:g} °C", ~cold),
@@ -57,7 +55,7 @@ def find(recordings: Sequence[Comparison]) -> list[Regime]:
 
 def _speed_and_load(recordings: Sequence[Comparison]) -> list[Regime]:
     speed, load = (
-        scored(recordings, [hold(r.signals[name]) for r in recordings])
+        scored(recordings, [r.signals[name] for r in recordings])
         for name in ("engine_speed_rpm", "air_mass_mg")
     )
     names, quantiles = PARTS

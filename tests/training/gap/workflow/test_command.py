@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 import pytest
 
 from monitor.base.command_line.command import INTERRUPTED
-from monitor.base.errors import ModelError
+from monitor.base.errors import ModelError, UsageError
 from monitor.model.step import Model
 from tests.helpers.gap.gap_files import drives, run
 from tests.helpers.logs.replays import replays
@@ -175,11 +175,14 @@ def test_the_monitor_replays_with_the_new_model(
 def test_the_model_that_is_looked_at_is_not_written_over(
     named: Stopped, healthy: list[Path], film: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    new = named.out / "model.onnx"
-    before = new.read_bytes()
-    assert run("--model", new, *film, "--healthy", *healthy, "--out", named.out) == 2
-    assert f"{new}: is read, too" in capsys.readouterr().err
-    assert new.read_bytes() == before
+    before = (named.out / "model.onnx").read_bytes()
+    (named.out / "offer.onnx").write_bytes(before)  # of an earlier run
+    for path in (named.out / "model.onnx", named.out / "offer.onnx"):
+        assert run("--model", path, *film, "--healthy", *healthy, "--out", named.out) == 2
+        assert f"{path}: is read, too" in capsys.readouterr().err
+        with pytest.raises(UsageError, match="is read, too"):
+            investigate(Material(path, list(map(load, film))), named.out, GapOptions())
+        assert path.read_bytes() == before
 
 
 def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
@@ -203,13 +206,11 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     assert withheld.verdict == "named"
     assert [each.name for each in withheld.effects] == ["exhaust_leak"]
     assert withheld.addition.path is None
-    assert withheld.addition.offer is not None
-    assert withheld.addition.offer.exists()
+    assert withheld.addition.offer and withheld.addition.offer.exists()
     assert "--add exhaust_leak" in (withheld.addition.withdrawn or "")
     told = found(add=("exhaust_leak",))
     assert [each.name for each in told.addition.effects] == ["exhaust_leak"]
-    assert told.rmse[1] is not None
-    assert told.rmse[1] < 0.8 * told.rmse[0]
+    assert told.rmse[1] and told.rmse[1] < 0.8 * told.rmse[0]
     assert withheld_effects(told.naming, GapOptions(sensor_known_good=True)) is None
     # and a model that takes no effect leaves a result too
     monkeypatch.setattr(greybox, "add", _takes_none)
@@ -232,9 +233,7 @@ def test_a_slow_sensor_is_suspected_and_no_model_is_written(
     assert run("--model", chain, *slow, "--healthy", *healthy, "--out", out, "--force") == 0
     found = json.loads((out / "gap.json").read_text())
     assert found["verdict"] == "sensor_fault_suspected"
-    assert found["effects"] == []
-    assert found["model"] is None
-    assert found["rmse_after"] is None
+    assert (found["effects"], found["model"], found["rmse_after"]) == ([], None, None)
     assert not (out / "model.onnx").exists()
     assert "Nothing was added" in (out / "report.html").read_text()
     assert "Sensor fault suspected" in capsys.readouterr().out
