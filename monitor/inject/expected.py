@@ -96,8 +96,8 @@ def compare(scenario: Scenario, recordings: Sequence[Recording]) -> list[Row]:
 
 
 def _row(expected: Expectation, recording: Recording, begin_s: float) -> Row:
+    seen = ", ".join(_seen(dtc, begin_s) for dtc in recording["dtcs"]) or "no code"
     if expected.code == NO_CODE:
-        seen = ", ".join(_seen(dtc, begin_s) for dtc in recording["dtcs"]) or "no code"
         if not recording["completed"]:
             seen += ", not judged"
         met = not recording["dtcs"] and (recording["completed"] or not expected.judged)
@@ -108,7 +108,6 @@ def _row(expected: Expectation, recording: Recording, begin_s: float) -> Row:
             in_time = math.isinf(expected.within_s) or 0.0 <= late_s <= expected.within_s
             met = in_time and expected.state in ("", dtc["state"])
             return Row(expected.drive, str(expected), _seen(dtc, begin_s), met)
-    seen = ", ".join(_seen(dtc, begin_s) for dtc in recording["dtcs"]) or "no code"
     return Row(expected.drive, str(expected), seen, False)
 
 

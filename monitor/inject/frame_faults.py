@@ -97,15 +97,15 @@ class FrameFaults:
             if fault.what.name == FLOOD
         ]
 
-    def push(self, frame: Frame, *, sound: bool) -> list[Frame]:
+    def push(self, frame: Frame, key: Key, *, sound: bool) -> list[Frame]:
         """Return the frames that go out at once for one incoming frame.
 
+        key : of its message
         sound : its checksum is right, so its alive counter may be shifted
         """
-        key = (frame.can_id, frame.is_extended)
         if not self._faults and not self._shift[key]:
             return [frame]
-        fate = self._fate(frame)
+        fate = self._fate(frame, key)
         if fate.copies == 0:
             self._counts["lost"] += 1
             self.left_out(key)
@@ -114,7 +114,9 @@ class FrameFaults:
         for copy in range(fate.copies):
             self._counts["duplicated"] += copy > 0
             self._shift[key] += self._keep and copy > 0
-            out.append(self._changed(frame, self._shift[key] if sound else 0, fate.flipped))
+            shift = self._shift[key] if sound else 0
+            data = self._writers[key].write(frame.data, {}, shift) if shift else frame.data
+            out.append(self._flipped(frame._replace(data=data), fate.flipped))
         if not fate.delay_s:
             return out
         self._counts["delayed"] += len(out)
@@ -127,8 +129,8 @@ class FrameFaults:
         """Record that a frame of a message does not go out."""
         self._shift[key] -= self._keep
 
-    def _fate(self, frame: Frame) -> _Fate:
-        fate, key = _Fate(), (frame.can_id, frame.is_extended)
+    def _fate(self, frame: Frame, key: Key) -> _Fate:
+        fate = _Fate()
         for fault in self._faults:
             name, severity = fault.what.name, fault.what.severity
             concerns = fault.keys is None or key in fault.keys
@@ -146,15 +148,12 @@ class FrameFaults:
                 fate.flipped ^= 1 << fault.random.randrange(8 * len(frame.data))
         return fate
 
-    def _changed(self, frame: Frame, shift: int, flipped: int) -> Frame:
-        data = frame.data
-        if shift:
-            data = self._writers[frame.can_id, frame.is_extended].write(data, {}, shift)
-        if flipped:
-            self._counts["corrupted"] += 1
-            word = int.from_bytes(data, "little") ^ flipped
-            data = word.to_bytes(len(data), "little")
-        return frame if data == frame.data else frame._replace(data=data)
+    def _flipped(self, frame: Frame, flipped: int) -> Frame:
+        if not flipped:
+            return frame
+        self._counts["corrupted"] += 1
+        word = int.from_bytes(frame.data, "little") ^ flipped
+        return frame._replace(data=word.to_bytes(len(frame.data), "little"))
 
     def advance(self, t_ns: float) -> list[Frame]:
         """Return the delayed and flooding frames due by ``t_ns``, in order of time."""

@@ -16,6 +16,7 @@ from monitor.base.faults import DEFAULT_SEVERITY, Fault, resolve
 from monitor.base.signals import OUTPUT
 from monitor.base.types import Frame
 from monitor.decode.bus_map import BusMap
+from monitor.decode.parameter_groups import group_of
 from monitor.inject.frame_faults import FrameFaults
 from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection
 from monitor.inject.rewrite import MessageWriter, writers
@@ -35,9 +36,7 @@ class InjectionCounts:
     def lines(self) -> Iterator[str]:
         """Yield the counts as text."""
         done = ", ".join(f"{name} {n}" for name, n in sorted(self.changed.items()) if n)
-        yield f"{self.taken} frames from the ECU, {self.given} passed on" + (
-            f"; {done}" if done else ""
-        )
+        yield f"{self.taken} frames from the ECU, {self.given} passed on{'; ' * bool(done)}{done}"
 
 
 class SensorReading:
@@ -96,6 +95,7 @@ class Injector:
         if not any(each.name in FRAME_FAULTS for each in injections):  # nothing changes the others
             own = {OUTPUT, READY, DUTY}
             self._writers = {k: w for k, w in self._writers.items() if own & w.signals.keys()}
+        self._groups = {group_of(k[0]): k for k, w in self._writers.items() if w.any_source}
         self.counts = InjectionCounts()
         self._sensor = [
             SensorReading(what, f"{seed}/{number}")
@@ -159,9 +159,11 @@ class Injector:
 
     def _passed(self, frame: Frame, since_ns: int) -> list[Frame]:
         key = (frame.can_id, frame.is_extended)
+        if frame.is_extended and self._groups:  # a message known by its group, whoever sends it
+            key = self._groups.get(group_of(frame.can_id), key)
         writer = self._writers.get(key)
         if writer is None:
-            return self._frames.push(frame, sound=False)
+            return self._frames.push(frame, key, sound=False)
         sound = writer.is_sound(frame.data)
         if sound:
             writer.hear(frame.data)
@@ -174,7 +176,7 @@ class Injector:
             frame = self._rewritten(writer, frame, acting)
         elif key == self._key and not sound:
             self.counts.changed["unsound, left as it is"] += 1
-        return self._frames.push(frame, sound=sound)
+        return self._frames.push(frame, key, sound=sound)
 
     def _rewritten(
         self, writer: MessageWriter, frame: Frame, acting: Sequence[SensorReading]

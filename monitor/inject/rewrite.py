@@ -121,11 +121,10 @@ class SignalWriter:
         if self._is_float:
             bits = self._field.bits
             try:
-                return int.from_bytes(_FLOATS[bits].pack(dbc_value), "little")
+                packed = _FLOATS[bits].pack(dbc_value)
             except OverflowError:
-                return int.from_bytes(
-                    _FLOATS[bits].pack(math.copysign(math.inf, dbc_value)), "little"
-                )
+                packed = _FLOATS[bits].pack(math.copysign(math.inf, dbc_value))
+            return int.from_bytes(packed, "little")
         if math.isnan(value):
             if self._missing is None:
                 channel = self.channel
@@ -155,7 +154,7 @@ class MessageWriter:
         first = channels[0]
         message, integrity = first.message, first.integrity
         self.name, self.frame_id = message.name, message.frame_id
-        self.is_extended = message.is_extended_frame
+        self.is_extended, self.any_source = message.is_extended_frame, first.any_source
         self.signals = {each.mapped.name: SignalWriter(each) for each in channels}
         self._lengths = (
             range(1, message.length + 1)

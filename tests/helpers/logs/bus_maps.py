@@ -1,9 +1,12 @@
 """The package's databases with their signal maps, loaded once."""
 
 import dbc
-from monitor.decode.bus_map import load_pairs
+from monitor.decode.bus_map import BusMap, load_pairs
 
-OWN, RUSEFI, OBD = (
-    load_pairs([(dbc.path(f"{name}.dbc"), dbc.path(f"{name}.toml"))])
-    for name in ("o2_ecu", "rusefi", "obd2")
-)
+
+def _loaded(name: str, of: str = "") -> BusMap:
+    return load_pairs([(dbc.path(f"{name}.dbc"), dbc.path(f"{of or name}.toml"))])
+
+
+OWN, RUSEFI, OBD = map(_loaded, ("o2_ecu", "rusefi", "obd2"))
+AEM = _loaded("wideband", "aem_x")

@@ -2,6 +2,7 @@
 
 import random
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +17,7 @@ from monitor.base.types import Frame
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.inject.injector import Injector
 from tests.helpers.examples import inputs
-from tests.helpers.logs.bus_maps import OBD, OWN, RUSEFI
+from tests.helpers.logs.bus_maps import AEM, OBD, OWN, RUSEFI
 from tests.helpers.logs.decoding import Decoding, values_of
 from tests.helpers.logs.injected_frames import (
     AIR_ID,
@@ -181,12 +182,8 @@ def test_a_map_that_cannot_say_not_available_refuses_such_faults_and_holds_throu
         with pytest.raises(SignalMapError, match="rusefi"):
             Injector(RUSEFI, [Injection.of(name)])
     message = RUSEFI.channels["lambda_measured"].message
-    ramp = [
-        Frame(
-            n * 20 * MS, message.frame_id, False, int(10_000 + n).to_bytes(2, "little") + bytes(6)
-        )
-        for n in range(2000)
-    ]
+    data = [(10_000 + n).to_bytes(2, "little") + bytes(6) for n in range(2000)]
+    ramp = [Frame(n * 20 * MS, message.frame_id, False, each) for n, each in enumerate(data)]
     injector = Injector(RUSEFI, [Injection("drop_outs", 0.3)])
     read = [int.from_bytes(frame.data[:2], "little") for frame in injector.stream(ramp)]
     held = sum(here == before for before, here in pairwise(read))
@@ -210,6 +207,15 @@ def test_only_the_message_that_carries_lambda_is_touched() -> None:
     for name in NAMES:
         if name != "frame_flood":
             assert injected(other, Injection.of(name)) == other
+
+
+def test_a_message_known_by_its_group_is_changed_whoever_sends_it() -> None:
+    by_group = {name: replace(each, any_source=True) for name, each in AEM.channels.items()}
+    bus_map = replace(AEM, channels=by_group)
+    frames = [Frame(n * MS, 0x181, True, b"\x27\x10" + bytes(6)) for n in range(5)]
+    faulty = list(Injector(bus_map, [Injection.of("biased_lean")]).stream(frames))
+    assert values_of(bus_map, "lambda_measured", frames) == pytest.approx([1.0] * 5)
+    assert values_of(bus_map, "lambda_measured", faulty) == pytest.approx([1.1] * 5)
 
 
 # The frames' own faults
