@@ -12,7 +12,7 @@ from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames, Input, Output
 from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import UsageError
-from monitor.cli.options import Seconds, SetupOptions, add_bus, bus_name, open_bus, say, set_up
+from monitor.cli.options import Seconds, SetupOptions, add_bus, bus_address, open_bus, say, set_up
 
 if TYPE_CHECKING:
     import can
@@ -163,12 +163,13 @@ def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[R
             f"{args.scenario[0]}: drives = {scenario.n_drives} is for a LOG, not a bus"
         )
     other = _other_side(args.bus)
-    if bus_name(args.bus) == bus_name(other):
-        raise UsageError(f"both sides are {bus_name(args.bus)}, two buses are wanted")
-    for side in (args.bus, other):
-        if getattr(side, "interface", None) == _HEARS_ITSELF:
+    names = [" ".join(bus_address(side)) for side in (args.bus, other)]
+    if names[0] == names[1]:
+        raise UsageError(f"both sides are {names[0]}, two buses are wanted")
+    for name in names:
+        if name.startswith(_HEARS_ITSELF):
             raise UsageError(
-                f"{bus_name(side)}: {_HEARS_ITSELF} hears what it sends itself, "
+                f"{name}: {_HEARS_ITSELF} hears what it sends itself, "
                 "so a gateway would pass the same frames round for ever"
             )
     injector = Injector(
@@ -177,25 +178,23 @@ def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[R
     with ExitStack() as stack:
         memory = stack.enter_context(fresh_memory()) if args.check else None
         judge = FrameJudge(setup, memory) if memory else None
-        here = _side(stack.enter_context(open_bus(args.bus)), args.bus)
-        there = _side(stack.enter_context(open_bus(other)), other)
+        here = _side(stack.enter_context(open_bus(args.bus)), args.bus, names[0])
+        there = _side(stack.enter_context(open_bus(other)), other, names[1])
         gateway = Gateway(here, there, injector, judge.push if judge else lambda _: None)
         with ended_by_signals(gateway.stop):
-            say(
-                f"{bus_name(args.bus)} to {bus_name(other)}: {', '.join(map(str, scenario.faults))}"
-            )
+            say(f"{' to '.join(names)}: {', '.join(map(str, scenario.faults))}")
             try:
                 gateway.run(args.duration)
             finally:  # report the result even if the bus fails
                 for line in gateway.lines():
                     say(line)
-        return [judge.finish(bus_name(other))] if judge else []
+        return [judge.finish(names[1])] if judge else []
 
 
-def _side(bus: "can.BusABC", options: argparse.Namespace) -> "Side":
+def _side(bus: "can.BusABC", options: argparse.Namespace, name: str) -> "Side":
     from monitor.inject.side import Side
 
-    return Side(bus, lambda: open_bus(options), say, name=bus_name(options))
+    return Side(bus, lambda: open_bus(options), say, name=name)
 
 
 def _other_side(args: argparse.Namespace) -> argparse.Namespace:

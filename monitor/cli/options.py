@@ -225,12 +225,12 @@ def bus_address(args: argparse.Namespace) -> tuple[str, str]:
     """Return interface and channel of the options, else of the environment or can.conf, else ""."""
     from can.util import load_config
 
+    given = {n: getattr(args, n) for n in ("interface", "channel") if getattr(args, n, None)}
     try:
-        config = dict(load_config())
+        config = dict(load_config(config=given))
     except Exception:  # python-can raises errors of several kinds where nothing is configured
-        config = {}
-    interface, channel = (getattr(args, n, None) or config.get(n) for n in ("interface", "channel"))
-    return str(interface or ""), str(channel or "")
+        config = given
+    return str(config.get("interface") or ""), str(config.get("channel") or "")
 
 
 def open_bus(args: argparse.Namespace) -> "can.BusABC":

@@ -118,15 +118,23 @@ def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> Non
         (["-i", "virtual", "-c", "a", "--to-channel", "a"], "both sides are virtual a"),
         (["-i", "virtual", "-c", "a", "--to-channel", "b", "--out", "OUT"], "--out is for a LOG"),
         (["-i", "udp_multicast", "-c", "239.1.1.1", "--to-channel", "239.1.1.2"], "hears what it"),
+        (["CAN_INTERFACE=udp_multicast", "-c", "a", "--to-channel", "b"], "hears what it"),
+        (["-i", "virtual", "CAN_CHANNEL=a", "--to-channel", "a"], "both sides are virtual a"),
         (["IN", "--out", "OUT", "--dbc", "x.dbc"], "--dbc and --map come in pairs"),
     ],
 )
 def test_what_cannot_be_is_refused_with_exit_code_2(
-    argv: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    argv: list[str],
+    says: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    for word in (word for word in argv if word.startswith("CAN_")):  # of the environment
+        monkeypatch.setenv(*word.split("="))
     write(tmp_path / "in.log", lambda_frames([1.0] * 3))
     paths = {"IN": str(tmp_path / "in.log"), "OUT": str(tmp_path / "out.log")}
-    assert cli.main(["inject", *(paths.get(arg, arg) for arg in argv)]) == 2
+    assert cli.main(["inject", *(paths.get(arg, arg) for arg in argv if arg[:4] != "CAN_")]) == 2
     assert says in capsys.readouterr().err
 
 
