@@ -13,9 +13,10 @@ from monitor.api.stream import Monitor
 from monitor.api.verdict import Code, Verdict
 from monitor.base.types import Frame
 from monitor.bus.link.clock import Clock
+from monitor.memory.dtc import Dtc
 from monitor.model.step import Model
 from monitor.pipeline.entry import dtc_entry
-from monitor.pipeline.events import BlockEvent, DtcChanged
+from monitor.pipeline.events import DtcChanged
 
 _LOG = logging.getLogger("o2_monitor")
 
@@ -54,7 +55,7 @@ class OxygenSensorMonitor(can.Listener):
     ) -> None:
         super().__init__()
         self.monitor = Monitor(model, buses=buses, config=config, memory=memory, series=series)
-        self._on_code, self._now_s = on_code, monotonic_s
+        self._on_code, self._now_s = on_code or (lambda _: None), monotonic_s
         self._clock = Clock(monotonic_s, min(self.monitor.judging.pipeline.decoder.timeouts_ns))
         self._lock = threading.Lock()  # the notifier's thread writes, another one may read
 
@@ -62,16 +63,15 @@ class OxygenSensorMonitor(can.Listener):
         """Judge one message; a message that cannot be used is counted."""
         with self._lock:
             frame = self.monitor.usable(msg)
-            if frame is None:
-                return
-            self._take(self._clock.weighed(frame, self._now_s()))
+            codes = self._taken([] if frame is None else self._clock.weighed(frame, self._now_s()))
+        self._tell(codes)
 
     def tick(self) -> None:
         """Let time go on while no message comes."""
         with self._lock:
             mark = self._clock.mark()
-            if mark is not None:
-                self._take([mark])
+            codes = self._taken([] if mark is None else [mark])
+        self._tell(codes)
 
     def on_error(self, exc: Exception) -> None:
         """Log an error of the bus."""
@@ -90,19 +90,21 @@ class OxygenSensorMonitor(can.Listener):
             counters = verdict.entry["counters"] | self._clock.counters.found
         return Verdict({**verdict.entry, "counters": counters}, verdict.series)
 
-    def _take(self, frames: Iterable[Frame]) -> None:
-        for frame in frames:
-            for event in self.monitor.take(frame):
-                self._tell(event)
+    def _taken(self, frames: Iterable[Frame]) -> list[Code]:
+        """Judge frames; return the codes that become pending or confirmed."""
+        events = (event for frame in frames for event in self.monitor.take(frame))
+        return [self._code(e.dtc) for e in events if isinstance(e, DtcChanged) and e.dtc.state]
 
-    def _tell(self, event: BlockEvent) -> None:
-        if self._on_code is None or not isinstance(event, DtcChanged) or not event.dtc.state:
-            return
+    def _code(self, dtc: Dtc) -> Code:
         judging = self.monitor.judging
-        monitor = judging.pipeline.monitor
-        begin_ns = judging.collector.begin_ns
-        entry = dtc_entry(event.dtc, begin_ns, monitor.decisions.facts.probability(event.dtc.fault))
-        try:
-            self._on_code(Code(**{**entry, "also": tuple(entry.get("also", ()))}))
-        except Exception:
-            _LOG.exception("on_code failed")
+        facts = judging.pipeline.monitor.decisions.facts
+        entry = dtc_entry(dtc, judging.collector.begin_ns, facts.probability(dtc.fault))
+        return Code(**{**entry, "also": tuple(entry.get("also", ()))})
+
+    def _tell(self, codes: Iterable[Code]) -> None:
+        """Pass codes on, without the lock: the verdict may be read meanwhile."""
+        for code in codes:
+            try:
+                self._on_code(code)
+            except Exception:
+                _LOG.exception("on_code failed")

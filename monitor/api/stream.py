@@ -1,7 +1,6 @@
 """A drive while it is driven: frames one by one."""
 
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -10,7 +9,6 @@ import can
 
 from monitor.api.recordings import Buses, path_of, set_up
 from monitor.api.verdict import Verdict
-from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
 from monitor.bus.judging import Judging
 from monitor.frames.blocks import block_of
@@ -107,8 +105,7 @@ class Monitor:
         memory, self._memory = self._memory, None
         if memory is not None:
             self.judging.close()
-            with suppress(RecordingError):
-                memory.close()
+            memory.close()
 
     def __enter__(self) -> Self:
         """Return the monitor."""

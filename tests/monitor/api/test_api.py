@@ -4,6 +4,7 @@ import json
 import logging
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -119,12 +120,23 @@ class Clock:
         return self.now_s
 
 
-def test_a_listener_of_python_can_tells_codes_as_they_come() -> None:
-    clock, told = Clock(), list[Code]()
-    listener = OxygenSensorMonitor(on_code=told.append, monotonic_s=clock)
-    listen(listener, clock.set)
-    assert [(code.code, code.state) for code in told] == [(code, "pending") for code in CODES]
-    assert told[0] == listener.verdict.codes[0]
+def test_a_listener_of_python_can_tells_codes_as_they_come_whatever_the_user_s_function_does(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    clock, told = Clock(), list[tuple[Code, bool]]()
+
+    def tell(code: Code) -> None:
+        told.append((code, listener.verdict.has_fault))
+        raise ValueError(code.code)
+
+    listener = OxygenSensorMonitor(on_code=tell, monotonic_s=clock)
+    notifier = threading.Thread(target=listen, args=(listener, clock.set), daemon=True)
+    with caplog.at_level(logging.ERROR, logger="o2_monitor"):
+        notifier.start()
+        notifier.join(60.0)
+    assert [(code.code, code.state) for code, _ in told] == [(code, "pending") for code in CODES]
+    assert told[0] == (listener.verdict.codes[0], True)
+    assert len(caplog.records) == len(CODES)
 
 
 def test_a_listener_hears_a_bus_fall_silent_by_its_ticks() -> None:
@@ -154,20 +166,6 @@ def test_an_undecided_test_hides_neither_what_failed_nor_what_passed() -> None:
     assert short.tests["response"] == "undecided"
     assert short.tests["range"] == "passed"
     assert "  passed: communication, range" in "\n".join(print_recording(short.entry))
-
-
-def test_an_error_of_the_user_s_function_ends_no_notifier(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    def fail(code: Code) -> None:
-        raise ValueError(code.code)
-
-    clock = Clock()
-    listener = OxygenSensorMonitor(on_code=fail, monotonic_s=clock)
-    with caplog.at_level(logging.ERROR, logger="o2_monitor"):
-        listen(listener, clock.set)
-    assert [code.code for code in listener.verdict.codes] == list(CODES)
-    assert len(caplog.records) == len(CODES)
 
 
 def test_a_notifier_feeds_the_listener_and_closes_its_memory(tmp_path: Path) -> None:
