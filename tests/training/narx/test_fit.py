@@ -21,6 +21,7 @@ from training.cli import main
 from training.limits.evaluation import evaluate, predict
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, layers
+from training.narx.page.fit_confidence import fit_confidence
 from training.narx.page.fit_verdict import fit_verdict
 from training.narx.page.free_run_figures import measured_blocks
 from training.narx.page.training_page import write_report
@@ -72,8 +73,7 @@ def test_a_small_plant_is_learned_in_free_run(fitted: FitResult) -> None:
 def test_the_file_holds_what_the_fit_says(fitted: FitResult) -> None:
     card = Model.load(fitted.path).card
     assert card == fitted.card
-    assert card.input_names == NAMES[:2]
-    assert card.transform == "phi"
+    assert (card.input_names, card.transform) == (NAMES[:2], "phi")
     assert card.transforms[0]["kind"] == "ratio"
     assert [r.sha256 for r in card.recordings] == [f"{1:064x}", f"{2:064x}"]
     assert card.checks["contraction"]["gap"] < 0.01
@@ -115,9 +115,8 @@ def test_evaluate_scores_free_run_and_one_step_after_the_washout(fitted: FitResu
     result = evaluate(fitted.path, [drive])
     assert result["schema"] == "o2train.evaluate/1"
     (figures,) = result["recordings"]
-    assert {"path", "samples", "rmse", "fit_percent", "correlation", "one_step_rmse"} <= set(
-        figures
-    )
+    named = {"path", "samples", "rmse", "fit_percent", "correlation", "one_step_rmse"}
+    assert named <= set(figures)
     assert figures["path"] == "drive9.csv"
     assert figures["samples"] == 2500 - 7 - 3  # not ready, then the longest lag
     assert figures["enabled"]["samples"] < figures["samples"]
@@ -128,8 +127,7 @@ def test_evaluate_scores_free_run_and_one_step_after_the_washout(fitted: FitResu
 
 
 def test_the_free_run_of_evaluate_is_that_of_the_model_alone(fitted: FitResult) -> None:
-    drive = plant(9)
-    model = Model.load(fitted.path)
+    drive, model = plant(9), Model.load(fitted.path)
     _, free, _, _ = predict(model, drive, 3)
     u, y = drive.values[:, :2], drive.values[:, 2]
     model.reset(u[7], y[7])
@@ -238,8 +236,15 @@ def test_the_verdict_on_a_fit_follows_its_correlation(
     found = dict(fitted.card.fit["test_enabled"], correlation=correlation)
     card = replace(fitted.card, fit={**fitted.card.fit, "test_enabled": found})
     verdict, of_kind = fit_verdict(card)
-    assert of_kind == kind
-    assert begins in verdict
+    assert of_kind == kind and begins in verdict
+
+
+def test_the_confidence_in_a_verdict_is_of_its_samples(fitted: FitResult) -> None:
+    data = replace(fitted.data, enabled=np.arange(len(fitted.predicted)) % 3 > 0)
+    wrong = np.where(data.enabled, fitted.predicted, -fitted.predicted)  # as in fuel cuts
+    told = fit_confidence(replace(fitted, data=data, predicted=wrong))
+    assert told == fit_confidence(replace(fitted, data=data))
+    assert "in the median of" in told
 
 
 def test_the_plots_of_a_fit_are_drawn(fitted: FitResult, browser: Browser, tmp_path: Path) -> None:
@@ -287,11 +292,9 @@ def test_fit_and_evaluate_on_the_command_line(
     out = capsys.readouterr().out
     assert "held out, enabled samples: free run fit" in out
     assert "The model follows its vehicle" in out  # the verdict of its page
-    done = main(
-        ["evaluate", "--model", model, str(tmp_path / "drive2.csv"), "--json", str(figures)]
-    )
+    call = ["evaluate", "--model", model, str(tmp_path / "drive2.csv"), "--json", str(figures)]
+    assert main(call) == 0
     # THEN the figures are there, and a model that is missing is an error of one line
-    assert done == 0
     assert json.loads(figures.read_text())["recordings"][0]["correlation"] > 0.9
     capsys.readouterr()
     assert main(["evaluate", "--model", "nowhere.onnx", str(tmp_path / "drive2.csv")]) == 2

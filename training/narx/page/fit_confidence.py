@@ -12,12 +12,13 @@ LEAST_SAMPLES: Final = 50  # a shorter stretch says nothing alone
 
 
 def fit_confidence(result: FreeRunFit) -> str:
-    """Return the sentence: correlations of the held-out stretches one by one."""
+    """Return the sentence: correlations of the held-out stretches, on the verdict's samples."""
     measured, predicted = output_units(result)
+    known = np.isfinite(measured) & np.isfinite(predicted)
+    enabled = known & result.data.enabled
     found = []
     for _, first, stop in measured_blocks(result.data):
-        rows = np.arange(first, stop)
-        rows = rows[np.isfinite(measured[rows]) & np.isfinite(predicted[rows])]
+        rows = first + np.flatnonzero((enabled if enabled.any() else known)[first:stop])
         if len(rows) >= LEAST_SAMPLES and np.ptp(measured[rows]) > 0.0:
             found.append(metrics.correlation(measured[rows], predicted[rows]))
     if not found:

@@ -57,8 +57,7 @@ def measured_blocks(data: Prepared) -> list[tuple[Segment, int, int]]:
 
 def _robust_limits(result: FreeRunFit) -> tuple[float, float]:
     data = result.data
-    values = data.scaling.unscale_y(data.samples.y[data.enabled])
-    values = from_model_units(data.transform, values)
+    values = from_model_units(data.transform, data.scaling.unscale_y(data.samples.y[data.enabled]))
     low, high = np.percentile(values, [0.5, 99.5])
     return float(low - 0.2 * (high - low)), float(high + 0.2 * (high - low))
 
