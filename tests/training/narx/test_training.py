@@ -193,10 +193,8 @@ def test_invalid_inputs_end_a_segment_and_invalid_outputs_are_not_scored() -> No
     u[1000:1010] = np.nan
     y[2000:2005] = np.nan
     data = prepare([recording(u, y)], ["u0"], "y")
-    assert [(s.first, s.first + s.stop - s.start) for s in data.segments] == [
-        (0, 1000),
-        (1010, 3000),
-    ]
+    found = [(s.first, s.first + s.stop - s.start) for s in data.segments]
+    assert found == [(0, 1000), (1010, 3000)]
     assert int((data.samples.weight == 0).sum()) == 5
     assert np.isfinite(data.samples.y).all()
 
@@ -204,9 +202,8 @@ def test_invalid_inputs_end_a_segment_and_invalid_outputs_are_not_scored() -> No
 def test_fuel_cut_weighs_less_than_the_enabled_region() -> None:
     rng = RNG(9)
     cut = (np.arange(3000) % 100 < 20).astype(float)
-    data = prepare(
-        [recording(rng.normal(size=(3000, 1)), rng.normal(size=3000), fuel_cut=cut)], ["u0"], "y"
-    )
+    drive = recording(rng.normal(size=(3000, 1)), rng.normal(size=3000), fuel_cut=cut)
+    data = prepare([drive], ["u0"], "y")
     assert np.array_equal(data.enabled, cut == 0)
     assert data.samples.weight[cut > 0].max() < data.samples.weight[cut == 0].min()
 
@@ -217,11 +214,8 @@ def test_a_lone_spike_is_an_outlier_and_a_step_is_not() -> None:
     values[200] = 5.0
     values[300:] += 3.0
     assert np.flatnonzero(outlier_mask("anything", values)).tolist() == [200]
-    assert outlier_mask("rail_pressure_mpa", np.array([5.0, 99.0, 5.0])).tolist() == [
-        False,
-        True,
-        False,
-    ]
+    rail = outlier_mask("rail_pressure_mpa", np.array([5.0, 99.0, 5.0]))
+    assert rail.tolist() == [False, True, False]
 
 
 def test_unusable_recordings_are_refused_with_the_reason() -> None:
@@ -231,7 +225,7 @@ def test_unusable_recordings_are_refused_with_the_reason() -> None:
     constant = recording(u, y)
     with pytest.raises(RecordingError, match=r"drive\.csv: input u1 is constant"):
         prepare([constant], ["u0", "u1"], "y")
-    with pytest.raises(RecordingError, match="no signal u9"):
+    with pytest.raises(RecordingError, match="has no u9"):
         prepare([constant], ["u9"], "y")
     with pytest.raises(UsageError, match="both an input and the output"):
         prepare([constant], ["u0", "y"], "y")
@@ -240,6 +234,13 @@ def test_unusable_recordings_are_refused_with_the_reason() -> None:
     slow = replace(constant, path=Path("slow.csv"), period_ns=200_000_000)
     with pytest.raises(RecordingError, match=r"slow\.csv: sample period 0\.2 s"):
         prepare([constant, slow], ["u0"], "y")
+
+
+def test_a_recording_of_which_nothing_can_be_used_is_told() -> None:
+    u, y = RNG(13).normal(size=(2000, 1)), RNG(14).normal(size=2000)
+    silent = recording(u, np.full(2000, np.nan), "silent.csv")
+    (told,) = prepare([recording(u, y), silent], ["u0"], "y").warnings
+    assert told.startswith("silent.csv: not used, no stretch of 40 samples")
 
 
 def test_an_input_that_duplicates_the_output_is_reported() -> None:

@@ -44,9 +44,8 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
 def test_the_disturbance_line_of_the_simulated_vehicle_is_found(prepared: dict) -> None:  # type: ignore[type-arg]
     low, high = prepared["band_hz"]
     assert 2.3 < low <= 2.43 and 2.45 <= high < 2.6
-    (line,) = [
-        x for x in prepared["lines"] if x["signal"] == "lambda_measured" and x["kind"] == "noise"
-    ]
+    noise = [x for x in prepared["lines"] if x["kind"] == "noise"]
+    (line,) = [x for x in noise if x["signal"] == "lambda_measured"]
     assert line["coherence"]["lambda_controller"] > 0.5 > line["coherence"]["lambda_target"]
 
 
@@ -102,11 +101,8 @@ def test_every_outlier_is_counted_with_its_reason() -> None:
     drive = recording_of({"engine_speed_rpm": speed, "y": red_noise(1, 3000)})
     # THEN each is counted once
     masks = unusable(drive, "engine_speed_rpm")
-    assert {reason: int(mask.sum()) for reason, mask in masks.items()} == {
-        "out_of_range": 2,
-        "spike": 3,
-        "missing": 10,
-    }
+    counts = {reason: int(mask.sum()) for reason, mask in masks.items()}
+    assert counts == {"out_of_range": 2, "spike": 3, "missing": 10}
     result = preparation([drive], ["engine_speed_rpm"], "y")
     assert result["outliers"][0]["longest_gap_s"] == pytest.approx(1.0)
 
@@ -144,9 +140,8 @@ def test_linear_records_are_level_and_of_unit_size() -> None:
 
 def test_nothing_of_a_held_out_recording_is_looked_at() -> None:
     train = recording_of({"u": red_noise(1, 3000), "y": red_noise(2, 3000)}, "train.csv")
-    held = recording_of(
-        {"u": 7.0 + 0.01 * np.arange(3000), "y": 2.0 * red_noise(3, 3000)}, "held.csv"
-    )
+    columns = {"u": 7.0 + 0.01 * np.arange(3000), "y": 2.0 * red_noise(3, 3000)}
+    held = recording_of(columns, "held.csv")
     _, data = linear_records([train], "y", "u")
     pairs, same = linear_records([held], "y", "u", reference=data)
     assert same is data

@@ -149,7 +149,7 @@ def prepare(
         recordings=tuple(recordings),
         period_ns=period_ns,
         outliers=cut.outliers,
-        warnings=tuple(_warnings(u[train], y[train], inputs, output, cut.outliers)),
+        warnings=(*cut.unused, *_warnings(u[train], y[train], inputs, output, cut.outliers)),
         memory=LAMBDA_MEMORY if output.startswith("lambda") and FUEL in inputs else 0,
     )
 
@@ -163,6 +163,7 @@ class _Stretches:
     enabled: BoolArray  # (n,)
     segments: tuple[Segment, ...]
     outliers: dict[str, int]  # signal → values that were left out
+    unused: list[str]  # recordings without a stretch, in words
 
 
 def _stretches(
@@ -173,7 +174,8 @@ def _stretches(
     least: int,
 ) -> _Stretches:
     """Return the stretches of at least ``least`` samples with all inputs and some output."""
-    outliers: dict[str, int] = {}
+    outliers = dict[str, int]()
+    stretch = f"no stretch of {least} samples with all inputs valid and some {output}"
     u_parts, y_parts, on_parts, segments, at = [], [], [], list[Segment](), 0
     for index, recording in enumerate(recordings):
         u = _columns(recording, inputs, outliers)
@@ -189,14 +191,17 @@ def _stretches(
             segments.append(Segment(index, first, at, at + stop - first))
             at += stop - first
     if not segments:
-        files = ", ".join(str(r.path) for r in recordings)
-        raise RecordingError(f"{files}: no stretch of {least} samples with all inputs valid")
+        raise RecordingError(f"{', '.join(str(r.path) for r in recordings)}: {stretch}")
+    used = {segment.recording for segment in segments}
     return _Stretches(
         u=np.concatenate(u_parts),
         y=np.concatenate(y_parts),
         enabled=np.concatenate(on_parts),
         segments=tuple(segments),
         outliers=outliers,
+        unused=[
+            f"{r.path}: not used, {stretch}" for i, r in enumerate(recordings) if i not in used
+        ],
     )
 
 
@@ -206,10 +211,9 @@ def enabled_rows(recording: "Recording") -> np.ndarray:
     A condition without a column, or without a value, does not block.
     """
     on = np.ones(len(recording.values), dtype=bool)
-    names = list(recording.names)
     for name, wanted in ENABLE_COLUMNS.items():
-        if name in names:
-            column = recording.values[:, names.index(name)]
+        if name in recording.names:
+            column = recording.column(name)
             on &= np.isnan(column) | ((column >= 0.5) == (wanted >= 0.5))
     return on
 
@@ -243,11 +247,7 @@ def _check(recordings: Sequence["Recording"], inputs: Sequence[str], output: str
 
 
 def _columns(recording: "Recording", names: Sequence[str], outliers: dict[str, int]) -> FloatArray:
-    known = list(recording.names)
-    for name in names:
-        if name not in known:
-            raise RecordingError(f"{recording.path}: no signal {name}; there are {' '.join(known)}")
-    values = np.array(recording.values[:, [known.index(n) for n in names]], dtype=np.float64)
+    values = np.column_stack([recording.column(name) for name in names]).astype(np.float64)
     for i, name in enumerate(names):
         bad = outlier_mask(name, values[:, i])
         if bad.any():
