@@ -17,14 +17,12 @@ def lines_of(block: FrameBlock) -> bytes:
     digits = block.data.tobytes().hex().upper()
     begins = range(0, len(digits), 2 * block.data.shape[1])
     times = [
-        f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}"
-        if t_us >= 0
-        else f"-{-t_us // 1_000_000}.{-t_us % 1_000_000:06d}"
-        for t_us in (block.t_ns // 1000).tolist()
+        f"{t_us:07d}" if t_us >= 0 else f"{t_us:08d}" for t_us in (block.t_ns // 1000).tolist()
     ]
     rows = zip(times, block.key.tolist(), block.length.tolist(), begins, strict=True)
     lines = [
-        f"({time}{_name(key, length > _CLASSIC)}{digits[begin : begin + 2 * length]} R\n"
+        f"({time[:-6]}.{time[-6:]}{_name(key, length > _CLASSIC)}"
+        f"{digits[begin : begin + 2 * length]} R\n"
         for time, key, length, begin in rows
     ]
     return "".join(lines).encode()
