@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.outcome import BenchmarkOptions, Row, finish
+from benchmarks.verdicts.physical_baseline import fit_baseline
 from monitor.base import config
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from tests.helpers.models.physical_baseline import fit_baseline
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.limits.judging import judge
