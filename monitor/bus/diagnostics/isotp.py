@@ -35,7 +35,8 @@ class Transport:
     """Turns frames into requests and answers into frames, one at a time."""
 
     def __init__(self, request_id: int, response_id: int, *, is_extended: bool) -> None:
-        mode = isotp.AddressingMode.Normal_29bits if is_extended else None
+        modes = isotp.AddressingMode
+        mode = modes.Normal_29bits if is_extended else modes.Normal_11bits
         self._request_id, self._is_extended = request_id, is_extended
         self._received: deque[isotp.CanMessage] = deque()
         self._sent: list[bytes] = []
@@ -43,9 +44,7 @@ class Transport:
         self._layer = isotp.TransportLayerLogic(
             rxfn=self._next,
             txfn=lambda message: self._sent.append(bytes(message.data)),
-            address=isotp.Address(
-                mode or isotp.AddressingMode.Normal_11bits, rxid=request_id, txid=response_id
-            ),
+            address=isotp.Address(mode, rxid=request_id, txid=response_id),
             error_handler=self._fail,
             params={
                 "max_frame_size": LONGEST_REQUEST,

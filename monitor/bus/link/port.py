@@ -202,8 +202,7 @@ class Port:
 
     def _try_again(self, timeout_s: float) -> None:
         """Open the lost bus if an attempt is due, otherwise wait."""
-        wait_s = self._connection.wait_s
-        if wait_s > 0.0:
+        if (wait_s := self._connection.wait_s) > 0.0:
             self._sleep(min(wait_s, timeout_s))
             return
         bus = self._connection.try_again()

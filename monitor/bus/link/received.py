@@ -79,5 +79,4 @@ class MessageReader:
                 frames.append(frame)
                 if frame.t_ns > tick_end_ns:
                     break
-        malformed = self._datagrams.malformed - before
-        return Received(block_of(frames), errors, remote, malformed)
+        return Received(block_of(frames), errors, remote, self._datagrams.malformed - before)

@@ -7,7 +7,7 @@ import can
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, FrameBlock
-from monitor.frames.blocks import frames_of
+from monitor.frames.blocks import MAX_BYTES, frames_of
 from monitor.frames.logs import log_kind
 from monitor.frames.text.candump_lines import lines_of
 
@@ -20,7 +20,8 @@ class Recorder(AbstractContextManager["Recorder"]):
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        log_kind(path)  # refuses a format that cannot be replayed
+        # refuses a format that cannot be replayed; python-can leaves CAN FD frames out of a .trc
+        self._longest = 8 if log_kind(path) == ".trc" else MAX_BYTES
         try:
             self._text = path.open("wb") if path.suffix.lower() == ".log" else None
             self._writer = can.Logger(path) if self._text is None else None
@@ -37,6 +38,8 @@ class Recorder(AbstractContextManager["Recorder"]):
                 self._text.write(lines_of(block))
                 return
             assert self._writer is not None
+            if block.length.max(initial=0) > self._longest:
+                raise ValueError("a .trc log holds no CAN FD frames")
             for frame in frames_of(block):
                 self._writer.on_message_received(message_of(frame))
         except (OSError, ValueError) as error:

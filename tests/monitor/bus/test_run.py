@@ -11,7 +11,9 @@ from cantools.database import load_file
 import dbc
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
+from monitor.bus.link.recorder import Recorder
 from monitor.bus.loop import Loop
+from monitor.frames.blocks import block_of
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import TIME_MARK_ID, time_mark
 from monitor.memory.store import Memory
@@ -51,15 +53,9 @@ def test_without_leave_nothing_is_sent_and_with_it_the_fault_flag_goes_out(
     live, bus = run_on(late_sensor, setup, transmit=True)
     assert live["fault_flag"]
     database = load_file(dbc.path("o2_monitor.dbc"))
-    status = [m for m in bus.sent if m.arbitration_id == 0x5C0]
-    flags = [
-        database.decode_message(m.arbitration_id, m.data, decode_choices=False)["FaultFlag"]
-        for m in status
-    ]
-    assert flags[0] == 0
-    assert flags[-1] == 1
-    last = database.decode_message(0x5C0, status[-1].data, decode_choices=False)
-    assert last["Dtc"] == 0x015A
+    status = [m.data for m in bus.sent if m.arbitration_id == 0x5C0]
+    told = [database.decode_message(0x5C0, data, decode_choices=False) for data in status]
+    assert (told[0]["FaultFlag"], told[-1]["FaultFlag"], told[-1]["Dtc"]) == (0, 1, 0x015A)
 
 
 def test_a_bus_on_which_nothing_was_ever_heard_is_missed_too(setup: replay.Setup) -> None:
@@ -74,11 +70,9 @@ def test_frames_of_can_fd_are_recorded_as_they_came(
     for suffix in ("log", "blf", "asc"):
         record = tmp_path / f"fd.{suffix}"
         run_on([*long, *late_sensor[5:50]], setup, record=record)
-        frames = list(read_frames(record))
-        mark, *frames = frames
+        mark, *frames = read_frames(record)
         assert mark == time_mark(frames[0].t_ns)
-        assert len(frames) == 50
-        assert frames[0].data == bytes(12)
+        assert (len(frames), frames[0].data) == (50, bytes(12))
 
 
 def test_what_could_not_be_replayed_is_not_recorded(
@@ -86,6 +80,8 @@ def test_what_could_not_be_replayed_is_not_recorded(
 ) -> None:
     with pytest.raises(RecordingError, match=r"drive\.txt"):
         run_on(late_sensor[:10], setup, record=tmp_path / "drive.txt")
+    with pytest.raises(RecordingError, match="no CAN FD"), Recorder(tmp_path / "fd.trc") as log:
+        log.write(block_of([Frame(0, 0x300, False, bytes(12))]))
 
 
 def test_a_run_of_days_keeps_the_latest_windows_and_says_how_many_it_dropped(
@@ -166,10 +162,9 @@ def test_a_memory_that_cannot_be_written_is_told_once_and_the_judging_goes_on(
 def test_a_log_that_cannot_be_written_any_more_ends_and_the_judging_goes_on(
     setup: replay.Setup, late_sensor: list[Frame]
 ) -> None:
-    said: list[str] = []
-    if not Path("/dev/full").exists():
+    said, record = list[str](), Path("/dev/full")
+    if not record.exists():
         pytest.skip("no /dev/full")
-    record = Path("/dev/full")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("monitor.bus.link.recorder.log_kind", lambda path: ".log")
         patch.setattr("monitor.bus.link.recorder.can.Logger", can.CanutilsLogWriter)
