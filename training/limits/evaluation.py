@@ -15,7 +15,6 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import source_of
 from monitor.base.files.outputs import write_text
 from monitor.base.types import FloatArray
-from monitor.judge import enable
 from monitor.judge.limits import Limits
 from monitor.model.step import Model, from_model_units, to_model_units
 from training.limits.judging import Judged, enabled_samples, judge_recordings
@@ -154,10 +153,9 @@ def _one(model: Model, recording: Recording, washout: int) -> dict[str, Any]:
         "source": source_of(Path(recording.path), recording.sha256),
     }
     result |= _figures(model, measured, free, one_step, scored)
-    has_conditions = any(name in recording.names for name in enable.SIGNALS)
     enabled = scored & enabled_samples(recording, model.card, config.load())
-    known = has_conditions and enabled.any()
-    result["enabled"] = _figures(model, measured, free, one_step, enabled) if known else None
+    judged = enabled.any()
+    result["enabled"] = _figures(model, measured, free, one_step, enabled) if judged else None
     return result
 
 

@@ -78,14 +78,7 @@ def test_a_signal_that_is_never_good_is_refused() -> None:
 def extended(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("added") / "model.onnx"
     chain, film = fitted()
-    add(
-        base.path,
-        [film],
-        chain,
-        out,
-        ranges=ranges(*gap_drives()),
-        recordings=FIT,
-    )
+    add(base.path, [film], chain, out, ranges=ranges(*gap_drives()), recordings=FIT)
     return out
 
 

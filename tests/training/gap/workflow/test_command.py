@@ -155,11 +155,7 @@ def test_the_constants_come_from_all_recordings_and_each_is_judged_by_the_others
     assert named.result["measured_on"] == "recordings that the constants have not seen"
     assert {f["before"]["drives"] for f in named.result["verified"]["detection"]} == {1}
     assert named.result["verified"]["false_alarms"]["after"]["drives"] == 3
-    assert {path.name for path in named.out.iterdir()} == {
-        "gap.json",
-        "model.onnx",
-        "report.html",
-    }
+    assert {path.name for path in named.out.iterdir()} == {"gap.json", "model.onnx", "report.html"}
 
 
 def test_the_monitor_replays_with_the_new_model(
