@@ -120,5 +120,6 @@ def test_causes_and_next_checks_in_the_docs_are_those_that_the_program_prints() 
     rows = []
     for advice, own in by_advice.values():
         named = dict.fromkeys(c + f" `{f}`" * (owners[c] > 1) for f in own for c in codes_of(f))
-        rows.append(f"| {', '.join(named)} | {'; '.join(advice.causes)} | {advice.check} |\n")
+        told = (", ".join(named), advice.effect, "; ".join(advice.causes), advice.check)
+        rows.append(f"| {' | '.join(told)} |\n")
     assert "".join(rows) in (ROOT / "docs" / "reference" / "codes.md").read_text(), "".join(rows)
