@@ -110,12 +110,8 @@ class Judging:
 
     def _adopt(self) -> None:
         """Judge the next driving cycle with the latest reference of the vehicle."""
-        if self._memory is None:
-            return
-        try:
+        if self._memory is not None:
             self.pipeline.monitor.adopt(self._setup.of_vehicle(self._memory).limits)
-        except RecordingError as error:
-            self._say(str(error))
 
     def _learn(self, seen: Seen | None) -> None:
         """Add a driving cycle to the vehicle's reference."""

@@ -100,7 +100,8 @@ class Loop:
             if self._record_path is None:
                 decoder = self.pipeline.decoder
                 own = (i for attachment in self.attachments for i in attachment.identifiers)
-                self._port.set_filters({*decoder.identifiers, *own}, decoder.groups)
+                groups = (*decoder.groups, *self.pipeline.answers.groups)
+                self._port.set_filters({*decoder.identifiers, *own}, groups)
             else:
                 self._recorder = Recorder(self._record_path)
             self._work()

@@ -176,10 +176,7 @@ class _MessageDecoder:
     def _multiplexed(self, rows: IntArray, length: Bytes, payloads: Payloads) -> list[Decoded]:
         """Return a part for each group of channels; a frame too short for one is not used."""
         alive, used = np.ones(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
-        tested = [
-            *(group.conditions for group in self.plan.groups),
-            *(c for _, c in self.plan.ranges),
-        ]
+        tested = [g.conditions for g in self.plan.groups] + [c for _, c in self.plan.ranges]
         signals = {s.name: s for conditions in tested for s, _ in conditions}
         raw = {name: payloads.raw(signal) for name, signal in signals.items()}
 

@@ -144,13 +144,12 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]], channel: str = ""
         optional.update(dict.fromkeys(signal_map.optional))
     _check_overlap(channels)
     _check_derived(channels, derived, paths)
-    further = tuple(n for n in optional if n not in names)
     return BusMap(
         pairs=paths,
         channels=channels,
         derived=derived,
         names=tuple(names),
-        optional=further,
+        optional=tuple(name for name in optional if name not in names),
         catalyst_position=position,
         log_channel=channel or log_channel,
         notes=tuple(notes),

@@ -1,10 +1,10 @@
-"""The frames of a log as a bus map wants them: of one channel, engine answers under one identifier.
+"""The frames that a bus map wants: of one channel of a log, engine answers under one identifier.
 
 An engine with 29-bit diagnostics answers OBD requests as 18DAF1xx, xx its address (ISO 15765-4).
 Such an answer has the bytes of one under 7E8, which maps name.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -13,14 +13,36 @@ from cantools.database.can import Message
 
 from monitor.base.types import FrameBlock
 from monitor.decode.bus_map import BusMap
+from monitor.decode.parameter_groups import Sender
 from monitor.frames.blocks import EXTENDED, LogCounters
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks
 
 _ANSWER: Final = 0x7E8
 _ANSWER_29: Final = EXTENDED | 0x18DAF100
-_ADDRESS: Final = 0xFF
 _ENGINE: Final = 0x10  # usual address of the engine's ECU
+
+
+class EngineAnswers:
+    """Gives the answers of one ECU, the engine's or the first that came, the 11-bit identifier.
+
+    keys : of the mapped messages' frames
+    """
+
+    def __init__(self, keys: Collection[int]) -> None:
+        is_wanted = _ANSWER in keys and _ANSWER_29 | _ENGINE not in keys
+        self.groups = ((0x18DAF100, 0x1FFFFF00),) * is_wanted  # identifiers of 29 bits, mask
+        self._sender = Sender(_ENGINE)
+
+    def push(self, block: FrameBlock) -> FrameBlock:
+        """Return a block with the answers among the 11-bit frames."""
+        if not self.groups:
+            return block
+        rows = np.flatnonzero((block.key & ~np.uint32(0xFF)) == _ANSWER_29)
+        rows = rows[self._sender.takes((block.key[rows] & 0xFF).astype(np.int64))]
+        key = block.key.copy() if len(rows) else block.key
+        key[rows] = _ANSWER
+        return block._replace(key=key)
 
 
 def log_blocks(
@@ -32,23 +54,9 @@ def log_blocks(
     """
     keys = keys_of(channel.message for channel in bus_map.channels.values())
     blocks = read_blocks(path, counters, Channels(bus_map.log_channel, keys))
-    return _standard(blocks) if _ANSWER in keys and _ANSWER_29 | _ENGINE not in keys else blocks
+    return map(EngineAnswers(keys).push, blocks)
 
 
 def keys_of(messages: Iterable[Message]) -> set[int]:
     """Return the keys of the messages' frames."""
     return {m.frame_id | (EXTENDED if m.is_extended_frame else 0) for m in messages}
-
-
-def _standard(blocks: Iterator[FrameBlock]) -> Iterator[FrameBlock]:
-    """Give the answers of one ECU, the engine's or the first that came, the 11-bit identifier."""
-    address: int | None = None
-    for block in blocks:
-        rows = np.flatnonzero((block.key & ~np.uint32(_ADDRESS)) == _ANSWER_29)
-        senders = block.key[rows] & _ADDRESS
-        if len(rows) and address != _ENGINE:
-            address = _ENGINE if (senders == _ENGINE).any() else int(address or senders[0])
-        rows = rows[senders == address] if address is not None else rows
-        key = block.key.copy() if len(rows) else block.key
-        key[rows] = _ANSWER
-        yield block._replace(key=key)

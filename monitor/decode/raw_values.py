@@ -13,9 +13,7 @@ def not_available_raw(channel: BusChannel) -> int | None:
     signal = channel.signal
     if not channel.integrity.not_available or signal.length < 2 or signal.is_float:
         return None
-    if signal.is_signed:
-        return int(-(1 << (signal.length - 1)))
-    return int((1 << signal.length) - 1)
+    return int(-(1 << (signal.length - 1)) if signal.is_signed else (1 << signal.length) - 1)
 
 
 def plausible_range(channel: BusChannel) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """The entry of one recording in ``o2mon.replay/1``, streamed or judged as a whole."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -137,15 +138,12 @@ def frame_counts(
     messages: Mapping[str, MessageCounters], assembler: AssemblerCounters, unmapped: int
 ) -> dict[str, int]:
     """Return the number of frames that could not be used, by reason."""
-    total: dict[str, int] = {}
+    total = Counter[str]()
     for counters in messages.values():
-        for name, count in asdict(counters).items():
-            if name not in ("received", "other"):
-                total[name] = total.get(name, 0) + count
-    total |= asdict(assembler)
-    total["unmapped"] = unmapped
-    never = [message for message, counters in messages.items() if counters.received == 0]
-    return total | {f"never_received_{message}": 1 for message in never}
+        total.update(asdict(counters))
+    lost = {name: n for name, n in total.items() if name not in ("received", "other")}
+    lost |= asdict(assembler) | {"unmapped": unmapped}
+    return lost | {f"never_received_{m}": 1 for m, c in messages.items() if c.received == 0}
 
 
 def check_received(path: Path, messages: Mapping[str, MessageCounters], n_frames: int) -> None:

@@ -6,6 +6,7 @@ from monitor.base.config import Config
 from monitor.base.types import FrameBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
+from monitor.decode.log_blocks import EngineAnswers
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, FrameSamples
 from monitor.judge.limits import Limits
@@ -28,11 +29,12 @@ class FramePipeline:
         self.monitor = SensorMonitor(Judge(names, model, config), limits, store, is_live=True)
         self.decoder = BlockDecoder(bus_map, names)
         self.assembler = BlockAssembler.of(self.decoder, card.period_ns)
+        self.answers = EngineAnswers(self.decoder.plans)
         self._samples = FrameSamples(self.decoder, self.assembler, is_live=True)
 
     def push(self, block: FrameBlock) -> Iterator[BlockEvent]:
         """Take a block of frames and yield its events; all of them must be taken."""
-        for part in self._samples.push(block):
+        for part in self._samples.push(self.answers.push(block)):
             if isinstance(part, Clearing):
                 yield from self.monitor.clear(part.t_ns)
             elif len(part.t_ns):

@@ -1,6 +1,7 @@
 """A polled drive: recorded and replayed, checked, run; what ``--obd`` refuses."""
 
 import re
+from pathlib import Path
 
 import can
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import dbc
 from monitor.base import config
+from monitor.base.types import Frame
 from monitor.bus.loop import Loop
 from monitor.bus.polling.pids import interval_s
 from monitor.bus.polling.poller import ObdPoller
@@ -15,6 +17,7 @@ from monitor.cli import main
 from monitor.pipeline import replay
 from tests.helpers.bus.obd_conversation import LENGTHS, PARAMETERS, Conversation
 from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus, answering, steady_ecu
+from tests.helpers.bus.played_bus import judged, run_on
 from tests.helpers.drives.simulated_drives import WARM, driven
 from training.dyno.simulation import Experiment
 
@@ -28,6 +31,17 @@ def a_drive(duration_s: float = 240.0) -> ObdEcu:
 def obd_setup() -> replay.Setup:
     pair = (dbc.path("obd2.dbc"), dbc.path("obd2.toml"))
     return replay.set_up(None, [pair], config.load())
+
+
+def test_answers_of_29_bits_to_another_tester_are_judged_live_as_in_a_replay(
+    tmp_path: Path,
+) -> None:
+    answers = [bytes.fromhex(each) for each in ("04410C1AF8000000", "0641347FFF800000")]
+    script = [Frame(k * 50_000_000, 0x18DAF110, True, answers[k % 2]) for k in range(1200)]
+    live, _ = run_on(script, obd_setup(), record=tmp_path / "tester.log")
+    again, _ = replay.replay(tmp_path / "tester.log", obd_setup())
+    assert judged(live) == judged(again)
+    assert live["counters"]["unmapped"] == 1  # the mark of a live recording
 
 
 def test_without_being_asked_to_the_loop_sends_nothing() -> None:
