@@ -119,5 +119,5 @@ def estimate_tables(
         drives = load_recordings(recordings, period_s=slowest_ns / 1e9, **how)
     check_each_once(drives)
     subject = signals.subject_of(drives, LOADS[load], displacement_l, cylinders)
-    own = () if axes is None else read_axes(Path(axes))
+    own = () if axes is None else read_axes(Path(axes), subject.load)
     return tables.tables(fit.fit(subject), axes_of(subject.load, *own), config.defaults())

@@ -118,7 +118,7 @@ def axes_for(path: Path | None, load: str) -> "TableAxes":
     from training.ecu_tables.msq import read_axes
     from training.recordings.ecu_table import axes_of
 
-    return axes_of(load) if path is None else axes_of(load, *read_axes(path))
+    return axes_of(load) if path is None else axes_of(load, *read_axes(path, load))
 
 
 def summary(made: "list[EcuTable]", rough: "list[EcuTable]") -> list[str]:

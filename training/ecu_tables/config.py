@@ -30,11 +30,8 @@ class TablesConfig:
 def defaults() -> TablesConfig:
     """Return the settings of ``default.toml``."""
     read: Mapping[str, Any] = ShippedSettings("training.ecu_tables").values()
-    return TablesConfig(
-        **read["interval"],
-        **read["cell"],
-        **{table: read[table] for table in ("widest", "bluntest", "widening")},
-    )
+    of_tables = {name: read[name] for name in ("widest", "bluntest", "widening")}
+    return TablesConfig(**read["interval"], **read["cell"], **of_tables)
 
 
 def rough() -> TablesConfig:

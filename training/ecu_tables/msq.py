@@ -12,7 +12,10 @@ from typing import Final
 from xml.etree import ElementTree
 
 from monitor.base.errors import UsageError
+from monitor.base.files.inputs import read_small
+from monitor.frames.units import unit_of
 from training.greybox.chain import STOICHIOMETRIC
+from training.recordings.ecu_table import LOAD_UNITS
 
 PAIRS: Final = (
     ("lambdaDelayRpmBins", "lambdaDelayLoadBins"),
@@ -31,15 +34,19 @@ LARGEST: Final = 64  # values of one axis
 MOST_BYTES: Final = 50_000_000
 
 
-def read_axes(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def read_axes(path: Path, load: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return speeds in 1/min and loads of the tune's table, both rising.
 
-    Raises UsageError if the file is no tune, or holds none of the known pairs of axes.
+    load : name of the load axis, whose unit is wanted where the tune states one
+    Raises UsageError if the file is no tune, has none of the known pairs of axes, or another load.
     """
-    constants = _constants(path)
+    constants, unit = _constants(path), LOAD_UNITS[load]
     for speeds, loads in PAIRS:
         if speeds in constants and loads in constants:
-            return _axis(path, speeds, constants[speeds]), _axis(path, loads, constants[loads])
+            stated = constants[loads].get("units", "")
+            if unit_of(stated, STOICHIOMETRIC) not in (None, unit_of(unit, STOICHIOMETRIC)):
+                raise UsageError(f"{path}: {loads} is in {stated}, for these logs {unit} is wanted")
+            return _axis(path, constants[speeds]), _axis(path, constants[loads])
     known = ", ".join(f"{a} with {b}" for a, b in PAIRS)
     bins = [name for name in constants if "bins" in name.lower() or "rpm_table" in name.lower()]
     raise UsageError(
@@ -53,7 +60,7 @@ def injectors_text(path: Path, displacement_l: float | None, cylinders: int) -> 
 
     Names of MegaSquirt and Speeduino (reqFuel, injOpen, battFac) and of rusEFI (injector_flow).
     """
-    values = {name: _numbers(text) for name, text in _constants(path).items()}
+    values = {name: _numbers(each) for name, each in _constants(path).items()}
     stated = {name: v[0] for name, v in values.items() if len(v) == 1 and v[0] > 0.0}
     told = []
     if "reqFuel" in stated and displacement_l is not None:
@@ -68,21 +75,19 @@ def injectors_text(path: Path, displacement_l: float | None, cylinders: int) -> 
     return ", ".join(told)
 
 
-def _numbers(text: str) -> list[float]:
+def _numbers(constant: ElementTree.Element) -> list[float]:
     try:
-        return [float(word) for word in text.replace('"', " ").split()]
+        return [float(word) for word in "".join(constant.itertext()).replace('"', " ").split()]
     except ValueError:
         return []
 
 
-def _constants(path: Path) -> dict[str, str]:
-    """Return the text of every constant that has a name."""
+def _constants(path: Path) -> dict[str, ElementTree.Element]:
+    """Return every constant by its name."""
     try:
-        data = path.read_bytes()
+        data = read_small(path, MOST_BYTES)
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
-    if len(data) > MOST_BYTES:
-        raise UsageError(f"{path}: {len(data)} bytes, at most {MOST_BYTES} are wanted")
     try:
         root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_Tune(path)))
     except ElementTree.ParseError as error:
@@ -90,7 +95,7 @@ def _constants(path: Path) -> dict[str, str]:
     if _plain(root.tag) != "msq":
         raise UsageError(f"{path}: the root is <{_plain(root.tag)}>, a tune's is <msq>")
     constants = (each for each in root.iter() if _plain(each.tag) == "constant")
-    return {each.get("name", ""): "".join(each.itertext()) for each in constants}
+    return {each.get("name", ""): each for each in constants}
 
 
 def _plain(tag: str) -> str:
@@ -109,10 +114,11 @@ class _Tune(ElementTree.TreeBuilder):
         raise UsageError(f"{self._path}: a tune has no document type declaration")
 
 
-def _axis(path: Path, name: str, text: str) -> tuple[float, ...]:
-    values = _numbers(text)
+def _axis(path: Path, constant: ElementTree.Element) -> tuple[float, ...]:
+    values, name = _numbers(constant), constant.get("name")
     if not values:
-        raise UsageError(f"{path}: {name} holds {text.strip()[:40]!r}, numbers are wanted")
+        text = "".join(constant.itertext()).strip()
+        raise UsageError(f"{path}: {name} holds {text[:40]!r}, numbers are wanted")
     rising = all(a < b for a, b in pairwise(values))
     if not 2 <= len(values) <= LARGEST or not rising or not values[-1] < float("inf"):
         raise UsageError(

@@ -151,10 +151,7 @@ class Leg:
 
 def plan(tables: Sequence[EcuTable]) -> list[Leg]:
     """Return the legs of the drive, the longest gaps first."""
-    legs = []
-    for table in tables:
-        if table.name == "lambda_delay":
-            legs += _operating_points(table)
+    legs = _operating_points(next(t for t in tables if t.name == "lambda_delay"))
     return sorted(legs, key=lambda leg: -leg.seconds)[:LEGS_MOST] + _elsewhere(tables)
 
 

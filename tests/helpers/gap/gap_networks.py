@@ -79,14 +79,7 @@ def _trained_once() -> tuple[FitResult, bytes]:
 
 def trained_on(recordings: Sequence[Recording], folder: Path) -> FitResult:
     """Return a network of recordings."""
-    options = FitOptions(
-        lags=5,
-        hidden=(5,),
-        starts=1,
-        threads=1,
-        budget_minutes=0.05,
-        seed=2,
-    )
+    options = FitOptions(lags=5, hidden=(5,), starts=1, threads=1, budget_minutes=0.05, seed=2)
     return fit(FitSource(recordings, NARX_INPUTS, OUTPUT), folder / "base.onnx", options)
 
 

@@ -29,7 +29,7 @@ from training.ecu_tables.prediction import PredictionCase, air_mg, reading, sens
 from training.ecu_tables.signals import subject_of
 from training.ecu_tables.tables import LINKS, _Cells, _Law, _table, tables
 from training.pages.heat import LEVELS, HeatCell
-from training.recordings.ecu_table import EcuTable, axes_of
+from training.recordings.ecu_table import KPA, EcuTable, axes_of
 from training.recordings.recording import load, write_table
 
 TUNE = """<?xml version="1.0" encoding="ISO-8859-1"?>
@@ -46,7 +46,7 @@ TUNE = """<?xml version="1.0" encoding="ISO-8859-1"?>
 def test_the_axes_of_a_tune_are_those_of_its_fuel_table(tmp_path: Path) -> None:
     tune = tmp_path / "CurrentTune.msq"
     tune.write_text(TUNE)
-    assert read_axes(tune) == ((800.0, 1600.0, 2400.0), (30.0, 60.0))
+    assert read_axes(tune, KPA) == ((800.0, 1600.0, 2400.0), (30.0, 60.0))
 
 
 def delays(axes: Any, values: FloatArray, **more: Any) -> EcuTable:
@@ -62,6 +62,7 @@ def delays(axes: Any, values: FloatArray, **more: Any) -> EcuTable:
         (TUNE.replace("<msq", '<!DOCTYPE msq [<!ENTITY a "b">]><msq'), "document type"),
         (TUNE.replace("1600.0", "500.0"), "rising"),
         (TUNE.replace("30 60", "low high"), "numbers are wanted"),
+        (TUNE.replace("kPa", "mg/stroke"), "fmap_table1 is in mg/stroke, for these logs kPa"),
         (TUNE.replace("fmap_table1", "other"), "no axes of speed and load"),
         ("rpm,map\n1,2\n", "no tune in XML"),
     ],
@@ -70,7 +71,7 @@ def test_a_file_without_axes_is_refused_by_name(tmp_path: Path, text: str, reaso
     tune = tmp_path / "bad.msq"
     tune.write_text(text)
     with pytest.raises(UsageError, match=reason) as refused:
-        read_axes(tune)
+        read_axes(tune, KPA)
     assert "bad.msq" in str(refused.value)
 
 
