@@ -18,7 +18,7 @@ from monitor.frames.blocks import EXTENDED, LogCounters
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks
 
-_ANSWER: Final = 0x7E8
+ANSWER: Final = 0x7E8
 _ANSWER_29: Final = EXTENDED | 0x18DAF100
 _ENGINE: Final = 0x10  # usual address of the engine's ECU
 
@@ -30,7 +30,7 @@ class EngineAnswers:
     """
 
     def __init__(self, keys: Collection[int]) -> None:
-        is_wanted = _ANSWER in keys and _ANSWER_29 | _ENGINE not in keys
+        is_wanted = ANSWER in keys and _ANSWER_29 | _ENGINE not in keys
         self.groups = ((0x18DAF100, 0x1FFFFF00),) * is_wanted  # identifiers of 29 bits, mask
         self._sender = Sender(_ENGINE)
 
@@ -41,20 +41,25 @@ class EngineAnswers:
         rows = np.flatnonzero((block.key & ~np.uint32(0xFF)) == _ANSWER_29)
         rows = rows[self._sender.takes((block.key[rows] & 0xFF).astype(np.int64))]
         key = block.key.copy() if len(rows) else block.key
-        key[rows] = _ANSWER
+        key[rows] = ANSWER
         return block._replace(key=key)
 
 
 def log_blocks(
-    path: str | Path, bus_map: BusMap, counters: LogCounters | None = None
+    path: str | Path,
+    bus_map: BusMap,
+    counters: LogCounters | None = None,
+    *,
+    renames: bool = True,
 ) -> Iterator[FrameBlock]:
     """Return the blocks of a log for a bus map; errors as of ``read_blocks``.
 
+    renames : give the engine's answers of 29 bits the 11-bit identifier
     Raises RecordingError, too, if a mapped identifier is on two channels and none is chosen.
     """
     keys = keys_of(channel.message for channel in bus_map.channels.values())
     blocks = read_blocks(path, counters, Channels(bus_map.log_channel, keys))
-    return map(EngineAnswers(keys).push, blocks)
+    return map(EngineAnswers(keys).push, blocks) if renames else blocks
 
 
 def keys_of(messages: Iterable[Message]) -> set[int]:

@@ -66,7 +66,8 @@ def _log_drive(
         keep_counters=scenario.keep_counters,
     )
     judge = FrameJudge(setup, memory) if memory else None
-    frames = injector.stream(chain.from_iterable(map(frames_of, log_blocks(log, setup.bus_map))))
+    blocks = log_blocks(log, setup.bus_map, renames=False)
+    frames = injector.stream(chain.from_iterable(map(frames_of, blocks)))
     frames = map(judge.push, frames) if judge else frames
     n = write_log(out, frames) if out else sum(1 for _ in frames)
     for line in injector.counts.lines():

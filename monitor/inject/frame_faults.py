@@ -177,8 +177,7 @@ class FrameFaults:
     def due_ns(self) -> float:
         """Return the time in ns of the next due frame, inf if there is none."""
         times = [flood.next_ns for flood in self._floods if flood.next_ns < flood.end_ns]
-        if self._waiting:
-            times.append(self._waiting[0][0])
+        times += [t_ns for t_ns, _, _ in self._waiting[:1]]
         return min(times, default=math.inf)
 
     def _wait(self, frame: Frame) -> None:

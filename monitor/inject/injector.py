@@ -16,7 +16,8 @@ from monitor.base.faults import DEFAULT_SEVERITY, Fault, resolve
 from monitor.base.signals import OUTPUT
 from monitor.base.types import Frame
 from monitor.decode.bus_map import BusMap
-from monitor.decode.parameter_groups import group_of
+from monitor.decode.log_blocks import ANSWER, EngineAnswers, keys_of
+from monitor.decode.parameter_groups import mask_of
 from monitor.inject.frame_faults import FrameFaults
 from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection
 from monitor.inject.rewrite import MessageWriter, writers
@@ -95,7 +96,10 @@ class Injector:
         if not any(each.name in FRAME_FAULTS for each in injections):  # nothing changes the others
             own = {OUTPUT, READY, DUTY}
             self._writers = {k: w for k, w in self._writers.items() if own & w.signals.keys()}
-        self._groups = {group_of(k[0]): k for k, w in self._writers.items() if w.any_source}
+        # messages that come under several identifiers of 29 bits: one of them, mask, key
+        self._groups = [(k[0], mask_of(k[0]), k) for k, w in self._writers.items() if w.any_source]
+        answers = EngineAnswers(keys_of(c.message for c in bus_map.channels.values()))
+        self._groups += [(*group, (ANSWER, False)) for group in answers.groups]
         self.counts = InjectionCounts()
         self._sensor = [
             SensorReading(what, f"{seed}/{number}")
@@ -159,8 +163,9 @@ class Injector:
 
     def _passed(self, frame: Frame, since_ns: int) -> list[Frame]:
         key = (frame.can_id, frame.is_extended)
-        if frame.is_extended and self._groups:  # a message known by its group, whoever sends it
-            key = self._groups.get(group_of(frame.can_id), key)
+        if frame.is_extended:
+            own = (key for one, mask, key in self._groups if not (frame.can_id ^ one) & mask)
+            key = next(own, key)
         writer = self._writers.get(key)
         if writer is None:
             return self._frames.push(frame, key, sound=False)

@@ -148,8 +148,8 @@ def test_answers_under_29_bits_are_changed_as_those_under_11(tmp_path: Path) -> 
         # WHEN a fault is put on each
         done = ["inject", str(tmp_path / name), "--fault", "biased_lean", "--out", str(out), *maps]
         assert cli.main(done) == 0
-    # THEN the same readings come out, and not the ECU's
-    outs = [list(read_frames(tmp_path / f"out{n}.log")) for n in (11, 29)]
-    short, long_ = (values_of(OBD, "lambda_measured", frames) for frames in outs)
-    assert len(short) == 20 and short == long_
-    assert short[0] != pytest.approx(0x7000 / 32768, abs=0.01)
+    # THEN the same readings come out under the ECU's identifiers, and not the ECU's
+    short, long_ = (list(read_frames(tmp_path / f"out{n}.log")) for n in (11, 29))
+    assert len(short) == 20
+    assert long_ == [f._replace(can_id=0x18DAF110, is_extended=True) for f in short]
+    assert values_of(OBD, "lambda_measured", short)[0] == pytest.approx(0.975, abs=1e-3)
