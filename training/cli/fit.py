@@ -92,8 +92,7 @@ def _check_fit(args: FitCommand) -> Path:
 
 
 def _report(args: FitCommand) -> Path:
-    report: Path = args.report or args.out.with_suffix(".html")
-    return report
+    return args.report or args.out.with_suffix(".html")
 
 
 def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":

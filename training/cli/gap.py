@@ -102,7 +102,6 @@ def run(args: GapCommand) -> int:
             for given in (args.recordings, args.healthy, args.verify)
         ),
     )
-    args.out.mkdir(parents=True, exist_ok=True)
     learned = cached("healthy", _vehicle(material))
     with Progress(None, unit="step") as bar:
         result = investigate(material, args.out, options, learned=learned, progress=bar.step)

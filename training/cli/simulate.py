@@ -143,7 +143,7 @@ def run(args: SimulateCommand) -> int:
 
 def _faults(texts: Sequence[str]) -> "tuple[Fault | None, DownstreamFault | None]":
     """Return the fault of the sensor, and that behind it; raises UsageError for two behind it."""
-    pairs = [_fault(text) for text in texts]
+    pairs = [_severity(text) if "=" in text else (text, None) for text in texts]
     behind = [pair for pair in pairs if pair[0] in downstream.FAULTS]
     if len(behind) > 1:
         raise UsageError(f"faults {[name for name, _ in behind]}: one behind the sensor is wanted")
@@ -200,10 +200,6 @@ def _write_truth(experiment: "Experiment", args: SimulateCommand, out: Path) -> 
     true = document(truth.tables(engine, axes, degc), source="simulated")
     write_text(out, json.dumps(true, indent=1) + "\n")
     print(out)
-
-
-def _fault(text: str) -> tuple[str, float | None]:
-    return _severity(text) if "=" in text else (text, None)
 
 
 def _severity(text: str) -> tuple[str, float]:

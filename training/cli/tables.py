@@ -12,7 +12,10 @@ from training.api.parameters import TableParameters
 from training.cli.options import Folder, GridOptions, load_all
 
 WIDENED = 1.05  # of which a line is worth telling
-NAMES = ("lambda_[dl]*", "wall_film_*", "injector_[df]*", "sensor_lag*")  # of the tables' files
+NAMES = (  # of the tables' files
+    *("lambda_delay.*", "lambda_delay_cycles.*", "lambda_lag.*", "wall_film_*degc.*"),
+    *("injector_dead_time.*", "injector_flow_scale.*", "sensor_lag.*"),
+)
 
 if TYPE_CHECKING:
     from training.recordings.ecu_table import EcuTable, TableAxes
@@ -92,7 +95,10 @@ def run(args: TablesCommand) -> int:
         "samples left out": signals.rejected_text(subject.drives),
     }
     notes = {what: text for what, text in notes.items() if text}
-    files.write_files(args.out, made, recordings=sources, notes=notes)
+    written = files.write_files(args.out, made, recordings=sources, notes=notes)
+    own = (p for name in NAMES for p in args.out.glob(name) if p.suffix in (".csv", ".table"))
+    for path in {*own} - {*written}:
+        path.unlink()  # of an earlier run
     page.write_report(args.out / "report.html", fitted, made, names, notes)
     for line in [*summary(made, beside), *(f"{what}: {text}" for what, text in notes.items())]:
         print(line)

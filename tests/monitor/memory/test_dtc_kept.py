@@ -249,7 +249,4 @@ def test_what_is_driven_counts_since_clearing_and_with_the_lamp_on() -> None:
     for _ in range(2):  # and begins anew with the lamp; P2195 fails in two more cycles
         store.start_driving_cycle()
         store.fail("biased_lean", 1)
-    assert store.counts == Counts(
-        distance_since_clear_km=4.0,
-        engine_run_since_clear_s=200.0,
-    )
+    assert store.counts == Counts(distance_since_clear_km=4.0, engine_run_since_clear_s=200.0)

@@ -151,7 +151,9 @@ def test_a_log_becomes_tables_with_bounds_and_blank_cells(
     # a short log knows no delay within what an ECU needs, and the command says so
     call = ["tables", str(drive), "--out", str(out), "--axes", str(tune)]
     assert main(call) == 0 and "more with wide intervals: --rough" in capsys.readouterr().out
+    (out / "injector_flow_scale.csv").write_text("of an earlier run, which knew the displacement")
     assert main([*call, "--rough"]) == 0
+    assert not (out / "injector_flow_scale.csv").exists()
     assert "more with" not in capsys.readouterr().out
     document = json.loads((out / "tables.json").read_text())
     assert document["schema"] == "o2train.tables/1"
