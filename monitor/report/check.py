@@ -12,6 +12,7 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray, FrameBlock, IntArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
+from monitor.decode.log_blocks import EngineAnswers
 from monitor.judge.causes.causes import Asked, Cause, causes, timeout_of
 from monitor.judge.causes.observation import Observation
 from monitor.judge.enable import Enable
@@ -159,17 +160,15 @@ def check(blocks: Iterable[FrameBlock], bus_map: BusMap) -> CheckResult:
         for name, timeout_ns in zip(decoder.channels, decoder.timeouts_ns, strict=True)
     ]
     n = end_ns = 0
-    for block in blocks:
+    for block in map(EngineAnswers(decoder.plans).push, blocks):
         n += len(block.t_ns)
         end_ns = max(end_ns, int(block.t_ns.max(initial=0)))
         for part in decoder.push(block):
             for index, values in zip(part.channels, part.values, strict=True):
                 if len(values):
                     seen[index].take(block.t_ns[part.rows], values)
-    rejected: dict[str, int] = {}
-    for counters in decoder.counters.values():
-        for reason in ("length", "checksum", "stuck", "lost"):
-            rejected[reason] = rejected.get(reason, 0) + getattr(counters, reason)
+    reasons, every = ("length", "checksum", "stuck", "lost"), decoder.counters.values()
+    rejected = {reason: sum(getattr(c, reason) for c in every) for reason in reasons}
     derived = {d.name: d.sources for d in decoder.derived}
     there = tuple(
         s for s in seen if s.name not in bus_map.optional or s.count or s.invalid or s.out_of_range
