@@ -146,12 +146,12 @@ def information(state: State) -> dict[int, bytes]:
 
 
 def in_use_performance(state: State) -> bytes:
-    """Return the 20 counters of spark ignition, of bank 1.
+    """Return the 20 counters of spark ignition, of bank 1; cycles begin anew behind 65,535.
 
     Used are those of the catalyst, of the oxygen sensor and of the one behind the catalyst.
     """
     counts = state.store.counts
-    counters = [counts.general_denominator, counts.ignition_cycles] + [0] * 18
+    counters = [counts.general_denominator % 0x10000, counts.ignition_cycles % 0x10000] + [0] * 18
     for at, tests in IN_USE.items():
         ratio = lowest_ratio(r for r in state.store.supported_ratios if r.test in tests)
         counters[at : at + 2] = ratio.numerator, ratio.denominator

@@ -195,8 +195,10 @@ def test_without_a_vin_there_is_none() -> None:
     assert ask("09 02", Vehicle(vin=None)) == "7f 09 12"
 
 
-def test_in_use_performance_reports_the_lowest_ratio_of_the_sensor_monitor() -> None:
-    answered = bytes.fromhex(ask("09 08") or "")
+def test_in_use_performance_reports_the_lowest_ratio_and_cycles_that_begin_anew_at_65536() -> None:
+    vehicle = Vehicle()
+    vehicle.store.counts.ignition_cycles += 0x10000
+    answered = bytes.fromhex(ask("09 08", vehicle) or "")
     assert answered[:3] == b"\x49\x08\x14"
     assert struct.unpack(">20H", answered[3:]) == (9, 11, 0, 0, 0, 0, 3, 5, *([0] * 12))
 
