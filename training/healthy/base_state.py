@@ -13,7 +13,7 @@ from training.greybox.fit.case import WHITE, Case, Prior, Shrink, errors, predic
 from training.greybox.fit.drive import MIN_SCORED_S, ChainDrive
 from training.greybox.fit.joint import JointFit, fit
 from training.healthy import scoring
-from training.healthy.behaviour import SKEW, Healthy, white
+from training.healthy.behaviour import SKEW, Healthy, common, white
 
 OVER_HEALTHY: Final = 80.0  # times what healthy drives give; see docs/how_it_works/gap.md
 UNKNOWN_SURPLUS: Final = 2.0  # that healthy drives may give where none are at hand
@@ -82,8 +82,7 @@ def base_state(
         fixed=known.base if known else None,
     )
     current = fit(case, (), starts)
-    plain = [np.column_stack([*each.values()]) for each in made]
-    plain = plain or scoring.plain_columns(case, current)
+    plain = common(made) if made else scoring.plain_columns(case, current)
     case = scoring.whitened(case, current, plain)
     if known:
         case = replace(case, shrinks=_shrinks(case, known, made))

@@ -113,7 +113,7 @@ def learn(drives: Sequence[ChainDrive], start: Constants, like: Healthy | None =
     drives = [replace(drive, own=own) for drive in drives]
     tables = [columns(drive, base) for drive in drives]
     names = tuple(name for name in tables[0] if all(name in table for table in tables))
-    raw = [np.column_stack([table[name] for name in names]) for table in tables]
+    raw = common(tables)
     target = [_left(drive, base) for drive in drives]
     kept = [d.kept for d in drives]
     stacked = np.concatenate([x[k] for x, k in zip(raw, kept, strict=True)])
@@ -269,6 +269,12 @@ def noise(kept: Sequence[BoolArray], rest: FloatArray) -> tuple[tuple[float, flo
     a, b = np.linalg.lstsq(table[:, 1:], table[:, 0], rcond=None)[0]
     left = table[:, 0] - table[:, 1] * a - table[:, 2] * b
     return (float(a), float(b)), float(np.quantile(np.abs(left), 0.683))
+
+
+def common(made: Sequence[Mapping[str, FloatArray]]) -> list[FloatArray]:
+    """Return the columns that all drives have, (n, k) per drive."""
+    names = [name for name in made[0] if all(name in each for each in made)]
+    return [np.column_stack([each[name] for name in names]) for each in made]
 
 
 def columns(drive: ChainDrive, base: Constants) -> dict[str, FloatArray]:

@@ -157,6 +157,7 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
     weight, low, high, spread = (
         _array(stored[key], len(names)) for key in ("weight", "low", "high", "spread")
     )
+    penalty = float(stored["penalty"])
     visited = Visited(
         np.stack([_bools(row) for row in stored["visited"]["cells"]]),
         _bools(stored["visited"]["coolants"]),
@@ -171,13 +172,7 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
             for name, values in stored["own"].items()
         ),
         names=names,
-        ridge=Ridge(
-            weights=weight,
-            low=low,
-            high=high,
-            held_out=np.empty(0),
-            penalty=float(stored["penalty"]),
-        ),
+        ridge=Ridge(weights=weight, low=low, high=high, held_out=np.empty(0), penalty=penalty),
         spread=spread,
         visited=visited,
         surplus={str(name): float(value) for name, value in stored["surplus"].items()},

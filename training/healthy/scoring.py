@@ -11,7 +11,7 @@ from training.greybox.fit import ridge
 from training.greybox.fit.case import Case, plain_errors, predict
 from training.greybox.fit.drive import FOLDS
 from training.greybox.fit.joint import JointFit, held_out
-from training.healthy.behaviour import columns, noise, white
+from training.healthy.behaviour import columns, common, noise, white
 
 LARGEST: Final = 5.0  # of a whitened error in sigma, beyond which it counts no more
 BOOTSTRAPS: Final = 2000
@@ -86,7 +86,7 @@ class Ceiling:
 
 def plain_columns(case: Case, found: JointFit) -> list[FloatArray]:
     """Return the functions, (n, k) per drive."""
-    return [np.column_stack([*columns(d, found.base).values()]) for d in case.drives]
+    return common([columns(drive, found.base) for drive in case.drives])
 
 
 def ceiling(case: Case, plain: Sequence[FloatArray]) -> Ceiling:

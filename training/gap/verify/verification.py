@@ -21,7 +21,7 @@ from training.greybox.fit import ridge
 from training.greybox.fit.drive import FOLDS, ChainDrive, Comparison
 from training.greybox.graph.chain_graph import Greybox
 from training.healthy.base import GREYBOX, check, plain_drives_of
-from training.healthy.behaviour import columns
+from training.healthy.behaviour import columns, common
 from training.jobs import Progress
 from training.recordings.prediction import checked, predicted_phi
 from training.recordings.recording import Recording
@@ -179,9 +179,7 @@ def left_over(
     A ridge on plain functions and every effect's signature, each block by the fit without it. Where
     it helps nothing on the whole the residual itself is left.
     """
-    made = [columns(drive, chain) for drive in drives]
-    names = [name for name in made[0] if all(name in each for each in made)]
-    tables = [np.column_stack([each[name] for name in names]) for each in made]
+    tables = common([columns(drive, chain) for drive in drives])
     x = np.concatenate([t[r.scored] for t, r in zip(tables, compared, strict=True)])
     e = scored(compared, residuals)
     rest = e - ridge.fit(x, e, blocks_of(compared) % FOLDS).held_out
