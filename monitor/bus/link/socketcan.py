@@ -26,8 +26,6 @@ SO_RCVBUFFORCE: Final = 33
 RECEIVE_BUFFER_BYTES: Final = 8 << 20  # the default holds about 320 frames
 FRAMES: Final = 1024  # most in one call
 BEHIND_S: Final = 0.0002  # so long behind a tick's end the frame is there that closes it
-MANY: Final = 256  # frames of a tick whose work would delay its end
-LAST_S: Final = 0.02  # of such a tick: only these frames are left when it ends
 
 _IS_REMOTE, _IS_ERROR = 0x40000000, 0x20000000
 # the kernel's structures: struct canfd_frame, whose begin is struct can_frame; struct iovec; struct
@@ -69,8 +67,6 @@ class SocketReader:
             self.drops = None
         self._recvmmsg = ctypes.CDLL(None, use_errno=True).recvmmsg
         self._is_full = False  # the last call took as many frames as it could
-        self._tick_end_ns = self._n_tick = 0  # frames since the last tick
-        self._are_many = False  # in the last tick
         places = np.arange(FRAMES, dtype=np.uintp)
         self._frames = np.zeros(FRAMES, dtype=_FRAME)
         self._control = np.zeros(FRAMES, dtype=_CONTROL)
@@ -112,7 +108,6 @@ class SocketReader:
             None,
         )
         self._is_full = n == FRAMES
-        self._n_tick += max(n, 0)
         if n < 0:
             reason = ctypes.get_errno()
             if reason in (errno.EAGAIN, errno.EINTR):
@@ -121,19 +116,11 @@ class SocketReader:
         return self._received(n)
 
     def _wait(self, wait_s: float, tick_end_ns: int) -> bool:
-        """Wait for a frame, and then for those that gather with it; return whether one came.
-
-        Many frames gather in two parts, so that little is left to do when the tick ends.
-        """
+        """Wait for a frame, and then for those that gather with it; return whether one came."""
         until_s = time.monotonic() + wait_s
-        if tick_end_ns != self._tick_end_ns:
-            self._are_many, self._n_tick = self._n_tick > MANY, 0
-            self._tick_end_ns = tick_end_ns
         if not select.select([self._socket], [], [], wait_s)[0]:
             return False
         calm_s = (tick_end_ns - time.time_ns()) * 1e-9 + BEHIND_S
-        if self._are_many and calm_s > 2.0 * LAST_S:
-            calm_s -= LAST_S
         calm_s = min(calm_s, until_s - time.monotonic())
         if calm_s > 0.0:
             time.sleep(calm_s)

@@ -23,8 +23,6 @@ from monitor.bus.link.recorder import message_of
 from monitor.bus.link.socketcan import (
     BEHIND_S,
     FRAMES,
-    LAST_S,
-    MANY,
     RECEIVE_BUFFER_BYTES,
     SocketReader,
 )
@@ -389,25 +387,6 @@ def test_frames_gather_until_the_ticks_end_and_are_read_with_one_call(
     send(here, [60])
     assert len(taken(port, 1.0, now_ns - 1_000_000)) == 1
     assert waits_s == []
-
-
-def test_many_frames_are_read_in_two_parts_the_last_one_at_the_ticks_end(
-    wire: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # GIVEN a bus with many frames in a tick
-    here, there = wire
-    port, waits_s, now_ns = Port(there, BusHealth()), list[float](), time.time_ns()
-    monkeypatch.setattr("monitor.bus.link.socketcan.time.sleep", waits_s.append)
-    monkeypatch.setattr("monitor.bus.link.socketcan.time.time_ns", lambda: now_ns)
-    send(here, range(MANY + 1))
-    taken(port, 1.0, now_ns - 1)
-    # WHEN the next tick's frames come THEN it wakes once before the tick's end, and at it
-    end_ns = now_ns + 100_000_000
-    for wanted_s in (0.1 - LAST_S, LAST_S):
-        send(here, [1])
-        assert len(taken(port, 1.0, end_ns)) == 1
-        assert waits_s.pop() == pytest.approx(wanted_s + BEHIND_S)
-        now_ns += round(wanted_s * 1e9)
 
 
 @pytest.mark.parametrize("n", [FRAMES - 1, FRAMES, 2 * FRAMES + 7])
