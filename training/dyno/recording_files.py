@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.base.errors import UsageError
 from monitor.base.files import manifest
 from training.dyno import downstream, ecu, logger
 from training.dyno.simulation import Experiment, simulate
@@ -20,9 +21,12 @@ def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0
     suffix : "log", "blf", "asc", "trc" or "mf4" for a CAN log of the project's ECU; "parquet",
         "csv" or "csv.gz" for a table on a sample grid of ``period_s``; the table of an experiment
         with a layout holds the answers of its ECU every ``period_s``
-    Raises UsageError for an unknown cycle, RecordingError if the file cannot be written.
+    Raises UsageError for an unknown cycle or a file in the way that is no simulated drive,
+    RecordingError if the file cannot be written.
     """
     path = folder / f"{experiment.name}.{suffix}"
+    if path.exists() and manifest.source_of(path, sha256(path)) != "simulated":
+        raise UsageError(f"{path}: is there already and no simulated drive; choose another folder")
     signals = simulate(experiment)
     if suffix in TABLES and experiment.layout is not None:
         names = logger.columns(experiment.layout)

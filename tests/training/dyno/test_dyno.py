@@ -34,17 +34,27 @@ STEADY_S, SETTLE_S = 300.0, 60.0
 
 @pytest.mark.parametrize("suffix", [f for f in FORMATS if f not in ("asc", "trc")])
 def test_the_same_seed_gives_the_same_bytes(tmp_path: Path, suffix: str) -> None:
-    # GIVEN two folders, and an old file in the way of one
+    # GIVEN two folders, and an older drive in one
     experiment = replace(SHORT, duration_s=20.0, fault=faults.resolve("gain_low"))
     first, second = tmp_path / "first", tmp_path / "second"
     first.mkdir()
     second.mkdir()
-    (second / f"{experiment.name}.{suffix}").write_bytes(b"old")
+    write(replace(experiment, duration_s=5.0), second, suffix)
     # WHEN the same drive is written into both
     one, two = (write(experiment, folder, suffix).read_bytes() for folder in (first, second))
     # THEN the files are equal, and not empty
     assert one == two
     assert len(one) > 5_000
+
+
+def test_a_file_that_is_no_simulated_drive_is_not_replaced(tmp_path: Path) -> None:
+    experiment = Experiment(seed=3, duration_s=5.0)
+    path = write(experiment, tmp_path, "log")
+    assert write(experiment, tmp_path, "log") == path
+    path.write_text("mine")
+    with pytest.raises(UsageError, match="no simulated drive"):
+        write(experiment, tmp_path, "log")
+    assert path.read_text() == "mine"
 
 
 def test_another_process_gives_the_same_bytes(tmp_path: Path) -> None:
