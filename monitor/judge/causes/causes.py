@@ -83,7 +83,9 @@ def causes(seen: Observation, asked: Asked, judgement: Judgement | None = None) 
         length_s, least_s = seen.samples * seen.period_s, needed * seen.period_s
         advice = f"the recording is {length_s:.1f} s long, at least {least_s:g} s are wanted"
         return [Cause("samples", None, None, "short", advice)]
-    undecided = judgement is None or "response" in judgement.unfinished
+    # without an enabled sample fuel cuts alone may have told of the response
+    unfinished = ("response",) if judgement is None else judgement.unfinished
+    undecided = "response" in unfinished or (bool(unfinished) and not seen.enabled)
     found = [*_blocked(seen, asked)] if undecided else []
     found += list(_still_inputs(seen, asked, found if undecided else None))
     grave = [each for each in found if _is_grave(each)]

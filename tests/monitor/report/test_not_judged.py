@@ -78,6 +78,11 @@ def test_a_healthy_drive_is_judged_and_nothing_held_it_up(replayed: Replay) -> N
             "coolant_temperature_degc has no value in 100 % of the samples",
         ),
         (
+            held("purge_duty_percent", np.nan),  # the edges of fuel cuts tell of the response
+            ("purge_steady", "purge_duty_percent", "invalid"),
+            "purge_duty_percent has no value in 100 % of the samples",
+        ),
+        (
             held("fuel_mass_mg", 200.0, 400.0),
             ("trained_range", "fuel_mass_mg", "untrained"),
             "outside the model's training",
@@ -88,7 +93,7 @@ def test_a_healthy_drive_is_judged_and_nothing_held_it_up(replayed: Replay) -> N
             "the loop was never closed: lambda_controller is 1 throughout",
         ),
     ],
-    ids=["a column of zeros", "a blank column", "outside training", "a controller that stands"],
+    ids=["zeros", "a blank column", "blank, but cuts", "outside training", "a still controller"],
 )
 def test_a_drive_without_a_verdict_names_the_column_at_fault(
     replayed: Replay, change: Change, cause: tuple[str, str, str], words: str
