@@ -35,7 +35,7 @@ class Stream:
         self._names = tuple(monitor.names)
         self._means = monitor.output, "predicted", "residual"
         period_s = monitor.judge.period_s
-        self._step = max(1, round(1.0 / (rate_hz * period_s)))
+        self._step = max(1, math.ceil(round(1.0 / (rate_hz * period_s), 6)))
         self._seen: list[tuple[float, ...]] = []  # values of the means since the last record
         self._windows = 0
         self._verdicts: dict[str, tuple[str, str | None]] = {}  # of windows, of fuel cuts

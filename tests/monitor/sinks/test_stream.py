@@ -70,6 +70,14 @@ def test_tags_and_rate_are_the_user_s(tmp_path: Path) -> None:
     assert 35 < sum(each["kind"] == "signals" for each in records) < 50
 
 
+def test_signals_never_come_more_often_than_the_rate_that_samples_do_not_divide(
+    tmp_path: Path,
+) -> None:
+    records = replayed(tmp_path / "out.jsonl", "--sink-rate", "4")
+    times_ns = [each["t_ns"] for each in records if each["kind"] == "signals"]
+    assert {b - a for a, b in pairwise(times_ns)} == {300_000_000}
+
+
 def test_records_are_printed_as_lines_where_the_address_is_a_dash(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
