@@ -46,7 +46,8 @@ def _silent(seen: Observation, output: Channel, config: PlausibilityConfig) -> D
     """Return the state of the sensor if it gave no usable value in the last samples."""
     n = max(round(config.end_s / seen.period_s), 1)
     quality = seen.end_quality[-n:, seen.names.index(output.name)]
-    dead = quality != Quality.GOOD
+    dead = quality != Quality.GOOD  # in a fuel cut a pinned reading is the right one
+    dead &= (quality != Quality.PINNED) | seen.end_conditions[-n:, _RECOVERED]
     if READY in seen.names:
         dead |= seen.end_values[-n:, seen.names.index(READY)] <= 0.0
     if len(quality) < n or not (dead & _running(seen, config, n)).all():

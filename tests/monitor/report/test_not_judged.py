@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from monitor import cli
-from tests.helpers.drives.drive_tables import PERIOD_S, Columns, table
+from tests.conftest import ROOT
+from tests.helpers.drives.drive_tables import PERIOD_S, Columns, columns, table
 from tests.helpers.logs.replays import replays
 
 Change = Callable[[Columns], None]
@@ -130,6 +131,22 @@ def test_a_sensor_that_dies_after_its_tests_passed_gives_no_clean_bill(
     assert got.recording["completed"]
     assert got.exit_code == 3
     assert got.causes == [("sensor_alive", "lambda_measured", reason)]
+
+
+@pytest.mark.parametrize(("is_cut", "exit_code"), [(1.0, 0), (0.0, 3)], ids=["cut", "burning"])
+def test_a_reading_that_a_logger_pins_is_no_dead_sensor_in_the_last_fuel_cut_alone(
+    tmp_path: Path, is_cut: float, exit_code: int
+) -> None:
+    def end(data: Columns) -> None:
+        held("lambda_measured", 15.9, 3.0)(data)
+        held("fuel_cut", is_cut, 20.0)(data)
+
+    path, profile = table(tmp_path / "drive.csv", end), tmp_path / "logger.toml"
+    lines = ['title = "own"', 'time = "time_s"', "[signals]", *(f"{n} = '{n}'" for n in columns())]
+    pinned = "{ column = 'lambda_measured', pinned = [15.9] }"
+    profile.write_text("\n".join(lines).replace("'lambda_measured'", pinned))
+    model = ROOT / "monitor" / "model" / "shipped.onnx"
+    assert replays(path, "--profile", profile, "--model", model)[0] == exit_code
 
 
 def test_a_sensor_may_be_silent_while_the_engine_stands(replayed: Replay) -> None:
