@@ -55,13 +55,13 @@ def shown(address: str) -> str:
     'mqtt://broker:1883/car'
     """
     url = _split(address)
-    where = url.netloc.rpartition("@")[2]
-    return f"{url.scheme}://{where}{url.path}" if where else f"{url.scheme}:{url.path}"
+    where, path = url.netloc.rpartition("@")[2], url.path.partition("#")[0]
+    return f"{url.scheme}://{where}{path}" if where else f"{url.scheme}:{url.path}"
 
 
 def _split(address: str) -> SplitResult:
     try:
-        url = urlsplit(address)
+        url = urlsplit(address, allow_fragments=False)
         _ = url.port
     except ValueError as error:
         raise UsageError(f"--sink: {error}") from None

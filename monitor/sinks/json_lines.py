@@ -21,7 +21,7 @@ class JsonLines:
     def __init__(self, url: SplitResult, tags: Tags) -> None:
         if not url.path or url.netloc:
             raise UsageError(f"a path is wanted, as {url.scheme}:FILE, or - for the output")
-        self._path, self._tags = url.path, tags
+        self._path, self._tags = url._replace(scheme="").geturl(), tags
         self._file: TextIO | None = None
 
     def write(self, records: Sequence[Record]) -> None:

@@ -40,7 +40,7 @@ class Mqtt:
         self._host, self._port = url.hostname, url.port or (8883 if self._is_safe else 1883)
         self._topic = url.path.strip("/") or TOPIC
         if any(sign in self._topic for sign in "+#"):
-            raise UsageError(f"{self._topic}: a topic to publish under has no + and no #")
+            raise UsageError("a topic to publish under has no + and no #")  # it may hold a password
         self._user = unquote(url.username) if url.username else None
         self._password = unquote(url.password) if url.password else os.environ.get(PASSWORD)
         self._tags = dict(tags)

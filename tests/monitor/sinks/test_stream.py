@@ -70,9 +70,7 @@ def test_tags_and_rate_are_the_user_s(tmp_path: Path) -> None:
     assert 35 < sum(each["kind"] == "signals" for each in records) < 50
 
 
-def test_signals_never_come_more_often_than_the_rate_that_samples_do_not_divide(
-    tmp_path: Path,
-) -> None:
+def test_signals_come_no_more_often_than_the_user_wants(tmp_path: Path) -> None:
     records = replayed(tmp_path / "out.jsonl", "--sink-rate", "4")
     times_ns = [each["t_ns"] for each in records if each["kind"] == "signals"]
     assert {b - a for a, b in pairwise(times_ns)} == {300_000_000}
@@ -104,8 +102,18 @@ def test_an_address_without_a_sink_is_a_usage_error() -> None:
         open_sink("mqtt://host:many", {})
 
 
+@pytest.mark.parametrize("name", ["car #1.jsonl", "why?.jsonl", "ä %20.jsonl"])
+def test_lines_go_to_the_file_that_the_address_names(tmp_path: Path, name: str) -> None:
+    sink = open_sink(f"jsonl:{tmp_path / name}", {})
+    sink.write([Record("cycle", 5, {"started": True})])
+    sink.close()
+    assert [each.name for each in tmp_path.iterdir()] == [name]
+
+
 def test_no_message_shows_a_password() -> None:
     assert shown("mqtts://user:secret@host:8883/car?p=secret") == "mqtts://host:8883/car"
+    with pytest.raises(UsageError, match=r"^--sink mqtt://user: a topic .* has no \+ and no #$"):
+        open_sink("mqtt://user#1:secret@host/car", {})  # the # is not escaped
 
 
 @given(
