@@ -1,6 +1,7 @@
 """The way from a replay to its sinks: the replay waits, and an error ends it."""
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 
 from monitor.base.errors import UsageError
 from monitor.base.foreign import ForeignError, foreign
@@ -40,17 +41,20 @@ class Written:
 
         Raises UsageError if one does not take it.
         """
-        try:
+        with ExitStack() as ends:  # every sink is closed, also where one fails
+            for name, sink in reversed(self._sinks):
+                ends.callback(_call, name, sink.close)
             self._write()
-        finally:
-            for _, sink in self._sinks:
-                sink.close()
 
     def _write(self) -> None:
         records, self._waiting = self._waiting, []
         for name, sink in self._sinks if records else ():
-            try:
-                with foreign(f"--sink {name}"):
-                    sink.write(records)
-            except ForeignError as error:
-                raise UsageError(str(error)) from error
+            _call(name, sink.write, records)
+
+
+def _call(name: str, call: Callable[..., None], *given: Sequence[Record]) -> None:
+    try:
+        with foreign(f"--sink {name}"):
+            call(*given)
+    except ForeignError as error:
+        raise UsageError(str(error)) from error

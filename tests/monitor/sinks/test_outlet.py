@@ -6,8 +6,10 @@ from collections.abc import Sequence
 
 import pytest
 
+from monitor.base.errors import UsageError
 from monitor.sinks.outlet import BATCH, Outlet
 from monitor.sinks.record import Record
+from monitor.sinks.written import Written
 from tests.helpers.bus.live_player import until
 
 
@@ -113,3 +115,14 @@ def test_a_sink_that_never_returns_does_not_keep_the_process(
     assert outlet.notes() == ["sink fake did not end within 0.05 s"]
     assert (outlet.sent, outlet.dropped) == (0, 1)
     sink.gate.set()
+
+
+def test_a_replay_closes_every_sink_and_names_the_one_that_fails_at_its_end() -> None:
+    class Gone(Fake):
+        def close(self) -> None:
+            raise ValueError("the socket is gone")
+
+    sinks = [("first", Fake()), ("gone", Gone()), ("last", Fake())]
+    with pytest.raises(UsageError, match=r"^--sink gone fails: the socket is gone$"):
+        Written(sinks, rate_hz=1.0).close()
+    assert [sink.closed for _, sink in sinks] == [1, 0, 1]
