@@ -257,5 +257,5 @@ def open_bus(args: argparse.Namespace) -> "can.BusABC":
             reason += ": pip install '.[multicast]' in the project's folder"
         if "udp_multicast" in where and getattr(cause, "errno", None) == errno.ENODEV:
             reason += ": it needs a network, and here is none (a container's --network none?)"
-        logging.getLogger("can").setLevel(logging.CRITICAL)  # of a bus that never opened
+        logging.getLogger("can.bus").setLevel(logging.CRITICAL)  # "not properly shut down"
         raise BusError(f"cannot open the bus ({where}): {reason}") from None

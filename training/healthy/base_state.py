@@ -82,7 +82,7 @@ def base_state(
         fixed=known.base if known else None,
     )
     current = fit(case, (), starts)
-    plain = common(made) if made else scoring.plain_columns(case, current)
+    plain = common(made)[1] if made else scoring.plain_columns(case, current)
     case = scoring.whitened(case, current, plain)
     if known:
         case = replace(case, shrinks=_shrinks(case, known, made))

@@ -112,8 +112,7 @@ def learn(drives: Sequence[ChainDrive], start: Constants, like: Healthy | None =
     plain, base, own = _chain(drives, start, like)
     drives = [replace(drive, own=own) for drive in drives]
     tables = [columns(drive, base) for drive in drives]
-    names = tuple(name for name in tables[0] if all(name in table for table in tables))
-    raw = common(tables)
+    names, raw = common(tables)
     target = [_left(drive, base) for drive in drives]
     kept = [d.kept for d in drives]
     stacked = np.concatenate([x[k] for x, k in zip(raw, kept, strict=True)])
@@ -271,10 +270,10 @@ def noise(kept: Sequence[BoolArray], rest: FloatArray) -> tuple[tuple[float, flo
     return (float(a), float(b)), float(np.quantile(np.abs(left), 0.683))
 
 
-def common(made: Sequence[Mapping[str, FloatArray]]) -> list[FloatArray]:
-    """Return the columns that all drives have, (n, k) per drive."""
-    names = [name for name in made[0] if all(name in each for each in made)]
-    return [np.column_stack([each[name] for name in names]) for each in made]
+def common(made: Sequence[Mapping[str, FloatArray]]) -> tuple[tuple[str, ...], list[FloatArray]]:
+    """Return the columns that all drives have: their names, and (n, k) per drive."""
+    names = tuple(name for name in made[0] if all(name in each for each in made))
+    return names, [np.column_stack([each[name] for name in names]) for each in made]
 
 
 def columns(drive: ChainDrive, base: Constants) -> dict[str, FloatArray]:

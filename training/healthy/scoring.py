@@ -86,7 +86,7 @@ class Ceiling:
 
 def plain_columns(case: Case, found: JointFit) -> list[FloatArray]:
     """Return the functions, (n, k) per drive."""
-    return common([columns(drive, found.base) for drive in case.drives])
+    return common([columns(drive, found.base) for drive in case.drives])[1]
 
 
 def ceiling(case: Case, plain: Sequence[FloatArray]) -> Ceiling:

@@ -131,7 +131,7 @@ def _read(
     rows = _rows(path, dialect, max(places, default=0) + 1, notes)
     plain = not dialect.decimal_comma and all(p in (number, exact_number) for p in parsers)
     steps = np.array([dialect.steps[i] for i in places]) if dialect.steps else 1.0
-    odd: list[str] = []  # cells in another unit than those of their column
+    odd: list[str] = []  # cells that are no number in the unit of their column
     while True:
         block: list[list[float]] = []
         for line, row in islice(rows, _ROWS):
@@ -145,7 +145,7 @@ def _read(
                 told = zip(names, parsers, cells, strict=True)
                 block.append([_value(path, line, odd, *each) for each in told])
             if len(odd) > 1 + DAMAGED_SHARE * line:
-                raise RecordingError(f"{path}: {odd[0]}, the unit of the cells above is wanted")
+                raise RecordingError(f"{path}: {odd[0]}, a number in its unit is wanted")
         if not block:
             break
         found = np.array(block, dtype=np.float64).reshape(len(block), len(places))
@@ -153,12 +153,12 @@ def _read(
             found[np.abs(found) >= NO_VALUE] = np.nan
         yield found * steps
     if odd:
-        left_out = f"{counted(len(odd), 'cell')} in another unit left out"
+        left_out = f"{counted(len(odd), 'unreadable cell')} left out"
         notes.sentences.append(f"{left_out}, the first: {odd[0]}")
 
 
 def _value(path: Path, line: int, odd: list[str], name: str, parse: Parse, cell: str) -> float:
-    """Return a cell's value; NaN for one in another unit, which is told in ``odd``."""
+    """Return a cell's value; NaN for one that cannot be read, which is told in ``odd``."""
     try:
         return parse(cell)
     except ValueError:

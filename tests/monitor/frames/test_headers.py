@@ -331,11 +331,11 @@ def test_numbers_may_stand_with_their_units_in_the_cells(
     np.testing.assert_allclose(values(table, "battery_voltage_v")[:2], 12.5)
     np.testing.assert_allclose(values(table, "lambda_measured"), np.round(AFR, 2) / 14.7)
     assert values(table, "engine_speed_rpm").tolist() == [1500, 1500, *RPM]
-    assert "1 cell in another unit left out, the first: line 2: column Air" in table.notes.lines[0]
+    assert "1 unreadable cell left out, the first: line 2: column Air" in table.notes.lines[0]
     # AND a column that goes on in another unit is named: no sensor has fallen silent there
     path = tmp_path / "drive.csv"
     path.write_text(text + "4.2 s,3000 rpm,0.98 lambda,12.5 V\n")
-    with pytest.raises(RecordingError, match=r"Air Fuel Ratio is '0.98 lambda', the unit"):
+    with pytest.raises(RecordingError, match=r"Air Fuel Ratio is '0.98 lambda', a number in"):
         read_table(path, path.with_suffix(".toml"))
 
 

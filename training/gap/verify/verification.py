@@ -179,7 +179,7 @@ def left_over(
     A ridge on plain functions and every effect's signature, each block by the fit without it. Where
     it helps nothing on the whole the residual itself is left.
     """
-    tables = common([columns(drive, chain) for drive in drives])
+    _, tables = common([columns(drive, chain) for drive in drives])
     x = np.concatenate([t[r.scored] for t, r in zip(tables, compared, strict=True)])
     e = scored(compared, residuals)
     rest = e - ridge.fit(x, e, blocks_of(compared) % FOLDS).held_out
