@@ -86,5 +86,4 @@ def put_on(
 
 def _begin(recording: Recording) -> Recording:
     """Return at most the first hour of a recording."""
-    n = round(MOST_S * 1e9 / recording.period_ns)
-    return replace(recording, values=recording.values[:n], quality=recording.quality[:n])
+    return recording.part(0, round(MOST_S * 1e9 / recording.period_ns))

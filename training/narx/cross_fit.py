@@ -65,10 +65,8 @@ class CrossFit:
             for s in self.data.segments:
                 own = np.flatnonzero(twin.rows[s.start : s.stop])
                 if len(own):
-                    rows = slice(s.first + int(own[0]), s.first + int(own[-1]) + 1)
-                    whole = self.data.recordings[s.recording]
-                    values, quality = whole.values[rows], whole.quality[rows]
-                    parts.append(replace(whole, values=values, quality=quality))
+                    first, stop = s.first + int(own[0]), s.first + int(own[-1]) + 1
+                    parts.append(self.data.recordings[s.recording].part(first, stop))
             yield twin.model(card), parts
 
     def to_card(self) -> dict[str, Any]:

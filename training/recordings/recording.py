@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -76,6 +76,12 @@ class Recording(Shown):
         if name not in self.names:
             raise RecordingError(f"{self.path}: has no {name}, there are {', '.join(self.names)}")
         return self.values[:, self.names.index(name)]
+
+    def part(self, first: int, stop: int) -> "Recording":
+        """Return the samples first .. stop - 1; file and times stay those of the whole."""
+        rows = slice(first, stop)
+        values, quality = self.values[rows], self.quality[rows]
+        return replace(self, t_s=self.t_s[rows], values=values, quality=quality)
 
     @property
     def known(self) -> frozenset[str]:

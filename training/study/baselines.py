@@ -60,15 +60,11 @@ def linear(
     output: str,
     *,
     period_s: float,
-    unit: str = "",
-    max_order: int = arx.MAX_ORDER,
 ) -> Figures:
     """Return the linear study of one output.
 
     train, validate, test : stretches (u (n, k), y (n,)) of finite samples; models are fitted on
         ``train``, orders chosen on ``validate``, fits in percent taken on ``test``
-    unit : unit of the output, for the axes
-    max_order : largest order of the ARX models; few samples and short stretches lower it
     The first samples of a stretch (``skip`` in the result, twice the order) set the state of every
     model and are not scored. Stretches shorter than twice ``skip`` are left out.
     Raises RecordingError for too few samples or a constant output.
@@ -76,7 +72,7 @@ def linear(
     roles = {"training": train, "validation": validate, "test": test}
     if not train:
         raise RecordingError("training: no stretch of samples, at least one is wanted")
-    order = largest_order(train, max_order)
+    order = largest_order(train, arx.MAX_ORDER)
     longest = min(max((len(y) for _, y in each), default=0) for each in roles.values())
     order = min(order, max(LEAST_ORDER, longest // 4))
     skip = 2 * order
@@ -94,7 +90,6 @@ def linear(
         "schema": "o2train.study.linear/1",
         "inputs": inputs,
         "output": output,
-        "unit": unit,
         "period_s": period_s,
         "samples": {role: sum(len(y) for _, y in each) for role, each in usable.items()},
         "stretches": {role: [len(usable[role]), len(roles[role])] for role in roles},
@@ -175,17 +170,11 @@ def _impulse(case: BaselineCase, inputs: Sequence[str]) -> Figures:
     samples = sum(len(y) for _, y in case.train)
     lags = max(5, min(IMPULSE_LAGS, samples // (20 * len(inputs))))
     found = impulse_response(case.train, lags)
-    columns = {
-        "input": inputs,
-        "response": found.response,
-        "band": BAND * found.standard_error,
-        "delay": found.delays(),
-        "arx_delay": case.delays,
-    }
+    band, delays = BAND * found.standard_error, found.delays()
+    names = ("input", "response", "band", "delay", "arx_delay")
+    rows = zip(inputs, found.response, band, delays, case.delays, strict=True)
     return {
-        "rows": [
-            dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
-        ],
+        "rows": [dict(zip(names, row, strict=True)) for row in rows],
         "largest_arx_delay": case.order,
         "largest_autocorrelation_left": float(np.abs(found.white[1:]).max()),
     }
@@ -245,9 +234,8 @@ def baselines(task: Task, parts: Parts) -> dict[str, Any]:
         z = [prepared.apply(p.values, p.t_s, recordings[p.recording].sha256) for p in stretches]
         return [(each[:, :-1], each[:, -1]) for each in z]
 
-    train, validate, test = map(pairs, (Role.TRAIN, Role.VALIDATE, Role.TEST))
-    period_s, names = task.period_s, (task.inputs, task.output)
-    found = linear(train, validate, test, *names, period_s=period_s, unit="z-scored")
+    train, validate, test = map(pairs, Role)
+    found = linear(train, validate, test, task.inputs, task.output, period_s=task.period_s)
     return found | {"band_hz": band_hz}
 
 

@@ -26,7 +26,7 @@ from training.narx.search.stages import Trained, blocks_of, train
 from training.narx.work import Work
 from training.recordings.samples.preparation import Role
 from training.study.free_runs import FreeRun, judged_on
-from training.study.narx.models import spec_from
+from training.study.narx.models import best_stage, spec_from
 from training.study.results import stored
 from training.study.task import Parts, Settings, Task
 
@@ -66,20 +66,19 @@ def free_structure(task: Task, _: Parts) -> dict[str, Any]:
 
 def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     spec, members = result.network.spec, result.chosen.members
-    limits = [Work.of_minutes(max(task.settings.budget_minutes, 0.1) / 5) for _ in members]
+    minutes = max(task.settings.budget_minutes, 0.1) / 5
     alone = [  # the same initial weights, one step ahead only
-        train(task.data, Trained(t.spec, decay=t.decay, seed=t.seed), work, horizons=())
-        for t, work in zip(members, limits, strict=True)
+        train(task.data, Trained(t.spec, decay=t.decay, seed=t.seed), Work.of_minutes(minutes), ())
+        for t in members
     ]
     one_step = mean_of([(t.spec, t.weights) for t in alone])[1]
-    best = min(members, key=lambda t: t.score)
     tries = sorted(result.tries, key=lambda t: t.rmse)
     tables = {
         "structure": describe(spec),
         "members": len(members),
         "n_weights": spec.n_weights,
         "warnings": result.warnings,
-        "stage": min(best.stages, key=lambda s: min(s.scores)).name if best.stages else "none",
+        "stage": best_stage(result.chosen.best_member),
         "starts": [t.score for t in result.chosen.starts],
         "tries": [asdict(t.structure) | {"n_weights": t.n_weights, "rmse": t.rmse} for t in tries],
     }
@@ -101,7 +100,7 @@ def contenders(task: Task, parts: Parts) -> list[Contender]:
         files = [stored(task.folder / "narx" / f"{key}.json") or {} for key in keys]
         weights, before = (np.array(file["network"]["weights"]) for file in files)
         spec = spec_from(files[0]["network"]["spec"])
-        found.append(Contender(t["name"], spec, weights, before, t["number"], _stage_of(t)))
+        found.append(Contender(t["name"], spec, weights, before, t["number"], t["stage"]))
     if "spec" in free:
         spec, first = spec_from(free["spec"]), free["one_step_weights"]
         weights, begun = np.array(free["weights"]), None if first is None else np.array(first)
@@ -115,13 +114,6 @@ def contenders(task: Task, parts: Parts) -> list[Contender]:
 def chosen(task: Task, parts: Parts) -> Contender:
     """Return the model of the choice."""
     return contenders(task, parts)[parts["choice"]["chosen"]]
-
-
-def _stage_of(tuned: Mapping[str, Any]) -> str:
-    if tuned["after"]["validation_score"] == tuned["before"]["validation_score"]:
-        return "none"
-    scored = [s for s in tuned["stages"] if s["best_score"] is not None]
-    return str(min(scored, key=lambda s: s["best_score"])["name"]) if scored else "none"
 
 
 def choice(task: Task, parts: Parts) -> dict[str, Any]:

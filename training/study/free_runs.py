@@ -6,21 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from monitor.model.step import from_model_units, to_model_units
+from monitor.model.step import from_model_units
 from training.narx.model_file import measures
 from training.narx.network import Spec
 from training.narx.search import stages
 from training.recordings.recording import Recording
-from training.recordings.samples.outliers import outlier_mask
 from training.recordings.samples.preparation import (
     OTHER_WEIGHT,
     Prepared,
     Role,
     Samples,
-    Segment,
-    enabled_rows,
+    stretches_of,
 )
 from training.recordings.samples.rows import runs
 from training.study.task import LAGS, Task
@@ -36,37 +33,19 @@ def scaled_as(data: Prepared, recordings: Sequence[Recording]) -> Prepared:
     controller.
     Raises RecordingError if no stretch can be used.
     """
-    names = (*data.names, data.output.name)
-    parts, enabled, segments, at = [], [], [], 0
-    for index, recording in enumerate(recordings):
-        values = np.column_stack([recording.column(name) for name in names])
-        for i, name in enumerate(names):
-            values[outlier_mask(name, values[:, i]), i] = np.nan
-        on = enabled_rows(recording)
-        for first, stop in runs(np.asarray(np.isfinite(values[:, :-1]).all(axis=1))):
-            if stop - first < 8 * LAGS or not np.isfinite(values[first:stop, -1]).any():
-                continue
-            parts.append(values[first:stop])
-            enabled.append(on[first:stop])
-            segments.append(Segment(index, first, at, at + stop - first))
-            at += stop - first
-    if not segments:
-        files = ", ".join(str(r.path) for r in recordings)
-        raise RecordingError(f"{files}: no stretch of {8 * LAGS} samples with all inputs valid")
-    values, on = np.concatenate(parts), np.concatenate(enabled)
-    y = to_model_units(data.transform, values[:, -1])
-    valid = np.isfinite(y)
-    filled = np.interp(np.arange(len(y)), np.flatnonzero(valid), y[valid])
+    cut = stretches_of(recordings, data.names, data.output.name, data.transform, 8 * LAGS)
+    valid = np.isfinite(cut.y)
+    filled = np.interp(np.arange(len(cut.y)), np.flatnonzero(valid), cut.y[valid])
     return replace(
         data,
         samples=Samples(
-            data.scaling.scale_u(values[:, :-1]),
+            data.scaling.scale_u(cut.u),
             (filled - data.scaling.y_mean) / data.scaling.y_std,  # not clipped to the trained range
-            np.where(on, 1.0, OTHER_WEIGHT) * valid,
+            np.where(cut.enabled, 1.0, OTHER_WEIGHT) * valid,
         ),
-        segments=tuple(segments),
-        enabled=on & valid,
-        role=np.full(len(y), Role.TEST, dtype=np.int8),
+        segments=cut.segments,
+        enabled=cut.enabled & valid,
+        role=np.full(len(cut.y), Role.TEST, dtype=np.int8),
         recordings=tuple(recordings),
     )
 

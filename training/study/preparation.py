@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from monitor.base.signals import BY_NAME, plausible_range
-from monitor.base.types import FloatArray, Quality
+from monitor.base.types import Quality
+from training.jobs.json_tree import plain
 from training.recordings.recording import Recording
 from training.recordings.samples.linear_data import cleaned, linear_stretches, output_transform
 from training.recordings.samples.outliers import outlier_mask
@@ -127,10 +128,10 @@ def _spectral(
         "averages": round(found.averages, 1),
         "resolution_hz": float(found.frequency_hz[1]),
         "coherence_limit": coherence_limit(found.averages),
-        "frequency_hz": _short(found.frequency_hz),
-        "density": {n: _short(found.density[:, i]) for i, n in enumerate(names)},
-        "background": _short(background(found.density[:, -1])),
-        "coherence": {n: _short(found.coherence[:, i]) for i, n in enumerate(names[:-1])},
+        "frequency_hz": plain(found.frequency_hz),
+        "density": {n: plain(found.density[:, i]) for i, n in enumerate(names)},
+        "background": plain(background(found.density[:, -1])),
+        "coherence": {n: plain(found.coherence[:, i]) for i, n in enumerate(names[:-1])},
     }
     return spectrum, lines
 
@@ -172,8 +173,3 @@ def _origin(coherence: dict[str, float]) -> tuple[str, str]:
         f"is a disturbance: {UNCOMMANDED if COMMAND in coherence else NO_OTHER}, and the lambda "
         "controller answers what is measured, so it carries the line, too"
     )
-
-
-def _short(values: FloatArray) -> list[float]:
-    """Return the values rounded to five significant digits."""
-    return [float(f"{v:.5g}") for v in values]

@@ -39,21 +39,18 @@ def fan_out(
     shared: Shared,
     items: Mapping[str, Item],
     folder: Path,
-    *,
-    jobs: int = 2,
-    scheduler: str | None = None,
-    label: str = "",
+    label: str,
+    **where: Any,
 ) -> dict[str, Result]:
     """Return the results by key, in the order of ``items``; finished ones are read from files.
 
     function : module-level function of ``shared`` and an item; returns JSON values
     items : the key names the file in ``folder``; long jobs should come first
-    scheduler : address of a Dask scheduler; None uses ``jobs`` processes on this machine
-    Raises UsageError if the scheduler cannot be used.
+    where : ``jobs`` and ``scheduler`` as of ``parallel.run``, and its errors
     """
     found = {k: result for k in items if (result := stored(folder / f"{k}.json")) is not None}
     missing = [(key, item) for key, item in items.items() if key not in found]
-    done = parallel.run(function, shared, missing, jobs=jobs, scheduler=scheduler)
+    done = parallel.run(function, shared, missing, **where)
     bar = tqdm(done, label, len(items), initial=len(found), unit="job", leave=False, disable=None)
     for key, result in bar:
         store(folder / f"{key}.json", result)

@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base.errors import UsageError
+from monitor.base.errors import RecordingError
 from monitor.base.faults import resolve
 from monitor.base.files import manifest
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
+from training.limits.trust import put_on
 from training.recordings.recording import Recording
-from training.recordings.samples.preparation import Prepared, Role
+from training.recordings.samples.preparation import Role
 from training.recordings.samples.rows import runs
-from training.recordings.sensor_fault import faulty_readings
 from training.study.choice import chosen
 from training.study.free_runs import WINDOW, FreeRun, as_in_use, judged_on, scaled_as
 from training.study.task import Parts, Task, source
@@ -52,9 +52,9 @@ def against_sensor(task: Task, parts: Parts) -> dict[str, Any]:
     j = {k: limits[k]["value"] for k in ("j_mu", "j_sigma") if k in limits}
     faulty, unreadable = [] if task.faulty else [*_put_on_all(healthy)], []
     for r in task.faulty:
-        if np.isfinite(r.column(task.output)).any():
+        try:
             faulty.append((FreeRun.of(scaled_as(task.data, [r]), *network), *_named(r)))
-        else:
+        except RecordingError:
             unreadable.append(Path(r.path).name)
     faults = [
         {"name": name, "how": how, "view": run.view(name, source(run.data.recordings))}
@@ -123,27 +123,7 @@ def _put_on_all(healthy: FreeRun) -> Iterator[tuple[FreeRun, str, str]]:
     """Yield the healthy run with each fault on its measurement, the fault's name, and how."""
     data = healthy.data
     for name in PUT_ON if data.transform == "phi" else ANY_OUTPUT:
-        unit = "" if name.startswith(("gain", "biased")) else " s"
-        faulty = replace(data, samples=replace(data.samples, y=put_on(name, data)))
-        title = f"{name} {resolve(name).severity:g}{unit}"
-        yield replace(healthy, data=faulty), title, "put on afterwards"
-
-
-def put_on(name: str, data: Prepared) -> FloatArray:
-    """Return the scaled output (n,) that a faulty sensor would read.
-
-    Faults are defined on phi. Lag and dead time commute with an offset, so for another output they
-    act on the output shifted into the range of phi.
-    Raises UsageError if the result is not finite.
-    """
-    phi, y = data.transform == "phi", data.scaling.unscale_y(data.samples.y)
-    shift = 0.0 if phi else 1.0 - float(y.min())
-    result = np.empty(len(y))
-    for s in data.segments:
-        own = y[s.start : s.stop] + shift
-        lam = 1.0 / np.maximum(own, 1.0 / 16.0) if phi else 1.0 / own
-        read = faulty_readings(resolve(name), lam, data.period_ns / 1e9)
-        result[s.start : s.stop] = 1.0 / read - shift
-    if not np.isfinite(result).all():
-        raise UsageError(f"fault {name} cannot be put on this output")
-    return data.scaling.scale_y(result)
+        fault, unit = resolve(name), "" if name.startswith(("gain", "biased")) else " s"
+        drives = [put_on(r, fault, data.output.name, data.transform) for r in data.recordings]
+        faulty = replace(scaled_as(data, drives), role=data.role)
+        yield replace(healthy, data=faulty), f"{name} {fault.severity:g}{unit}", "put on afterwards"

@@ -16,7 +16,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import FloatArray
+from monitor.base.types import FloatArray, Quality
 from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives.tanks import TANK_PERIOD_S as PERIOD_S
 from tests.helpers.drives.tanks import leaking_tank
@@ -261,6 +261,13 @@ def test_other_drives_are_scaled_as_the_training_was(drives: dict[str, Path]) ->
     np.testing.assert_allclose(again.samples.u, data.samples.u)
     inside = np.abs(again.samples.y) < 0.9 * np.abs(data.scaling.y_scaled_limits).min()
     np.testing.assert_allclose(again.samples.y[inside], data.samples.y[inside])
+
+
+def test_a_reading_pinned_at_the_end_of_its_range_is_not_judged(drives: dict[str, Path]) -> None:
+    recording = load(drives["morning"])
+    data = prepare([recording], ["valve", "leak"], "level_m")
+    recording.quality[300:320, 2] = Quality.PINNED
+    assert np.flatnonzero(~scaled_as(data, [recording]).enabled).tolist() == list(range(300, 320))
 
 
 def test_a_missing_signal_is_named_and_compared_with_nothing(

@@ -21,6 +21,7 @@ from training.study import choice
 from training.study.baselines import linear
 from training.study.page import section
 from training.study.task import Settings
+from training.study.words import TITLES
 
 
 @pytest.fixture(scope="module")
@@ -98,18 +99,10 @@ def test_the_study_of_a_tank_is_complete_and_survives_json() -> None:
         return np.column_stack(inputs), level
 
     train, validate, test = (list(map(tank, seeds)) for seeds in ((0, 1, 2), (3, 4), (5, 6)))
-    how = {"period_s": PERIOD_S, "unit": "m", "max_order": 6}
-    tank_result = linear(train, validate, test, ["valve", "leak"], "level", **how)  # type: ignore[arg-type]
+    tank_result = linear(train, validate, test, ["valve", "leak"], "level", period_s=PERIOD_S)
     stored = json.dumps(tank_result, allow_nan=False)
     models = tank_result["models"]
-    assert set(models) == {
-        "arx_sum_of_squares",
-        "arx_mdl",
-        "arx_aic",
-        "arx_free_run",
-        "subspace",
-        "output_error",
-    }
+    assert set(models) == set(TITLES)
     # a linear model follows most of the tank, chosen on validation it is near the best on test
     fits = {name: m["fit_percent"] for name, m in models.items()}
     assert fits[tank_result["best"]] > 70.0

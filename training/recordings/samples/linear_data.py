@@ -5,7 +5,7 @@ and never the model that ships.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -211,14 +211,7 @@ def _measure(
         if spread <= 1e-9 * max(1.0, abs(at)):
             files = ", ".join(str(r.path) for r in recordings)
             raise RecordingError(f"{files}: {name} is constant ({at:g}); leave it out")
-    return LinearData(
-        names=names,
-        transform=level.transform,
-        mean=level.mean,
-        std=tuple(std.tolist()),
-        trends=trends,
-        filter=own,
-    )
+    return replace(level, std=tuple(std.tolist()), filter=own)
 
 
 def _sections(kind: str, order: int, edges_hz: Sequence[float], period_s: float) -> FloatArray:

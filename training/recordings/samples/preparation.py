@@ -120,7 +120,7 @@ def prepare(
     """
     period_ns = _check(recordings, inputs, output)
     transform = "phi" if output.startswith("lambda") and output in BY_NAME else "none"
-    cut = _stretches(recordings, inputs, output, transform, 8 * lags)
+    cut = stretches_of(recordings, inputs, output, transform, 8 * lags)
     u, y, segments = cut.u, cut.y, cut.segments
     valid = np.isfinite(y)
     role = _roles(segments, period_ns, block_s=block_s, seed=seed, lags=lags)
@@ -155,7 +155,7 @@ def prepare(
 
 
 @dataclass(frozen=True, slots=True)
-class _Stretches:
+class Stretches:
     """Unbroken stretches of all recordings one after another."""
 
     u: FloatArray  # (n, n_inputs)
@@ -166,13 +166,13 @@ class _Stretches:
     unused: list[str]  # recordings without a stretch, in words
 
 
-def _stretches(
+def stretches_of(
     recordings: Sequence["Recording"],
     inputs: Sequence[str],
     output: str,
     transform: str,
     least: int,
-) -> _Stretches:
+) -> Stretches:
     """Return the stretches of at least ``least`` samples with all inputs and some output."""
     outliers = dict[str, int]()
     stretch = f"no stretch of {least} samples with all inputs valid and some {output}"
@@ -193,7 +193,7 @@ def _stretches(
     if not segments:
         raise RecordingError(f"{', '.join(str(r.path) for r in recordings)}: {stretch}")
     used = {segment.recording for segment in segments}
-    return _Stretches(
+    return Stretches(
         u=np.concatenate(u_parts),
         y=np.concatenate(y_parts),
         enabled=np.concatenate(on_parts),

@@ -6,7 +6,6 @@ put on drives that no part of the study trained on.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, Final
 
 from monitor.base import config
@@ -60,8 +59,7 @@ def _first(recordings: tuple[Recording, ...], n: int) -> list[Recording]:
     found: list[Recording] = []
     for each in recordings:
         if n > 0:
-            t_s, values, quality = each.t_s[:n], each.values[:n], each.quality[:n]
-            found.append(replace(each, t_s=t_s, values=values, quality=quality))
+            found.append(each.part(0, n))
         n -= len(each.t_s)
     return found
 

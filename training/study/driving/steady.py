@@ -12,11 +12,10 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from training.jobs.json_tree import plain
-from training.narx.network import Spec
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, prepare
 from training.study.free_runs import FreeRun, judged_on
-from training.study.narx.models import SEED_STEP, Start, thin, trained
+from training.study.narx.models import Recipe, thin, trained
 from training.study.task import LAGS, Parts, Task, source
 
 HIDDEN = (8, 8)  # of the paper
@@ -37,7 +36,7 @@ def steady_against_mixed(task: Task, _: Parts) -> dict[str, Any]:
         mixed = [_without_test(task, i) for i in range(len(mixed))]
     known = {r.sha256: r for r in mixed}  # without test blocks
     steady = [known.get(r.sha256, r) for r in task.steady]
-    settings, limit_s = task.settings, 60.0 * task.settings.budget_minutes * BUDGET_SHARE
+    settings = task.settings
     whole = [
         prepare(each, task.inputs, task.output, lags=LAGS, seed=settings.seed)
         for each in (steady, mixed)
@@ -52,21 +51,19 @@ def steady_against_mixed(task: Task, _: Parts) -> dict[str, Any]:
         replace(thin(data, n), recordings=tuple(own))
         for data, own in zip(whole, (steady, mixed), strict=True)
     ]
-    specs = [Spec(len(task.inputs), LAGS, HIDDEN, 1, *d.scaling.y_scaled_limits) for d in few]
-    per = min(STARTS, settings.starts)
-    seeds = [settings.seed + SEED_STEP * i for i in range(per)]
-    starts = [Start(i, spec, seed, limit_s) for i, spec in enumerate(specs) for seed in seeds]
-    every = trained(few, starts, task.jobs)
+    minutes = BUDGET_SHARE * settings.budget_minutes
+    recipe = Recipe(LAGS, HIDDEN, min(STARTS, settings.starts), settings.seed, minutes)
     models = {}
-    for i, name in enumerate(("steady", "mixed")):
-        best = min(every[i * per : (i + 1) * per], key=lambda t: t.score)
-        run = FreeRun.of(judged_on(task, few[i]), specs[i], best.weights)
+    every = zip(("steady", "mixed"), few, trained(few, recipe, task.jobs), strict=True)
+    for name, data, starts in every:
+        best = min(starts, key=lambda t: t.score)
+        run = FreeRun.of(judged_on(task, data), best.spec, best.weights)
         models[name] = run.errors() | {
-            "own_validation_rmse": best.score * few[i].scaling.y_std,
-            "samples": int((few[i].role == Role.TRAIN).sum()),
-            "source": source(few[i].recordings),
+            "own_validation_rmse": best.score * data.scaling.y_std,
+            "samples": int((data.role == Role.TRAIN).sum()),
+            "source": source(data.recordings),
             "cut": not best.stages or best.stages[-1].stop == "budget",
-            "outside": _outside(few[i], run),
+            "outside": _outside(data, run),
         }
     return plain(
         {

@@ -54,16 +54,17 @@ _TABLE: Final = (
 )
 
 
-def _candidate(number: int, algorithm: str, lags: str, layers: str, *rate: str) -> ModelCandidate:
-    hidden, origin = tuple(map(int, layers.split("-"))), PAPER if number == 1 else HERE
-    return ModelCandidate(
-        number, algorithm, int(lags), hidden, float(rate[0]) if rate else None, origin
-    )
-
-
-_ROWS: Final = [(algorithm, row) for algorithm, rows in _TABLE for row in rows.split(", ")]
+_ROWS: Final = [(algorithm, *row.split()) for algorithm, rows in _TABLE for row in rows.split(", ")]
 CANDIDATES: Final = tuple(
-    _candidate(number, algorithm, *row.split()) for number, (algorithm, row) in enumerate(_ROWS, 1)
+    ModelCandidate(
+        number,
+        algorithm,
+        int(lags),
+        hidden=tuple(map(int, layers.split("-"))),
+        rate=float(rate[0]) if rate else None,
+        origin=PAPER if number == 1 else HERE,
+    )
+    for number, (algorithm, lags, layers, *rate) in enumerate(_ROWS, 1)
 )
 
 

@@ -8,7 +8,7 @@ free-run figures use the same samples.
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -41,29 +41,30 @@ SEED_STEP = 1000  # difference of the seeds of two starts, as in ``fit``
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
-    """One whole training: series-parallel from random weights, then in closed loop."""
+class Recipe:
+    """Whole trainings of one shape: series-parallel from random weights, then in closed loop."""
 
-    data: int  # number of its data
-    spec: Spec
+    lags: int
+    hidden: tuple[int, ...]
+    starts: int
     seed: int
-    budget_s: float
+    budget_minutes: float  # of each start
     horizons: tuple[int, ...] = HORIZONS
 
 
-def trained(data: Sequence[Prepared], starts: Sequence[Start], jobs: int) -> list[stages.Trained]:
-    """Return the trainings, ``jobs`` of them side by side."""
-    shared = [replace(each, recordings=()) for each in data]
-    items = [(str(i), start) for i, start in enumerate(starts)]
-    found = dict(parallel.run(_trained, shared, items, jobs=jobs))
-    return [found[key] for key, _ in items]
+def trained(data: Sequence[Prepared], recipe: Recipe, jobs: int) -> list[list[stages.Trained]]:
+    """Return the starts of the recipe on each of the data, ``jobs`` of them side by side."""
+    shared = ([replace(each, recordings=()) for each in data], recipe)
+    places = list(product(range(len(data)), range(recipe.starts)))
+    found = dict(parallel.run(_trained, shared, [(str(at), at) for at in places], jobs=jobs))
+    return [[found[str(at)] for at in places if at[0] == i] for i in range(len(data))]
 
 
-def _trained(data: Sequence[Prepared], start: Start) -> stages.Trained:
-    work = Work.of_minutes(start.budget_s / 60.0)
-    own = data[start.data]
-    begun = stages.Trained(start.spec, seed=start.seed)
-    return stages.train(own, begun, work, horizons=start.horizons)
+def _trained(shared: tuple[list[Prepared], Recipe], at: tuple[int, int]) -> stages.Trained:
+    data, recipe = shared[0][at[0]], shared[1]
+    spec = spec_of(data, recipe)
+    begun = stages.Trained(spec, seed=recipe.seed + SEED_STEP * at[1])
+    return stages.train(data, begun, Work.of_minutes(recipe.budget_minutes), recipe.horizons)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,10 +105,9 @@ def thin(data: Prepared, n_samples: int) -> Prepared:
     return replace(data, role=role, enabled=judged, recordings=())
 
 
-def spec_of(data: Prepared, candidate: ModelCandidate) -> Spec:
-    """Return the shape of a candidate for ``data``; feedback is clipped to the output's range."""
-    n_inputs, limits = data.samples.u.shape[1], data.scaling.y_scaled_limits
-    return Spec(n_inputs, candidate.lags, candidate.hidden, 1, *limits)
+def spec_of(data: Prepared, shape: ModelCandidate | Recipe) -> Spec:
+    """Return the shape for ``data``; feedback is clipped to the output's range."""
+    return Spec(len(data.inputs), shape.lags, shape.hidden, 1, *data.scaling.y_scaled_limits)
 
 
 def spec_from(stored: Mapping[str, Any]) -> Spec:
@@ -152,14 +152,24 @@ def tune_one(data: Prepared, job: Job) -> dict[str, Any]:
     began_cpu = time.process_time()
     before = np.array(job.weights)
     found = stages.train(data, stages.Trained(spec, before, seed=job.seed))
+    begun, after = (
+        figures(data, spec, weights) | _forgets(data, spec, weights)
+        for weights in (before, found.weights)
+    )
+    gains = after["validation_score"] < begun["validation_score"]
     result = {
         "start": job.start,
-        "before": figures(data, spec, before) | _forgets(data, spec, before),
-        "after": figures(data, spec, found.weights) | _forgets(data, spec, found.weights),
-        "stages": [{"name": s.name, "best_score": min(s.scores)} for s in found.stages],
+        "before": begun,
+        "after": after,
+        "stage": best_stage(found) if gains else "none",
         "cpu_s": time.process_time() - began_cpu,
     }
     return plain(result) | _network(spec, found.weights)
+
+
+def best_stage(trained: stages.Trained) -> str:
+    """Return the name of the stage with the lowest validation error."""
+    return min(trained.stages, key=lambda s: min(s.scores)).name if trained.stages else "none"
 
 
 def _network(spec: Spec, weights: FloatArray) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from training.study.narx.verdicts import judge, warnings
 from training.study.results import fan_out, public
 from training.study.task import Parts, Settings, Task, source
 
-VERSION = 2  # of the jobs; stored jobs of another version are not reused
+VERSION = 3  # of the jobs; stored jobs of another version are not reused
 
 Model = dict[str, Any]
 

@@ -8,14 +8,13 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.narx.cross_fit import as_recorded
-from training.narx.network import Spec
 from training.narx.search.stages import Trained, free_run
 from training.recordings import metrics
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.outliers import outlier_mask
 from training.recordings.samples.preparation import Prepared, Role, prepare
-from training.study.narx.models import SEED_STEP, Start, trained
+from training.study.narx.models import Recipe, trained
 
 LAGS, HIDDEN, HORIZONS, STARTS = 5, (8,), (5, 20, 100), 2  # lags and horizons in samples
 MOST_TRAINING = 24_000  # samples, enough for a few hundred weights; the rest is for testing
@@ -37,12 +36,12 @@ class Tried:
 
     set: InputSet
     data: Prepared
-    starts: tuple[Trained, ...]
+    starts: Sequence[Trained]
 
     @property
     def best(self) -> Trained:
         """The start with the lowest free-run validation error."""
-        return self.starts[int(np.argmin([t.score for t in self.starts]))]
+        return min(self.starts, key=lambda t: t.score)
 
     def predicted(self, start: Trained | None = None) -> FloatArray:
         """Return the free run (n,) of a start, by default of the best, in model units."""
@@ -87,19 +86,10 @@ def try_sets(
     budget_minutes : for all trainings together, shared equally
     """
     prepared = [_prepared(recordings, each, output, seed) for each in sets]
-    specs = [Spec(len(d.inputs), LAGS, HIDDEN, 1, *d.scaling.y_scaled_limits) for d in prepared]
     number = STARTS * len(sets)
-    share_s = 60.0 * budget_minutes * min(jobs, number) / number
-    starts = [
-        Start(i, spec, seed + SEED_STEP * k, share_s, HORIZONS)
-        for i, spec in enumerate(specs)
-        for k in range(STARTS)
-    ]
-    found = trained(prepared, starts, jobs)
-    return [
-        Tried(each, data, tuple(found[i * STARTS : (i + 1) * STARTS]))
-        for i, (each, data) in enumerate(zip(sets, prepared, strict=True))
-    ]
+    share = budget_minutes * min(jobs, number) / number
+    found = trained(prepared, Recipe(LAGS, HIDDEN, STARTS, seed, share, HORIZONS), jobs)
+    return [Tried(*each) for each in zip(sets, prepared, found, strict=True)]
 
 
 def _prepared(recordings: Sequence[Recording], each: InputSet, output: str, seed: int) -> Prepared:

@@ -12,8 +12,7 @@ from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
-from training.recordings.samples.linear_data import cleaned, output_transform
-from training.recordings.samples.rows import runs
+from training.recordings.samples.linear_data import linear_stretches, output_transform
 from training.study.selection.input_sets import (
     InputSet,
     aligned,
@@ -75,8 +74,11 @@ def selection(task: Task, _: Parts) -> dict[str, Any]:
     names = candidates(recordings, task.inputs, output)
     chosen = tuple(task.inputs) or names
     transform = output_transform(output)
-    parts = _stretches(recordings, names, output)
+    parts = [p.values for p in linear_stretches(recordings, names, output)[0]]
     values = np.concatenate(parts)
+    if len(values) <= 10 * (len(names) + 1):
+        listed = ", ".join((*names, output))
+        raise RecordingError(f"{len(values)} samples with {listed} all valid are too few")
     components = pca(values[:, :-1], names)
     sets = _sets(names, chosen, transform)
     same = aligned(recordings, names)
@@ -113,25 +115,6 @@ def _sets(names: tuple[str, ...], chosen: tuple[str, ...], transform: str) -> li
     if len(sets) == 1 and 1 < len(chosen) <= MOST_LEFT_OUT:
         sets += [InputSet(f"without {n}", tuple(m for m in chosen if m != n)) for n in chosen]
     return sets
-
-
-def _stretches(
-    recordings: Sequence[Recording], names: Sequence[str], output: str
-) -> list[FloatArray]:
-    """Return stretches of valid samples of candidates and output."""
-    parts = []
-    for recording in recordings:
-        values = cleaned(recording, (*names, output), output_transform(output))
-        good = np.asarray(np.isfinite(values).all(axis=1))
-        parts += [values[a:b] for a, b in runs(good)]
-    files = ", ".join(str(r.path) for r in recordings)
-    if sum(map(len, parts)) <= 10 * (len(names) + 1):
-        raise RecordingError(f"{files}: hardly a sample has {', '.join(names)} and {output} valid")
-    spread = np.concatenate(parts).std(axis=0)
-    for name, value in zip((*names, output), spread, strict=True):
-        if value <= 1e-12:
-            raise RecordingError(f"{files}: {name} is constant; leave it out")
-    return parts
 
 
 def _variables(

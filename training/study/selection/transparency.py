@@ -18,7 +18,8 @@ from scipy import linalg, signal
 
 from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
-from monitor.model.step import from_model_units, to_model_units
+from monitor.model.step import to_model_units
+from training.limits.trust import put_on
 from training.narx.cross_fit import as_recorded
 from training.narx.search.stages import free_run
 from training.recordings.metrics import correlation
@@ -26,7 +27,6 @@ from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.preparation import Role, enabled_rows
 from training.recordings.samples.rows import runs
-from training.recordings.sensor_fault import faulty_readings
 from training.study.selection.input_sets import Tried, correlations
 
 COMMAND = "lambda_target"
@@ -127,14 +127,10 @@ def transparency(
     """Return the part of every fault that reaches the prediction, for all input sets.
 
     Scored are the enabled test samples at which the fault changes the reading by at most
-    ``Controller.limit``. Keys of an entry:
-
-    gain : least-squares slope of the prediction's change over the reading's change; 0 if the
-        prediction ignores the fault, 1 if it follows the fault
-    share : RMS of the prediction's change over RMS of the reading's change
-    seen : RMS of the residual's change over RMS of the reading's change; 1 if the controller is
-        not an input
-
+    ``Controller.limit``. An entry compares with the reading's change:
+    gain : least-squares slope of the prediction's change; 0 ignores the fault, 1 follows it
+    share : RMS of the prediction's change
+    seen : RMS of the residual's change; 1 if the controller is not an input
     ``controller`` is None, and ``reach`` empty, if no law can be estimated.
     """
     law = estimate_controller(recordings, output)
@@ -154,15 +150,11 @@ def transparency(
 
 def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> dict[str, float]:
     data, scale, model = tried.data, tried.data.scaling, tried.best
-    phi = scale.unscale_y(data.samples.y)
-    change, extra = np.zeros(len(phi)), np.zeros(len(phi))
-    for s in data.segments:
-        rows = slice(s.start, s.stop)
-        healthy = from_model_units("phi", phi[rows])
-        read = faulty_readings(resolve(fault, severity), healthy, data.period_ns / 1e9)
-        change[rows] = to_model_units("phi", read) - phi[rows]
-        extra[rows] = law.response(change[rows], data.enabled[rows])
-    u = as_recorded(data).u
+    drives = [put_on(r, resolve(fault, severity), data.output.name) for r in data.recordings]
+    healthy, faulty = as_recorded(data), as_recorded(replace(data, recordings=tuple(drives)))
+    change, u = (faulty.y - healthy.y) * scale.y_std, healthy.u
+    parts = [slice(s.start, s.stop) for s in data.segments]
+    extra = np.concatenate([law.response(change[rows], data.enabled[rows]) for rows in parts])
     moved = u.copy()
     for i, channel in enumerate(data.inputs):
         if channel.name == CONTROLLER:
