@@ -6,6 +6,7 @@ Linux and macOS lock with flock, Windows the file's first byte; elsewhere there 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -70,7 +71,11 @@ class Lock:
     def let_go(self) -> None:
         """Let go of the lock, if it is taken, and remove its file where the system allows."""
         if self._descriptor is not None:
-            with suppress(OSError):  # Windows removes no open file; a folder may be read-only
-                self._file.unlink()
-            os.close(self._descriptor)
+            steps = [
+                partial(self._file.unlink, missing_ok=True),
+                partial(os.close, self._descriptor),
+            ]
             self._descriptor = None
+            for step in reversed(steps) if os.name == "nt" else steps:
+                with suppress(OSError):  # a folder may be read-only; Windows removes no open file
+                    step()

@@ -1,46 +1,56 @@
-"""The server process: ``python -m monitor.bus.live SOCKET HOST``, started by the loop.
+"""The server process: ``python -m monitor.bus.live HOST PORT``, started by the loop.
 
-It reads the loop's messages from standard input and ends with it.
+It says in a line of JSON where it listens or why it cannot, reads the loop's messages from standard
+input and ends with it.
 """
 
 import asyncio
+import json
 import os
 import socket
 import sys
 from contextlib import suppress
 from typing import Final
 
-from monitor.bus.live.address import is_loopback, may_ask
+from monitor.base.errors import UsageError
+from monitor.bus.live.address import PageAddress, is_loopback, listen, may_ask
 from monitor.bus.live.hub import Hub
 from monitor.bus.live.page import REQUEST_BYTES, Page
 
 NICE: Final = 10  # below the loop
-LINE_BYTES: Final = 4 << 20  # longest message
 END_S: Final = 1.0  # for the browsers to be told of the end
 
 
 def main() -> None:
     """Serve until the loop closes the pipe."""
-    number, host = int(sys.argv[1]), sys.argv[2]
+    address = PageAddress(sys.argv[1], int(sys.argv[2]))
     step_back()
-    with socket.socket(fileno=number) as listening:
+    try:
+        listening = listen(address)
+    except UsageError as error:
+        print(json.dumps({"error": str(error)}))
+        return
+    with listening:
         hub, loopback = Hub(), is_loopback(listening)
-        page = Page(hub, lambda header: may_ask(header, host, loopback=loopback))
+        port = listening.getsockname()[1]
+        print(json.dumps({"port": port, "is_loopback": loopback}), flush=True)
+        page = Page(hub, lambda header: may_ask(header, address.host, loopback=loopback))
         asyncio.run(serve(page, hub, listening))
 
 
 def step_back() -> None:
     """Give up a real-time priority inherited from the loop."""
-    if hasattr(os, "sched_setscheduler"):
+    if sys.platform == "linux":
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(NICE)
+    if sys.platform != "win32":
+        os.nice(NICE)
 
 
 async def serve(page: Page, hub: Hub, listening: socket.socket) -> None:
     """Serve the page and read the loop's messages until the pipe is closed."""
     server = await asyncio.start_server(page.serve, sock=listening, limit=REQUEST_BYTES)
     try:
-        await read(hub)
+        await asyncio.to_thread(read, hub, asyncio.get_running_loop())  # Windows polls no pipe
     finally:
         hub.end()
         server.close()
@@ -50,14 +60,11 @@ async def serve(page: Page, hub: Hub, listening: socket.socket) -> None:
                     await asyncio.sleep(0.02)
 
 
-async def read(hub: Hub) -> None:
+def read(hub: Hub, loop: asyncio.AbstractEventLoop) -> None:
     """Pass every message to the hub until the pipe is closed."""
-    reader = asyncio.StreamReader(limit=LINE_BYTES)
-    loop = asyncio.get_running_loop()
-    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin.buffer)
-    while line := await reader.readline():
+    for line in sys.stdin.buffer:
         if line.endswith(b"\n"):  # a dying loop may cut its last message
-            hub.take(line)
+            loop.call_soon_threadsafe(hub.take, line)
 
 
 if __name__ == "__main__":

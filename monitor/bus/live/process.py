@@ -1,14 +1,18 @@
-"""The server process and the pipe to it; writing to the pipe never waits."""
+"""The server process and the pipe to it; the loop never waits for either."""
 
-import contextlib
-import os
+import json
 import subprocess
 import sys
-from typing import Final
+from contextlib import suppress
+from queue import Queue
+from threading import Thread
+from typing import IO, Final
 
-from monitor.bus.live.address import PageAddress, is_loopback, listen
+from monitor.base.errors import UsageError
+from monitor.bus.live.address import PageAddress
 
 END_S: Final = 2.0  # time for the server to end after its pipe is closed
+_OWN_GROUP: Final[int] = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)  # Windows alone
 
 
 class Server:
@@ -18,49 +22,55 @@ class Server:
     """
 
     def __init__(self, address: PageAddress) -> None:
-        with listen(address) as listening:
-            self.address = PageAddress(address.host, listening.getsockname()[1])
-            self.is_loopback = is_loopback(listening)
-            number = listening.fileno()
-            self._process = subprocess.Popen(
-                # -P: do not import modules from the working folder
-                [sys.executable, "-P", "-m", "monitor.bus.live", str(number), address.host],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                pass_fds=[number],
-                start_new_session=True,  # Ctrl-C in the terminal is for the loop only
-            )
+        self._process = subprocess.Popen(
+            # -P: do not import modules from the working folder
+            [sys.executable, "-P", "-m", "monitor.bus.live", address.host, str(address.port)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C in the terminal is for the loop only
+            creationflags=_OWN_GROUP,
+        )
         assert self._process.stdin is not None
-        self._writer, self.pid = self._process.stdin, self._process.pid
-        self._pipe = self._writer.fileno()
-        self._unsent = b""
-        os.set_blocking(self._pipe, False)
+        assert self._process.stdout is not None
+        with self._process.stdout as says:
+            said = json.loads(says.readline() or '{"error": "the live page\'s server has died"}')
+        if "error" in said:
+            self._process.communicate()
+            raise UsageError(said["error"])
+        self.address = PageAddress(address.host, said["port"])
+        self.is_loopback: bool = said["is_loopback"]
+        self.pid = self._process.pid
+        self._lines: Queue[bytes] = Queue()
+        self._writer = Thread(target=self._write, args=[self._process.stdin], daemon=True)
+        self._writer.start()
 
     @property
     def is_free(self) -> bool:
-        """Return whether all data is written, after trying to write the rest.
+        """Return whether all lines are written.
 
         Raises BrokenPipeError if the server has died.
         """
-        if self._unsent:
-            self.send(b"")
-        return not self._unsent
+        if not self._writer.is_alive():
+            raise BrokenPipeError
+        return not self._lines.unfinished_tasks
 
     def send(self, line: bytes) -> None:
-        """Write a line without waiting; the part that does not fit into the pipe is kept.
-
-        Raises BrokenPipeError if the server has died.
-        """
-        self._unsent += line
-        with contextlib.suppress(BlockingIOError):
-            self._unsent = self._unsent[os.write(self._pipe, self._unsent) :]
+        """Write a line without waiting."""
+        self._lines.put(line)
 
     def close(self) -> None:
         """End the server."""
-        with contextlib.suppress(BrokenPipeError):
-            self._writer.close()
+        self._lines.put(b"")
         try:
             self._process.wait(END_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+
+    def _write(self, pipe: IO[bytes]) -> None:
+        """Write until an empty line comes or the server dies."""
+        with suppress(OSError), pipe:
+            while line := self._lines.get():
+                pipe.write(line)
+                pipe.flush()
+                self._lines.task_done()
