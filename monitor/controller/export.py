@@ -56,7 +56,7 @@ def export(model: Model, config: Config, out: Path, without: Sequence[str] = ())
         "o2_tables.c": tables(source),
     }
     folder = files("monitor.controller") / "templates"
-    texts |= {name: (folder / name).read_text() for name in TEMPLATES}
+    texts |= {name: (folder / name).read_text(encoding="utf-8") for name in TEMPLATES}
     out.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         write_text(out / name, text)

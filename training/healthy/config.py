@@ -31,7 +31,7 @@ class HealthyConfig:
 
 def _load() -> HealthyConfig:
     """Return the file as an object; raises TypeError if a key is too few or too many."""
-    text = files("training.healthy").joinpath("default.toml").read_text()
+    text = files("training.healthy").joinpath("default.toml").read_text(encoding="utf-8")
     values: Any = {
         k: tuple(v) if isinstance(v, list) else v for k, v in tomllib.loads(text).items()
     }

@@ -79,7 +79,7 @@ def figure(drawn: Drawing | Heat, caption: str) -> str:
 
 def template_of(path: Path) -> "Template":
     """Return the template of a file outside of this package."""
-    return _environment().from_string(path.read_text())
+    return _environment().from_string(path.read_text(encoding="utf-8"))
 
 
 def breakable(name: str, link: str | None = None) -> str:
