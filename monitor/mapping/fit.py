@@ -32,6 +32,7 @@ MOST_ABOVE: Final = 100.0  # times the plausible range; a stated range beyond ha
 UNIT_IN_NAME: Final = frozenset({"rpm", "kph", "kmh", "mph"})
 TEMPERATURE_OFFSETS: Final = frozenset({-40.0, -48.0, -50.0, -60.0})  # of degC alone
 MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
+SEVERAL: Final = frozenset({"flow", "mass", "torque", "speed"})  # whose values suit several units
 PRESSURES: Final = ("kPa", "MPa", "bar", "hPa", "psi")  # of a column without a unit
 _SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
 _PREFIX_LETTERS: Final = 4  # of an ECU's abbreviation, before "_" or ".", that may begin a name
@@ -196,8 +197,10 @@ def _assumed(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFi
         text, factor = (likely[0], factors[likely[0]]) if likely else ("", 1.0)
     elif kind == "share" and 0.0 < high <= 1.5:
         factor = 100.0
+    elif kind == "temperature" and d.values is not None:
+        return _temperature(quantity, d.values, fit)
     is_plain = (
-        d.values is not None  # which ``_by_values`` looks at
+        (d.values is not None and kind not in SEVERAL)  # which ``_by_values`` looks at
         or bool(UNIT_IN_NAME & set(words_of(d.name)))
         or (kind == "temperature" and bool({d.carried[0], d.stated[0]} & TEMPERATURE_OFFSETS))
         or (kind == "speed of rotation" and low >= 0.0 and high <= MOST_RPM)
@@ -205,6 +208,18 @@ def _assumed(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFi
     why = "no unit is given, taken for the one that its range suggests: check"
     fit = fit.judged(why, ASSUMED, factor=factor, unit=text)
     return fit if is_plain else fit.doubted("no unit is given")
+
+
+def _temperature(quantity: Quantity, values: FloatArray, fit: QuantityFit) -> QuantityFit:
+    """Return the fit in the first unit in which an engine that runs has such temperatures."""
+    known = values[np.isfinite(values)]
+    for text in ("°C", "°F") if len(known) else ():
+        factor, offset = conversion(UNITS[text.lower()], quantity.unit)
+        middle = float(np.median(known)) * factor + offset
+        if USUAL[0] * quantity.typical[0] <= middle < USUAL[1] * quantity.typical[1]:
+            why = "no unit is given, taken for the one that its values suggest: check"
+            return fit.judged(why, ASSUMED, factor=factor, offset=offset, unit=text)
+    return fit.doubted("no unit is given")
 
 
 def _flag(d: Description, fit: QuantityFit) -> QuantityFit:
@@ -294,5 +309,8 @@ def _by_values(quantity: Quantity, d: Description, fit: QuantityFit) -> Quantity
     if quantity.name in VARYING and len(inside) >= FEW:
         low, high = USUAL[0] * quantity.typical[0], USUAL[1] * quantity.typical[1]
         if not moves or not low <= middle <= high:
-            return fit.doubted(f"unusual: its median is {middle:.4g}" if moves else "never moves")
+            fuel = " (another fuel?)" * (quantity.name == "lambda_measured")
+            return fit.doubted(
+                f"unusual: its median is {middle:.4g}{fuel}" if moves else "never moves"
+            )
     return fit.judged("", 1.05) if moves else fit

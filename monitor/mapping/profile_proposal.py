@@ -5,13 +5,13 @@ which signal they are. All others stand in comments with their unit and range, s
 what there is.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from typing import Final
 
 import numpy as np
 
-from monitor.base.signals import BY_NAME, SIGNALS, plausible_range
+from monitor.base.signals import BY_NAME, SIGNALS
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.conversion import is_of_quantity, stated_unit
 from monitor.frames.profiles.profile import (
@@ -47,7 +47,7 @@ def proposed(raw: RawTable) -> Iterator[str]:
     found = _found(raw, cells, times)
     used = {source.column for source in found.values()} | set(times)
     yield f'title = "{raw.path.stem}"'
-    yield "# stoich_afr = 14.7   # of the fuel: 9.0 for E85"
+    yield "# stoich_afr = 14.7   # of the fuel: 9.8 for E85"
     yield f"time = {toml(times)}{'' if times else '   # which column?'}"
     yield ""
     yield "[[recognise]]         # a file with all these columns is read with this profile"
@@ -68,6 +68,7 @@ def proposed(raw: RawTable) -> Iterator[str]:
             known = cells[np.isfinite(cells[:, i]), i]
             span = f"{known.min():g} to {known.max():g}" if len(known) else "no number"
             yield "# " + " ".join(filter(None, (toml(column.name), column.unit, span)))
+            yield from _doubts(column, known, found)
     yield "# signals without a column:"
     for signal in SIGNALS:
         if signal.name not in found:
@@ -110,6 +111,15 @@ def _offers(raw: RawTable, cells: FloatArray) -> Iterator[tuple[float, int, str,
                     yield fit.confidence, i, name, _by_words(name, column, fit)
 
 
+def _doubts(column: RawColumn, values: FloatArray, found: Mapping[str, Source]) -> Iterator[str]:
+    """Yield why a column is not the signal that it looks like most, if no other column is."""
+    text, unit = name_and_unit(column.name)[0], stated_unit(column, STOICHIOMETRIC)
+    fits = ((n, fit_of(n, Description(text, unit, values=values))) for n in QUANTITIES)
+    doubted = [(fit.confidence, n, fit.doubts[0]) for n, fit in fits if fit and fit.doubts]
+    if len(values) and doubted and (best := max(doubted))[1] not in found:
+        yield f"#   {best[1]}? {best[2]}"
+
+
 def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> Source | None:
     """Return a shipped profile's source for a column, None if unit or values are of another one.
 
@@ -120,14 +130,14 @@ def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> 
         return None
     stated = stated_unit(column, STOICHIOMETRIC)
     converts = own != Source(column=own.column, units=own.units, pinned=own.pinned)
-    if name not in QUANTITIES or converts or (len(own.units) > 1 and not stated):
+    is_setting = len(own.units) > 1 and not stated
+    if name not in QUANTITIES or converts or (is_setting and "°C" not in own.units):
         return own
-    unit = stated or "".join(own.units)
+    unit = stated or ("" if is_setting else "".join(own.units))
     fit = fit_of(name, Description(column.name, unit, values=values), is_named=True)
     if not unit:
         return _by_words(name, column, fit) if fit and fit.stands else None
-    low, high = plausible_range(name)
-    return own if fit and low <= np.nanmedian(fit.canonical(values)) <= high else None
+    return own if fit and fit.stands else None
 
 
 def _by_words(name: str, column: RawColumn, fit: QuantityFit) -> Source:

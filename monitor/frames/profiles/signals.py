@@ -19,7 +19,7 @@ from monitor.frames.profiles.conversion import (
 from monitor.frames.profiles.derived import derive
 from monitor.frames.profiles.profile import Profile, Source, shipped, shipped_profile
 from monitor.frames.profiles.recognition import key, places
-from monitor.frames.profiles.times import TICKS_PER_S, cleaned, held, per_second, steps_in_counts
+from monitor.frames.profiles.times import cleaned, held, in_seconds, steps_in_counts
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Table, Wanted
 from monitor.frames.tables.readers import reason
 from monitor.frames.units import Unit, unit_of
@@ -205,10 +205,10 @@ def _time(
                 f'{counts:g}: in a profile say time = {{ column = "{column.name}", unit = "ms" }}, '
                 'or unit = "s", or factor = the seconds of one count'
             )
-        if (per_s := per_second(values)) != 1.0:
+        values, per_s = in_seconds(values)
+        if per_s != 1.0:
             notes.sentences.append(f"column {column.name}: no unit, taken for 1/{per_s:g} s")
-        start = np.nanmin(values) if per_s == TICKS_PER_S else 0.0
-        return (values - start) / per_s, 0.0
+        return values, 0.0
     names = ", ".join(raw.columns[each.column].name for each in times)
     raise RecordingError(f"{raw.path}: no number in the column of time ({names})")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.frames.blocks import LATEST_S
-from monitor.frames.tables.raw_table import DAY_S, Notes
+from monitor.frames.tables.raw_table import DAY_S, HOUR_S, Notes
 
 JITTER_S: Final = 1.0  # a row that much older is out of order; a larger step back begins a new log
 ANEW_S: Final = 10.0  # pause that parts a log from the next one in the same file
@@ -128,6 +128,28 @@ def per_second(times: FloatArray) -> float:
     while usual < EPOCH_S * per_s and max(step / LONGEST_STEP_S, span / DAY_S) > per_s:
         per_s *= 1000.0
     return per_s
+
+
+def in_seconds(times: FloatArray) -> tuple[FloatArray, float]:
+    """Return times, whose unit nobody states, in s, and how many of the unit make a second."""
+    times = of_day(times)
+    per_s = per_second(times)
+    return (times - (np.nanmin(times) if per_s == TICKS_PER_S else 0.0)) / per_s, per_s
+
+
+def of_day(times: FloatArray) -> FloatArray:
+    """Return seconds; those of times of day that are written as hhmmss leave out 40 a minute.
+
+    >>> of_day(np.array([95957.0, 95958.0, 95959.0, 100000.0])) - 36000.0
+    array([-3., -2., -1.,  0.])
+    """
+    known = np.flatnonzero(np.isfinite(times))
+    read = HOUR_S * (times // 1e4) + 60.0 * (times // 100.0 % 100.0) + times % 100.0
+    steps, own = (np.diff(each[known]) for each in (times, read))
+    own = np.abs((own + DAY_S / 2) % DAY_S - DAY_S / 2)
+    if len(own) == 0 or (times[known] % 100.0 >= 60.0).any() or (times[known] % 1e4 >= 6e3).any():
+        return times
+    return read if np.median(steps) < 40.0 <= np.abs(steps).max() and own.max() < 40.0 else times
 
 
 def held(cells: FloatArray, t_ns: IntArray, readings: Sequence[int] = ()) -> FloatArray:

@@ -25,7 +25,7 @@ _CLOCK: Final = re.compile(
     re.I,
 )
 _BASIC: Final = re.compile(r"(\d{8})T(\d\d)(\d\d)(\d\d)[.,]?(\d*)")  # ISO 8601, 20261128T063000.5
-_IN_WORDS: Final = re.compile(r"(\d+) ?h ?(\d+) ?m(?:in)? ?([\d.,]+) ?s(?:ec)?", re.I)  # 0h 1m 2.5s
+_IN_WORDS: Final = re.compile(r"(\d{1,3}) ?h ?(\d\d?) ?m(?:in)? ?([\d.,]+) ?s(?:ec)?", re.I)
 _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
 
 THOUSANDS: Final = re.compile(r"-?\d{1,3}(?:,\d{3})+(?:\.\d*)?")  # 1,700

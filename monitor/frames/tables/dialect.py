@@ -24,16 +24,15 @@ OWN_TIME: Final = "time_s"  # first column of the project's own tables
 HEAD_BYTES: Final = 1 << 18
 LINES: Final = 60  # of the head that are looked at
 _SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "blanks"}
-_BOMS: Final = (
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
+_BOMS: Final = {codecs.BOM_UTF8: "utf-8-sig"} | dict.fromkeys(
+    (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE), "utf-16"
 )
 _HEADER: Final = 4  # most rows of a header: a group, names, other names, units
 _TITLES: Final = 2  # most rows with one cell between header and data
 _SAMPLE: Final = 20  # rows that tell what a column holds
 _COMMA: Final = re.compile(r"-?\d+,\d+")
 _POINT: Final = re.compile(r"-?\d+\.\d+")
+_PAIRS: Final = re.compile(rb"(?:[\0-\x7f]|[\xa1-\xf7][\xa1-\xfe])*[\xa1-\xf7]?")  # Chinese
 _IN_BRACKETS: Final = re.compile(r"(.+?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
 
 
@@ -58,7 +57,7 @@ class Dialect:
 
 def encoding_of(head: bytes) -> str:
     """Return the encoding of a text that begins with ``head``."""
-    for bom, name in _BOMS:
+    for bom, name in _BOMS.items():
         if head.startswith(bom):
             return name
     if head[:2000].count(0) > len(head[:2000]) // 4:  # UTF-16 without a mark of its byte order
@@ -67,7 +66,7 @@ def encoding_of(head: bytes) -> str:
     try:
         decoder.decode(head)
     except UnicodeDecodeError:
-        return "cp1252"
+        return "gb18030" if _PAIRS.fullmatch(head) else "cp1252"
     return "utf-8"
 
 
@@ -86,7 +85,9 @@ def dialect_of(path: Path) -> Dialect:
     if len(head) == HEAD_BYTES:
         lines = lines[:-1]
     lines = [line for line in lines if line.strip()][:LINES]
-    found = [each for each in (_layout(lines, separator) for separator in _SEPARATORS) if each]
+    *marks, blank = _SEPARATORS
+    found = [each for each in (_layout(lines, separator) for separator in marks) if each]
+    found = found or [each for each in [_layout(lines, blank)] if each]
     if not found:
         raise RecordingError(f"{path}: no row of column names with rows of numbers below it")
     best = max(found, key=lambda each: (each.support * each.width, each.width))
@@ -207,6 +208,7 @@ def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:
     for i in range(max(map(len, header))):
         name, unit = _cell(names, i), _bare(_cell(units or [], i))
         more = tuple(cell for row in others if row is not names and (cell := _cell(row, i)))
+        unit = unit or next(filter(None, (name_and_unit(each)[1] for each in more)), "")
         if not name and len(header) > 1:  # of a clock beside others
             unit = unit if unit_of(unit, 1.0) and len(below) > 1 else ""
             told = (_cell(row, i) for row in below if not unit or row is not units)
@@ -228,7 +230,8 @@ def _units_row(header: Sequence[list[str]]) -> list[str] | None:
         sum(unit_of(_bare(cell), 1.0) is not None for cell in row if cell) for row in header[1:]
     ]
     best = max(range(len(known)), key=lambda row: (known[row], row))  # names may be units, too
-    return header[1 + best] if any(known) or len(header) == 2 else None
+    are_names = any(unit_of(name_and_unit(cell)[1], 1.0) for cell in header[1] if cell)
+    return header[1 + best] if any(known) or (len(header) == 2 and not are_names) else None
 
 
 def _cell(row: Sequence[str], i: int) -> str:
@@ -268,4 +271,5 @@ def name_and_unit(text: str) -> tuple[str, str]:
     ('Barometric pressure (from vehicle)', 'psi')
     """
     match = _IN_BRACKETS.fullmatch(text.strip())
-    return (match[1], match[2].strip()) if match else (text.strip(), "")
+    is_unit = match and not match[2].isdigit()  # but a number: of a sensor
+    return (match[1], match[2].strip()) if match and is_unit else (text.strip(), "")

@@ -55,6 +55,19 @@ TABLES = {
         + rows(lambda i: f"{i / 10},{AFR[i]},{RPM[i]},{AIR[i]}"),
         {"engine_speed_rpm": "RPM", "lambda_measured": "LC1"},
     ),
+    "codes above the names": (
+        ",SAE.RPM,SAE.MAF,SAE.MAF,O2S\nFrame Time (h:m:s.ms),Engine RPM (rpm),Air Flow (lb/min),"
+        "Mass Air Flow (g/s),O2 Sensor 1 Lambda\n"
+        + rows(
+            lambda i: f"0:00:0{i / 10:.3f},{RPM[i]},{AIR[i] * 0.13228},{AIR[i]},{AFR[i] / 14.7:.4f}"
+        ),
+        {"engine_speed_rpm": "Engine RPM (rpm)", "lambda_measured": "O2 Sensor 1 Lambda"},
+    ),
+    "padded cells": (
+        "TimeStamp; nmot_w    ; mshfm_w   ; lamsoni_w\n  sec.ms ; rpm       ; g/s       ; -\n"
+        + rows(lambda i: f"    {i / 10:.3f}; {RPM[i]}      ; {AIR[i]}  ; {AFR[i] / 14.7:.5f}"),
+        {"engine_speed_rpm": "nmot_w", "maf_kg_h": "mshfm_w", "lambda_measured": "lamsoni_w"},
+    ),
     "one value a row": (
         '"SECONDS";"PID";"VALUE";"UNITS"\n'
         + rows(
@@ -159,6 +172,13 @@ def test_what_is_no_measurement_is_not_proposed(
     assert signal not in tomllib.loads(out.read_text())["signals"]
 
 
+def test_a_column_that_is_not_taken_says_why(tmp_path: Path) -> None:
+    path, out = tmp_path / "drive.csv", tmp_path / "drive.toml"
+    path.write_text("Time,RPM,AFR (AFR)\n" + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i] / 1.5}"))
+    assert cli.main(["check", str(path), "--write-profile", str(out)]) == 0
+    assert "#   lambda_measured? unusual: its median is 0.6615 (another fuel?)" in out.read_text()
+
+
 def test_a_counter_of_rows_is_no_time(proposed: Proposed) -> None:
     table, _ = proposed(
         "Frame,Duration,RPM,A/F Ratio\n0,281.8,1500,14.7\n"
@@ -195,6 +215,7 @@ def test_rows_of_whole_seconds_are_spread_over_them(proposed: Proposed) -> None:
         ("Date", lambda i: f"{46353.5 + i / 864000:.9f}"),
         ("Time", lambda i: f"15:59:5{i // 10}:{i % 10}00"),
         ("Temps (min)", lambda i: f"{i / 600:.6f}"),
+        ("time", lambda i: f"{95958 + i / 10 + 4040 * (i >= 20):09.2f}"),  # of day, as hhmmss
     ],
 )
 def test_the_steps_of_times_tell_their_unit(
@@ -203,6 +224,21 @@ def test_the_steps_of_times_tell_their_unit(
     text = f"{column},RPM,AFR\n" + rows(lambda i: f"{form(i)},{RPM[i]},{AFR[i]}")
     table, _ = proposed(text)
     np.testing.assert_allclose(np.diff(table.t_ns), 1e8, atol=2e5)
+
+
+def test_a_file_of_sections_is_read_whatever_its_suffix(tmp_path: Path) -> None:
+    text = (
+        "File created on 05/05/2026\n\n[header]\ntime\nlatitude\n\n[channel units]\nrpm\n\n"
+        "[column names]\nsats time lat RPM Lambda_1\n\n[data]\n"
+        + rows(lambda i: f"009 {235958 + i / 10 - 235960 * (i >= 20):09.2f} +03112.5 {RPM[i]} 1.0")
+    )
+    for suffix in (".vbo", ".txt"):
+        path, profile = tmp_path / f"drive{suffix}", tmp_path / "drive.toml"
+        path.write_text(text)
+        assert cli.main(["check", str(path), "--write-profile", str(profile), "--force"]) == 0
+        table = read_table(path, profile)
+        np.testing.assert_allclose(np.diff(table.t_ns), 1e8, atol=2e5)
+        assert values(table, "engine_speed_rpm").tolist() == RPM
 
 
 def test_a_quote_without_an_end_costs_its_row_and_not_all_behind(proposed: Proposed) -> None:
@@ -276,6 +312,16 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         ("MAP", 3000.0, "manifold_pressure_kpa", None),
         ("Lambda (-*1000)", 1000.0, "lambda_measured", None),
         ("Lambda Pre Cat", 1.0, "lambda_measured", 1.0),
+        ("LAMB_LS_UP[1]", 1.0, "lambda_measured", 1.0),
+        ("LAMB_LS_UP[2]", 1.0, "lambda_measured", None),  # a number in brackets is no unit
+        ("Sonda Geral", 1.0, "lambda_measured", 1.0),
+        ("Presión colector", 60.0, "manifold_pressure_kpa", 60.0),
+        ("IAT", 77.0, "manifold_temperature_degc", 25.0),  # °F
+        ("Temp. do motor", 190.0, "coolant_temperature_degc", 87.78),
+        ("Coolant", 88.0, "coolant_temperature_degc", 88.0),
+        ("Coolant", 0.0, "coolant_temperature_degc", None),
+        ("Mass Air Flow", 20.0, "maf_kg_h", None),  # kg/h or g/s?
+        ("AFR (AFR)", 9.8, "lambda_measured", None),  # as of E85
     ],
 )
 def test_the_unit_with_words_beside_it_or_the_values_tell_what_a_column_is_or_it_is_none(

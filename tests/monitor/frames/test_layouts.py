@@ -20,6 +20,42 @@ BYTES = "B1,B2,B3,B4,B5,B6,B7,B8,Value,Trigger,Signals"
 KVASER = "Time,Channel,ID,Flags,DLC,Data0,Data1,Data2,Data3,Data4,Data5,Data6,Data7,Counter"
 # one log per tool: 2 frames of 11 bits and one of 29, 10 ms apart; then what is no frame
 TOOLS = {
+    "printed.log": """\
+Timestamp: 1700000000.000000    ID: 00c2    S Rx                DL:  8    01 02 03 04 05 06 07 a8
+Timestamp: 1700000000.010000    ID: 00c3    S Tx                DL:  2    11 22     Channel: can0
+Timestamp: 1700000000.020000    ID: 18fef100    X Rx     F BS   DL:  1    ff        Channel: can0
+Timestamp: 1700000000.021000    ID: 00c2    S Rx   R            DL:  8              Channel: can0
+""",
+    "intrusion.txt": """Timestamp: 1479121434.850000  ID: 00c2  000  DLC: 8  01 02 03 04 05 06 07 a8
+Timestamp: 1479121434.860000        ID: 00c3    000    DLC: 2    11 22
+Timestamp: 1479121434.870000        ID: 18fef100    000    DLC: 1    ff
+""",
+    "intrusion.csv": """1478198376.389000,00c2,8,01,02,03,04,05,06,07,a8,R
+1478198376.399000,00c3,2,11,22,R
+1478198376.409000,18fef100,1,ff,T
+""",
+    "socketcand.txt": """< hi >
+< ok >
+< frame C2 23.400000 01 02 03 04 05 06 07 A8 >
+< frame C3 23.410000 1122 >
+< frame 18FEF100 23.420000 FF >
+""",
+    "canwise.log": """EV NUM/ERR F/F ID     LEN R/D   D0  D1  D2 TIMESTAMP  DD MM YYYY TIME
+RX 01 SFF 000000C2 8 HEX   01  02  03  04  05  06  07  A8 0033200000 07.05.2022 14:10:08.135 1 2
+TX 02 SFF 000000C3 2 HEX   11  22                         0033210000 07.05.2022 14:10:08.145 1 2
+RX 03 EFF 18FEF100 1 HEX   FF                             0033220000 07.05.2022 14:10:08.155 1 2
+""",
+    "millis.csv": """millis,ID,DLC,B0,B1,B2,B3,B4,B5,B6,B7
+500,0x0C2,8,0x01,0x02,0x03,0x04,0x05,0x06,0x07,0xA8
+510,0x0C3,2,0x11,0x22
+520,0x18FEF100,1,0xFF
+""",
+    "chinese.csv": """序号,系统时间,时间标识,CAN通道,传输方向,ID号,帧类型,帧格式,长度,数据
+0,"17:16:04.110","0x1","ch1","接收","0x00C2","数据帧","标准帧","0x08","x| 01 02 03 04 05 06 07 A8"
+1,"17:16:04.120","0x2","ch1","接收","0x00C3","数据帧","标准帧","0x02","x| 11 22"
+2,"17:16:04.130","0x3","ch1","接收","0x18FEF100","数据帧","扩展帧","0x01","x| FF"
+3,"17:16:04.140","0x4","ch1","接收","0x00C2","远程帧","标准帧","0x08","x| "
+""",
     "console.log": """ (1700000000.000000)  can0  0C2   [8]  01 02 03 04 05 06 07 A8
  (1700000000.010000)  can0  0C3   [2]  11 22
  (1700000000.020000)  can0  18FEF100   [1]  FF
@@ -189,8 +225,8 @@ def test_a_text_log_of_another_tool_gives_its_frames(tmp_path: Path, name: str) 
     assert not is_table(path)
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-8-sig"])
-@pytest.mark.parametrize("name", ["gvret.csv", "dates.log", "plain.log"])
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-8-sig", "gb18030"])
+@pytest.mark.parametrize("name", ["gvret.csv", "dates.log", "plain.log", "chinese.csv"])
 def test_the_encoding_of_a_redirected_output_does_not_matter(
     tmp_path: Path, name: str, encoding: str
 ) -> None:
@@ -220,6 +256,8 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
         ("Vehicle Spy Message History\nLine,Abs Time(Sec)\n", "not read, convert it with Vehicle"),
         ("Time,Channel,ID,Length\n0.1,0,0C2,1,FF\n", "frames as CSV: not read"),
         ("  can0  0C2   [2]  11 22\n", "candump without times"),
+        ("0C2 01 02\n0C3 11 22\n7E8 03 41 0D\n", "identifiers and data without times: not read"),
+        ("CAN 1  000000C2 X 8 E.M 1.5 R\n   -> Speed 5.0 Enum\n", "without the frames' data: not"),
         ("t0C221122\rT18FEF1001FF\r", "an slcan adapter's own lines: not read"),
         ('"No.","Time","Source"\n"1","0.1","ID: 194 (0xc2)"\n', "Wireshark: not read, convert"),
     ],
