@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Page
 
 from monitor.base.types import Frame
 from tests.helpers.bus.beside import beside
-from tests.helpers.bus.live_player import Player
+from tests.helpers.bus.live_player import Player, until
 from tests.helpers.logs.replays import frames_of
 
 LAPTOP, PHONE = (1366, 768), (390, 844)
@@ -188,9 +188,7 @@ def test_values_move_with_the_drive_and_hold_still_on_request(
             return page.locator("#plots .u-value").first.inner_text()
 
         before, numbers = newest(), text(page, "#tiles")
-        page.wait_for_timeout(700)
-        assert newest() != before
-        assert text(page, "#tiles") != numbers
+        assert until(lambda: newest() != before and text(page, "#tiles") != numbers)
         page.locator("#hold").click()
         assert page.locator("#hold").get_attribute("aria-pressed") == "true"
         before = newest()
