@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from monitor.base.counts import counted
 from monitor.base.errors import ModelError
+from monitor.memory.codes import CONTINUOUS, TEST_OF
 
 LEAST_FOUND: Final = 0.5  # of the drives, for a fault to count as tested
 _COUNTS: Final = ("found", "false")
@@ -40,8 +41,8 @@ class Trust:
 
     @property
     def untold(self) -> frozenset[str]:
-        """Return the faults that set no code with this model."""
-        return frozenset(self.false or ())
+        """Return the faults that set no code with this model, none of the tests without it."""
+        return frozenset(name for name in self.false or () if TEST_OF.get(name) not in CONTINUOUS)
 
     @property
     def untested(self) -> tuple[str, ...]:

@@ -338,7 +338,7 @@ static void visit(o2_monitor *m, o2_result *result)
     }
     m->visited = m->before;
     m->visits = (m->visits > O2_VISITS) ? m->visits : (uint16_t)(m->visits + 1U);
-    if (m->visits == O2_VISITS) {
+    if ((m->visits == O2_VISITS) && !o2_faults[O2_FAULT_INTERMITTENT].is_untold) {
         m->counter[O2_TEST_RESPONSE] = FAILED_COUNT;
         decide(m, O2_TEST_RESPONSE, true, O2_FAULT_INTERMITTENT, result);
     }

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Final, TypeVar
 
 from monitor.base.config import Config
-from monitor.base.foreign import ForeignError
+from monitor.base.foreign import ForeignError, returned
 from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER
 from monitor.judge.catalyst.rule import Claim
@@ -64,27 +64,31 @@ class Decisions:
             window_std=limits.offset_std,
             step_most=step_most,
         )
-        self._rules = {test: kind() for test, kind in rules.items()}
+        self._rules = {test: returned(test, kind, kind) for test, kind in rules.items()}
         self._counters = Counters((*OF_VEHICLE, *self._rules), config, store)
-        self.completed = False  # the response test reached a decision
+        self._by_balance = False  # the balance has named the upstream sensor
         self._suspicious = False  # a window failed
-        self._windows, self._offset_sum = 0, 0.0
+        self._windows, self._offset_sum = 0, 0.0  # of those that count for the bias rule
+
+    @property
+    def completed(self) -> bool:
+        """Return whether the response test reached a decision."""
+        return "response" in self._counters.decided
 
     @property
     def outcomes(self) -> dict[str, str]:
         """Return of each test that sets codes whether it failed, passed or is undecided."""
-        decided = self._counters.decided
-        found = {test: "undecided" for test in OF_VEHICLE if test not in decided}
-        if self._may_be_dead or self._limits.trust.is_blind:
+        decided, found = self._counters.decided, {}
+        for test in (*OF_VEHICLE, *(test for test in self._rules if test in decided)):
+            passed = "passed" if test in decided else "undecided"
+            found[test] = "failed" if self._counters.debounce[test].failed else passed
+        if found["response"] == "passed" and (self._may_be_dead or self._limits.trust.is_blind):
             found["response"] = "undecided"
-        for test in decided - {*found}:
-            found[test] = "failed" if self._counters.debounce[test].failed else "passed"
-        return {test: found[test] for test in (*OF_VEHICLE, *self._rules) if test in found}
+        return found
 
     def electrical(self, result: TickResult, t_ns: int) -> Iterator[Change]:
         """Take a result of a test without model; yield the codes that it changes."""
-        is_untold = result.fault in self._limits.trust.untold
-        if not (result.test == "activity" and result.failed and is_untold):
+        if not (result.failed and result.fault in self._limits.trust.untold):
             yield from self._counters.electrical(result, t_ns)
 
     def behind(self, test: str, claim: Claim, t_ns: int) -> Sequence[Change]:
@@ -96,11 +100,14 @@ class Decisions:
         counters, failed, fault = self._counters, claim.outcome == "failed", claim.fault or ""
         if test in CIRCUIT_TESTS:  # they decide at once
             return counters.mature(test, failed=failed, fault=fault, t_ns=t_ns)
-        if test == "bias":
-            if not counters.debounce["balance"].failed or counters.named.get(test) == claim.fault:
-                return ()
-            return counters.set_codes(test, failed=failed, fault=fault, t_ns=t_ns)
-        return counters.take(test, claim, t_ns)
+        if test != "bias":
+            changed = counters.take(test, claim, t_ns)
+            self._by_balance &= counters.debounce["balance"].failed
+            return changed
+        before, self._by_balance = self._by_balance, counters.debounce["balance"].failed
+        if not self._by_balance or (before and counters.named[test] == fault):
+            return ()
+        return counters.mature(test, failed=failed, fault=fault, t_ns=t_ns)
 
     def window(self, window: Window, facts: Facts) -> Iterator[WindowJudged | Change]:
         """Take a full window; yield its verdict, then the codes that it changes."""
@@ -111,10 +118,12 @@ class Decisions:
         yield judged
         self.store.report(self._results(response, bias))
         self._suspicious |= judged.outcome == "failed"
-        self._windows += 1
-        self._offset_sum += facts.offset
-        yield from self._response_step(response, window.t_end_ns)
-        yield from self._counters.take("bias", bias, window.t_end_ns)
+        if not ignore:
+            self._windows += 1
+            self._offset_sum += facts.offset
+        yield from self._counters.take("response", response, window.t_end_ns)
+        if not self._by_balance:
+            yield from self._counters.take("bias", bias, window.t_end_ns)
         yield from self._by_plugins(window)
 
     def cut(self, window: Window, facts: Facts) -> Iterator[CutJudged | Change]:
@@ -122,7 +131,7 @@ class Decisions:
         response = self._told(self._unless_dead(facts.response, facts.moved))
         yield CutJudged(window, facts.std, response.outcome, response.fault, response.statistics)
         self._suspicious |= response.outcome == "failed"
-        yield from self._response_step(response, window.t_end_ns)
+        yield from self._counters.take("response", response, window.t_end_ns)
 
     @property
     def seen(self) -> Seen | None:
@@ -133,13 +142,6 @@ class Decisions:
             return None
         gain = self.facts.response.drive_gain / self._limits.gain_model
         return Seen(self._offset_sum / self._windows, gain)
-
-    def _response_step(self, response: Response, t_ns: int) -> Iterator[Change]:
-        """Take the response rule's finding on a window of either kind."""
-        yield from self._counters.take("response", response, t_ns)
-        self.completed |= (
-            self._counters.debounce["response"].failed or self._counters.debounce["response"].passed
-        )
 
     def _by_plugins(self, window: Window) -> Iterator[Change]:
         """Let the rules of plug-ins judge a window."""
