@@ -68,10 +68,12 @@ def _judge_circuit(table: Table, store: DtcStore, config: Config) -> None:
         x = np.ones(n)
     if CUT in at:
         x = np.where(at[CUT] > 0.0, 1.0, x)
-    runs = at[ENGINE] > config.plausibility.engine_running_rpm if ENGINE in at else np.ones(n)
+    runs = np.ones(n, dtype=np.bool_)
+    if ENGINE in at:
+        runs = at[ENGINE] >= config.plausibility.engine_running_rpm
     period_s = float(np.median(np.diff(block.t_ns))) / 1e9 if n > 1 else 1.0
     circuit, counters = RearCircuit(own, period_s), Counters((CIRCUIT,), config, store)
-    running = np.cumsum(runs, dtype=np.int64).tolist()
+    running = (np.cumsum(runs) * runs).tolist()
     for k, sample in enumerate(zip(at[VOLTAGE].tolist(), x.tolist(), running, strict=True)):
         volts, lean, run = sample
         for _, fault in circuit.push(

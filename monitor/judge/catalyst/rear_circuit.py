@@ -62,7 +62,7 @@ class RearCircuit:
         """Take the next sample; return the tests that it decides, each with its fault or "".
 
         volts, x (1 - 1/lambda upstream), air_g_s, duty_percent : nan where unknown
-        running : samples so far with the engine running, this one included
+        running : samples so far with the engine running, this one included; 0 while it stands
         """
         if math.isnan(volts) or not running:
             return []

@@ -129,7 +129,7 @@ class CatalystMonitor:
             rear = next((i for i in self._rear if math.isfinite(sample[i])), None)
             if self.rule is None and rear is not None:
                 self.rule = self._rule_of(rear)
-            yield from self._judged(k, sample)
+            yield from self._judged(k, sample, runs=runs)
 
     def _rule_of(self, sensor: int) -> CatalystRule:
         """Return the rule for the downstream sensor in this column."""
@@ -139,8 +139,8 @@ class CatalystMonitor:
         settings = replace(self._settings, catalyst=self._config)
         return CatalystRule(settings, self._period_s, wide=self._is_wide)
 
-    def _judged(self, k: int, sample: Sequence[float]) -> Iterator[BehindResult]:
-        """Yield how the evidence stands after a sample."""
+    def _judged(self, k: int, sample: Sequence[float], *, runs: bool) -> Iterator[BehindResult]:
+        """Yield how the evidence stands after a sample; with the engine off sensors cool down."""
         volts, *upstream = own = [sample[i] for i in (self._sensor, *self._places)]
         if self._is_wide:
             own[0] = float(switching_volts(np.asarray(_x_of(volts)), self._config))
@@ -156,7 +156,7 @@ class CatalystMonitor:
             volts=math.nan if self._is_wide else volts,
             x=_x_of(upstream[0]),
             air_g_s=upstream[1] / KG_H_PER_G_S,
-            running=self._running,
+            running=self._running if runs else 0,
             duty_percent=math.nan if self._duty is None else sample[self._duty],
         ):
             claim = Claim("failed" if fault else "passed", fault or None, 0.0)
@@ -168,7 +168,7 @@ class CatalystMonitor:
             self._is_lost = True
             return
         self._is_lost, air_g_s = False, held[2] / KG_H_PER_G_S
-        counts = is_complete and self._is_warm(sample) and not self.circuit.is_doubtful
+        counts = runs and is_complete and self._is_warm(sample) and not self.circuit.is_doubtful
         counts = counts and air_g_s <= self._config.flow_most_g_s
         x = self._entering(_x_of(held[1]), _x_of(before[1]))
         if self.rule.push(x, air_g_s, held[0], counts=counts):

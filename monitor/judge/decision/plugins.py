@@ -9,10 +9,11 @@ set codes of the manufacturer's range.
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar, Final, Literal, Protocol
+from typing import ClassVar, Final, Protocol, get_args
 
 from monitor.base.errors import ConfigError, O2Error
 from monitor.base.foreign import ForeignError, foreign, returned
+from monitor.judge.response.rule import Outcome
 from monitor.judge.window import Window
 from monitor.memory.codes import admit
 
@@ -23,7 +24,7 @@ GROUP: Final = "o2_monitor.rules"
 class Opinion:
     """The finding of a rule after a window."""
 
-    outcome: Literal["passed", "failed", "inconclusive"]
+    outcome: Outcome
     fault: str | None = None  # one of the rule's, if failed
     also: tuple[str, ...] = ()  # others of its faults that explain as much
 
@@ -68,9 +69,12 @@ def _load(name: str) -> RuleClass:
 def opinion(name: str, rule: Rule, window: Window) -> Opinion:
     """Return the finding of a rule on a window.
 
-    Raises ForeignError if the rule fails, or names a fault that it has not.
+    Raises ForeignError if the rule fails, or says something else than one of its faults or none.
     """
     said = returned(name, lambda: rule.judge(window), Opinion)
-    if said.outcome == "failed" and said.fault not in rule.faults:
-        raise ForeignError(f"{name} fails: {said.fault!r} is none of its faults")
+    with foreign(name):
+        named = {said.fault, *said.also} if said.outcome == "failed" else set()
+        known = said.outcome in get_args(Outcome) and named <= set(rule.faults)
+    if not known:
+        raise ForeignError(f"{name} fails: {said} is no finding on its faults")
     return said

@@ -119,11 +119,20 @@ def test_a_rule_sets_its_code_once_the_settings_switch_it_on(
 
 
 @pytest.mark.usefixtures("installed")
-@pytest.mark.parametrize("said", [None, rules.Opinion("failed", "unknown")])
+@pytest.mark.parametrize(
+    "said",
+    [
+        None,
+        rules.Opinion("failed", "unknown"),
+        rules.Opinion("failed", "noisy", ("unknown",)),
+        rules.Opinion("failed", ["noisy"]),  # type: ignore[arg-type]
+        rules.Opinion("fine"),  # type: ignore[arg-type]
+    ],
+)
 def test_a_rule_that_fails_is_switched_off_and_told_and_the_drive_keeps_its_verdict(
     said: rules.Opinion | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # GIVEN a rule that raises an error, or names a fault that it has not
+    # GIVEN a rule that raises an error, names a fault that it has not, or decides nothing known
     (kind,) = rules.loaded(["noisy"]).values()
     asked = []
 
@@ -144,6 +153,18 @@ def test_a_rule_that_fails_is_switched_off_and_told_and_the_drive_keeps_its_verd
     (note,) = recording["notes"]
     assert note.startswith("the rule noisy fails: ")
     assert note.endswith("it is switched off")
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_rule_that_cannot_be_made_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (kind,) = rules.loaded(["noisy"]).values()
+    monkeypatch.setattr(kind, "__init__", lambda self: 1 / 0)
+    settings = tmp_path / "on.toml"
+    settings.write_text('[rules]\nactive = ["noisy"]\n')
+    assert cli.main(["replay", str(LATE), "--config", str(settings)]) == 2
+    assert "noisy fails: division by zero" in capsys.readouterr().err
 
 
 OWN_RULES = """

@@ -1,7 +1,9 @@
 """The catalyst monitor on signals that are made here, apart from the simulated dynamometer."""
 
+import math
 from collections import deque
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 
 from benchmarks.studies.second import brick as second_catalyst
 from monitor.base import config
+from monitor.base.files.settings import ShippedSettings
 from monitor.base.types import FloatArray
 from monitor.judge.catalyst.rule import CatalystRule
 from monitor.judge.catalyst.watch import NEEDED, WIDE, BehindResult, CatalystMonitor
@@ -194,6 +197,42 @@ def test_a_longer_drive_makes_no_error_of_the_model_certain(segments: int, fades
     # THEN the claim stays open however long the drive is, unless nothing fades
     assert (max(odds) < rule.evidence_fail) is fades
     assert odds[-1] > odds[0]
+
+
+@pytest.mark.parametrize(("volts", "upstream"), [(0.45, 16.0), (0.45, 1.0), (0.0, math.nan)])
+def test_nothing_is_judged_while_the_engine_stands_with_the_ignition_on(
+    volts: float, upstream: float
+) -> None:
+    # GIVEN a sound catalyst and six minutes of standing, in which the sensors cool down
+    driven, stands = a_drive(0.3, minutes=4.5), round(360.0 / PERIOD_S)
+    before, results = judged(driven)
+    rest = np.tile([volts, upstream, 0.0, 0.0], (stands, 1))
+    running = np.arange(len(driven) + stands) < len(driven)
+    monitor = CatalystMonitor(config.shipped(), NAMES, PERIOD_S)
+    found = list(monitor.push(np.concatenate([driven, rest]), running))
+    # THEN nothing is added to what was found
+    assert len(found) == len(results)
+    assert monitor.entry() == before.entry()
+
+
+@pytest.mark.parametrize(
+    ("key", "end"),
+    [("threshold_g", "min"), ("threshold_g", "max"), ("offset_biased_phi", "max")],
+)
+def test_a_limit_leaves_members_of_the_bank_on_either_side(
+    key: str, end: str, tmp_path: Path
+) -> None:
+    # GIVEN the largest or least limit that settings may have
+    bounds = ShippedSettings("monitor.base").sections["catalyst"]
+    edges = {"threshold_margin": bounds["threshold_margin"].max, key: getattr(bounds[key], end)}
+    given = tmp_path / "own.toml"
+    given.write_text("[catalyst]\n" + "".join(f"{k} = {v}\n" for k, v in edges.items()))
+    rule = CatalystRule(config.load(given), PERIOD_S)
+    # WHEN a segment is full THEN catalyst and balance are judged
+    while not rule.push(0.01, 10.0, 0.5, counts=True):
+        pass
+    assert math.isfinite(rule.catalyst().log_odds)
+    assert math.isfinite(rule.balance().log_odds)
 
 
 @pytest.mark.parametrize("offset", [0.02, -0.02])
