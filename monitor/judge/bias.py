@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.base.config import BiasConfig
 from monitor.base.types import FloatArray
-from monitor.judge.response.rule import Outcome
+from monitor.judge.window import Outcome
 
 MOST: Final = 256  # means of a drive that are kept
 LEAST: Final = 8  # means that a line is laid through, or a step
@@ -145,10 +145,6 @@ class BiasRule:
     ) -> None:
         self._config, self._step_most = config, step_most
         self._low, self._high, self._window_std = low, high, window_std
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the windows seen."""
         self._windows = 0
         self._course = Course()
         self._sum = self._bounded = self._weight = self._square = 0.0

@@ -5,8 +5,8 @@ from typing import Literal, NamedTuple
 
 from monitor.judge.response.estimates import Estimates, WindowEstimates
 from monitor.judge.response.movement import Moved
-from monitor.judge.response.rule import Outcome, Response
-from monitor.judge.window import Window
+from monitor.judge.response.rule import Response
+from monitor.judge.window import Outcome, Window
 from monitor.memory.dtc import Dtc
 
 

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from monitor.base.runs import runs
 from monitor.base.types import BoolArray, FloatArray, IntArray
+
+Outcome = Literal["passed", "failed", "inconclusive"]  # of a test
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,8 @@ from monitor.base.signals import OUTPUT
 from monitor.base.types import FloatArray
 from monitor.grid.table_samples import table_block
 from monitor.grid.tables import Table
-from monitor.judge.catalyst.rear_activity import MID_V, RearActivity
+from monitor.judge.catalyst.bank import MID_V
+from monitor.judge.catalyst.rear_activity import RearActivity
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, RearCircuit
 from monitor.judge.catalyst.watch import VOLTAGE
 from monitor.judge.causes.causes import Cause

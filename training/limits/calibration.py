@@ -16,9 +16,10 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.limits.decision_limits import above_most, with_limits
 from training.limits.evaluation import false_alarms
-from training.limits.judging import Judged, judge_recordings, why_not
+from training.limits.judging import judge_recordings, why_not
 from training.limits.paper_limits import WindowResiduals, paper_limits
 from training.limits.rates import rate
+from training.limits.side_by_side import Judged
 from training.limits.trust import trust_of
 from training.recordings.recording import Recording, check_each_once, sha256
 

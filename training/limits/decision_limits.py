@@ -17,7 +17,6 @@ from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
 from training.limits.judging import judge_recordings, most_common_cause
-from training.limits.repeated_model import RepeatedModel
 from training.limits.response.response_limits import response_limits
 from training.limits.response.stillness import still_limits
 from training.narx.export import update_card
@@ -155,15 +154,14 @@ def with_limits(
         changed it
     Raises RecordingError if there are fewer than 10 windows.
     """
-    pairs = [(RepeatedModel.of(model), drives) for model, drives in unseen]
-    recordings = [drive for _, drives in pairs for drive in drives]
+    recordings = [drive for _, drives in unseen for drive in drives]
     judged = [
         each.windows
-        for model, drives in pairs
+        for model, drives in unseen
         for each in judge_recordings(drives, model, NO_LIMITS, config)
     ]
     limits = limits_of(judged, card, config, origin, recordings)
     card = replace(card, limits=limits, trust={})  # counted with other limits
-    response = response_limits(pairs, Limits.from_card(card, config, origin), config)
+    response = response_limits(unseen, Limits.from_card(card, config, origin), config)
     still = still_limits(recordings, card, config)
     return replace(card, limits={**limits, **response, **still}), sum(map(len, judged))

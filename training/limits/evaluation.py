@@ -17,8 +17,9 @@ from monitor.base.files.outputs import write_text
 from monitor.base.types import FloatArray
 from monitor.judge.limits import Limits
 from monitor.model.step import Model, from_model_units, to_model_units
-from training.limits.judging import Judged, enabled_samples, judge_recordings
+from training.limits.judging import enabled_samples, judge_recordings
 from training.limits.rates import rate
+from training.limits.side_by_side import Judged
 from training.recordings import metrics
 from training.recordings.recording import Recording
 from training.recordings.samples.rows import runs

@@ -19,43 +19,24 @@ from monitor.model.step import Model
 from training.limits.side_by_side import Judged, RecordingJudge
 from training.recordings.recording import Recording
 
-__all__ = [
-    "Judged",
-    "enabled_samples",
-    "judge",
-    "judge_recordings",
-    "most_common_cause",
-    "moving_samples",
-    "reached_twice",
-    "why_not",
-]
-
 
 def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
     """Return (n,) bool, True for samples at which all enable conditions hold."""
-    names = _names(recording, card)
-    block = _block(recording, names)
-    conditions = Enable.of(config.enable, names, card).push(block.values, block.quality)
-    return np.asarray(conditions.all(axis=1))
+    *_, held = _checked(recording, card, config)
+    return np.asarray(held.all(axis=1))
 
 
 def moving_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
     """Return (n,) bool, True for samples on which a live sensor's reading moves."""
-    names = _names(recording, card)
-    block = _block(recording, names)
+    names, block, _, held = _checked(recording, card, config)
     tests = ElectricalTests(config, names, card.output, card.period_ns * 1e-9)
-    conditions = Enable.of(config.enable, names, card).push(block.values, block.quality)
-    burning = enable.BURNING[enable.masks(conditions)]
-    return tests.must_move(block.values, block.quality, burning)
+    return tests.must_move(block.values, block.quality, enable.BURNING[enable.masks(held)])
 
 
 def why_not(recording: Recording, card: ModelCard, config: Config) -> list[Cause]:
     """Return the signals and enable conditions that keep a recording from a verdict."""
-    names = _names(recording, card)
-    enable_, period_s = Enable.of(config.enable, names, card), card.period_ns * 1e-9
-    observation = Observation(enable_, names, config.plausibility, period_s)
-    block = _block(recording, names)
-    held = enable_.push(block.values, block.quality)
+    names, block, conditions, held = _checked(recording, card, config)
+    observation = Observation(conditions, names, config.plausibility, card.period_ns * 1e-9)
     observation.push(block.values, block.quality, held)
     return causes(observation.observed(), Asked(card, config))
 
@@ -107,6 +88,15 @@ def reached_twice(windows: Sequence[WindowJudged], name: str) -> float | None:
     x = np.array([-np.inf if v is None else v for v in values], dtype=np.float64)
     best = float(np.minimum(x[1:], x[:-1]).max(initial=-np.inf))
     return best if np.isfinite(best) else None
+
+
+def _checked(
+    recording: Recording, card: ModelCard, config: Config
+) -> tuple[tuple[str, ...], SampleBlock, Enable, BoolArray]:
+    """Return names and samples of a recording, its conditions, and which held, (n, all)."""
+    names = _names(recording, card)
+    block, conditions = _block(recording, names), Enable.of(config.enable, names, card)
+    return names, block, conditions, conditions.push(block.values, block.quality)
 
 
 def _names(recording: Recording, card: ModelCard) -> tuple[str, ...]:

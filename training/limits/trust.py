@@ -16,7 +16,6 @@ from monitor.base.signals import OUTPUT
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from training.limits.judging import judge_recordings
-from training.limits.repeated_model import RepeatedModel
 from training.narx.model_file import Unseen
 from training.recordings.recording import Recording
 from training.recordings.sensor_fault import faulty_readings
@@ -48,11 +47,10 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
     found, false, drives = Counter({fault.name: 0 for fault in faults}), Counter[str](), 0
     explained = 1.0
     for model, recordings in unseen:
-        runs = RepeatedModel.of(model)
         for recording in recordings[: MOST_DRIVES - drives]:
             drive = _begin(recording)
             faulty = [put_on(drive, fault, card.output.name, card.transform) for fault in faults]
-            healthy, *others = judge_recordings([drive, *faulty], runs, limits, config)
+            healthy, *others = judge_recordings([drive, *faulty], model, limits, config)
             if len(healthy.windows) < LEAST_WINDOWS:
                 continue
             drives += 1

@@ -11,14 +11,13 @@ nothing.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
 
 from monitor.base.config import Config
-from monitor.judge.catalyst.rule import CATALYST, Claim
+from monitor.judge.catalyst.bank import MID_V
+from monitor.judge.catalyst.rule import CATALYST, Claim, claim_of
 
 LEAN, RICH, BETWEEN = -1, 1, 0
-MID_V: Final = 0.45  # of a switching sensor
 
 
 @dataclass(slots=True)
@@ -36,9 +35,8 @@ class RearActivity:
     """Counts excursions of the front sensor that the rear follows; samples come one by one."""
 
     def __init__(self, settings: Config) -> None:
-        self._config = config = settings.catalyst
-        self.evidence_fail = settings.response.evidence_fail
-        self.evidence_pass = settings.response.evidence_pass
+        self._config, self._odds = config, odds = settings.catalyst, settings.response
+        self.evidence_fail = odds.evidence_fail
         low, sound = config.follow_low, config.follow_sound
         self._followed = math.log(low / sound)
         self._missed = math.log((1.0 - low) / (1.0 - sound))
@@ -98,11 +96,9 @@ class RearActivity:
 
     def claim(self) -> Claim:
         """Return how the evidence stands for a catalyst that stores nothing."""
-        if self.log_odds >= self.evidence_fail:
-            return Claim("failed", CATALYST, self.log_odds)
-        if -self.log_odds >= self.evidence_pass and self.shows_both_sides:
-            return Claim("passed", None, self.log_odds)
-        return Claim("inconclusive", None, self.log_odds)
+        claim = claim_of(self.log_odds, CATALYST, self._odds)
+        may_be_dead = claim.outcome == "passed" and not self.shows_both_sides
+        return replace(claim, outcome="inconclusive") if may_be_dead else claim
 
 
 def _side(before: int, volts: float, hysteresis_v: float) -> int:

@@ -12,16 +12,16 @@ section 3.2).
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
-from monitor.base.config import Config
+from monitor.base.config import Config, ResponseConfig
 from monitor.base.types import FloatArray
 from monitor.judge.catalyst.bank import LEAK, MID_V, STUCK, WEAK, CatalystBank
 from monitor.judge.catalyst.estimate import Capacity, CapacityCurve, jackknife
+from monitor.judge.window import Outcome
 
-Outcome = Literal["passed", "failed", "inconclusive"]
 CATALYST: Final = "catalyst_low"
 SMALLEST: Final = 1e-300  # likelihood relative to the likeliest, so that it has a logarithm
 PRODUCT: Final = 50  # samples whose likelihoods are multiplied before a logarithm is taken
@@ -38,6 +38,15 @@ class Claim:
     also: tuple[str, ...] = ()
 
 
+def claim_of(
+    log_odds: float, fault: str, config: ResponseConfig, also: tuple[str, ...] = ()
+) -> Claim:
+    """Return how the evidence stands for a fault, by its log odds."""
+    if log_odds >= config.evidence_fail:
+        return Claim("failed", fault, log_odds, also)
+    return Claim("passed" if -log_odds >= config.evidence_pass else "inconclusive", None, log_odds)
+
+
 class CatalystRule:
     """Sequential comparison of the bank's members, constant memory.
 
@@ -50,7 +59,7 @@ class CatalystRule:
         self._n_segment = max(round(config.segment_s / period_s), 1)
         self._n_settle = round(config.settle_s / period_s)
         self._weight = config.evidence_weight * period_s / config.memory_s
-        self.evidence_fail, self.evidence_pass = odds.evidence_fail, odds.evidence_pass
+        self.evidence_fail = odds.evidence_fail
         capacity = bank.capacity_g[:, 0]
         self._curve = CapacityCurve(np.log(capacity))
         margin = config.threshold_margin
@@ -220,11 +229,9 @@ class CatalystRule:
         return self._claim(float(each[name] - sound), name, also)
 
     def _claim(self, odds: float, fault: str, also: tuple[str, ...] = ()) -> Claim:
-        if self.segments and odds >= self.evidence_fail:
-            return Claim("failed", fault, odds, also)
-        if self.segments and -odds >= self.evidence_pass:
-            return Claim("passed", None, odds)
-        return Claim("inconclusive", None, odds)
+        if not self.segments:
+            return Claim("inconclusive", None, odds)
+        return claim_of(odds, fault, self._odds, also)
 
     def capacity(self) -> Capacity | None:
         """Return the estimated capacity, None before any evidence."""

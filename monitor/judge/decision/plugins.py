@@ -13,8 +13,7 @@ from typing import ClassVar, Final, Protocol, get_args
 
 from monitor.base.errors import ConfigError, O2Error
 from monitor.base.foreign import ForeignError, foreign, returned
-from monitor.judge.response.rule import Outcome
-from monitor.judge.window import Window
+from monitor.judge.window import Outcome, Window
 from monitor.memory.codes import admit
 
 GROUP: Final = "o2_monitor.rules"

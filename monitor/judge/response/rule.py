@@ -18,7 +18,7 @@ of the prediction dilute a slope; they do not dilute an amplitude).
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,8 @@ from monitor.judge.residual import means_and_stds, whitened
 from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.claims import ErrorModel, claims
 from monitor.judge.response.estimates import Estimates
+from monitor.judge.window import Outcome
 
-Outcome = Literal["passed", "failed", "inconclusive"]
 EDGES = ("rich_to_lean", "lean_to_rich")
 _WINDOWS = 8  # regressed at once: what fits into the processor's cache
 GAIN_KNOWN: Final = 1e-3  # information on a regression's gain before the drive: hardly any
@@ -107,16 +107,9 @@ class ResponseRule:
         self._ahead = math.ceil(self._lead)
         self._evidence: FloatArray = np.zeros(len(self.claims))
         # weighted sums of x x, x y and y y: prediction of a column, and measurement
-        self._sums: FloatArray = np.zeros((3, self._n_columns + 1))
+        self._sums: FloatArray = np.full((3, self._n_columns + 1), GAIN_KNOWN)
         # sums of ``moved``, of its square and of its product with ``ratio``, of a column
         self._amplitudes: FloatArray = np.zeros((3, self._n_columns + 1))
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all evidence."""
-        self._evidence.fill(0.0)
-        self._sums.fill(GAIN_KNOWN)
-        self._amplitudes.fill(0.0)
         self.windows = 0  # that were not ignored
 
     @property

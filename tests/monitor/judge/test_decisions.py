@@ -16,9 +16,9 @@ from monitor.judge.limits import Limits
 from monitor.judge.response.bank import build
 from monitor.judge.response.estimates import Estimates
 from monitor.judge.response.movement import DEAD, Moved
-from monitor.judge.response.rule import Outcome, Response
+from monitor.judge.response.rule import Response
 from monitor.judge.trust import Trust
-from monitor.judge.window import Window
+from monitor.judge.window import Outcome, Window
 from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.replay import Setup

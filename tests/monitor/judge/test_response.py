@@ -411,13 +411,6 @@ def test_a_vehicle_of_little_gain_is_judged_against_its_own_gain() -> None:
     assert {v.fault for v in found[6:]} == {"gain_low"}
 
 
-def test_after_a_reset_the_rule_judges_as_new() -> None:
-    rule = new_rule()
-    judge(*drive(slow("symmetric", 1.0), 11), rule)
-    rule.reset()
-    assert judge(*drive(healthy, 12), rule) == judge(*drive(healthy, 12), new_rule())
-
-
 def test_the_other_names_of_an_undecided_fault_are_other_names() -> None:
     names = {h.fault for h in BANK if h.beyond_limit} | {"transient", "gain_low"}
     undecided = 0

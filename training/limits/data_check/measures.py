@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.base.types import FloatArray
+from training.recordings.metrics import correlation
 
 MOVING = 0.001  # least change between two samples that counts as motion, as a share of the span
 COPY = 0.999  # correlation above which one signal is a copy of the other
@@ -49,22 +50,16 @@ def copy_of(
         pairs = [_shifted(a, b, lag) for a, b in zip(u, y, strict=True) if len(a) > 2 * most + 2]
         if not pairs:
             break
-        level = _correlation(*map(np.concatenate, zip(*pairs, strict=True)))
+        level = correlation(*map(np.concatenate, zip(*pairs, strict=True)))
         if abs(level) > abs(best[0]):
             changes = [(np.diff(a), np.diff(b)) for a, b in pairs]
-            change = _correlation(*map(np.concatenate, zip(*changes, strict=True)))
+            change = correlation(*map(np.concatenate, zip(*changes, strict=True)))
             best = (level, change, lag)
     return best
 
 
 def _shifted(u: FloatArray, y: FloatArray, lag: int) -> tuple[FloatArray, FloatArray]:
     return (u[lag:], y[: len(y) - lag]) if lag >= 0 else (u[:lag], y[-lag:])
-
-
-def _correlation(a: FloatArray, b: FloatArray) -> float:
-    a, b = a - a.mean(), b - b.mean()
-    scale = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return float(np.clip(a @ b / scale, -1.0, 1.0)) if scale > 0 else 0.0
 
 
 @dataclass(frozen=True, slots=True)

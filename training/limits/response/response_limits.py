@@ -19,7 +19,8 @@ from monitor.judge.response.claims import ErrorModel
 from monitor.judge.response.rule import Moments, ResponseRule
 from monitor.judge.window import Window
 from monitor.model.card import Limit
-from training.limits.judging import Judged, judge_recordings
+from training.limits.judging import judge_recordings
+from training.limits.side_by_side import Judged
 from training.narx.model_file import Unseen
 
 LEAST_EVIDENCE: Final = 1e-3  # with less the response rule decides nothing within a day
