@@ -163,6 +163,18 @@ def test_time_outside_closed_loop_is_a_warning(good: Recording) -> None:
     assert "do not say" in only(check([good], INPUTS, "lean"), "closed loop", "ok")
 
 
+def test_time_in_closed_loop_that_no_training_uses_does_not_count() -> None:
+    # GIVEN a loop that is open in the one long stretch and closed between gaps of a signal
+    columns = engine() | {"closed_loop": np.repeat([0.0, 1.0], 3000)}
+    columns["load"] = np.where(
+        (np.arange(6000) >= 3000) & (np.arange(6000) % 20 == 0), np.nan, columns["load"]
+    )
+    # THEN none of the usable time was in closed loop
+    assert "0 % of the usable" in only(
+        check([recording_of(columns)], INPUTS, "lean"), "closed loop", "warning"
+    )
+
+
 def test_one_operating_point_is_poor_coverage() -> None:
     columns = engine()
     steady = np.arange(6000) < 5700

@@ -39,8 +39,7 @@ class Usable:
 
     u: list[FloatArray]  # inputs, (n_i, k)
     y: list[FloatArray]  # output as recorded, (n_i,), NaN where invalid
-    enabled: int  # number of enabled samples
-    total: int  # number of samples of all recordings
+    enabled: int  # number of enabled samples among them
 
     @property
     def samples(self) -> int:
@@ -61,30 +60,30 @@ def usable(
             outliers[name] += int(bad.sum())
             values[bad, i] = np.nan
     together = np.concatenate(columns)
-    total = len(together)
     for i, name in enumerate(names):
         findings += _one_signal(name, together[:, i], outliers[name])
-    data = Usable([], [], 0, total)
+    u: list[FloatArray] = []
+    y: list[FloatArray] = []
     enabled, stretch = 0, f"stretch of {SHORTEST_STRETCH} samples with all inputs valid"
     for r, values in zip(recordings, columns, strict=True):
         good = np.asarray(np.isfinite(values[:, :-1]).all(axis=1))
-        is_enabled = enabled_rows(r) & good & np.isfinite(values[:, -1])
-        enabled += int(is_enabled.sum())
-        before = len(data.u)
+        scored = np.isfinite(values[:, -1])
+        is_enabled, before = enabled_rows(r) & scored, len(u)
         for a, b in runs(good):
-            if b - a >= SHORTEST_STRETCH and np.isfinite(values[a:b, -1]).any():
-                data.u.append(values[a:b, :-1])
-                data.y.append(values[a:b, -1])
-        if len(data.u) == before:
+            if b - a >= SHORTEST_STRETCH and scored[a:b].any():
+                u.append(values[a:b, :-1])
+                y.append(values[a:b, -1])
+                enabled += int(is_enabled[a:b].sum())
+        if len(u) == before:
             findings.append(DataFinding("warning", "gaps", f"{r.path}: not used, no {stretch}"))
-    if not data.u:
+    if not u:
         text = f"no recording has a {stretch}"
         findings.append(DataFinding("error", "gaps", text))
     elif not any(f.topic == "gaps" for f in findings):
-        longest = max(len(u) for u in data.u)
-        text = f"unbroken stretches: {len(data.u)}, the longest of {longest} samples"
+        longest = max(map(len, u))
+        text = f"unbroken stretches: {len(u)}, the longest of {longest} samples"
         findings.append(DataFinding("ok", "gaps", text))
-    return Usable(data.u, data.y, enabled, total), findings
+    return Usable(u, y, enabled), findings
 
 
 def _one_signal(name: str, values: FloatArray, outliers: int) -> list[DataFinding]:
