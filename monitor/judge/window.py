@@ -1,7 +1,7 @@
 """Windows of consecutive enabled samples."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -22,9 +22,7 @@ class Window:
     measured: FloatArray  # (n,) output's unit
     predicted: FloatArray  # (n,) output's unit
     bank: FloatArray  # (n, n_hypotheses), oriented like phi
-    is_cut: bool = field(
-        default=False, kw_only=True
-    )  # around a fuel cut, by which alone its samples are not enabled
+    is_cut: bool = False  # around a fuel cut, by which alone its samples are not enabled
 
     @property
     def residual(self) -> FloatArray:

@@ -1,5 +1,7 @@
 """The command ``o2train evaluate``."""
 
+from json import dumps
+
 from monitor.base.command_line.parameters import Number, Output
 from training.cli.options import GridOptions, ModelPath, SomeRecordings, load_all
 
@@ -29,8 +31,9 @@ def run(
     json : write the figures as JSON
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
+    from monitor.base.files.outputs import write_text
     from monitor.model.step import Model
-    from training.limits.evaluation import alarms_in_words, evaluate, save
+    from training.limits.evaluation import alarms_in_words, evaluate
 
     card = Model.load(model).card
     period_s = reading.period if reading.period is not None else card.period_ns / 1e9
@@ -53,7 +56,7 @@ def run(
     if healthy:
         print(alarms_in_words(result["false_alarms"]))
     if json:
-        save(result, json)
+        write_text(json, dumps(result, indent=1, allow_nan=False) + "\n")
     return 0
 
 

@@ -55,13 +55,12 @@ def emissions(told: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def detection(result: dict[str, Any]) -> str:
-    """Return in words how many of the faulty drives have a code."""
-    found = result["found"]
+    """Return in words how many faulty drives have a code, and how many their own."""
+    found, known = result["found"], sum(bool(row["fault"]) for row in result["faulty"])
     return (
         f"faulty drives with a code: {found['events']} of {found['trials']} (95 %: "
-        f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %), {found['named']} with the right"
-        " name alone"
-    )
+        f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %)"
+    ) + (f", {found['named']} of {known} with the right name alone" if known else "")
 
 
 def verdict(result: dict[str, Any]) -> str:

@@ -1,7 +1,6 @@
 """Errors of a model on recordings, in free run and one step ahead, also on enabled samples."""
 
 import hashlib
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +12,6 @@ from monitor.base import config
 from monitor.base.config import Config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import source_of
-from monitor.base.files.outputs import write_text
 from monitor.base.types import FloatArray
 from monitor.judge.limits import Limits
 from monitor.model.step import Model, from_model_units, to_model_units
@@ -97,11 +95,6 @@ def _alarms(model: Model, recordings: Sequence[Recording]) -> dict[str, Any]:
     settings = config.load()
     limits = Limits.from_card(model.card, settings, str(model.path))
     return false_alarms(recordings, judge_recordings(recordings, model, limits, settings), settings)
-
-
-def save(result: dict[str, Any], path: Path | str) -> None:
-    """Write ``result`` to ``path`` as JSON."""
-    write_text(path, json.dumps(result, indent=1, allow_nan=False) + "\n")
 
 
 def predict(

@@ -23,6 +23,7 @@ from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.dyno.truth import tailpipe
 from training.limits.calibration import calibrate
+from training.limits.calibration_page import detection
 from training.limits.judging import judge
 from training.limits.rates import quantile_bounds, rate
 from training.recordings.recording import load
@@ -87,6 +88,24 @@ def test_a_quantile_of_few_values_has_no_bounds() -> None:
     assert quantile_bounds(np.arange(20.0), 0.99) == (18.0, None)
     assert quantile_bounds([1.0, 2.0, 3.0], 0.1) == (None, 3.0)
     assert quantile_bounds([5.0], 0.5) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("faults_given", "said"),
+    [
+        ([None, None], " %)"),  # recordings without a manifest
+        (["transient", None], " %), 1 of 1 with the right name alone"),
+    ],
+)
+def test_the_right_name_is_told_of_drives_whose_fault_is_known(
+    faults_given: list[str | None], said: str
+) -> None:
+    known = sum(fault is not None for fault in faults_given)
+    result = {
+        "found": rate(2, 2) | {"named": known},
+        "faulty": [{"fault": f} for f in faults_given],
+    }
+    assert detection(result).endswith(said)
 
 
 def test_false_alarms_on_drives_said_to_be_healthy_stand_beside_what_the_limits_state(
