@@ -4,7 +4,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from monitor.judge.decision.plugins import Opinion
+from monitor.judge.window import Opinion
 
 NOISE_MOST = 0.02  # lambda, median of the steps from sample to sample
 WINDOWS = 3  # before the rule has an opinion

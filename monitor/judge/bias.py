@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.base.config import BiasConfig
 from monitor.base.types import FloatArray
-from monitor.judge.window import Outcome
+from monitor.judge.window import Opinion, Outcome
 
 MOST: Final = 256  # means of a drive that are kept
 LEAST: Final = 8  # means that a line is laid through, or a step
@@ -46,13 +46,10 @@ def bounded(
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Bias:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bias(Opinion):
     """The finding of the bias rule after a window."""
 
-    outcome: Outcome
-    fault: str | None
-    also: tuple[str, ...]
     offset: float  # fading mean of the residual, output's unit
     offset_std: float | None = None  # its standard deviation
     beyond: float | None = None  # standard deviations outside the healthy offsets, below 0 inside
@@ -162,16 +159,14 @@ class BiasRule:
             self._weight = memory * self._weight + 1.0
             self._square = memory**2 * self._square + 1.0
         if not self._windows:
-            return Bias("inconclusive", None, (), 0.0)
+            return Bias("inconclusive", offset=0.0)
         offset = self._sum / self._weight
         own = (1.0 - config.variance_shared) * self._square / self._weight**2
         std = self._window_std * math.sqrt(config.variance_shared + own)
         judged = self._bounded / self._weight
         beyond = max(judged - self._high, self._low - judged) / std
         outcome, fault = ("inconclusive", None) if ignore else self._verdict(judged, beyond)
-        return Bias(
-            outcome=outcome, fault=fault, also=(), offset=offset, offset_std=std, beyond=beyond
-        )
+        return Bias(outcome, fault, offset=offset, offset_std=std, beyond=beyond)
 
     def _verdict(self, offset: float, beyond: float) -> tuple[Outcome, str | None]:
         """Return outcome and fault after a window that counts."""

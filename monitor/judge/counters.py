@@ -4,12 +4,9 @@ import math
 from collections.abc import Iterable, Sequence
 
 from monitor.base.config import Config, DebounceConfig
-from monitor.judge.bias import Bias
-from monitor.judge.catalyst.rule import Claim
-from monitor.judge.decision.plugins import Opinion
 from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.findings import Change, Counted, DtcChanged
-from monitor.judge.response.rule import Response
+from monitor.judge.window import Opinion
 from monitor.memory.codes import CODES, codes_on
 from monitor.memory.debounce import FAILED, PASSED, Debounce
 from monitor.memory.dtc import Dtc
@@ -28,9 +25,7 @@ class Counters:
         self.named: dict[str, str] = {}  # the fault that each matured test has set
         self.decided: set[str] = set()  # tests that reached a decision
 
-    def take(
-        self, test: str, found: Response | Bias | Claim | Opinion, t_ns: int
-    ) -> Sequence[Change]:
+    def take(self, test: str, found: Opinion, t_ns: int) -> Sequence[Change]:
         """Advance one test's counter by what a rule found; nothing where it is inconclusive."""
         if found.outcome == "inconclusive":
             return ()

@@ -1,4 +1,4 @@
-"""Windows of consecutive enabled samples."""
+"""Windows of consecutive enabled samples, and what a rule says after one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,16 @@ import numpy as np
 from monitor.base.runs import runs
 from monitor.base.types import BoolArray, FloatArray, IntArray
 
-Outcome = Literal["passed", "failed", "inconclusive"]  # of a test
+Outcome = Literal["passed", "failed", "inconclusive"]
+
+
+@dataclass(frozen=True, slots=True)
+class Opinion:
+    """The finding of a rule on all windows so far."""
+
+    outcome: Outcome
+    fault: str | None = None  # one of the rule's, if failed
+    also: tuple[str, ...] = ()  # others of its faults that explain as much
 
 
 @dataclass(frozen=True, slots=True)

@@ -96,7 +96,7 @@ def test_a_rule_is_judged_on_the_drives_on_which_it_has_something_to_look_at() -
 
 def test_a_fault_counts_when_two_results_in_a_row_agree() -> None:
     def results(*outcomes: str) -> list[BehindResult]:
-        claims = [Claim(o, "catalyst_low", 0.0) for o in outcomes]  # type: ignore[arg-type]
+        claims = [Claim(o, "catalyst_low") for o in outcomes]  # type: ignore[arg-type]
         return [BehindResult(50 * i, "catalyst", claim) for i, claim in enumerate(claims, 1)]
 
     debounce = config.shipped().debounce

@@ -19,6 +19,7 @@ from training.limits.judging import enabled_samples, judge_recordings
 from training.limits.rates import rate
 from training.limits.side_by_side import Judged
 from training.recordings import metrics
+from training.recordings.prediction import check_period
 from training.recordings.recording import Recording
 from training.recordings.samples.rows import runs
 
@@ -107,11 +108,7 @@ def predict(
     Raises RecordingError if the sample periods of recording and model differ.
     """
     card = model.card
-    if recording.period_ns != card.period_ns:
-        raise RecordingError(
-            f"{recording.path}: sample period {recording.period_ns / 1e9:g} s, "
-            f"the model has {card.period_ns / 1e9:g} s"
-        )
+    check_period(recording, card)
     u = np.stack([recording.column(name) for name in card.input_names], axis=1)
     y = recording.column(card.output.name)
     measured = from_model_units(card.transform, to_model_units(card.transform, y))

@@ -9,6 +9,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
+from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.recordings.recording import Recording
 from training.recordings.samples.rows import hold
@@ -54,16 +55,21 @@ def _sha256(row: tuple[FloatArray, FloatArray]) -> str:
 def checked(model: Model, recording: Recording) -> tuple[FloatArray, FloatArray]:
     """Return held inputs (n, n_inputs) and the measured output (n,), NaN where not good."""
     card = model.card
-    if recording.period_ns != card.period_ns:
-        raise RecordingError(
-            f"{recording.path}: sample period {recording.period_ns / 1e9:g} s, "
-            f"the model has {card.period_ns / 1e9:g} s"
-        )
+    check_period(recording, card)
     for name in (*card.input_names, card.output.name):
         if not np.isfinite(recording.column(name)).any():
             raise RecordingError(f"{recording.path}: {name} is never good, the model needs it")
     inputs = np.stack([hold(recording.column(name)) for name in card.input_names], axis=1)
     return inputs, recording.column(card.output.name)
+
+
+def check_period(recording: Recording, card: ModelCard) -> None:
+    """Raise RecordingError if recording and model differ in their sample period."""
+    if recording.period_ns != card.period_ns:
+        raise RecordingError(
+            f"{recording.path}: sample period {recording.period_ns / 1e9:g} s, "
+            f"the model has {card.period_ns / 1e9:g} s"
+        )
 
 
 def stacked(runs: Sequence[FloatArray], axis: int = 0) -> FloatArray:

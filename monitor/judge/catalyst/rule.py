@@ -20,7 +20,7 @@ from monitor.base.config import Config, ResponseConfig
 from monitor.base.types import FloatArray
 from monitor.judge.catalyst.bank import LEAK, MID_V, STUCK, WEAK, CatalystBank
 from monitor.judge.catalyst.estimate import Capacity, CapacityCurve, jackknife
-from monitor.judge.window import Outcome
+from monitor.judge.window import Opinion
 
 CATALYST: Final = "catalyst_low"
 SMALLEST: Final = 1e-300  # likelihood relative to the likeliest, so that it has a logarithm
@@ -28,14 +28,11 @@ PRODUCT: Final = 50  # samples whose likelihoods are multiplied before a logarit
 IMPOSSIBLE: Final = -1e9  # log likelihood of a member that the voltage rules out
 
 
-@dataclass(frozen=True, slots=True)
-class Claim:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Claim(Opinion):
     """How the evidence stands for one test."""
 
-    outcome: Outcome
-    fault: str | None
-    log_odds: float  # of the likeliest fault over all that is none
-    also: tuple[str, ...] = ()
+    log_odds: float = 0.0  # of the likeliest fault over all that is none
 
 
 def claim_of(
@@ -43,8 +40,9 @@ def claim_of(
 ) -> Claim:
     """Return how the evidence stands for a fault, by its log odds."""
     if log_odds >= config.evidence_fail:
-        return Claim("failed", fault, log_odds, also)
-    return Claim("passed" if -log_odds >= config.evidence_pass else "inconclusive", None, log_odds)
+        return Claim("failed", fault, also, log_odds=log_odds)
+    is_sound = -log_odds >= config.evidence_pass
+    return Claim("passed" if is_sound else "inconclusive", log_odds=log_odds)
 
 
 class CatalystRule:
@@ -230,7 +228,7 @@ class CatalystRule:
 
     def _claim(self, odds: float, fault: str, also: tuple[str, ...] = ()) -> Claim:
         if not self.segments:
-            return Claim("inconclusive", None, odds)
+            return Claim("inconclusive", log_odds=odds)
         return claim_of(odds, fault, self._odds, also)
 
     def capacity(self) -> Capacity | None:

@@ -159,7 +159,7 @@ class CatalystMonitor:
             running=self._running if runs else 0,
             duty_percent=math.nan if self._duty is None else sample[self._duty],
         ):
-            claim = Claim("failed" if fault else "passed", fault or None, 0.0)
+            claim = Claim("failed" if fault else "passed", fault or None)
             yield BehindResult(k, test, claim, results=self._wake())
         is_bridged = self._missing <= self._n_hold and all(map(math.isfinite, held))
         if not (is_complete or is_bridged):

@@ -7,25 +7,15 @@ set codes of the manufacturer's range.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar, Final, Protocol, get_args
 
 from monitor.base.errors import ConfigError, O2Error
 from monitor.base.foreign import ForeignError, foreign, returned
-from monitor.judge.window import Outcome, Window
+from monitor.judge.window import Opinion, Outcome, Window
 from monitor.memory.codes import admit
 
 GROUP: Final = "o2_monitor.rules"
-
-
-@dataclass(frozen=True, slots=True)
-class Opinion:
-    """The finding of a rule after a window."""
-
-    outcome: Outcome
-    fault: str | None = None  # one of the rule's, if failed
-    also: tuple[str, ...] = ()  # others of its faults that explain as much
 
 
 class Rule(Protocol):

@@ -28,7 +28,7 @@ from monitor.judge.residual import means_and_stds, whitened
 from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.claims import ErrorModel, claims
 from monitor.judge.response.estimates import Estimates
-from monitor.judge.window import Outcome
+from monitor.judge.window import Opinion, Outcome
 
 EDGES = ("rich_to_lean", "lean_to_rich")
 _WINDOWS = 8  # regressed at once: what fits into the processor's cache
@@ -36,13 +36,10 @@ GAIN_KNOWN: Final = 1e-3  # information on a regression's gain before the drive:
 GAIN_FOLLOWS: Final = 0.05  # least gain of a regression: no sensor reads the mixture reversed
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Response(Opinion):
     """The finding of the response rule after a window."""
 
-    outcome: Outcome
-    fault: str | None
-    also: tuple[str, ...]
     column: int  # of the bank: what the likeliest sensor reads
     statistics: Estimates
 
@@ -282,7 +279,7 @@ class ResponseRule:
             hypothesis = claim.fault or "healthy"
             statistics = Estimates._make((float(excitation[i]), gap, hypothesis, *times[i], *gain))
             column = claim.column if claim.column < self._n_columns else 0
-            found.append(Response(outcome, name, also, column, statistics))
+            found.append(Response(outcome, name, also, column=column, statistics=statistics))
         return found
 
     def _alike(self, evidence: FloatArray, best: int) -> tuple[str, ...]:

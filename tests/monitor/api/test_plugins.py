@@ -15,6 +15,7 @@ from monitor.base.errors import ConfigError, RecordingError
 from monitor.frames.tables import readers
 from monitor.grid.tables import read_table
 from monitor.judge.decision import plugins as rules
+from monitor.judge.window import Opinion
 from monitor.memory import codes
 from tests.conftest import ROOT
 from tests.helpers.logs.replays import replays
@@ -123,20 +124,20 @@ def test_a_rule_sets_its_code_once_the_settings_switch_it_on(
     "said",
     [
         None,
-        rules.Opinion("failed", "unknown"),
-        rules.Opinion("failed", "noisy", ("unknown",)),
-        rules.Opinion("failed", ["noisy"]),  # type: ignore[arg-type]
-        rules.Opinion("fine"),  # type: ignore[arg-type]
+        Opinion("failed", "unknown"),
+        Opinion("failed", "noisy", ("unknown",)),
+        Opinion("failed", ["noisy"]),  # type: ignore[arg-type]
+        Opinion("fine"),  # type: ignore[arg-type]
     ],
 )
 def test_a_rule_that_fails_is_switched_off_and_told_and_the_drive_keeps_its_verdict(
-    said: rules.Opinion | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    said: Opinion | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # GIVEN a rule that raises an error, names a fault that it has not, or decides nothing known
     (kind,) = rules.loaded(["noisy"]).values()
     asked = []
 
-    def judge(_self: object, window: object) -> rules.Opinion:
+    def judge(_self: object, window: object) -> Opinion:
         asked.append(window)
         if said is None:
             raise ZeroDivisionError

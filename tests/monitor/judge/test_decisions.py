@@ -43,7 +43,7 @@ def facts(
     moved: Moved = ALIVE,
     no_evidence: bool = False,
 ) -> Facts:
-    response = Response(outcome, None, (), 0, Estimates(0.02, 0.0, "healthy"))
+    response = Response(outcome, column=0, statistics=Estimates(0.02, 0.0, "healthy"))
     return Facts(offset, 0.01, no_evidence, offset, response, moved)
 
 
@@ -68,8 +68,8 @@ def test_the_oxygen_balance_names_the_upstream_sensor_whatever_the_bias_rule_say
     # GIVEN a catalyst whose balance says twice that the upstream sensor reads lean
     given = decisions(setup)
     for _ in range(2):
-        list(given.behind("balance", Claim("failed", "balance_rich", 20.0), 1))
-    bias = Claim("failed", "biased_lean", 20.0)
+        list(given.behind("balance", Claim("failed", "balance_rich"), 1))
+    bias = Claim("failed", "biased_lean")
     assert codes(given.behind("bias", bias, 1)) == ["P2195"]
     # WHEN the offsets of many windows are healthy ones by the bias rule
     judged(given, *[facts()] * 10)
@@ -79,7 +79,7 @@ def test_the_oxygen_balance_names_the_upstream_sensor_whatever_the_bias_rule_say
     assert codes(given.behind("bias", bias, 2)) == []
     # AND once the balance holds again, the bias rule decides
     for _ in range(4):
-        list(given.behind("balance", Claim("passed", None, -20.0), 3))
+        list(given.behind("balance", Claim("passed"), 3))
     judged(given, *[facts()] * 10)
     assert given.outcomes["bias"] == "passed"
 
