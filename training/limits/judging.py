@@ -108,9 +108,5 @@ def _block(recording: Recording, names: Sequence[str]) -> SampleBlock:
     """Return the named signals of a recording; its first sample has the time 0 s."""
     order = [recording.names.index(name) for name in names]
     index = np.arange(len(recording.values))
-    return SampleBlock(
-        index,
-        index * recording.period_ns,
-        recording.values[:, order],
-        recording.quality[:, order],
-    )
+    values, quality = recording.values[:, order], recording.quality[:, order]
+    return SampleBlock(index, index * recording.period_ns, values, quality)

@@ -79,9 +79,7 @@ class CatalystRule:
         """Forget all evidence."""
         self._evidence = np.zeros(self._bank.shape)
         self._parts = np.zeros((self._config.offset_parts, *self._bank.shape))
-        self._segment = np.zeros(self._bank.shape)
-        self._product = np.ones(self._bank.shape)
-        self._n = self.segments = 0
+        self.segments = 0
         self._capacity: Capacity | None = None  # of the segments so far, once it was asked for
         self.low_v, self.high_v = math.inf, -math.inf  # of the voltage that was judged
         self._sum_v, self._n_v = 0.0, 0
@@ -95,8 +93,7 @@ class CatalystRule:
 
     def _begin(self) -> None:
         """Begin a segment."""
-        self._segment[:] = 0.0
-        self._product[:] = 1.0
+        self._segment, self._product = np.zeros(self._bank.shape), np.ones(self._bank.shape)
         self._least, self._most = math.inf, -math.inf  # of the measured voltage
         self._least_of = np.full(self._bank.shape, math.inf)  # of each member's
         self._most_of = np.full(self._bank.shape, -math.inf)
@@ -275,12 +272,9 @@ class CatalystRule:
         the Bootstrap, chapter 11). To that comes the width of what the evidence allows, since the
         errors of the model repeat in every part.
         """
-        own, offset = (
-            np.array([self._weights(2, each) for each in self._evidences]),
-            self._bank.offset,
-        )
-        means = own @ offset
-        width = float(own[0] @ (offset - means[0]) ** 2)
+        own = np.array([self._weights(2, each) for each in self._evidences])
+        means = own @ self._bank.offset
+        width = float(own[0] @ (self._bank.offset - means[0]) ** 2)
         return math.sqrt(jackknife(means[1:]) ** 2 + width + self._config.offset_model_phi**2)
 
 

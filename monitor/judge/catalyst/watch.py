@@ -26,13 +26,7 @@ REAR: Final = (VOLTAGE, WIDE)
 UPSTREAM: Final = ("lambda_measured", "maf_kg_h")
 NEEDED: Final = (VOLTAGE, *UPSTREAM)
 DUTY: Final = "downstream_heater_percent"
-SIGNALS: Final = (
-    *REAR,
-    *UPSTREAM,
-    "catalyst_temperature_degc",
-    DUTY,
-    "engine_speed_rpm",
-)
+SIGNALS: Final = (*REAR, *UPSTREAM, "catalyst_temperature_degc", DUTY, "engine_speed_rpm")
 KG_H_PER_G_S: Final = 3.6
 
 

@@ -36,20 +36,13 @@ def covered(recordings: Sequence[Recording], figures: dict[str, Any]) -> list[Da
         text = f"{names[0]} and {names[1]} are never valid together"
         return [DataFinding("warning", "coverage", text)]
     cover = measures.coverage(both[:, 0], both[:, 1], recordings[0].period_ns / 1e9)
-    figures["coverage"] = {
-        "speed": names[0],
-        "load": names[1],
-        "share": cover.share,
-        "fullest": cover.fullest,
-        "speed_edges": cover.speed.tolist(),
-        "load_edges": cover.load.tolist(),
-        "seconds": cover.seconds.tolist(),
-    }
+    measured = {key: np.asarray(value).tolist() for key, value in asdict(cover).items()}
+    figures["coverage"] = {"speed": names[0], "load": names[1], **measured}
     text = (
         f"{100 * cover.share:.0f} % of the {measures.CELLS}×{measures.CELLS} cells between "
-        f"{cover.speed[0]:.4g} and {cover.speed[-1]:.4g} {names[0]} and {cover.load[0]:.4g} and "
-        f"{cover.load[-1]:.4g} {names[1]} visited, {100 * cover.fullest:.0f} % of the time in the "
-        "fullest"
+        f"{cover.speed_edges[0]:.4g} and {cover.speed_edges[-1]:.4g} {names[0]} and "
+        f"{cover.load_edges[0]:.4g} and {cover.load_edges[-1]:.4g} {names[1]} visited, "
+        f"{100 * cover.fullest:.0f} % of the time in the fullest"
     )
     if cover.share < COVERED or cover.fullest > FULLEST:
         text += (
@@ -60,10 +53,7 @@ def covered(recordings: Sequence[Recording], figures: dict[str, Any]) -> list[Da
 
 
 def excited(
-    recordings: Sequence[Recording],
-    data: Usable,
-    inputs: Sequence[str],
-    figures: dict[str, Any],
+    recordings: Sequence[Recording], data: Usable, inputs: Sequence[str], figures: dict[str, Any]
 ) -> list[DataFinding]:
     """Return the findings on how the inputs move; store the measures in ``figures``."""
     findings = []

@@ -68,8 +68,8 @@ class Coverage:
 
     share: float  # share of visited cells
     fullest: float  # share of the samples in the fullest cell
-    speed: FloatArray  # (CELLS + 1,) edges, unit of the speed signal
-    load: FloatArray  # (CELLS + 1,) edges, unit of the load signal
+    speed_edges: FloatArray  # (CELLS + 1,) edges, unit of the speed signal
+    load_edges: FloatArray  # (CELLS + 1,) edges, unit of the load signal
     seconds: FloatArray  # (CELLS, CELLS) time in the cells, speed × load
 
 
