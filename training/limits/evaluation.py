@@ -20,7 +20,7 @@ from training.limits.rates import rate
 from training.limits.side_by_side import Judged
 from training.recordings import metrics
 from training.recordings.prediction import check_period
-from training.recordings.recording import Recording
+from training.recordings.recording import Recording, check_each_once
 from training.recordings.samples.rows import runs
 
 SCHEMA = "o2train.evaluate/1"
@@ -40,8 +40,8 @@ def evaluate(
     healthy : the sensors were sound: ``false_alarms`` says how many drives have a code, beside the
         rate that the card's limits promise for drives like those that set them
     Raises RecordingError if a recording lacks a signal, has another sample period or has no sample
-    to score; UsageError if ``washout`` is negative; ModelError if ``healthy`` and the model has no
-    decision limits.
+    to score; UsageError if ``washout`` is negative, or a drive given twice and ``healthy``;
+    ModelError if ``healthy`` and the model has no decision limits.
     """
     model = Model.load(path)
     washout = model.card.lags if washout is None else washout
@@ -93,6 +93,7 @@ def alarms_in_words(found: dict[str, Any]) -> str:
 
 
 def _alarms(model: Model, recordings: Sequence[Recording]) -> dict[str, Any]:
+    check_each_once(recordings)
     settings = config.load()
     limits = Limits.from_card(model.card, settings, str(model.path))
     return false_alarms(recordings, judge_recordings(recordings, model, limits, settings), settings)

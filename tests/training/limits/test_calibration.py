@@ -13,6 +13,7 @@ from playwright.sync_api import Browser
 from scipy import stats
 
 from monitor.base import config, faults
+from monitor.base.errors import UsageError
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
@@ -24,6 +25,7 @@ from training.dyno.simulation import Experiment
 from training.dyno.truth import tailpipe
 from training.limits.calibration import calibrate
 from training.limits.calibration_page import detection
+from training.limits.evaluation import evaluate
 from training.limits.judging import judge
 from training.limits.rates import quantile_bounds, rate
 from training.recordings.recording import load
@@ -66,6 +68,12 @@ def command(folder: Path) -> list[str]:
     faulty = map(str, sorted(folder.glob("*_s9106_*.parquet")))
     model = str(folder / "model.onnx")
     return ["calibrate", "--model", model, "--healthy", *sound, "--faulty", *faulty]
+
+
+def test_a_healthy_drive_counts_once_in_the_rate_of_false_alarms(drives: Path) -> None:
+    twice = [load(healthy(drives)[0])] * 2
+    with pytest.raises(UsageError, match="the same as"):
+        evaluate(shipped_model(), twice, healthy=True)
 
 
 def test_the_evidence_in_each_drive_is_drawn(
