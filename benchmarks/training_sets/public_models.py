@@ -58,7 +58,7 @@ def narx(plant: Plant, work: Work) -> FreeRuns:
         path = Path(folder) / "model.onnx"
         options = FitOptions(budget_minutes=work.budget_minutes, seed=work.seed)
         fitted = fit(FitSource(own, names, "y"), path, options)
-        shape = describe(fitted.network.spec)
+        shape = describe(fitted.chosen.model.spec)
         model = Model.load(path)
         return {
             name: predict(model, recording(name, record), plant.washout)[1]

@@ -130,14 +130,14 @@ def _tell_reference(card: "ModelCard") -> None:
 def _print_fit(result: "FitResult") -> None:
     from training.narx.network import describe
 
-    spec = result.network.spec
+    spec = result.chosen.model.spec
     n = len(result.data.role)
     if result.tries:
         members = result.chosen.model.members
         mean = f", the mean of {members} trainings" if members > 1 else ""
         print(f"chosen of {len(result.tries)} structures: {describe(spec)}{mean}")
     print(
-        f"{result.path}: {n} samples, {result.network.spec.n_weights} weights, "
+        f"{result.path}: {n} samples, {result.chosen.model.spec.n_weights} weights, "
         f"{result.seconds:.0f} s"
     )
 

@@ -8,10 +8,8 @@ Statistical Society B 36 (1974).
 """
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -20,7 +18,8 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model, to_model_units
-from training.narx.export import Network, save
+from training.jobs.model_bytes import model_of
+from training.narx.export import Network, build, file_content
 from training.narx.model_file import measures, network_of, shape_of
 from training.narx.network import Spec
 from training.narx.search.mean import mean_of
@@ -41,10 +40,8 @@ class Twin:
 
     def model(self, card: ModelCard) -> Model:
         """Return the twin as a model with the card of the whole training's, but its own shape."""
-        with TemporaryDirectory(prefix="o2-twin-") as folder:
-            path = Path(folder) / "twin.onnx"
-            save(path, self.network, replace(card, **shape_of(self.network)))
-            return Model.load(path)
+        own = replace(card, **shape_of(self.network))
+        return model_of("twin.onnx", file_content(build(self.network), own))
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +93,7 @@ def cross_fit(
     work : budget, of which each twin has an equal part
     """
     recorded = replace(data, samples=as_recorded(data))
-    left_out = _left_out(data)
     work = work or Work()
-    parts = work.split(len(left_out))
 
     def one(rows: BoolArray, part: Work) -> tuple[Twin, FloatArray] | None:
         members = _trained(data, spec, rows, decay, seed, part)
@@ -107,9 +102,7 @@ def cross_fit(
         shape, weights = mean_of([(each.spec, each.weights) for each in members])
         return Twin(network_of(data, shape, weights), rows), free_run(recorded, shape, weights)
 
-    with ThreadPoolExecutor(max(1, threads)) as pool:
-        found = [each for each in pool.map(one, left_out, parts) if each]
-    work.join(parts)
+    found = [each for each in work.side_by_side(one, _left_out(data), threads) if each]
     predicted = np.full(len(data.role), np.nan)
     for twin, run in found:
         predicted[twin.rows] = data.scaling.unscale_y(run[twin.rows])
@@ -148,9 +141,9 @@ def _trained(
     else:
         role[role == Role.TEST] = Role.VALIDATE
     role[rows] = Role.TEST
-    if ((role == Role.TRAIN) & (data.samples.weight > 0)).sum() < spec.n_weights:
-        return []
     seen, horizons, found = replace(data, role=role), HORIZONS[:-1], list[Trained]()
+    if seen.n_train < spec.n_weights:
+        return []
     for start in range(STARTS):
         own = work.up_to(work.left)
         try:
@@ -158,7 +151,7 @@ def _trained(
             trained = train(seen, begun, own, horizons, N_SAMPLES)
         except RecordingError:  # no validation block is longer than the memory
             return []
-        work.join([own])
+        work.join(own)
         if not np.isfinite(trained.score) or (found and own.is_over()):
             break
         found.append(trained)

@@ -1,12 +1,11 @@
 """The NARX as an ONNX graph with its card, and the file of any graph.
 
 State: for every lag, newest first, the scaled inputs and then the output in model units, so that
-one slice shifts it. The matrix products are Gemm with the batch as rows: of the formulations
-tried (batch as columns, batched products, sums) this and the doubled batch gave the same bits
-for every batch size on onnxruntime's CPU provider.
+one slice shifts it. The matrix products are Gemm with the batch as rows, which gives the same bits
+for every batch size on onnxruntime's CPU provider; sums and batched products do not.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -78,7 +77,7 @@ class Network:
             inputs[:, first:stop] = boxed[:, i : i + 1] / (stop - first)
         outputs = np.zeros((len(matrix), spec.memory, 1))
         outputs[:, : spec.lags, 0] = matrix[:, n_boxes * k :]
-        middle, half = (scale.u_high + scale.u_low) / 2, (scale.u_high - scale.u_low) / 2
+        middle, half = self.input_range
         bias = bias + (inputs * ((middle - scale.u_mean) / scale.u_std)).sum(axis=(1, 2))
         bias -= outputs.sum(axis=(1, 2)) * scale.y_mean / scale.y_std
         inputs *= half / scale.u_std
@@ -86,11 +85,11 @@ class Network:
         parts = [inputs[:, 0]] if self.sees_newest else []
         return np.concatenate([*parts, past.reshape(len(matrix), -1)], axis=1), bias
 
-    def input_map(self) -> tuple[FloatArray, FloatArray]:
-        """Return gain and offset (k,) that bring transformed inputs to -1 .. 1."""
-        s = self.scaling
-        half = (s.u_high - s.u_low) / 2
-        return 1.0 / half, -(s.u_high + s.u_low) / 2 / half
+    @property
+    def input_range(self) -> tuple[FloatArray, FloatArray]:
+        """Middle and half width (k,) of the range to which transformed inputs are clipped."""
+        low, high = self.scaling.u_low, self.scaling.u_high
+        return (high + low) / 2, (high - low) / 2
 
 
 class Graph:
@@ -102,10 +101,7 @@ class Graph:
         self.constants: list[onnx.TensorProto] = []
 
     def part(self, prefix: str) -> "Graph":
-        """Return the same graph, in which the names of new tensors begin with ``prefix``.
-
-        The same nodes can then stand in it twice, because their names differ.
-        """
+        """Return the same graph with ``prefix`` before new names: nodes can stand in it twice."""
         part = Graph(self.prefix + prefix)
         part.nodes, part.constants = self.nodes, self.constants
         return part
@@ -133,28 +129,16 @@ class Graph:
 
 def build(network: Network) -> onnx.ModelProto:
     """Return the graph ``step``, float32, without a card."""
-    graph = Graph()
-    u_scaled, y = network_nodes(graph, network, "u", "state")
-    lambda_nodes(graph, network.transform, y)
-    next_nodes(graph, network, u_scaled, y, "state")
-    return finished(graph, network.spec.n_inputs, network.state_layout.size)
-
-
-def network_nodes(graph: Graph, network: Network, u: str, state: str) -> tuple[str, str]:
-    """Add one step; return the scaled inputs (batch, k) and the output in model units (batch, 1).
-
-    u, state : the network's own inputs (batch, k) and state
-    """
-    spec = network.spec
-    gain, offset = network.input_map()
-    u = _transformed(graph, network, u)
-    names = [graph.constant("u_gain", np.diag(gain)), graph.constant("u_offset", offset)]
+    graph, spec, size = Graph(), network.spec, network.state_layout.size
+    u, (middle, half) = _transformed(graph, network), network.input_range
+    gain, offset = np.diag(1.0 / half), -middle / half
+    names = [graph.constant("u_gain", gain), graph.constant("u_offset", offset)]
     mapped = graph.add("Gemm", [u, *names], "u_mapped", transB=1)
     limits = [graph.constant("u_low", -1.0), graph.constant("u_high", 1.0)]
     u_scaled = graph.add("Clip", [mapped, *limits], "u_scaled")
-    x = regressor = state
+    x = regressor = "state"
     if network.sees_newest:
-        x = regressor = graph.add("Concat", [u_scaled, state], "regressor", axis=1)
+        x = regressor = graph.add("Concat", [u_scaled, "state"], "regressor", axis=1)
     stack = network.folded_layers()
     for i, (w, b) in enumerate(stack):
         if spec.linear_path and i == len(stack) - 1:
@@ -165,7 +149,11 @@ def network_nodes(graph: Graph, network: Network, u: str, state: str) -> tuple[s
             x = graph.add("Tanh", [x], f"tanh{i}")
     low, high = network.scaling.y_low, network.scaling.y_high
     names = [graph.constant("y_low", low), graph.constant("y_high", high)]
-    return u_scaled, graph.add("Clip", [x, *names], "y")
+    y = graph.add("Clip", [x, *names], "y")
+    lambda_nodes(graph, network.transform, y)
+    kept = graph.take("state", 0, size - spec.n_inputs - 1, "kept")
+    graph.add("Concat", [u_scaled, y, kept], "next_state", axis=1)
+    return finished(graph, spec.n_inputs, size)
 
 
 def lambda_nodes(graph: Graph, transform: str, y: str) -> None:
@@ -177,32 +165,21 @@ def lambda_nodes(graph: Graph, transform: str, y: str) -> None:
     graph.add("Reciprocal", [graph.add("Clip", [y, *names], "phi_readable")], "lambda_hat")
 
 
-def next_nodes(
-    graph: Graph, network: Network, u_scaled: str, y: str, state: str, more: Sequence[str] = ()
-) -> None:
-    """Add the graph's output ``next_state``: the newest sample, the older ones, ``more``."""
-    k, size = network.spec.n_inputs, network.state_layout.size
-    kept = graph.take(state, 0, size - k - 1, "kept")
-    graph.add("Concat", [u_scaled, y, kept, *more], "next_state", axis=1)
-
-
-def _transformed(graph: Graph, network: Network, u: str) -> str:
-    source = u
+def _transformed(graph: Graph, network: Network) -> str:
+    """Return the inputs with the quotients of the transforms in the place of numerators."""
+    source, k = "u", len(network.inputs)
     for index, t in enumerate(network.transforms):
-        i = network.inputs.index(t["numerator"])
-        j = network.inputs.index(t["denominator"])
-        k = len(network.inputs)
+        i, j = (network.inputs.index(t[place]) for place in ("numerator", "denominator"))
         name = f"ratio{index}"
-        top = graph.take(u, i, i + 1, f"{name}_top")
-        bottom = graph.take(u, j, j + 1, f"{name}_bottom")
+        top = graph.take("u", i, i + 1, f"{name}_top")
+        bottom = graph.take("u", j, j + 1, f"{name}_bottom")
         least = graph.constant(f"{name}_least", t["denominator_minimum"])
         safe = graph.add("Max", [bottom, least], f"{name}_safe")
         quotient = graph.add("Div", [top, safe], f"{name}_quotient")
         factor = graph.constant(f"{name}_factor", t["factor"])
         free = graph.add("Mul", [quotient, factor], f"{name}_free")
         limits = [graph.constant(f"{name}_low", 0.0), graph.constant(f"{name}_high", t["maximum"])]
-        middle = graph.add("Clip", [free, *limits], f"{name}_value")
-        parts = [middle]
+        parts = [graph.add("Clip", [free, *limits], f"{name}_value")]
         if i > 0:
             parts.insert(0, graph.take(source, 0, i, f"{name}_before"))
         if i < k - 1:

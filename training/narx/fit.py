@@ -2,8 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,22 +10,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
+from monitor.base.types import FloatArray
+from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.narx.cross_fit import CrossFit, cross_fit
-from training.narx.export import Network
+from training.narx.export import save
 from training.narx.model_file import (
     ALL_OF_A_NETWORK,
     OF_TWINS,
     FreeRunFit,
     Unseen,
+    card_of,
     network_of,
-    write_model,
+    shape_of,
 )
 from training.narx.network import Spec
-from training.narx.search.folds import folds_of
 from training.narx.search.mean import NetworkChoice, choose
+from training.narx.search.stability import Contraction
 from training.narx.search.stages import N_SAMPLES, Trained, train
-from training.narx.search.structure import FOLDS, STARTS, Search, Try
+from training.narx.search.structure import FOLDS, STARTS, Search, Try, folds_of
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role, prepare
 
@@ -43,7 +45,6 @@ SAMPLES_PER_WEIGHT = 10  # with fewer the network overfits
 class FitResult(FreeRunFit):
     """The model, its data and its trainings."""
 
-    network: Network
     chosen: NetworkChoice
     unseen: CrossFit  # free runs of twins over what they did not see
     tries: tuple[Try, ...]  # structures that were tried, none if the shape was given
@@ -112,41 +113,56 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
         chosen, tries = _searched(source, seen, options, work)
     else:
         chosen, tries = _trained(seen, options, work), ()
-    warnings = [*data.warnings, *_size_warnings(data, chosen.best_member.spec)]
+    few = _size_warnings(seen, chosen.best_member.spec)
+    whole.join(work)
     if not np.isfinite(chosen.model.score):
-        raise UsageError(
-            f"the budget of {options.budget_minutes:g} min ended before the first epoch"
-        )
-    whole.join([work])
+        limit = "wall limit" if whole.ended_by_wall else f"budget of {options.budget_minutes:g} min"
+        raise UsageError(f"the {limit} ended before the first epoch")
     best = chosen.best_member
     twins = cross_fit(data, best.spec, decay=best.decay, seed=seed, work=whole, threads=threads)
-    network = network_of(data, chosen.model.spec, chosen.model.weights)
-    card = write_model(
-        out,
-        network,
-        twins.data,
-        twins.predicted,
-        chosen.gap,
-        members=chosen.model.members,
-        unseen=twins.to_card(),
-        work=whole,
-    )
+    model = chosen.model
     return FitResult(
         path=Path(out),
-        card=card,
-        network=network,
+        card=write_model(out, model.spec, model.weights, twins, chosen.gap, model.members, whole),
         data=twins.data,
         chosen=chosen,
         predicted=twins.predicted,
         unseen=twins,
         tries=tries,
         seconds=time.monotonic() - began_s,
-        warnings=(
-            *warnings,
-            *_training_warnings(chosen, data.memory),
-            *([ENDED_EARLY] if whole.ended_by_wall else []),
-        ),
+        warnings=(*data.warnings, *few, *_training_warnings(chosen, data.memory, whole)),
     )
+
+
+def write_model(
+    out: Path | str,
+    spec: Spec,
+    weights: FloatArray,
+    twins: CrossFit,
+    gap: Contraction,
+    members: int = 1,
+    work: Work | None = None,
+) -> ModelCard:
+    """Write a network as a model file; return its card with the measures of its twins.
+
+    members : trainings of which the network is the mean
+    work : of the training, for the card
+    """
+    checks: dict[str, Any] = {"contraction": asdict(gap)}
+    if work:
+        checks["work"] = {"counted": work.spent, "ended_by_wall": work.ended_by_wall}
+    network = network_of(twins.data, spec, weights)
+    card = card_of(
+        twins.data,
+        twins.predicted,
+        kind="narx",
+        transforms=twins.data.transforms,
+        unseen=twins.to_card(),
+        checks=checks,
+        **shape_of(network, members),
+    )
+    save(out, network, card)
+    return card
 
 
 def _searched(
@@ -159,7 +175,7 @@ def _searched(
     searching = work.up_to(work.limit / (PARTS - 1))
     search = Search(folds, count, seed, searching, options.threads, options.tried)
     search.run()
-    work.join([searching])
+    work.join(searching)
     members = search.members(options.keep_held_out, work, options.starts or FOLDS)
     return choose(data, members, seed, work, join=True), tuple(search.ranked)
 
@@ -170,15 +186,12 @@ def _trained(data: Prepared, options: FitOptions, work: Work) -> NetworkChoice:
     spec = Spec(len(data.inputs), *size, options.input_lag_start, *data.scaling.y_scaled_limits)
     _size_warnings(data, spec)
     starts = [Trained(spec, seed=options.seed + 1000 * i) for i in range(options.starts or STARTS)]
-    parts = work.split(len(starts))
-    with ThreadPoolExecutor(max(1, options.threads)) as pool:
-        found = list(pool.map(partial(train, data), starts, parts))
-    work.join(parts)
+    found = work.side_by_side(partial(train, data), starts, options.threads)
     return choose(data, found, options.seed, work, join=False)
 
 
 def _size_warnings(data: Prepared, spec: Spec) -> list[str]:
-    n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
+    n = data.n_train
     if n < spec.n_weights:
         raise RecordingError(
             f"{n} training samples for {spec.n_weights} weights are too few: "
@@ -189,7 +202,7 @@ def _size_warnings(data: Prepared, spec: Spec) -> list[str]:
     return []
 
 
-def _training_warnings(chosen: NetworkChoice, memory: int) -> list[str]:
+def _training_warnings(chosen: NetworkChoice, memory: int, work: Work) -> list[str]:
     gap, warnings = chosen.gap, []
     if memory and not gap.gap <= gap.limit:
         warnings.append(
@@ -197,7 +210,7 @@ def _training_warnings(chosen: NetworkChoice, memory: int) -> list[str]:
             f"{gap.samples} samples (limit {gap.limit:.3g})"
         )
     begun = [t for t in chosen.starts if t.members == 1]
-    cut = sum(t.stages[-1].stop == "budget" if t.stages else True for t in begun)
+    cut = sum(t.cut_short for t in begun)
     if cut:
         warnings.append(f"the budget ended {cut} of {len(begun)} starts before their last stage")
-    return warnings
+    return [*warnings, ENDED_EARLY] if work.ended_by_wall else warnings

@@ -1,7 +1,7 @@
 """The model file of a training: its graph, its card with measures."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,8 @@ import numpy as np
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model, from_model_units
-from training.narx.export import Network, save
+from training.narx.export import Network
 from training.narx.network import Spec
-from training.narx.search.stability import Contraction
-from training.narx.work import Work
 from training.recordings import metrics
 from training.recordings.recording import Recording, training_recording
 from training.recordings.samples.preparation import Prepared, Role
@@ -39,12 +37,26 @@ class FreeRunFit:
     seconds: float
     warnings: tuple[str, ...]
 
+    @property
+    def in_units(self) -> tuple[FloatArray, FloatArray]:
+        """Measurement and free run (n,) in the output's unit; NaN where there is none."""
+        return in_output_units(self.data, self.predicted)
+
     def healthy(self) -> tuple[Unseen, str]:
         """Return what sets the limits: models with drives that they have not seen, and its name.
 
         Here the model itself, whose few constants a recording hardly moves.
         """
         return [(Model.load(self.path), self.data.recordings)], ALL_OF_A_CHAIN
+
+
+def in_output_units(data: Prepared, predicted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the measurement, NaN where it is not valid, and a free run (n,), in its unit.
+
+    predicted : (n,) in model units
+    """
+    measured = np.where(data.samples.weight > 0, data.scaling.unscale_y(data.samples.y), np.nan)
+    return from_model_units(data.transform, measured), from_model_units(data.transform, predicted)
 
 
 def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[str, float]:
@@ -64,39 +76,6 @@ def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[st
         "residual_std": float((a - b).std()),
         "rmse_model_units": metrics.rmse(measured, predicted[rows]),
     }
-
-
-def write_model(
-    out: Path | str,
-    network: Network,
-    data: Prepared,
-    predicted: FloatArray,
-    gap: Contraction,
-    *,
-    members: int = 1,
-    unseen: Mapping[str, Any] | None = None,
-    work: Work | None = None,
-) -> ModelCard:
-    """Write a network as a model file; return its card.
-
-    data, predicted : what tells the card's measures, see ``card_of``
-    members : trainings of which the network is the mean
-    work : of the training, for the card
-    """
-    checks: dict[str, Any] = {"contraction": asdict(gap)}
-    if work:
-        checks["work"] = {"counted": work.spent, "ended_by_wall": work.ended_by_wall}
-    card = card_of(
-        data,
-        predicted,
-        kind="narx",
-        transforms=data.transforms,
-        unseen=unseen,
-        checks=checks,
-        **shape_of(network, members),
-    )
-    save(out, network, card)
-    return card
 
 
 def network_of(data: Prepared, spec: Spec, weights: FloatArray) -> Network:

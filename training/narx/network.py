@@ -13,6 +13,7 @@ first.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -74,12 +75,8 @@ class Spec:
         >>> Spec(n_inputs=7).n_weights
         409
         """
-        inner = sum((a + 1) * b for a, b in zip(self.sizes[:-1], self.sizes[1:], strict=True))
+        inner = sum((a + 1) * b for a, b in pairwise(self.sizes))
         return inner + (self.n_regressors if self.linear_path else 0)
-
-    def sizes_array(self) -> IntArray:
-        """Layer widths for the compiled functions."""
-        return np.array(self.sizes, dtype=np.int64)
 
 
 def describe(spec: Spec) -> str:
@@ -103,7 +100,7 @@ def initial_weights(spec: Spec, rng: np.random.Generator) -> FloatArray:
     A linear path begins at zero.
     """
     parts: list[FloatArray] = []
-    for fan_in, fan_out in zip(spec.sizes[:-1], spec.sizes[1:], strict=True):
+    for fan_in, fan_out in pairwise(spec.sizes):
         parts.append(rng.normal(size=fan_in * fan_out) / np.sqrt(fan_in))
         parts.append(rng.uniform(-0.7, 0.7, size=fan_out))
     if spec.linear_path:
@@ -113,9 +110,8 @@ def initial_weights(spec: Spec, rng: np.random.Generator) -> FloatArray:
 
 def layers(spec: Spec, weights: FloatArray) -> Layers:
     """Return (matrix, bias) of every layer as views into ``weights``."""
-    result: Layers = []
-    at = 0
-    for fan_in, fan_out in zip(spec.sizes[:-1], spec.sizes[1:], strict=True):
+    result, at = Layers(), 0
+    for fan_in, fan_out in pairwise(spec.sizes):
         matrix = weights[at : at + fan_in * fan_out].reshape(fan_out, fan_in)
         at += fan_in * fan_out
         result.append((matrix, weights[at : at + fan_out]))
@@ -180,6 +176,6 @@ def simulate(
         raise ValueError(f"pieces must lie within {spec.memory} .. {len(u)}")
     history = np.clip(history, spec.y_min, spec.y_max)
     x, limits, result = input_regressors(spec, u), (spec.y_min, spec.y_max), np.full(len(u), np.nan)
-    shape = spec.sizes_array()
+    shape = np.array(spec.sizes, dtype=np.int64)
     kernels.simulate(weights, shape, x, spec.lags, start, stop, history, *limits, result)
     return result

@@ -17,8 +17,8 @@ from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
 from training.limits.decision_limits import MANY_WINDOWS, set_limits
 from training.narx.cross_fit import cross_fit
-from training.narx.fit import FitOptions, FitResult, FitSource, fit
-from training.narx.model_file import OF_TWINS, network_of, write_model
+from training.narx.fit import FitOptions, FitResult, FitSource, fit, write_model
+from training.narx.model_file import OF_TWINS
 from training.narx.network import Spec, describe
 from training.narx.search.mean import mean_of
 from training.narx.search.stability import CONTRACTION_SAMPLES, contraction
@@ -65,7 +65,7 @@ def free_structure(task: Task, _: Parts) -> dict[str, Any]:
 
 
 def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
-    spec, members = result.network.spec, result.chosen.members
+    spec, members = result.chosen.model.spec, result.chosen.members
     minutes = max(task.settings.budget_minutes, 0.1) / 5
     alone = [  # the same initial weights, one step ahead only
         train(task.data, Trained(t.spec, decay=t.decay, seed=t.seed), Work.of_minutes(minutes), ())
@@ -84,7 +84,7 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     }
     return plain(tables) | {
         "spec": asdict(spec),
-        "weights": result.network.weights.tolist(),
+        "weights": result.chosen.model.weights.tolist(),
         "one_step_weights": one_step.tolist() if all(t.stages for t in alone) else None,
     }
 
@@ -205,8 +205,7 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
     gap = contraction(data, model.spec, model.weights, task.settings.seed)
     work = Work.of_minutes(task.settings.budget_minutes)
     twins = cross_fit(data, model.spec, seed=task.settings.seed, work=work, threads=task.jobs)
-    network = network_of(data, model.spec, model.weights)
-    card = write_model(path, network, twins.data, twins.predicted, gap, unseen=twins.to_card())
+    card = write_model(path, model.spec, model.weights, twins, gap)
     warnings = []
     if not gap.gap <= gap.limit:
         warnings.append(

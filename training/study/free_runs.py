@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.types import FloatArray
-from monitor.model.step import from_model_units
-from training.narx.model_file import measures
+from training.narx.model_file import in_output_units, measures
 from training.narx.network import Spec
 from training.narx.search import stages
 from training.recordings.recording import Recording
@@ -82,10 +81,7 @@ class FreeRun:
     @property
     def in_units(self) -> tuple[FloatArray, FloatArray]:
         """Measured (NaN where not valid) and predicted output (n,), in the output's unit."""
-        valid = self.data.samples.weight > 0
-        measured = np.where(valid, self.data.scaling.unscale_y(self.data.samples.y), np.nan)
-        transform = self.data.transform
-        return from_model_units(transform, measured), from_model_units(transform, self.predicted)
+        return in_output_units(self.data, self.predicted)
 
     @property
     def scored(self) -> np.ndarray:

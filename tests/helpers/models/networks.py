@@ -35,22 +35,9 @@ def network_of(
         y_low=y_low,
         y_high=y_high,
     )
-    spec = Spec(
-        n_inputs=len(inputs),
-        lags=lags,
-        hidden=hidden,
-        input_lag_start=first_lag,
-        y_min=(y_low - 0.9) / 0.3,
-        y_max=(y_high - 0.9) / 0.3,
-    )
-    return Network(
-        spec=spec,
-        weights=1.3 * initial_weights(spec, np.random.default_rng(4)),
-        scaling=scaling,
-        transform=transform,
-        transforms=transforms,
-        inputs=tuple(inputs),
-    )
+    spec = Spec(len(inputs), lags, hidden, first_lag, (y_low - 0.9) / 0.3, (y_high - 0.9) / 0.3)
+    weights = 1.3 * initial_weights(spec, np.random.default_rng(4))
+    return Network(spec, weights, scaling, transform, transforms, tuple(inputs))
 
 
 def card_of(

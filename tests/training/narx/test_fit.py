@@ -21,8 +21,7 @@ from training.cli import main
 from training.limits.evaluation import evaluate, predict
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, layers
-from training.narx.page.fit_confidence import fit_confidence
-from training.narx.page.fit_verdict import fit_verdict
+from training.narx.page.fit_verdict import fit_confidence, fit_verdict
 from training.narx.page.free_run_figures import measured_blocks
 from training.narx.page.training_page import write_report
 from training.narx.search.stability import contraction
@@ -167,7 +166,7 @@ def test_a_recording_that_does_not_fit_the_model_is_named(fitted: FitResult) -> 
 def test_too_few_samples_for_the_weights_are_refused_and_few_are_warned_of(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"training samples for \d+ weights are too few"):
         fit(source_of(plant(1, 300)), tmp_path / "m.onnx", FitOptions(hidden=(20, 20)))
-    options = FitOptions(lags=2, hidden=(4,), starts=1)
+    options = FitOptions(hidden=(18,), starts=1, budget_minutes=0.01)  # 307 weights, 6/7 of 400
     result = fit(source_of(plant(1, 400)), tmp_path / "m.onnx", options)
     assert any("expect overfitting" in w for w in result.warnings)
 
@@ -207,6 +206,9 @@ def test_a_wall_limit_that_ends_a_fit_early_is_said(
     # THEN the card and the warnings say so
     assert Model.load(result.path).card.checks["work"]["ended_by_wall"]
     assert any("wall limit ended the training early" in w for w in result.warnings)
+    # AND one that passes before the search begins is an error that says so
+    with pytest.raises(UsageError, match="the wall limit ended before the first epoch"):
+        fit(source_of(plant(1)), tmp_path / "m.onnx", FitOptions(wall_minutes=1e-9))
 
 
 def test_fits_beside_other_work_write_the_same_file(tmp_path: Path) -> None:

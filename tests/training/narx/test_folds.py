@@ -7,10 +7,9 @@ import pytest
 from scipy.signal import lfilter
 
 from tests.helpers.drives.recordings import recording_of
-from training.narx.search.folds import folds_of
 from training.narx.search.mean import choose
 from training.narx.search.stages import blocks_of
-from training.narx.search.structure import Search
+from training.narx.search.structure import Search, Structure, folds_of
 from training.narx.work import PER_MINUTE, Work
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, prepare
@@ -58,6 +57,15 @@ def test_the_test_blocks_stay_unseen_in_every_fold() -> None:
     held_out = np.array([each.role == Role.VALIDATE for each in data])
     assert (held_out.any(axis=1)).all()
     assert len(np.unique(held_out, axis=0)) > 1
+
+
+def test_a_block_whose_output_is_lost_before_the_memory_is_full_is_not_scored() -> None:
+    data = prepared(0.9, 1200)
+    role, weight = data.role.copy(), data.samples.weight.copy()
+    role[:200], weight[4:200] = Role.VALIDATE, 0.0
+    lost = replace(data, role=role, samples=replace(data.samples, weight=weight))
+    spec = Structure().spec(data)  # a memory of 5 samples
+    assert np.isfinite(blocks_of(lost, spec).score(np.zeros(spec.n_weights)))
 
 
 def test_blocks_of_which_the_test_leaves_next_to_nothing_make_no_fold() -> None:

@@ -104,9 +104,9 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
 
 
 def test_a_late_analyser_is_given_a_long_memory(late: FitResult) -> None:
-    assert late.network.spec.memory >= 20
+    assert late.chosen.model.spec.memory >= 20
     assert late.card.fit["test"]["fit_percent"] > 80
-    assert "boxes" in describe(late.network.spec)
+    assert "boxes" in describe(late.chosen.model.spec)
     tried = {t.structure.longest: t for t in late.tries}
     assert tried[34].rmse < 0.5 * tried[5].rmse
 
@@ -114,9 +114,9 @@ def test_a_late_analyser_is_given_a_long_memory(late: FitResult) -> None:
 def test_the_file_of_a_boxed_model_predicts_what_the_training_did(late: FitResult) -> None:
     card = Model.load(late.path).card
     assert card.structure["linear_path"]
-    assert card.lags == late.network.spec.memory
+    assert card.lags == late.chosen.model.spec.memory
     assert card.input_lag_start == 0
-    drive, first = analyser(1), late.network.spec.memory
+    drive, first = analyser(1), late.chosen.model.spec.memory
     model, output = Model.load(late.path), drive.column("y")
     run = np.empty(len(output))
     for t, u in enumerate(drive.column("u0")[:, None]):
@@ -124,7 +124,7 @@ def test_the_file_of_a_boxed_model_predicts_what_the_training_did(late: FitResul
         if t < first:
             model.force_output(output[t])
     trained = late.data.scaling.unscale_y(
-        free_run(late.data, late.network.spec, late.network.weights)
+        free_run(late.data, late.chosen.model.spec, late.chosen.model.weights)
     )
     np.testing.assert_allclose(run[first:], trained[first:], atol=1e-4)
 

@@ -10,7 +10,7 @@ or random history has S = 0, and so has a prediction that was clipped.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -37,12 +37,8 @@ class Pieces:
     history: FloatArray  # (n_pieces, lags) outputs before start, newest first, scaled
 
     def __add__(self, other: "Pieces") -> "Pieces":
-        return Pieces(
-            np.concatenate([self.start, other.start]),
-            np.concatenate([self.stop, other.stop]),
-            np.concatenate([self.skip, other.skip]),
-            np.concatenate([self.history, other.history]),
-        )
+        both = zip(astuple(self), astuple(other), strict=True)
+        return Pieces(*map(np.concatenate, both))
 
 
 class ClosedLoop:
@@ -72,7 +68,8 @@ class ClosedLoop:
             self._decay[-spec.n_regressors :] = 0.0
         history, ends = np.clip(pieces.history, spec.y_min, spec.y_max), (spec.y_min, spec.y_max)
         self.pieces = Pieces(pieces.start, pieces.stop, pieces.skip, history)
-        self._network = (spec.sizes_array(), input_regressors(spec, samples.u), samples.y)
+        sizes = np.array(spec.sizes, dtype=np.int64)
+        self._network = (sizes, input_regressors(spec, samples.u), samples.y)
         self._run = (spec.lags, *ends, pieces.start, pieces.stop, pieces.skip, history)
         self._root_weight = np.sqrt(samples.weight)
         scored = zip(pieces.start, pieces.stop, pieces.skip, strict=True)

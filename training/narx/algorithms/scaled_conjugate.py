@@ -31,67 +31,44 @@ def minimise_scaled_conjugate(
     validate : as in ``lm.minimise``
     Raises ValueError if the objective is not finite at the start.
     """
-    search = _Search(objective, weights)
-    watch = Watch(search.weights, search.cost, MAX_FAIL, MIN_GRADIENT, validate)
-    for epoch in range(epochs):
-        if watch.at_rest(search.gradient):
+    current = weights.copy()
+    cost, gradient = objective.gradient(current)  # step 1
+    watch = Watch(current, cost, MAX_FAIL, MIN_GRADIENT, validate)
+    direction, damping, raised, curvature, moved = -gradient, DAMPING, 0.0, 0.0, True
+    for epoch in range(1, epochs + 1):
+        if watch.at_rest(gradient):
             break
-        if search.damping > DAMPING_MAX:
+        if damping > DAMPING_MAX:
             watch.outcome.stop = "damping"
             break
-        if not search.step(restart=(epoch + 1) % len(weights) == 0):
+        length2 = float(direction @ direction)
+        if moved:  # step 2
+            probe = SIGMA / np.sqrt(length2)
+            _, ahead = objective.gradient(current + probe * direction)
+            curvature = float(direction @ (ahead - gradient)) / probe
+        curvature += (damping - raised) * length2  # step 3
+        if curvature <= 0.0:  # step 4 makes it positive
+            raised = 2.0 * (damping - curvature / length2)
+            curvature = damping * length2 - curvature
+            damping = raised
+        slope = -float(direction @ gradient)
+        trial = current + (slope / curvature) * direction  # step 5
+        # step 6: actual over promised reduction
+        ratio = 2.0 * curvature * (cost - objective.cost(trial)) / slope**2
+        ratio = max(ratio, WORST) if np.isfinite(ratio) else WORST
+        moved = ratio >= 0.0
+        raised = 0.0 if moved else damping
+        if moved:  # step 7
+            before, current = gradient, trial
+            cost, gradient = objective.gradient(trial)
+            direction = float(gradient @ (gradient - before)) / slope * direction - gradient
+            if epoch % len(weights) == 0 or float(direction @ gradient) >= 0.0:
+                direction = -gradient
+            damping *= 0.25 if ratio >= 0.75 else 1.0
+        if ratio < 0.25:  # step 8
+            damping += curvature * (1.0 - ratio) / length2
+        if not moved:
             watch.repeat()
-        elif watch.accept(search.weights, search.cost):
+        elif watch.accept(current, cost):
             break
     return watch.outcome
-
-
-class _Search:
-    """The state of the search: weights, direction and damping of the curvature."""
-
-    def __init__(self, objective: Differentiable, weights: FloatArray) -> None:
-        self.objective = objective
-        self.weights = weights.copy()
-        self.cost, self.gradient = objective.gradient(self.weights)  # step 1
-        self.direction = -self.gradient
-        self.damping, self._raised = DAMPING, 0.0
-        self._curvature, self._moved = 0.0, True
-
-    def step(self, restart: bool) -> bool:
-        """Try one step and return whether it was taken.
-
-        restart : the next direction is that of steepest descent
-        """
-        length2 = float(self.direction @ self.direction)
-        self._update_curvature(length2)
-        slope = -float(self.direction @ self.gradient)
-        trial = self.weights + (slope / self._curvature) * self.direction  # step 5
-        trial_cost = self.objective.cost(trial)
-        # step 6: actual over promised reduction
-        ratio = 2.0 * self._curvature * (self.cost - trial_cost) / slope**2
-        ratio = max(ratio, WORST) if np.isfinite(ratio) else WORST
-        self._moved = ratio >= 0.0
-        if self._moved:  # step 7
-            before, self.weights = self.gradient, trial
-            self.cost, self.gradient = self.objective.gradient(trial)
-            conjugate = float(self.gradient @ (self.gradient - before)) / slope
-            self.direction = conjugate * self.direction - self.gradient
-            if restart or float(self.direction @ self.gradient) >= 0.0:
-                self.direction = -self.gradient
-            self.damping *= 0.25 if ratio >= 0.75 else 1.0
-        self._raised = 0.0 if self._moved else self.damping
-        if ratio < 0.25:  # step 8
-            self.damping += self._curvature * (1.0 - ratio) / length2
-        return self._moved
-
-    def _update_curvature(self, length2: float) -> None:
-        """Find the damped curvature along the direction and make it positive, steps 2 to 4."""
-        if self._moved:
-            probe = SIGMA / np.sqrt(length2)
-            _, ahead = self.objective.gradient(self.weights + probe * self.direction)
-            self._curvature = float(self.direction @ (ahead - self.gradient)) / probe
-        self._curvature += (self.damping - self._raised) * length2
-        if self._curvature <= 0.0:
-            self._raised = 2.0 * (self.damping - self._curvature / length2)
-            self._curvature = self.damping * length2 - self._curvature
-            self.damping = self._raised

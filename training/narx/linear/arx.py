@@ -5,6 +5,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -75,17 +76,8 @@ def order_grid(
             loss = max(1.0 - float(explained[d]), 1e-15) * scale[1] ** 2 / n
             held_out_loss = float(error @ error) * scale[1] ** 2 / validate.rows
             aic, mdl = np.log(loss) + 2 * d / n, loss * (1 + d * np.log(n) / n)
-            found.append(
-                ArxCandidate(
-                    na=na,
-                    nb=nb,
-                    delays=choice,
-                    n_parameters=d,
-                    validation_loss=held_out_loss,
-                    aic=float(aic),
-                    mdl=float(mdl),
-                )
-            )
+            criteria = {"validation_loss": held_out_loss, "aic": float(aic), "mdl": float(mdl)}
+            found.append(ArxCandidate(na, nb, choice, n_parameters=d, **criteria))
     return found
 
 
@@ -132,13 +124,14 @@ def best_in_free_run(
     none is better.
     """
     skip = max(data.y_lags, data.u_lags)
-    known: dict[tuple[int, int, tuple[int, ...]], tuple[float, LinearModel]] = {}
+
+    @cache
+    def fitted(key: tuple[int, int, tuple[int, ...]]) -> tuple[float, LinearModel]:
+        model = solve_arx(data, *key)
+        return free_run_error(model, validate, skip), model
 
     def score(key: tuple[int, int, tuple[int, ...]]) -> float:
-        if key not in known:
-            model = solve_arx(data, *key)
-            known[key] = (free_run_error(model, validate, skip), model)
-        return known[key][0]
+        return fitted(key)[0]
 
     def possible(na: int, nb: int, choice: tuple[int, ...]) -> bool:
         longest = min(2 * max_order, data.u_lags + 1 - max(choice))
@@ -152,5 +145,5 @@ def best_in_free_run(
         near = [(na + i, nb + j, choice) for i, j in product((-1, 0, 1), repeat=2)]
         better = min((k for k in near if possible(*k)), key=score)
         if score(better) >= score(best):
-            return known[best][1]
+            return fitted(best)[1]
         best = better

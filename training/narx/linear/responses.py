@@ -58,26 +58,18 @@ def effective_samples(a: Sequence[FloatArray], b: Sequence[FloatArray], lags: in
 
 
 def whiteness(residuals: Sequence[FloatArray], lags: int = 25) -> dict[str, Any]:
-    """Return the whiteness test: Ljung-Box, and the autocorrelation with its 99 % band.
+    """Return the whiteness test: Ljung-Box, and the lags outside the autocorrelation's 99 % band.
 
     residuals : series of held-out residuals (the test subtracts no degrees of freedom)
     Ljung-Box joins the series; the ``lags`` products across a joint are accepted as an error.
     """
     n = sum(map(len, residuals))
     lags = min(lags, n - 1)
-    rho = autocorrelation(residuals, lags)
     joined = autocorrelation([np.concatenate(residuals)], lags)[1:]
     statistic = n * (n + 2) * float(np.sum(joined**2 / (n - np.arange(1, lags + 1))))
-    band, p_value = BAND / np.sqrt(n), float(chi2.sf(statistic, lags))
-    return {
-        "lags": lags,
-        "autocorrelation": rho,
-        "band": band,
-        "outside": int(np.sum(np.abs(rho[1:]) > band)),
-        "statistic": statistic,
-        "p_value": p_value,
-        "rejected": p_value < LEVEL,
-    }
+    size, p_value = np.abs(autocorrelation(residuals, lags)[1:]), float(chi2.sf(statistic, lags))
+    outside = int(np.sum(size > BAND / np.sqrt(n)))
+    return {"lags": lags, "outside": outside, "p_value": p_value, "rejected": p_value < LEVEL}
 
 
 def independence(
@@ -108,10 +100,7 @@ def independence(
                 "input": name,
                 "lags": span,
                 "correlation": correlation,
-                "band": BAND * spread,
-                "joint_band": limit,
                 "rejected": bool(np.any(causal > limit)),
-                "worst_lag": int(np.argmax(causal)),
                 "feedback": bool(np.any(feedback > limit)),
             }
         )
@@ -125,22 +114,16 @@ class ImpulseResponse:
     response: FloatArray  # (k, lags), output's unit per input's unit
     standard_error: FloatArray  # (k, lags)
     white: FloatArray  # (21,) autocorrelation of the residuals after the noise filter
-    effective_samples: FloatArray  # (k,) independent pairs of filtered residual and input
-
-    @property
-    def joint_band(self) -> FloatArray:
-        """Half width (k, lags) of the band that all lags of an input hold together in 99 %."""
-        return joint_band(self.response.shape[1]) * self.standard_error
 
     def delays(self) -> list[int | None]:
         """Return the dead time of every input in samples, None if no lag leaves the joint band.
 
-        The dead time is the first lag outside the joint band at which the response has at least a
-        tenth of its peak. The second condition is needed on long recordings, where the narrow band
-        makes leakage between neighbouring samples significant.
+        The dead time is the first lag outside the band that all lags of an input hold together in
+        99 %, at which the response has at least a tenth of its peak: on long recordings, whose band
+        is narrow, leakage between neighbouring samples is significant, too.
         """
-        size = np.abs(self.response)
-        outside = (size > self.joint_band) & (size > VISIBLE * size.max(axis=1, keepdims=True))
+        size, band = np.abs(self.response), joint_band(self.response.shape[1]) * self.standard_error
+        outside = (size > band) & (size > VISIBLE * size.max(axis=1, keepdims=True))
         return [int(np.argmax(row)) if row.any() else None for row in outside]
 
 
@@ -172,8 +155,7 @@ def impulse_response(stretches: Sequence[Stretch], lags: int = 50) -> ImpulseRes
         [effective_samples(left, [u[:, i] for u in driven], 4 * lags) for i in range(k)]
     )
     widened = error[1:].reshape(k, lags) * np.sqrt(sum(map(len, left)) / effective)[:, None]
-    white = autocorrelation(left, 20)
-    return ImpulseResponse(theta[1:].reshape(k, lags), widened, white, effective)
+    return ImpulseResponse(theta[1:].reshape(k, lags), widened, autocorrelation(left, 20))
 
 
 def _taps(data: Triangle, lags: int) -> list[int]:

@@ -1,13 +1,19 @@
-"""The verdict on a fit in one sentence: how well a free run follows the held-out samples."""
+"""The verdict on a fit, how well a free run follows the held-out samples, and how sure it is."""
 
 from typing import Final
 
+import numpy as np
+
 from monitor.base.signals import BY_NAME
 from monitor.model.card import ModelCard
+from training.narx.model_file import FreeRunFit
+from training.narx.page.free_run_figures import measured_blocks
 from training.pages.numbers import short
+from training.recordings import metrics
 
 GOOD: Final = 0.9  # correlation of the free run from which a model follows its vehicle
 POOR: Final = 0.6  # below it, a model knows too little of its vehicle to judge it
+LEAST_SAMPLES: Final = 50  # a shorter stretch says nothing alone
 
 
 def fit_verdict(card: ModelCard) -> tuple[str, str]:
@@ -32,3 +38,24 @@ def fit_verdict(card: ModelCard) -> tuple[str, str]:
     if correlation < POOR:
         return f"The model knows too little: {reason}. Give more {records}, or more signals.", "bad"
     return f"The model follows its {subject} in part: {reason}. More {records} may help.", ""
+
+
+def fit_confidence(result: FreeRunFit) -> str:
+    """Return the sentence: correlations of the held-out stretches, on the verdict's samples."""
+    measured, predicted = result.in_units
+    known = np.isfinite(measured) & np.isfinite(predicted)
+    enabled = known & result.data.enabled
+    found = []
+    for _, first, stop in measured_blocks(result.data):
+        rows = first + np.flatnonzero((enabled if enabled.any() else known)[first:stop])
+        if len(rows) >= LEAST_SAMPLES and np.ptp(measured[rows]) > 0.0:
+            found.append(metrics.correlation(measured[rows], predicted[rows]))
+    if not found:
+        return "not known: no held-out stretch is long enough to judge it alone."
+    if len(found) == 1:
+        return "low: it rests on one held-out stretch."
+    low, middle, high = np.quantile(found, [0.0, 0.5, 1.0])
+    return (
+        f"the correlation is {middle:.3f} in the median of {len(found)} held-out stretches "
+        f"alone, between {low:.3f} and {high:.3f}."
+    )

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units
 from training.narx.model_file import FreeRunFit
 from training.pages.drawing import Drawing, axis, density, histogram, layer, plot
@@ -15,19 +14,9 @@ from training.recordings.samples.rows import runs
 FIGURE_SAMPLES = 1500  # at most this many of a held-out block are drawn
 
 
-def output_units(result: FreeRunFit) -> tuple[FloatArray, FloatArray]:
-    """Return measurement and free run (n,) in the output's unit; NaN where there is none."""
-    data = result.data
-    measured = np.where(data.samples.weight > 0, data.scaling.unscale_y(data.samples.y), np.nan)
-    return (
-        from_model_units(data.transform, measured),
-        from_model_units(data.transform, result.predicted),
-    )
-
-
 def held_out_run(result: FreeRunFit) -> Drawing:
     """Draw free run and measurement on the longest held-out blocks."""
-    measured, predicted = output_units(result)
+    measured, predicted = result.in_units
     chosen = sorted(measured_blocks(result.data), key=lambda block: block[1] - block[2])[:3]
     low, high = _robust_limits(result)
     plots = []
@@ -64,7 +53,7 @@ def _robust_limits(result: FreeRunFit) -> tuple[float, float]:
 
 def scatter(result: FreeRunFit) -> Drawing:
     """Draw prediction over measurement, and the residuals, on held-out enabled samples."""
-    measured, predicted = output_units(result)
+    measured, predicted = result.in_units
     rows = (result.data.role == Role.TEST) & result.data.enabled & np.isfinite(predicted)
     a, b = measured[rows], predicted[rows]
     low, high = _robust_limits(result)

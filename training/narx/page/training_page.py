@@ -1,19 +1,16 @@
 """The page of one training: its warnings, tries, figures and free runs."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from monitor.base.files.outputs import write_text
-from monitor.base.types import FloatArray
 from training.narx.fit import FitResult
 from training.narx.model_file import FreeRunFit
 from training.narx.network import describe
 from training.narx.page import free_run_figures
-from training.narx.page.fit_confidence import fit_confidence
-from training.narx.page.fit_verdict import fit_verdict
+from training.narx.page.fit_verdict import fit_confidence, fit_verdict
 from training.pages.drawing import Drawing, axis, layer, plot
 from training.pages.numbers import with_unit
 from training.pages.page import page
@@ -27,7 +24,7 @@ def write_report(path: Path | str, result: FitResult) -> None:
         result,
         "fit/training.html",
         f"Training of {result.path.name}",
-        shape=describe(result.network.spec),
+        shape=describe(result.chosen.model.spec),
         trainings=sum(t.members == 1 for t in result.chosen.starts),
         members=len(result.chosen.members),
         tries=sorted(result.tries, key=lambda t: t.rmse),
@@ -61,7 +58,12 @@ def write_page(
 def _training_curves(result: FitResult) -> Drawing:
     """Draw the error of each start over its epochs, and the horizons of the best one."""
     starts = [start for start in result.chosen.starts if start.stages]  # a mean has no epochs
-    runs = [_joined([np.array(stage.scores) for stage in start.stages]) for start in starts]
+    runs = [  # a stage begins where the one before it ended
+        np.concatenate(
+            [*(stage.scores[:-1] for stage in start.stages), start.stages[-1].scores[-1:]]
+        )
+        for start in starts
+    ]
     at = np.arange(max(map(len, runs)), dtype=np.float64)
     lines = []
     for index, scores in enumerate(runs):
@@ -75,8 +77,3 @@ def _training_curves(result: FitResult) -> Drawing:
     horizons = layer("rule", x=begins, text=names, color="quiet", width=0.7)
     title = with_unit("free-run RMSE", result.card.output.unit)
     return Drawing([plot(title, horizons, *lines, x=axis("epoch"), y=axis(scale="log"), at=at)])
-
-
-def _joined(stages: Sequence[FloatArray]) -> FloatArray:
-    """Return the scores of stages as one; a stage begins where the one before it ended."""
-    return np.concatenate([*(scores[:-1] for scores in stages[:-1]), stages[-1]])

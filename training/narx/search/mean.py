@@ -52,8 +52,8 @@ def choose(
     """
     finite = [t for t in trained if np.isfinite(t.score)] or list(trained[:1])
     if data.memory and np.isfinite(finite[0].score):
-        forgets = [t for t in finite if _forgets(data, t, seed)]
         best = min(finite, key=lambda t: t.score)
+        forgets = [t for t in finite if _forgets(data, t, seed)]
         finite = forgets or [with_less_feedback(data, best, seed + 1, work)]
     best = min(finite, key=lambda t: t.score)
     starts = list(finite) if join else list(trained)

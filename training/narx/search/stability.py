@@ -38,7 +38,7 @@ def contraction(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> C
     points = rng.choice(np.flatnonzero(data.samples.weight > 0), max(1, STEPS // len(rows) // 2))
     held = np.repeat(points[:, None], len(rows), axis=1)
     gap = max(
-        _gap(spec, weights, data.samples.u[at], *_any_histories(spec, len(at), rng))
+        _gap(spec, weights, data.samples.u[at], *_far_apart(spec, len(at), rng))
         for at in (moving, held)
     )
     return _found(data, gap, len(moving) + len(points), samples)
@@ -51,18 +51,17 @@ def settling(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Cont
     a reading, so the pairs have recorded histories, and run over the inputs of recorded places.
     """
     first, samples = None, data.memory or CONTRACTION_SAMPLES
-    while True:
+    while first is None or samples <= data.longest_block:
         rng = np.random.default_rng(seed)
         moving, _ = _moving(data, spec, samples, rng)
         own = data.samples.y[rng.choice(np.flatnonzero(data.samples.weight > 0), (2, len(moving)))]
         histories = np.repeat(own[:, :, None], spec.lags, axis=2)
         gap = _gap(spec, weights, data.samples.u[moving], *histories)
         found = _found(data, gap, len(moving), samples)
-        first, samples = first or found, 2 * samples
         if found.gap <= found.limit:
             return found
-        if samples > data.longest_block:
-            return first
+        first, samples = first or found, 2 * samples
+    return first
 
 
 def _found(data: Prepared, gap: float, pairs: int, samples: int) -> Contraction:
@@ -86,18 +85,18 @@ def _moving(
     return np.minimum(chosen + rows, len(data.samples.y) - 1), rows
 
 
-def _any_histories(spec: Spec, count: int, rng: np.random.Generator) -> list[FloatArray]:
-    """Return two sets of histories, (count, lags) each, in scaled units.
+def any_histories(spec: Spec, count: int, rng: np.random.Generator) -> FloatArray:
+    """Return histories (count, lags) drawn evenly over the scaled output range, half constant."""
+    histories = rng.uniform(spec.y_min, spec.y_max, size=(count, spec.lags))
+    histories[::2] = histories[::2, :1]
+    return histories
 
-    They are drawn evenly over the output's range (phi 0 .. 1.7), half of them constant; one pair in
-    eight starts at the two ends of the range.
-    """
-    both = []
-    for end in (spec.y_min, spec.y_max):
-        history = rng.uniform(spec.y_min, spec.y_max, size=(count, spec.lags))
-        history[::2] = history[::2, :1]
-        history[: count // 8] = end
-        both.append(history)
+
+def _far_apart(spec: Spec, count: int, rng: np.random.Generator) -> list[FloatArray]:
+    """Return two sets of any histories; one pair in eight starts at the two ends of the range."""
+    both = [any_histories(spec, count, rng) for _ in range(2)]
+    for histories, end in zip(both, (spec.y_min, spec.y_max), strict=True):
+        histories[: count // 8] = end
     return both
 
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from training.narx.algorithms.lm import LmOptions, LmOutcome, minimise
+from training.narx.algorithms.lm import LmOptions, minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, measured_history
 from training.narx.network import Spec, initial_weights, layers, linear_path, simulate
-from training.narx.search.stability import contraction
+from training.narx.search.stability import any_histories, contraction
 from training.narx.work import Work, of_epoch
 from training.recordings.samples.preparation import Prepared, Role
 
@@ -37,8 +37,7 @@ MAX_FAIL = 8  # epochs in a row without a better free run
 class Stage:
     """The course of one stage of the training."""
 
-    name: str  # "horizon 1" is series-parallel; "forget", "less feedback": on random histories
-    costs: tuple[float, ...]  # training cost after every epoch, scaled units
+    name: str  # "horizon 1" is series-parallel, "less feedback" on many random histories
     scores: tuple[float, ...]  # free-run validation after every epoch, scaled units
     stop: str
 
@@ -55,6 +54,11 @@ class Trained:
     decay: float = 0.0  # this times every squared weight is added to the error, scaled units
     seed: int = 0  # of the first weights
     fold: int = 0  # whose validation blocks stopped it
+
+    @property
+    def cut_short(self) -> bool:
+        """Whether the budget ended it before its last stage."""
+        return not self.stages or self.stages[-1].stop == "budget"
 
 
 def free_run(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
@@ -76,7 +80,7 @@ def blocks_of(
     """
     found = [
         (begin := max(low, first - HORIZONS[-1]), stop, first - begin)
-        for low, first, stop in _blocks(data, max(spec.memory, memory), role)
+        for low, first, stop in block_rows(data, max(spec.memory, memory), role)
     ]
     if not found:
         raise RecordingError(
@@ -87,15 +91,19 @@ def blocks_of(
     return ClosedLoop(spec, data.samples, Pieces(start, stop, skip, history))
 
 
-def _blocks(data: Prepared, memory: int, role: Role) -> Iterator[tuple[int, int, int]]:
-    """Yield the row after ``memory`` samples of the segment, and each block of ``role``."""
+def block_rows(data: Prepared, memory: int, role: Role) -> Iterator[tuple[int, int, int]]:
+    """Yield the row after ``memory`` samples of a segment, and the rows from there of every block.
+
+    role : of the blocks; one without a valid output there is left out
+    """
     for segment in data.segments:
         roles = data.role[segment.start : segment.stop]
         edges = segment.start + np.flatnonzero(np.diff(roles)) + 1
         for first, stop in pairwise([segment.start, *edges.tolist(), segment.stop]):
             low = segment.start + memory
-            if data.role[first] == role and stop > low and data.samples.weight[first:stop].any():
-                yield low, max(first, low), stop
+            begin = max(first, low)
+            if data.role[first] == role and data.samples.weight[begin:stop].any():
+                yield low, begin, stop
 
 
 def pieces(data: Prepared, spec: Spec, horizon: int, n_samples: int | None = None) -> Pieces:
@@ -103,9 +111,8 @@ def pieces(data: Prepared, spec: Spec, horizon: int, n_samples: int | None = Non
 
     n_samples : most samples, about; beyond, stretches are left out evenly
     """
-    starts: list[int] = []
-    stops: list[int] = []
-    for _, first, stop in _blocks(data, spec.memory, Role.TRAIN):
+    starts, stops = list[int](), list[int]()
+    for _, first, stop in block_rows(data, spec.memory, Role.TRAIN):
         begin = np.arange(first, stop, horizon)
         starts += begin.tolist()
         stops += np.minimum(begin + horizon, stop).tolist()
@@ -133,8 +140,7 @@ def random_pieces(data: Prepared, spec: Spec, rng: np.random.Generator, n_sample
     if not len(whole):
         return Pieces(train.start[:0], train.stop[:0], train.skip[:0], train.history[:0])
     start = train.start[rng.choice(whole, count)]
-    history = rng.uniform(spec.y_min, spec.y_max, size=(count, spec.lags))
-    history[::2] = history[::2, :1]  # every other one is constant
+    history = any_histories(spec, count, rng)
     return Pieces(start, start + length, np.full_like(start, skip), history)
 
 
@@ -178,7 +184,7 @@ def train(
             validate=validation.score,
             begins=partial(work.begins, epoch),
         )
-        best.stages.append(_stage(f"horizon {horizon}", outcome))
+        best.stages.append(Stage(f"horizon {horizon}", tuple(outcome.scores), outcome.stop))
         if outcome.score < best.score:
             best.weights, best.score = outcome.weights, outcome.score
         weights = outcome.weights
@@ -232,10 +238,6 @@ def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) 
         lambda w: validation.score(w) if forgets(w) else np.inf,
         partial(work.begins, of_epoch(objective.n_samples, spec.n_weights)),
     )
-    stages = [*trained.stages, _stage("less feedback", outcome)]
+    last = Stage("less feedback", tuple(outcome.scores), outcome.stop)
+    stages = [*trained.stages, last]
     return replace(trained, weights=outcome.weights, score=outcome.score, stages=stages)
-
-
-def _stage(name: str, outcome: LmOutcome) -> Stage:
-    costs, scores = tuple(outcome.costs), tuple(outcome.scores)
-    return Stage(name, costs, scores, outcome.stop)

@@ -10,8 +10,7 @@ validation, and active learning, Advances in Neural Information Processing Syste
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -21,7 +20,15 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.narx.network import Spec
-from training.narx.search.stages import HORIZONS, N_SAMPLES, Trained, blocks_of, finish, train
+from training.narx.search.stages import (
+    HORIZONS,
+    N_SAMPLES,
+    Trained,
+    block_rows,
+    blocks_of,
+    finish,
+    train,
+)
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role
 
@@ -50,15 +57,8 @@ class Structure:
 
     def spec(self, data: Prepared) -> Spec:
         """Return the model's shape for ``data``."""
-        return Spec(
-            len(data.inputs),
-            self.lags,
-            self.hidden,
-            0,
-            *data.scaling.y_scaled_limits,
-            boxes(self.longest),
-            linear_path=bool(self.hidden),
-        )
+        size = (len(data.inputs), self.lags, self.hidden, 0, *data.scaling.y_scaled_limits)
+        return Spec(*size, boxes(self.longest), linear_path=bool(self.hidden))
 
     def neighbours(self) -> Iterator["Structure"]:
         """Yield the structures that differ by one step in one number."""
@@ -127,12 +127,10 @@ class Search:
         self.folds, self.seed, self.work, self.threads = folds, seed, work, threads
         self.n_tried = min(most_tried, len(folds))
         self.tried, self.tries = tried, dict[Structure, Try]()
-        data = folds[0]
-        self.n_train = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
-        longest = max(s.stop - s.start for s in data.segments)
-        self.most_lags = int(
-            min(self.n_train / SAMPLES_PER_LAG, longest / 2, LADDERS["longest"][-1])
-        )
+        self.n_train = folds[0].n_train
+        longest = max(s.stop - s.start for s in folds[0].segments)
+        most = (self.n_train / SAMPLES_PER_LAG, longest / 2, LADDERS["longest"][-1])
+        self.most_lags = int(min(most))
 
     @property
     def ranked(self) -> list[Try]:
@@ -144,7 +142,7 @@ class Search:
         first, ladder = Structure(), LADDERS["longest"]  # a dead time shows whole, or not at all
         begin = [replace(first, longest=n) for n in ladder[ladder.index(first.longest) :: 2]]
         begin = [c for c in begin if self._possible(c)] or [Structure(1, 1, ())]
-        while begin and not self.work.is_over():
+        while begin and not (self.tries and self.work.is_over()):
             self._try(begin)
             begin = [
                 c
@@ -164,11 +162,9 @@ class Search:
         for structure in candidates:
             if self.tries and self.work.is_over():
                 return
-            parts = self.work.split(self.n_tried)
-            with ThreadPoolExecutor(self.threads) as pool:
-                found = list(pool.map(partial(self._short, structure), range(len(parts)), parts))
-            self.work.join(parts)
-            if self.tries and any(part.is_over() for part in parts):
+            short = partial(self._short, structure)
+            found = self.work.side_by_side(short, range(self.n_tried), self.threads)
+            if self.tries and any(trained.cut_short for trained in found):
                 self.work.is_used_up = True
                 return
             self.tries[structure] = done = self._judged(structure, found)
@@ -198,7 +194,6 @@ class Search:
         free = 1 if keep else len(self.folds)
         each = min(free, self.n_tried)
         begun = list(dict.fromkeys((i // each % len(good), i % free) for i in range(count)))
-        parts = work.split(len(begun))
 
         def one(place: tuple[int, int], part: Work) -> Trained:
             known, fold = good[place[0]], place[1]
@@ -206,7 +201,24 @@ class Search:
             done = train(self.folds[fold], tried[0], part, HORIZONS[1:])
             return done if keep else finish(self.folds[fold], done, part)
 
-        with ThreadPoolExecutor(self.threads) as pool:
-            found = list(pool.map(one, begun, parts))
-        work.join(parts)
-        return found
+        return work.side_by_side(one, begun, self.threads)
+
+
+def folds_of(data: Prepared, others: Iterable[Prepared]) -> list[Prepared]:
+    """Return the data, and again with the validation blocks of each of the others.
+
+    others : the same samples with other blocks held out
+    """
+    folds, scored = [data], _scored(data)
+    for other in others:
+        held_out = np.where(other.role == Role.VALIDATE, other.role, np.int8(Role.TRAIN))
+        fold = replace(data, role=np.where(data.role == Role.TEST, data.role, held_out))
+        if scored and 2 * _scored(fold) >= scored:  # the test may leave nothing of other blocks
+            folds.append(fold)
+    return folds
+
+
+def _scored(data: Prepared) -> int:
+    """Return the validation samples that even the longest memory lets score."""
+    blocks = block_rows(data, LADDERS["longest"][-1], Role.VALIDATE)
+    return sum(int((data.samples.weight[first:stop] > 0.0).sum()) for _, first, stop in blocks)

@@ -119,6 +119,7 @@ def linear_stretches(
 ) -> tuple[list[LinearStretch], LinearData]:
     """Return the filtered unbroken stretches before trend and scaling, and the scaling.
 
+    recordings : of one sample period
     band : narrow noise band in Hz that a zero-phase filter takes out of inputs and output
     reference : scaling and filter of other recordings, for held-out ones; ``band`` is then ignored
     Raises RecordingError for a missing signal, a constant one, or no stretch of 60 samples.
@@ -163,12 +164,6 @@ def _bridge(column: FloatArray) -> None:
 
 def _unbroken(recordings: Sequence[Recording], names: Sequence[str]) -> list[LinearStretch]:
     transform = output_transform(names[-1])
-    for other in recordings[1:]:
-        if other.period_ns != recordings[0].period_ns:
-            raise RecordingError(
-                f"{other.path}: sample period {other.period_ns / 1e9:g} s, {recordings[0].path} "
-                f"has {recordings[0].period_ns / 1e9:g} s; one grid is wanted (--period)"
-            )
     parts = []
     for index, recording in enumerate(recordings):
         values = cleaned(recording, names, transform)

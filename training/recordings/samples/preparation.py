@@ -94,6 +94,11 @@ class Prepared:
         """Names of the inputs."""
         return tuple(channel.name for channel in self.inputs)
 
+    @property
+    def n_train(self) -> int:
+        """Number of valid samples that train."""
+        return int(((self.role == Role.TRAIN) & (self.samples.weight > 0)).sum())
+
     def training_on(self, *roles: Role) -> "Prepared":
         """Return the samples with those of other roles among the ones that train."""
         role = np.where(np.isin(self.role, roles), Role.TRAIN, self.role)

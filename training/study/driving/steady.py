@@ -62,7 +62,7 @@ def steady_against_mixed(task: Task, _: Parts) -> dict[str, Any]:
             "own_validation_rmse": best.score * data.scaling.y_std,
             "samples": int((data.role == Role.TRAIN).sum()),
             "source": source(data.recordings),
-            "cut": not best.stages or best.stages[-1].stop == "budget",
+            "cut": best.cut_short,
             "outside": _outside(data, run),
         }
     return plain(

@@ -101,11 +101,10 @@ def _trainings(
 ) -> dict[str, Job]:
     """Return the jobs by key, the longest first; equal models share their jobs."""
     weights = {c: spec_of(data, c).n_weights for c in candidates}
-    n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
-    if n < min(weights.values()):
+    n, least = data.n_train, min(weights.values())
+    if n < least:
         raise RecordingError(
-            f"{n} training samples for {min(weights.values())} weights of the smallest model are "
-            "too few"
+            f"{n} training samples for {least} weights of the smallest model are too few"
         )
     digest, result = _digest(data), {}
     efforts = {c: weights[c] ** (1 + (c.algorithm in (LM, BAYES))) for c in candidates}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.recordings.samples.preparation import Prepared, Role
+from training.recordings.samples.preparation import Prepared
 
 UNDER = 1.25  # times the lowest error, training or one-step validation
 OVER = 1.1  # times the ratio of test to training error of the model with the fewest weights
@@ -73,7 +73,7 @@ def warnings(given: Prepared, data: Prepared, models: Sequence[Model]) -> list[s
     given : all samples
     data : the samples that the study used
     """
-    n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
+    n = data.n_train
     large = sum(n < SAMPLES_PER_WEIGHT * m["n_weights"] for m in models)
     diverged = sum(s["diverged"] for m in models if m["same_as"] is None for s in m["starts"])
     result = []

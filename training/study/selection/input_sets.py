@@ -132,7 +132,6 @@ def scored_rows(tried: Sequence[Tried]) -> np.ndarray:
 def figures(tried: Tried, rows: np.ndarray) -> dict[str, Any]:
     """Return the free-run errors of an input set on ``rows``, in model units."""
     measured, predicted = tried.measured[rows], tried.predicted()[rows]
-    stages = [t.stages for t in tried.starts]
     return {
         "name": tried.set.name,
         "inputs": list(tried.set.inputs),
@@ -141,7 +140,5 @@ def figures(tried: Tried, rows: np.ndarray) -> dict[str, Any]:
         "fit_percent": metrics.fit_percent(measured, predicted) if np.ptp(measured) > 0 else None,
         "correlation": metrics.correlation(measured, predicted),
         "rmse_of_starts": [metrics.rmse(measured, tried.predicted(t)[rows]) for t in tried.starts],
-        "stopped_by_budget": sum(
-            not own or own[-1].stop == "budget" or len(own) <= len(HORIZONS) for own in stages
-        ),
+        "stopped_by_budget": sum(start.cut_short for start in tried.starts),
     }
