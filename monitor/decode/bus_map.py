@@ -4,9 +4,11 @@ Several pairs of DBC and map may be merged, an engine and a wideband controller 
 where two provide the same canonical signal, the later pair wins.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from logging import getLogger
 from pathlib import Path
 from textwrap import shorten
 from typing import Final
@@ -22,6 +24,8 @@ from monitor.decode.parameter_groups import is_any_source
 from monitor.decode.signal_map import Derived, Integrity, MappedSignal, SignalMap, load_signal_map
 
 Pair = tuple[Path, Path]  # DBC, signal map
+_LOGGER: Final = getLogger("cantools.database.can.database")
+_LOGGER.addFilter(lambda record: "name to message" not in record.msg)  # see ``_told_apart``
 _REASON: Final = 300  # characters of a parser's error: some quote a whole line
 
 
@@ -102,9 +106,27 @@ def read_database(path: Path) -> tuple[Database, tuple[str, ...]]:
     if not isinstance(database, Database):
         raise SignalMapError(f"{path}: a diagnostics database, a CAN database is wanted")
     soundness.check_names(path, database)
+    notes += _told_apart(database)
     if notes and not database.messages:
         raise SignalMapError(f"{path}: not a CAN database: no message can be read; {notes[0]}")
     return database, notes
+
+
+def _told_apart(database: Database) -> tuple[str, ...]:
+    """Put their identifiers behind a name that several messages have; return what was changed.
+
+    A map names a message, and cantools finds only the last one of a name.
+    """
+    counts = Counter(message.name for message in database.messages)
+    shared = [name for name, n in counts.items() if n > 1]
+    if not shared:
+        return ()
+    for message in database.messages:
+        if counts[message.name] > 1:
+            message.name = f"{message.name}_{message.frame_id:X}"
+    database.refresh()
+    names = shorten(", ".join(shared), _REASON, placeholder=" …")
+    return (f"several messages of one name, their identifiers now behind it: {names}",)
 
 
 def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]], channel: str = "") -> BusMap:

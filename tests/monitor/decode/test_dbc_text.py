@@ -35,6 +35,17 @@ def test_a_long_identifier_without_its_mark_is_one_of_29_bits(tmp_path: Path) ->
     assert message.get_signal_by_name("Speed").comment == "of the engine"
 
 
+def test_messages_of_one_name_are_told_apart_by_their_identifiers(tmp_path: Path) -> None:
+    # GIVEN a controller that calls the messages of both its sensors alike
+    text = GOOD.replace("Engine", "Wideband") + GOOD.replace("256 Engine", "257 Wideband") + GOOD
+    messages, notes = read(tmp_path, text.replace("256 Engine", "258 Engine"))
+    # THEN both are read, and no name is changed that only one message has
+    assert messages == dict.fromkeys(("Wideband_100", "Wideband_101", "Engine"), ["Speed"])
+    assert notes == ("several messages of one name, their identifiers now behind it: Wideband",)
+    database, _ = read_database(tmp_path / "car.dbc")
+    assert database.get_message_by_name("Wideband_100").frame_id == 0x100
+
+
 @pytest.mark.parametrize(
     ("text", "note"),
     [
