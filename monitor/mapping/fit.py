@@ -289,7 +289,8 @@ def _by_range(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityF
     if not stated[0] <= low < high <= stated[1]:
         why = f"its range {stated[0]:g} to {stated[1]:g} does not hold {low:g} to {high:g}"
         fit = fit.doubted(why)
-    if quantity.unit == UNITS["kpa"] and ANY[0] < d.stated[0] < 0.0:
+    of_signed_type = np.isclose(sum(d.stated), -d.step)
+    if quantity.unit == UNITS["kpa"] and ANY[0] < d.stated[0] < 0.0 and not of_signed_type:
         fit = fit.doubted(f"its range begins at {stated[0]:g} kPa: a gauge pressure?")
     return fit
 

@@ -16,11 +16,15 @@ logging.getLogger("cantools").setLevel(logging.ERROR)  # made-up databases repea
 def database_of(
     *signals: str, message: str = "Engine_1", length: int = 64, more: str = ""
 ) -> Database:
-    """Return a database with one message; signals as ``Name (factor,offset) [min|max] "unit"``."""
+    """Return a database with one message; signals as ``Name (factor,offset) [min|max] "unit"``.
+
+    A - before the factor makes a signal signed.
+    """
     lines = []
     for n, text in enumerate(signals):
         name, rest = text.split(" ", 1)
-        lines.append(f" SG_ {name} : {16 * n}|16@1+ {rest} X")
+        sign = "-" if rest[0] == "-" else "+"
+        lines.append(f" SG_ {name} : {16 * n}|16@1{sign} {rest.removeprefix('-')} X")
     body = "\n".join(lines)
     return load_string(
         f'VERSION ""\nBU_: ECU X\nBO_ 256 {message}: {length} ECU\n{body}\n{more}\n', strict=False

@@ -94,10 +94,16 @@ AS_IN_J1939 = """
     -                         EngOilTemp1 (1,-40) [-40|210] "°C"
     rail_pressure_mpa         EngInjectorMeteringRail1Press (0.00390625,0) [0|250] "MPa"
 """
+TYPES_AND_BANKS = """
+    manifold_pressure_kpa     map1 -(0.1,0) [0|0] "kPa"
+    ambient_pressure_kpa      AtmosphericPressure -(0.1,0) [-3276.8|3276.7] "kPa"
+    lambda_measured           Wideband_A (0.001,0) [0|65.535] "lambda"
+    -                         Wideband_B (0.001,0) [0|65.535] "lambda"
+"""
 
 
 @pytest.mark.parametrize(
-    "language", [GERMAN, ABBREVIATED, UNIT_BEHIND_ITS_KIND, BOSCH, AS_IN_J1939]
+    "language", [GERMAN, ABBREVIATED, UNIT_BEHIND_ITS_KIND, BOSCH, AS_IN_J1939, TYPES_AND_BANKS]
 )
 def test_names_and_units_of_every_language_are_understood(language: str) -> None:
     # GIVEN a database with names as carmakers and suppliers write them
@@ -224,6 +230,8 @@ def test_the_one_that_is_said_to_be_upstream_is_taken() -> None:
         ('Lambda (1,0) [0|1] ""', "lambda_measured"),
         ('MAP (1,0) [0|100] "%"', "manifold_pressure_kpa"),
         ('MAP (0.1,-101.3) [0|0] "kPa"', "manifold_pressure_kpa"),
+        ('MAP -(0.1,0) [-100|300] "kPa"', "manifold_pressure_kpa"),
+        ('Wideband_B (0.001,0) [0|65.535] "lambda"', "lambda_measured"),
     ],
 )
 def test_what_only_resembles_is_not_proposed(signal: str, canonical: str) -> None:
@@ -246,6 +254,8 @@ def test_what_only_resembles_is_not_proposed(signal: str, canonical: str) -> Non
         ("CLU15", 'VehicleSpeed (1,0) [0|255] ""'),
         ("DI_torque1", 'DI_motorRPM (1,0) [0|65535] "RPM"'),
         ("DI_torque", 'DI_torqueActual (2,0) [0|8000] "Nm"'),
+        ("Status_2", 'MotorTemp (1,-40) [-40|215] "degC"'),
+        ("Motor_Status_2", 'Torque_Actual -(0.1,0) [-400|400] "Nm"'),
         ("Hybrid_1", 'BatteryVoltage (0.2,0) [0|800] "V"'),
         ("Radar_Object", 'Speed (0.07,0) [0|71] "km/h"'),
         ("Manifold", 'EngMnfldPress (0.1,-206) [-206|600] "kPa"'),
