@@ -3,11 +3,14 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final
 
 from cantools.database.can import Database, Message, Signal
 
+from monitor.base.errors import SignalMapError
 from monitor.base.types import FloatArray
+from monitor.decode.soundness import check_message, check_signal
 from monitor.mapping.fit import ANY, OTHER_NAME, Description, QuantityFit, fit_of
 from monitor.mapping.quantities import QUANTITIES
 
@@ -40,9 +43,8 @@ class MapCandidate:
     def seen(self, values: FloatArray, interval_s: float | None) -> "MapCandidate":
         """Return the candidate as its own values bear it out."""
         described = replace(self.described, values=values)
-        fit = fit_of(self.name, described) or self.fit.doubted(
-            "implausible in the recording", OTHER_NAME
-        )
+        doubted = self.fit.doubted("implausible in the recording", OTHER_NAME)
+        fit = fit_of(self.name, described) or doubted
         return replace(self, described=described, fit=fit, interval_s=interval_s)
 
 
@@ -51,18 +53,26 @@ Ranked = Mapping[str, Sequence[MapCandidate]]  # by canonical name, the likelies
 
 def ranked(database: Database) -> dict[str, list[MapCandidate]]:
     """Return the candidates of every canonical signal and of the fuel flow, the likeliest first."""
-    messages = {message.name: message for message in database.messages}
     found: dict[str, list[MapCandidate]] = {name: [] for name in QUANTITIES}
-    for message in messages.values():
+    for message in database.messages:
         names = Counter(signal.name for signal in message.signals)  # alike: not told apart
         for signal in message.signals:
-            if signal.is_multiplexer or signal.length > 64 or names[signal.name] > 1:
-                continue
-            described = described_by(message, signal)
-            for name, candidates in found.items():
-                if fit := fit_of(name, described):
-                    candidates.append(MapCandidate(name, message, signal, described, fit))
+            if names[signal.name] == 1 and _can_be_mapped(message, signal):
+                described = described_by(message, signal)
+                for name, candidates in found.items():
+                    if fit := fit_of(name, described):
+                        candidates.append(MapCandidate(name, message, signal, described, fit))
     return {name: sorted(each, key=lambda c: c.rank) for name, each in found.items()}
+
+
+def _can_be_mapped(message: Message, signal: Signal) -> bool:
+    """Return whether a map with the signal can be loaded."""
+    try:
+        check_message(Path(), message)
+        check_signal(Path(), message, signal.name)
+    except SignalMapError:
+        return False
+    return not signal.is_multiplexer and signal.length <= 64
 
 
 def cycle_ms(message: Message) -> float:
@@ -75,17 +85,20 @@ def cycle_ms(message: Message) -> float:
 
 def described_by(message: Message, signal: Signal) -> Description:
     """Return what a database says about a signal."""
-    bits, carried = signal.length, ANY
+    carried = ANY
     if not signal.is_float:
-        least = -(1 << (bits - 1)) if signal.is_signed else 0
-        raw = least, least + (1 << bits) - 1
+        least = -(1 << (signal.length - 1)) if signal.is_signed else 0
+        raw = least, least + (1 << signal.length) - 1
         low, high = sorted(float(each) * float(signal.scale) + float(signal.offset) for each in raw)
         carried = low, high
     stated = carried
     if signal.minimum is not None and signal.maximum is not None:
         low, high = float(signal.minimum), float(signal.maximum)
-        of_bits = high.is_integer() and (int(high) + 1).bit_count() == 1  # as an editor fills it
-        is_filler = of_bits and low in (0.0, -high, -high - 1.0)
+        is_filler = (  # as an editor fills the range in: that of a number of bits
+            high.is_integer()
+            and (int(high) + 1).bit_count() == 1
+            and low in (0.0, -high, -high - 1.0)
+        )
         stated = (low, high) if low < high and not is_filler else carried
     return Description(
         name=signal.name,

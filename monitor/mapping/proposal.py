@@ -51,45 +51,36 @@ def propose(ranked: Ranked, cylinders: int = 4) -> Proposals:
 
     cylinders : fuel and air per stroke follow from flows with their number
     """
-    taken = _assigned(ranked)
+    doubts = {name: _doubt(name, ranked) for name in ranked}
+    taken: dict[str, MapCandidate] = {}
+    bests = [ranked[name][0] for name in ranked if not doubts[name]]
+    for each in sorted(bests, key=lambda c: (-c.fit.confidence, c.name)):
+        if each.place not in {c.place for c in taken.values()}:
+            taken[each.name] = each
     auxiliary: list[Proposal] = []
     derived: list[Derived] = []
     for name, phi in PHI_NAMES.items():
         if name in taken and taken[name].fit.is_phi:
-            auxiliary.append(Proposal(phi, taken[name]))
+            auxiliary.append(Proposal(phi, taken.pop(name)))
             derived.append(Derived(name, 1.0, (), (phi,)))
     for name, flow in FLOWS.items() if "engine_speed_rpm" in taken else ():
         if flow in taken and name not in taken:
             auxiliary += [Proposal(flow, taken[flow])] if flow == FUEL_FLOW_NAME else []
             factor = STROKES_MG_PER_KG_H / cylinders
             derived.append(Derived(name, factor, (flow,), ("engine_speed_rpm",)))
-    made = {each.name for each in derived}
+    notes = doubts | {made.name: "derived below" for made in derived}
     signals = []
     for name in (signal.name for signal in OWN):
-        best, every = None if name in made else taken.get(name), ranked.get(name, ())
+        best, every = taken.get(name), ranked[name]
         others = tuple(c for c in every if c is not best)[: SHOWN - (best is not None)]
-        note = "derived below" if name in made else "" if best else _doubt(ranked, name)
-        if not (best or note):
-            note = f"{every[0].place} is taken for another signal"
+        note = "" if best else notes[name] or f"{every[0].place} is taken for another signal"
         signals.append(Proposal(name, best, others, note))
     return Proposals(tuple(signals), tuple(auxiliary), tuple(derived))
 
 
-def _assigned(ranked: Ranked) -> dict[str, MapCandidate]:
-    """Return the best candidate by canonical name, the surest first, no place twice."""
-    taken: dict[str, MapCandidate] = {}
-    places: set[str] = set()
-    bests = [each[0] for name, each in ranked.items() if not _doubt(ranked, name)]
-    for best in sorted(bests, key=lambda c: (-c.fit.confidence, c.name)):
-        if best.place not in places:
-            places.add(best.place)
-            taken[best.name] = best
-    return taken
-
-
-def _doubt(ranked: Ranked, name: str) -> str:
+def _doubt(name: str, ranked: Ranked) -> str:
     """Return why none of the candidates is proposed, "" if the first is."""
-    if not ranked.get(name):
+    if not ranked[name]:
         return NOTHING
     best, *others = ranked[name]
     if not best.fit.stands:

@@ -1,7 +1,6 @@
 """The evidence of a recording: the values of candidates, and what guards their messages."""
 
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -9,7 +8,6 @@ from typing import Final
 import numpy as np
 from cantools.database.can import Database, Message, Signal
 
-from monitor.base.errors import SignalMapError
 from monitor.base.types import FrameBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusChannel, BusMap
@@ -29,23 +27,42 @@ NEARLY_ALL: Final = 0.95  # of the frames in which a counter counts or a checksu
 COUNTER_BITS: Final = range(2, 9)
 
 
-class ObservedSignal:
-    """What a recording shows of the candidates that can be decoded."""
+class ObservedSignals:
+    """What the first blocks of a recording show of the likeliest candidates."""
 
-    def __init__(self, block: FrameBlock, decoder: BlockDecoder) -> None:
-        self._block, self._plans = block, {p.name: p for p in decoder.plans.values()}
+    def __init__(
+        self, blocks: Iterable[FrameBlock], ranked: Ranked, dbc: Path, database: Database
+    ) -> None:
+        channels = {
+            each.place: BusChannel(
+                mapped=MappedSignal(each.place, each.message.name, each.signal.name),
+                message=each.message,
+                signal=each.signal,
+                integrity=Integrity(),
+                dbc=dbc,
+                map_path=dbc,
+                any_source=is_any_source(each.message, database),
+            )
+            for candidates in ranked.values()
+            for each in candidates[:CONSIDERED]
+        }
+        bus_map = BusMap(((dbc, dbc),), channels, {}, tuple(channels))
+        decoder = BlockDecoder(bus_map, bus_map.names)
+        block = joined(list(islice(blocks, BLOCKS)))
         t_s = (block.t_ns - block.t_ns[:1]) / 1e9
+        self._block, self._ranked = block, ranked
+        self._plans = {plan.name: plan for plan in decoder.plans.values()}
         self._series = {  # place → times in s, the database's values
             decoder.names[index]: (t_s[part.rows], values)
             for part in decoder.push(block)
             for index, values in zip(part.channels, part.values, strict=True)
         }
 
-    def reranked(self, ranked: Ranked) -> dict[str, list[MapCandidate]]:
+    def reranked(self) -> dict[str, list[MapCandidate]]:
         """Return the candidates as the recording bears them out, the likeliest first."""
         return {
             name: sorted((self._seen(c) for c in each[:CONSIDERED]), key=lambda c: c.rank)
-            for name, each in ranked.items()
+            for name, each in self._ranked.items()
         }
 
     def guards(self, messages: Iterable[str]) -> dict[str, Integrity]:
@@ -68,45 +85,15 @@ class ObservedSignal:
             return Integrity()
         plain = [s for s in message.signals if not (s.is_signed or s.is_float)]
         counter = next((s.name for s in plain if _counts(message, s, data)), "")
-        for signal in plain:
-            if signal.length == 8 and bit_position(message, signal) % 8 == 0:
-                own = data[:, signal.start // 8]
-                for algorithm in ALGORITHMS:
-                    sums = payload_checksums(algorithm, message.frame_id, data, signal.start // 8)
-                    if (sums == own).mean() >= NEARLY_ALL:
-                        return Integrity(counter, signal.name, algorithm)
-        return Integrity(counter)
-
-
-def observe(
-    blocks: Iterable[FrameBlock], ranked: Ranked, dbc: Path, database: Database
-) -> ObservedSignal:
-    """Return what the first blocks of a recording show of the likeliest candidates."""
-    every = {c.place: c for each in ranked.values() for c in each[:CONSIDERED]}
-    return ObservedSignal(joined(list(islice(blocks, BLOCKS))), _decoder(every, dbc, database))
-
-
-def _decoder(every: Mapping[str, MapCandidate], dbc: Path, database: Database) -> BlockDecoder:
-    """Return a decoder of those candidates that can be decoded, by their places."""
-
-    def of(channels: dict[str, BusChannel]) -> BlockDecoder:
-        return BlockDecoder(BusMap(((dbc, dbc),), channels, {}, tuple(channels)), tuple(channels))
-
-    channels = {}
-    for place, each in every.items():
-        channel = BusChannel(
-            mapped=MappedSignal(place, each.message.name, each.signal.name),
-            message=each.message,
-            signal=each.signal,
-            integrity=Integrity(),
-            dbc=dbc,
-            map_path=dbc,
-            any_source=is_any_source(each.message, database),
+        checksums = (
+            (s.name, algorithm)
+            for s in plain
+            if s.length == 8 and bit_position(message, s) % 8 == 0
+            for algorithm in ALGORITHMS
+            for sums in [payload_checksums(algorithm, message.frame_id, data, s.start // 8)]
+            if (sums == data[:, s.start // 8]).mean() >= NEARLY_ALL
         )
-        with suppress(SignalMapError, ValueError, OverflowError):
-            of({place: channel})
-            channels[place] = channel
-    return of(channels)
+        return Integrity(counter, *next(checksums, ()))
 
 
 def _counts(message: Message, signal: Signal, data: Bytes) -> bool:

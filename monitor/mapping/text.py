@@ -15,7 +15,7 @@ from monitor.frames.logs import read_blocks
 from monitor.judge.causes.causes import timeout_of
 from monitor.mapping.candidates import MapCandidate, cycle_ms, ranked
 from monitor.mapping.proposal import NOTHING, Proposal, Proposals, propose
-from monitor.mapping.recording import observe
+from monitor.mapping.recording import ObservedSignals
 
 _HEAD: Final = """\
 Signal map for {dbc}, proposed by o2mon map from names, units and ranges{log}.
@@ -41,15 +41,15 @@ def make_map(
     notes : what of the database could not be read as it stands
     Raises RecordingError if the log cannot be read.
     """
-    candidates = ranked(database)
-    observed = None
-    if log:
-        channels = Channels(channel, keys_of(database.messages))
-        observed = observe(read_blocks(log, None, channels), candidates, dbc, database)
-        candidates = observed.reranked(candidates)
-    proposals = propose(candidates, cylinders)
-    mapped = [p.best.message.name for p in (*proposals.signals, *proposals.auxiliary) if p.best]
-    guards = observed.guards(mapped) if observed else {}
+    candidates, guards = ranked(database), dict[str, Integrity]()
+    if not log:
+        proposals = propose(candidates, cylinders)
+    else:
+        blocks = read_blocks(log, None, Channels(channel, keys_of(database.messages)))
+        observed = ObservedSignals(blocks, candidates, dbc, database)
+        proposals = propose(observed.reranked(), cylinders)
+        every = (*proposals.signals, *proposals.auxiliary)
+        guards = observed.guards(each.best.message.name for each in every if each.best)
     return map_text(proposals, dbc, log, guards, notes), proposals
 
 
@@ -111,45 +111,37 @@ def _line(text: str) -> str:
 
 
 def _entries(proposals: Sequence[Proposal]) -> Iterator[str]:
-    lacking = [p.name for p in proposals if p.best is None and not p.others and p.note == NOTHING]
+    lacking = [p.name for p in proposals if not (p.best or p.others) and p.note == NOTHING]
     if lacking:
         yield from (comment(f"{NOTHING}: {', '.join(lacking)}"), "")
     for each in (p for p in proposals if p.name not in lacking):
-        word = "or" if each.best else "candidate"
-        if each.best is None:
-            yield comment(f"{each.name}: {each.note}")
+        if each.best:
+            why, entry = _entry(each.name, each.best)
+            yield from (comment(why), entry)
         else:
-            yield from (comment(_why(each.best)), _entry(each.name, each.best))
+            yield comment(f"{each.name}: {each.note}")
         for other in each.others:
-            yield comment(f"  {word} {_why(other)}")
-            yield comment(f"  {_entry(each.name, other)}")
+            why, entry = _entry(each.name, other)
+            yield comment(f"  {'or' if each.best else 'candidate'} {why}")
+            yield comment(f"  {entry}")
         yield ""
 
 
-def _why(candidate: MapCandidate) -> str:
-    return f"{candidate.fit.confidence:.2f}: {'; '.join([candidate.place, *candidate.fit.why])}"
-
-
-def _entry(name: str, candidate: MapCandidate) -> str:
-    """Return the line of one signal."""
-    entry = {
-        "message": candidate.message.name,
-        "signal": candidate.signal.name,
-        "factor": candidate.fit.factor,
-        "offset": candidate.fit.offset,
-        "timeout_s": _timeout_s(candidate),
-    }
-    return f"{name} = {toml(entry)}"
-
-
-def _timeout_s(candidate: MapCandidate) -> float:
-    """Return how old a value may be: by the recording, else five cycles of the message.
-
-    At least 0.3 s; 3 s for answers to requests, 0.5 s where the database states no cycle.
-    """
-    message = candidate.message
+def _entry(name: str, candidate: MapCandidate) -> tuple[str, str]:
+    """Return the reason for a signal, and its line."""
+    fit, message = candidate.fit, candidate.message
     if candidate.interval_s is not None:
-        return timeout_of(candidate.interval_s)
-    if message.cycle_time:
-        return round(min(max(5 * cycle_ms(message) / 1000, 0.3), LONGEST_TIMEOUT_S), 3)
-    return 3.0 if message.is_multiplexed() else 0.5
+        timeout_s = timeout_of(candidate.interval_s)
+    elif message.cycle_time:  # five cycles
+        timeout_s = round(min(max(5 * cycle_ms(message) / 1000, 0.3), LONGEST_TIMEOUT_S), 3)
+    else:  # answers to requests come slowly
+        timeout_s = 3.0 if message.is_multiplexed() else 0.5
+    entry = {
+        "message": message.name,
+        "signal": candidate.signal.name,
+        "factor": fit.factor,
+        "offset": fit.offset,
+        "timeout_s": timeout_s,
+    }
+    why = "; ".join([candidate.place, *fit.why])
+    return f"{fit.confidence:.2f}: {why}", f"{name} = {toml(entry)}"

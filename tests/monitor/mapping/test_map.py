@@ -20,7 +20,7 @@ from monitor.frames.blocks import block_of
 from monitor.mapping.candidates import ranked
 from monitor.mapping.proposal import propose
 from monitor.mapping.quantities import FUEL_FLOW_NAME
-from monitor.mapping.recording import observe
+from monitor.mapping.recording import ObservedSignals
 from monitor.mapping.text import map_text
 from tests.conftest import ROOT
 from tests.helpers.examples import inputs
@@ -133,6 +133,14 @@ def test_the_command_writes_a_map_and_says_what_is_missing(
     assert main(["map", str(wideband), "--out", str(out), "--force"]) == 3
     assert main(["check", str(log), "--dbc", str(wideband), "--map", str(out)]) == 3
     assert "comments of the map, to be confirmed: lambda_measured" in capsys.readouterr().out
+
+
+def test_a_signal_beyond_the_end_of_its_message_is_not_proposed() -> None:
+    others = [f'X{n} (1,0) [0|1] ""' for n in range(3)]
+    rpm, ect = 'RPM (1,0) [0|8000] "rpm"', 'ECT (1,-40) [-40|200] "degC"'
+    text, proposals = proposed(database_of(*others, rpm, ect, length=8))
+    assert proposals.names == ("engine_speed_rpm",)  # bits 48 to 63
+    assert "ECT" not in text  # no map with it could be loaded
 
 
 @pytest.mark.parametrize("cycle", ["-" + 400 * "9", 400 * "9", "86400000"])
@@ -255,8 +263,8 @@ def test_no_recording_upsets_it(
         for k, payload in enumerate(payloads * 5)
     ]
     found = ranked(database)
-    observed = observe([block_of(frames)], found, Path("x.dbc"), database)
-    proposals = propose(observed.reranked(found))
+    observed = ObservedSignals([block_of(frames)], found, Path("x.dbc"), database)
+    proposals = propose(observed.reranked())
     guards = observed.guards(c.message.name for each in found.values() for c in each[:1])
     text = map_text(proposals, Path("x.dbc"), Path("x.log"), guards)
     if proposals.names:
