@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final
 
 from cantools.database.can import Database
@@ -36,6 +35,8 @@ def make_map(
 ) -> tuple[str, Proposals]:
     """Return the text of the map that is proposed, and the proposals.
 
+    ``monitor.decode.signal_map`` loads it if anything is proposed.
+
     log : CAN log of a drive that the proposals are checked with
     channel : of a log that holds several buses
     notes : what of the database could not be read as it stands
@@ -50,17 +51,6 @@ def make_map(
         proposals = propose(observed.reranked(), cylinders)
         every = (*proposals.signals, *proposals.auxiliary)
         guards = observed.guards(each.best.message.name for each in every if each.best)
-    return map_text(proposals, dbc, log, guards, notes), proposals
-
-
-def map_text(
-    proposals: Proposals,
-    dbc: Path,
-    log: Path | None = None,
-    guards: Mapping[str, Integrity] = MappingProxyType({}),
-    notes: Sequence[str] = (),
-) -> str:
-    """Return the file's text; ``monitor.decode.signal_map`` loads it if anything is proposed."""
     checked = f" and checked with {log.name}" if log else ""
     head = _HEAD.format(dbc=_line(dbc.name), log=_line(checked))
     lines = [*map(comment, head.splitlines()), ""]
@@ -78,7 +68,7 @@ def map_text(
         lines += [comment(f"made of {', '.join(each.sources)}"), f"[derived.{each.name}]"]
         lines += [f"factor = {toml(each.factor)}", f"numerator = {toml(each.numerator)}"]
         lines += [f"denominator = {toml(each.denominator)}", ""]
-    return "\n".join(lines).rstrip() + "\n"
+    return "\n".join(lines).rstrip() + "\n", proposals
 
 
 def toml(value: str | float | Sequence[str] | Mapping[str, Any]) -> str:

@@ -12,16 +12,10 @@ from hypothesis import strategies as st
 import dbc
 from monitor.base.errors import SignalMapError
 from monitor.base.signals import OWN as OWN_SIGNALS
-from monitor.base.types import Frame
 from monitor.cli import main
 from monitor.decode.bus_map import load_database, load_pairs
 from monitor.decode.signal_map import load_signal_map
-from monitor.frames.blocks import block_of
-from monitor.mapping.candidates import ranked
-from monitor.mapping.proposal import propose
 from monitor.mapping.quantities import FUEL_FLOW_NAME
-from monitor.mapping.recording import ObservedSignals
-from monitor.mapping.text import map_text
 from tests.conftest import ROOT
 from tests.helpers.examples import inputs
 from tests.helpers.logs.databases import database_of, proposed
@@ -258,16 +252,14 @@ def test_no_recording_upsets_it(
 ) -> None:
     ids = sorted({message.frame_id for message in database.messages}) or [1]
     payloads = data.draw(st.lists(st.binary(min_size=0, max_size=8), min_size=1, max_size=30))
-    frames = [
-        Frame(k * 100_000_000, ids[k % len(ids)], False, payload)
-        for k, payload in enumerate(payloads * 5)
-    ]
-    found = ranked(database)
-    observed = ObservedSignals([block_of(frames)], found, Path("x.dbc"), database)
-    proposals = propose(observed.reranked())
-    guards = observed.guards(c.message.name for each in found.values() for c in each[:1])
-    text = map_text(proposals, Path("x.dbc"), Path("x.log"), guards)
+    path, log = (tmp_path_factory.mktemp("map") / name for name in ("m.toml", "d.log"))
+    log.write_text(
+        "".join(
+            f"({k / 10:.1f}) can0 {ids[k % len(ids)]:03X}#{payload.hex().upper()}\n"
+            for k, payload in enumerate(payloads * 5)
+        )
+    )
+    text, proposals = proposed(database, log=log)
     if proposals.names:
-        path = tmp_path_factory.mktemp("map") / "m.toml"
         path.write_text(text, encoding="utf-8", errors="surrogatepass")
         assert set(load_signal_map(path).signals) <= set(proposals.names)
