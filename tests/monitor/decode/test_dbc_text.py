@@ -40,7 +40,7 @@ def test_messages_of_one_name_are_told_apart_by_their_identifiers(tmp_path: Path
     text = GOOD.replace("Engine", "Wideband") + GOOD.replace("256 Engine", "257 Wideband") + GOOD
     messages, notes = read(tmp_path, text.replace("256 Engine", "258 Engine"))
     # THEN both are read, and no name is changed that only one message has
-    assert messages == dict.fromkeys(("Wideband_100", "Wideband_101", "Engine"), ["Speed"])
+    assert messages == {n: ["Speed"] for n in ("Wideband_100", "Wideband_101", "Engine")}
     assert notes == ("several messages of one name, their identifiers now behind it: Wideband",)
     database, _ = read_database(tmp_path / "car.dbc")
     assert database.get_message_by_name("Wideband_100").frame_id == 0x100
