@@ -180,7 +180,7 @@ def test_a_bus_that_is_gone_is_said_at_the_top(browser: Browser, drive: Player) 
 def test_values_move_with_the_drive_and_hold_still_on_request(
     browser: Browser, drive: Player, late_sensor: list[Frame]
 ) -> None:
-    later = [frame._replace(t_ns=frame.t_ns + 240_000_000_000) for frame in late_sensor[:10_000]]
+    later = [frame._replace(t_ns=frame.t_ns + 240_000_000_000) for frame in late_sensor]
     with at_work(drive, later), opened(browser, drive.url) as page:
         page.wait_for_selector("#plots canvas")
 
