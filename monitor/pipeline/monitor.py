@@ -155,7 +155,7 @@ class SensorMonitor:
         """Take a block through the steps before the model; return a part for each driving cycle."""
         counting, n = self._cycles.push(block), len(block.t_ns)
         if self._clearings != self.store.clearings:
-            self.electrical.maturing.reset()
+            self.electrical.forget()
             self.catalyst.reset()
         starts = [k for k, moment in counting.moments if moment == "driving_cycle"]
         edges = sorted({0, *starts, n})

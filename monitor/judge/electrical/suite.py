@@ -45,16 +45,21 @@ class ElectricalTests:
         self._output = names.index(output.name)
         self._readiness = Readiness(own, names, period_s)
         self.plausibility = Plausibility(own, names, output.name, period_s, is_expected=is_expected)
-        self.maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
+        self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
         self._activity = ActivityTest(own, output, names, period_s, *still_s)
         self._returns = ReturnTest(max(noise, own.stuck_band_at_one), own.visits)
         self._knows_cuts = "fuel_cut" in names
 
     def reset(self) -> None:
         """Start as after switching on."""
-        tests = self._readiness, self.plausibility, self.maturing, self._activity, self._returns
+        tests = self._readiness, self.plausibility, self._maturing, self._activity, self._returns
         for each in tests:
             each.reset()
+
+    def forget(self) -> None:
+        """Find anew what goes on, after a tester has cleared the codes."""
+        self._maturing.reset()
+        self._returns.reset()
 
     def push(
         self, values: FloatArray, quality: QualityArray, burning: BoolArray
@@ -69,7 +74,7 @@ class ElectricalTests:
         running = self.plausibility.running(values)
         ready = self._ready(values, quality, running)
         measured, awake = values[:, self._output], running & ready
-        found = self.maturing.push(self.plausibility.push(values, quality, ready))
+        found = self._maturing.push(self.plausibility.push(values, quality, ready))
         seen = np.where(awake, measured, np.nan)
         found += [(k, RETURNS) for k in self._returns.push(seen, burning & self._knows_cuts)]
         return found + self._activity.push(measured, awake & burning), running

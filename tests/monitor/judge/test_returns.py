@@ -4,8 +4,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from monitor.base import config
 from monitor.base.types import FloatArray
+from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.electrical.returns import ReturnTest
+from monitor.judge.electrical.suite import RETURNS, ElectricalTests
+from monitor.model.card import Channel
 
 JUMP, NEEDED = 0.03, 10
 
@@ -51,6 +55,26 @@ def test_a_reading_of_air_is_no_default_value_unless_fuel_burns() -> None:
     cuts = with_drops(live(), [1.36] * 25)
     assert not decisions(cuts, burning=False)
     assert decisions(cuts)
+
+
+def test_drops_that_go_on_after_a_tester_cleared_the_codes_are_found_again() -> None:
+    # GIVEN a sensor that drops to one value again and again, and a test that has found it
+    names = ("lambda_measured", "fuel_cut")
+    output = Channel("lambda_measured", "-", 0.7, 1.4, 0.7, 1.4)
+    tests = ElectricalTests(config.shipped(), names, output, 0.1)
+    dropped = with_drops(live(), [0.9] * 25)
+    values = np.column_stack([dropped, np.zeros(len(dropped))])
+    good, burning = np.zeros(values.shape, np.uint8), np.full(len(dropped), True)
+
+    def found() -> list[TickResult]:
+        results, _ = tests.push(values, good, burning)
+        return [result for _, result in results if result == RETURNS]
+
+    assert found() == [RETURNS]
+    # WHEN it goes on THEN it is not told anew, unless the codes were cleared
+    assert found() == []
+    tests.forget()
+    assert found() == [RETURNS]
 
 
 @given(st.integers(1, 400))
