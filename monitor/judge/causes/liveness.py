@@ -23,6 +23,7 @@ _BY_QUALITY: Final[dict[int, Dead]] = {
     Quality.INVALID: "invalid",
     Quality.GAP: "invalid",  # the log left it out
     Quality.OUT_OF_RANGE: "out_of_range",
+    Quality.PINNED: "pegged",
 }
 _VALID: Final = CONDITIONS.index("measured_valid")
 _RECOVERED: Final = CONDITIONS.index("fuel_cut_recovered")
