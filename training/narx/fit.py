@@ -204,7 +204,7 @@ def _size_warnings(data: Prepared, spec: Spec) -> list[str]:
 
 def _training_warnings(chosen: NetworkChoice, memory: int, work: Work) -> list[str]:
     gap, warnings = chosen.gap, []
-    if memory and not gap.gap <= gap.limit:
+    if memory and not gap.forgets:
         warnings.append(
             f"two runs that begin with different past values differ by up to {gap.gap:.3g} after "
             f"{gap.samples} samples (limit {gap.limit:.3g})"

@@ -40,7 +40,7 @@ class FreeRunFit:
     @property
     def in_units(self) -> tuple[FloatArray, FloatArray]:
         """Measurement and free run (n,) in the output's unit; NaN where there is none."""
-        return in_output_units(self.data, self.predicted)
+        return measured_and_predicted(self.data, self.predicted)
 
     def healthy(self) -> tuple[Unseen, str]:
         """Return what sets the limits: models with drives that they have not seen, and its name.
@@ -50,7 +50,7 @@ class FreeRunFit:
         return [(Model.load(self.path), self.data.recordings)], ALL_OF_A_CHAIN
 
 
-def in_output_units(data: Prepared, predicted: FloatArray) -> tuple[FloatArray, FloatArray]:
+def measured_and_predicted(data: Prepared, predicted: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the measurement, NaN where it is not valid, and a free run (n,), in its unit.
 
     predicted : (n,) in model units

@@ -4,8 +4,7 @@
 ``a`` is 0 or 1. Inputs may instead enter as means over boxes of lags, narrow for the newest and
 wide for the old ones, so that a long memory needs few weights; and a linear path may lead from
 the regressor past the layers to the output. Everything here is in scaled units (zero mean, unit
-variance). ``training.recordings.samples.preparation`` and ``export`` convert physical units, clip
-inputs and transform lambda.
+variance); ``recordings.samples`` and ``export`` know the physical ones.
 
 Weights lie layer by layer: matrix (out, in) row by row, then the biases; the linear path comes
 last. The regressor holds the inputs of the newest box first, then the outputs of the newest lag

@@ -141,7 +141,7 @@ def choice(task: Task, parts: Parts) -> dict[str, Any]:
                 "n_weights": m.spec.n_weights,
                 "stage": m.stage,
                 "validation_rmse": float(np.sqrt(squares[-1].sum() / blocks.total_weight)),
-                "forgets": bool(gap.gap <= gap.limit),
+                "forgets": gap.forgets,
                 "gap": gap.gap,
                 "gap_limit": gap.limit,
             }
@@ -207,7 +207,7 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
     twins = cross_fit(data, model.spec, seed=task.settings.seed, work=work, threads=task.jobs)
     card = write_model(path, model.spec, model.weights, twins, gap)
     warnings = []
-    if not gap.gap <= gap.limit:
+    if not gap.forgets:
         warnings.append(
             "the model does not forget a wrong start: two runs that begin with different past "
             f"values differ by {gap.gap:.3g} after {CONTRACTION_SAMPLES} samples "

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.narx.model_file import in_output_units, measures
+from training.narx.model_file import measured_and_predicted, measures
 from training.narx.network import Spec
 from training.narx.search import stages
 from training.recordings.recording import Recording
@@ -81,7 +81,7 @@ class FreeRun:
     @property
     def in_units(self) -> tuple[FloatArray, FloatArray]:
         """Measured (NaN where not valid) and predicted output (n,), in the output's unit."""
-        return in_output_units(self.data, self.predicted)
+        return measured_and_predicted(self.data, self.predicted)
 
     @property
     def scored(self) -> np.ndarray:

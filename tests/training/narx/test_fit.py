@@ -275,6 +275,14 @@ def test_the_report_stands_alone(fitted: FitResult, tmp_path: Path) -> None:
     assert text.index('class="verdict') < text.index("<table")
 
 
+def test_the_report_of_recordings_that_are_never_enabled_is_written(
+    fitted: FitResult, tmp_path: Path
+) -> None:
+    data = replace(fitted.data, enabled=np.zeros(len(fitted.predicted), dtype=bool))
+    write_report(tmp_path / "fit.html", replace(fitted, data=data))
+    assert "Free run on held-out blocks" in (tmp_path / "fit.html").read_text()
+
+
 def test_the_report_draws_the_starts_of_a_mean_which_has_no_epochs_itself(
     fitted: FitResult, tmp_path: Path
 ) -> None:

@@ -72,13 +72,13 @@ def minimise_bayesian(
     Raises ValueError if the objective is not finite at the start.
     """
     evidence, mu = BayesianError(objective, n_samples, len(weights)), options.mu
-    watch = Watch(weights, objective.cost(weights), options.max_fail, options.min_gradient)
+    watch = Watch(weights, objective.cost(weights), options.max_fail)
     for _ in range(options.epochs):
         _, curvature, slope = evidence.normal(weights)
         if watch.at_rest(2.0 * slope):
             break
         normal = (evidence.cost(weights), curvature, slope)
-        step = damped_step(evidence, weights, normal, mu, options)
+        step = damped_step(evidence, weights, normal, mu)
         if step is None:
             watch.outcome.stop = "mu"
             break

@@ -43,7 +43,7 @@ def descend(
     """
     current = weights.copy()
     cost, gradient = objective.gradient(current)
-    watch = Watch(current, cost, MAX_FAIL, MIN_GRADIENT, validate)
+    watch = Watch(current, cost, MAX_FAIL, validate, min_gradient=MIN_GRADIENT)
     step = -rate * gradient
     for _ in range(epochs):
         if watch.at_rest(gradient):

@@ -14,6 +14,8 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from monitor.base.types import FloatArray
 
+MU_DOWN, MU_UP, MU_MAX = 0.1, 10.0, 1e10
+
 
 class Objective(Protocol):
     """A sum of squares: its value, and the normal equations of its linearisation."""
@@ -31,11 +33,7 @@ class LmOptions:
 
     epochs: int = 1000
     max_fail: int = 6  # epochs in a row without a better validation score
-    min_gradient: float = 1e-7
     mu: float = 1e-3
-    mu_down: float = 0.1
-    mu_up: float = 10.0
-    mu_max: float = 1e10
 
 
 @dataclass(slots=True)
@@ -63,9 +61,9 @@ class Watch:
         weights: FloatArray,
         cost: float,
         max_fail: int,
-        min_gradient: float,
         validate: Callable[[FloatArray], float] | None = None,
         begins: Callable[[], bool] | None = None,
+        min_gradient: float = 1e-7,
     ) -> None:
         if not np.isfinite(cost):
             raise ValueError(f"the error is {cost} at the initial weights")
@@ -122,14 +120,14 @@ def minimise(
     options = options or LmOptions()
     current, mu = weights.copy(), options.mu
     cost = objective.cost(current)
-    watch = Watch(current, cost, options.max_fail, options.min_gradient, validate, begins)
+    watch = Watch(current, cost, options.max_fail, validate, begins)
     for _ in range(options.epochs):
         if watch.over_budget():
             break
         _, hessian, gradient = objective.normal(current)
         if watch.at_rest(gradient):
             break
-        step = damped_step(objective, current, (cost, hessian, gradient), mu, options)
+        step = damped_step(objective, current, (cost, hessian, gradient), mu)
         if step is None:
             watch.outcome.stop = "mu"
             break
@@ -144,24 +142,23 @@ def damped_step(
     weights: FloatArray,
     normal: tuple[float, FloatArray, FloatArray],
     mu: float,
-    options: LmOptions,
 ) -> tuple[FloatArray, float, float] | None:
     """Return weights, cost and mu after one step that lowers the cost, or None if none does.
 
     normal : the cost, J'J and J'e at ``weights``
     """
     (cost, hessian, gradient), diagonal = normal, np.arange(len(weights))
-    while mu <= options.mu_max:
+    while mu <= MU_MAX:
         damped = hessian.copy()
         damped[diagonal, diagonal] += mu
         try:
             factor = cho_factor(damped.T, lower=True, overwrite_a=True, check_finite=False)
             trial = weights - cho_solve(factor, gradient, check_finite=False)
         except LinAlgError:
-            mu *= options.mu_up
+            mu *= MU_UP
             continue
         trial_cost = objective.cost(trial)
         if trial_cost < cost:  # False for NaN
-            return trial, trial_cost, max(mu * options.mu_down, 1e-20)
-        mu *= options.mu_up
+            return trial, trial_cost, max(mu * MU_DOWN, 1e-20)
+        mu *= MU_UP
     return None

@@ -33,7 +33,7 @@ def minimise_scaled_conjugate(
     """
     current = weights.copy()
     cost, gradient = objective.gradient(current)  # step 1
-    watch = Watch(current, cost, MAX_FAIL, MIN_GRADIENT, validate)
+    watch = Watch(current, cost, MAX_FAIL, validate, min_gradient=MIN_GRADIENT)
     direction, damping, raised, curvature, moved = -gradient, DAMPING, 0.0, 0.0, True
     for epoch in range(1, epochs + 1):
         if watch.at_rest(gradient):

@@ -16,6 +16,7 @@ from training.narx.linear.regressors import Stretch, Triangle, triangle
 
 LEVEL = 0.01  # significance level of every test; bands hold 99 %
 NOISE_ORDER = 10  # order of the AR noise filter, the reference toolbox's default
+TEST_LAGS = 25  # samples, largest of the tests of residuals
 VISIBLE = 0.1  # of the peak: smaller responses do not mark the dead time
 BAND = float(norm.ppf(1.0 - LEVEL / 2.0))  # half width of a band, in standard errors
 
@@ -57,14 +58,14 @@ def effective_samples(a: Sequence[FloatArray], b: Sequence[FloatArray], lags: in
     return sum(map(len, a)) / max(1.0 + 2.0 * float(taper @ product[1:]), 1.0)
 
 
-def whiteness(residuals: Sequence[FloatArray], lags: int = 25) -> dict[str, Any]:
+def whiteness(residuals: Sequence[FloatArray]) -> dict[str, Any]:
     """Return the whiteness test: Ljung-Box, and the lags outside the autocorrelation's 99 % band.
 
     residuals : series of held-out residuals (the test subtracts no degrees of freedom)
     Ljung-Box joins the series; the ``lags`` products across a joint are accepted as an error.
     """
     n = sum(map(len, residuals))
-    lags = min(lags, n - 1)
+    lags = min(TEST_LAGS, n - 1)
     joined = autocorrelation([np.concatenate(residuals)], lags)[1:]
     statistic = n * (n + 2) * float(np.sum(joined**2 / (n - np.arange(1, lags + 1))))
     size, p_value = np.abs(autocorrelation(residuals, lags)[1:]), float(chi2.sf(statistic, lags))
@@ -73,10 +74,7 @@ def whiteness(residuals: Sequence[FloatArray], lags: int = 25) -> dict[str, Any]
 
 
 def independence(
-    residuals: Sequence[FloatArray],
-    inputs: Sequence[FloatArray],
-    names: Sequence[str],
-    lags: int = 25,
+    residuals: Sequence[FloatArray], inputs: Sequence[FloatArray], names: Sequence[str]
 ) -> list[dict[str, Any]]:
     """Return one test per input: do the residuals depend on it?
 
@@ -85,7 +83,7 @@ def independence(
     autocorrelation of both. Independence is rejected if any lag of 0 or above leaves the joint 99 %
     band. A correlation at negative lags means feedback and not a wrong model.
     """
-    span = range(-lags, lags + 1)
+    lags, span = TEST_LAGS, range(-TEST_LAGS, TEST_LAGS + 1)
     sigma_e = float(np.std(np.concatenate(residuals)))
     result = []
     for i, name in enumerate(names):
@@ -127,7 +125,7 @@ class ImpulseResponse:
         return [int(np.argmax(row)) if row.any() else None for row in outside]
 
 
-def impulse_response(stretches: Sequence[Stretch], lags: int = 50) -> ImpulseResponse:
+def impulse_response(stretches: Sequence[Stretch], lags: int) -> ImpulseResponse:
     """Return the impulse responses of all inputs, fitted jointly by generalised least squares.
 
     The past outputs of a long ARX model give the disturbance's AR(10) model. It filters inputs and

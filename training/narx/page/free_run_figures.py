@@ -46,7 +46,8 @@ def measured_blocks(data: Prepared) -> list[tuple[Segment, int, int]]:
 
 def _robust_limits(result: FreeRunFit) -> tuple[float, float]:
     data = result.data
-    values = from_model_units(data.transform, data.scaling.unscale_y(data.samples.y[data.enabled]))
+    rows = data.enabled if data.enabled.any() else data.samples.weight > 0
+    values = from_model_units(data.transform, data.scaling.unscale_y(data.samples.y[rows]))
     low, high = np.percentile(values, [0.5, 99.5])
     return float(low - 0.2 * (high - low)), float(high + 0.2 * (high - low))
 

@@ -50,27 +50,26 @@ def choose(
     does, the best one is trained on with less feedback.
     join : the mean, unless it alone remembers
     """
+
+    def forgets(t: Trained) -> bool:
+        return contraction(data, t.spec, t.weights, seed).forgets
+
     finite = [t for t in trained if np.isfinite(t.score)] or list(trained[:1])
     if data.memory and np.isfinite(finite[0].score):
         best = min(finite, key=lambda t: t.score)
-        forgets = [t for t in finite if _forgets(data, t, seed)]
-        finite = forgets or [with_less_feedback(data, best, seed + 1, work)]
+        finite = [t for t in finite if forgets(t)]
+        finite = finite or [with_less_feedback(data, best, seed + 1, work)]
     best = min(finite, key=lambda t: t.score)
     starts = list(finite) if join else list(trained)
     if join and len(finite) > 1:
         spec, weights = mean_of([(t.spec, t.weights) for t in finite])
         score = float(np.mean([t.score for t in finite]))  # each on blocks that it did not see
         mean = Trained(spec, weights, score, members=len(finite), decay=best.decay)
-        if not data.memory or _forgets(data, mean, seed):
+        if not data.memory or forgets(mean):
             best = mean
     if all(t is not best for t in starts):
         starts.append(best)
     return NetworkChoice(tuple(starts), best, settling(data, best.spec, best.weights, seed))
-
-
-def _forgets(data: Prepared, trained: Trained, seed: int) -> bool:
-    found = contraction(data, trained.spec, trained.weights, seed)
-    return found.gap <= found.limit
 
 
 def mean_of(members: Sequence[Member]) -> Member:

@@ -23,6 +23,11 @@ class Contraction:
     pairs: int
     samples: int = CONTRACTION_SAMPLES
 
+    @property
+    def forgets(self) -> bool:
+        """Whether the histories no longer matter after these samples."""
+        return self.gap <= self.limit  # False for NaN
+
 
 def contraction(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
     """Return how far predictions from random pairs of histories are apart after a while.
@@ -58,7 +63,7 @@ def settling(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Cont
         histories = np.repeat(own[:, :, None], spec.lags, axis=2)
         gap = _gap(spec, weights, data.samples.u[moving], *histories)
         found = _found(data, gap, len(moving), samples)
-        if found.gap <= found.limit:
+        if found.forgets:
             return found
         first, samples = first or found, 2 * samples
     return first
