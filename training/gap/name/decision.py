@@ -119,9 +119,8 @@ def _at_fault(
         began = onset_s(state.case, state.current, candidate.fit)
         if began is not None:
             moved = {candidate.label} if among else {NONE, UNKNOWN}
-            odds = {name: p for name, p in odds.items() if name not in moved} | {
-                ONSET: sum(odds[name] for name in moved)
-            }
+            began_p = sum(odds[name] for name in moved)
+            odds = {**odds, **dict.fromkeys(moved, 0.0), ONSET: began_p}
             words = f"it begins in {began[0]} at {began[1]:.0f} s"
             return replace(suspicion, suspected=words, posterior=odds)
     return None

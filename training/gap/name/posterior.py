@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
-from training.gap.name.formulas.signal_screen import left_by_signal
+from training.gap.name.formulas.signal_screen import left_by_best_signal
 from training.gap.name.ranking import USUAL_SHARE
 from training.gap.name.verdict import Candidate
 from training.healthy import scoring
@@ -43,9 +43,7 @@ def posterior(state: BaseState, ranking: Sequence[Candidate], whole: FloatArray)
         holds = _explains_half(state, candidate, own @ (whole - after[i]), own)
         if candidate.kind == "sensor fault":
             # Its own fault may have another form, of which the library's explains a part.
-            holds |= (
-                not is_clear or own @ next(iter(left_by_signal(state).values())) > own @ after[i]
-            )
+            holds |= not is_clear or own @ left_by_best_signal(state) > own @ after[i]
         counts[candidate.label] = int(holds.sum())
         counts[UNKNOWN] += int((~holds).sum())
     return {name: count / len(drawn) for name, count in counts.items()}

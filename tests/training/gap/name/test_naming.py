@@ -141,6 +141,20 @@ def test_an_effect_that_a_formula_clearly_beats_is_unknown_and_not_named() -> No
     assert next(iter(found.posterior)) == "unknown"
 
 
+def test_what_begins_within_the_drives_and_a_formula_clearly_beats_is_an_unknown_effect(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # GIVEN an effect of one signal, which the library has not, and an onset of what comes first
+    drives = two_drives(2_200_300, ("battery_voltage", 8.0))
+    monkeypatch.setattr("training.gap.name.decision.onset_s", lambda *_: (drives[0].name, 10.0))
+    # THEN the formula stands in its place
+    found = name(drives, known())
+    assert found.verdict == "unknown_effect"
+    assert {term.kind for term in found.answer.effects} == {"empirical"}
+    assert next(iter(found.posterior)) == "unknown"
+    assert sum(found.posterior.values()) == pytest.approx(1.0)
+
+
 def test_another_fuel_and_a_biased_sensor_are_each_said_to_look_like_the_other() -> None:
     # GIVEN drives on fuel with ethanol, and drives with a sensor that reads lean
     fuel = two_drives(2_200_190, ("ethanol", 4.0))

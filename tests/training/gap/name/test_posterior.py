@@ -4,13 +4,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from tests.helpers.gap.gap_drives import BASE, PERIOD_S
 from tests.helpers.gap.gap_simulated import known, two_drives
 from training.gap.name.posterior import Posterior, on_top, posterior
 from training.gap.name.ranking import rank
 from training.gap.name.verdict import Candidate
+from training.greybox.chain import base_path, simulate
 from training.greybox.effects import LIBRARY
+from training.greybox.fit.drive import ChainDrive, make
+from training.greybox.fit.joint import fit
+from training.greybox.fit.sensor_faults import FAULTS
+from training.greybox.quantity.dynamics import lag
 from training.healthy.base_state import BaseState, base_state
 
 
@@ -56,6 +63,29 @@ def test_a_gain_that_healthy_drives_give_as_well_is_no_gap() -> None:
     state = base_state(two_drives(2_200_120), known(), known().base)
     ranking = rank(state, [LIBRARY["wall_film"]])
     assert posterior(state, ranking, state.deviance)["none"] > 0.95
+
+
+def steady(rpm: float, air_mg: float, slow_s: float) -> ChainDrive:
+    """Return ten minutes at one operating point, the mixture modulated, with a slow sensor."""
+    rng, n = np.random.default_rng(int(rpm)), 6000
+    phi = 1.0 + 0.05 * np.sign(np.sin(np.arange(n) * PERIOD_S * 2.1))
+    signals = {
+        "engine_speed_rpm": rpm + rng.standard_normal(n),
+        "air_mass_mg": air_mg + rng.standard_normal(n),
+    }
+    signals["fuel_mass_mg"] = signals["air_mass_mg"] / 14.7 * phi
+    read = lag(simulate(base_path(BASE, signals), PERIOD_S), slow_s, PERIOD_S)
+    read += 0.003 * rng.standard_normal(n)
+    return make(f"{rpm:.0f} rpm", PERIOD_S, signals, 1.0 / read)
+
+
+def test_a_slow_sensor_at_one_steady_point_a_drive_is_likeliest_though_no_signal_moves() -> None:
+    drives = [steady(1500.0, 200.0, 0.5), steady(3000.0, 450.0, 0.5)]
+    begun = base_state(drives, None, BASE)
+    case = replace(begun.case, fixed=BASE)  # as of a vehicle that is known
+    state = replace(begun, case=case).with_fit(fit(case, (), [BASE]))
+    slow = rank(state, [fault for fault in FAULTS if fault.name == "slow_symmetric"])
+    assert posterior(state, slow, state.deviance)["slow_symmetric"] > 0.95
 
 
 def test_a_second_step_parts_the_first_ones_effect_from_pairs_with_it() -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from monitor.base.types import FloatArray
-from training.gap.name.formulas.signal_screen import left_by_signal
+from training.gap.name.formulas.signal_screen import left_by_best_signal
 from training.gap.name.ranking import HALF, USUAL_SHARE, WIN
 from training.gap.name.steps import Advance
 from training.gap.name.verdict import Candidate
@@ -18,8 +18,7 @@ def may_be_beaten(first: BaseState, found: Advance) -> bool:
     """
     if found.outcome.verdict == "no_gap" and not found.rounds:
         return False
-    best = next(iter(left_by_signal(first).values()), first.deviance)
-    return float((best - _left(found)).sum()) < _usual(first)
+    return float((left_by_best_signal(first) - _left(found)).sum()) < _usual(first)
 
 
 def beats(first: BaseState, rival: Candidate, found: Advance) -> float:

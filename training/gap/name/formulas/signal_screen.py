@@ -28,3 +28,8 @@ def left_by_signal(state: BaseState, without: Collection[str] = ()) -> dict[str,
         rest = error - ridge.fit(own, error, blocks % FOLDS).held_out
         left[signal] = scoring.by_block(rest, blocks)
     return dict(sorted(left.items(), key=lambda item: item[1].sum()))
+
+
+def left_by_best_signal(state: BaseState) -> FloatArray:
+    """Return the least that a signal leaves, (n_blocks,); the whole deviance if no signal moves."""
+    return next(iter(left_by_signal(state).values()), state.deviance)
