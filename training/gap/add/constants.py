@@ -53,14 +53,15 @@ def constants_of(
     state = base_state(subject.drives, known, known.base if known else start)
     judge = replace(
         scoring.as_they_are(state.case, state.current),
-        corrections=_corrections(subject, state.case, state.current),
+        corrections=model_corrections(subject, state.case, state.current),
     )
     # An effect that varies between drives would follow the drive in which it is strongest.
     varies = any(getattr(term, "varies", False) for term in last.terms)
-    groups = _groups_of(state.case, subject.drives)
+    every = groups(len(subject.drives))
+    of = [every[i] for i in _numbers(state.case, subject.drives)]
     cases = (state.case, judge) if subject.is_greybox and not varies else (state.case,)
-    tried = [fit_and_leave_out(case, last, groups) for case in cases]
-    ratios = [left_out_ratio(judge, state.current, *each, groups) for each in tried]
+    tried = [fit_and_leave_out(case, last, of) for case in cases]
+    ratios = [left_out_ratio(judge, state.current, *each, of) for each in tried]
     whole, left = tried[int(np.argmin(ratios))]
     return EffectConstants(whole.effects, tuple(each.effects for each in left), min(ratios))
 
@@ -117,12 +118,10 @@ def left_out_ratio(
     return float(np.exp(np.mean(np.log(new / old))))
 
 
-def _groups_of(case: Case, drives: Sequence[ChainDrive]) -> list[int]:
-    """Return the groups of a case's drives, which may lack some of all."""
-    every, found = iter(zip(drives, groups(len(drives)), strict=True)), list[int]()
-    for own in case.drives:
-        found.append(next(group for drive, group in every if drive.name == own.name))
-    return found
+def _numbers(case: Case, drives: Sequence[ChainDrive]) -> list[int]:
+    """Return which of all drives those of a case are: some may be left out, names may be alike."""
+    at = {id(drive.phi_measured): i for i, drive in enumerate(drives)}
+    return [at[id(drive.phi_measured)] for drive in case.drives]
 
 
 def _part(case: Case, rows: Sequence[int]) -> Case:
@@ -151,12 +150,12 @@ def _by_drive(case: Case, values: FloatArray) -> list[FloatArray]:
     return np.split(values, np.cumsum([int(kept.sum()) for kept in case.kept])[:-1])
 
 
-def _corrections(subject: Subject, case: Case, current: JointFit) -> tuple[FloatArray, ...]:
+def model_corrections(subject: Subject, case: Case, current: JointFit) -> tuple[FloatArray, ...]:
     """Return what the model predicts beyond the chain without the effects, (n,) per drive."""
     if subject.is_greybox:
         return tuple(np.zeros(len(drive)) for drive in case.drives)
     runs = predicted_phi(subject.material.model, subject.material.recordings)
-    by_name = {d.name: phi for d, phi in zip(subject.drives, runs, strict=True)}
     alone = replace(case, corrections=tuple(np.zeros(len(drive)) for drive in case.drives))
     chain = predict(alone, current.base, (), ())
-    return tuple(by_name[d.name] - phi for d, phi in zip(case.drives, chain, strict=True))
+    numbers = _numbers(case, subject.drives)
+    return tuple(runs[i] - phi for i, phi in zip(numbers, chain, strict=True))

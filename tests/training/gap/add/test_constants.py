@@ -1,16 +1,29 @@
 """Constants that suit a typical drive, on drives of plain formulas."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.helpers.gap.gap_drives import BASE, case_of, noisy_drive
-from training.gap.add.constants import fit_and_leave_out, fit_weighted, groups, left_out_ratio
+from tests.helpers.gap.gap_networks import CHAIN, FILM, drive
+from training.gap.add.constants import (
+    fit_and_leave_out,
+    fit_weighted,
+    groups,
+    left_out_ratio,
+    model_corrections,
+)
+from training.gap.inputs.roles import Material
+from training.gap.inputs.subject import Subject
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.case import Case, Prior
+from training.greybox.fit.drive import from_recording, phi_of
 from training.greybox.fit.joint import JointFit, fit
 from training.healthy.base_state import SPREAD_CARD
+from training.narx.fit import FitResult
+from training.recordings.prediction import predicted_phi
 
 OFFSET = (LIBRARY["injector_offset"],)
 
@@ -62,3 +75,20 @@ def test_an_effect_is_kept_if_drives_left_out_are_predicted_better_with_it(
     of = groups(len(case.drives))
     found = fit_and_leave_out(case, plain, of)
     assert (left_out_ratio(case, before, *found, of) < 1.0) is holds
+
+
+def test_recordings_of_one_name_in_several_folders_are_each_held_against_their_own_prediction(
+    base: FitResult,
+) -> None:
+    # GIVEN a network, and recordings of other lengths that their logger gave one name
+    made = [drive("micro_trips", 2_020_131, FILM), drive("us06", 2_020_132, FILM, 300.0)]
+    days = ("monday", "tuesday")
+    alike = [replace(r, path=Path(day, "log1.log")) for r, day in zip(made, days, strict=True)]
+    card, drives = base.card, list(map(from_recording, alike))
+    subject = Subject(Material(base.path, alike), card, drives)
+    case = Case(tuple(drives), tuple(np.zeros(len(each)) for each in drives))
+    current = fit(case, (), [CHAIN])
+    # THEN each has what the network predicts of it beyond the chain
+    found, read = model_corrections(subject, case, current), predicted_phi(base.path, alike)
+    for own, phi, driven in zip(found, read, drives, strict=True):
+        assert own == pytest.approx(phi - phi_of(driven, current.base))
