@@ -89,7 +89,7 @@ def run(args: GapCommand) -> int:
     from training.gap.pages import gap_page
     from training.gap.pages.verdict_words import cautions
     from training.gap.result import save
-    from training.gap.workflow import NEW_MODEL, investigate
+    from training.gap.workflow import NEW_MODEL, OFFER, investigate
     from training.jobs.cache import cached
 
     gc.freeze()  # of the imported modules nothing becomes garbage
@@ -105,8 +105,9 @@ def run(args: GapCommand) -> int:
     learned = cached("healthy", _vehicle(material))
     with Progress(None, unit="step") as bar:
         result = investigate(material, args.out, options, learned=learned, progress=bar.step)
-    if result.addition.path is None:  # an earlier run may have left a model
-        (args.out / NEW_MODEL).unlink(missing_ok=True)
+    for path, name in ((result.addition.path, NEW_MODEL), (result.addition.offer, OFFER)):
+        if path is None:  # an earlier run may have left one
+            (args.out / name).unlink(missing_ok=True)
     for warning in cautions(result):
         print(f"o2train: warning: {warning}", file=sys.stderr)
     save(result, args.out / RESULT)

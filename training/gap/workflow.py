@@ -139,7 +139,6 @@ def _described(naming: Naming, verification: Verification | None) -> str | None:
 
 def delivered(addition: Addition, verification: Verification | None, out: Path) -> Addition:
     """Return the addition with its file in ``out``, as an offer if anything speaks against it."""
-    (out / OFFER).unlink(missing_ok=True)  # of an earlier run
     why = addition.withdrawn or (verification.harm if verification and addition.path else None)
     return addition.offered(out / OFFER, why) if why else addition.kept(out / NEW_MODEL)
 

@@ -178,7 +178,10 @@ def compared(
 def test_without_fuel_and_air_the_report_says_in_what_runs_differ(
     network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    (tmp_path / "gap").mkdir()
+    copy(network, tmp_path / "gap" / "offer.onnx")  # of an earlier run
     found, page = compared(network, tmp_path, rich=0.05)
+    assert not (tmp_path / "gap" / "offer.onnx").exists()
     assert found["verdict"] == "unknown_effect"
     regimes = [each for each in found["where"] if each["kind"] == "regime"]
     first = next(each for each in regimes if each["driver"] != "everywhere")
