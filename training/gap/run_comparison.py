@@ -79,7 +79,7 @@ def investigate(
         naming=Naming(
             verdict=verdict,
             answer=Answer(suspected=suspected),
-            trials=Trials(skipped={effect.name: tuple(missing) for effect in ALL}),
+            trials=Trials(skipped={e.name: tuple(missing) for e in ALL} if missing else {}),
             base=None,
             error=BlockError(before=error, after=None, floor=reference.error, explained_share=nan),
             warnings=(_warning(missing),),
@@ -118,7 +118,7 @@ def _verdict(difference: Difference, *, sensor_known_good: bool) -> tuple[Verdic
     if best is None:
         return "no_gap", None
     if difference.like_sensor and not sensor_known_good:
-        return "sensor_fault_suspected", best.sentence.rstrip(".")
+        return "sensor_fault_suspected", best.sentence[0].lower() + best.sentence[1:].rstrip(".")
     return "unknown_effect", None
 
 

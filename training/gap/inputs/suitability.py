@@ -13,7 +13,7 @@ from training.gap.config import CONFIG
 from training.gap.inputs.roles import Material
 from training.greybox.chain import Constants, base_path, valve_phi
 from training.greybox.effects import ALL
-from training.greybox.fit.drive import NEEDED, ChainDrive
+from training.greybox.fit.drive import MIN_SCORED_S, NEEDED, ChainDrive
 from training.healthy import base
 from training.pages.numbers import percent
 from training.recordings.recording import Recording, check_each_once
@@ -90,8 +90,11 @@ def check_healthy(recordings: Sequence[Recording], own_charge: bool = False) -> 
 
 
 def check_long(drives: Sequence[ChainDrive], role: str) -> None:
-    """Raise RecordingError if all drives together are too short to hold blocks out."""
-    seconds = sum(float(d.scored.sum()) * d.period_s for d in drives)
+    """Raise RecordingError if a drive, or all together, are too short to hold blocks out."""
+    each = [float(d.scored.sum()) * d.period_s for d in drives]
+    if short := [d for d, own in zip(drives, each, strict=True) if own < MIN_SCORED_S]:
+        raise RecordingError(f"{_names(short)}: less than {MIN_SCORED_S:.0f} s can be scored")
+    seconds = sum(each)
     if seconds < LIMITS.scored_min_s:
         raise RecordingError(
             f"{_names(drives)}: {duration(seconds)} of {role} recordings can be scored in all, "

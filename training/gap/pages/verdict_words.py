@@ -234,8 +234,6 @@ def _skipped(result: Result) -> list[str]:
     if not result.naming.trials.skipped:
         return []
     if not result.tried:
-        if result.inputs.unit != "phi":
-            return []
         return ["Record fuel and air per stroke, or what tells them, to have effects named."]
     names = ", ".join(result.naming.trials.skipped)
     return [f"Not looked at for want of signals: {names}. Record them if one of these is likely."]

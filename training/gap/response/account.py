@@ -12,11 +12,9 @@ from training.gap.response.equations import Held
 from training.gap.response.families import PASTS_S, Family
 from training.greybox.fit.drive import Comparison
 from training.greybox.quantity.dynamics import delayed, lag
-from training.greybox.quantity.value import hats
 
 DELAYS_S: Final = tuple(np.arange(0.0, 1.51, 0.1).tolist())
 LAGS_S: Final = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0)
-GRID: Final = 9  # points of a curve in words
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,18 +81,14 @@ def _nearest(runs: Sequence[Comparison], delay_s: float, lag_s: float) -> tuple[
     return gain, float(((y - gain * x) ** 2).sum())
 
 
-def curve_of(family: Family, held: Held, runs: Sequence[Comparison]) -> ResponseCurve:
-    """Return what a level adds over the driver's range in the new runs, the family's first."""
-    assert family.driver is not None and family.knots is not None
-    values = family.driver.values[: len(runs)]
-    seen = np.concatenate([v[r.scored] for v, r in zip(values, runs, strict=True)])
-    x = np.quantile(seen, np.linspace(0.02, 0.98, 5 * GRID))
-    y = hats(x, family.knots) @ held.coefficients
-    return ResponseCurve(x, y - y.mean())
+def curve_of(family: Family, held: Held) -> ResponseCurve:
+    """Return what a level adds at its knots, between which it is straight, about their mean."""
+    assert family.knots is not None
+    return ResponseCurve(family.knots, held.coefficients - held.coefficients.mean())
 
 
 def past_s(held: Held, period_s: float) -> float:
-    """Return the time after which half of a driver's step has passed, from its lags' weights."""
+    """Return the time in which half of a driver's step passes by its lags' weights, inf if long."""
     t = np.arange(0.0, 60.0, period_s)
     step = sum(
         w * (lag(np.r_[0.0, np.ones(len(t) - 1)], s, period_s) - 1.0)
@@ -102,4 +96,4 @@ def past_s(held: Held, period_s: float) -> float:
     )
     begin = step[1]
     after = np.flatnonzero(np.abs(step[1:]) <= 0.5 * abs(begin))
-    return float(t[after[0]]) if len(after) else float(t[-1])
+    return float(t[after[0]]) if len(after) else np.inf

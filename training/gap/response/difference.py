@@ -95,7 +95,7 @@ def difference_of(
     if found.kind in SHIFTS:
         response = response_of(first.runs, reference.healthy)
     if first.family is not None and found.kind == "level":
-        curve = curve_of(first.family, first.trial.held[first.number], first.runs)
+        curve = curve_of(first.family, first.trial.held[first.number])
     best = replace(found, sentence=_sentence(first, response, curve, unit))
     if unit in ("", "phi") and (share := _commanded(new, reference)) >= HALF:
         words = f"{percent(share)} of what exceeds the error of healthy runs goes with its lambda"
@@ -191,7 +191,9 @@ def _sentence(
         return f"The reading changes with the {words}: {size}, {low:+.3g} to {high:+.3g} {of}."
     if found.kind == "dynamic":
         s = past_s(place.trial.held[place.number], place.runs[0].period_s)
-        after = f"half of it is gone after {s:.1f} s"
+        after = (
+            f"half of it is gone after {s:.1f} s" if np.isfinite(s) else "it lasts a minute or more"
+        )
         return f"The reading keeps a memory of changes of the {words}; {after}."
     return _PLAIN[found.kind] + (f" {words}." if found.driver else ".")
 

@@ -132,10 +132,11 @@ def uncertain(added: Sequence[ModelEffect]) -> list[str]:
     """
     warnings = []
     for each in added:
+        name = each.effect.says if is_empirical(each.name) else each.name
         for p, value in zip(each.effect.parameters, each.values, strict=True):
             error, spread = each.standard_errors[p.name], p.spread
             most = abs(value) if spread is None else AS_EXPECTED * spread
-            says = f"{each.name}: {p.name} is {value:.2g} {p.unit}".removesuffix(" -")
+            says = f"{name}: {p.name} is {value:.2g} {p.unit}".removesuffix(" -")
             more = "record driving in which the effect is stronger"
             if error == 0.0 or (spread is not None and error > most):
                 warnings.append(f"{says}, which the recordings of the fit do not determine: {more}")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor.base.errors import UsageError
+from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
@@ -130,3 +130,11 @@ def test_drives_where_no_healthy_one_has_been_are_warned_of() -> None:
     assert left_out.endswith("at coolant temperatures that no healthy recording has visited")
     assert share.startswith("5")
     assert "name nothing" in share
+
+
+def test_a_recording_of_which_nothing_can_be_scored_is_refused_by_its_name() -> None:
+    whole = [drive(seed) for seed in (1, 2)]
+    nothing = replace(drive(3), scored=np.zeros(6000, dtype=bool))
+    suitability.check_long(whole, "new")
+    with pytest.raises(RecordingError, match="drive_3: less than 60 s can be scored"):
+        suitability.check_long([*whole, nothing], "new")

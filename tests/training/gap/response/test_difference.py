@@ -63,6 +63,24 @@ def test_a_ripple_over_speed_is_described() -> None:
     assert "changes with the speed" in answer.best.sentence
 
 
+def test_a_valve_that_rests_in_98_of_100_samples_is_described_by_where_it_opens() -> None:
+    # GIVEN a valve that opens for some seconds, and a reading that follows it
+    def valved(r: Comparison, size: float) -> Comparison:
+        opening = np.zeros(len(r.phi_measured))
+        for at in np.random.default_rng(len(r.name)).integers(50, len(opening) - 50, 4):
+            opening[at : at + 9] = np.linspace(0.2, 1.0, 9)
+        more = replace(r, signals={**r.signals, "valve": opening})
+        return replace(more, phi_measured=r.phi_measured + size * opening)
+
+    usual = ResponseReference.learn([valved(run(seed), 0.0) for seed in range(6)], INPUTS)
+    answer = difference_of([valved(r, 0.1) for r in new()], usual)
+    # THEN the curve goes from where it rests to where it is open
+    assert answer.best is not None
+    assert (answer.best.kind, answer.best.driver) == ("level", "valve")
+    assert answer.curve is not None
+    assert (answer.curve.x[0], answer.curve.x[-1]) == pytest.approx((0.0, 0.8), abs=0.3)
+
+
 def test_a_gain_that_lowers_the_error_is_found() -> None:
     answer = found(lambda _, r: 1.0 + 0.7 * (r.phi_measured - 1.0))
     assert answer.like_sensor
