@@ -52,6 +52,10 @@ class BaseState:
         surplus = self.known.surplus if self.known else {}
         return OVER_HEALTHY * surplus.get(name, UNKNOWN_SURPLUS)
 
+    def with_fit(self, found: JointFit) -> "BaseState":
+        """Return the state with a fit in place of the base."""
+        return replace(self, current=found, deviance=scoring.deviance(found, self.case.blocks))
+
     def shrinks_of(self, drive: ChainDrive) -> tuple[Shrink, ...]:
         """Return what differs from healthy drive to drive in one more drive, () if unknown."""
         if self.known is None:

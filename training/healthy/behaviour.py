@@ -56,7 +56,7 @@ class Healthy:
     visited: Visited
     surplus: Mapping[str, float] = field(default_factory=dict)  # see ``yardstick``
     charge: ChargeError | None = None  # of drives with the air per stroke as broadcast
-    rmse_usual: float | None = None  # phi, of healthy drives judged by others; of a chain only
+    rmse_usual: float | None = None  # phi, of healthy drives judged by others
 
     def columns(self, drive: ChainDrive) -> dict[str, FloatArray]:
         """Return all columns of ``drive``, name → (n,)."""
@@ -93,13 +93,8 @@ class Healthy:
         """Return the chain's expected error on ``drive`` if the vehicle is healthy, (n,) in phi.
 
         made : the drive's columns, if they are at hand
-        With another model than the chain, what that model reads instead is part of it.
         """
-        learned = self.learned(drive, made)
-        if drive.phi_of_model is None:
-            return np.asarray(learned + drive.moved_phi)
-        own = phi_of(self.with_own(drive), self.base)
-        return np.asarray(learned + drive.phi_of_model - own)
+        return np.asarray(self.learned(drive, made) + drive.moved_phi)
 
 
 def learn(drives: Sequence[ChainDrive], start: Constants, like: Healthy | None = None) -> Healthy:
@@ -206,7 +201,7 @@ def charged(drive: ChainDrive, error: ChargeError | None) -> ChainDrive:
 
 def _charge_error(drives: Sequence[ChainDrive]) -> ChargeError | None:
     """Return by how much the broadcast charge is wrong, None where it is not, or right already."""
-    if any(drive.charged or drive.phi_of_model is not None for drive in drives):
+    if any(drive.charged for drive in drives):
         return None
     whole = joined([replace(d, phi_measured=d.phi_measured - d.moved_phi) for d in drives])
     return fit_with_error(replace(whole, own=own_of(whole)))[1]
@@ -241,10 +236,7 @@ def _case(drives: Sequence[ChainDrive]) -> Case:
 
 def _left(drive: ChainDrive, base: Constants) -> FloatArray:
     """Return the model's error, (n,) in phi."""
-    phi = drive.phi_of_model
-    if phi is None:
-        phi = phi_of(drive, base) + drive.moved_phi
-    return np.asarray(drive.phi_measured - phi)
+    return np.asarray(drive.phi_measured - phi_of(drive, base) - drive.moved_phi)
 
 
 def white(series: FloatArray, ar: tuple[float, float]) -> FloatArray:

@@ -56,10 +56,7 @@ def learn(
     names = set[str]().union(*left)
     surplus = {name: _typical([ratio[name] for ratio in left if name in ratio]) for name in names}
     rmse = [held_out_rmse(state.case, state.current) for state in states]
-    # A network has seen these drives, so others are worse without any gap.
-    is_chain = all(drive.phi_of_model is None for drive in drives)
-    usual = float(np.median(rmse)) if rmse and is_chain else None
-    return replace(known, surplus=surplus, rmse_usual=usual)
+    return replace(known, surplus=surplus, rmse_usual=float(np.median(rmse)) if rmse else None)
 
 
 def _offsets(drives: Sequence[ChainDrive], known: Healthy) -> list[float]:

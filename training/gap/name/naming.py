@@ -148,8 +148,8 @@ def _is_larger(rmse: float, drives: Sequence[ChainDrive], known: Healthy | None)
     Slow errors hardly show in whitened ones, so there may be a gap that no candidate scores on.
     """
     usual = known.rmse_usual if known else None
-    of_chain = all(d.phi_of_model is None and not np.any(d.moved_phi) for d in drives)
-    return of_chain and usual is not None and rmse > LARGER * usual
+    is_plain = not any(np.any(drive.moved_phi) for drive in drives)
+    return is_plain and usual is not None and rmse > LARGER * usual
 
 
 def _answer(

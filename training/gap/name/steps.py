@@ -51,7 +51,7 @@ class _Path:
     def take(self, effect: Candidate, ranking: tuple[Candidate, ...]) -> None:
         """Add a round."""
         self.rounds.append(Round(effect, held_out_rmse(self.state.case, effect.fit), ranking))
-        self.states.append(_with(self.state, effect))
+        self.states.append(self.state.with_fit(effect.fit))
 
     def drop(self) -> None:
         """Take the last round back."""
@@ -115,11 +115,6 @@ def _posterior(told: Sequence[StepOutcome], path: _Path) -> Posterior:
     return odds
 
 
-def _with(state: BaseState, added: Candidate) -> BaseState:
-    """Return the start of the next step, with a candidate as part of the base."""
-    return replace(state, current=added.fit, deviance=added.left)
-
-
 def _on_top(
     state: BaseState, suspicion: StepOutcome, candidates: Sequence[Term], progress: Progress
 ) -> tuple[Candidate, ...]:
@@ -130,5 +125,5 @@ def _on_top(
     effects = [
         c for c in candidates if isinstance(c, Effect) and fault.name not in (c.name, *c.like)
     ]
-    found = step(_with(state, fault), effects, state.deviance, True, progress)
+    found = step(state.with_fit(fault.fit), effects, state.deviance, True, progress)
     return found.best if found.verdict == "named" else ()

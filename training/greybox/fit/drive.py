@@ -49,7 +49,6 @@ class ChainDrive:
     signals: Mapping[str, FloatArray]  # canonical name → (n,), gaps held
     phi_measured: FloatArray  # (n,) 1 / lambda, held where not measured
     scored: BoolArray  # (n,) measured, outside fuel cut and the recovery from it
-    phi_of_model: FloatArray | None = None  # (n,) of a model that is more than the chain
     moved_phi: FloatArray | float = 0.0  # (n,) by which the model's effects move the chain's phi
     own: Effects = ()  # effects of the healthy vehicle, part of the base
     charged: bool = False  # whether the air per stroke is corrected as healthy drives taught

@@ -104,7 +104,7 @@ def _next(
     best = _growing(plain, best)
     plain = _reread(plain, best.fit)
     best = replace(best, fit=fit(plain.case, best.fit.terms, [best.fit]))
-    return best, _with(plain, best.fit)
+    return best, plain.with_fit(best.fit)
 
 
 def _reread(plain: BaseState, found: JointFit) -> BaseState:
@@ -114,7 +114,7 @@ def _reread(plain: BaseState, found: JointFit) -> BaseState:
     drives = plain.case.drives
     case = replace(plain.case, corrections=corrections(plain.known, drives, found.effects))
     current = fit(case, plain.current.terms, [plain.current])
-    return _with(replace(plain, case=case), current)
+    return replace(plain, case=case).with_fit(current)
 
 
 def _needed(plain: BaseState, found: Sequence[Candidate]) -> list[Candidate]:
@@ -134,13 +134,8 @@ def _judged(state: BaseState, terms: Sequence[Candidate]) -> list[Candidate]:
     for each in terms:
         (again,) = rank(state, [each.term])
         judged.append(again)
-        state = _with(state, again.fit)
+        state = state.with_fit(again.fit)
     return judged
-
-
-def _with(state: BaseState, found: JointFit) -> BaseState:
-    deviance = scoring.deviance(found, state.case.blocks)
-    return replace(state, current=found, deviance=deviance)
 
 
 def _best(plain: BaseState, used: Collection[str]) -> Candidate | None:
@@ -171,8 +166,7 @@ def _plain(state: BaseState) -> BaseState:
     case = scoring.as_they_are(state.case, state.current)
     current = fit(case, state.current.terms, [state.current])
     roof = scoring.ceiling(case, scoring.plain_columns(case, current))
-    deviance = scoring.deviance(current, case.blocks)
-    return replace(state, case=case, current=current, roof=roof, deviance=deviance)
+    return replace(state, case=case, roof=roof).with_fit(current)
 
 
 def _forms(state: BaseState, used: Collection[str], forms: Sequence[str] = FORMS) -> list[Effect]:
