@@ -170,7 +170,7 @@ class _Problem:
             w = _scale(case)[at] ** -2.0
             normal += late.T @ (late * w[:, None])
             slope += late.T @ (e[at] * w)
-        ridge = 1e-9 * np.trace(normal) * np.eye(order)
+        ridge = (1e-9 * np.trace(normal) + np.finfo(float).tiny) * np.eye(order)
         plain = _Noise.of(np.linalg.solve(normal + ridge, slope), every)
         white = np.concatenate([self._white(x, case, plain) for case in self.cases])
         return replace(plain, sigma=float(1.4826 * np.median(np.abs(white))))

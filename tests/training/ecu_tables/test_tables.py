@@ -205,6 +205,16 @@ def test_a_log_without_a_usable_sample_is_refused_with_the_reasons(tmp_path: Pat
         subject_of([load(path)])
 
 
+def test_a_log_with_less_than_a_second_of_lambda_leaves_all_cells_blank(drive: Path) -> None:
+    log = load(drive)
+    values = log.values.copy()
+    values[:, log.names.index("lambda_measured")][np.arange(len(values)) // 8 != 200] = np.nan
+    subject = subject_of([replace(log, values=values)])
+    assert 0 < subject.samples <= 8
+    made = tables(fit(subject), axes_of(subject.load), defaults())
+    assert all(np.isnan(t.estimate).all() for t in made)
+
+
 def test_a_signal_that_a_log_names_without_a_value_is_none(drive: Path) -> None:
     log = load(drive)
     values = np.column_stack([log.values, np.full(len(log.values), np.nan)])
