@@ -5,7 +5,6 @@ do, so the level of the mixture tells flow and dead time. The fit of the moves t
 an air estimate that errs in time weakens every move, and moves alone then tell a smaller injector.
 """
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -13,7 +12,8 @@ from scipy.linalg import block_diag
 from scipy.ndimage import uniform_filter1d
 
 from monitor.base.types import FloatArray, IntArray
-from training.ecu_tables.parameters import FUEL, Balance, Parameters
+from training.ecu_tables.config import defaults
+from training.ecu_tables.parameters import FUEL, Balance, Parameters, Vector
 from training.ecu_tables.prediction import air_mg, injected_mg
 from training.ecu_tables.signals import TableDrive
 from training.greybox.chain import STOICHIOMETRIC
@@ -26,32 +26,21 @@ SIGMA_LEAST: Final = 0.005
 STEPS: Final = 12
 MOST: Final = 0.3  # of one step
 STEP: Final = 1e-5
-Z90: Final = 1.645
 WIDENING: Final = 1.8  # of the deviations: with it, 90 % of 20 simulated cars are within bounds
 
 
-@dataclass(frozen=True, slots=True)
-class _Steady:
-    """The steady samples of a drive."""
+def _steady(drive: TableDrive, window: int) -> IntArray:
+    """Return the steady samples of a drive, as averaged over a window of samples."""
+    known = np.convolve(drive.usable, np.ones(drive.every))[: len(drive)] > 0.0  # until updated
+    steady = known & (drive.air_move < AIR_MOVE) & (drive.commanded > 0.0)
+    return np.flatnonzero(uniform_filter1d(steady.astype(float), window) > 1.0 - 1e-9)
 
-    drive: TableDrive
-    window: int  # samples
-    at: IntArray
 
-    @staticmethod
-    def of(drive: TableDrive) -> "_Steady":
-        window = max(round(STEADY_S / drive.period_s), 1)
-        known = np.convolve(drive.usable, np.ones(drive.every))[: len(drive)] > 0.0  # until updated
-        steady = known & (drive.air_move < AIR_MOVE) & (drive.commanded > 0.0)
-        share = uniform_filter1d(steady.astype(float), window)
-        return _Steady(drive, window, np.flatnonzero(share > 1.0 - 1e-9))
-
-    def excess(self, p: Parameters, x: FloatArray) -> FloatArray:
-        """Return the logarithm of the measured over the injected fuel (n,)."""
-        air = air_mg(p, x, self.drive)
-        fuel = (self.drive.phi * air / STOICHIOMETRIC, injected_mg(p, x, self.drive))
-        measured, injected = (uniform_filter1d(f, self.window)[self.at] for f in fuel)
-        return np.asarray(np.log(np.maximum(measured, 1e-3) / np.maximum(injected, 1e-3)))
+def _excess(v: Vector, drive: TableDrive, window: int) -> FloatArray:
+    """Return the logarithm of the measured over the injected fuel (n,)."""
+    fuel = (drive.phi * air_mg(v, drive) / STOICHIOMETRIC, injected_mg(v, drive))
+    measured, injected = (np.maximum(uniform_filter1d(f, window), 1e-3) for f in fuel)
+    return np.asarray(np.log(measured / injected))
 
 
 def balance(p: Parameters) -> Balance:
@@ -59,7 +48,10 @@ def balance(p: Parameters) -> Balance:
 
     The error of the air over speed and load is estimated with them, so it is in the covariance.
     """
-    drives = [_Steady.of(d) for d in p.subject.drives]
+    drives = p.subject.drives
+    period_s = drives[0].period_s
+    window = max(round(STEADY_S / period_s), 1)
+    steady = [_steady(d, window) for d in drives]
     fuel = slice(len(FUEL))
     which = [fuel, p.at["gain"]]
     mean = np.concatenate([p.mean()[w] for w in which])
@@ -68,12 +60,13 @@ def balance(p: Parameters) -> Balance:
     def excess(x: FloatArray) -> FloatArray:
         full = p.mean()
         full[fuel] = x[fuel]
-        return np.concatenate([d.excess(p, full) for d in drives]) - gain @ x[len(FUEL) :]
+        of = [_excess(Vector(p, full), d, window)[at] for d, at in zip(drives, steady, strict=True)]
+        return np.concatenate(of) - gain @ x[len(FUEL) :]
 
-    period_s = drives[0].drive.period_s
-    gain = np.concatenate([p.grid.shares(d.drive.rpm[d.at], d.drive.load[d.at]) for d in drives])
+    pairs = zip(drives, steady, strict=True)
+    gain = np.concatenate([p.grid.shares(d.rpm[at], d.load[at]) for d, at in pairs])
     size = round(BLOCK_S / period_s)
-    places = [np.stack([np.full(len(d.at), k), d.at // size]) for k, d in enumerate(drives)]
+    places = [np.stack([np.full(len(at), k), at // size]) for k, at in enumerate(steady)]
     _, block = np.unique(np.concatenate(places, axis=1), axis=1, return_inverse=True)
     blocks = np.eye(block.max(initial=-1) + 1)[block]
     if len(blocks.T) <= len(FUEL):
@@ -85,7 +78,7 @@ def balance(p: Parameters) -> Balance:
         sigma = 1.4826 * float(np.median(np.abs(e))) + SIGMA_LEAST
         moved = [excess(x + STEP * unit) for unit in np.eye(len(mean))[: len(FUEL)]]
         slopes = np.concatenate([(e - np.stack(moved)) / STEP, gain.T])
-        weighted = slopes / (1.0 + (e / (OUTLIER * sigma)) ** 2) / sigma**2 / drives[0].window
+        weighted = slopes / (1.0 + (e / (OUTLIER * sigma)) ** 2) / sigma**2 / window
         normal = weighted @ slopes.T + prior
         step = np.linalg.solve(normal, weighted @ e - prior @ (x - mean))
         x = x + np.clip(step, -MOST, MOST)
@@ -103,7 +96,7 @@ def balance_text(fitted: Balance, *, absolute: bool) -> str:
     """
     if not fitted.seconds:
         return ""
-    half = Z90 * np.sqrt(np.diag(fitted.covariance))
+    half = defaults().z90 * np.sqrt(np.diag(fitted.covariance))
     both = [np.exp(fitted.mean + sign * half) for sign in (0.0, -1.0, 1.0)]
     flow, dead = ([f"{v[k]:.3g}" for v in both] for k in (0, 1))
     told = f"flow {flow[0]} mg/ms ({flow[1]} to {flow[2]}), " if absolute else ""

@@ -17,8 +17,8 @@ from scipy.signal import lfilter
 
 from monitor.base.types import BoolArray, FloatArray
 from training.ecu_tables.balance import balance
-from training.ecu_tables.parameters import KNOTS, SCALARS, Parameters, grid_over
-from training.ecu_tables.prediction import PredictionCase, reading, sensitivities
+from training.ecu_tables.parameters import KNOTS, SCALARS, Parameters, Vector, grid_over
+from training.ecu_tables.prediction import PredictionCase, reading
 from training.ecu_tables.signals import TableDrive, TableSubject
 from training.greybox.fit.constants import Report, nobody, part
 
@@ -128,11 +128,8 @@ class _Problem:
     @classmethod
     def of(cls, subject: TableSubject, drives: Sequence[TableDrive], knots: int) -> "_Problem":
         """Return the problem with a grid over all drives of the subject."""
-        usable = [d.usable for d in subject.drives]
-        rpm, load = (
-            [getattr(d, name)[on] for d, on in zip(subject.drives, usable, strict=True)]
-            for name in ("rpm", "load")
-        )
+        rpm = np.concatenate([d.rpm[d.usable] for d in subject.drives])
+        load = np.concatenate([d.load[d.usable] for d in subject.drives])
         p = Parameters(subject, grid_over(rpm, load, knots))
         p = replace(p, fuel=balance(p))
         return cls(p, tuple(PredictionCase.of(d, p) for d in drives))
@@ -164,7 +161,7 @@ class _Problem:
         order = min(max(round(AR_S / self.cases[0].drive.period_s / every), 2), AR_MOST)
         normal, slope = np.zeros((order, order)), np.zeros(order)
         for case in self.cases:
-            e = case.drive.phi - reading(self.p, x, case)
+            e = case.drive.phi - reading(Vector(self.p, x), case)
             at = np.flatnonzero(_Noise.of(np.ones(order), every).kept(case.drive.usable))
             late = np.stack([e[at - k * every] for k in range(1, order + 1)], axis=1)
             w = _scale(case)[at] ** -2.0
@@ -177,7 +174,7 @@ class _Problem:
 
     def _white(self, x: FloatArray, case: PredictionCase, noise: _Noise) -> FloatArray:
         """Return the whitened residuals (m,) of the samples that count."""
-        e = case.drive.phi - reading(self.p, x, case)
+        e = case.drive.phi - reading(Vector(self.p, x), case)
         white = lfilter(noise.filter, [1.0], e) / _scale(case) / noise.sigma
         return np.asarray(white[noise.kept(case.drive.usable)])
 
@@ -196,15 +193,15 @@ class _Problem:
         normal, slope, squares = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
         for case in self.cases:
             scale = _scale(case)[:, None] * noise.sigma
-            base, jacobian = sensitivities(self.p, x, case)
-            jacobian = lfilter(noise.filter, [1.0], jacobian, axis=0) / scale
-            white = lfilter(noise.filter, [1.0], case.drive.phi - base) / scale[:, 0]
+            read = reading(Vector(self.p, x, moving=True), case)
+            jacobian = lfilter(noise.filter, [1.0], self.p.jacobian(read), axis=0) / scale
+            white = lfilter(noise.filter, [1.0], case.drive.phi - read.value) / scale[:, 0]
             w = noise.kept(case.drive.usable) / (1.0 + (white / OUTLIER) ** 2)
             weighted = jacobian * w[:, None]
             normal += jacobian.T @ weighted
             gradient = weighted * white[:, None]
             slope += gradient.sum(axis=0)
-            starts = np.arange(0, len(base), round(BLOCK_S / case.drive.period_s))
+            starts = np.arange(0, len(white), round(BLOCK_S / case.drive.period_s))
             sums = np.add.reduceat(gradient, starts, axis=0)
             squares += sums.T @ sums
         return normal, slope, squares

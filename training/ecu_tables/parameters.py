@@ -8,15 +8,16 @@ smooth Gaussian prior. The knots follow the drives and not the axes of a table, 
 of a cell does not depend on how fine the table is.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import accumulate
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.ecu_tables.signals import KG_H_PER_MG_RPM, Air, TableDrive, TableSubject
+from training.ecu_tables.signals import Air, TableDrive, TableSubject
+from training.greybox.chain import KG_H_PER_MG_RPM
 from training.greybox.quantity.dual import Dual, ParameterGroup
 from training.greybox.quantity.value import Quantity, cells, clip, exp, maximum, tanh
 from training.recordings.ecu_table import KPA
@@ -58,9 +59,9 @@ class Grid:
         return np.asarray(np.linalg.inv(covariance + sd**2 * NUGGET * np.eye(self.size)))
 
 
-def grid_over(rpm: Sequence[FloatArray], load: Sequence[FloatArray], knots: int = KNOTS) -> Grid:
-    """Return ``knots`` in each direction over the places that the drives visit."""
-    return Grid(_knots(np.concatenate(rpm), knots), _knots(np.concatenate(load), knots))
+def grid_over(rpm: FloatArray, load: FloatArray, knots: int = KNOTS) -> Grid:
+    """Return ``knots`` in each direction over the places (n,) that the drives visit."""
+    return Grid(_knots(rpm, knots), _knots(load, knots))
 
 
 def _knots(values: FloatArray, number: int) -> FloatArray:
@@ -68,40 +69,31 @@ def _knots(values: FloatArray, number: int) -> FloatArray:
     return np.linspace(low, max(high, low + 0.1), number)
 
 
-class Scalar(NamedTuple):
-    """Prior of one constant."""
-
-    name: str
-    mean: float
-    sd: float
-
-
-SCALARS: Final = (
-    Scalar("flow", 0.0, 2.0),  # log of injected fuel over the unit of the command
-    Scalar("dead_ms", -0.35, 0.6),  # log of the injector's dead time at 14 V in ms
-    Scalar("dead_exponent", 1.6, 0.4),  # of 14 V over the voltage
-    Scalar("filling", 5.94, 0.4),  # log of the manifold's time constant times rpm
-    Scalar("meter", -3.7, 0.5),  # log of the air meter's time constant in s
-    Scalar("charge_s", 0.0, 0.03),  # the charge behind the logged pressure
-    Scalar("delay_s", 0.03, 0.03),
-    Scalar("delay_rev", 1.5, 0.1),  # intake, compression, expansion, half the exhaust stroke
-    Scalar("gas_heat", 0.1, 0.03),  # exponent of the flow in the gas's temperature
-    Scalar("delay_flow", 0.7, 1.0),  # log of s kg/h, at 40 kg/h
-    Scalar("mixed_flow", -1.0, 0.8),  # log of s kg/h
-    Scalar("sensor_s", -2.4, 0.4),  # log, at 40 kg/h
-    Scalar("sensor_flow", 0.25, 0.12),  # share of the sensor's lag that falls with flow
-    Scalar("film", -1.5, 1.2),  # log odds of the share, warm
-    Scalar("film_cold", 1.0, 0.6),
-    Scalar("film_load", 0.2, 0.3),
-    Scalar("film_speed", -0.1, 0.3),
-    Scalar("time", -0.7, 0.5),  # log s, warm
-    Scalar("time_cold", 0.7, 0.4),
-    Scalar("time_load", -0.2, 0.3),
-    Scalar("time_speed", -0.2, 0.3),
-    Scalar("span", 1.0, 0.2),  # of the reading about phi 1: an air that errs in time weakens it
-)
+SCALARS: Final = {  # constant → mean and standard deviation of its prior
+    "flow": (0.0, 2.0),  # log of injected fuel over the unit of the command
+    "dead_ms": (-0.35, 0.6),  # log of the injector's dead time at 14 V in ms
+    "dead_exponent": (1.6, 0.4),  # of 14 V over the voltage
+    "filling": (5.94, 0.4),  # log of the manifold's time constant times rpm
+    "meter": (-3.7, 0.5),  # log of the air meter's time constant in s
+    "charge_s": (0.0, 0.03),  # the charge behind the logged pressure
+    "delay_s": (0.03, 0.03),
+    "delay_rev": (1.5, 0.1),  # intake, compression, expansion, half the exhaust stroke
+    "gas_heat": (0.1, 0.03),  # exponent of the flow in the gas's temperature
+    "delay_flow": (0.7, 1.0),  # log of s kg/h, at 40 kg/h
+    "mixed_flow": (-1.0, 0.8),  # log of s kg/h
+    "sensor_s": (-2.4, 0.4),  # log, at 40 kg/h
+    "sensor_flow": (0.25, 0.12),  # share of the sensor's lag that falls with flow
+    "film": (-1.5, 1.2),  # log odds of the share, warm
+    "film_cold": (1.0, 0.6),
+    "film_load": (0.2, 0.3),
+    "film_speed": (-0.1, 0.3),
+    "time": (-0.7, 0.5),  # log s, warm
+    "time_cold": (0.7, 0.4),
+    "time_load": (-0.2, 0.3),
+    "time_speed": (-0.2, 0.3),
+    "span": (1.0, 0.2),  # of the reading about phi 1: an air that errs in time weakens it
+}
 FUEL: Final = ("flow", "dead_ms", "dead_exponent")
-FIELDS: Final = ("gain", "delay", "lag", "share", "tau")
 FIELD_SD: Final = {"gain": 0.05, "delay": 0.15, "lag": 0.12, "share": 0.15, "tau": 0.12}
 GAIN_SD_WITHOUT_VE: Final = 0.15
 
@@ -112,21 +104,6 @@ class Balance(NamedTuple):
     mean: FloatArray  # (3,)
     covariance: FloatArray  # (3, 3)
     seconds: float  # of steady samples
-
-
-class Moving:
-    """A parameter vector over which derivatives are wanted."""
-
-    def __init__(self, x: FloatArray) -> None:
-        self.x = x
-        self._groups: dict[str, ParameterGroup] = {}
-
-    def dual(self, name: str, value: FloatArray | float, shares: FloatArray | None = None) -> Dual:
-        """Return a constant, or the field of knots with these shares, with its derivative."""
-        return Dual(value, {self._groups.setdefault(name, ParameterGroup(name, shares)): 1.0})
-
-
-Vector = FloatArray | Moving
 
 
 @dataclass(frozen=True)
@@ -140,21 +117,19 @@ class Parameters:
     @cached_property
     def at(self) -> dict[str, slice]:
         """Return where each constant and field stands in the vector."""
-        places = {s.name: slice(k, k + 1) for k, s in enumerate(SCALARS)}
-        for k, name in enumerate(FIELDS):
-            start = len(SCALARS) + k * self.grid.size
-            places[name] = slice(start, start + self.grid.size)
-        return places
+        sizes = dict.fromkeys(SCALARS, 1) | dict.fromkeys(FIELD_SD, self.grid.size)
+        ends = accumulate(sizes.values())
+        return {n: slice(end - sizes[n], end) for n, end in zip(sizes, ends, strict=True)}
 
     @property
     def size(self) -> int:
         """Return the length of the vector."""
-        return len(SCALARS) + len(FIELDS) * self.grid.size
+        return len(SCALARS) + len(FIELD_SD) * self.grid.size
 
     def mean(self) -> FloatArray:
         """Return the prior's mean."""
         x = np.zeros(self.size)
-        x[: len(SCALARS)] = [s.mean for s in SCALARS]
+        x[: len(SCALARS)] = [mean for mean, _ in SCALARS.values()]
         if self.fuel is not None:
             x[: len(FUEL)] = self.fuel.mean
         return x
@@ -162,28 +137,14 @@ class Parameters:
     def precision(self) -> FloatArray:
         """Return the inverse of the prior's covariance (size, size)."""
         full = np.zeros((self.size, self.size))
-        for k, s in enumerate(SCALARS):
-            full[k, k] = s.sd**-2.0
+        for k, (_, sd) in enumerate(SCALARS.values()):
+            full[k, k] = sd**-2.0
         if self.fuel is not None:
             full[: len(FUEL), : len(FUEL)] = np.linalg.inv(self.fuel.covariance)
-        for name in FIELDS:
-            sd = FIELD_SD[name]
-            if name == "gain" and self.subject.air is Air.SPEED_DENSITY:
-                sd = GAIN_SD_WITHOUT_VE
+        wide = {"gain": GAIN_SD_WITHOUT_VE} if self.subject.air is Air.SPEED_DENSITY else {}
+        for name, sd in (FIELD_SD | wide).items():
             full[self.at[name], self.at[name]] = self.grid.precision(sd)
         return full
-
-    def value(self, x: Vector, name: str) -> Quantity:
-        """Return one constant."""
-        if isinstance(x, Moving):
-            return x.dual(name, self.value(x.x, name))
-        return float(x[self.at[name].start])
-
-    def field(self, x: Vector, name: str, shares: FloatArray) -> Quantity:
-        """Return one field at some places (n,)."""
-        if isinstance(x, Moving):
-            return x.dual(name, self.field(x.x, name, shares), shares)
-        return shares @ x[self.at[name]]
 
     def jacobian(self, of: Dual) -> FloatArray:
         """Return the derivatives (n, size) of a quantity over all parameters."""
@@ -191,6 +152,28 @@ class Parameters:
         for group in of.slopes:
             full[:, self.at[group.name]] = of.spread(group)
         return full
+
+
+@dataclass(frozen=True)
+class Vector:
+    """Values of the parameters; with ``moving``, all that is made of them has its derivatives."""
+
+    p: Parameters
+    x: FloatArray
+    moving: bool = False
+    _groups: dict[str, ParameterGroup] = field(default_factory=dict, init=False)
+
+    def __getitem__(self, constant: str) -> Quantity:
+        return self._dual(constant, float(self.x[self.p.at[constant].start]))
+
+    def field(self, name: str, shares: FloatArray) -> Quantity:
+        """Return one field (n,) at places with these shares (n, size) of its knots."""
+        return self._dual(name, shares @ self.x[self.p.at[name]], shares)
+
+    def _dual(self, name: str, value: Quantity, shares: FloatArray | None = None) -> Quantity:
+        if not self.moving:
+            return value
+        return Dual(value, {self._groups.setdefault(name, ParameterGroup(name, shares)): 1.0})
 
 
 class Point(NamedTuple):
@@ -208,53 +191,53 @@ def point_of(drive: TableDrive, charge_mg: FloatArray) -> Point:
     return Point(drive.rpm, drive.load, np.maximum(flow, FLOW_LEAST_KG_H), drive.cold)
 
 
-def delay_s(p: Parameters, x: Vector, at: Point, field: Quantity) -> Quantity:
+def delay_s(v: Vector, at: Point, field: Quantity) -> Quantity:
     """Return the dead time from injection to sensor in s at steady operating points."""
-    return near_delay_s(p, x, at) + pipe_kg_h_s(p, x, field) / gas_flow(p, x, at)
+    return near_delay_s(v, at) + pipe_kg_h_s(v, field) / gas_flow(v, at)
 
 
-def gas_flow(p: Parameters, x: Vector, at: Point) -> Quantity:
+def gas_flow(v: Vector, at: Point) -> Quantity:
     """Return the volume flow in the exhaust, as kg/h of gas that is as hot as at 40 kg/h.
 
     Exhaust is hotter, so less dense, at a larger flow: some 450 °C at idle and 800 °C at high
     load (Heywood, Internal Combustion Engine Fundamentals, section 6.5).
     """
     relative = at.flow_kg_h / FLOW_REFERENCE_KG_H
-    return at.flow_kg_h * relative ** p.value(x, "gas_heat")
+    return at.flow_kg_h * relative ** v["gas_heat"]
 
 
-def near_delay_s(p: Parameters, x: Vector, at: Point) -> Quantity:
+def near_delay_s(v: Vector, at: Point) -> Quantity:
     """Return the part of the dead time that is none of the pipe's, in s."""
-    revolutions = p.value(x, "delay_rev") * 60.0 / at.rpm
-    return maximum(p.value(x, "delay_s") + revolutions, 0.0)
+    revolutions = v["delay_rev"] * 60.0 / at.rpm
+    return maximum(v["delay_s"] + revolutions, 0.0)
 
 
-def pipe_kg_h_s(p: Parameters, x: Vector, field: Quantity) -> Quantity:
+def pipe_kg_h_s(v: Vector, field: Quantity) -> Quantity:
     """Return the gas between valve and sensor as flow times time, in s kg/h."""
-    return exp(p.value(x, "delay_flow") + field)
+    return exp(v["delay_flow"] + field)
 
 
-def mixing_s(p: Parameters, x: Vector, at: Point, field: Quantity) -> Quantity:
+def mixing_s(v: Vector, at: Point, field: Quantity) -> Quantity:
     """Return the lag of the mixed exhaust volume in s."""
-    return exp(p.value(x, "mixed_flow") + field) / gas_flow(p, x, at)
+    return exp(v["mixed_flow"] + field) / gas_flow(v, at)
 
 
-def sensor_s(p: Parameters, x: Vector, flow_kg_h: FloatArray) -> Quantity:
+def sensor_s(v: Vector, flow_kg_h: FloatArray) -> Quantity:
     """Return the lag of the sensor in s."""
-    share = clip(p.value(x, "sensor_flow"), 0.0, 1.0)
+    share = clip(v["sensor_flow"], 0.0, 1.0)
     falls = np.sqrt(FLOW_REFERENCE_KG_H / flow_kg_h)
-    return exp(p.value(x, "sensor_s")) * (1.0 + share * (falls - 1.0))
+    return exp(v["sensor_s"]) * (1.0 + share * (falls - 1.0))
 
 
-def lag_s(p: Parameters, x: Vector, at: Point, field: Quantity) -> Quantity:
+def lag_s(v: Vector, at: Point, field: Quantity) -> Quantity:
     """Return the lags of mixing and sensor together in s."""
-    sensor = sensor_s(p, x, at.flow_kg_h) * exp(field)
-    return mixing_s(p, x, at, field) + sensor
+    sensor = sensor_s(v, at.flow_kg_h) * exp(field)
+    return mixing_s(v, at, field) + sensor
 
 
-def film_odds(p: Parameters, x: Vector, at: Point, field: Quantity) -> Quantity:
+def film_odds(v: Vector, at: Point, field: Quantity) -> Quantity:
     """Return the log odds of the fraction of the fuel that wets the wall."""
-    return p.value(x, "film") + _law(p, x, "film", at) + field
+    return v["film"] + _law(v, "film", at) + field
 
 
 def share_of(odds: Quantity) -> Quantity:
@@ -262,9 +245,9 @@ def share_of(odds: Quantity) -> Quantity:
     return SHARE_MOST / (1.0 + exp(-odds))
 
 
-def film_level(p: Parameters, x: Vector, at: Point, field: Quantity) -> Quantity:
+def film_level(v: Vector, at: Point, field: Quantity) -> Quantity:
     """Return the logarithm of the film's time constant as if it had no limits, scaled."""
-    free = p.value(x, "time") + _law(p, x, "time", at) + field
+    free = v["time"] + _law(v, "time", at) + field
     return (free - LOG_TIME) / LOG_TIME_SPAN
 
 
@@ -273,17 +256,13 @@ def time_of(level: Quantity) -> Quantity:
     return exp(LOG_TIME + LOG_TIME_SPAN * tanh(level))
 
 
-def dead_ms(p: Parameters, x: Vector, volts: FloatArray) -> Quantity:
+def dead_ms(v: Vector, volts: FloatArray) -> Quantity:
     """Return the dead time of the injectors in ms."""
-    return exp(p.value(x, "dead_ms") + p.value(x, "dead_exponent") * np.log(14.0 / volts))
+    return exp(v["dead_ms"] + v["dead_exponent"] * np.log(14.0 / volts))
 
 
-def _law(p: Parameters, x: Vector, of: str, at: Point) -> Quantity:
+def _law(v: Vector, of: str, at: Point) -> Quantity:
     """Return how a film's constant moves with temperature, load and speed."""
-    load = np.log(np.maximum(at.load, 1.0) / LOAD_REFERENCE[p.subject.load])
+    load = np.log(np.maximum(at.load, 1.0) / LOAD_REFERENCE[v.p.subject.load])
     speed = np.log(at.rpm / SPEED_REFERENCE_RPM)
-    return (
-        p.value(x, f"{of}_cold") * at.cold
-        + p.value(x, f"{of}_load") * load
-        + p.value(x, f"{of}_speed") * speed
-    )
+    return v[f"{of}_cold"] * at.cold + v[f"{of}_load"] * load + v[f"{of}_speed"] * speed

@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.ecu_tables import parameters as laws
-from training.ecu_tables.parameters import Moving, Parameters, Point, Vector
+from training.ecu_tables.parameters import Parameters, Point, Vector
 from training.ecu_tables.signals import PULSE, Air, TableDrive
 from training.greybox.chain import Path, simulate
 from training.greybox.quantity.dual import Dual, moved, value_of
@@ -30,41 +30,29 @@ class PredictionCase:
     @staticmethod
     def of(drive: TableDrive, p: Parameters) -> "PredictionCase":
         """Return the case of a drive."""
-        point = laws.point_of(drive, air_mg(p, p.mean(), drive))
+        point = laws.point_of(drive, air_mg(Vector(p, p.mean()), drive))
         return PredictionCase(drive, point, p.grid.shares(drive.rpm, drive.load))
 
 
-def reading(p: Parameters, x: FloatArray, case: PredictionCase) -> FloatArray:
+def reading(v: Vector, case: PredictionCase) -> Quantity:
     """Return the predicted phi of the sensor (n,)."""
-    return np.asarray(_read(p, x, case))
-
-
-def sensitivities(
-    p: Parameters, x: FloatArray, case: PredictionCase
-) -> tuple[FloatArray, FloatArray]:
-    """Return the predicted phi (n,) and its derivatives over the parameters (n, size)."""
-    read = _read(p, Moving(x), case)
-    return read.value, p.jacobian(read)
-
-
-def _read(p: Parameters, x: Vector, case: PredictionCase) -> Quantity:
     d, at, shares = case.drive, case.point, case.shares
-    gain, delay, lag, share, tau = (p.field(x, name, shares) for name in laws.FIELDS)
-    fuel = injected_mg(p, x, d)
-    landed = fuel * laws.share_of(laws.film_odds(p, x, at, share))
-    film_s, strokes = laws.time_of(laws.film_level(p, x, at, tau)), d.rpm / 30.0
+    gain, delay, lag, share, tau = (v.field(name, shares) for name in laws.FIELD_SD)
+    fuel = injected_mg(v, d)
+    landed = fuel * laws.share_of(laws.film_odds(v, at, share))
+    film_s, strokes = laws.time_of(laws.film_level(v, at, tau)), d.rpm / 30.0
     film_mg = ramp_lag(landed * strokes * film_s, film_s, d.period_s)
-    pipe_s = _pipe_s(laws.gas_flow(p, x, at), laws.pipe_kg_h_s(p, x, delay), d.period_s)
-    sensor_s = laws.sensor_s(p, x, at.flow_kg_h) * exp(lag)
+    pipe_s = _pipe_s(laws.gas_flow(v, at), laws.pipe_kg_h_s(v, delay), d.period_s)
+    sensor_s = laws.sensor_s(v, at.flow_kg_h) * exp(lag)
     path = Path(
         fuel_mg=fuel - landed + film_mg / (film_s * strokes),
-        air_mg=air_mg(p, x, d),
+        air_mg=air_mg(v, d),
         factor=exp(gain),
-        dead_time_s=laws.near_delay_s(p, x, at) + pipe_s,
-        mixing_s=laws.mixing_s(p, x, at, lag),
+        dead_time_s=laws.near_delay_s(v, at) + pipe_s,
+        mixing_s=laws.mixing_s(v, at, lag),
         sensor_rising_s=sensor_s,
         sensor_falling_s=sensor_s,
-        span=p.value(x, "span"),
+        span=v["span"],
     )
     return simulate(path, d.period_s, smooth=True)
 
@@ -99,16 +87,16 @@ def _passage_s(flow: FloatArray, volume: FloatArray, period_s: float) -> FloatAr
     return np.asarray(t_s - np.interp(entered, passed, t_s) + before)
 
 
-def injected_mg(p: Parameters, x: Vector, d: TableDrive) -> Quantity:
+def injected_mg(v: Vector, d: TableDrive) -> Quantity:
     """Return the injected fuel per stroke (n,) in mg."""
-    flow = exp(p.value(x, "flow"))
-    if PULSE not in p.subject.known:
+    flow = exp(v["flow"])
+    if PULSE not in v.p.subject.known:
         return flow * (d.command * d.commanded)
-    opened = maximum(d.commanded - laws.dead_ms(p, x, d.volts), 0.0)
+    opened = maximum(d.commanded - laws.dead_ms(v, d.volts), 0.0)
     return flow * opened * (d.command * d.pressure * (d.commanded > 0.0))
 
 
-def air_mg(p: Parameters, x: Vector, d: TableDrive) -> Quantity:
+def air_mg(v: Vector, d: TableDrive) -> Quantity:
     """Return the air per stroke in the cylinder (n,) in mg.
 
     Behind the air meter stands the filling of the manifold; the meter's own lag is taken back.
@@ -116,9 +104,9 @@ def air_mg(p: Parameters, x: Vector, d: TableDrive) -> Quantity:
     A charge from the manifold's pressure is that of a moment ago: valves close after the ECU has
     read the pressure, and a logger reads pressure and pulse one after the other.
     """
-    if p.subject.air is not Air.METER:
+    if v.p.subject.air is not Air.METER:
         rate = np.gradient(np.log(np.maximum(d.air, 1.0)), d.period_s)
-        return d.air * exp(-p.value(x, "charge_s") * rate)
-    filling_s = exp(p.value(x, "filling")) / d.rpm
+        return d.air * exp(-v["charge_s"] * rate)
+    filling_s = exp(v["filling"]) / d.rpm
     charge = ramp_lag(d.air, filling_s, d.period_s)
-    return charge + exp(p.value(x, "meter")) / filling_s * (d.air - charge)
+    return charge + exp(v["meter"]) / filling_s * (d.air - charge)

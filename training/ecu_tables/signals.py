@@ -9,24 +9,24 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
+from scipy.constants import zero_Celsius
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import savgol_filter
 
 from monitor.base.errors import RecordingError
+from monitor.base.runs import since
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.grid.column_times import interval
+from training.greybox.chain import CYLINDERS, KG_H_PER_MG_RPM
 from training.recordings.ecu_table import KPA, MG_PER_STROKE
 from training.recordings.recording import Recording
 from training.recordings.samples.rows import hold
 
 R_AIR: Final = 287.0  # J/(kg K)
-KELVIN: Final = 273.15
-CYLINDERS: Final = 4  # where nobody says how many
 LITRES: Final = 2.0  # displacement where nobody says one: the flow scale is then unknown
-KG_H_PER_MG_RPM: Final = 60.0e-6 / 2.0  # kg/h of one cylinder with 1 mg per stroke at 1 rpm
 PULSE: Final = "injector_pulse_width_ms"
 NEEDED: Final = (  # one of each
     ("engine_speed_rpm",),
@@ -134,9 +134,8 @@ def subject_of(
     load = load or (KPA if KPA in known else MG_PER_STROKE)
     if load == KPA and KPA not in known:
         raise RecordingError(f"{recordings[0].path}: a load axis in kPa needs {KPA}")
-    size = _Size(displacement_l or LITRES, cylinders)
-    fuel = PULSE if PULSE in known else "fuel_mass_mg"
-    drives = tuple(_drive(r, air, load, fuel, size, known) for r in recordings)
+    litres = displacement_l or LITRES
+    drives = tuple(_drive(r, air, load, known, litres, cylinders) for r in recordings)
     if not any(d.usable.any() for d in drives):
         raise RecordingError(f"{recordings[0].path}: no usable sample: {rejected_text(drives)}")
     return TableSubject(
@@ -165,22 +164,15 @@ def _air_of(known: Collection[str]) -> Air:
     return Air.SPEED_DENSITY_VE if has_ve else Air.SPEED_DENSITY
 
 
-class _Size(NamedTuple):
-    """Size of the engine."""
-
-    litres: float
-    cylinders: int
-
-
 def _drive(
-    r: Recording, air: Air, load: str, command: str, size: _Size, common: Collection[str]
+    r: Recording, air: Air, load: str, common: Collection[str], litres: float, cylinders: int
 ) -> TableDrive:
     period_s = r.period_ns / 1e9
     most = max(round(HOLD_MOST_S / period_s), 1)
     held = {name: _held(r.column(name), most) for name in r.known}
     rpm = held["engine_speed_rpm"]
-    charge = _charge(held, air, size)
-    fuel = held[command]
+    charge = _charge(held, air, litres, cylinders)
+    fuel = held[PULSE if PULSE in common else "fuel_mass_mg"]
     if "fuel_cut" in r.known:
         fuel = np.where(held["fuel_cut"] > 0.5, 0.0, fuel)
     with np.errstate(divide="ignore"):
@@ -193,7 +185,7 @@ def _drive(
     of, which = _stays(phi)
     known = [rpm, charge, fuel, load_values, volts, coolant]
     rejected = {
-        "a signal has no value": ~np.isfinite(np.column_stack([*known, phi])).all(axis=1),
+        "a signal has no value": ~np.isfinite([*known, phi]).all(axis=0),
         "the engine stands": ~(rpm > RPM_LEAST),
         "the sensor is not ready": held.get("sensor_ready", np.ones(len(rpm))) <= 0.5,
         "lambda stands still for 2 s": of >= round(2.0 / period_s),
@@ -202,71 +194,65 @@ def _drive(
     }
     usable = ~np.any(list(rejected.values()), axis=0)
     first = np.argmax([*rejected.values(), usable], axis=0)
-    filled = [hold(values) for values in known]
+    rpm, charge, fuel, load_values, volts, coolant = map(hold, known)
     half = round(AIR_ACROSS_S / 2.0 / period_s)
-    raw = np.maximum(filled[1], 10.0)
-    smooth = raw if air is Air.METER else np.maximum(_smooth(raw, _odd(AIR_S / period_s)), 10.0)
+    raw = np.maximum(charge, 10.0)
+    smooth = raw if air is Air.METER else np.maximum(_smooth(raw, AIR_S / period_s), 10.0)
     return TableDrive(
         name=r.path.name,
         period_s=period_s,
         every=every,
-        cylinders=size.cylinders,
-        rpm=np.maximum(filled[0], RPM_LEAST),
-        load=filled[3],
-        commanded=filled[2],
-        volts=np.clip(_smooth(filled[4], _odd(VOLTS_S / period_s)), 6.0, 18.0),
+        cylinders=cylinders,
+        rpm=np.maximum(rpm, RPM_LEAST),
+        load=load_values,
+        commanded=fuel,
+        volts=np.clip(_smooth(volts, VOLTS_S / period_s), 6.0, 18.0),
         pressure=np.ones(len(rpm)) if rail is None else np.sqrt(np.maximum(hold(rail), 0.1) / 10),
         air=smooth,
         command=np.ones(len(rpm)) if air is Air.METER else smooth / raw,
-        cold=np.maximum(WARM_DEGC - filled[5], 0.0) / 60.0,
+        cold=np.maximum(WARM_DEGC - coolant, 0.0) / 60.0,
         phi=hold(phi),
         usable=usable,
         rejected={why: int((first == k).sum()) for k, why in enumerate(rejected)},
         move=_range(hold(phi), round(ACROSS_S / period_s)),
-        air_move=_before(_range(np.log(np.maximum(filled[1], 10.0)), half), half),
+        air_move=_before(_range(np.log(raw), half), half),
     )
 
 
-def _charge(held: Mapping[str, FloatArray], air: Air, size: _Size) -> FloatArray:
+def _charge(held: Mapping[str, FloatArray], air: Air, litres: float, cylinders: int) -> FloatArray:
     """Return the air per stroke in mg; of an air meter before the manifold."""
     if air is Air.STROKE:
         return held["air_mass_mg"]
     if air is Air.METER:
-        per_mg = KG_H_PER_MG_RPM * size.cylinders * held["engine_speed_rpm"]
+        per_mg = KG_H_PER_MG_RPM * cylinders * held["engine_speed_rpm"]
         return np.asarray(held["maf_kg_h"] / per_mg)
     degc = held.get("manifold_temperature_degc", np.full(len(held[KPA]), MANIFOLD_DEGC))
     efficiency = np.full(len(degc), 0.85)
     if air is Air.SPEED_DENSITY_VE:
         efficiency = held["volumetric_efficiency_percent"] / 100.0
-    volume_m3 = size.litres * 1e-3 / size.cylinders
-    return np.asarray(efficiency * volume_m3 * held[KPA] * 1e9 / (R_AIR * (degc + KELVIN)))
+    volume_m3 = litres * 1e-3 / cylinders
+    return np.asarray(efficiency * volume_m3 * held[KPA] * 1e9 / (R_AIR * (degc + zero_Celsius)))
 
 
 def _held(values: FloatArray, most: int) -> FloatArray:
     """Return the values with gaps of at most ``most`` samples filled with the last value."""
-    at = np.where(np.isfinite(values), np.arange(len(values)), -1)
-    last = np.maximum.accumulate(at)
-    near = (last >= 0) & (np.arange(len(values)) - last <= most)
-    return np.where(near, values[np.maximum(last, 0)], np.nan)
+    age = since(np.isfinite(values), most)
+    return np.where(age <= most, hold(values), np.nan)
 
 
 def _stays(phi: FloatArray) -> tuple[IntArray, IntArray]:
     """Return for each sample of how many (n,) with its value it is, and which of them (n,)."""
-    changes = [np.ones(min(len(phi), 1), dtype=bool), phi[1:] != phi[:-1]]
-    starts = np.flatnonzero(np.concatenate(changes))
-    lengths = np.diff(np.append(starts, len(phi)))
-    return np.repeat(lengths, lengths), np.arange(len(phi)) - np.repeat(starts, lengths)
+    changed = np.append(True, phi[1:] != phi[:-1])
+    stay = np.cumsum(changed)
+    return np.bincount(stay)[stay], since(changed)
 
 
-def _smooth(values: FloatArray, samples: int) -> FloatArray:
+def _smooth(values: FloatArray, samples: float) -> FloatArray:
     """Return the values smoothed by a moving parabola (Savitzky and Golay, 1964)."""
+    samples = 2 * int(samples / 2.0) + 1
     if samples < SMOOTH_LEAST or samples > len(values):
         return values
     return np.asarray(savgol_filter(values, samples, 2, mode="nearest"))
-
-
-def _odd(number: float) -> int:
-    return 2 * int(number / 2.0) + 1
 
 
 def _before(values: FloatArray, samples: int) -> FloatArray:

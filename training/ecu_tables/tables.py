@@ -16,7 +16,7 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.ecu_tables import parameters as laws
 from training.ecu_tables.config import TablesConfig
 from training.ecu_tables.fit import FittedTables
-from training.ecu_tables.parameters import Moving, Parameters, Point, Vector
+from training.ecu_tables.parameters import Parameters, Point, Vector
 from training.ecu_tables.signals import PULSE, WARM_DEGC
 from training.greybox.quantity.value import Quantity, log
 from training.recordings.ecu_table import (
@@ -118,8 +118,8 @@ def _laws(fitted: FittedTables, axes: TableAxes) -> list[_Law]:
         shares = p.grid.shares(point.rpm, point.load)
         field, of = LAWS[name]
 
-        def cells(x: Vector) -> Quantity:
-            value = of(p, x, point, p.field(x, field, shares))
+        def cells(v: Vector) -> Quantity:
+            value = of(v, point, v.field(field, shares))
             return value if name in LINKS else log(value)
 
         return _Law(name, unit, (axes.speed, axes.load), cells, at, *counted)
@@ -133,7 +133,7 @@ def _laws(fitted: FittedTables, axes: TableAxes) -> list[_Law]:
         made.append(law("wall_film_fraction", "-", cold, inside, band))
         made.append(law("wall_film_time", "s", cold, inside, band))
     flow, at_flow = np.asarray(axes.exhaust_flow.values), axes.exhaust_flow.nearest(samples.flow)
-    of_flow = lambda x: log(laws.sensor_s(p, x, flow))  # noqa: E731
+    of_flow = lambda v: log(laws.sensor_s(v, flow))  # noqa: E731
     lag = _Law("sensor_lag", "s", (axes.exhaust_flow,), of_flow, (at_flow,))
     return [*made, *_of_injectors(p, axes, samples), lag]
 
@@ -144,14 +144,14 @@ def _of_injectors(p: Parameters, axes: TableAxes, samples: CellSamples) -> list[
         return []
     volts, at = np.asarray(axes.volts.values), axes.volts.nearest(samples.volts)
     known = np.full(len(at), "battery_voltage_v" in p.subject.known)
-    of_volts = lambda x: log(laws.dead_ms(p, x, volts))  # noqa: E731
+    of_volts = lambda v: log(laws.dead_ms(v, volts))  # noqa: E731
     dead = _Law("injector_dead_time", "ms", (axes.volts,), of_volts, (at,), known)
     pressure = axes.pressure(direct="rail_pressure_mpa" in p.subject.known)
     flow = _Law(
         "injector_flow_scale",
         "mg/ms",
         (pressure,),
-        lambda x: p.value(x, "flow") + np.zeros(1),
+        lambda v: v["flow"] + np.zeros(1),
         (0 * at,),
     )
     return [dead, flow] if p.subject.absolute_air else [dead]
@@ -179,11 +179,14 @@ def _cells(law: _Law, fitted: FittedTables, config: TablesConfig) -> _Cells:
     number = np.bincount(flat[chosen], minlength=int(np.prod(shape)))
     seconds = np.bincount(flat[chosen], samples.seconds[chosen], minlength=len(number))
     factor = config.factor(law.name, fitted.parameters.subject.air)
-    variance = _variance(fitted, law.cells) * factor**2
+    free = law.cells(Vector(fitted.parameters, fitted.x, moving=True))
+    slopes = fitted.parameters.jacobian(free)
+    squares = np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes)
+    variance = np.maximum(squares, 0.0) * factor**2
     if law.name == "injector_flow_scale":
         variance += config.air_scale**2
     stays = samples.stays(np.where(chosen, flat, len(number)), len(number))
-    return _Cells(law.cells(fitted.x), variance, number, np.asarray(seconds, float), *stays)
+    return _Cells(free.value, variance, number, np.asarray(seconds, float), *stays)
 
 
 def between_logs(whole: _Cells, logs: Sequence[_Cells], least_s: float) -> FloatArray:
@@ -249,12 +252,6 @@ def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfi
         at_s=whole.at_s.reshape(shape),
         widened=float(np.median((half / alike)[kept])) if kept.any() else 1.0,
     )
-
-
-def _variance(fitted: FittedTables, cells: Cells) -> FloatArray:
-    """Return the variance of each cell on its free scale (n_cells,)."""
-    slopes = fitted.parameters.jacobian(cells(Moving(fitted.x)))
-    return np.maximum(np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes), 0.0)
 
 
 def _without_film(made: Sequence[EcuTable]) -> list[EcuTable]:

@@ -18,7 +18,8 @@ AIR_LEAST_MG = 5.0  # per stroke; below it the engine stands
 SPEED_LEAST_RPM, SPEED_MOST_RPM = 300.0, 9000.0
 PHI_VALVE_MOST = 3.0
 CYLINDERS = 4  # between air meter, charge and engine speed; for another number constants differ
-MG_RPM_PER_KG_H = 1e6 / 3600.0 * 120.0 / CYLINDERS  # four strokes
+KG_H_PER_MG_RPM = 60.0e-6 / 2.0  # of one cylinder, four strokes
+MG_RPM_PER_KG_H = 1.0 / (KG_H_PER_MG_RPM * CYLINDERS)
 RECOVERY_S = 2.0  # after fuel cut, before a sample counts
 
 
@@ -33,8 +34,7 @@ class Constants(NamedTuple):
     span: float = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class ChainRange:
+class ChainRange(NamedTuple):
     """Unit, bounds and meaning of one constant."""
 
     unit: str
@@ -69,12 +69,7 @@ class Path:
 
 
 def charge_mg(signals: Mapping[str, Quantity]) -> Quantity:
-    """Return the air per stroke (n,) in mg, as broadcast or from air meter and engine speed.
-
-    >>> import numpy as np
-    >>> charge_mg({"maf_kg_h": np.array([36.0]), "engine_speed_rpm": np.array([1500.0])}).tolist()
-    [200.0]
-    """
+    """Return the air per stroke (n,) in mg, as broadcast or from air meter and engine speed."""
     if "air_mass_mg" in signals:
         return signals["air_mass_mg"]
     rpm = maximum(signals["engine_speed_rpm"], SPEED_LEAST_RPM)
@@ -82,13 +77,7 @@ def charge_mg(signals: Mapping[str, Quantity]) -> Quantity:
 
 
 def with_speed(signals: Mapping[str, Quantity]) -> dict[str, Quantity]:
-    """Return the signals with engine speed (n,), as broadcast or from air meter and charge.
-
-    >>> import numpy as np
-    >>> with_speed({"maf_kg_h": np.array([36.0]), "air_mass_mg": np.array([200.0])})[
-    ...     "engine_speed_rpm"].tolist()
-    [1500.0]
-    """
+    """Return the signals with engine speed (n,), as broadcast or from air meter and charge."""
     complete = dict(signals)
     if "engine_speed_rpm" not in complete:
         air_mg = maximum(signals["air_mass_mg"], AIR_LEAST_MG)
@@ -112,10 +101,7 @@ def inputs_of(available: Collection[str]) -> tuple[str, ...]:
 
 
 def base_path(constants: Constants, signals: Mapping[str, Quantity]) -> Path:
-    """Return the path of the chain without effects.
-
-    signals : (n,) each: fuel_mass_mg, engine_speed_rpm, and air_mass_mg or maf_kg_h
-    """
+    """Return the path without effects for the signals (n,) of ``inputs_of``."""
     rpm = maximum(signals["engine_speed_rpm"], SPEED_LEAST_RPM)
     return Path(
         fuel_mg=signals["fuel_mass_mg"],

@@ -20,6 +20,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Self
 
 import numpy as np
+from scipy.constants import zero_Celsius
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import STOICHIOMETRIC, Constants, Path, base_path, charge_mg, simulate
@@ -38,7 +39,6 @@ INPUTS: Final = (  # of a map
 MAP_KNOTS, ERROR_KNOTS = (5, 6), (4, 4)
 RANGE: Final = (0.005, 0.995)  # quantiles between which the knots are spread evenly
 MAP_ROUNDS, ERROR_ROUNDS = 3, 2  # of map and constants in turn
-KELVIN: Final = 273.15
 TEMPERATURE_LEAST_K: Final = 200.0
 MG_K_PER_KPA: Final = 1742.0  # of 0.5 l of air, by p V = m R T; for another the efficiency differs
 PULL_SAMPLES: Final = 2.0  # samples' weight of the mean, which decides for a knot without samples
@@ -104,7 +104,7 @@ class ChargeError(_Stored):
 
 def dense_mg(signals: Mapping[str, Quantity]) -> Quantity:
     """Return the mass (n,) in mg of 0.5 l of air in the manifold."""
-    kelvin = maximum(signals["manifold_temperature_degc"] + KELVIN, TEMPERATURE_LEAST_K)
+    kelvin = maximum(signals["manifold_temperature_degc"] + zero_Celsius, TEMPERATURE_LEAST_K)
     return MG_K_PER_KPA * signals["manifold_pressure_kpa"] / kelvin
 
 

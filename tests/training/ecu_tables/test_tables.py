@@ -24,8 +24,8 @@ from training.ecu_tables.files import csv, tuner_studio
 from training.ecu_tables.fit import fit
 from training.ecu_tables.msq import injectors_text, read_axes
 from training.ecu_tables.page import heat, plan
-from training.ecu_tables.parameters import SHARE_MOST, Parameters, grid_over, point_of
-from training.ecu_tables.prediction import PredictionCase, air_mg, reading, sensitivities
+from training.ecu_tables.parameters import SHARE_MOST, Parameters, Vector, grid_over, point_of
+from training.ecu_tables.prediction import PredictionCase, air_mg, reading
 from training.ecu_tables.signals import subject_of
 from training.ecu_tables.tables import LINKS, _Cells, _Law, _table, tables
 from training.pages.heat import LEVELS, HeatCell
@@ -107,17 +107,18 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_sensitivities_are_the_derivatives_of_the_reading(drive: Path) -> None:
     subject = subject_of([load(drive)])
     d = subject.drives[0]
-    p = Parameters(subject, grid_over([d.rpm], [d.load]))
+    p = Parameters(subject, grid_over(d.rpm, d.load))
     x = p.mean() + 0.05 * np.random.default_rng(1).standard_normal(p.size)
     x[p.at["flow"]] = 1.5
     case = PredictionCase.of(d, p)
-    base, slopes = sensitivities(p, x, case)
-    np.testing.assert_allclose(base, reading(p, x, case))
+    moving = reading(Vector(p, x, moving=True), case)
+    slopes = p.jacobian(moving)
+    np.testing.assert_allclose(moving.value, reading(Vector(p, x), case))
     for k in (*range(19), *(p.at[name].start + 7 for name in ("delay", "lag", "share", "tau"))):
         up, down = x.copy(), x.copy()
         up[k] += 1e-6
         down[k] -= 1e-6
-        wanted = (reading(p, up, case) - reading(p, down, case)) / 2e-6
+        wanted = (reading(Vector(p, up), case) - reading(Vector(p, down), case)) / 2e-6
         error = np.sqrt(np.mean((slopes[:, k] - wanted) ** 2))
         assert error <= 0.01 * np.sqrt(np.mean(wanted**2)) + 1e-9, k
 
@@ -128,7 +129,7 @@ def test_the_charge_behind_an_air_meter_is_free_of_its_lag_and_of_the_manifolds_
     # GIVEN a charge that swings once a second, seen by a meter with a lag of 30 ms
     subject = subject_of([load(log_of(tmp_path, "port", "maf", 20.0))])
     d = subject.drives[0]
-    p = Parameters(subject, grid_over([d.rpm], [d.load]))
+    p = Parameters(subject, grid_over(d.rpm, d.load))
     filling_s, meter_s, omega = 0.19, 0.03, 2.0 * np.pi
     t_s = np.arange(len(d)) * d.period_s
     swing = np.exp(1j * omega * t_s)
@@ -137,7 +138,7 @@ def test_the_charge_behind_an_air_meter_is_free_of_its_lag_and_of_the_manifolds_
     # WHEN the charge is taken from the meter's flow
     x = p.mean()
     x[p.at["filling"]], x[p.at["meter"]] = np.log(2000.0 * filling_s), np.log(meter_s)
-    charge = air_mg(p, x, drive)
+    charge = air_mg(Vector(p, x), drive)
     # THEN it is the charge in the cylinder
     settled = t_s > 2.0
     assert np.abs(charge - (200.0 + 50.0 * swing.real))[settled].max() < 1.0
@@ -362,7 +363,7 @@ def test_the_steady_balance_tells_flow_and_dead_time_where_moves_are_weak(tmp_pa
     subject = subject_of([load(path)])
     # WHEN the level of the mixture is taken over seconds
     d = subject.drives[0]
-    found = balance(Parameters(subject, grid_over([d.rpm], [d.load])))
+    found = balance(Parameters(subject, grid_over(d.rpm, d.load)))
     # THEN it tells the injectors within its interval, and a text says so
     half = 1.645 * np.sqrt(np.diag(found.covariance))
     true = np.log([3.0 * 14.5 / 14.7, 0.9])

@@ -8,8 +8,10 @@ from dataclasses import replace
 from functools import partial
 from typing import Final
 
+from scipy.constants import zero_Celsius
+
 from training.greybox.chain import AIR_LEAST_MG
-from training.greybox.effects.effect import KELVIN, Changed, Effect, Parameter, Place, Values
+from training.greybox.effects.effect import Changed, Effect, Parameter, Place, Values
 from training.greybox.quantity.value import Quantity, clip, exp, maximum, minimum, tanh
 
 FOLLOWED: Final = Parameter("followed", "s", 0.02, 8.0, (0.05, 2.0))
@@ -60,11 +62,7 @@ def _taken_over(at: Place, error: Quantity, metered: Quantity, followed_s: float
     tag="fault-like",
 )
 def maf_offset(at: Place, p: Values) -> Changed:
-    """Change the air as a meter does that reads a constant flow too much.
-
-    The constant is the part that the charge takes over: a charge that follows the meter in part
-    shows that part alone.
-    """
+    """Change the air by the part of the offset that the charge takes over."""
     offset_kg_h, followed_s = p
     return at.air_times(1.0 - _taken_over(at, offset_kg_h, _metered_kg_h(at), followed_s))
 
@@ -84,11 +82,10 @@ def maf_offset(at: Place, p: Values) -> Changed:
     tag="physics",
 )
 def maf_pulsation(at: Place, p: Values) -> Changed:
-    """Change the air as a meter does that reads too much at low speed and high load.
+    """Count air that flows back as air drawn in.
 
-    Air that flows back counts as air drawn in, so the error is never negative. Its form is a bump
-    over engine speed that grows with manifold pressure above 0.6 of ambient. The ECU's charge
-    follows the error up to a limit.
+    The error is a bump over engine speed that grows with manifold pressure above 0.6 of ambient.
+    The ECU's charge follows it up to a limit.
     """
     magnitude, centre_rpm, limit, followed_s = p
     off = (at.signal("engine_speed_rpm") - centre_rpm) / BUMP_RPM
@@ -112,11 +109,7 @@ def maf_pulsation(at: Place, p: Values) -> Changed:
     tag="physics",
 )
 def scavenging(at: Place, p: Values) -> Changed:
-    """Add air that blows through both open valves at high load and low speed.
-
-    The sensor reads this air as lean. Its share grows in proportion to manifold pressure above 0.9
-    of ambient and fades out towards an engine speed.
-    """
+    """Add air in proportion to manifold pressure above 0.9 of ambient, up to an engine speed."""
     magnitude, end_rpm = p
     pressure = at.signal("manifold_pressure_kpa") / at.ambient_kpa()
     drive = maximum(pressure - SCAVENGING_LOAD_MIN, 0.0)
@@ -136,16 +129,15 @@ def scavenging(at: Place, p: Values) -> Changed:
     tag="physics",
 )
 def charge_temperature(at: Place, p: Values) -> Changed:
-    """Take away the mass that the charge loses to hot walls behind the manifold's sensor.
+    """Warm the charge by a share of the coolant's excess, less at high flow.
 
-    The charge warms by a share of the coolant's excess, less at high flow. An ECU that corrects its
-    charge by an air meter learns a share of the loss over seconds.
+    An ECU that corrects its charge by an air meter learns a share of the loss over seconds.
     """
     share, learned, followed_s = p
     manifold = at.signal("manifold_temperature_degc")
     excess = at.signal("coolant_temperature_degc") - manifold
     warmed = share * excess / (1.0 + maximum(at.signal("maf_kg_h"), 0.0) / HALF_FLOW_KG_H)
-    kelvin = manifold + KELVIN
+    kelvin = manifold + zero_Celsius
     left = kelvin / maximum(kelvin + warmed, CHARGE_MIN_K)
     return at.air_times(left / (1.0 - learned * at.lag(1.0 - left, followed_s)))
 
@@ -158,11 +150,10 @@ def charge_temperature(at: Place, p: Values) -> Changed:
     tag="physics",
 )
 def manifold_filling(at: Place, p: Values) -> Changed:
-    """Fill the runner later than the manifold's sensor says.
+    """Let the logarithm of the charge follow with a time in inverse proportion to engine speed.
 
-    The charge follows with a time constant in inverse proportion to engine speed. It follows in its
-    logarithm: slower up and faster down than in mass. A time below 0 is an ECU whose estimate of
-    the filling is late, so that the charge is ahead of it.
+    It is slower up and faster down than the mass. A time below 0 is an ECU whose estimate of the
+    filling is late, so that the charge is ahead of it.
     """
     time_s = abs(p[0]) * REFERENCE_RPM / maximum(at.signal("engine_speed_rpm"), FILLING_MIN_RPM)
     charge = maximum(at.of("air_mg"), AIR_LEAST_MG)

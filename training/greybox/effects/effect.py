@@ -12,7 +12,6 @@ from training.greybox.quantity.value import Quantity, clip, maximum
 FLOW_MIN_KG_H: Final = 3.0
 SPEED_MIN_RPM: Final = 400.0  # of injection; below it the engine stands
 STANDARD_KPA: Final = 101.3
-KELVIN: Final = 273.15
 GAS_KG_PER_M3: Final = 0.44  # exhaust at 800 K and ambient pressure
 KG_PER_H_AND_LITRE_PER_S: Final = 3.6 * GAS_KG_PER_M3
 AIR_FACTOR_MIN, AIR_FACTOR_MAX = 0.5, 2.0
@@ -93,10 +92,6 @@ class Parameter:
     spread: float | None = None  # standard deviation about its start; None if any value may be
 
 
-def _none(values: Values) -> float:
-    return 0.0
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effect:
     """One entry of the library."""
@@ -114,9 +109,9 @@ class Effect:
     like: tuple[str, ...] = ()  # names from which the effect cannot be told by construction
     gain_class: bool = False  # a constant factor on the mixture: seen against a reference only
     varies: bool = False  # from drive to drive, so that the effect may begin between two drives
-    dead_time_s: Callable[[Values], float] = _none  # at most, beside the base's
-    lag_s: Callable[[Values], float] = _none  # at most, beside the base's lags
-    slower: Callable[[Values], float] = _none  # relative growth of the base's lags, at most
+    dead_time_s: Callable[[Values], float] = lambda _: 0.0  # at most, beside the base's
+    lag_s: Callable[[Values], float] = lambda _: 0.0  # at most, beside the base's lags
+    slower: Callable[[Values], float] = lambda _: 0.0  # relative growth of the base's lags, at most
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.name or self.equation.__name__)
