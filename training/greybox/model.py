@@ -1,7 +1,7 @@
 """From recordings to a grey-box model file: prepare, fit the constants, export, check."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,12 +12,7 @@ from monitor.base.errors import UsageError
 from monitor.base.signals import OUTPUT
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
-from training.greybox.chain import (
-    RANGES,
-    RECOVERY_S,
-    Constants,
-    inputs_of,
-)
+from training.greybox.chain import RANGES, RECOVERY_S, Constants, inputs_of
 from training.greybox.charge import INPUTS as CHARGE_INPUTS
 from training.greybox.charge import fit_with_error, fit_with_map
 from training.greybox.effects.model_effect import ModelEffect
@@ -55,9 +50,7 @@ class GreyboxResult(FreeRunFit):
 def greybox_inputs(recordings: "Sequence[Recording]") -> tuple[str, ...]:
     """Return the chain's inputs: with the charge, else with its density, else the air meter."""
     common = frozenset.intersection(*(recording.known for recording in recordings))
-    if "air_mass_mg" not in common and set(CHARGE_INPUTS) <= common:
-        return CHARGE_INPUTS
-    return inputs_of(common)
+    return CHARGE_INPUTS if has_own_charge(common) else inputs_of(common)
 
 
 def fit_greybox(
@@ -146,7 +139,7 @@ def _further_inputs(
     return [name for name in wanted if name not in present]
 
 
-def has_own_charge(inputs: Sequence[str]) -> bool:
+def has_own_charge(inputs: Collection[str]) -> bool:
     """Return whether the chain makes its own charge: from density, without air per stroke."""
     return "air_mass_mg" not in inputs and set(CHARGE_INPUTS) <= set(inputs)
 

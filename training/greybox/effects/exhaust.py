@@ -96,11 +96,9 @@ def exhaust_leak(at: Place, p: Values) -> Changed:
     lag_s=lambda p: p[1] * (TAIL_FLOW_KG_H / FLOW_MIN_KG_H) ** p[2],
 )
 def fuel_cut_tail(at: Place, p: Values) -> Changed:
-    """Keep the gas lean for a while after a fuel cut.
+    """Let the cut fill a store that empties in a time over a power of the exhaust's flow.
 
-    Air leaves a dead volume, and walls are dry. The cut fills a store, which empties afterwards in
-    a time over a power of the exhaust's flow: power 1 is a volume that is washed out, power 0 a
-    constant time.
+    Power 1 is a dead volume that is washed out; power 0 is a constant time, as of dry walls.
     """
     depth, time_s, exponent = p
     runs = at.injecting()
@@ -120,10 +118,7 @@ def fuel_cut_tail(at: Place, p: Values) -> Changed:
     slower=lambda p: math.exp(abs(p[0])) - 1.0,
 )
 def sensor_asymmetry(at: Place, p: Values) -> Changed:
-    """Make a healthy sensor slower in one direction and faster in the other by the same factor.
-
-    For a logarithm above 0 it follows a rising phi (lean to rich) slower.
-    """
+    """Above 0 the sensor follows a rising phi (lean to rich) slower, a falling one faster."""
     return {
         "sensor_rising_s": at.of("sensor_rising_s") * math.exp(p[0]),
         "sensor_falling_s": at.of("sensor_falling_s") * math.exp(-p[0]),
@@ -140,10 +135,7 @@ def sensor_asymmetry(at: Place, p: Values) -> Changed:
     tag="physics",
 )
 def back_pressure(at: Place, p: Values) -> Changed:
-    """Raise the sensor's sensitivity by the exhaust's pressure.
-
-    The pressure at the sensor is ambient plus a drop with the square of the exhaust's flow.
-    """
+    """The pressure at the sensor is ambient plus a drop with the square of the exhaust's flow."""
     relative = at.flow_kg_h() / DROP_FLOW_KG_H
     drop_kpa = 100.0 * (relative * relative)
     above_kpa = drop_kpa + (at.ambient_kpa(without=REFERENCE_KPA) - REFERENCE_KPA)

@@ -33,23 +33,17 @@ GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / STOICHIOMETRIC  # of the mixtu
     tag="physics",
 )
 def wall_film(at: Place, p: Values) -> Changed:
-    """Let part of the fuel land on the intake's walls and evaporate later, the X-tau model.
+    """Let a film take a share X of the fuel flow and give it back with the time constant tau.
 
-    The film takes a share X of the fuel flow and gives it back with the time constant tau. Both
-    grow by ``cold_growth`` per 60 K below a warm engine.
-    Source: Aquino, Transient A/F control characteristics of the 5 liter central fuel injection
-    engine, SAE 810494.
+    Both grow by ``cold_growth`` per 60 K below a warm engine. Source: Aquino, SAE 810494.
     """
     share, time_s, cold_growth = p
-    fuel, grown = at.of("fuel_mg"), None
+    fuel, grown, strokes = at.of("fuel_mg"), 1.0, at.strokes_per_s()
     if "coolant_temperature_degc" in at.signals:
         cold = maximum(FILM_WARM_DEGC - at.signal("coolant_temperature_degc"), 0.0) / 60.0
         grown = 1.0 + cold_growth * cold
-    strokes = at.strokes_per_s()
-    most = FILM_SHARE_MAX
-    landed = fuel * (min(share, most) if grown is None else minimum(share * grown, most))
-    lag_s = time_s if grown is None else time_s * grown
-    evaporated = at.lag(landed * strokes, lag_s) / strokes
+    landed = fuel * minimum(share * grown, FILM_SHARE_MAX)
+    evaporated = at.lag(landed * strokes, time_s * grown) / strokes
     return {"fuel_mg": fuel - landed + evaporated}
 
 
@@ -61,10 +55,7 @@ def wall_film(at: Place, p: Values) -> Changed:
     tag="either",
 )
 def injector_offset(at: Place, p: Values) -> Changed:
-    """Let every injection give a constant mass more than commanded.
-
-    A wrong dead time of the injectors does this; it matters most where injections are short.
-    """
+    """A wrong dead time of the injectors does this; it matters most where injections are short."""
     fuel = at.of("fuel_mg")
     return {"fuel_mg": maximum(fuel + where(at.injecting(), p[0], 0.0), 0.0)}
 
@@ -77,11 +68,7 @@ def injector_offset(at: Place, p: Values) -> Changed:
     tag="physics",
 )
 def rail_exponent(at: Place, p: Values) -> Changed:
-    """Let the injected mass follow rail pressure by another power than a square root.
-
-    The ECU takes the square root of Bernoulli's law; cavitation changes the power. The deviation x
-    makes a factor (p / 10 MPa)**x on the fuel.
-    """
+    """Multiply the fuel by (p / 10 MPa)**x: cavitation adds x to the power 1/2 of Bernoulli."""
     ratio = maximum(at.signal("rail_pressure_mpa"), RAIL_MIN_MPA) / REFERENCE_RAIL_MPA
     return {"fuel_mg": at.of("fuel_mg") * ratio ** p[0]}
 
@@ -98,11 +85,9 @@ def rail_exponent(at: Place, p: Values) -> Changed:
     varies=True,
 )
 def purge(at: Place, p: Values) -> Changed:
-    """Add the fuel vapour of the canister that comes with the purge air.
+    """Add concentration times duty times pressure drop, behind the lag of line and intake.
 
-    The vapour flow is its concentration times the valve's duty times the pressure drop to the
-    manifold, behind the lag of line and intake. Without a duty signal the valve is taken to be half
-    open while the engine is warm and driving.
+    Without a duty signal the valve is taken to be half open while the engine is warm and driving.
     """
     fuel = at.of("fuel_mg")
     drop_kpa = maximum(at.ambient_kpa() - at.signal("manifold_pressure_kpa"), 0.0)
@@ -127,10 +112,5 @@ def purge(at: Place, p: Values) -> Changed:
     gain_class=True,
 )
 def ethanol(at: Place, p: Values) -> Changed:
-    """Let a fraction of ethanol need less air.
-
-    The stoichiometric ratio falls from 14.7 to 9.0 by mass in proportion to the fraction, which is
-    a constant factor on the mixture: humidity and slope errors of air meter or injectors look the
-    same.
-    """
+    """The stoichiometric ratio falls from 14.7 to 9.0 by mass in proportion to the fraction."""
     return {"factor": at.of("factor") * (1.0 - p[0] * GAIN_OF_ETHANOL)}

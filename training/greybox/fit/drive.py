@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
+from monitor.base.runs import since
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.step import PHI_MAX
 from training.greybox.chain import (
@@ -74,10 +75,7 @@ class ChainDrive:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Comparison(ChainDrive):
-    """A drive beside a model's free run on it, scored where both are known.
-
-    Raises RecordingError if the lengths differ.
-    """
+    """A drive beside a model's free run on it, scored where both are known."""
 
     phi_predicted: FloatArray  # (n,)
     residual: FloatArray = field(init=False)  # (n,) measured minus predicted, 0 where not scored
@@ -89,13 +87,6 @@ class Comparison(ChainDrive):
         return cls(**of_drive, phi_predicted=phi_predicted)
 
     def __post_init__(self) -> None:
-        n = len(self.phi_measured)
-        others = {"prediction": self.phi_predicted, "scored samples": self.scored, **self.signals}
-        for what, values in others.items():
-            if values.shape != (n,):
-                raise RecordingError(
-                    f"{self.name}: {what} has shape {values.shape}, wanted ({n},) as measured phi"
-                )
         difference = self.phi_measured - self.phi_predicted
         scored = self.scored & np.isfinite(difference)
         object.__setattr__(self, "scored", scored)
@@ -191,12 +182,11 @@ def make(
             f"{', '.join(sorted(read))}, {percent(1.0 - cut.mean())} are outside fuel cut "
             f"(fuel_mass_mg from {CUT_FUEL_MG:g} mg)"
         )
-    phi = np.where(good, phi, hold(np.where(good, phi, np.nan)))
     return ChainDrive(
         name=name,
         period_s=period_s,
         signals=MappingProxyType(held),
-        phi_measured=phi,
+        phi_measured=hold(np.where(good, phi, np.nan)),
         scored=scored,
     )
 
@@ -212,6 +202,4 @@ def in_fuel_cut(signals: Mapping[str, FloatArray]) -> BoolArray | None:
 def until(bad: BoolArray, seconds: float, period_s: float) -> BoolArray:
     """Return (n,) bool: ``bad`` at the sample or within the ``seconds`` before it."""
     steps = round(seconds / period_s)
-    counts = np.concatenate([[0], np.cumsum(bad)])
-    index = np.arange(len(bad))
-    return np.asarray(counts[index + 1] - counts[np.maximum(index - steps, 0)] > 0)
+    return np.asarray(since(bad, steps) <= steps)
