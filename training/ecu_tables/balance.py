@@ -90,10 +90,7 @@ def balance(p: Parameters) -> Balance:
 
 
 def balance_text(fitted: Balance, *, absolute: bool) -> str:
-    """Return flow and dead time with their 90 % intervals, "" if no mixture was steady.
-
-    absolute : the air is in milligrams, so the flow has a scale
-    """
+    """Return dead time, and flow of ``absolute`` air, with 90 % intervals; "" if never steady."""
     if not fitted.seconds:
         return ""
     half = defaults().z90 * np.sqrt(np.diag(fitted.covariance))

@@ -51,10 +51,7 @@ def write_report(
     names: Sequence[str],
     notes: Mapping[str, str],
 ) -> None:
-    """Write the page; figures are embedded, nothing is loaded from elsewhere.
-
-    notes : what → text, to stand beside the tables
-    """
+    """Write the page, with notes (what → text) beside the tables."""
     subject = fitted.parameters.subject
     filled = {t.key: int(np.isfinite(t.estimate).sum()) for t in tables}
     text = page(

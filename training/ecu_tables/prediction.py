@@ -76,10 +76,7 @@ def _pipe_s(flow: Quantity, volume: Quantity, period_s: float) -> Quantity:
 
 
 def _passage_s(flow: FloatArray, volume: FloatArray, period_s: float) -> FloatArray:
-    """Return when the gas at the sensor entered the pipe, in s before.
-
-    It did when the pipe's volume less had passed the valves.
-    """
+    """Return how many s ago the gas at the sensor entered: one volume less had passed by then."""
     passed = np.cumsum(flow) * period_s
     t_s = np.arange(len(flow)) * period_s
     entered = passed - volume

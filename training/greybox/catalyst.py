@@ -96,10 +96,7 @@ HELD_SHARE: Final = 0.02  # of the range; a constant nearer to its bound ended a
 
 @njit(cache=True)
 def volts(x: FloatArray, air_g_s: FloatArray, period_s: float, c: Catalyst) -> FloatArray:
-    """Return the voltage, (n,), of a catalyst that begins half full.
-
-    x : (n,) 1 - 1/lambda upstream; air_g_s : (n,)
-    """
+    """Return the voltage (n,) of a catalyst that begins half full; x is 1 - 1/lambda upstream."""
     n, step_s = len(x), period_s / SUBSTEPS
     room = c.capacity_g / CELLS
     held = np.full(CELLS, 0.5)
@@ -205,10 +202,7 @@ def _warm(recording: "Recording", config: CatalystConfig) -> BoolArray:
 
 
 def fit(drives: Sequence[CatalystDrive], starts: Sequence[Catalyst] = STARTS) -> FittedCatalyst:
-    """Return the constants that reproduce the voltage best in free run.
-
-    Raises RecordingError if too few samples count.
-    """
+    """Return the constants of the best voltage in free run; RecordingError for too few samples."""
     n = sum(int(d.counts.sum()) for d in drives)
     if n < SAMPLES_LEAST:
         names = ", ".join(d.name for d in drives)

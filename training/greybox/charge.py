@@ -92,10 +92,7 @@ class ChargeError(_Stored):
     time_s: float
 
     def air_mass_mg(self, signals: Mapping[str, Quantity], period_s: float) -> Quantity:
-        """Return the corrected charge (n,) in mg per stroke, settled at the first sample.
-
-        signals : (n,) each: engine_speed_rpm, and air_mass_mg or maf_kg_h
-        """
+        """Return the corrected charge (n,) in mg per stroke, settled at the first sample."""
         air, knots = charge_mg(signals), (self.speeds_rpm, self.charges_mg)
         maps = self.now, self.before
         now, before = bilinear(signals["engine_speed_rpm"], air, knots, maps)
@@ -169,10 +166,7 @@ def _knots(values: FloatArray, n: int) -> FloatArray:
 
 
 def _carried(drive: ChainDrive, path: Path, shares: FloatArray) -> FloatArray:
-    """Return the readings (m, k) of scored samples for factors at the valve that are these shares.
-
-    shares : (n, k)
-    """
+    """Return the readings (m, k) of scored samples for these shares (n, k) of the factor."""
     paths = (replace(path, factor=path.factor * share) for share in shares.T)
     return np.column_stack([simulate(each, drive.period_s)[drive.scored] for each in paths])
 

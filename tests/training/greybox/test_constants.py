@@ -18,12 +18,9 @@ def test_the_constants_of_a_chain_are_found_within_their_standard_errors() -> No
     off = np.array([(np.array(f.constants) - TRUE) / f.standard_errors for f in fits])
     # THEN what was found lies about the truth as the standard errors say
     rms = np.sqrt(np.mean(off**2, axis=0))
-    assert (rms < 2.0).all()
-    assert (rms > 0.4).all()
-    errors = np.mean([f.standard_errors for f in fits], axis=0)
-    assert errors[0] < 0.002  # gain
-    assert errors[1] < 0.01  # dead time in s
-    assert errors[5] < 0.02  # span
+    assert ((rms > 0.4) & (rms < 2.0)).all()
+    gain, dead_time_s, *_, span = np.mean([f.standard_errors for f in fits], axis=0)
+    assert (gain < 0.002, dead_time_s < 0.01, span < 0.02) == (True, True, True)
     assert not any(f.at_bound for f in fits)
 
 
@@ -33,12 +30,6 @@ def test_the_noise_is_whitened_and_every_start_ends_in_one_place() -> None:
     assert fit.white_rmse == pytest.approx(0.002, rel=0.05)
     assert fit.rmse > 2 * fit.white_rmse
     assert fit.spread < 1e-3
-
-
-def test_too_few_samples_are_an_error() -> None:
-    signals, phi = synthetic(0, 600)
-    with pytest.raises(RecordingError, match="398 samples enabled"):
-        fit_constants(read_drive(signals, phi, np.arange(600) >= 200))
 
 
 def test_the_sum_of_the_lags_is_known_better_than_each() -> None:

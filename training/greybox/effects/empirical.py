@@ -7,7 +7,7 @@ size acts on. With ``:SIGNAL:AT:WIDTH`` behind, the size grows with a second sig
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from monitor.base.errors import ModelError
 from training.greybox.effects.air import SLOWLY
@@ -103,24 +103,7 @@ def growing(name: str, signal: str, at: float, width: float) -> str:
     return f"{name}:{signal}:{at:.6g}:{width:.6g}"
 
 
-def signal_of(name: str) -> str:
-    """Return the first signal that an empirical effect's name says."""
-    return _parts(name).over.signal
-
-
-def form_of(name: str) -> str:
-    """Return the form that an empirical effect's name says."""
-    return _parts(name).form
-
-
-def in_form(name: str, form: str) -> str:
-    """Return the name of the effect of the same first signal in another form."""
-    over = _parts(name).over
-    return name_of(over.signal, form, over.at, over.width)
-
-
-@dataclass(frozen=True, slots=True)
-class _Axis:
+class ScaledSignal(NamedTuple):
     """A signal, moved and scaled."""
 
     signal: str
@@ -128,51 +111,51 @@ class _Axis:
     width: float
 
     def u(self, place: Place) -> Quantity:
+        """Return the scaled signal."""
         return (place.signal(self.signal) - self.at) * (1.0 / self.width)
 
 
-@dataclass(frozen=True, slots=True)
-class _Parts:
-    """What a name says."""
+class NameParts(NamedTuple):
+    """What the name of an empirical effect says."""
 
-    over: _Axis
+    over: ScaledSignal
     form: str
     target: Target
     shape: Shape
-    growth: _Axis | None
+    growth: ScaledSignal | None
 
 
-def _parts(name: str) -> _Parts:
+def parts_of(name: str) -> NameParts:
+    """Return what a name says; raises ModelError if it is none of an empirical effect."""
     try:
         _, signal, form, at, width, *more = name.split(":")
-        growth = _axis(*more) if more else None
-        return _Parts(_axis(signal, at, width), form, *FORMS[form], growth)
+        growth = _scaled(*more) if more else None
+        return NameParts(_scaled(signal, at, width), form, *FORMS[form], growth)
     except (ValueError, KeyError, TypeError):
         raise ModelError(f"{name!r} is no empirical effect") from None
 
 
-def _axis(signal: str, at: str, width: str) -> _Axis:
-    return _Axis(signal, float(at), float(width))
+def _scaled(signal: str, at: str, width: str) -> ScaledSignal:
+    return ScaledSignal(signal, float(at), float(width))
 
 
 def effect_of(name: str) -> Effect:
     """Return the effect that a name says; raises ModelError if it says none."""
-    of = _parts(name)
-    target, shape, growth = of.target, of.shape, of.growth
+    over, _, target, shape, growth = parts_of(name)
     parameters = shape.parameters(target.unit, target.most)
     n = len(parameters)
 
     def equation(place: Place, values: Values) -> Changed:
-        size = shape.size(place, of.over.u(place), values[:n])
+        size = shape.size(place, over.u(place), values[:n])
         if growth is None:
             return target.changed(place, size, values[n:])
         size = size * (1.0 + values[n] * clip(growth.u(place), -FARTHEST, FARTHEST))
         return target.changed(place, size, values[n + 1 :])
 
-    signals = (of.over.signal, *((growth.signal,) if growth else ()), *target.needs)
+    signals = (over.signal, *((growth.signal,) if growth else ()), *target.needs)
     return Effect(
         name=name,
-        says=f"the mixture goes with {of.over.signal.replace('_', ' ')}",
+        says=f"the mixture goes with {over.signal.replace('_', ' ')}",
         parameters=(*parameters, *((GROWTH,) if growth else ()), *target.parameters),
         needs=tuple(dict.fromkeys(signals)),
         tag="physics",
@@ -187,17 +170,16 @@ def formula(name: str, values: Values) -> str:
     >>> formula("empirical:manifold_temperature_degc:factor:30:20", [0.4, -1.76])
     'mixture × (1 + 0.4 % - 0.088 % per unit of (manifold_temperature_degc - 30))'
     """
-    of = _parts(name)
-    own = len(values) - len(of.target.parameters)
-    n = own - (of.growth is not None)
-    words = Words(of.over.signal, of.over.at, of.over.width, of.target.unit)
-    size = of.shape.says(values[:n], words)
-    if of.growth:
-        by = values[n] / of.growth.width
-        size = f"+ ({size}) × (1 {by:+.3g} per unit of ({of.growth.signal} - {of.growth.at:.6g}))"
-    if of.target is MIXTURE:
+    over, _, target, shape, growth = parts_of(name)
+    own = len(values) - len(target.parameters)
+    n = own - (growth is not None)
+    size = shape.says(values[:n], Words(over.signal, over.at, over.width, target.unit))
+    if growth:
+        by = values[n] / growth.width
+        size = f"+ ({size}) × (1 {by:+.3g} per unit of ({growth.signal} - {growth.at:.6g}))"
+    if target is MIXTURE:
         return f"mixture × (1 {size})"
-    if of.target is AIR:
+    if target is AIR:
         learned, followed_s = values[own:]
         return f"air × (1 {size}), of which the ECU learns {learned:.0%} in {followed_s:.2g} s"
     return f"fuel {size}"

@@ -38,10 +38,11 @@ def wall_film(at: Place, p: Values) -> Changed:
     Both grow by ``cold_growth`` per 60 K below a warm engine. Source: Aquino, SAE 810494.
     """
     share, time_s, cold_growth = p
-    fuel, grown, strokes = at.of("fuel_mg"), 1.0, at.strokes_per_s()
+    fuel, grown = at.of("fuel_mg"), 1.0
     if "coolant_temperature_degc" in at.signals:
         cold = maximum(FILM_WARM_DEGC - at.signal("coolant_temperature_degc"), 0.0) / 60.0
         grown = 1.0 + cold_growth * cold
+    strokes = at.strokes_per_s()
     landed = fuel * minimum(share * grown, FILM_SHARE_MAX)
     evaporated = at.lag(landed * strokes, time_s * grown) / strokes
     return {"fuel_mg": fuel - landed + evaporated}

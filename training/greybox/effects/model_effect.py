@@ -20,10 +20,7 @@ AS_EXPECTED: Final = 0.8  # of the expected spread: a larger standard error tell
 
 @dataclass(frozen=True, slots=True)
 class ModelEffect:
-    """One effect of a model beside the plain chain.
-
-    Raises ModelError if the library has no such effect, or one with other parameters.
-    """
+    """One effect of a model; raises ModelError if the library has none of its parameters."""
 
     name: str
     parameters: Mapping[str, float]
@@ -77,10 +74,7 @@ class ModelEffect:
         return f"{self.name}: {', '.join(sizes)}"
 
     def to_card(self, recordings: Sequence[TrainingRecording]) -> dict[str, Any]:
-        """Return the entry for a card, with what the library says; see ``from_card``.
-
-        recordings : what the effect was fitted to
-        """
+        """Return the entry for a card, with the recordings of its fit and the library's words."""
         effect = self.effect
         return asdict(self) | {
             "reads": list(self.reads or ()),
@@ -93,10 +87,7 @@ class ModelEffect:
 
     @classmethod
     def from_card(cls, given: Mapping[str, Any]) -> "ModelEffect":
-        """Return the effect of a card's entry; further fields of the entry are ignored.
-
-        Raises ModelError if a field is missing or the library has no such effect.
-        """
+        """Return the effect of a card's entry; raises ModelError if a field is missing."""
         try:
             kept = {name: given[name] for name in ("name", "parameters", "standard_errors")}
             return cls(**kept, reads=tuple(given["reads"]))
@@ -127,8 +118,7 @@ def along(path: Path, effects: Effects, signals: Mapping[str, Quantity], period_
 def uncertain(added: Sequence[ModelEffect]) -> list[str]:
     """Return warnings about parameters that the recordings determine poorly or not at all.
 
-    A parameter that moves nothing on the recordings has a standard error of 0. A parameter with an
-    expected spread is not determined if its standard error is hardly below that spread.
+    The standard error is then 0 (nothing moved), above the value, or hardly below its spread.
     """
     warnings = []
     for each in added:

@@ -1,7 +1,8 @@
 """The joint fit: constants of the chain and of effects to several drives, in whitened errors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise, product
 from typing import Final
 
@@ -138,54 +139,45 @@ class ParameterLayout:
         rows = np.concatenate([_prior_rows(self.case, base), _term_rows(self.terms, own)])
         return [*white(self.case, predict(self.case, base, self.terms, own)), rows]
 
+    def slopes(
+        self, x: FloatArray, at: Sequence[FloatArray], steps: FloatArray
+    ) -> list[FloatArray]:
+        """Return the derivatives (m, p) of each part of ``white``, which is ``at`` at ``x``."""
+        rows = []
+        for i, step in enumerate(np.where(x + steps < self.limits[1], steps, -steps).tolist()):
+            moved = x.copy()
+            moved[i] += step
+            pairs = zip(self.white(moved), at, strict=True)
+            rows.append([(after - before) / step for after, before in pairs])
+        return [np.array(own).T for own in zip(*rows, strict=True)]
+
     def judged(self, parts: Sequence[FloatArray]) -> FloatArray:
-        """Return the parts of ``white``, or of their slopes, as errors in sigma."""
+        """Return the parts of ``white``, or their slopes, as errors in sigma."""
         *of_drives, rows = parts
         return np.concatenate([judged(self.case, of_drives), rows])
 
 
-@dataclass(slots=True)
-class _Errors:
-    """The errors of a layout; a slope is asked for where an error was asked for last."""
-
-    layout: ParameterLayout
-    steps: FloatArray  # (p,) of the constants, for derivatives
-    x: FloatArray | None = None
-    parts: list[FloatArray] = field(default_factory=list)
-
-    def at(self, x: FloatArray) -> FloatArray:
-        """Return the errors in sigma."""
-        return self.layout.judged(self._white(x))
-
-    def slope(self, x: FloatArray) -> FloatArray:
-        """Return the derivatives (m, p) of the errors."""
-        at, high, rows = self._white(x), self.layout.limits[1], []
-        for i, size in enumerate(self.steps.tolist()):
-            step = size if x[i] + size < high[i] else -size
-            moved = x.copy()
-            moved[i] += step
-            pairs = zip(self.layout.white(moved), at, strict=True)
-            rows.append([(after - before) / step for after, before in pairs])
-        return self.layout.judged([np.array(own).T for own in zip(*rows, strict=True)])
-
-    def _white(self, x: FloatArray) -> list[FloatArray]:
-        if self.x is None or not np.array_equal(x, self.x):
-            self.x, self.parts = x.copy(), self.layout.white(x)
-        return self.parts
-
-
 def _descend(layout: ParameterLayout, x: FloatArray, search: JointSearch) -> JointFit:
-    case, terms = layout.case, layout.terms
     low, high = layout.limits
-    sizes = [[max(map(abs, p.start)) for p in term.parameters] for term in terms]
+    sizes = [[max(map(abs, p.start)) for p in term.parameters] for term in layout.terms]
     scale = layout.join(search.scale, sizes)
-    tried = _Errors(layout, STEP * scale)
+
+    @lru_cache(1)  # a slope is asked for where an error was
+    def white(at: tuple[float, ...]) -> list[FloatArray]:
+        return layout.white(np.array(at))
+
+    def slope(x: FloatArray) -> FloatArray:
+        return layout.judged(layout.slopes(x, white(tuple(x)), STEP * scale))
+
+    def error(x: FloatArray) -> FloatArray:
+        return layout.judged(white(tuple(x)))
+
     if len(x):
         margin = INSIDE * (high - low)
         found = least_squares(
-            tried.at,
+            error,
             np.clip(x, low + margin, high - margin),
-            tried.slope,
+            slope,
             (low, high),
             x_scale=scale,
             ftol=search.tolerance,
@@ -195,12 +187,12 @@ def _descend(layout: ParameterLayout, x: FloatArray, search: JointSearch) -> Joi
         x, e, cost = found.x, found.fun, float(found.cost)
         jacobian = np.asarray(found.jac, dtype=np.float64)
     else:
-        e = tried.at(x)
+        e = error(x)
         jacobian, cost = np.empty((len(e), 0)), float(e @ e) / 2.0
     base, own = layout.split(x)
-    m = len(e) - len(_prior_rows(case, base)) - len(_term_rows(terms, own))
+    m = sum(map(len, layout.case.rows))
     return JointFit(
-        terms=terms,
+        terms=layout.terms,
         base=base,
         parameters=tuple(own),
         residual=e[:m],

@@ -28,10 +28,7 @@ def own_of(drive: ChainDrive) -> Effects:
 
 
 def with_more(case: Case, found: JointFit) -> tuple[list[Effect], JointFit]:
-    """Return the effects that the drives show, the strongest first, and the fit with them.
-
-    found : the fit of the plain chain
-    """
+    """Return the effects that drives show beyond a plain fit, strongest first, and their fit."""
     effects, fall = list[Effect](), FALL
     left = [LIBRARY[name] for name in OF_SOME]
     left = [e for e in left if all(set(e.needs) <= set(d.signals) for d in case.drives)]

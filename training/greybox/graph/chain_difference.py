@@ -12,7 +12,7 @@ import numpy as np
 
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
-from monitor.model.card import Channel, ModelCard
+from monitor.model.card import ModelCard
 from training.greybox.chain import Constants, inputs_of
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.graph.chain_graph import Greybox
@@ -37,7 +37,7 @@ class ChainDifference(Greybox):
         ranges : low and high of each signal in the drives of the fit
         Raises ModelError if a signal is missing.
         """
-        known = {channel.name: channel for channel in card.inputs}
+        known = {each.name: (each.minimum, each.maximum) for each in card.inputs}
         available = {*known, *ranges}
         chain = inputs_of(available)
         missing = [name for name in chain if name not in available]
@@ -49,9 +49,7 @@ class ChainDifference(Greybox):
         effects = tuple(seeing(each, tuple(known), ranges) for each in added)
         wanted = dict.fromkeys((*chain, *(name for each in effects for name in each.reads or ())))
         inputs = tuple(name for name in wanted if name != SPEED or SPEED in chain)
-        bounds = np.array(
-            [limits_of(name, _trained(known.get(name)), ranges.get(name)) for name in inputs]
-        )
+        bounds = np.array([limits_of(n, known.get(n), ranges.get(n)) for n in inputs])
         bounds[inputs.index("fuel_mass_mg"), 0] = 0.0  # fuel cut must reach the chain
         low, high = bounds.T
         return cls(
@@ -66,29 +64,12 @@ class ChainDifference(Greybox):
     @classmethod
     def from_card(cls, card: ModelCard) -> "ChainDifference":
         """Return the difference of a model's card; raises ModelError if a field is missing."""
-        try:
-            given = card.structure["chain"]
-            return cls(
-                constants=Constants(**given["constants"]),
-                inputs=tuple(given["inputs"]),
-                u_low=np.array(given["inputs_low"]),
-                u_high=np.array(given["inputs_high"]),
-                period_s=card.period_ns / 1e9,
-                register=int(given["register_samples"]),
-                effects=tuple(map(ModelEffect.from_card, card.effects)),
-            )
-        except (KeyError, TypeError) as error:
-            raise ModelError(f"the card lacks part of its added effects: {error}") from None
+        return cls.from_entry(card, card.structure.get("chain", {}))
 
     def to_card(self) -> dict[str, Any]:
         """Return the entry for a card, without the effects, see ``from_card``."""
-        return {
-            "constants": self.constants._asdict(),
-            "inputs": list(self.inputs),
-            "inputs_low": self.u_low.tolist(),
-            "inputs_high": self.u_high.tolist(),
-            "register_samples": self.register,
-        }
+        own = {"constants": self.constants._asdict(), "inputs": list(self.inputs)}
+        return own | self.structure()
 
     @property
     def without(self) -> Greybox:
@@ -101,10 +82,7 @@ class ChainDifference(Greybox):
         return self.without.state_layout.size + self.state_layout.size
 
     def values(self, signals: Mapping[str, FloatArray]) -> FloatArray:
-        """Return the difference (n,) in phi for signals (n,) in physical units, all of them good.
-
-        Both chains start settled at the first sample.
-        """
+        """Return the difference (n,) in phi for good signals (n,), settled at the first sample."""
         u = np.column_stack([signals[name] for name in self.inputs])
         return self.reading(u) - self.without.reading(u)
 
@@ -118,7 +96,3 @@ class ChainDifference(Greybox):
         read, behind = self.traced(graph, signals, state, before.size)
         ahead = graph.add("Concat", [*before.next_state, *behind.next_state], "next", axis=1)
         return graph.add("Sub", [read.name, without.name], "difference"), ahead
-
-
-def _trained(channel: Channel | None) -> tuple[float, float] | None:
-    return None if channel is None else (channel.minimum, channel.maximum)

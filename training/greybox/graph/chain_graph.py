@@ -48,19 +48,22 @@ class Greybox:
     own: Effects = ()  # of the healthy vehicle, before the effects
 
     @classmethod
-    def of(cls, card: ModelCard) -> "Greybox":
-        """Return the chain of a model's card.
-
-        Raises ModelError if the card is not of a grey-box model.
-        """
+    def of(cls, card: ModelCard) -> Self:
+        """Return the chain of a model's card; raises ModelError if it is of another kind."""
         if card.kind != "greybox":
             raise ModelError(f"a {card.kind} model, a greybox is wanted")
+        return cls.from_entry(card, {**card.structure, "inputs": card.input_names})
+
+    @classmethod
+    def from_entry(cls, card: ModelCard, given: Mapping[str, Any]) -> Self:
+        """Return the chain of an entry of a card; raises ModelError if the entry lacks a field."""
         try:
-            given = card.structure
-            charge_map, charge_error = given["charge_map"], given.get("charge_error")
+            of_each = given["constants"].items()  # each a number, or one with its error
+            constants = {n: c["value"] if isinstance(c, Mapping) else c for n, c in of_each}
+            charge_map, charge_error = given.get("charge_map"), given.get("charge_error")
             return cls(
-                constants=Constants(**{n: c["value"] for n, c in given["constants"].items()}),
-                inputs=card.input_names,
+                constants=Constants(**constants),
+                inputs=tuple(given["inputs"]),
                 u_low=np.array(given["inputs_low"]),
                 u_high=np.array(given["inputs_high"]),
                 period_s=card.period_ns / 1e9,
@@ -71,9 +74,7 @@ class Greybox:
                 own=tuple(starmap(ModelEffect.with_values, given.get("own", {}).items())),
             )
         except (KeyError, TypeError) as error:
-            raise ModelError(
-                f"the card of a greybox lacks part of its structure: {error}"
-            ) from None
+            raise ModelError(f"the card of a chain lacks part of its structure: {error}") from None
 
     def structure(self) -> dict[str, Any]:
         """Return the structure for a card, without the constants."""

@@ -35,10 +35,7 @@ def seeing(added: ModelEffect, inputs: Sequence[str], ranges: Ranges) -> ModelEf
 def limits_of(
     name: str, old: tuple[float, float] | None, seen: tuple[float, float] | None
 ) -> tuple[float, float]:
-    """Return the range to clip to: that of the base and, with a margin, that of the fit.
-
-    old, seen : range of the base and of the effects' fit; at most one of them may be None
-    """
+    """Return the range to clip to: that of the base and, with a margin, what the fit has seen."""
     ranges = [] if old is None else [old]
     if seen is not None:
         ranges.append(with_margin(name, *_used(name, old is None, seen)))

@@ -50,10 +50,7 @@ Quantity = Any  # FloatArray (n,), Dual, Value or float; one equation has duals 
 
 @dataclass(frozen=True, slots=True)
 class Value(NDArrayOperatorsMixin):
-    """A float32 tensor (batch, k) in a graph, mostly (batch, 1).
-
-    Each of numpy's functions and operators adds a node.
-    """
+    """A float32 tensor (batch, k) in a graph, mostly (batch, 1); numpy's functions add nodes."""
 
     trace: "StepTrace"
     name: str

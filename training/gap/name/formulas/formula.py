@@ -17,7 +17,7 @@ from training.gap.name.formulas.signal_screen import NO_CAUSES, left_by_signal
 from training.gap.name.ranking import rank
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
-from training.greybox.effects.empirical import effect_of, form_of, in_form, name_of, signal_of
+from training.greybox.effects.empirical import effect_of, name_of, parts_of
 from training.greybox.fit.joint import JointFit, fit, held_out_rmse
 from training.healthy import scoring
 from training.healthy.base_state import BaseState
@@ -77,7 +77,7 @@ def formula_of(first: FirstTerm) -> Formula:
     """Return the formula that begins with a term."""
     plain, found = first.plain, [first.term]
     while len(found) < TERMS_MOST:
-        used = {signal_of(c.name) for c in found}
+        used = {parts_of(c.name).over.signal for c in found}
         more = _next(plain, used, FURTHER_T_LEAST)
         if more is None or _rmse(*more) > _rmse(found[-1], plain):
             break
@@ -183,13 +183,13 @@ def _forms(state: BaseState, used: Collection[str], forms: Sequence[str] = FORMS
 
 def _placed(ranking: Sequence[Candidate]) -> list[Effect]:
     """Return the forms with a place, of the signals with the best curves."""
-    curves = [c for c in ranking if form_of(c.name) == "curve"]
+    curves = [c for c in ranking if parts_of(c.name).form == "curve"]
     return [_begun(c, form) for c in curves[:CURVES_MOST] for form in PLACED]
 
 
 def _begun(curve: Candidate, form: str) -> Effect:
     """Return a form of the curve's signal that begins where the curve shows it."""
-    effect = effect_of(in_form(curve.name, form))
+    effect = effect_of(name_of(form=form, **parts_of(curve.name).over._asdict()))
     values = np.array(list(curve.parameters.values()))
     start = _rate_of(values) if form == "exponential" else _place_of(form, values)
     begun = (replace(p, start=(start,)) if p.name in SHOWN else p for p in effect.parameters)

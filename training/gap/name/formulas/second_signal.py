@@ -12,7 +12,7 @@ from training.gap.name.ranking import rank
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
 from training.greybox.effects.effect import Parameter
-from training.greybox.effects.empirical import GROWTH, effect_of, growing, signal_of
+from training.greybox.effects.empirical import GROWTH, effect_of, growing, parts_of
 from training.greybox.fit.case import Case, errors, predict
 from training.greybox.fit.drive import ChainDrive
 from training.healthy import scoring
@@ -29,7 +29,7 @@ def grown(state: BaseState, term: Candidate, without: Sequence[str]) -> Candidat
     without : signals that are no second one
     """
     names = dict.fromkeys(f.signal for f in functions_of(state.case.drives))
-    others = [n for n in names if n not in (signal_of(term.name), *without)]
+    others = [n for n in names if n not in (parts_of(term.name).over.signal, *without)]
     effects = [e for n in others for e in _with_a_second(state.case.drives, term, n)]
     best = max(effects, key=lambda each: _explained(state.case, term, each), default=None)
     return rank(state, [best])[0] if best else None
