@@ -47,8 +47,9 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
     found, false, drives = Counter({fault.name: 0 for fault in faults}), Counter[str](), 0
     explained = 1.0
     for model, recordings in unseen:
-        for recording in recordings[: MOST_DRIVES - drives]:
-            drive = _begin(recording)
+        for drive in map(_begin, recordings):
+            if drives == MOST_DRIVES:
+                break
             faulty = [put_on(drive, fault, card.output.name, card.transform) for fault in faults]
             healthy, *others = judge_recordings([drive, *faulty], model, limits, config)
             if len(healthy.windows) < LEAST_WINDOWS:

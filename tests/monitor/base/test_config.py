@@ -68,6 +68,8 @@ IMPOSSIBLE = (
     ("response", "lags_s", "[0.1, 0.2]"),
     ("response", "delays_s", "[0.1, 0.25]"),
     ("response", "gain_weak_max", "0.8"),
+    ("response", "gain_least", "0.0"),
+    ("response", "gain_least", "0.7"),
     ("catalyst", "position", '"behind"'),
     ("debounce", "response_fail", "128"),
     ("obd", "profile", '"obd3"'),

@@ -18,7 +18,7 @@ from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.training.limits.test_still import LOG, healthy
 from training.limits.judging import judge
-from training.limits.trust import LIMIT_FAULTS, put_on, trust_of
+from training.limits.trust import LIMIT_FAULTS, MOST_DRIVES, put_on, trust_of
 from training.narx.export import update_card
 
 SETTINGS = config.load()
@@ -49,6 +49,15 @@ def test_a_good_model_finds_the_faults_and_mistakes_none() -> None:
     assert not trust.untold
     assert in_words(trust.entry()).startswith("tried on 1 drive, this model finds")
     assert len(trust.untested) <= 1  # a drive of seven minutes
+
+
+def test_short_drives_take_no_place_of_a_drive_that_counts() -> None:
+    # GIVEN as many drives of some seconds as may count, before a drive of minutes
+    whole = healthy()
+    short = replace(whole, values=whole.values[:100], quality=whole.quality[:100])
+    found = trust_of([(MODEL, [*[short] * MOST_DRIVES, whole])], CARD, SETTINGS, "shipped")
+    # THEN the model is tried on that one
+    assert found["drives"] == 1
 
 
 def test_a_drive_of_which_the_model_explains_less_than_of_any_before_is_asked_about() -> None:
