@@ -1,6 +1,7 @@
 """The house stays small, its levels short and its names unique."""
 
 import ast
+import re
 from collections import defaultdict
 from pathlib import Path
 
@@ -32,6 +33,22 @@ def test_no_two_classes_of_the_product_have_one_name() -> None:
                     places[node.name].append(file.relative_to(ROOT).as_posix())
 
     assert not {name: files for name, files in places.items() if len(files) > 1}
+
+
+def test_no_number_is_shown_to_a_reader_with_an_exponent() -> None:
+    # "1e+02 %": a format of few digits; monitor.base.counts.plain shows 100
+    rounds = re.compile(r'[:"+]\.[1-6]g["}]')
+    ours = "float(f", "PREFIX", "{name}:{signal}", "text = f"  # values, names of effects, itself
+    found = [
+        f"{file.relative_to(ROOT)}:{number}"
+        for package in ("monitor", "training")
+        for file in sorted((ROOT / package).rglob("*"))
+        if file.suffix in (".py", ".html")
+        for number, line in enumerate(file.read_text("utf-8").splitlines(), 1)
+        if rounds.search(line) and not any(each in line for each in ours)
+    ]
+
+    assert not found
 
 
 def test_a_room_above_its_budget_is_reported_and_one_without_a_budget_too() -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.signature import add_command
-from monitor.base.counts import counted
+from monitor.base.counts import counted, plain
 from monitor.base.errors import UsageError
 from monitor.base.signals import unit_of
 from monitor.cli.options import say, warn
@@ -147,8 +147,6 @@ def _freeze_frame(code: Annotated[Sequence[str], "CODE"] = (), *, args: DtcOptio
 
     code : code (default: all)
     """
-    from monitor.report.elements import plain
-
     store, found = _load(args.memory)
     frames = store.freeze_frames
     missing = [each for each in code if each not in frames]
@@ -182,8 +180,6 @@ def _when(t_ns: int) -> str:
 
 def _readiness(args: DtcOptions) -> int:
     """Show the tests, their results and their in-use performance."""
-    from monitor.report.elements import plain
-
     store, found = _load(args.memory)
     tests = [
         {

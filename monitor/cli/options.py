@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import BusFiles, Input, Output, SettingsFile
+from monitor.base.counts import plain
 from monitor.base.errors import BusError
 
 if TYPE_CHECKING:
@@ -156,8 +157,8 @@ def tell_if_too_slow(args: ObdOptions, setup: "Setup", tell: Callable[[str], Non
     if served_s > 0.75 * period_s:
         tell(
             f"{setup.model.path.name} samples every {period_s:g} s, polling brings a signal about "
-            f"every {served_s:.2g} s: record drives, then o2train fit --period "
-            f"{max(0.5, 2 * served_s):.2g}"
+            f"every {plain(served_s, 2)} s: record drives, then o2train fit --period "
+            f"{plain(max(0.5, 2 * served_s), 2)}"
         )
 
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.base.types import FloatArray
 
 CHANGES: Final = 20  # clear ones that tell an interval
@@ -44,7 +45,10 @@ def unlike(
     slack_s = SLACK * period_s
     for name, usual_s in known["every_s"].items():
         if (every_s := own["every_s"].get(name, 0.0)) > max(usual_s, period_s) + slack_s:
-            return f"{name} changes every {every_s:.3g} s, the model needs it every {period_s:g} s"
+            return (
+                f"{name} changes every {plain(every_s, 3)} s, the model needs it every "
+                f"{period_s:g} s"
+            )
     far = [
         (max(low - own["apart_s"][pair][0], own["apart_s"][pair][0] - high), pair)
         for pair, (low, high) in known["apart_s"].items()
@@ -57,7 +61,8 @@ def unlike(
     first, second = pair.split()
     late, other = (second, first) if apart_s > high else (first, second)
     return (
-        f"{late} comes {beyond_s:.2g} s later against {other} than in the recordings that trained "
+        f"{late} comes {plain(beyond_s, 2)} s later against {other} than in the "
+        "recordings that trained "
         "the model"
     )
 

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.base.errors import RecordingError
 from monitor.base.runs import runs
 from monitor.base.signals import OUTPUT, plausible_range
@@ -86,7 +87,8 @@ def check_unit(table: Table) -> None:
     where, wanted = f"{table.path}: {table.column_of(OUTPUT)}", f"as {OUTPUT}, lambda is wanted"
     if len(known) and least * STOICH_AFR <= known.min() < STOICH_AFR < known.max():
         raise RecordingError(
-            f"{where} is an air-fuel ratio ({known.min():.3g} to {known.max():.3g}) {wanted}: "
+            f"{where} is an air-fuel ratio ({plain(known.min(), 3)} to "
+            f"{plain(known.max(), 3)}) {wanted}: "
             f"divide it by {STOICH_AFR}, factor = {1.0 / STOICH_AFR:.5f} in --columns"
         )
     if "fuel_cut" in table.names:
@@ -94,7 +96,7 @@ def check_unit(table: Table) -> None:
         cut, rest = _known(reading, is_cut > 0.0), _known(reading, is_cut == 0.0)
         if len(cut) and len(rest) and np.median(cut) < least <= np.median(rest):
             raise RecordingError(
-                f"{where} falls to {np.median(cut):.3g} where fuel is cut: 1/lambda {wanted}"
+                f"{where} falls to {plain(np.median(cut), 3)} where fuel is cut: 1/lambda {wanted}"
             )
 
 
@@ -112,7 +114,8 @@ def _check_air(table: Table) -> None:
     if not CYLINDERS[0] - 0.5 < cylinders < CYLINDERS[1] + 0.5:
         raise RecordingError(
             f"{table.path}: {table.column_of(AIR[1])} and {table.column_of(AIR[0])} are those of "
-            f"{cylinders:.2g} cylinders: one is in another unit than {AIR[1]} and {AIR[0]} say "
+            f"{plain(cylinders, 2)} cylinders: one is in another unit than {AIR[1]} and "
+            f"{AIR[0]} say "
             "(an air flow in g/s: factor = 3.6 in --columns)"
         )
 

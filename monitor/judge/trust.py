@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from monitor.base.counts import counted
+from monitor.base.counts import counted, plain
 from monitor.base.errors import ModelError
 from monitor.memory.codes import CONTINUOUS, TEST_OF
 
@@ -81,8 +81,8 @@ def in_words(entry: Mapping[str, Any] | None) -> str:
     ...           "no_code": ["gain_low"]})
     'tried on 4 drives, this model finds 8 of 10 faults; not tested: gain_low, transient'
     >>> in_words({"drives": 4, "faults": 10, "tested": 10, "not_tested": [],
-    ...           "explained": 0.02, "explained_before": 0.2}).split("; ")[1]
-    "it explains 2 % of this reading, 20 % and more of those: is it another vehicle's?"
+    ...           "explained": 0.02, "explained_before": 0.996}).split("; ")[1]
+    "it explains 2 % of this reading, 100 % and more of those: is it another vehicle's?"
     """
     if not entry:
         return ""
@@ -91,7 +91,10 @@ def in_words(entry: Mapping[str, Any] | None) -> str:
         said += f"; not tested: {', '.join(entry['not_tested'])}"
     share, before = entry.get("explained"), entry.get("explained_before", 0.0)
     if share is not None and share < LEAST_EXPLAINED * before:
-        said += f"; it explains {100 * share:.2g} % of this reading, {100 * before:.2g} % and more"
+        said += (
+            f"; it explains {plain(100 * share, 2)} % of this reading, "
+            f"{plain(100 * before, 2)} % and more"
+        )
         said += " of those: is it another vehicle's?"
     return f"tried on {counted(entry['drives'], 'drive')}, this model {said}"
 

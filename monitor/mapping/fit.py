@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.base.signals import plausible_range
 from monitor.base.types import FloatArray
 from monitor.frames.units import UNITS, Unit, conversion, unit_of
@@ -285,13 +286,16 @@ def _by_range(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityF
     if not carried[0] <= low < high <= carried[1] or step > (high - low) / 3:
         return None
     if d.stated != d.carried and max(stated) > MOST_ABOVE * plausible_range(quantity.name)[1]:
-        fit = fit.doubted(f"its range reaches {max(stated):g}: another unit?")
+        fit = fit.doubted(f"its range reaches {plain(max(stated), 6)}: another unit?")
     if not stated[0] <= low < high <= stated[1]:
-        why = f"its range {stated[0]:g} to {stated[1]:g} does not hold {low:g} to {high:g}"
+        why = (
+            f"its range {plain(stated[0], 6)} to {plain(stated[1], 6)} does not hold {low:g} "
+            f"to {high:g}"
+        )
         fit = fit.doubted(why)
     of_signed_type = np.isclose(sum(d.stated), -d.step)
     if quantity.unit == UNITS["kpa"] and ANY[0] < d.stated[0] < 0.0 and not of_signed_type:
-        fit = fit.doubted(f"its range begins at {stated[0]:g} kPa: a gauge pressure?")
+        fit = fit.doubted(f"its range begins at {plain(stated[0], 6)} kPa: a gauge pressure?")
     return fit
 
 
@@ -303,15 +307,15 @@ def _by_values(quantity: Quantity, d: Description, fit: QuantityFit) -> Quantity
     low, high = plausible_range(quantity.name)
     inside = values[(values >= low) & (values <= high)]
     if 2 * len(inside) <= len(values):
-        seen = f"{values.min():.4g} to {values.max():.4g}" if len(values) else "no value"
+        seen = f"{plain(values.min())} to {plain(values.max())}" if len(values) else "no value"
         return fit.doubted(f"implausible in the recording: {seen}", OTHER_NAME)
-    fit = fit.judged(f"in the recording {inside.min():.4g} to {inside.max():.4g}")
+    fit = fit.judged(f"in the recording {plain(inside.min())} to {plain(inside.max())}")
     moves, middle = np.ptp(inside) > STILL, float(np.median(inside))
     if quantity.name in VARYING and len(inside) >= FEW:
         low, high = USUAL[0] * quantity.typical[0], USUAL[1] * quantity.typical[1]
         if not moves or not low <= middle <= high:
             fuel = " (another fuel?)" * (quantity.name == "lambda_measured")
             return fit.doubted(
-                f"unusual: its median is {middle:.4g}{fuel}" if moves else "never moves"
+                f"unusual: its median is {plain(middle)}{fuel}" if moves else "never moves"
             )
     return fit.judged("", 1.05) if moves else fit

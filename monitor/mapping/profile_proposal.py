@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.base.signals import BY_NAME, SIGNALS
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.conversion import is_of_quantity, stated_unit
@@ -66,7 +67,9 @@ def proposed(raw: RawTable) -> Iterator[str]:
     for i, column in enumerate(raw.columns):
         if column.name and column.name not in used:
             known = cells[np.isfinite(cells[:, i]), i]
-            span = f"{known.min():g} to {known.max():g}" if len(known) else "no number"
+            span = (
+                f"{plain(known.min(), 6)} to {plain(known.max(), 6)}" if len(known) else "no number"
+            )
             yield "# " + " ".join(filter(None, (toml(column.name), column.unit, span)))
             yield from _doubts(column, known, found)
     yield "# signals without a column:"

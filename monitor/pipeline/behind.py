@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.counts import counted
+from monitor.base.counts import counted, plain
 from monitor.base.signals import OUTPUT
 from monitor.base.types import FloatArray
 from monitor.grid.table_samples import table_block
@@ -113,7 +113,7 @@ def _cause(table: Table, activity: RearActivity) -> Cause:
         advice = f"the capacity needs upstream lambda and the air flow: record {signal}, too"
     elif not activity.trials:
         reason = "too_slow"
-        advice = f"one sample each {step_s:.2g} s, wanted two a second: log fewer signals"
+        advice = f"one sample each {plain(step_s, 2)} s, wanted two a second: log fewer signals"
     elif not activity.shows_both_sides:
         advice = "the rear sensor stood on one side only: drive with fuel cuts or check its wiring"
     else:

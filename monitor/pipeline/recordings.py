@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.base.errors import CoarseTableError, MissingSignalsError
 from monitor.base.signals import BY_NAME
 from monitor.base.types import SampleBlock
@@ -115,7 +116,8 @@ class RecordingReader:
             ms = 1.0 / COARSE < step_ns / 1000 / self._card.period_ns < COARSE
             remedy = "is its time in ms? s are wanted" if ms else f"log faster, or {OTHER_MODEL}"
             raise CoarseTableError(
-                f"{table.path}: samples every {step_ns / 1e9:.3g} s, the model needs them every "
+                f"{table.path}: samples every {plain(step_ns / 1e9, 3)} s, the model "
+                "needs them every "
                 f"{self._card.period_ns / 1e9:g} s; {remedy}"
             )
         block = table_block(table, table.names, self._card.period_ns)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
+from monitor.base.counts import plain
 from monitor.memory.codes import TEST_OF
 
 LOG_ODDS: Final = {  # of each test
@@ -35,7 +36,7 @@ def rows(entry: Mapping[str, Any] | None) -> list[list[str]]:
         return [["behind the catalyst", "no evidence yet"]]
     offset, std = entry["upstream_offset_lambda"], entry["upstream_offset_std"]
     return [
-        ["catalyst stores", f"{_capacity(entry)}, threshold {entry['threshold_g']:.2g} g"],
+        ["catalyst stores", f"{_capacity(entry)}, threshold {plain(entry['threshold_g'], 2)} g"],
         ["catalyst", entry["verdict"]],
         ["downstream sensor", entry["sensor_verdict"]],
         ["oxygen balance", entry["balance_verdict"]],
@@ -46,5 +47,5 @@ def rows(entry: Mapping[str, Any] | None) -> list[list[str]]:
 def _capacity(entry: Mapping[str, Any]) -> str:
     low, high = entry["capacity_low_g"], entry["capacity_high_g"]
     if high is None:
-        return f"at least {low:.2g} g"
-    return f"{entry['capacity_g']:.2g} g ({low:.2g} to {high:.2g} g)"
+        return f"at least {plain(low, 2)} g"
+    return f"{plain(entry['capacity_g'], 2)} g ({plain(low, 2)} to {plain(high, 2)} g)"

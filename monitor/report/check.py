@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.counts import counted
+from monitor.base.counts import counted, plain
 from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray, FrameBlock, IntArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
@@ -73,7 +73,7 @@ class SignalSeen:
         interval_s = 1.0 / self.rate_hz if self.rate_hz else self.longest_ns / 1e9
         age_s, timeout_s = self.longest_ns / 1e9, self.timeout_ns / 1e9
         return (
-            f"STALE {counted(self.stale, 'time')}, values up to {age_s:.3g} s old, "
+            f"STALE {counted(self.stale, 'time')}, values up to {plain(age_s, 3)} s old, "
             f"timeout_s is {timeout_s:g}: "
             f"set timeout_s = {timeout_of(max(interval_s, age_s / 3.0)):g} in the map"
         )
@@ -125,7 +125,9 @@ class CheckResult:
         for s in self.signals:
             if s.count:
                 age_s = (self.end_ns - s.last_ns) / 1e9
-                numbers = f"{s.rate_hz:6.1f}/s{age_s:6.2f} s{s.minimum:12.4g}{s.maximum:12.4g}"
+                numbers = (
+                    f"{s.rate_hz:6.1f}/s{age_s:6.2f} s{plain(s.minimum):>12}{plain(s.maximum):>12}"
+                )
             else:
                 numbers = " " * 40
             yield f"{s.name:<28}{s.unit:<11}{numbers}  {s.verdict(self.end_ns)}"

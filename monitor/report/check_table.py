@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.config import load
-from monitor.base.counts import counted
+from monitor.base.counts import counted, plain
 from monitor.base.signals import BY_NAME, OUTPUT, plausible_range
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.frames.profiles.profile import is_profile, path_of, shipped
@@ -74,7 +74,7 @@ class TableCheck:
         """Yield the lines of the report."""
         table = self.table
         span_s = (int(table.t_ns[-1]) - int(table.t_ns[0])) / 1e9
-        rate = f", {(len(table.t_ns) - 1) / span_s:.3g} rows/s" if span_s > 0 else ""
+        rate = f", {plain((len(table.t_ns) - 1) / span_s, 3)} rows/s" if span_s > 0 else ""
         yield from self.header
         yield (
             f"{len(table.t_ns)} rows in {span_s:.1f} s{rate}; "
@@ -82,7 +82,8 @@ class TableCheck:
         )
         if span_s > SLOWEST_S * (len(table.t_ns) - 1):
             yield (
-                f"note: a row every {span_s / (len(table.t_ns) - 1):.3g} s; are the times in ms? "
+                f"note: a row every {plain(span_s / (len(table.t_ns) - 1), 3)} s; are the "
+                "times in ms? "
                 'then time = { column = "…", unit = "ms" } in a profile'
             )
         width = max([len("from"), *(len(table.column_of(name)) for name in table.names)])
@@ -117,10 +118,13 @@ class TableCheck:
         unit = BY_NAME[name].unit if name in BY_NAME else ""
         if len(good):
             n_told = self.table.updates.get(name, len(good))  # others are held over blank cells
-            rate = f"{(min(n_told, len(good)) - 1) / span_s:.3g}/s" if span_s > 0 else ""
+            rate = f"{plain((min(n_told, len(good)) - 1) / span_s, 3)}/s" if span_s > 0 else ""
             seen = values[self.runs & np.isfinite(values)]
             seen = seen if len(seen) else good
-            numbers = f"{rate:>9}{seen.min():11.4g}{np.median(seen):11.4g}{seen.max():11.4g}"
+            numbers = (
+                ""
+                f"{rate:>9}{plain(seen.min()):>11}{plain(np.median(seen)):>11}{plain(seen.max()):>11}"
+            )
         else:
             numbers = " " * 42
         possible = "to".join(f" {round(each, 3) + 0.0:g} " for each in plausible_range(name))
@@ -138,7 +142,7 @@ class TableCheck:
             faults.append("constant")
         elif name == OUTPUT and len(good):
             ends = [(end, float((good == end).mean())) for end in (good.min(), good.max())]
-            faults += [f"{s:.0%} at {end:.4g}, its end" for end, s in ends if s >= AT_END_SHARE]
+            faults += [f"{s:.0%} at {plain(end)}, its end" for end, s in ends if s >= AT_END_SHARE]
         verdict = ", ".join(faults) or "plausible"
         column = f"{self.table.column_of(name):<{width}}"
         return f"{name:<30}{unit:<11}{column}{numbers}{possible:>16} {verdict}"
@@ -153,7 +157,7 @@ class TableCheck:
         is_gauge = self.table.names[place].endswith("pressure_kpa") and came.min() < 0.0
         hint = "; a gauge pressure? offset = 101.3 in a profile" if is_gauge else ""
         low, high = (round(each, 3) + 0.0 for each in (low, high))  # ranges have a tiny margin
-        values = " to ".join(dict.fromkeys(f"{each:.4g}" for each in (came.min(), came.max())))
+        values = " to ".join(dict.fromkeys(plain(each) for each in (came.min(), came.max())))
         return f" ({values}, wanted {low:g} to {high:g}{hint})"
 
 

@@ -5,27 +5,12 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
+from monitor.base.counts import plain
+
 
 def text(value: object) -> str:
     """Return any value as text that is safe in HTML."""
     return html.escape(str(value))
-
-
-def plain(value: float) -> str:
-    """Return a number with four significant digits and without an exponent.
-
-    Smaller than a millionth is 0: no quantity of a drive is known better.
-
-    >>> plain(1.703e-12), plain(0.0123456), plain(-7.0), plain(123456.7)
-    ('0', '0.01235', '-7', '123457')
-    """
-    if not math.isfinite(value):
-        return str(value)
-    if abs(value) < 1e-6:
-        return "0"
-    places = max(3 - math.floor(math.log10(abs(value))), 0)
-    text = f"{value:.{places}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def number(value: object) -> str:

@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
+from monitor.base.counts import plain
 from monitor.base.errors import UsageError
 from monitor.base.signals import OUTPUT
 from monitor.base.types import Shown
@@ -129,7 +130,9 @@ class Evaluation(Shown):
     def facts(self) -> dict[str, object]:
         """Return the RMSE on each recording."""
         unit = self.entry["unit"].replace("-", "")
-        return {each["path"]: f"RMSE {each['rmse']:.4g} {unit}".strip() for each in self.recordings}
+        return {
+            each["path"]: f"RMSE {plain(each['rmse'])} {unit}".strip() for each in self.recordings
+        }
 
     @property
     def recordings(self) -> list[Mapping[str, Any]]:

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from monitor.base.counts import plain
 from monitor.base.types import Shown
 from monitor.model.step import Model
 from training.api.parameters import LoadAxis, TableParameters
@@ -36,7 +37,7 @@ class Gap(Shown):
     def facts(self) -> dict[str, object]:
         """Return verdict, effects, RMSE before and after, and the new model."""
         rmse = {when: self.entry[f"rmse_{when}"] for when in ("before", "after")}
-        told = {f"RMSE {when}": f"{each:.4g}" for when, each in rmse.items() if each is not None}
+        told = {f"RMSE {when}": plain(each) for when, each in rmse.items() if each is not None}
         effects = " ".join(self.effects) or "none"
         return {"verdict": self.verdict, "effects": effects, **told, "model": self.model}
 

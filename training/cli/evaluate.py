@@ -3,6 +3,7 @@
 from json import dumps
 
 from monitor.base.command_line.parameters import Number, Output
+from monitor.base.counts import plain
 from training.cli.options import GridOptions, ModelPath, SomeRecordings, load_all
 
 EXAMPLES = """examples:
@@ -44,12 +45,12 @@ def run(
         fit = r["fit_percent"]
         simulated = " (simulated)" if r["source"] == "simulated" else ""
         print(
-            f"{r['path']}{simulated}: {r['samples']} samples, RMSE {r['rmse']:.4g}, "
+            f"{r['path']}{simulated}: {r['samples']} samples, RMSE {plain(r['rmse'])}, "
             f"fit {'-' if fit is None else f'{fit:.1f} %'}, "
-            f"correlation {_number(r['correlation'])}, one-step RMSE {r['one_step_rmse']:.4g}"
+            f"correlation {_number(r['correlation'])}, one-step RMSE {plain(r['one_step_rmse'])}"
         )
         if e := r["enabled"]:
-            figures = f"RMSE {e['rmse']:.4g}, correlation {_number(e['correlation'])}"
+            figures = f"RMSE {plain(e['rmse'])}, correlation {_number(e['correlation'])}"
             print(f"  enabled: {e['samples']} samples, {figures}")
         else:
             print("  enabled: no sample, so the monitor would judge nothing of it")

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base.counts import plain
 from training.cli.kinds import catalyst, greybox
 from training.cli.kinds.fit_command import FitCommand
 from training.cli.options import inputs_of, load_all
@@ -164,6 +165,6 @@ def _print_measure(title: str, figures: "Mapping[str, Any]", card: "ModelCard") 
     unit = f"in {card.output.name}" if card.output.unit == "-" else card.output.unit
     print(
         f"{title}: free run fit {figures['fit_percent']:.1f} %, "
-        f"correlation {figures['correlation']:.4f}, RMSE {figures['rmse']:.4g} "
+        f"correlation {figures['correlation']:.4f}, RMSE {plain(figures['rmse'])} "
         f"{unit}, {figures['samples']:.0f} samples"
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
+from monitor.base.counts import plain
 from monitor.base.errors import UsageError
 from training.api.parameters import TableParameters
 from training.cli.options import Folder, GridOptions, load_all
@@ -140,11 +141,11 @@ def summary(made: "list[EcuTable]", rough: "list[EcuTable]") -> list[str]:
         good = table.estimate[np.isfinite(table.estimate)]
         told = f"{len(good)} of {table.estimate.size} cells"
         if len(good):
-            told += f", {good.min():.3g} to {good.max():.3g} {table.unit}".rstrip(" -")
+            told += f", {plain(good.min(), 3)} to {plain(good.max(), 3)} {table.unit}".rstrip(" -")
         left = more.get(table.key, 0) - len(good)
         told += f"; {left} more with wide intervals: --rough" if left > 0 else ""
         if table.widened > WIDENED:
-            told += f"; the logs disagree: intervals {table.widened:.2g} times as wide"
+            told += f"; the logs disagree: intervals {plain(table.widened, 2)} times as wide"
         told += "" if len(good) else f"; {table.reasons()}"
         lines.append(f"{table.key}: {told}")
     return lines

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.ndimage import uniform_filter1d
 
+from monitor.base.counts import plain
 from monitor.base.types import FloatArray, IntArray
 from training.ecu_tables.config import defaults
 from training.ecu_tables.parameters import FUEL, Balance, Parameters, Vector
@@ -95,7 +96,7 @@ def balance_text(fitted: Balance, *, absolute: bool) -> str:
         return ""
     half = defaults().z90 * np.sqrt(np.diag(fitted.covariance))
     both = [np.exp(fitted.mean + sign * half) for sign in (0.0, -1.0, 1.0)]
-    flow, dead = ([f"{v[k]:.3g}" for v in both] for k in (0, 1))
+    flow, dead = ([plain(v[k], 3) for v in both] for k in (0, 1))
     told = f"flow {flow[0]} mg/ms ({flow[1]} to {flow[2]}), " if absolute else ""
     told += f"dead time {dead[0]} ms ({dead[1]} to {dead[2]}) at 14 V"
     return f"{told}, from {fitted.seconds:.0f} steady seconds"

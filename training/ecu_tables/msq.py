@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
+from monitor.base.counts import plain
 from monitor.base.errors import UsageError
 from monitor.base.files.inputs import read_small
 from monitor.frames.units import unit_of
@@ -66,12 +67,12 @@ def injectors_text(path: Path, displacement_l: float | None, cylinders: int) -> 
     if "reqFuel" in stated and displacement_l is not None:
         charge_mg = displacement_l / cylinders * AIR_MG_PER_L
         per_ms = charge_mg / stated.get("stoich", STOICHIOMETRIC) / stated["reqFuel"]
-        told.append(f"flow {per_ms:.3g} mg/ms (reqFuel {stated['reqFuel']:g} ms)")
+        told.append(f"flow {plain(per_ms, 3)} mg/ms (reqFuel {stated['reqFuel']:g} ms)")
     if "injector_flow" in stated:
-        told.append(f"flow {stated['injector_flow'] * PETROL_MG_PER_CM3 / 6e4:.3g} mg/ms")
+        told.append(f"flow {plain(stated['injector_flow'] * PETROL_MG_PER_CM3 / 6e4, 3)} mg/ms")
     if "injOpen" in stated:
         dead_ms = stated["injOpen"] + stated.get("battFac", 0.0) * (BATTERY_V - 14.0)
-        told.append(f"dead time {dead_ms:.3g} ms (injOpen {stated['injOpen']:g} ms)")
+        told.append(f"dead time {plain(dead_ms, 3)} ms (injOpen {stated['injOpen']:g} ms)")
     return ", ".join(told)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.base.errors import UsageError
 from monitor.base.signals import OUTPUT
 from monitor.base.types import BoolArray, FloatArray
@@ -223,7 +224,7 @@ def _warnings(fitted: Fitted, card: ModelCard) -> list[str]:
     gap = card.checks["contraction"]
     if not gap["gap"] <= gap["limit"]:
         warnings.append(
-            f"predictions from two states differ by up to {gap['gap']:.3g} after "
-            f"{CONTRACTION_SAMPLES} samples (limit {gap['limit']:.3g})"
+            f"predictions from two states differ by up to {plain(gap['gap'], 3)} after "
+            f"{CONTRACTION_SAMPLES} samples (limit {plain(gap['limit'], 3)})"
         )
     return warnings

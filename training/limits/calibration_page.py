@@ -2,7 +2,7 @@
 
 from typing import Any, Final
 
-from monitor.base.counts import counted
+from monitor.base.counts import counted, plain
 from training.limits.evaluation import alarms_in_words
 from training.pages.drawing import Drawing, axis, layer, plot
 from training.pages.page import page
@@ -14,9 +14,9 @@ def as_text(result: dict[str, Any]) -> str:
     """Return the lines that the command prints."""
     lines = []
     for limit in result["limits"]:
-        before = "none" if limit["before"] is None else f"{limit['before']:.4g}"
+        before = "none" if limit["before"] is None else plain(limit["before"])
         lines.append(
-            f"limit {limit['name']}: {limit['value']:.4g} {limit['unit']}, was {before} "
+            f"limit {limit['name']}: {plain(limit['value'])} {limit['unit']}, was {before} "
             f"({limit['origin']})"
         )
     for kind in ("healthy", "faulty"):
@@ -41,7 +41,9 @@ def emissions(told: dict[str, Any]) -> list[tuple[str, ...]]:
     """
 
     def words(severity: float | None, unit: str) -> str:
-        return "not reached" if severity is None else f"{severity:.2g} {unit.strip('-')}".strip()
+        return (
+            "not reached" if severity is None else f"{plain(severity, 2)} {unit.strip('-')}".strip()
+        )
 
     return [
         (

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
@@ -206,8 +207,9 @@ def _training_warnings(chosen: NetworkChoice, memory: int, work: Work) -> list[s
     gap, warnings = chosen.gap, []
     if memory and not gap.forgets:
         warnings.append(
-            f"two runs that begin with different past values differ by up to {gap.gap:.3g} after "
-            f"{gap.samples} samples (limit {gap.limit:.3g})"
+            "two runs that begin with different past values differ by up to "
+            f"{plain(gap.gap, 3)} after "
+            f"{gap.samples} samples (limit {plain(gap.limit, 3)})"
         )
     begun = [t for t in chosen.starts if t.members == 1]
     cut = sum(t.cut_short for t in begun)

@@ -6,6 +6,7 @@ from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.base.types import FloatArray
 
 LEVELS: Final = 8  # of colour
@@ -52,9 +53,9 @@ def over_plane(
     """
     rows = [
         (
-            f"{low:.4g}",
+            plain(low),
             [HeatCell("" if np.isnan(v) else format(v, spec), "", level(v, of)) for v in row],
         )
         for low, row in zip(y[:-1].tolist(), values.tolist(), strict=True)
     ]
-    return Heat(corner, [f"{low:.4g}" for low in x[:-1].tolist()], rows[::-1])
+    return Heat(corner, [plain(low) for low in x[:-1].tolist()], rows[::-1])

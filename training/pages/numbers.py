@@ -5,9 +5,10 @@ from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any, Final
 
+from monitor.base.counts import TINY, plain
+
 NBSP: Final = "\N{NO-BREAK SPACE}"
 TO: Final = "–\N{WORD JOINER}"  # between two bounds
-TINY: Final = 1e-9  # a smaller number is not told from 0
 MISSING: Final = "–"
 
 
@@ -31,15 +32,15 @@ def fixed(value: float | None, digits: int) -> str:
 
 
 def short(value: float | None, digits: int = 4) -> str:
-    """Return a number with so many significant digits and without an exponent.
+    """Return a number with so many significant digits, its whole part in full, no exponent.
 
-    >>> short(0.00000051234), short(1.703e-12), short(123456.0)
-    ('0.0000005123', 'below 0.000000001', '123,500')
+    >>> short(0.00000051234), short(1.703e-12), short(123456.0), short(12345.6, 3)
+    ('0.0000005123', 'below 0.000000001', '123,456', '12,346')
     """
-    text = form(value, f".{digits}g")
-    if "e" not in text:
-        return text
-    return f"below {TINY:.9f}" if abs(value or 0.0) < TINY else f"{Decimal(text):,f}"
+    if value is None or not math.isfinite(value):
+        return form(value, "g")
+    text = plain(value, digits)
+    return f"below {TINY:.9f}" if text == "0" and value else f"{Decimal(text):,f}"
 
 
 def p_value(p: float) -> str:
@@ -59,15 +60,6 @@ def count(value: int) -> str:
     '12,345'
     """
     return f"{value:,}"
-
-
-def plain(value: float, digits: int = 3) -> str:
-    """Return a number with so many significant digits, a large one without an exponent.
-
-    >>> plain(12345.6), plain(0.0012345)
-    ('12,346', '0.00123')
-    """
-    return f"{value:,.0f}" if value >= 10.0 ** (digits - 1) else short(value, digits)
 
 
 def percent(share: float | None, digits: int = 0, sign: str = "") -> str:

@@ -117,7 +117,7 @@ def _environment() -> "Environment":
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    names = "form fixed short p_value signed count plain percent percent_rate median_s with_unit"
+    names = "form fixed short p_value signed count percent percent_rate median_s with_unit"
     for name in (*names.split(), "unit_of", "words", "unbroken"):
         environment.filters[name] = getattr(numbers, name)
     environment.filters |= {"yes": lambda x: "yes" if x else "no", "sha": _sha, "counted": counted}

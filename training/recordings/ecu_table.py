@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.base.counts import plain
 from monitor.base.types import FloatArray, IntArray, Shown
 
 SCHEMA: Final = "o2train.tables/1"
@@ -100,7 +101,11 @@ class EcuTable(Shown):
         """Return name, axes, filled cells and their range."""
         good = self.estimate[np.isfinite(self.estimate)]
         told: dict[str, object] = {"cells": f"{good.size} of {self.estimate.size}"}
-        told |= {"range": f"{good.min():.3g} to {good.max():.3g} {self.unit}"} if good.size else {}
+        told |= (
+            {"range": f"{plain(good.min(), 3)} to {plain(good.max(), 3)} {self.unit}"}
+            if good.size
+            else {}
+        )
         return {"table": self.key, "axes": " × ".join(axis.name for axis in self.axes)} | told
 
     @property

@@ -115,7 +115,7 @@ def _usable(stretches: Sequence[Stretch], role: str, skip: int) -> list[Stretch]
             f"{role}: the longest stretch has {longest} samples, {2 * skip} are wanted"
         )
     if np.ptp(np.concatenate([y for _, y in kept])) == 0.0:
-        raise RecordingError(f"{role}: the output is constant ({kept[0][1][0]:g})")
+        raise RecordingError(f"{role}: the output is constant ({plain(kept[0][1][0], 6)})")
     return kept
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base import config
+from monitor.base import config, counts
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
@@ -210,8 +210,8 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
     if not gap.forgets:
         warnings.append(
             "the model does not forget a wrong start: two runs that begin with different past "
-            f"values differ by {gap.gap:.3g} after {CONTRACTION_SAMPLES} samples "
-            f"(limit {gap.limit:.3g})"
+            f"values differ by {counts.plain(gap.gap, 3)} after {CONTRACTION_SAMPLES} samples "
+            f"(limit {counts.plain(gap.limit, 3)})"
         )
     try:
         unseen = list(twins.unseen(card))

@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from monitor.base.counts import plain
 from training.pages.numbers import p_value, unbroken
 from training.study.narx.candidates import PAPER
 from training.study.narx.verdicts import ROLES, correlations, errors
@@ -59,7 +60,7 @@ def narx_row(model: Result) -> tuple[str, ...]:
     for mode in ("one_step", "free_run"):
         medians = [np.median(correlations(model, mode, role)) for role in ROLES]
         cells.append(unbroken(" / ".join(f"{m:.3f}" for m in medians)))
-        cells.append(f"{np.median(errors(model, mode, 'test') ** 2):.2g}")
+        cells.append(plain(np.median(errors(model, mode, "test") ** 2), 2))
     return (
         *cells,
         ", ".join(model["verdict"]) or "–",

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from monitor.base.counts import counted
+from monitor.base.counts import counted, plain
 from monitor.base.types import FrameBlock
 from monitor.bus.bench.interface import Interface
 from monitor.bus.link.port import BusHealth
@@ -69,7 +69,7 @@ class MessageSeen:
     def line(self) -> str:
         """Return the message's line of the table."""
         state = self.state if self.state == AS_WANTED else self.state.replace("_", " ").upper()
-        seen, wanted = f"{self.seen_hz:.3g}/s", f"{self.wanted_hz:.3g}/s"
+        seen, wanted = f"{plain(self.seen_hz, 3)}/s", f"{plain(self.wanted_hz, 3)}/s"
         return f"{self.plan.name:<24}{self.identifier:>9}{seen:>10}{wanted:>10}  {state}"
 
 
@@ -184,7 +184,7 @@ def of_messages(
     for each in troubled:
         facts = {"message": f"{each.plan.name} ({each.identifier})"}
         facts |= {"names": ", ".join(each.names), "lengths": " and ".join(map(str, each.lengths))}
-        facts |= {"seen": f"{each.seen_hz:.3g}", "wanted": f"{each.wanted_hz:.3g}"}
+        facts |= {"seen": plain(each.seen_hz, 3), "wanted": plain(each.wanted_hz, 3)}
         other = int(each.plan.match[1]) ^ EXTENDED
         facts |= {"size": str(each.plan.size), "bits": "29" if other & EXTENDED else "11"}
         is_elsewhere = each.state == "missing" and (block.key == other).any()

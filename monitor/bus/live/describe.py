@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from monitor.base import signals
 from monitor.base.config import Config, EnableConfig
+from monitor.base.counts import plain
 from monitor.base.types import Quality, Sample
 from monitor.judge.enable import TABLE, EnableCondition, settings_for
 from monitor.judge.limits import Limits
@@ -42,7 +43,7 @@ def value_text(name: str, value: float) -> str:
     """Return a value with its unit."""
     signal = signals.BY_NAME.get(name)
     if signal and signal.role == "enable":
-        return f"{value:.3g}"
+        return plain(value, 3)
     own = signals.unit_of(name)
     unit = _UNITS.get(own, own)
     digits = 3 if "lambda" in name else 0 if abs(value) >= 100.0 else 1 if abs(value) >= 10.0 else 2
@@ -164,4 +165,4 @@ def response_limits(config: Config, limits: Limits) -> dict[str, float]:
 
 
 def _number(value: float) -> str:
-    return f"{value:.4g}".replace("-", "−")
+    return plain(value).replace("-", "−")

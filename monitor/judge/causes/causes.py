@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.counts import counted
+from monitor.base.counts import counted, plain
 from monitor.base.signals import BY_NAME
 from monitor.base.types import Quality
 from monitor.judge import enable
@@ -176,7 +176,7 @@ def _of_signal(condition: str, signal: str, seen: Observation, asked: Asked) -> 
         return "interrupted", remedy or f"{signal} is interrupted again and again"
     place, each = seen.ranges.index(outside[0]), outside[0]
     is_below = bool(seen.below[place] >= seen.above[place])
-    limit = f"{each.low if is_below else each.high:.4g}{_unit(signal)}"
+    limit = f"{plain(each.low if is_below else each.high)}{_unit(signal)}"
     side = "below" if is_below else "above"
     if condition == "trained_range":
         remedy = "outside the model's training; check its unit, or train on such drives"
@@ -222,9 +222,10 @@ def _stale(signal: str, stale: int, source: SignalSource, seen: Observation) -> 
     held_s = source.timeout_s or 0.0
     age_s = held_s + stale / n * seen.period_s
     if n == 1 or source.timeout_s is None:
-        return f"{signal} is stale in {share}: no value for {age_s:.4g} s ({source.place})"
+        return f"{signal} is stale in {share}: no value for {plain(age_s)} s ({source.place})"
     return (
-        f"{signal} is stale in {share}: its values come about {age_s:.2g} s apart, timeout_s is "
+        f"{signal} is stale in {share}: its values come about {plain(age_s, 2)} s apart, "
+        "timeout_s is "
         f"{held_s:g} s ({source.place}); set timeout_s = {timeout_of(age_s):g} in the map"
     )
 
@@ -242,7 +243,8 @@ def _constant(signal: str, seen: Observation, asked: Asked) -> str:
     value = seen.low[seen.names.index(signal)].item()
     place = f" ({asked.sources[signal].place})" if signal in asked.sources else ""
     return (
-        f"{signal} is {value:g}{_unit(signal)} throughout{place}: if it did change, this is "
+        f"{signal} is {plain(value, 6)}{_unit(signal)} throughout{place}: if it did "
+        "change, this is "
         "another quantity or was not recorded; name the right one, or leave it out"
     )
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from monitor.base.counts import counted
+from monitor.base.counts import counted, plain
 from monitor.base.files.outputs import write_text
 from training.fleet.page import distribution_figures, outliers, summary
 from training.fleet.page.outliers import Standing
@@ -14,7 +14,7 @@ from training.fleet.run import windows_path
 from training.fleet.worker_kit import WorkerKit, tools_of
 from training.jobs import run_folder
 from training.limits.rates import Figures
-from training.pages.numbers import MISSING, NBSP, TO, plain, short
+from training.pages.numbers import MISSING, NBSP, TO, short
 from training.pages.page import breakable, page
 
 Reports = Callable[[Sequence[str]], Mapping[str, str]]
@@ -138,7 +138,7 @@ def _named(named: dict[str, list[tuple[Standing, int]]]) -> list[tuple[str, ...]
         (
             f"{number}{NBSP}{vehicle}",
             ", ".join(each.statistic.title for each, _ in by),
-            ", ".join(f"{each.values[i]:.4g}" for each, i in by),
+            ", ".join(plain(each.values[i]) for each, i in by),
             ", ".join(f"{each.distance[i]:+.1f}" for each, i in by),
         )
         for number, (vehicle, by) in enumerate(list(named.items())[:ROWS], 1)
@@ -182,7 +182,7 @@ def _percent(rate: Figures) -> str:
     """Return a rate that may be small in percent, with its bounds."""
     if rate["rate"] is None:
         return MISSING
-    found, low, high = (plain(100.0 * rate[k], 2) for k in ("rate", "low", "high"))
+    found, low, high = (short(100.0 * rate[k], 2) for k in ("rate", "low", "high"))
     return f"{found}{NBSP}({low}{TO}{high})"
 
 

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from monitor.base.counts import plain
 from training.gap.config import CONFIG
 from training.gap.response.account import (
     ResponseAccount,
@@ -187,8 +188,11 @@ def _sentence(
         low, high = float(curve.y.min()), float(curve.y.max())
         straight = curve.straight >= LIMITS.straight
         per = UNITS.get(found.driver, "unit")
-        size = f"{curve.slope:+.3g} {of} per {per}" if straight else "not in proportion"
-        return f"The reading changes with the {words}: {size}, {low:+.3g} to {high:+.3g} {of}."
+        size = f"{plain(curve.slope, 3, '+')} {of} per {per}" if straight else "not in proportion"
+        return (
+            f"The reading changes with the {words}: {size}, {plain(low, 3, '+')} to "
+            f"{plain(high, 3, '+')} {of}."
+        )
     if found.kind == "dynamic":
         s = past_s(place.trial.held[place.number], place.runs[0].period_s)
         after = (
@@ -201,12 +205,12 @@ def _sentence(
 def _begins(place: _Place, of: str) -> str:
     runs, at = place.runs, place.trial.begins
     step = _mean(runs[at:]) - _mean(runs[:at]) if at else 0.0
-    return f"From {runs[at].name} on the reading is {step:+.3g} {of} off."
+    return f"From {runs[at].name} on the reading is {plain(step, 3, '+')} {of} off."
 
 
 def _offset(place: _Place, of: str) -> str:
     off = float(place.trial.held[place.number].coefficients[0])
-    return f"The reading is {off:+.3g} {of} off everywhere."
+    return f"The reading is {plain(off, 3, '+')} {of} off everywhere."
 
 
 _OF_RUNS: Final = {"begins": _begins, "offset": _offset}

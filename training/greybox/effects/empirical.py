@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
+from monitor.base.counts import plain
 from monitor.base.errors import ModelError
 from training.greybox.effects.air import SLOWLY
 from training.greybox.effects.effect import Changed, Effect, Parameter, Place, Values
@@ -175,11 +176,13 @@ def formula(name: str, values: Values) -> str:
     n = own - (growth is not None)
     size = shape.says(values[:n], Words(over.signal, over.at, over.width, target.unit))
     if growth:
-        by = values[n] / growth.width
-        size = f"+ ({size}) × (1 {by:+.3g} per unit of ({growth.signal} - {growth.at:.6g}))"
+        by = plain(values[n] / growth.width, 3, "+")
+        size = f"+ ({size}) × (1 {by} per unit of ({growth.signal} - {plain(growth.at, 6)}))"
     if target is MIXTURE:
         return f"mixture × (1 {size})"
     if target is AIR:
         learned, followed_s = values[own:]
-        return f"air × (1 {size}), of which the ECU learns {learned:.0%} in {followed_s:.2g} s"
+        return (
+            f"air × (1 {size}), of which the ECU learns {learned:.0%} in {plain(followed_s, 2)} s"
+        )
     return f"fuel {size}"

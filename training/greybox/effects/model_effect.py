@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.card import TrainingRecording
@@ -70,7 +71,7 @@ class ModelEffect:
         'mix_flow: volume 1.5 l'
         """
         of = zip(self.effect.parameters, self.values, strict=True)
-        sizes = (f"{p.name} {value:.3g} {p.unit}".removesuffix(" -") for p, value in of)
+        sizes = (f"{p.name} {plain(value, 3)} {p.unit}".removesuffix(" -") for p, value in of)
         return f"{self.name}: {', '.join(sizes)}"
 
     def to_card(self, recordings: Sequence[TrainingRecording]) -> dict[str, Any]:
@@ -126,12 +127,12 @@ def uncertain(added: Sequence[ModelEffect]) -> list[str]:
         for p, value in zip(each.effect.parameters, each.values, strict=True):
             error, spread = each.standard_errors[p.name], p.spread
             most = abs(value) if spread is None else AS_EXPECTED * spread
-            says = f"{name}: {p.name} is {value:.2g} {p.unit}".removesuffix(" -")
+            says = f"{name}: {p.name} is {plain(value, 2)} {p.unit}".removesuffix(" -")
             more = "record driving in which the effect is stronger"
             if error == 0.0 or (spread is not None and error > most):
                 warnings.append(f"{says}, which the recordings of the fit do not determine: {more}")
             elif error > most:
                 warnings.append(
-                    f"{says} with a standard error of {error:.2g}, larger than it: {more}"
+                    f"{says} with a standard error of {plain(error, 2)}, larger than it: {more}"
                 )
     return warnings

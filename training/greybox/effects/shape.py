@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from monitor.base.counts import plain
 from training.greybox.effects.effect import Parameter, Place, Values
 from training.greybox.quantity.value import Quantity, clip, exp, maximum, minimum, tanh
 
@@ -30,7 +31,7 @@ class Words:
     def signed(self, size: float, *, per_u: bool = False) -> str:
         """Return a size, or one per u in the signal's unit."""
         number = size / self.width if per_u else size
-        return f"{'-' if number < 0 else '+'} {abs(number):.3g} {self.unit}"
+        return f"{'-' if number < 0 else '+'} {plain(abs(number), 3)} {self.unit}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +59,10 @@ def _late_line(place: Place, u: Quantity, values: Values) -> Quantity:
 
 
 def _says_line(values: Values, words: Words) -> str:
-    late = f" behind a lag of {values[2]:.3g} s" if len(values) > 2 else ""
+    late = f" behind a lag of {plain(values[2], 3)} s" if len(values) > 2 else ""
     return (
         f"{words.signed(values[0])} {words.signed(values[1], per_u=True)} per unit of "
-        f"({words.signal}{late} - {words.at:.6g})"
+        f"({words.signal}{late} - {plain(words.at, 6)})"
     )
 
 
@@ -77,7 +78,7 @@ def _curve(place: Place, u: Quantity, values: Values) -> Quantity:
 
 def _says_curve(values: Values, words: Words) -> str:
     points = ", ".join(
-        f"{v:+.3g} {words.unit} at {words.at + u * words.width:.4g}"
+        f"{plain(v, 3, '+')} {words.unit} at {plain(words.at + u * words.width)}"
         for u, v in zip(KNOTS, values, strict=True)
     )
     return f"+ curve of {words.signal}: {points}"
@@ -90,7 +91,9 @@ def _bump(place: Place, u: Quantity, values: Values) -> Quantity:
 
 def _says_bump(values: Values, words: Words) -> str:
     at, width = words.at + values[1] * words.width, values[2] * words.width
-    return f"{words.signed(values[0])} × exp(-(({words.signal} - {at:.4g}) / {width:.3g})²)"
+    return (
+        f"{words.signed(values[0])} × exp(-(({words.signal} - {plain(at)}) / {plain(width, 3)})²)"
+    )
 
 
 def _step(place: Place, u: Quantity, values: Values) -> Quantity:
@@ -101,7 +104,7 @@ def _says_step(values: Values, words: Words) -> str:
     middle, half, place, width = values
     at, wide = words.at + place * words.width, 2.0 * width * words.width
     below, above = (words.signed(each) for each in (middle - half, middle + half))
-    return f"{below} below {words.signal} {at:.4g}, {above} above it (over {wide:.2g})"
+    return f"{below} below {words.signal} {plain(at)}, {above} above it (over {plain(wide, 2)})"
 
 
 def _bend(place: Place, u: Quantity, values: Values) -> Quantity:
@@ -113,7 +116,7 @@ def _says_bend(values: Values, words: Words) -> str:
     middle, *slopes, place = values
     below, above = (words.signed(each, per_u=True) for each in slopes)
     at = words.at + place * words.width
-    per = f"per unit of ({words.signal} - {at:.4g})"
+    per = f"per unit of ({words.signal} - {plain(at)})"
     return f"{words.signed(middle)} {below} below and {above} above {per}"
 
 
@@ -125,7 +128,7 @@ def _exponential(place: Place, u: Quantity, values: Values) -> Quantity:
 def _says_exponential(values: Values, words: Words) -> str:
     middle, size, rate = values
     first = words.signed(size * math.exp(-abs(rate)))  # at u = 0
-    over = f"exp({rate / words.width:.3g} × ({words.signal} - {words.at:.6g}))"
+    over = f"exp({plain(rate / words.width, 3)} × ({words.signal} - {plain(words.at, 6)}))"
     return f"{words.signed(middle)} {first} × {over}"
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base.counts import counted, duration
+from monitor.base.counts import counted, duration, plain
 from training.pages.heat import Heat, over_plane
 from training.pages.numbers import words
 from training.pages.page import page, part
@@ -19,7 +19,7 @@ def as_text(result: dict[str, Any]) -> str:
     if result["excitation"]:
         lines += ["", f"{'input':28} {'std':>10} {'moving':>8} {'changes':>8}"]
         lines += [
-            f"{e['input']:28} {e['std']:>10.4g} {100 * e['moving']:>6.1f} % {e['moves']:>8}"
+            f"{e['input']:28} {plain(e['std']):>10} {100 * e['moving']:>6.1f} % {e['moves']:>8}"
             for e in result["excitation"]
         ]
     return "\n".join([*lines, "", verdict(result)])

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.model.step import to_model_units
 from training.limits.data_check import measures
 from training.limits.data_check.samples import DataFinding, Usable
@@ -40,8 +41,8 @@ def covered(recordings: Sequence[Recording], figures: dict[str, Any]) -> list[Da
     figures["coverage"] = {"speed": names[0], "load": names[1], **measured}
     text = (
         f"{100 * cover.share:.0f} % of the {measures.CELLS}×{measures.CELLS} cells between "
-        f"{cover.speed_edges[0]:.4g} and {cover.speed_edges[-1]:.4g} {names[0]} and "
-        f"{cover.load_edges[0]:.4g} and {cover.load_edges[-1]:.4g} {names[1]} visited, "
+        f"{plain(cover.speed_edges[0])} and {plain(cover.speed_edges[-1])} {names[0]} and "
+        f"{plain(cover.load_edges[0])} and {plain(cover.load_edges[-1])} {names[1]} visited, "
         f"{100 * cover.fullest:.0f} % of the time in the fullest"
     )
     if cover.share < COVERED or cover.fullest > FULLEST:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.base.counts import counted, duration
+from monitor.base.counts import counted, duration, plain
 from monitor.base.types import FloatArray
 from training.limits.decision_limits import MANY_WINDOWS
 from training.narx.network import Spec
@@ -92,7 +92,7 @@ def _one_signal(name: str, values: FloatArray, outliers: int) -> list[DataFindin
     if not len(valid):
         return [DataFinding("error", "missing channels", f"{name} is never valid")]
     if np.ptp(valid) <= 1e-9 * max(1.0, float(np.abs(valid).max())):
-        text = f"{name} is constant ({valid[0]:g}): it teaches nothing, leave it out"
+        text = f"{name} is constant ({plain(valid[0], 6)}): it teaches nothing, leave it out"
         findings.append(DataFinding("error", "constant", text))
     lost = 1.0 - (len(valid) + outliers) / len(values)
     if lost > LOST:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
+from monitor.base.counts import plain
 from monitor.base.errors import RecordingError
 from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
@@ -205,7 +206,7 @@ def _measure(
     for name, spread, at in zip(names, std, mean, strict=True):
         if spread <= 1e-9 * max(1.0, abs(at)):
             files = ", ".join(str(r.path) for r in recordings)
-            raise RecordingError(f"{files}: {name} is constant ({at:g}); leave it out")
+            raise RecordingError(f"{files}: {name} is constant ({plain(at, 6)}); leave it out")
     return replace(level, std=tuple(std.tolist()), filter=own)
 
 

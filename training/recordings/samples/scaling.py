@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.base.errors import RecordingError
 from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
@@ -67,9 +68,11 @@ def scaling_of(
     for name, spread, mean in zip(inputs, std, u.mean(axis=0), strict=True):
         if spread <= 1e-9 * max(1.0, abs(mean)):
             files = ", ".join(str(r.path) for r in recordings)
-            raise RecordingError(f"{files}: input {name} is constant ({mean:g}); leave it out")
+            raise RecordingError(
+                f"{files}: input {name} is constant ({plain(mean, 6)}); leave it out"
+            )
     if y.std() <= 1e-9:
-        raise RecordingError(f"{recordings[0].path}: the output is constant ({y.mean():g})")
+        raise RecordingError(f"{recordings[0].path}: the output is constant ({plain(y.mean(), 6)})")
     low, high = u.min(axis=0), u.max(axis=0)
     share = MARGIN[transform]
     margin = share * (high - low)
