@@ -101,11 +101,7 @@ def _confidence(tables: Sequence[EcuTable]) -> str:
     if not at.any():
         return f"none for the delay; {share}."
     half_ms = 1000.0 * float(np.median((delay.high - delay.low)[at])) / 2.0
-    minutes = float(delay.seconds[at].sum()) / 60.0
-    return (
-        f"a cell's delay is known to ±{half_ms:.0f} ms in the median (90 % interval, "
-        f"{minutes:.1f} minutes of driving); {share}."
-    )
+    return f"a cell's delay is known to ±{half_ms:.0f} ms in the median (90 % interval); {share}."
 
 
 def heat(table: EcuTable) -> Heat:
@@ -165,7 +161,7 @@ def _operating_points(table: EcuTable) -> list[Leg]:
             continue
         loads = ", ".join(f"{load.values[j]:g}" for j in at)
         missing = float(np.maximum(WANTED_S - table.seconds[i, at], 5.0).sum())
-        legs.append(Leg(f"{rpm:g} rpm at {loads} {load.unit}", missing, f"{len(at)} cells"))
+        legs.append(Leg(f"{rpm:g} rpm at {loads} {load.unit}", missing, counted(len(at), "cell")))
     return legs
 
 

@@ -35,12 +35,12 @@ def short(value: float | None, digits: int = 4) -> str:
     """Return a number with so many significant digits, its whole part in full, no exponent.
 
     >>> short(0.00000051234), short(1.703e-12), short(123456.0), short(12345.6, 3)
-    ('0.0000005123', 'below 0.000000001', '123,456', '12,346')
+    ('0.0000005123', 'less than 0.000000001', '123,456', '12,346')
     """
     if value is None or not math.isfinite(value):
         return form(value, "g")
     text = plain(value, digits)
-    return f"below {TINY:.9f}" if text == "0" and value else f"{Decimal(text):,f}"
+    return f"less than {TINY:.9f}" if text == "0" and value else f"{Decimal(text):,f}"
 
 
 def p_value(p: float) -> str:
@@ -60,6 +60,11 @@ def count(value: int) -> str:
     '12,345'
     """
     return f"{value:,}"
+
+
+def separated(value: Any) -> Any:
+    """Return a whole number as a count, anything else as it is: what pages do with every value."""
+    return count(value) if type(value) is int else value
 
 
 def percent(share: float | None, digits: int = 0, sign: str = "") -> str:

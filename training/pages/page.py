@@ -114,6 +114,7 @@ def _environment() -> "Environment":
         autoescape=True,
         undefined=StrictUndefined,
         extensions=["jinja2.ext.do"],
+        finalize=numbers.separated,
         trim_blocks=True,
         lstrip_blocks=True,
     )

@@ -39,7 +39,7 @@ class PageTable:
     def columns(self) -> list[str]:
         """The class of each column: ``n`` holds numbers, ``long`` long texts."""
         columns = zip(*(cells for cells, _ in self.rows), strict=True)
-        return ["" if i == 0 and not _is_long(c) else _class(c) for i, c in enumerate(columns)]
+        return [("long" * _is_long(c)) if i == 0 else _class(c) for i, c in enumerate(columns)]
 
     def __html__(self) -> str:
         """Return the table as HTML."""

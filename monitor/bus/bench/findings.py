@@ -18,6 +18,7 @@ from monitor.bus.bench.interface import Interface
 from monitor.bus.link.port import BusHealth
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
+from monitor.decode.log_blocks import EngineAnswers
 from monitor.decode.payloads import Payloads
 from monitor.decode.plan import Plan
 from monitor.frames.blocks import EXTENDED, chosen
@@ -76,6 +77,7 @@ class MessageSeen:
 def messages(block: FrameBlock, bus_map: BusMap, seconds: float) -> list[MessageSeen]:
     """Return the messages of the map; one with optional signals alone only if it came."""
     decoder, found = BlockDecoder(bus_map, (*bus_map.names, *bus_map.optional)), []
+    block = EngineAnswers(decoder.plans).push(block)
     for plan in decoder.plans.values():
         mask, wanted = plan.match
         own = chosen(block, (block.key & mask) == wanted)

@@ -1,6 +1,7 @@
 """What ``o2mon doctor`` says of spoilt buses, and what it advises."""
 
 import json
+import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -123,6 +124,20 @@ def test_a_message_with_29_bits_in_place_of_11_is_told(doctor: Doctor) -> None:
     wide = identifier("ECU_Fuel")
     _, said = doctor([f._replace(is_extended=f.can_id == wide) for f in ecu()])
     assert "ECU_Fuel (0C1) comes with 29 bits of identifier" in said
+
+
+def test_answers_of_an_engine_with_29_bit_diagnostics_are_those_that_a_run_reads(
+    doctor: Doctor,
+) -> None:
+    # GIVEN an engine that answers OBD requests as 18DAF110
+    speed = bytes.fromhex("04410C1AF8000000")
+    frames = [Frame(i * 20_000_000, 0x18DAF110, True, speed) for i in range(40)]
+    options = [f"--dbc={dbc.path('obd2.dbc')}", f"--map={dbc.path('obd2.toml')}"]
+    # WHEN the doctor listens with the map of 7E8
+    _, said = doctor(frames, *options)
+    # THEN it has heard the engine
+    assert "No frame on this bus" not in said
+    assert re.search(r"7E8 +\d\d", said), said
 
 
 def test_a_message_at_a_quarter_of_its_rate_is_too_slow(doctor: Doctor) -> None:

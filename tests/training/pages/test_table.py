@@ -9,15 +9,16 @@ def shown(table: PageTable) -> str:
 
 
 def test_numbers_stand_right_and_words_left() -> None:
-    # GIVEN a column of numbers with a unit, a missing one and "never", and one of words
+    # GIVEN a column of numbers with a unit, a missing one and a large one, and one of words
     table = PageTable(part, "signal", "time", "verdict")
     table.row("flow", "3.5 s", "better")
     table.row("7 bar", "–", "")
-    table.row("speed", "never", "2 of 3, worse")
+    table.row("speed", 12345, "2 of 3, worse")
     # WHEN it is put into a page
     # THEN only the column of numbers stands right, its head, too; the first column names the row
     assert table.columns == ["", "n", ""]
     assert '<th class="n">time</th>' in shown(table)
+    assert '<td class="n">12,345</td>' in shown(table)
     assert '<td>7 bar</td><td class="n">–</td><td></td>' in shown(table)
 
 

@@ -89,7 +89,7 @@
     if (spec.ticks) Object.assign(axis, { splits: () => spec.ticks.map(([value]) => value), values: (u) => apart(u, spec.ticks) });
     if (!spec.rows) return axis;
     return { ...axis, grid: { show: false }, ticks: { show: false }, splits: () => spec.rows.map((_, i) => i),
-      values: () => spec.rows.map((name) => shortened(name, 0.42 * width)) };
+      values: () => spec.rows.map((name) => shortened(name, 0.5 * width)) };
   }
 
   /** Labels of ticks, without those that would stand on another. */
