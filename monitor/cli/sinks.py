@@ -15,12 +15,17 @@ if TYPE_CHECKING:
 
 
 STDOUT: Final = "jsonl:-"
+FIELDS: Final = ("kind", "t_ns")  # of every record
 
 
 def _tag(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not (equals and value and name.isidentifier() and name.isascii()):
         raise argparse.ArgumentTypeError(f"{text}: NAME=TEXT is wanted, NAME of letters and digits")
+    if name in FIELDS:
+        raise argparse.ArgumentTypeError(
+            f"{text}: every record has its own {name}; choose another NAME"
+        )
     return name, value
 
 

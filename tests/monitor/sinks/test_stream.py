@@ -70,6 +70,17 @@ def test_tags_and_rate_are_the_user_s(tmp_path: Path) -> None:
     assert 35 < sum(each["kind"] == "signals" for each in records) < 50
 
 
+@pytest.mark.parametrize("name", ["kind", "t_ns"])
+def test_a_tag_with_the_name_of_a_field_that_every_record_has_is_refused(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    call = ["replay", str(LATE), "--sink", "jsonl:-", "--sink-tag", f"{name}=17"]
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(call)
+    said = capsys.readouterr().err
+    assert f"--sink-tag: {name}=17: every record has its own {name}; choose another NAME" in said
+
+
 def test_signals_come_no_more_often_than_the_user_wants(tmp_path: Path) -> None:
     records = replayed(tmp_path / "out.jsonl", "--sink-rate", "4")
     times_ns = [each["t_ns"] for each in records if each["kind"] == "signals"]
