@@ -145,6 +145,7 @@ STUDY_TEST   := wltc_3b:2001 udds:2002 us06:2003
 STUDY_FAULTS := slow_symmetric slow_rich_to_lean delay_rich_to_lean delay_symmetric gain_low biased_lean
 
 study: venv ## the paper's whole study on simulated drives, build/study/report.html
+	rm -rf build/study_drives
 	@for drive in $(TRAINING:%=train/%) $(STUDY_TEST:%=test/%); do \
 	  name=$${drive##*/}; \
 	  $(VENV)/bin/o2train simulate --out build/study_drives/$${drive%%/*} --format parquet \
@@ -160,7 +161,7 @@ replay_logs: venv ## simulate the drives of replay_logs and their expected event
 	$(VENV)/bin/python replay_logs/make.py
 
 clean: ## remove environments, caches and everything built
-	rm -rf $(VENV) $(DEMO) demo build dist *.egg-info
+	rm -rf $(VENV) $(DEMO) .venv-dist demo build dist *.egg-info
 	rm -rf .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 

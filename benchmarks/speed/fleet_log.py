@@ -16,7 +16,6 @@ from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 from time import perf_counter, process_time
-from types import GeneratorType
 from typing import Any
 from unittest.mock import patch
 
@@ -61,7 +60,7 @@ def clocked(seconds: dict[str, float]) -> Iterator[None]:
             start = process_time()
             result = work(*args, **kwargs)
             seconds[name] = seconds.get(name, 0.0) + process_time() - start
-            if isinstance(result, GeneratorType):
+            if isinstance(result, Iterator):
                 return iter(clock(name, lambda: next(result, None)), None)
             return result
 
