@@ -54,7 +54,8 @@ class FleetCommand(ReadOptions, SettingsFile, CoreOptions):
 def also_written(args: FleetCommand) -> list[Path]:
     """Return the files beside ``--out`` that a run writes."""
     windows = args.out.with_name(f"{args.out.stem}.windows{args.out.suffix}")
-    return [windows, args.out.with_suffix(".html"), args.out.with_suffix(".json")]
+    pages = args.out.with_name(f"{args.out.stem}.drives").glob("*.html")  # of drives with a code
+    return [windows, args.out.with_suffix(".html"), args.out.with_suffix(".json"), *pages]
 
 
 def run(args: FleetCommand) -> int:
@@ -83,7 +84,7 @@ def run(args: FleetCommand) -> int:
     written = fleet.written_paths(args.out)
     if args.partitioned:
         partitions.check(args.partitioned)
-        written = (*written, args.partitioned, partitions.begun(args.partitioned))
+        written = (*written, args.partitioned)
     jobs = args.n_jobs
     settings = config.load(args.config)
     kit = WorkerKit.of(args.model, settings, args.pairs or None, args.columns, args.channel)
@@ -104,7 +105,8 @@ def run(args: FleetCommand) -> int:
         args.out, kit, result, args.false_alarms, lambda drives: drive_reports.write(args, drives)
     )
     if args.partitioned:
-        partitions.write(args.out, fleet.windows_path(args.out), args.partitioned)
+        begun = fleet.work_folder(args.out) / "partitioned"
+        partitions.write(args.out, fleet.windows_path(args.out), args.partitioned, begun)
     fleet.finish(args.out)
     print(
         f"{result['drives']} recordings, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "

@@ -47,10 +47,12 @@ class TablesCommand(TableParameters, GridOptions):
 
 
 def also_written(args: TablesCommand) -> list[Path]:
-    """Return the files that the command writes; tables in a folder of its own are its own, too."""
+    """Return the files that the command writes, but for the tables of an earlier run."""
+    from training.ecu_tables.files import earlier
+
+    there = {path for name in NAMES for path in args.out.glob(name)}
     own = [args.out / "report.html", args.out / "tables.json"]
-    each = () if own[1].exists() else (path for name in NAMES for path in args.out.glob(name))
-    return [*own, *each]
+    return [*own, *sorted(there - earlier(args.out))]
 
 
 def run(args: TablesCommand) -> int:
@@ -96,10 +98,7 @@ def run(args: TablesCommand) -> int:
         "samples left out": signals.rejected_text(subject.drives),
     }
     notes = {what: text for what, text in notes.items() if text}
-    written = files.write_files(args.out, made, recordings=sources, notes=notes)
-    own = (p for name in NAMES for p in args.out.glob(name) if p.suffix in (".csv", ".table"))
-    for path in {*own} - {*written}:
-        path.unlink()  # of an earlier run
+    files.write_files(args.out, made, recordings=sources, notes=notes)
     page.write_report(args.out / "report.html", fitted, made, names, notes)
     for line in [*summary(made, beside), *(f"{what}: {text}" for what, text in notes.items())]:
         print(line)

@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Sequence
 from csv import writer
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,21 +17,36 @@ from monitor.base.files.outputs import write_text
 from training.recordings.ecu_table import EcuTable, document, nulls
 
 NAMESPACE: Final = "http://www.EFIAnalytics.com/:table"
+DOCUMENT: Final = "tables.json"
 BLANK: Final = 0.0
 SCALES: Final = {"s": (1000.0, 0), "-": (100.0, 1)}  # unit → factor, digits
 
 
-def write_files(folder: Path, tables: Sequence[EcuTable], **more: Any) -> list[Path]:
-    """Write ``tables.json``, a CSV and a TunerStudio file per table, and return their paths."""
-    paths = [folder / "tables.json"]
-    write_text(paths[0], json.dumps(document(tables, **more), indent=1) + "\n")
-    for table in tables:
-        paths.append(folder / f"{table.key}.csv")
-        write_text(paths[-1], csv(table))
-        if len(table.axes) == 2:
-            paths.append(folder / f"{table.key}.table")
-            write_text(paths[-1], tuner_studio(table))
-    return paths
+def write_files(folder: Path, tables: Sequence[EcuTable], **more: Any) -> None:
+    """Write ``tables.json``, a CSV and a TunerStudio file per table in place of an earlier run's.
+
+    ``tables.json`` holds the digest of every other file, by which the next run knows them.
+    """
+    texts = {f"{table.key}.csv": csv(table) for table in tables}
+    texts |= {f"{t.key}.table": tuner_studio(t) for t in tables if len(t.axes) == 2}
+    for path in earlier(folder):
+        if path.name not in texts:
+            path.unlink()
+    digests = {name: sha256(text.encode()).hexdigest() for name, text in sorted(texts.items())}
+    tree = document(tables, **more, files=digests)
+    write_text(folder / DOCUMENT, json.dumps(tree, indent=1) + "\n")
+    for name, text in texts.items():
+        write_text(folder / name, text)
+
+
+def earlier(folder: Path) -> set[Path]:
+    """Return the tables in a folder that are as an earlier run wrote them."""
+    try:
+        digests = json.loads((folder / DOCUMENT).read_bytes())["files"].items()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return set()
+    files = ((folder / Path(name).name, digest) for name, digest in digests)
+    return {p for p, d in files if p.is_file() and sha256(p.read_bytes()).hexdigest() == d}
 
 
 def csv(table: EcuTable) -> str:

@@ -21,15 +21,11 @@ def check(folder: Path) -> None:
         raise UsageError(f"--partitioned {folder}: an empty or new folder is wanted")
 
 
-def begun(folder: Path) -> Path:
-    """Return the folder beside ``folder`` that takes its place when it is whole."""
-    return folder.with_name(f"{folder.name}.begun")
-
-
-def write(recordings: Path, windows: Path, folder: Path) -> None:
+def write(recordings: Path, windows: Path, folder: Path, begun: Path) -> None:
     """Write both tables of a run as folders; a recording without a date has none in its folder.
 
     recordings, windows : tables of the run, .parquet
+    begun : in the run's own folder; takes the place of ``folder`` when it is whole
     Raises UsageError if the folder cannot be written.
     """
     drives = pl.scan_parquet(recordings).with_columns(pl.col("start").dt.date().alias("date"))
@@ -38,11 +34,13 @@ def write(recordings: Path, windows: Path, folder: Path) -> None:
         "recordings": drives,
         "windows": pl.scan_parquet(windows).join(days, on="recording", how="left"),
     }
-    shutil.rmtree(begun(folder), ignore_errors=True)  # of a killed run
+    shutil.rmtree(begun, ignore_errors=True)  # of a killed run
     try:
         for name, table in tables.items():
-            place = pl.PartitionBy(begun(folder) / name, key=list(KEYS), include_key=False)
+            place = pl.PartitionBy(begun / name, key=list(KEYS), include_key=False)
             table.sink_parquet(place, mkdir=True)
-        begun(folder).replace(folder)
+        if folder.exists():
+            folder.rmdir()
+        shutil.move(begun, folder)  # it may lie on another disk
     except (OSError, pl.exceptions.ComputeError) as error:
         raise UsageError(f"--partitioned {folder}: {error}") from error

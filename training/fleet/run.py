@@ -6,7 +6,6 @@ only the missing chunks.
 """
 
 import json
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -36,7 +35,7 @@ def work_folder(out: Path) -> Path:
 
 def written_paths(out: Path) -> tuple[Path, ...]:
     """Return the files and folders of a run that must not count as recordings."""
-    return out, windows_path(out), work_folder(out), _old_folder(out)
+    return out, windows_path(out), work_folder(out)
 
 
 def windows_path(out: Path) -> Path:
@@ -97,18 +96,16 @@ def run(
 
 
 def finish(out: Path) -> None:
-    """Remove the chunks of a run after its tables and report are written.
+    """Remove the chunks of a run after its tables and report are written; other files stay.
 
-    The folder is renamed first: a half removed folder must not look like a run.
+    The file that says a chunk is finished goes first, as it came last.
     """
-    old = _old_folder(out)
-    shutil.rmtree(old, ignore_errors=True)
-    work_folder(out).rename(old)
-    shutil.rmtree(old)
-
-
-def _old_folder(out: Path) -> Path:
-    return out.with_name(f"{out.name}.old")
+    folder = work_folder(out)
+    for pattern in ("chunk_*.json", "chunk_*.parquet", run_folder.RUN):
+        for path in folder.glob(pattern):
+            path.unlink()
+    if not any(folder.iterdir()):
+        folder.rmdir()
 
 
 def _apart(chunk: Chunk, kit: WorkerKit, scheduler: str | None) -> Done:

@@ -3,6 +3,7 @@
 import io
 import json
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -150,10 +151,23 @@ def test_a_log_becomes_tables_with_bounds_and_blank_cells(
     # a short log knows no delay within what an ECU needs, and the command says so
     call = ["tables", str(drive), "--out", str(out), "--axes", str(tune)]
     assert main(call) == 0 and "more with wide intervals: --rough" in capsys.readouterr().out
-    (out / "injector_flow_scale.csv").write_text("of an earlier run, which knew the displacement")
-    assert main([*call, "--rough"]) == 0
-    assert not (out / "injector_flow_scale.csv").exists()
+    # a table that a user changed, or made, is no file of the earlier run; all others give way
+    mine = out / "lambda_lag.csv"
+    mine.write_text(mine.read_text() + "mine")
+    assert main([*call, "--rough"]) == 2
+    assert f"{mine}: is there already; --force replaces it" in capsys.readouterr().err
+    (out / "injector_flow_scale.csv").write_text("mine")
+    assert main([*call, "--rough", "--force"]) == 0
+    assert (out / "injector_flow_scale.csv").read_text() == "mine"
+    assert not mine.read_text().endswith("mine")
     assert "more with" not in capsys.readouterr().out
+    (out / "injector_flow_scale.csv").unlink()
+    earlier = json.loads((out / "tables.json").read_text())
+    earlier["files"]["wall_film_old_degc.csv"] = sha256(b"earlier").hexdigest()
+    (out / "tables.json").write_text(json.dumps(earlier))
+    (out / "wall_film_old_degc.csv").write_text("earlier")
+    assert main([*call, "--rough"]) == 0
+    assert not (out / "wall_film_old_degc.csv").exists()
     document = json.loads((out / "tables.json").read_text())
     assert document["schema"] == "o2train.tables/1"
     names = [t["name"] for t in document["tables"]]

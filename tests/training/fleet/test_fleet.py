@@ -195,7 +195,9 @@ def test_what_a_run_writes_among_its_recordings_is_none_of_them(
     for path in sorted(folder.iterdir())[:2]:
         shutil.copy(path, tmp_path)
     call = ["fleet", str(tmp_path), "--model", MODEL, "--out", str(out), "--jobs", "1"]
+    (mine := tmp_path / "results.parquet.old").mkdir()  # a folder of the user's
     assert main(call) == 0
+    assert mine.is_dir()
     fleet.work_folder(out).mkdir()
     shutil.copy(out, fleet.work_folder(out) / "chunk_000000.recordings.parquet")
     # WHEN the same command is given again THEN it judges the same
@@ -352,14 +354,14 @@ def test_a_query_finds_results_by_vehicle_and_date(folder: Path, tmp_path: Path)
         )
     rows = [f"{path.name},{vehicle}" for path, vehicle in zip(paths, "aab/b", strict=False)]
     # WHEN the results are written by vehicle and date
-    out, parts = tmp_path / "out.parquet", tmp_path / "parts"
+    out, parts, begun = (tmp_path / name for name in ("out.parquet", "parts", "begun"))
     partitions.check(parts)
     judged([manifest_of(tmp_path, "path,vehicle", *rows)], out)
     with pytest.raises(UsageError):  # half of them, as if killed, keep no further try from it
-        partitions.write(out, tmp_path / "gone.parquet", parts)
+        partitions.write(out, tmp_path / "gone.parquet", parts, begun)
     partitions.check(parts)
-    partitions.write(out, fleet.windows_path(out), parts)
-    assert not partitions.begun(parts).exists()
+    partitions.write(out, fleet.windows_path(out), parts, begun)
+    assert not begun.exists()
     # THEN the folders are the keys, and a query over all of them gives the tables back
     assert (parts / "recordings/vehicle=a/date=2026-03-01").is_dir()
     for name, table in (("recordings", out), ("windows", fleet.windows_path(out))):
