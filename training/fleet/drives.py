@@ -5,6 +5,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any, Final
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files import manifest
 from training.fleet import places
+from training.recordings.recording import sha256
 
 SIDE_BY_SIDE: Final = 32  # most vehicles of a chunk
 LEAST_SIDE: Final = 4  # most vehicles of a chunk in a small fleet, so that several cores work
@@ -29,6 +31,7 @@ class FleetDrive:
     drive: int  # number among the drives of its vehicle, from 0
     declared: tuple[str, str] | None = None  # sha256 and source in the manifest.json beside it
     is_alone: bool = False  # the vehicle is unknown, so no reference learns from the drive
+    copy_of: str | None = None  # path of an earlier recording with the same content, which counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +80,7 @@ def drives_of(
     if not vehicle_of:
         raise UsageError(f"{', '.join(given)}: no recording there but what the run itself writes")
     names = Counter(vehicle or places.name_of(path) for path, vehicle in vehicle_of.items())
-    declared = _Declared()
+    declared, copies = _Declared(), _copies(vehicle_of)
     count: dict[str, int] = {}
     drives = []
     for number, (path, named) in enumerate(vehicle_of.items()):
@@ -92,6 +95,7 @@ def drives_of(
                 drive=drive,
                 declared=declared.of(path),
                 is_alone=not named,
+                copy_of=copies.get(path),
             )
         )
         count[vehicle] += 1
@@ -117,6 +121,26 @@ def digest(drives: Sequence[FleetDrive]) -> str:
     """Return the sha256 of the paths, vehicles and declared digests of all drives."""
     lines = (json.dumps([d.path, d.vehicle, d.declared]) for d in drives)
     return places.sha256_of("\n".join(lines))
+
+
+def _copies(paths: Iterable[str]) -> dict[str, str]:
+    """Return the files of this machine with the content of an earlier one, and that one.
+
+    Only files of equal size are read.
+    """
+    by_size: dict[int, list[str]] = {}
+    for path in filter(places.is_local, paths):
+        with suppress(OSError):
+            by_size.setdefault(Path(path).stat().st_size, []).append(path)
+    alike = (path for size, group in by_size.items() if size and len(group) > 1 for path in group)
+    first: dict[str, str] = {}
+    copies = {}
+    for path in alike:
+        with suppress(OSError):
+            earlier = first.setdefault(sha256(Path(path)), path)
+            if earlier != path:
+                copies[path] = earlier
+    return copies
 
 
 def _listed(given: str) -> list[tuple[str, str]]:

@@ -66,8 +66,13 @@ def judge_chunk(kit: WorkerKit, chunk: Chunk) -> Done:
 def _read(work: _Work, drive: FleetDrive) -> Read | None:
     """Return the samples of a recording.
 
-    If the recording cannot be read, add its row with the error to ``work`` and return None.
+    If the recording is a copy or cannot be read, add its row with the error to ``work`` and return
+    None.
     """
+    if drive.copy_of:
+        reason = f"{drive.path}: the same content as {drive.copy_of}, which counts"
+        work.recordings.append(failed_row(drive, reason))
+        return None
     began_s = time.process_time()
     try:
         with places.fetched(drive.path, work.kit.root) as path:

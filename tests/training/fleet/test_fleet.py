@@ -104,7 +104,7 @@ def test_a_fleet_has_the_verdicts_of_a_replay(setup: replay.Setup, tmp_path: Pat
 def test_drives_of_a_vehicle_share_its_memory_as_in_a_replay(tmp_path: Path) -> None:
     # GIVEN a vehicle that learns its reference and whose sensor then fails, between others
     names = [HEALTHY, HEALTHY, DELAYED, DELAYED, HEALTHY]
-    own = [write_piece(tmp_path / f"v1_{i}.csv", n, 0, 3000) for i, n in enumerate(names)]
+    own = [write_piece(tmp_path / f"v1_{i}.csv", n, 0, 3000 - i) for i, n in enumerate(names)]
     other = write_piece(tmp_path / "v2.csv", DELAYED, 0, 3000)
     lines = [*(f"{path.name},first" for path in own[:3]), f"{other.name},second"]
     lines += [f"{path.name},first" for path in own[3:]]
@@ -122,6 +122,24 @@ def test_drives_of_a_vehicle_share_its_memory_as_in_a_replay(tmp_path: Path) -> 
     told = [states[:1] for states in first["states"].to_list()]
     assert told == [[], [], ["pending"], ["confirmed"], ["confirmed"]]
     assert rows.filter(pl.col("vehicle") == "second")["states"].to_list() == [["pending"]]
+
+
+def test_a_copied_drive_counts_once(tmp_path: Path) -> None:
+    # GIVEN a late drive, its copy under the same vehicle, and one under another vehicle
+    paths = [write_piece(tmp_path / "0.csv", DELAYED, 0, 3000)]
+    paths += [Path(shutil.copy(paths[0], tmp_path / f"{i}.csv")) for i in (1, 2)]
+    paths.append(write_piece(tmp_path / "3.csv", HEALTHY, 0, 3000))
+    lines = [f"{path.name},{vehicle}" for path, vehicle in zip(paths, "aabb", strict=True)]
+    manifest = manifest_of(tmp_path, "path,vehicle", *lines)
+    # WHEN the fleet is judged
+    rows, windows = judged([manifest], tmp_path / "out.parquet")
+    # THEN one drive has the code, no copy confirms it, and the copies say of what they are one
+    rows = rows.sort("recording")
+    assert rows["states"].to_list() == [["pending"], None, None, []]
+    told = [None, *(f"{p}: the same content as {paths[0]}, which counts" for p in paths[1:3]), None]
+    assert rows["error"].to_list() == told
+    assert sorted(set(windows["recording"])) == [0, 3]
+    assert rows["windows"].to_list()[1:3] == [None, None]
 
 
 def test_a_bad_file_is_a_row_with_its_reason(tmp_path: Path, folder: Path) -> None:

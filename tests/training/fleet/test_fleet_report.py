@@ -18,7 +18,7 @@ from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives import fleet_drives
 from training.fleet import run as fleet
 from training.fleet.drives import drives_of
-from training.fleet.page import fleet_page, limits, outliers
+from training.fleet.page import fleet_page, limits, outliers, summary
 from training.fleet.worker_kit import WorkerKit
 
 
@@ -53,6 +53,14 @@ def test_a_large_fleets_limit_is_that_of_known_spread() -> None:
     large = outliers.limit_of(outliers.MANY)
     assert large == pytest.approx(stats.norm.isf(0.05 / 2 / outliers.MANY), rel=0.01)
     assert small == pytest.approx(large, rel=0.06)
+
+
+def test_reasons_that_differ_in_numbers_are_one_and_no_name_loses_its_digits() -> None:
+    says = "period {} s, not 0.1 s; o2train table brings an .mf4 to one"
+    paths, errors = ["a", "b"], [f"{p}: {says.format(s)}" for p, s in (("a", 1), ("b", 0.25))]
+    (found,) = summary.reasons(pl.DataFrame({"path": paths, "error": errors}))
+    assert found["reason"] == "period N s, not N s; o2train table brings an .mf4 to one"
+    assert found["recordings"] == 2
 
 
 def test_vehicles_far_from_the_fleet_stand_out_and_do_not_hide_each_other() -> None:

@@ -122,9 +122,9 @@ def _extent(found: Figures) -> str:
     text = (
         f"{counted(found['drives'], 'drive')} of {counted(found['vehicles'], 'vehicle')}: "
         f"{found['judged']:,} "
-        f"judged, {found['errors']:,} could not be; {found['hours']:,.1f} h of driving, of which "
+        f"judged, {found['errors']:,} not; {found['hours']:,.1f} h of driving, of which "
         f"{found['enabled_hours']:,.1f} h may be judged, {found['windows']:,} windows. "
-        f"{found['with_code']['events']:,} recordings end with a code."
+        f"Recordings that end with a code: {found['with_code']['events']:,}."
     )
     if not found["simulated"]:
         return text

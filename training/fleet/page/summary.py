@@ -106,7 +106,7 @@ def reasons(recordings: pl.DataFrame) -> list[Figures]:
     bad = recordings.filter(pl.col("error").is_not_null())
     for path, error in bad.select("path", "error").iter_rows():
         text = str(error).removeprefix(f"{path}: ")
-        alike.setdefault(re.sub(r"\d+", "N", text), []).append(path)
+        alike.setdefault(re.sub(r"\b\d[\d.]*\b", "N", text), []).append(path)
     rows = [
         {"reason": reason, "recordings": len(paths), "examples": paths[:EXAMPLES]}
         for reason, paths in alike.items()
