@@ -152,7 +152,7 @@ def _logger(recording: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _sentence(recording: Mapping[str, Any]) -> str:
-    if recording["dtcs"]:
+    if recording["fault_flag"]:
         return "; ".join(
             f"{text(d['code'])} {text(fault_words(d))} ({_state(d)}): {text(meaning(names(d)))}"
             for d in recording["dtcs"]

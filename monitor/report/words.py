@@ -6,7 +6,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any, Final, NamedTuple
 
-from monitor.memory.codes import CONTINUOUS
+from monitor.memory.codes import CONTINUOUS, OF_MONITOR
 from monitor.report import catalyst
 
 VERDICTS = {  # class: symbol, words
@@ -103,22 +103,23 @@ def confidence(recording: Mapping[str, Any]) -> str:
     'nearest to a fault is transient: against it stands 3.3 times the evidence a decision needs'
     """
     evidence: Mapping[str, Any] = recording.get("evidence") or {}
-    said = []
-    for dtc in recording["dtcs"]:
+    said, dtcs = [], [d for d in recording["dtcs"] if d["fault"] not in OF_MONITOR]
+    for dtc in dtcs:
         each = evidence.get(dtc["fault"]) or catalyst.evidence(recording, dtc["fault"])
         if each and each["log_odds"] is not None:
-            said.append(f"for {dtc['fault']} stands {amount(each)}")
+            side = "against" if each["log_odds"] < 0.0 else "for"  # a code may outlive its fault
+            said.append(f"{side} {dtc['fault']} stands {amount(each)}")
         if 0.0 < dtc.get("probability", 0.0) < 0.995:
             share = 100.0 * dtc["probability"]
-            said.append(f"{share:.0f}\u00a0% for this name among those with {dtc['code']}")
+            said.append(f"{share:.0f}\u00a0% for {dtc['fault']} among the names of {dtc['code']}")
     known = [(v["log_odds"], k) for k, v in evidence.items() if v["log_odds"] is not None]
-    if known and not recording["dtcs"] and not recording["not_judged"]:
+    if known and not dtcs and not recording["not_judged"]:
         log_odds, fault = max(known)
         side = "for" if log_odds > 0.0 else "against"
         said.append(f"nearest to a fault is {fault}: {side} it stands {amount(evidence[fault])}")
     if said:
         return "; ".join(said)
-    if recording["dtcs"]:
+    if dtcs:
         return "not given: the test of this code has limits, no evidence"
     return "none, a test is missing" if recording["not_judged"] else "every test ended"
 

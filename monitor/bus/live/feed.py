@@ -6,7 +6,8 @@ a minute of samples wait for the next message; older ones are dropped and counte
 
 import json
 import math
-from collections import deque
+import time
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, Final
 
@@ -64,11 +65,13 @@ class LiveFeed(Attachment):
         self._windows: deque[dict[str, Any]] = deque(maxlen=WINDOWS)
         self._latest: Tick | None = None
         self._t0_ns: int | None = None
+        self._counts = Counter[str]()  # windows by verdict
         self._slow_s = -math.inf
         self._absent: Collection[str] = ()
         self._is_alive = True
         self.dropped = 0
         self._greeting: dict[str, Any] = {
+            "run": str(time.time_ns()),  # a page of an earlier run loads itself anew
             "version": __version__,
             "channel": channel,
             "model": setup.model.path.name,
@@ -85,6 +88,7 @@ class LiveFeed(Attachment):
         if isinstance(event, Tick):
             self._tick(event)
         elif isinstance(event, WindowJudged):
+            self._counts[event.outcome] += 1
             self._keep(self._windows, self._window(event))
         else:
             if isinstance(event, CycleStarted):
@@ -193,7 +197,7 @@ class LiveFeed(Attachment):
             "signals": signal_rows(monitor.names, sample, self._absent),
             "samples": monitor.samples,
             "enabled_samples": monitor.enabled_samples,
-            "windows_interrupted": monitor.windows.discarded,
+            "windows": self._counts,
             "completed": monitor.decisions.completed,
         }
 

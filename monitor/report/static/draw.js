@@ -37,14 +37,23 @@ const O2 = (() => {
     return [-far, far];
   }
 
+  /** What lambda may show: a fuel cut leaves the plot, a sensor that always reads beyond does not. */
+  function lambdaRange(c, first, last) {
+    const seen = [];
+    for (let i = first; i <= last; i++) if (c.enabled[i] && c.measured[i] != null) seen.push(c.measured[i]);
+    const middle = seen.sort((a, b) => a - b)[seen.length >> 1] ?? 1;
+    return [Math.min(LAMBDA_RANGE[0], 0.95 * middle), Math.max(LAMBDA_RANGE[1], 1.05 * middle)];
+  }
+
   /** Range of the enabled samples from `first` to `last`, within what lambda may show. */
   function outputRange(c, first, last, isLambda) {
+    const [least, most] = isLambda ? lambdaRange(c, first, last) : [-Infinity, Infinity];
     const seen = (all) => {
       let low = Infinity, high = -Infinity;
       for (let i = first; i <= last; i++) {
         if (!all && !c.enabled[i]) continue;
         for (const v of [c.measured[i], c.predicted[i]]) {
-          if (v == null || (isLambda && (v < LAMBDA_RANGE[0] || v > LAMBDA_RANGE[1]))) continue;
+          if (v == null || v < least || v > most) continue;
           if (v < low) low = v;
           if (v > high) high = v;
         }
@@ -54,11 +63,10 @@ const O2 = (() => {
     let [low, high] = seen(false);
     if (low > high) [low, high] = seen(true);
     if (low > high) return isLambda ? LAMBDA_RANGE : [0, 1];
-    const least = isLambda ? 0.04 : Math.max(1e-6, Math.abs(high) * 1e-3);
-    const pad = Math.max(0.12 * (high - low), (least - (high - low)) / 2);
-    [low, high] = [low - pad, high + pad];
+    const span = isLambda ? 0.04 : Math.max(1e-6, Math.abs(high) * 1e-3);
+    const pad = Math.max(0.12 * (high - low), (span - (high - low)) / 2);
+    [low, high] = [Math.max(low - pad, least), Math.min(high + pad, most)];
     if (!isLambda) return [low, high];
-    [low, high] = [Math.max(low, LAMBDA_RANGE[0]), Math.min(high, LAMBDA_RANGE[1])];
     return high - low > 0.01 ? [low, high] : LAMBDA_RANGE;
   }
 
@@ -199,7 +207,10 @@ const O2 = (() => {
       clearTimeout(pending);
       pending = setTimeout(() => all.forEach(resize), 150);
     });
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => all.forEach(again));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => all.forEach((each) => {
+      each.width = 0; // what is folded is drawn when it is unfolded
+      again(each);
+    }));
     // On paper everything is unfolded, light, and drawn at the paper's width.
     let folded = [];
     addEventListener("beforeprint", () => {

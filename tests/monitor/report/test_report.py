@@ -173,6 +173,26 @@ def test_reason_and_confidence_stand_beside_the_verdict(tmp_path: Path) -> None:
     assert "Likely causes: an aged sensor; " in text
 
 
+def test_evidence_against_a_stored_code_is_said_to_stand_against_it() -> None:
+    # GIVEN a code of an earlier drive, and a drive that speaks against its fault
+    odds = {"log_odds": -23.0, "needed": 11.5, "seconds_to_decision": 0.0}
+    stored = faulty(evidence={"slow_rich_to_lean": odds})
+    stored["dtcs"][0] |= {"probability": 0.3}
+    # THEN the confidence says which fault each number is of
+    assert confidence(stored).split("; ") == [
+        "against slow_rich_to_lean stands 2.0 times the evidence a decision needs",
+        "30\xa0% for slow_rich_to_lean among the names of P014C",
+    ]
+
+
+def test_a_code_of_the_monitor_itself_hides_no_reason_and_is_no_fault(tmp_path: Path) -> None:
+    lost = {"code": "P062F", "fault": "memory_lost", "status": 0x2F, "state": "confirmed"}
+    text = written(tmp_path, not_judged() | {"dtcs": [lost | {"t_s": None}]}).text
+    assert "Not judged. coolant warm held 12 % of the time: record until the engine is warm" in text
+    assert "Confidence: none, a test is missing." in text
+    assert "P062F" in text  # among the codes
+
+
 def test_a_worn_catalyst_has_the_evidence_of_its_own_test() -> None:
     # GIVEN a code of the catalyst, whose response test of the upstream sensor says nothing
     worn = {"dtcs": [{"fault": "catalyst_low", "code": "P0420"}], "not_judged": None}

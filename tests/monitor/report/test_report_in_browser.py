@@ -2,12 +2,22 @@
 
 from pathlib import Path
 
+import numpy as np
+import pytest
 from playwright.sync_api import Browser
 
-from tests.monitor.report.test_report import faulty, not_judged, recording, written
+from tests.monitor.report.test_report import faulty, not_judged, recording, trace, written
 
 PLOTS = "() => [...document.querySelectorAll('section.plots')]"
 CANVASES = f"() => ({PLOTS})().map((s) => s.querySelectorAll('canvas').length)"
+MEASURED = """() => {
+  const canvas = document.querySelector("section.plots canvas"), { width, height } = canvas;
+  const pixels = canvas.getContext("2d").getImageData(0, 0, width, height).data;
+  let found = 0;
+  for (let i = 0; i < pixels.length; i += 4)
+    if (pixels[i] === 11 && pixels[i + 1] === 98 && pixels[i + 2] === 176) found++;
+  return found;
+}"""
 INKED = f"""() => ({PLOTS})().map((section) => [...section.querySelectorAll("canvas")].every(
   (canvas) => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height)
     .data.some((value) => value)))"""
@@ -28,6 +38,36 @@ def test_a_page_that_nobody_scrolled_has_the_plots_of_every_recording(
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
     assert page.evaluate(CANVASES) == 4 * [5]
     assert page.evaluate(INKED) == 4 * [True]
+    page.close()
+
+
+@pytest.mark.parametrize("lean", [1.0, 1.6])
+def test_a_sensor_that_always_reads_beyond_the_range_of_lambda_is_drawn(
+    browser: Browser, tmp_path: Path, lean: float
+) -> None:
+    series = trace()
+    series.measured[:] = lean + 0.01 * np.sin(series.t_s)
+    written(tmp_path, recording(), traces=[series])
+    page = browser.new_page()
+    page.goto((tmp_path / "report.html").as_uri())
+    page.wait_for_function(f"() => ({CANVASES})()[0] === 5", timeout=20_000, polling=200)
+    assert page.evaluate(MEASURED) > 300
+    page.close()
+
+
+def test_plots_that_were_folded_at_sunset_are_dark_when_they_are_unfolded(
+    browser: Browser, tmp_path: Path
+) -> None:
+    written(tmp_path, recording())
+    page = browser.new_page(color_scheme="light")
+    page.goto((tmp_path / "report.html").as_uri())
+    page.wait_for_function(f"() => ({CANVASES})()[0] === 5", timeout=20_000, polling=200)
+    # GIVEN a recording that is folded while the colours change
+    page.locator(".recording > summary").click()
+    page.emulate_media(color_scheme="dark")
+    page.locator(".recording > summary").click()
+    # THEN no line has its colour of the day
+    page.wait_for_function(f"() => ({MEASURED})() === 0", timeout=10_000, polling=200)
     page.close()
 
 

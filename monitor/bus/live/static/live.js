@@ -15,6 +15,7 @@ let source = null;
 
 function take(message, whole) {
   const { samples, windows, ...rest } = message;
+  if (whole && heard && rest.run !== state.run) return location.reload(); // o2mon was started again
   if (whole) state.samples = state.windows = [];
   Object.assign(state, rest);
   if (samples.length) state.samples = state.samples.concat(samples).slice(-SAMPLES);
@@ -35,7 +36,7 @@ function show(changed) {
 /** What is wrong, in words; the first that holds. */
 function verdict() {
   const { memory, now } = state;
-  const set = (memory?.codes || []).filter((code) => code.state);
+  const set = memory?.fault_flag ? memory.codes.filter((code) => code.state) : []; // not the monitor's own alone
   if (set.length) {
     const codes = set.map((each) => each.code).join(", ");
     const meanings = [...new Set(set.map((each) => each.meaning).filter(Boolean))].join("; ");
@@ -61,14 +62,14 @@ function overview() {
   if (!now) return;
   const residual = now.measured == null || now.predicted == null ? null : now.measured - now.predicted;
   const blocking = state.conditions.findIndex((condition, i) => !now.held[i]);
-  const count = (verdict) => state.windows.filter((each) => each.verdict === verdict).length;
-  const counts = ["passed", "failed", "inconclusive"].map((each) => `${O2.SYMBOLS[each]} ${count(each)}`);
+  const count = (verdict) => now.windows[verdict] ?? 0; // of the whole run
+  const kinds = ["passed", "failed", "inconclusive"], counts = kinds.map((each) => `${O2.SYMBOLS[each]} ${count(each)}`);
   tile("Measured", digits(now.measured, 4), "measured");
   tile("Predicted", digits(now.predicted, 4), "predicted");
   tile("Residual", signed(residual, 4), "residual");
   tile("Judging", now.enabled ? "✓ yes" : "✕ no", now.enabled ? "good" : "",
     now.enabled ? `${Math.round((100 * now.enabled_samples) / now.samples)} % of samples` : `${state.conditions[blocking]?.what}: ${now.seen[blocking]}`);
-  tile("Windows", String(state.windows.length), "", counts.join("  "));
+  tile("Windows", String(kinds.map(count).reduce((a, b) => a + b)), "", counts.join("  "));
   tile("Lamp (MIL)", memory?.mil ? "● on" : "○ off", memory?.mil ? "bad" : "", memory?.fault_flag ? "fault flag set" : "fault flag not set");
 }
 

@@ -12,6 +12,8 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from monitor.base.types import Frame
+from monitor.bus.live.process import Server
+from monitor.memory.dtc_store import DtcStore
 from tests.helpers.bus.beside import beside
 from tests.helpers.bus.live_player import Player, until
 from tests.helpers.logs.replays import frames_of
@@ -93,6 +95,8 @@ def test_a_browser_that_comes_late_sees_the_drive(browser: Browser, drive: Playe
         assert page.title().startswith("✕ P015A")
         tiles = text(page, "#tiles")
         assert re.search(r"Measured\s+\d+\.\d{4}", tiles)
+        counts = re.search(r"Windows\s+(\d+)\s+✓ (\d+)\s+✕ (\d+)\s+\? (\d+)", tiles)
+        assert counts and int(counts[1]) == sum(int(counts[i]) for i in (2, 3, 4)) > 15
         assert re.search(r"Predicted\s+\d+\.\d{4}", tiles)
         assert re.search(r"Residual\s+[+−]\d+\.\d{4}", tiles)
         # the plots have drawn the drive, not only their axes
@@ -246,6 +250,40 @@ def opened_later(browser: Browser) -> Iterator[Page]:
     context = browser.new_context()
     yield context.new_page()
     context.close()
+
+
+def test_a_page_shows_nothing_of_the_run_before_when_o2mon_is_started_again(
+    browser: Browser, late_sensor: list[Frame]
+) -> None:
+    with opened_later(browser) as page:
+        with Player() as player:
+            player.push(late_sensor)
+            page.goto(player.url)
+            with at_work(player):
+                page.wait_for_selector("#verdict.failed")
+            address = player.server.address
+        # WHEN it runs anew at the same address, on a silent bus
+        with Player(server=Server(address)) as player, at_work(player):
+            page.wait_for_selector("#connection.live", timeout=20_000)
+            # THEN code, values and plots are gone
+            page.wait_for_selector("#verdict.inconclusive")
+            assert text(page, "#verdict-words") == "Waiting for the first samples"
+            assert page.locator("#plots canvas").count() == 0
+            assert text(page, "#tiles") == ""
+
+
+def test_a_code_of_the_monitor_itself_is_listed_and_is_no_fault_of_the_vehicle(
+    browser: Browser, late_sensor: list[Frame]
+) -> None:
+    store = DtcStore()
+    store.fail("memory_lost", 1)
+    with Player(store) as player, opened_later(browser) as page:
+        player.push(late_sensor[:3000])
+        page.goto(player.url)
+        with at_work(player):
+            page.wait_for_selector("#codes .dtc")
+            assert "P062F" in text(page, "#codes")
+            assert text(page, "#verdict-words") == "Not judged yet"
 
 
 def test_the_end_of_the_monitor_is_said(browser: Browser, late_sensor: list[Frame]) -> None:
