@@ -147,7 +147,7 @@ def test_both_ci_files_of_the_firmware_example_have_one_command(
     # the wheel's entry point is all that pytest knows of the monitor; its run needs an idle machine
     words = [*command.split(), "--collect-only", "-q", "-p", "no:cacheprovider"]
     found = python(installed, ["-m", *words], cwd=firmware)
-    assert "5 tests collected" in found.stdout
+    assert "6 tests collected" in found.stdout
 
 
 def test_a_drive_is_judged_where_the_system_has_no_file_locks(tmp_path: Path) -> None:
