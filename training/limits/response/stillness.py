@@ -26,7 +26,7 @@ RESOLVED_S = 1.0  # much shorter stretches are chance: the noise is hardly large
 DAY_S = 86_400.0  # longer than any drive
 
 
-class Stretches(NamedTuple):
+class StillStretches(NamedTuple):
     """The times for which the reading of a drive stands still, in s."""
 
     within: list[float]  # the range of the reading
@@ -77,12 +77,12 @@ def next_longest(drives: Sequence[Sequence[float]]) -> float:
     return min(longest[n].item() * factor - RESOLVED_S, DAY_S)
 
 
-def still_stretches(recording: Recording, card: ModelCard, config: Config) -> Stretches:
+def still_stretches(recording: Recording, card: ModelCard, config: Config) -> StillStretches:
     """Return the stretches in which the reading stands still though a live sensor must move."""
     own, period_s = config.plausibility, card.period_ns * 1e-9
     test = ActivityTest(own, card.output, recording.names, period_s)
     measured = recording.column(card.output.name)
-    found = Stretches([], [])
+    found = StillStretches([], [])
     active = moving_samples(recording, card, config)
     for length, level in _stretches(measured, active, own.stuck_range):
         if not test.is_cold(level):
