@@ -1,5 +1,5 @@
 /* "o2-monitor": judges a table on the host: columns by the names of o2_signal_names, one row for each tick; an
- * empty cell is not valid. A column "quality" is that of the measured signal. Without it the signal
+ * empty cell, or one that is no number, is not valid. A column "quality" is that of the measured signal. Without it the signal
  * is good wherever it has a value, and stale elsewhere. Prints windows and codes.
  *
  *     example drive.csv
@@ -52,8 +52,10 @@ static void fill(o2_sample *sample, char *cell[MOST_COLUMNS], int n, const int p
         if (place[i] == QUALITY) {
             sample->quality = (uint8_t)strtoul(cell[i], NULL, 10);
             is_told = true;
-        } else if ((place[i] >= 0) && (cell[i][0] != '\0')) {
-            sample->value[place[i]] = strtof(cell[i], NULL);
+        } else if (place[i] >= 0) {
+            char *end = NULL;
+            float value = strtof(cell[i], &end);
+            sample->value[place[i]] = (end == cell[i]) ? NAN : value;
         }
     }
     if (!is_told) {
