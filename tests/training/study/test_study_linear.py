@@ -58,6 +58,12 @@ def test_a_short_record_has_its_linear_baselines() -> None:
     assert result["models"][result["best"]]["fit_percent"] > 50
 
 
+def test_stretches_too_short_for_fifty_lags_have_shorter_responses() -> None:
+    parts = [(u[:, :1], y) for u, y in (two_inputs(70, seed) for seed in range(40))]
+    result = linear(parts[:30], parts[30:35], parts[35:], ["a"], "y", period_s=PERIOD_S)
+    assert len(result["impulse"]["rows"][0]["response"]) == 29
+
+
 def test_whiteness_and_independence_reject_an_undermodelled_plant() -> None:
     stretches = [modes(4000, RNG(s), np.array([-1.0, -3.0, -8.0]), 0.3) for s in (0, 1)]
     small = fit_arx(stretches[:1], 1, 1, 1)

@@ -131,8 +131,10 @@ def impulse_response(stretches: Sequence[Stretch], lags: int) -> ImpulseResponse
     The past outputs of a long ARX model give the disturbance's AR(10) model. It filters inputs and
     output, so that the fit sees nearly white noise. The standard errors allow for the
     autocorrelation that remains, through Bartlett's effective number of samples.
+    lags : at most; a stretch must be longer than twice of them
     Raises RecordingError if there are too few samples.
     """
+    lags = min(lags, (max(len(y) for _, y in stretches) - NOISE_ORDER - 1) // 2)
     data = triangle(stretches, NOISE_ORDER, lags - 1)
     past = data.solve([*_taps(data, lags), *data.y_at(*range(1, NOISE_ORDER + 1))])[-NOISE_ORDER:]
     noise = [1.0, *-past]

@@ -122,9 +122,8 @@ def pieces(data: Prepared, spec: Spec, horizon: int, n_samples: int | None = Non
         count = max(1, int(len(start) * n_samples / total))
         keep = np.linspace(0, len(start) - 1, count).astype(np.int64)
         start, end = start[keep], end[keep]
-    return Pieces(
-        start, end, np.zeros_like(start), measured_history(data.samples, spec.lags, start)
-    )
+    history = measured_history(data.samples, spec.lags, start)
+    return Pieces(start, end, np.zeros_like(start), history)
 
 
 def random_pieces(data: Prepared, spec: Spec, rng: np.random.Generator, n_samples: float) -> Pieces:
@@ -227,9 +226,8 @@ def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) 
     length = max(100, round((1.0 + FORGET) * data.memory))
     n_samples = int((data.role == Role.TRAIN).sum())
     many = random_pieces(data, spec, np.random.default_rng(seed), n_samples)
-    objective = ClosedLoop(
-        spec, data.samples, pieces(data, spec, length) + many, decay=trained.decay
-    )
+    cut = pieces(data, spec, length) + many
+    objective = ClosedLoop(spec, data.samples, cut, decay=trained.decay)
     validation = blocks_of(data, spec)
     outcome = minimise(
         objective,
@@ -238,6 +236,5 @@ def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) 
         lambda w: validation.score(w) if forgets(w) else np.inf,
         partial(work.begins, of_epoch(objective.n_samples, spec.n_weights)),
     )
-    last = Stage("less feedback", tuple(outcome.scores), outcome.stop)
-    stages = [*trained.stages, last]
+    stages = [*trained.stages, Stage("less feedback", tuple(outcome.scores), outcome.stop)]
     return replace(trained, weights=outcome.weights, score=outcome.score, stages=stages)
