@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.counts import plain
-from monitor.base.errors import UsageError
 from training.api.parameters import TableParameters
 from training.cli.options import Folder, GridOptions, load_all
 
@@ -67,10 +66,6 @@ def run(args: TablesCommand) -> int:
     from training.recordings.recording import check_each_once
     from training.recordings.start import start_of
 
-    if args.displacement_l is not None and not 0.05 <= args.displacement_l <= 30.0:
-        raise UsageError(f"--displacement-l {args.displacement_l:g}: 0.05 to 30 litres are wanted")
-    if not 1 <= args.cylinders <= 16:
-        raise UsageError(f"--cylinders {args.cylinders}: 1 to 16 are wanted")
     recordings = of_one_period(args)
     check_each_once(recordings)
     load = {"kpa": "manifold_pressure_kpa", "mg": "air_mass_mg", None: None}[args.load]

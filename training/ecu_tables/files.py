@@ -18,7 +18,6 @@ from training.recordings.ecu_table import EcuTable, document, nulls
 
 NAMESPACE: Final = "http://www.EFIAnalytics.com/:table"
 DOCUMENT: Final = "tables.json"
-BLANK: Final = 0.0
 SCALES: Final = {"s": (1000.0, 0), "-": (100.0, 1)}  # unit → factor, digits
 
 
@@ -74,7 +73,7 @@ def tuner_studio(table: EcuTable) -> str:
     """
     speed, load = table.axes
     factor, digits = SCALES.get(table.unit, (1.0, 3))
-    rows = np.nan_to_num(table.estimate.T * factor, nan=BLANK)
+    rows = np.nan_to_num(table.estimate.T * factor)  # blank is 0
     lines = [
         '<?xml version="1.0" encoding="UTF-8" standalone="no"?>',
         f'<tableData xmlns="{NAMESPACE}">',

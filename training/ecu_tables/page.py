@@ -6,9 +6,8 @@ rpm may not be able to.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -133,8 +132,7 @@ def heat(table: EcuTable) -> Heat:
     return Heat(corner, [f"{v:g}" for v in first.values], rows)
 
 
-@dataclass(frozen=True, slots=True)
-class Leg:
+class Leg(NamedTuple):
     """One part of the drive."""
 
     place: str

@@ -16,7 +16,7 @@ from scipy.constants import zero_Celsius
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import savgol_filter
 
-from monitor.base.errors import RecordingError
+from monitor.base.errors import RecordingError, UsageError
 from monitor.base.runs import since
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.grid.column_times import interval
@@ -124,8 +124,12 @@ def subject_of(
     load : name of the load axis; None takes kPa, or mg per stroke without manifold pressure
     displacement_l : of all cylinders, in litres; without it speed density has no scale
     cylinders : turn the air meter's flow and the displacement into the charge of one
-    Raises RecordingError if the recordings hold no fuel, no air, no speed or no lambda.
+    Raises RecordingError if fuel, air, speed or lambda is missing, UsageError for a wrong size.
     """
+    if displacement_l is not None and not 0.05 <= displacement_l <= 30.0:
+        raise UsageError(f"displacement in litres {displacement_l:g}: 0.05 to 30 are wanted")
+    if not 1 <= cylinders <= 16:
+        raise UsageError(f"cylinders {cylinders}: 1 to 16 are wanted")
     known = frozenset.intersection(*(r.known for r in recordings))
     for needed in NEEDED:
         if known.isdisjoint(needed):

@@ -99,18 +99,18 @@ class _Cells(NamedTuple):
 
 def tables(fitted: FittedTables, axes: TableAxes, config: TablesConfig) -> list[EcuTable]:
     """Return all tables that the vehicle's signals allow."""
-    laws_of = [_laws(f, axes) for f in (fitted, *fitted.alone)]
+    fits = [(f, CellSamples(f)) for f in (fitted, *fitted.alone)]
     made = []
-    for law, *alone in zip(*laws_of, strict=True):
-        logs = [_cells(a, f, config) for a, f in zip(alone, fitted.alone, strict=True)]
-        made.append(_table(law, _cells(law, fitted, config), logs, config))
+    for of_all in zip(*(_laws(f.parameters, samples, axes) for f, samples in fits), strict=True):
+        pairs = zip(of_all, fits, strict=True)
+        whole, *logs = (_cells(law, *seen, config) for law, seen in pairs)
+        made.append(_table(of_all[0], whole, logs, config))
     delay = next(t for t in made if t.name == "lambda_delay")
     return [*_without_film(made), _in_cycles(delay)]
 
 
-def _laws(fitted: FittedTables, axes: TableAxes) -> list[_Law]:
+def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
     """Return delay, lag and wall film over speed and load, the injectors, the sensor's lag."""
-    p, samples = fitted.parameters, CellSamples(fitted)
     at = (axes.speed.nearest(samples.rpm), axes.load.nearest(samples.load))
 
     def law(name: str, unit: str, cold: float, *counted: Any) -> _Law:
@@ -170,14 +170,13 @@ def _nodes(axes: TableAxes, samples: CellSamples, at: tuple[IntArray, ...], cold
     return Point(rpm, load, flow, np.full(len(rpm), cold))
 
 
-def _cells(law: _Law, fitted: FittedTables, config: TablesConfig) -> _Cells:
+def _cells(law: _Law, fitted: FittedTables, seen: CellSamples, config: TablesConfig) -> _Cells:
     """Return the cells by one fit; the variance holds what the air does not tell of the flow."""
     shape = tuple(len(a.values) for a in law.axes)
-    samples = CellSamples(fitted)
     flat = np.ravel_multi_index(law.at, shape)
     chosen = np.ones(len(flat), dtype=bool) if law.counted is None else law.counted
     number = np.bincount(flat[chosen], minlength=int(np.prod(shape)))
-    seconds = np.bincount(flat[chosen], samples.seconds[chosen], minlength=len(number))
+    seconds = np.bincount(flat[chosen], seen.seconds[chosen], minlength=len(number))
     factor = config.factor(law.name, fitted.parameters.subject.air)
     free = law.cells(Vector(fitted.parameters, fitted.x, moving=True))
     slopes = fitted.parameters.jacobian(free)
@@ -185,7 +184,7 @@ def _cells(law: _Law, fitted: FittedTables, config: TablesConfig) -> _Cells:
     variance = np.maximum(squares, 0.0) * factor**2
     if law.name == "injector_flow_scale":
         variance += config.air_scale**2
-    stays = samples.stays(np.where(chosen, flat, len(number)), len(number))
+    stays = seen.stays(np.where(chosen, flat, len(number)), len(number))
     return _Cells(free.value, variance, number, np.asarray(seconds, float), *stays)
 
 

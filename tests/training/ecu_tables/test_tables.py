@@ -267,6 +267,9 @@ def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) ->
     np.testing.assert_allclose(six.air, four.air)
     ratio = point_of(six, six.air).flow_kg_h / point_of(four, four.air).flow_kg_h
     np.testing.assert_allclose(ratio, 1.5)
+    for size in ({"displacement_l": 0.0}, {"cylinders": 0}):  # AND no engine is without either
+        with pytest.raises(UsageError, match=r" 0: .* are wanted"):
+            subject_of([recording], **size)
 
 
 def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
