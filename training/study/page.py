@@ -7,6 +7,7 @@ A section is a template below ``study/``. It gets the part's result, all parts, 
 from collections.abc import Mapping
 from typing import Any, Final
 
+from monitor.base.counts import counted
 from training.limits.data_check import findings
 from training.narx.search.stability import CONTRACTION_SAMPLES
 from training.pages.page import page, part
@@ -42,7 +43,6 @@ def report(parts: Parts, warnings: list[str]) -> str:
         verdict=choice["reason"],
         confidence=_confidence(choice),
         warnings=warnings,
-        n_warnings=len(warnings),
         parts=parts,
         say=words,
         sections=[section(name, parts) for name in SECTIONS],
@@ -65,7 +65,8 @@ def _confidence(choice: Mapping[str, Any]) -> str:
     """Return how the chosen model does on samples that chose nothing, and who is beside it."""
     found = choice["candidates"][choice["chosen"]]["after"]["all"]
     equal = len(choice["equal"]) - 1
-    beside = f"{equal} others are not told apart from it" if equal else "no other model is as good"
+    told = f"{counted(equal, 'other')} {'is' if equal == 1 else 'are'} not told apart from it"
+    beside = told if equal else "no other model is as good"
     if found.get("fit_percent") is None:
         return f"{beside} on the validation blocks."
     return (

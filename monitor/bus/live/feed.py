@@ -151,11 +151,12 @@ class LiveFeed(Attachment):
             self._slow_s = now_s + SLOW_S
             message["health"] = dict(self._health()) | {"page_dropped": self.dropped}
             self._absent = message["health"].get("absent", ())
+            told = self._evidence() | {"dtcs": self._monitor.store.fault_flag}
             behind = catalyst.rows(self._monitor.catalyst.entry())
             message["memory"] = fault_memory(self._monitor.store) | {
                 "behind": behind,
                 "confidence": self._confidence(),
-                "evidence": [[fault, left] for fault, _, left in evidence.rows(self._evidence())],
+                "evidence": [[fault, left] for fault, _, left in evidence.rows(told)],
             }
             offset = self._offset.value(dtc.fault for dtc in self._monitor.store.active)
             message["vehicle_offset"] = None if offset is None else _number(offset)

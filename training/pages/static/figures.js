@@ -115,7 +115,7 @@
 
   class Figure {
     constructor(section) {
-      Object.assign(this, { section, plots: [] });
+      Object.assign(this, { section, plots: [], wide: 58 }); // px of the y axes of plots that stand together
     }
 
     build(width) {
@@ -142,7 +142,7 @@
       const scale = ({ scale, linear, rows, falls }) => ({ ...SCALES[scale], asinh: linear, dir: rows || falls ? -1 : 1 });
       const plot = O2.plot(holder, spec.title, data, own.length ? series : [{}], {
         at: "at", width, height: spec.height + (spec.x.label ? 20 : 0), padding: [8, 14, 0, 0],
-        axes: [axisOf(spec.x, true), axisOf(spec.y, false, width, this.spec.together ? 58 : undefined)],
+        axes: [axisOf(spec.x, true), axisOf(spec.y, false, width, this.spec.together ? (u, values) => (this.wide = Math.max(this.wide, 14 + widest(values ?? [""]))) : undefined)],
         scales: {
           x: { time: false, ...scale(spec.x), range: (u, low, high) => (own.length && low < high ? [low, high] : x) },
           y: { ...scale(spec.y), range: () => y },
