@@ -74,7 +74,7 @@ def add(
     """
     if naming.verdict not in ("named", "unknown_effect") or not naming.answer.effects:
         return Addition()
-    progress("adding")
+    progress("adding what was named")
     material, known = subject.material, knowledge.known
     found = constants_of(subject, naming, known, knowledge.start)
     if not found.ratio < 1.0:

@@ -62,7 +62,7 @@ def name(
     progress : is told what goes on
     Raises RecordingError if too little lies where healthy drives have been.
     """
-    progress("base")
+    progress("the base on the new drives")
     first = base_state(drives, known, known.base if known else reference)
     skipped = {effect.name: missing for effect in ALL if (missing := _missing(effect, drives))}
     candidates: list[Term] = [e for e in first.case.drives[0].effects if e.name not in skipped]
@@ -80,7 +80,7 @@ def name(
     naming, formula = answer(found), None
     is_told = naming.verdict != "unknown_effect" or bool(naming.answer.effects)
     if not is_told or may_be_beaten(first, found):
-        progress("formula")
+        progress("a formula of signals")
         formula = first_term(first)
     if is_told and formula and (won := beats(first, formula.rival, found)):
         unknown = StepOutcome("unknown_effect", found.first)

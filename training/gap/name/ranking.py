@@ -24,7 +24,7 @@ def rank(
     """Return all candidates, the best first."""
     found = list[Candidate]()
     for term in candidates:
-        progress(term.name)
+        progress(f"trying {term.name}")
         fitted = fit(state.case, (*state.current.terms, term), [state.current])
         after = scoring.deviance(fitted, state.case.blocks)
         moved = scoring.moved(state.current, fitted, state.case.blocks)
