@@ -15,57 +15,41 @@ import can
 WAIT_S = 0.2  # for a further answer, the adapter's own default
 PADDING = b"\xcc"
 ANSWERS = range(0x7E8, 0x7F0)
-FIRST_FRAME, CONSECUTIVE_FRAME = 1, 2
+FIRST_FRAME = 1
 
 
 class Adapter:
     """The commands of the adapter."""
 
     def __init__(self, bus: can.BusABC) -> None:
-        self._bus, self._header, self._last = bus, 0x7DF, ""
+        self._bus, self._header = bus, 0x7DF
 
     def command(self, text: str) -> list[str]:
         """Return the lines that a command is answered with."""
         text = text.replace(" ", "").upper()
         if text.startswith("AT"):
             return [self._setting(text[2:])]
-        self._last = text or self._last
-        request, most = self._last, 0
-        if len(request) % 2:  # a last digit says how many frames are awaited
-            request, most = request[:-1], int(request[-1], 16)
-        try:
-            payload = bytes.fromhex(request)
-        except ValueError:
-            return ["?"]
-        return self._ask(payload, most) or ["NO DATA"]
+        return self._ask(bytes.fromhex(text)) or ["NO DATA"]
 
     def _setting(self, text: str) -> str:
         if text.startswith("SH"):
             self._header = int(text[2:], 16)
         return {"Z": "ELM327 v1.5", "RV": "12.6V", "DPN": "A6"}.get(text, "OK")
 
-    def _ask(self, payload: bytes, most: int) -> list[str]:
+    def _ask(self, payload: bytes) -> list[str]:
         while self._bus.recv(0.0):
             pass  # what nobody asked for
         self._send(self._header, bytes((len(payload),)) + payload)
         lines: list[str] = []
-        missing: dict[int, int] = {}  # bytes that an answer still lacks
         until_s = time.monotonic() + WAIT_S
-        while time.monotonic() < until_s and (
-            not most or len(lines) < most or any(missing.values())
-        ):
+        while time.monotonic() < until_s:
             message = self._bus.recv(until_s - time.monotonic())
             if message is None or message.arbitration_id not in ANSWERS:
                 continue
             until_s = time.monotonic() + WAIT_S
             lines.append(f"{message.arbitration_id:03X} {message.data.hex(' ').upper()}")
-            kind = message.data[0] >> 4
-            if kind == FIRST_FRAME:
-                length = (message.data[0] & 0xF) << 8 | message.data[1]
-                missing[message.arbitration_id] = length - 6
+            if message.data[0] >> 4 == FIRST_FRAME:
                 self._send(message.arbitration_id - 8, b"\x30\x00\x00")
-            elif kind == CONSECUTIVE_FRAME:
-                missing[message.arbitration_id] = max(missing[message.arbitration_id] - 7, 0)
         return lines
 
     def _send(self, can_id: int, data: bytes) -> None:

@@ -6,7 +6,6 @@ from monitor.base.types import Frame
 from monitor.bus.link.recorder import message_of
 from monitor.bus.polling.pids import lengths, wanted
 from monitor.bus.polling.poller import ObdPoller
-from monitor.decode.bus_map import BusMap
 from monitor.frames.logs import frame_of
 from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus
 from tests.helpers.logs.bus_maps import OBD
@@ -19,15 +18,12 @@ LENGTHS = lengths(OBD, PARAMETERS)
 class Conversation:
     """A poller and an ECU on a simulated bus, with what the decoder makes of it."""
 
-    def __init__(self, ecu: ObdEcu, *, bus_map: BusMap = OBD, **options: Any) -> None:
-        parameters = wanted(bus_map, bus_map.names)
+    def __init__(self, ecu: ObdEcu, **options: Any) -> None:
         self.said: list[str] = []
-        self.poller = ObdPoller(
-            parameters, lengths(bus_map, parameters), say=self.said.append, **options
-        )
+        self.poller = ObdPoller(PARAMETERS, LENGTHS, say=self.said.append, **options)
         self.ecu = ecu
         self.bus = SimulatedBus(ecu)
-        self.decoding = Decoding(bus_map, bus_map.names)
+        self.decoding = Decoding(OBD, OBD.names)
         self._values: dict[str, list[float]] = {n: [] for n in self.decoding.decoder.channels}
         self._n_decoded = 0
         self.frames: list[Frame] = []

@@ -4,6 +4,7 @@ The bytes of each PID follow SAE J1979, written down apart from obd2.dbc.
 """
 
 import heapq
+import math
 import threading
 import time
 from collections import deque
@@ -178,22 +179,13 @@ def answering(ecu: ObdEcu, channel: str, interface: str = "virtual") -> Iterator
 class SimulatedBus(can.BusABC):
     """A bus with the ECU on it; time passes only while somebody waits.
 
-    latency_s : from a request to the first frame of its answer; mean and spread, drawn anew
     until_s : then ``stop`` is called
     """
 
-    def __init__(
-        self,
-        ecu: ObdEcu,
-        *,
-        latency_s: tuple[float, float] = (0.03, 0.01),
-        until_s: float = float("inf"),
-        loss: float = 0.0,
-        seed: int = 1,
-    ) -> None:
+    def __init__(self, ecu: ObdEcu, *, until_s: float = math.inf, seed: int = 1) -> None:
         super().__init__(channel="simulated")
         self.channel_info = "simulated"
-        self.ecu, self._latency_s, self._until_s, self.loss = ecu, latency_s, until_s, loss
+        self.ecu, self._until_s, self.loss = ecu, until_s, 0.0
         self.now_s = 0.0
         self.stop: Callable[[], None] = lambda: None
         self.sent: list[tuple[float, can.Message]] = []
@@ -208,9 +200,8 @@ class SimulatedBus(can.BusABC):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         self.sent.append((self.now_s, msg))
-        mean_s, spread_s = self._latency_s
         is_request = msg.data[0] >> 4 == 0
-        at_s = self.now_s + (mean_s + self._rng.uniform(-1, 1) * spread_s if is_request else 1e-3)
+        at_s = self.now_s + (self._rng.uniform(0.02, 0.04) if is_request else 1e-3)
         if self.loss and self._rng.random() < self.loss:
             return
         for data in self.ecu.push(msg, self.now_s):

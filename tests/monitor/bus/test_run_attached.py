@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 
 from monitor.base.types import Frame
-from monitor.bus.attachment import Attachment
 from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import FIRST_ID, is_own, time_mark
 from monitor.pipeline import replay
-from monitor.pipeline.events import DtcChanged, Event
+from monitor.pipeline.events import DtcChanged
 from tests.helpers.bus.played_bus import Ear, PlayedBus, judged, played_on, run_on
 
 
@@ -30,21 +29,14 @@ def test_what_comes_from_the_bus_under_an_identifier_of_the_loop_is_refused(
     assert not any(is_own(frame) for frame in frames)
 
 
-class Clearing(Attachment):
+class Clearing(Ear):
     """An attachment that clears the codes when a certain frame comes."""
 
-    identifiers = ((0x6F0, False),)
-
-    def __init__(self) -> None:
-        self.clear: Callable[[], None] = lambda: None
-        self.events: list[Event] = []
+    clear: Callable[[], None]
 
     def receive(self, frame: Frame) -> list[Frame]:
         self.clear()
         return []
-
-    def push(self, event: Event) -> None:
-        self.events.append(event)
 
 
 def test_codes_that_a_tester_clears_are_cleared_in_a_replay_of_the_recording(
@@ -56,14 +48,8 @@ def test_codes_that_a_tester_clears_are_cleared_in_a_replay_of_the_recording(
     tester = Clearing()
     bus = PlayedBus([*late_sensor, asked])
     with bus:
-        loop = Loop(
-            bus,
-            setup,
-            record=record,
-            attachments=[tester],
-            say=lambda _: None,
-            monotonic_s=lambda: bus.now_s,
-        )
+        quiet = {"say": lambda _: None, "monotonic_s": lambda: bus.now_s}
+        loop = Loop(bus, setup, record=record, attachments=[tester], **quiet)
         tester.clear, bus.stop = loop.clear_codes, loop.stop
         loop.run()
     live = loop.result("played")

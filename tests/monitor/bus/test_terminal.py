@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -24,40 +25,27 @@ from monitor.judge.enable import CONDITIONS
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from monitor.pipeline.events import Event, Tick
-from tests.helpers.bus.played_bus import played_on
+from tests.helpers.bus.played_bus import Ear, played_on
 
 
 @pytest.fixture(scope="module")
 def loop(setup: replay.Setup, late_sensor: list[Frame]) -> Loop:
-    """A loop at the end of a faulty drive, with what it said in its Recollection."""
-    return played_on(late_sensor, setup, attachments=[Recollection()])[0]
-
-
-class Recollection(StatusLine):
-    """Keeps every event."""
-
-    def __init__(self) -> None:
-        self.events: list[Event] = []
-
-    def push(self, event: Event) -> None:
-        self.events.append(event)
+    """A loop at the end of a faulty drive, with what it said in its Ear."""
+    return played_on(late_sensor, setup, attachments=[Ear()])[0]
 
 
 def events(loop: Loop) -> list[Event]:
-    (kept,) = [a for a in loop.attachments if isinstance(a, Recollection)]
+    (kept,) = [a for a in loop.attachments if isinstance(a, Ear)]
     return kept.events
-
-
-def told(view: StatusLine, loop: Loop) -> None:
-    for event in events(loop):
-        view.push(event)
-        view.work(0.0)
-    view.close()
 
 
 def test_a_journal_gets_a_line_for_every_event_but_ticks(loop: Loop) -> None:
     stream = io.StringIO()
-    told(EventLines(loop.pipeline.monitor, loop.health, loop.collector, Out(stream)), loop)
+    view = EventLines(loop.pipeline.monitor, loop.health, loop.collector, Out(stream))
+    for event in events(loop):
+        view.push(event)
+        view.work(0.0)
+    view.close()
     lines = stream.getvalue().splitlines()
     assert len(lines) == sum(not isinstance(e, Tick) for e in events(loop))
     assert any("window 0" in line for line in lines)
@@ -82,16 +70,11 @@ def test_the_status_says_what_is_measured_what_blocks_and_how_the_bus_is(loop: L
 
 
 def test_bad_news_of_the_bus_stands_in_the_status(loop: Loop) -> None:
-    status = StatusLine(loop.pipeline.monitor, loop.health)
-    before = status.line()
-    loop.health.drops, loop.health.overruns, loop.health.reconnects = 3, 4, 5
-    try:
-        line = status.line()
-    finally:
-        loop.health.drops = loop.health.overruns = loop.health.reconnects = 0
+    bad = replace(loop.health, drops=3, overruns=4, reconnects=5)
+    line = StatusLine(loop.pipeline.monitor, bad).line()
     assert "lost 7" in line
     assert "reconnects 5" in line
-    assert "lost" not in before
+    assert "lost" not in StatusLine(loop.pipeline.monitor, loop.health).line()
 
 
 def test_the_screen_is_drawn_four_times_a_second_at_most(loop: Loop) -> None:

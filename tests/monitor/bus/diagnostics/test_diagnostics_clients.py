@@ -4,7 +4,6 @@ Both reach a live loop on a virtual bus; the codes come from a fault memory on d
 """
 
 import argparse
-import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -17,7 +16,6 @@ import isotp
 import obd
 import pytest
 import udsoncan
-from obd.protocols import ECU
 from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 from udsoncan.exceptions import NegativeResponseException
@@ -31,7 +29,6 @@ from monitor.bus.loop import Loop
 from monitor.cli.diagnostics import DiagnosticsOptions, diagnostics
 from monitor.memory import obd_records
 from monitor.memory.dtc_store import DtcStore
-from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from tests.helpers.bus.diagnostics_state import VIN
@@ -83,9 +80,6 @@ def write_memory(path: Path) -> None:
         store.start_driving_cycle()
         store.fail("slow_symmetric", 5)
     store.fail("biased_lean", 6)
-    store.freeze(
-        FreezeFrame("P0133", 5, {"engine_speed_rpm": 2000.0, "coolant_temperature_degc": 90.0})
-    )
     store.report(
         [obd_records.TestResult("response", "lag_rich_to_lean_s", 0.31, float("-inf"), 0.25)]
     )
@@ -200,30 +194,16 @@ def test_a_scan_tool_reads_lamp_readiness_codes_and_results(bench: Bench) -> Non
     assert results[0x80].max.to("ms").magnitude == 250
 
 
-def test_a_scan_tool_reads_the_freeze_frame(bench: Bench) -> None:
-    # python-OBD leaves the frame's number out, which the standard asks for
-    def frame(parameter: int) -> bytes:
-        request = f"02{parameter:02X}00".encode()
-        command = obd.OBDCommand("", "", request, 0, lambda m: bytes(m[0].data[3:]), ECU.ALL)
-        return bytes(bench.tool.query(command, force=True).value)
-
-    assert frame(0x02) == bytes.fromhex("0133")
-    assert frame(0x0C) == struct.pack(">H", 4 * 2000)
-    assert frame(0x05) == bytes((130,))
-
-
-def test_clearing_waits_for_the_engine_to_stand(bench: Bench) -> None:
+def test_clearing_waits_for_the_engine_to_stand_and_is_on_disk_by_the_answer(
+    bench: Bench, client: Client
+) -> None:
     bench.drive(800.0)
     bench.tool.query(obd.commands.CLEAR_DTC)
-    assert states(bench.memory) == {"P0133": "confirmed", "P2195": "pending"}
-
-
-def test_a_uds_tester_s_clearing_is_on_disk_by_the_answer(bench: Bench, client: Client) -> None:
-    bench.drive(800.0)
     client.change_session(3)
     with pytest.raises(NegativeResponseException) as refusal:
         client.clear_dtc()
     assert refusal.value.response.code == 0x22
+    assert states(bench.memory) == {"P0133": "confirmed", "P2195": "pending"}
     bench.drive(0.0)
     client.change_session(3)
     assert client.clear_dtc().positive

@@ -20,12 +20,7 @@ from monitor.bus.link.error_frames import error_frame
 from monitor.bus.link.port import BusHealth, Port
 from monitor.bus.link.received import MESSAGES
 from monitor.bus.link.recorder import message_of
-from monitor.bus.link.socketcan import (
-    BEHIND_S,
-    FRAMES,
-    RECEIVE_BUFFER_BYTES,
-    SocketReader,
-)
+from monitor.bus.link.socketcan import BEHIND_S, FRAMES, RECEIVE_BUFFER_BYTES, SocketReader
 from monitor.frames.blocks import frames_of
 from monitor.frames.loop_frames import FIRST_ID
 from monitor.grid.block_assembler import LATEST_NS
@@ -33,17 +28,14 @@ from tests.helpers.examples import inputs
 
 US = 1000
 datagrams = st.one_of(
-    st.builds(
-        lambda can_id, length, data: struct.pack("=IB3x8s", can_id, length, data),
-        st.integers(0, 2**32 - 1),
-        st.integers(0, 8),
-        st.binary(min_size=8, max_size=8),
-    ),
-    st.builds(
-        lambda can_id, length, data: struct.pack("=IB3x64s", can_id, length, data),
-        st.integers(0, 2**32 - 1),
-        st.integers(0, 64),
-        st.binary(min_size=64, max_size=64),
+    *(
+        st.builds(
+            lambda can_id, length, data: struct.pack("=IB3x", can_id, length) + data,
+            st.integers(0, 2**32 - 1),
+            st.integers(0, size),
+            st.binary(min_size=size, max_size=size),
+        )
+        for size in (8, 64)
     ),
     st.binary(max_size=15),
 )
@@ -75,26 +67,18 @@ class FailingBus(can.BusABC):
 class Bench:
     """A port whose clock moves only while it waits."""
 
-    def __init__(
-        self,
-        bus: can.BusABC,
-        reopened: Iterable[can.BusABC | Exception] = (),
-        final: bool = False,
-    ) -> None:
+    def __init__(self, bus: can.BusABC, reopened: Iterable[can.BusABC | Exception] = ()) -> None:
         self.now_s = 0.0
         self.said: list[str] = []
         self.health = BusHealth()
         self.tries_s: list[float] = []
         self._reopened = iter(reopened)
-        reopen = None if final else self._open
-        self.port = Port(
-            bus=bus,
-            health=self.health,
-            reopen=reopen,
-            say=self.said.append,
-            monotonic_s=lambda: self.now_s,
-            sleep=self._wait,
-        )
+        clock = {"monotonic_s": lambda: self.now_s, "sleep": self._wait}
+        self.port = Port(bus, self.health, self._open, self.said.append, **clock)
+
+    def receive(self, times: int) -> None:
+        for _ in range(times):
+            self.port.receive(0.1)
 
     def _wait(self, seconds: float) -> None:
         self.now_s += seconds
@@ -182,8 +166,7 @@ def test_filters_hold_after_the_interface_came_back() -> None:
     second = FailingBus([])
     bench = Bench(FailingBus([down()]), [second])
     bench.port.set_filters({(0x123, False), (0x18DB33F1, True)})
-    for _ in range(5):
-        bench.port.receive(0.1)
+    bench.receive(5)
     assert second.filters == [
         {"can_id": 0x123, "can_mask": 0x7FF, "extended": False},
         {"can_id": 0x18DB33F1, "can_mask": 0x1FFFFFFF, "extended": True},
@@ -191,9 +174,9 @@ def test_filters_hold_after_the_interface_came_back() -> None:
 
 
 def test_without_a_way_to_open_it_again_a_loss_is_an_error() -> None:
-    bench = Bench(FailingBus([down()]), final=True)
+    port = Port(FailingBus([down()]), BusHealth())
     with pytest.raises(BusError, match=r"failing'?: .*Network is down"):
-        bench.port.receive(0.1)
+        port.receive(0.1)
 
 
 def test_what_cannot_be_sent_is_counted_and_the_time_of_a_sample_keeps_no_frame_back() -> None:
@@ -225,8 +208,7 @@ def test_an_error_frame_tells_the_controllers_state(
     said: can.Message, state: str, counter: str
 ) -> None:
     bench = Bench(FailingBus([said, said]))
-    bench.port.receive(0.1)
-    bench.port.receive(0.1)  # the same state again is not counted again
+    bench.receive(2)  # the same state again is not counted again
     health = bench.health
     assert (health.state, health.error_frames, getattr(health, counter)) == (state, 2, 1)
     assert health.bus_off + health.passive + health.warning == 1
@@ -243,8 +225,7 @@ def test_an_error_frame_of_another_interface_is_only_counted() -> None:
 
 def test_overflow_and_missing_acknowledge_are_counted_and_change_no_state() -> None:
     bench = Bench(FailingBus([error(0x04, 0, 0x01), error(0x20), error(0x08, 0, 0x01)]))
-    for _ in range(3):
-        bench.port.receive(0.1)
+    bench.receive(3)
     health = bench.health
     assert (health.overruns, health.unacknowledged, health.error_frames) == (1, 1, 3)
     assert health.state == "active"
@@ -253,8 +234,7 @@ def test_overflow_and_missing_acknowledge_are_counted_and_change_no_state() -> N
 @pytest.mark.parametrize("back", [error(0x100), error(0x04, 0, 0x40), message()])
 def test_a_controller_comes_back_by_its_word_or_by_a_frame(back: can.Message) -> None:
     bench = Bench(FailingBus([error(0x40), None, None, back]))
-    bench.port.receive(0.1)
-    bench.port.receive(0.1)
+    bench.receive(2)
     assert bench.port.is_off  # silence proves nothing
     bench.port.receive(0.1)
     assert (bench.health.state, bench.port.is_off) == ("active", False)
@@ -277,20 +257,17 @@ def wire() -> Iterable[tuple[UdpCan, UdpCan]]:
         yield here, there
 
 
+def send(here: UdpCan, numbers: Iterable[int]) -> None:
+    for number in numbers:
+        here.send_raw(struct.pack("=IB3x8x", number, 8))
+
+
 def received(port: Port, n: int) -> list[Frame]:
     frames: list[Frame] = []
     until_s = time.monotonic() + 5.0
     while len(frames) < n and time.monotonic() < until_s:
         frames += taken(port)
     return frames
-
-
-def emptied(port: Port) -> int:
-    """Receive all that is there; return how many frames it was."""
-    n = 0
-    while more := len(taken(port, 0.0)):
-        n += more
-    return n
 
 
 def test_a_frame_off_the_socket_is_what_python_can_makes_of_it(wire: Any) -> None:
@@ -317,10 +294,9 @@ def test_a_frame_off_the_socket_is_what_python_can_makes_of_it(wire: Any) -> Non
 
 def test_remote_and_error_frames_off_the_socket_are_told_apart(wire: Any) -> None:
     here, there = wire
-    here.send_raw(struct.pack("=IB3x8x", 0x40000123, 8))
-    here.send_raw(struct.pack("=IB3x8x", 0xC0000123, 8))
+    send(here, [0x40000123, 0xC0000123])
     here.send_raw(struct.pack("=IB3x8s", 0x20000004, 8, bytes([0, 0x20])))
-    here.send_raw(struct.pack("=IB3x8x", 0x123, 8))
+    send(here, [0x123])
     bench = Bench(there)
     (frame,) = received(bench.port, 1)
     assert frame.can_id == 0x123
@@ -334,11 +310,10 @@ def test_dropped_frames_are_counted_once_however_often_a_lost_bus_is_tried(wire:
     with UdpCan() as second:
         bench = Bench(there, [BusError("gone"), BusError("gone"), second])
         there.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        for number in range(300):
-            here.send_raw(struct.pack("=IB3x8x", number, 8))
-        n = emptied(bench.port)
-        here.send_raw(struct.pack("=IB3x8x", 1, 8))  # tells what was dropped before it
-        n += emptied(bench.port)
+        send(here, range(300))
+        n = len(taken(bench.port, 0.0))
+        send(here, [1])  # tells what was dropped before it
+        n += len(taken(bench.port, 0.0))
         there.socket.close()
         # WHEN it is there again at the third try
         while bench.health.reconnects < 1:
@@ -355,11 +330,6 @@ def test_the_buffer_is_enlarged_and_what_was_got_is_known(wire: Any) -> None:
     got = there.socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
     assert health.receive_buffer_bytes == got > 200_000
     assert got <= RECEIVE_BUFFER_BYTES
-
-
-def send(here: UdpCan, numbers: Iterable[int]) -> None:
-    for number in numbers:
-        here.send_raw(struct.pack("=IB3x8x", number, 8))
 
 
 def test_frames_gather_until_the_ticks_end_and_are_read_with_one_call(
@@ -481,8 +451,7 @@ def test_messages_that_come_together_are_one_block_up_to_a_ticks_end_or_a_loss()
 
 def test_an_interface_that_reads_nothing_but_errors_is_lost() -> None:
     bench = Bench(FailingBus(unreadable() for _ in range(MOST + 1)), [FailingBus([])])
-    for _ in range(MOST + 1):
-        bench.port.receive(0.1)
+    bench.receive(MOST + 1)
     assert (bench.health.malformed, bench.health.losses) == (MOST, 1)
 
 

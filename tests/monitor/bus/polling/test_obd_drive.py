@@ -4,7 +4,6 @@ import re
 from pathlib import Path
 
 import can
-import numpy as np
 import pytest
 
 import dbc
@@ -16,16 +15,8 @@ from monitor.bus.polling.poller import ObdPoller
 from monitor.cli import main
 from monitor.pipeline import replay
 from tests.helpers.bus.obd_conversation import LENGTHS, PARAMETERS, Conversation
-from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus, answering, steady_ecu
+from tests.helpers.bus.obd_ecu import answering, steady_ecu
 from tests.helpers.bus.played_bus import judged, run_on
-from tests.helpers.drives.simulated_drives import WARM, driven
-from training.dyno.simulation import Experiment
-
-
-def a_drive(duration_s: float = 240.0) -> ObdEcu:
-    drive = driven(Experiment(duration_s=duration_s, conditions=WARM))
-    n = len(drive["engine_speed_rpm"])
-    return ObdEcu(np.arange(n) * 0.01, drive)
 
 
 def obd_setup() -> replay.Setup:
@@ -33,23 +24,16 @@ def obd_setup() -> replay.Setup:
     return replay.set_up(None, [pair], config.load())
 
 
-def test_answers_of_29_bits_to_another_tester_are_judged_live_as_in_a_replay(
+def test_answers_of_29_bits_to_another_tester_are_judged_as_in_a_replay_and_nothing_is_asked(
     tmp_path: Path,
 ) -> None:
     answers = [bytes.fromhex(each) for each in ("04410C1AF8000000", "0641347FFF800000")]
     script = [Frame(k * 50_000_000, 0x18DAF110, True, answers[k % 2]) for k in range(1200)]
-    live, _ = run_on(script, obd_setup(), record=tmp_path / "tester.log")
+    live, bus = run_on(script, obd_setup(), record=tmp_path / "tester.log")
     again, _ = replay.replay(tmp_path / "tester.log", obd_setup())
     assert judged(live) == judged(again)
+    assert bus.sent == []
     assert live["counters"]["unmapped"] == 1  # the mark of a live recording
-
-
-def test_without_being_asked_to_the_loop_sends_nothing() -> None:
-    with SimulatedBus(a_drive(60.0), until_s=10.0) as bus:
-        loop = Loop(bus, obd_setup(), say=lambda _: None, monotonic_s=lambda: bus.now_s)
-        bus.stop = loop.stop
-        loop.run()
-        assert bus.sent == []
 
 
 def test_it_polls_on_a_bus_in_real_time() -> None:

@@ -8,12 +8,11 @@ import pytest
 import dbc
 from monitor.base import config
 from monitor.bus.loop import Loop
-from monitor.bus.polling.pids import lengths, wanted
 from monitor.bus.polling.poller import ObdPoller
 from monitor.inject.gateway import write_log
 from monitor.model.step import Model
 from monitor.pipeline import replay
-from tests.helpers.bus.obd_conversation import Conversation
+from tests.helpers.bus.obd_conversation import LENGTHS, PARAMETERS, Conversation
 from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus
 from tests.helpers.drives.simulated_drives import WARM
 from training.cli import main
@@ -34,18 +33,15 @@ def ecu_of(seed: int, until_s: float) -> ObdEcu:
 
 def polled(setup: replay.Setup, seed: int, log: Path, until_s: float) -> dict[str, object]:
     """Poll a drive, record it and return what the loop says."""
-    parameters = wanted(setup.bus_map, setup.bus_map.names)
     with SimulatedBus(ecu_of(seed, until_s), until_s=until_s, seed=seed) as bus:
         loop = Loop(bus, setup, record=log, say=lambda _: None, monotonic_s=lambda: bus.now_s)
-        loop.attachments.append(ObdPoller(parameters, lengths(setup.bus_map, parameters)))
+        loop.attachments.append(ObdPoller(PARAMETERS, LENGTHS))
         bus.stop = loop.stop
         loop.run()
     return loop.result("polled")
 
 
-def test_a_model_with_samples_half_a_second_apart_judges_polled_drives(
-    tmp_path: Path,
-) -> None:
+def test_a_model_with_samples_half_a_second_apart_judges_polled_drives(tmp_path: Path) -> None:
     # GIVEN a model fitted to polled drives on a grid of 0.5 s, its limits set by them
     model, logs = tmp_path / "slow.onnx", [str(tmp_path / f"drive{n}.log") for n in range(2)]
     for n, log in enumerate(logs):
