@@ -133,10 +133,9 @@ def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> 
         return None
     stated = stated_unit(column, STOICHIOMETRIC)
     converts = own != Source(column=own.column, units=own.units, pinned=own.pinned)
-    is_setting = len(own.units) > 1 and not stated
-    if name not in QUANTITIES or converts or (is_setting and "°C" not in own.units):
+    if name not in QUANTITIES or converts:
         return own
-    unit = stated or ("" if is_setting else "".join(own.units))
+    unit = stated or (own.units[0] if len(own.units) == 1 else "")  # else a setting
     fit = fit_of(name, Description(column.name, unit, values=values), is_named=True)
     if not unit:
         return _by_words(name, column, fit) if fit and fit.stands else None

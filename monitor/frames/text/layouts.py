@@ -122,8 +122,8 @@ ASC: Final = _layout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, erro
     r"@length@data(?:\s.*)?",
     r"@time (?:CANFD )?@channel (?:[RT]x )?(?P<error>ErrorFrame).*",
     # of a channel: a name that is no identifier behind its number
-    other=r"\s*(?:\d+\.\d+\s+(?:\d+\s+(?![0-9a-f]+x?\s)[a-z_]|J1939TP\s|\w+\s+Start of meas).*|"
-    r"(?!.*\s(?:Rx|Tx|TxRq)\s+[dr]\b)(?:[a-z]|//|\d+\.\d+\s+[a-z]).*)",
+    other=r"\s*(?:\d+\.\d+\s+(?:\d+\s+(?![0-9a-f]+x?\s|\S+\s+[RT]x\s+[dr]\s)[a-z_]|J1939TP\s|"
+    r"\w+\s+Start of meas).*|(?!.*\s(?:Rx|Tx|TxRq)\s+[dr]\b)(?:[a-z]|//|\d+\.\d+\s+[a-z]).*)",
     ends_lines=True,
 )
 PEAK: Final = _layout(  # its columns stand in the header, see ``_peak``
@@ -188,7 +188,7 @@ TABLE: Final = _layout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, …
 _REST: Final = r'(?:"[^"]*"|[^{sep}]*)'  # a cell; {sep} parts them
 _YES: Final = r"true|t|1|x|ext\w*|扩展帧"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
-    (r"(?:abs ?)?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|系统时间",
+    (r"(?:(?:abs|start) ?)?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|系统时间",
      r'(?P<time>-?\d+(?:[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d{8}T\d{6})[^{sep}"]*)'),
     (r"(?:(?:can|arb\w*|frame|msg|message)[ _-]?)?(?:id|identifier|addr\w*)\b.*|帧?id号?",
      r"(?P<id>(?:0x)?[0-9a-f]{1,9})[hx]?"),
@@ -209,7 +209,7 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
 UNREAD: Final = (
     (re.compile(r"Vehicle Spy|^Line,Abs Time ?\(Sec\),", _ANY | re.M),
      "Vehicle Spy without arbitration identifiers", "Vehicle Spy's own export"),
-    (re.compile(r'^"?No\."?[, ]+"?Time"?[, ]+"?Source', re.M), "Wireshark",
+    (re.compile(r'^ *"?No\."?[, ]+"?Time"?[, ]+"?Source', re.M), "Wireshark",
      "tshark -T fields -E header=y -e frame.time_epoch -e can.id -e can.len -e data.data"),
     (re.compile(r"^(?:t[0-9A-F]{3}|T[0-9A-F]{8})[0-8](?:[0-9A-F]{2})*(?:[0-9A-F]{4})?[\r\n]"),
      "an slcan adapter's own lines", "slcand and candump -L"),

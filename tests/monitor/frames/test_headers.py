@@ -160,6 +160,7 @@ def test_a_column_whose_unit_is_of_another_quantity_carries_no_signal(tmp_path: 
         ("Fuel Lambda Mod", "1", "lambda_measured"),  # a correction
         ("Lambda", "1", "lambda_measured"),  # a constant
         ("MAF Req [g/s]", "", "maf_kg_h"),  # commanded
+        ("Speed", "", "vehicle_speed_km_h"),  # km/h or mph?
         ("Airmass (bananas/stk)", "", "air_mass_mg"),  # a unit that nobody knows
     ],
 )
@@ -319,6 +320,7 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         ("IAT", 77.0, "manifold_temperature_degc", 25.0),  # °F
         ("Temp. do motor", 190.0, "coolant_temperature_degc", 87.78),
         ("Coolant", 88.0, "coolant_temperature_degc", 88.0),
+        ("Température eau", 88.0, "coolant_temperature_degc", 88.0),
         ("Coolant", 0.0, "coolant_temperature_degc", None),
         ("Mass Air Flow", 20.0, "maf_kg_h", None),  # kg/h or g/s?
         ("AFR (AFR)", 9.8, "lambda_measured", None),  # as of E85
@@ -352,6 +354,12 @@ def test_a_table_with_its_newest_row_first_is_read_from_its_end(tmp_path: Path) 
 def test_a_comma_in_thousands_is_no_decimal_one(proposed: Proposed) -> None:
     text = "Time,RPM,AFR\n" + rows(lambda i: f'{i / 10},"{RPM[i]:,}",{AFR[i]:.2f}')
     assert values(proposed(text)[0], "engine_speed_rpm").tolist() == RPM
+
+
+def test_a_decimal_comma_may_have_an_exponent(proposed: Proposed) -> None:
+    text = "t;RPM;AFR\ns;1/min;AFR\n" + rows(lambda i: f"{i / 10:.3E};{RPM[i]};{AFR[i]:.4E}")
+    table, _ = proposed(text.replace(".", ","))
+    np.testing.assert_allclose(values(table, "lambda_measured"), np.array(AFR) / 14.7)
 
 
 def test_a_packed_table_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:

@@ -50,6 +50,11 @@ RX 03 EFF 18FEF100 1 HEX   FF                             0033220000 07.05.2022 
 510,0x0C3,2,0x11,0x22
 520,0x18FEF100,1,0xFF
 """,
+    "scope.csv": """Acq,Packet,Start Time (ms),End Time (ms),ID,DLC,Data
+1,1,500.2,500.4,C2,8,01 02 03 04 05 06 07 A8
+1,2,510.2,510.4,C3,2,11 22
+1,3,520.2,520.4,18FEF100,1,FF
+""",
     "chinese.csv": """序号,系统时间,时间标识,CAN通道,传输方向,ID号,帧类型,帧格式,长度,数据
 0,"17:16:04.110","0x1","ch1","接收","0x00C2","数据帧","标准帧","0x08","x| 01 02 03 04 05 06 07 A8"
 1,"17:16:04.120","0x2","ch1","接收","0x00C3","数据帧","标准帧","0x02","x| 11 22"
@@ -259,6 +264,7 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
         ("0C2 01 02\n0C3 11 22\n7E8 03 41 0D\n", "identifiers and data without times: not read"),
         ("CAN 1  000000C2 X 8 E.M 1.5 R\n   -> Speed 5.0 Enum\n", "without the frames' data: not"),
         ("t0C221122\rT18FEF1001FF\r", "an slcan adapter's own lines: not read"),
+        ("    No. Time   Source\n      1 0.0    CAN  ID: 194\n", "Wireshark: not read, convert"),
         ('"No.","Time","Source"\n"1","0.1","ID: 194 (0xc2)"\n', "Wireshark: not read, convert"),
     ],
 )
@@ -270,6 +276,13 @@ def test_a_known_format_that_is_not_read_is_called_by_its_name(
     path.write_text(text)
     assert cli.main(["check", str(path)]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_a_log_of_names_instead_of_identifiers_shows_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "symbolic.asc"
+    path.write_text("base hex timestamps absolute\n" + " 0.1 1  EngineData  Rx  d 1 FF\n" * 9)
+    with pytest.raises(RecordingError, match=r"line 2 is '0[.]1 1 EngineData Rx d 1 FF'"):
+        list(read_frames(path))
 
 
 def test_a_row_with_another_kind_of_time_is_a_damaged_line(tmp_path: Path) -> None:
