@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor.base.types import FloatArray
+from monitor.base.types import FloatArray, Quality
 from tests.helpers.drives.recordings import recording_of
 from tests.helpers.models.plants import coloured
 from training.cli import main
@@ -57,6 +57,13 @@ def test_data_that_is_enough_has_no_warning(good: Recording) -> None:
     assert result["usable"]
     assert {f["level"] for f in result["findings"]} == {"ok"}
     assert json.loads(json.dumps(result, allow_nan=False)) == result
+
+
+def test_readings_at_the_end_of_the_range_are_not_usable(good: Recording) -> None:
+    quality = good.quality.copy()
+    quality[2000:4000, good.names.index("lean")] = Quality.PINNED
+    result = check([replace(good, quality=quality)], INPUTS, "lean")
+    assert "lean is not valid in 33.3 % of the samples" in only(result, "gaps", "warning")
 
 
 def test_a_missing_signal_is_an_error_that_names_file_and_signal(good: Recording) -> None:

@@ -10,9 +10,10 @@ from monitor.base.types import FloatArray
 from training.limits.decision_limits import MANY_WINDOWS
 from training.narx.network import Spec
 from training.recordings.recording import Recording
+from training.recordings.samples import preparation
 from training.recordings.samples.linear_data import output_transform
 from training.recordings.samples.outliers import outlier_mask
-from training.recordings.samples.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP, enabled_rows
+from training.recordings.samples.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP
 from training.recordings.samples.rows import runs
 
 LAGS = 5  # of a small network
@@ -54,7 +55,8 @@ def usable(
     names = (*inputs, output)
     columns = [np.column_stack([r.column(n) for n in names]) for r in recordings]
     findings, outliers = [], dict.fromkeys(names, 0)
-    for values in columns:
+    for r, values in zip(recordings, columns, strict=True):
+        values[preparation.pinned_rows(r, output), -1] = np.nan  # as a training does
         for i, name in enumerate(names):
             bad = outlier_mask(name, values[:, i])
             outliers[name] += int(bad.sum())
@@ -62,13 +64,12 @@ def usable(
     together = np.concatenate(columns)
     for i, name in enumerate(names):
         findings += _one_signal(name, together[:, i], outliers[name])
-    u: list[FloatArray] = []
-    y: list[FloatArray] = []
+    u, y = list[FloatArray](), list[FloatArray]()
     enabled, stretch = 0, f"stretch of {SHORTEST_STRETCH} samples with all inputs valid"
     for r, values in zip(recordings, columns, strict=True):
         good = np.asarray(np.isfinite(values[:, :-1]).all(axis=1))
         scored = np.isfinite(values[:, -1])
-        is_enabled, before = enabled_rows(r) & scored, len(u)
+        is_enabled, before = preparation.enabled_rows(r) & scored, len(u)
         for a, b in runs(good):
             if b - a >= SHORTEST_STRETCH and scored[a:b].any():
                 u.append(values[a:b, :-1])
