@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.damage.kills import assert_sound, loaded
 from monitor.base.errors import RecordingError
 from monitor.memory import block
 from monitor.memory.block import Block
@@ -24,7 +25,6 @@ from monitor.pipeline.replay import Setup
 from tests.conftest import ROOT
 from tests.helpers.bus.played_bus import Ear, run_on
 from tests.helpers.logs.replays import frames_of, replay_log
-from tests.helpers.memory.kills import assert_sound, loaded
 
 
 class Told(Ear):
@@ -149,7 +149,7 @@ def test_a_read_only_file_system_is_one_line_and_exit_code_2(tmp_path: Path, is_
     path = tmp_path / "o2.db"
     cli, log = [sys.executable, "-m", "monitor.cli"], replay_log("stuck_")
     command = [*cli, *(("replay", log) if is_new else ("dtc", "clear")), "--memory", path]
-    make = f"{sys.executable} -m tests.helpers.memory.driven_memory make {path} && "
+    make = f"{sys.executable} -m benchmarks.damage.driven_memory make {path} && "
     then = f"{'' if is_new else make}mount -o remount,ro {tmp_path}"
     done = subprocess.run(
         mounted(command, tmp_path, then),

@@ -46,7 +46,7 @@ def held(saved: Saved) -> list[Any]:
     ]
 
 
-def main(path: Path, drives: int) -> None:
+def run(path: Path, drives: int) -> None:
     """Run the loop."""
     drive = frames_of("delay_rich_to_lean", DRIVE_S)
     length_ns = drive[-1].t_ns - drive[0].t_ns + PAUSE_NS
@@ -70,4 +70,4 @@ def main(path: Path, drives: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    run(Path(sys.argv[1]), int(sys.argv[2]))

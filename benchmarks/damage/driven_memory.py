@@ -74,7 +74,7 @@ def _drive_for_ever(path: Path, seed: int) -> None:
             os.write(1, (json.dumps({"what": what} | told(store)) + "\n").encode())
 
 
-def main() -> None:
+def fork_for_every_line() -> None:
     """Fork a driving process for every line of the input."""
     for line in sys.stdin:
         path, seed = line.split()
@@ -93,4 +93,4 @@ if __name__ == "__main__":
     if sys.argv[1:]:
         Memory(Path(sys.argv[2])).close()
     else:
-        main()
+        fork_for_every_line()
