@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.damage.kills import assert_sound, loaded
+from benchmarks.damage.killing.kills import assert_sound, loaded
 from monitor.base.errors import RecordingError
 from monitor.memory import block
 from monitor.memory.block import Block
@@ -149,7 +149,7 @@ def test_a_read_only_file_system_is_one_line_and_exit_code_2(tmp_path: Path, is_
     path = tmp_path / "o2.db"
     cli, log = [sys.executable, "-m", "monitor.cli"], replay_log("stuck_")
     command = [*cli, *(("replay", log) if is_new else ("dtc", "clear")), "--memory", path]
-    make = f"{sys.executable} -m benchmarks.damage.driven_memory make {path} && "
+    make = f"{sys.executable} -m benchmarks.damage.killing.driven_memory make {path} && "
     then = f"{'' if is_new else make}mount -o remount,ro {tmp_path}"
     done = subprocess.run(
         mounted(command, tmp_path, then),

@@ -22,9 +22,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.damage.driven_memory import drive, told
 from benchmarks.damage.harness import fuzz_options
-from benchmarks.damage.loop_on_memory import held
+from benchmarks.damage.killing.driven_memory import drive, told
+from benchmarks.damage.killing.loop_on_memory import held
 from benchmarks.outcome import Row, finish
 from benchmarks.repository import ROOT
 from monitor.memory.block import MISSING, Block
@@ -94,7 +94,7 @@ def kills(path: Path, n: int, rng: random.Random) -> Counter[str]:
     happened: Counter[str] = Counter()
     started = Saved()
     with subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.damage.driven_memory"],
+        [sys.executable, "-m", "benchmarks.damage.killing.driven_memory"],
         cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -155,7 +155,7 @@ def loop_kills(folder: Path, n: int, rng: random.Random) -> int:
 def told_by_loop(path: Path, kill_after: int | None, wait_s: float = 0.0) -> list[Any]:
     """Return what the loop tells, to its end or until it is killed after so many events."""
     with subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.damage.loop_on_memory", path, "3"],
+        [sys.executable, "-m", "benchmarks.damage.killing.loop_on_memory", path, "3"],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
