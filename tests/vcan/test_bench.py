@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,10 +14,10 @@ from monitor.decode.bus_map import load_pairs
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
 from monitor.inject.rewrite import writers
+from tests.conftest import ROOT
 from tests.helpers.logs.replays import replays
 from tests.vcan.guest import Finished
 
-ROOT = Path(__file__).resolve().parents[2]
 BENCH = ROOT / "tests" / "vcan" / "bench.py"
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 FROM_S, LENGTH_S = 30.0, 38.0  # the code is there after 20 s, later on a busy machine
@@ -90,16 +91,13 @@ def stretch(frames: list[Frame]) -> list[Frame]:
 def thinned(frames: list[Frame]) -> list[Frame]:
     """Leave out every second frame of the fast messages; their counters count on."""
     by_key = writers(load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]).channels)
-    seen = dict.fromkeys(THINNED, 0)
-    kept = []
+    seen, kept = Counter[int](), []
     for frame in frames:
-        if frame.can_id in seen:
-            seen[frame.can_id] += 1
-            if seen[frame.can_id] % 2:
-                continue
-            shift = -(seen[frame.can_id] // 2)
-            data = by_key[frame.can_id, False].write(frame.data, {}, shift)
-            kept.append(frame._replace(data=data))
-        else:
+        seen[frame.can_id] += 1
+        left_out, is_odd = divmod(seen[frame.can_id], 2)
+        if frame.can_id not in THINNED:
             kept.append(frame)
+        elif not is_odd:
+            data = by_key[frame.can_id, False].write(frame.data, {}, -left_out)
+            kept.append(frame._replace(data=data))
     return kept

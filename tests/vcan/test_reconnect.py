@@ -4,12 +4,11 @@ import json
 import re
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
+from tests.conftest import ROOT
 from tests.vcan.guest import Finished
 
-ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "tests" / "vcan" / "down_and_up.py"
 N_SENT = 60
 

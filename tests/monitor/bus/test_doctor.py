@@ -4,8 +4,7 @@ import json
 import re
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,23 +44,17 @@ def identifier(message: str, bus_map: BusMap = OWN) -> int:
     return next(c.message.frame_id for c in channels if c.message.name == message)
 
 
-@contextmanager
-def played(script: Iterable[Frame | can.Message]) -> Iterator[str]:
-    """Play a script into a virtual bus in real time; give its channel."""
-    channel = f"doctor {time.monotonic_ns()}"
-
-    def play(over: threading.Event) -> None:
-        with can.Bus(channel, interface="virtual") as bus:
-            send_as_driven(bus, script, over)
-
-    with beside(play):
-        yield channel
-
-
 @pytest.fixture
 def doctor(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
+    """Give the doctor, who listens while a script is played into a virtual bus in real time."""
+    channel = f"doctor {time.monotonic_ns()}"
+
     def run(script: Iterable[Frame | can.Message], *options: str) -> tuple[int, str]:
-        with played(script) as channel:
+        def play(over: threading.Event) -> None:
+            with can.Bus(channel, interface="virtual") as bus:
+                send_as_driven(bus, script, over)
+
+        with beside(play):
             call = ["doctor", "-i", "virtual", "-c", channel, "--seconds", "0.8", *options]
             code = main(call)
         return code, capsys.readouterr().out
@@ -79,27 +72,34 @@ def test_nothing_is_wrong_with_a_sound_bus(doctor: Doctor) -> None:
     assert said.count("as wanted") == len({c.message for c in OWN.channels.values()}), said
 
 
-def test_a_bus_without_frames_is_silent_and_nothing_else(doctor: Doctor) -> None:
-    code, said = doctor([])
+FUEL, LAMBDA = identifier("ECU_Fuel"), identifier("ECU_Lambda")
+SPOILT: dict[str, tuple[list[Frame], list[str]]] = {
+    "without frames": ([], ["1. Nothing was received.", "same interface and channel"]),
+    "with foreign frames alone": (
+        FOREIGN,
+        ["No frame on this bus is of o2_ecu.dbc (the project's own ECU", "1 identifier: 123"],
+    ),
+    "without a message": (
+        [f for f in ecu() if f.can_id != FUEL],
+        ["1. ECU_Fuel (0C1) never came, so these are missing: fuel_mass_mg, rail"],
+    ),
+    "with a message of 29 bits in place of 11": (
+        [f._replace(is_extended=f.can_id == FUEL) for f in ecu()],
+        ["1. ECU_Fuel (0C1) comes with 29 bits of identifier"],
+    ),
+    "with a message at a quarter of its rate": (
+        [*[f for f in ecu() if f.can_id == LAMBDA][::4], *(f for f in ecu() if f.can_id != LAMBDA)],
+        ["1. ECU_Lambda (0C2) comes 1", "times per second, 50 are wanted"],
+    ),
+}
+
+
+@pytest.mark.parametrize("bus", SPOILT)
+def test_a_spoilt_bus_is_told_with_its_cause_and_nothing_else(doctor: Doctor, bus: str) -> None:
+    script, words = SPOILT[bus]
+    code, said = doctor(script)
     assert code == 3
-    assert "1. Nothing was received." in said
-    assert "same interface and channel" in said
-    assert "2. " not in said
-
-
-def test_a_bus_with_foreign_frames_alone_lists_them(doctor: Doctor) -> None:
-    code, said = doctor(FOREIGN)
-    assert code == 3
-    assert "No frame on this bus is of o2_ecu.dbc (the project's own ECU" in said
-    assert "1 identifier: 123" in said
-    assert "2. " not in said
-
-
-def test_a_missing_message_is_named_with_its_signals_and_nothing_else_is(doctor: Doctor) -> None:
-    lacking = identifier("ECU_Fuel")
-    code, said = doctor([f for f in ecu() if f.can_id != lacking])
-    assert code == 3
-    assert "1. ECU_Fuel (0C1) never came, so these are missing: fuel_mass_mg, rail" in said
+    assert [each for each in words if each not in said] == [], said
     assert "2. " not in said
 
 
@@ -120,12 +120,6 @@ def test_a_map_lacks_only_what_neither_its_messages_nor_its_derived_signals_prov
     assert "The map provides no rail_pressure_mpa, which shipped.onnx needs." in lacks
 
 
-def test_a_message_with_29_bits_in_place_of_11_is_told(doctor: Doctor) -> None:
-    wide = identifier("ECU_Fuel")
-    _, said = doctor([f._replace(is_extended=f.can_id == wide) for f in ecu()])
-    assert "ECU_Fuel (0C1) comes with 29 bits of identifier" in said
-
-
 def test_answers_of_an_engine_with_29_bit_diagnostics_are_those_that_a_run_reads(
     doctor: Doctor,
 ) -> None:
@@ -140,38 +134,21 @@ def test_answers_of_an_engine_with_29_bit_diagnostics_are_those_that_a_run_reads
     assert re.search(r"7E8 +\d\d", said), said
 
 
-def test_a_message_at_a_quarter_of_its_rate_is_too_slow(doctor: Doctor) -> None:
-    slow = identifier("ECU_Lambda")
-    lambdas = [f for f in ecu() if f.can_id == slow]
-    kept = [*lambdas[::4], *(f for f in ecu() if f.can_id != slow)]
-    code, said = doctor(kept)
-    assert code == 3
-    assert "ECU_Lambda (0C2) comes 1" in said
-    assert "times per second, 50 are wanted" in said
-
-
 @pytest.mark.parametrize("counts", [True, False], ids=["with a counter", "without one"])
 def test_two_senders_of_one_message_are_told_from_a_fast_one(
     doctor: Doctor, counts: bool, tmp_path: Path
 ) -> None:
     # GIVEN a second ECU that sends ECU_Lambda 7 ms after the first, with another lambda
-    options = [] if counts else without_integrity(tmp_path)
-    own = identifier("ECU_Lambda")
-    again = [
-        f._replace(t_ns=f.t_ns + 7_000_000) for f in ecu(lambda_measured=1.3) if f.can_id == own
-    ]
+    bare, text = tmp_path / "bare.toml", dbc.path("o2_ecu.toml").read_text()
+    bare.write_text(text[text.index("[signals]") :])
+    options = [] if counts else ["--dbc", str(dbc.path("o2_ecu.dbc")), "--map", str(bare)]
+    other = [f for f in ecu(lambda_measured=1.3) if f.can_id == LAMBDA]
+    again = [f._replace(t_ns=f.t_ns + 7_000_000) for f in other]
     # WHEN the doctor listens THEN there are two senders, and the rate is no finding of its own
     code, said = doctor([*ecu(), *again[3:]], *options)
     assert code == 3
     assert "ECU_Lambda (0C2) comes from two senders in turn, " in said
     assert "2. " not in said, said
-
-
-def without_integrity(folder: Path) -> list[str]:
-    text = dbc.path("o2_ecu.toml").read_text()
-    bare = folder / "bare.toml"
-    bare.write_text(text[text.index("[signals]") :])
-    return ["--dbc", str(dbc.path("o2_ecu.dbc")), "--map", str(bare)]
 
 
 def test_errors_among_frames_and_errors_alone_have_different_causes(doctor: Doctor) -> None:
@@ -185,12 +162,8 @@ def test_errors_among_frames_and_errors_alone_have_different_causes(doctor: Doct
 
 
 def test_a_wrong_length_and_a_cold_sensor_are_told(doctor: Doctor) -> None:
-    short = identifier("ECU_Fuel")
-
-    def spoilt(frame: Frame) -> Frame:
-        return frame._replace(data=frame.data[:6]) if frame.can_id == short else frame
-
-    _, said = doctor([spoilt(f) for f in ecu(lambda_measured=float("nan"))])
+    cold = ecu(lambda_measured=float("nan"))
+    _, said = doctor([f._replace(data=f.data[: 6 if f.can_id == FUEL else 8]) for f in cold])
     assert "ECU_Fuel (0C1) has 6 bytes, the database says 8." in said
     assert "lambda_measured: the ECU marks it as not available" in said
 

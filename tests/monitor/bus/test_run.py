@@ -94,9 +94,7 @@ def test_a_run_of_days_keeps_the_latest_windows_and_says_how_many_it_dropped(
 
 
 def bus_off(t_ns: int) -> can.Message:
-    return can.Message(
-        timestamp=t_ns / 1e9, arbitration_id=0x40, is_error_frame=True, data=bytes(8)
-    )
+    return can.Message(t_ns / 1e9, arbitration_id=0x40, is_error_frame=True, data=bytes(8))
 
 
 SILENT: dict[str, tuple[Callable[[list[Frame]], list[Any]], str]] = {
@@ -190,7 +188,6 @@ def test_a_drive_goes_on_after_the_interface_was_away(
     gap_s, n = 20.0, 6_000
     later = [f._replace(t_ns=f.t_ns + round(gap_s * 1e9)) for f in late_sensor[n:]]
     first, second = GoneBus(late_sensor[:n]), PlayedBus(later)
-    said: list[str] = []
     now = [0.0]
 
     def reopen() -> can.BusABC:
@@ -202,15 +199,8 @@ def test_a_drive_goes_on_after_the_interface_was_away(
         now[0] += seconds
 
     record = tmp_path / "gap.log"
-    loop = Loop(
-        first,
-        setup,
-        reopen=reopen,
-        record=record,
-        say=said.append,
-        monotonic_s=lambda: now[0],
-        sleep=sleep,
-    )
+    clock = {"monotonic_s": lambda: now[0], "sleep": sleep, "say": lambda _: None}
+    loop = Loop(first, setup, reopen=reopen, record=record, **clock)
     second.stop = loop.stop
     loop.run()
     live = loop.result("played")

@@ -22,7 +22,7 @@ def test_parameter_01_tells_lamp_codes_and_that_the_sensor_monitor_has_completed
     assert ask("01 01") == "41 01 81 04 20 00"
 
 
-def a_vehicle_with_a_catalyst() -> Vehicle:
+def test_a_vehicle_with_a_catalyst_tells_its_readiness_results_and_performance() -> None:
     vehicle = Vehicle()
     store = vehicle.store
     store.report(
@@ -37,11 +37,6 @@ def a_vehicle_with_a_catalyst() -> Vehicle:
     for test in ("catalyst", "downstream", "downstream_heater", "balance"):
         store.complete(test)
     store.count_judged("catalyst")
-    return vehicle
-
-
-def test_a_vehicle_with_a_catalyst_tells_its_readiness_results_and_performance() -> None:
-    vehicle = a_vehicle_with_a_catalyst()
     assert ask("01 01", vehicle) == "41 01 81 04 61 00"
     assert ask("06 00", vehicle) == "46 00 c0 00 00 01"
     assert ask("06 20", vehicle) == "46 20 80 00 00 01"

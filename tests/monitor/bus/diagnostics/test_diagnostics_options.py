@@ -21,12 +21,13 @@ from tests.helpers.bus.diagnostics_state import VIN
 SETUP = replay.set_up(None, [], config.load())
 
 
-def attached(*words: str) -> list[Diagnostics]:
-    """Return what answers testers with these options."""
+def attached(*words: str, memory: Memory | None = None) -> list[Diagnostics]:
+    """Return what answers testers with these options, of a monitor with a code."""
     parser = argparse.ArgumentParser()
     signature.add_options(parser, diagnostics.DiagnosticsOptions)
     with can.Bus("options", interface="virtual") as bus:
-        loop = Loop(bus, SETUP, say=lambda _: None)
+        loop = Loop(bus, SETUP, memory=memory, say=lambda _: None)
+        loop.pipeline.monitor.store.fail("gain_low", 0)
         found = diagnostics.diagnostics(parser.parse_args(words), SETUP, loop)
     assert all(isinstance(each, Diagnostics) for each in found)
     return [each for each in found if isinstance(each, Diagnostics)]
@@ -75,14 +76,8 @@ def test_only_a_clearing_that_is_stored_is_confirmed(
     is_full: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # GIVEN a code, and a disk that is full or not
-    parser = argparse.ArgumentParser()
-    signature.add_options(parser, diagnostics.DiagnosticsOptions)
-    args = parser.parse_args(["--transmit", "--clear-while-running"])
-    with can.Bus("options", interface="virtual") as bus, closing(Memory(tmp_path / "o2")) as memory:
-        loop = Loop(bus, SETUP, memory=memory, say=lambda _: None)
-        loop.pipeline.monitor.store.fail("gain_low", 0)
-        (server,) = diagnostics.diagnostics(args, SETUP, loop)
-        assert isinstance(server, Diagnostics)
+    with closing(Memory(tmp_path / "o2")) as memory:
+        (server,) = attached("--transmit", "--clear-while-running", memory=memory)
         if is_full:
             monkeypatch.setattr(memory, "save", full)
         # WHEN a tester clears

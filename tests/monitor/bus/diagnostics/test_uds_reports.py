@@ -16,20 +16,16 @@ from monitor.memory.store import Memory
 from tests.helpers.bus.diagnostics_state import Vehicle, ask
 
 Subfunction = ReadDTCInformation.Subfunction
-SLOW = 0x013300
+SUBFUNCTIONS = sorted(v for k, v in vars(Subfunction).items() if k.startswith("report"))
 ARGUMENTS: dict[str, Any] = {
     "status_mask": 0xFF,
     "severity_mask": 0xFF,
-    "dtc": SLOW,
+    "dtc": 0x013300,
     "snapshot_record_number": 0xFF,
     "extended_data_record_number": 0x05,
     "memory_selection": 1,
     "functional_group_id": 0x33,
 }
-
-
-def subfunctions() -> list[int]:
-    return sorted(v for k, v in vars(Subfunction).items() if k.startswith("report"))
 
 
 def request_of(subfunction: int) -> bytes:
@@ -45,16 +41,7 @@ def request_of(subfunction: int) -> bytes:
     return bytes((0x19, subfunction))
 
 
-def told(subfunction: int, vehicle: Vehicle, **options: Any) -> Any:
-    """Return what udsoncan reads in the answer."""
-    found = answer(request_of(subfunction), False, vehicle.state)
-    assert found is not None
-    response = Response.from_payload(found)
-    assert response.positive
-    return ReadDTCInformation.interpret_response(response, subfunction, **options).service_data
-
-
-@pytest.mark.parametrize("subfunction", subfunctions(), ids=hex)
+@pytest.mark.parametrize("subfunction", SUBFUNCTIONS, ids=hex)
 def test_every_report_of_codes_is_answered_or_refused(subfunction: int) -> None:
     found = answer(request_of(subfunction), False, Vehicle().state)
     assert found is not None
@@ -76,13 +63,12 @@ def test_a_code_keeps_the_freeze_frame_of_its_first_failure(tmp_path: Path) -> N
         vehicle = Vehicle()
         vehicle.state.store = DtcStore(memory.load())
     # THEN UDS and J1979 read the first
-    codec = {"default": "2s"}
-    read = told(
-        Subfunction.reportDTCSnapshotRecordByDTCNumber,
-        vehicle,
-        dtc_snapshot_did_size=2,
-        didconfig=codec,
+    snapshot = Subfunction.reportDTCSnapshotRecordByDTCNumber
+    response = Response.from_payload(answer(request_of(snapshot), False, vehicle.state) or b"")
+    assert response.positive
+    read = ReadDTCInformation.interpret_response(
+        response, snapshot, dtc_snapshot_did_size=2, didconfig={"default": "2s"}
     )
-    frames = {s.record_number: (s.did, s.raw_data) for s in read.dtcs[0].snapshots}
+    frames = {s.record_number: (s.did, s.raw_data) for s in read.service_data.dtcs[0].snapshots}
     assert frames == {0x00: (0xF40C, (4 * 1000).to_bytes(2, "big"))}
     assert (ask("02 0C 00", vehicle) or "").endswith("0f a0")

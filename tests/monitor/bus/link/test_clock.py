@@ -20,7 +20,7 @@ from benchmarks.damage.fuzz_times import (
     lived,
 )
 from monitor.base import config
-from monitor.base.types import Frame, FrameBlock
+from monitor.base.types import Frame
 from monitor.bus.link.clock import AGREEING, Clock
 from monitor.bus.loop import Loop
 from monitor.frames.blocks import block_of, chosen, frames_of, joined
@@ -38,15 +38,10 @@ TRUE_S = (DRIVE.t_ns - BEGIN_NS) / S
 PAUSE_NS = 300 * MS
 
 
-def moved(frames: FrameBlock, places: slice, step_s: float) -> FrameBlock:
-    t_ns = frames.t_ns.copy()
-    t_ns[places] += round(step_s * S)
-    return frames._replace(t_ns=t_ns)
-
-
 def paused(pause_s: float, step_s: float, record: Path) -> dict[str, Any]:
     """Return what a run says of a drive with a pause, its clock set meanwhile by so much."""
-    rest = moved(chosen(DRIVE, slice(MIDDLE, None)), slice(None), pause_s + step_s)
+    rest = chosen(DRIVE, slice(MIDDLE, None))
+    rest = rest._replace(t_ns=rest.t_ns + round((pause_s + step_s) * S))
     arrivals_s = np.concatenate([TRUE_S[:MIDDLE], TRUE_S[MIDDLE:] + pause_s])
     bus = Arriving(joined([chosen(DRIVE, slice(0, MIDDLE)), rest]), arrivals_s.tolist())
     with bus:

@@ -17,7 +17,7 @@ from monitor.judge.bias import Outcome
 from monitor.memory.codes import CODES
 from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
-from monitor.pipeline.events import DtcChanged, Event, Tick, WindowJudged
+from monitor.pipeline.events import DtcChanged, Event, Tick
 from monitor.pipeline.monitor import SensorMonitor
 from tests.helpers.models.windows import judged_window
 
@@ -47,12 +47,6 @@ class Stand:
 def tick(t_ns: int, predicted: float = 1.0, enabled: bool = True) -> Tick:
     sample = Sample(0, t_ns, np.zeros(1), np.zeros(1, dtype=np.uint8))
     return Tick(sample, predicted, (), enabled)
-
-
-def window(
-    index: int = 0, mean: float = 0.0, std: float = 0.0, outcome: Outcome = "passed"
-) -> WindowJudged:
-    return judged_window(mean, std, outcome, index=index)
 
 
 def decoded(frame: Frame) -> dict[str, Any]:
@@ -149,7 +143,7 @@ def test_the_state_is_told_in_the_words_of_the_database(
 def test_a_window_is_told_within_half_a_step(
     index: int, mean: float, std: float, outcome: Outcome
 ) -> None:
-    frame = only(Stand().transmitter(), window(index, mean, std, outcome))
+    frame = only(Stand().transmitter(), judged_window(mean, std, outcome, index=index))
     assert (frame.t_ns, frame.can_id) == (4_900_000_000, WINDOW)
     said = cast(dict[str, Any], DATABASE.decode_message(WINDOW, frame.data))
     step = 2.0**-13
@@ -162,7 +156,7 @@ def test_a_window_is_told_within_half_a_step(
 
 @pytest.mark.parametrize(("mean", "sent"), [(15.0, 3.99987792969), (-15.0, -4.0)])
 def test_a_value_beyond_its_signal_is_told_as_the_limit(mean: float, sent: float) -> None:
-    said = decoded(only(Stand().transmitter(), window(mean=mean, std=99.0)))
+    said = decoded(only(Stand().transmitter(), judged_window(mean, 99.0)))
     assert said["ResidualMean"] == pytest.approx(sent, abs=1e-9)
     assert said["ResidualStd"] == pytest.approx(7.99987792969, abs=1e-9)
 
@@ -170,7 +164,7 @@ def test_a_value_beyond_its_signal_is_told_as_the_limit(mean: float, sent: float
 def test_each_message_counts_its_own_frames_modulo_sixteen() -> None:
     transmitter = Stand().transmitter()
     status = [only(transmitter, tick(i * TICK_NS)) for i in range(20)]
-    windows = [only(transmitter, window(i)) for i in range(20)]
+    windows = [only(transmitter, judged_window(index=i)) for i in range(20)]
     for frames in (status, windows):
         assert [decoded(f)["AliveCounter"] for f in frames] == [i % 16 for i in range(20)]
         assert all(f.data[7] == crc(f) for f in frames)

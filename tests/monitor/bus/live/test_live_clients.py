@@ -17,6 +17,7 @@ from monitor.bus.live import page
 from monitor.bus.live.address import PageAddress, listen, may_ask
 from monitor.bus.live.hub import STREAMS, Hub
 from monitor.bus.live.page import Page
+from tests.helpers.bus.beside import beside
 from tests.helpers.bus.live_player import until
 
 LARGE = json.dumps({"samples": [[0, 1.0, 1.0, 1]] * 3000, "windows": []}).encode() + b"\n"
@@ -52,10 +53,6 @@ class Running:
         self._loop.call_soon_threadsafe(lambda: done.set_result(function()))
         return done.result(5.0)
 
-    @property
-    def connections(self) -> int:
-        return len(self.page.connections)
-
     def stop(self) -> None:
         self.call(lambda: self.hub.ended or self.hub.end())
         self.call(self._ended.set)
@@ -82,6 +79,12 @@ def connect(port: int, text: bytes = b"") -> socket.socket:
     return client
 
 
+@contextlib.contextmanager
+def connected(port: int, n: int, text: bytes = b"") -> Iterator[list[socket.socket]]:
+    with contextlib.ExitStack() as stack:
+        yield [stack.enter_context(connect(port, text)) for _ in range(n)]
+
+
 EVENTS = b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
@@ -92,9 +95,7 @@ def test_a_browser_that_never_reads_is_cut_off_and_others_are_served(server: Run
         with httpx.stream("GET", server.url + "events", timeout=5.0) as answer:
             seen.extend(line[:30] for line in answer.iter_lines())
 
-    reader = threading.Thread(target=read)
-    with connect(server.port, EVENTS):
-        reader.start()
+    with connect(server.port, EVENTS), beside(lambda _: read()):
         assert until(lambda: server.hub.streams == 2)
         # WHEN more is told than the kernel's buffers and the server's hold
         end_s = time.monotonic() + 10.0
@@ -105,7 +106,6 @@ def test_a_browser_that_never_reads_is_cut_off_and_others_are_served(server: Run
         assert server.hub.streams == 1
         server.take(b'{"samples":[],"windows":[],"channel":"last"}\n')
         server.call(server.hub.end)
-        reader.join(5.0)
     assert 'data: {"samples":[],"windows":' in seen
     assert "event: ended" in seen
 
@@ -142,9 +142,8 @@ def test_of_connections_beyond_the_most_the_longest_idle_ones_are_cut(
     server: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(page, "REQUEST_S", 30.0)
-    clients = [connect(server.port) for _ in range(page.CONNECTIONS + 20)]
-    try:
-        assert until(lambda: server.connections <= page.CONNECTIONS)
+    with connected(server.port, page.CONNECTIONS + 20) as clients:
+        assert until(lambda: len(server.page.connections) <= page.CONNECTIONS)
         cut = 0
         for client in clients[:20]:
             try:
@@ -152,10 +151,7 @@ def test_of_connections_beyond_the_most_the_longest_idle_ones_are_cut(
             except ConnectionResetError:
                 cut += 1
         assert cut == 20
-    finally:
-        for client in clients:
-            client.close()
-    assert until(lambda: server.connections == 0)
+    assert until(lambda: not server.page.connections)
     assert httpx.get(server.url).status_code == 200
 
 
@@ -165,9 +161,7 @@ def test_clients_that_send_a_byte_a_second_keep_nobody_from_the_page(
     # GIVEN 150 clients that send their requests byte by byte, and streams that nobody reads
     monkeypatch.setattr(page, "REQUEST_S", 30.0)
     monkeypatch.setattr(page, "STALLED_S", 30.0)
-    slow = [connect(server.port, b"GET / HT") for _ in range(150)]
-    deaf = [connect(server.port, EVENTS) for _ in range(STREAMS)]
-    try:
+    with connected(server.port, 150, b"GET / HT") as slow, connected(server.port, STREAMS, EVENTS):
         for _ in range(3):
             for client in slow:
                 with contextlib.suppress(OSError):  # cut meanwhile
@@ -176,20 +170,13 @@ def test_clients_that_send_a_byte_a_second_keep_nobody_from_the_page(
             for _ in range(5):
                 assert httpx.get(server.url, timeout=2.0).status_code == 200
         assert server.hub.streams <= STREAMS
-    finally:
-        for client in (*slow, *deaf):
-            client.close()
 
 
 def test_streams_beyond_the_most_are_told_to_come_later(server: Running) -> None:
-    clients = [connect(server.port, EVENTS) for _ in range(STREAMS)]
-    try:
+    with connected(server.port, STREAMS, EVENTS):
         assert until(lambda: server.hub.streams == STREAMS)
         assert httpx.get(server.url + "events").status_code == 503
         assert httpx.get(server.url).status_code == 200
-    finally:
-        for client in clients:
-            client.close()
     assert until(lambda: server.hub.streams == 0)
 
 

@@ -202,10 +202,7 @@ def test_values_move_with_the_drive_and_hold_still_on_request(
         assert page.locator("#spans [aria-pressed=true]").inner_text() == "10 min"
 
 
-@pytest.mark.parametrize(
-    ("size", "scheme"),
-    [(LAPTOP, "dark"), ((320, 640), "light")],
-)
+@pytest.mark.parametrize(("size", "scheme"), [(LAPTOP, "dark"), ((320, 640), "light")])
 def test_the_page_fits_every_screen_and_scheme(
     browser: Browser, drive: Player, size: tuple[int, int], scheme: str
 ) -> None:
@@ -227,7 +224,7 @@ def test_the_page_fits_every_screen_and_scheme(
 def test_a_stream_that_breaks_is_said_and_comes_back(
     browser: Browser, late_sensor: list[Frame]
 ) -> None:
-    with Player() as player, opened_later(browser) as page:
+    with Player() as player, browser.new_page() as page:
         player.push(late_sensor[:3000])
         page.goto(player.url)
         with at_work(player):
@@ -245,17 +242,10 @@ def test_a_stream_that_breaks_is_said_and_comes_back(
         assert "old" in (page.locator("body").get_attribute("class") or "")
 
 
-@contextmanager
-def opened_later(browser: Browser) -> Iterator[Page]:
-    context = browser.new_context()
-    yield context.new_page()
-    context.close()
-
-
 def test_a_page_shows_nothing_of_the_run_before_when_o2mon_is_started_again(
     browser: Browser, late_sensor: list[Frame]
 ) -> None:
-    with opened_later(browser) as page:
+    with browser.new_page() as page:
         with Player() as player:
             player.push(late_sensor)
             page.goto(player.url)
@@ -277,7 +267,7 @@ def test_a_code_of_the_monitor_itself_is_listed_and_is_no_fault_of_the_vehicle(
 ) -> None:
     store = DtcStore()
     store.fail("memory_lost", 1)
-    with Player(store) as player, opened_later(browser) as page:
+    with Player(store) as player, browser.new_page() as page:
         player.push(late_sensor[:3000])
         page.goto(player.url)
         with at_work(player):
@@ -287,7 +277,7 @@ def test_a_code_of_the_monitor_itself_is_listed_and_is_no_fault_of_the_vehicle(
 
 
 def test_the_end_of_the_monitor_is_said(browser: Browser, late_sensor: list[Frame]) -> None:
-    with opened_later(browser) as page:
+    with browser.new_page() as page:
         with Player() as player:
             player.push(late_sensor[:3000])
             page.goto(player.url)

@@ -4,8 +4,6 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import can
@@ -25,16 +23,10 @@ def port() -> int:
         return int(free.getsockname()[1])
 
 
-@contextmanager
-def ecu_sending(seconds: float) -> Iterator[None]:
+def drive(_: threading.Event) -> None:
     """Let an ECU send what it sent in a recorded drive, at its pace."""
-
-    def send(_: threading.Event) -> None:
-        with can.Bus(interface="virtual", channel=CHANNEL) as bus:
-            send_as_driven(bus, frames_of("healthy_micro_trips", seconds))
-
-    with beside(send):
-        yield
+    with can.Bus(interface="virtual", channel=CHANNEL) as bus:
+        send_as_driven(bus, frames_of("healthy_micro_trips", 4.0))
 
 
 def watch(url: str, seconds: float, into: list[dict[str, Any]]) -> None:
@@ -56,7 +48,7 @@ def test_a_run_shows_its_page_while_it_judges(
     seen: list[dict[str, Any]] = []
     url = f"http://127.0.0.1:{port}/"
     run = ["run", "-i", "virtual", "-c", CHANNEL, "--live", str(port), "--duration", "4"]
-    with beside(lambda _: watch(url, 10.0, seen)), ecu_sending(4.0):
+    with beside(lambda _: watch(url, 10.0, seen)), beside(drive):
         assert cli.main(run) == 3
     assert f"live page: {url}" in capsys.readouterr().out
     last = [message for message in seen if message][-1]

@@ -124,21 +124,17 @@ def test_a_browser_that_comes_gets_the_past_at_once() -> None:
     assert state["now"] == {"ms": 100}
 
 
-async def next_events(hub: Hub, place: int | None) -> tuple[int, bytes]:
-    return await hub.after(place)
-
-
 def test_streams_get_what_they_missed_and_the_whole_when_they_missed_too_much() -> None:
     hub = Hub()
-    place, first = asyncio.run(next_events(hub, None))
+    place, first = asyncio.run(hub.after(None))
     assert first.startswith(b"event: snapshot")
     for i in range(3):
         hub.take(message(now={"ms": i}))
-    later, missed = asyncio.run(next_events(hub, place))
+    later, missed = asyncio.run(hub.after(place))
     assert missed.count(b"data: ") == 3
     for i in range(RING + 1):
         hub.take(message(now={"ms": i}))
-    _, whole = asyncio.run(next_events(hub, later))
+    _, whole = asyncio.run(hub.after(later))
     assert whole.startswith(b"event: snapshot")
     assert whole.count(b"data: ") == 1
 
