@@ -25,17 +25,7 @@ SOURCES = (
     "dbc",
 )
 ABSENT = (
-    *(
-        "pytest",
-        "training",
-        "torch",
-        "scipy",
-        "numba",
-        "polars",
-        "pandas",
-        "onnx",
-        "joblib",
-    ),
+    *("pytest", "training", "torch", "scipy", "numba", "polars", "pandas", "onnx", "joblib"),
     "asammdf",  # python-can takes it where it is, and it brings pandas
     *("fcntl", "resource", "termios"),  # Windows has none of them
 )
@@ -136,9 +126,7 @@ def test_the_runtime_starts_where_no_library_of_training_exists(tmp_path: Path) 
     assert {".".join(path.with_suffix("").parts) for path in paths} <= set(imported)
 
 
-def test_both_ci_files_of_the_firmware_example_have_one_command(
-    installed: Path,
-) -> None:
+def test_both_ci_files_of_the_firmware_example_have_one_command(installed: Path) -> None:
     firmware = ROOT / "examples" / "firmware"
     job = yaml.safe_load((firmware / "gitlab.yml").read_text())["diagnosis"]
     steps = yaml.safe_load((firmware / "github.yml").read_text())["jobs"]["diagnosis"]["steps"]

@@ -140,10 +140,7 @@ COUNTS: Final[Mapping[str, tuple[Asked, Asked]]] = {
     "two, twice: both right": (_kind("two", 2.0), _both),
     "two, twice: right or in a set": (_kind("two", 2.0), _said),
     "beside a fault: suspected": (_kind("beside"), _suspected),
-    "beside a fault: and the effect said": (
-        _kind("beside"),
-        lambda r: _suspected(r) and _said(r),
-    ),
+    "beside a fault: and the effect said": (_kind("beside"), lambda r: _suspected(r) and _said(r)),
     "two: a wrong name": (
         _kind("two"),
         lambda r: _named(r) and not set(r["effects"]) <= set(r["hidden"]),

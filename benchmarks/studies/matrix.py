@@ -34,10 +34,7 @@ def _run(args: argparse.Namespace) -> int:
     chunks = run.chunks(matrix, args.model)
     total = sum(chunk.count for chunk in chunks.values())
     made = partial(tables.report, matrix, args.model.name)
-    digests = {
-        "model_sha256": sha256(args.model),
-        "config_sha256": runner.config_sha256(settings),
-    }
+    digests = {"model_sha256": sha256(args.model), "config_sha256": runner.config_sha256(settings)}
     with runner.running("matrix", args, matrix, total, made, **digests) as place:
         run.run(matrix, chunks, args.model, settings, place)
     return 0

@@ -20,10 +20,7 @@ from training.recordings.recording import Recording, load
 
 INPUTS: Final = ("speed_z", "load_z", "ignition_angle_z", "fuel_cutoff_z")
 OUTPUT: Final = "lambda_z"
-RUNS: Final = {
-    1: (10, 11, 12, 13, 14, 15, 30, 31, 32, 33, 53, 54),
-    2: (3, 6, 8, 11, 15, 19),
-}
+RUNS: Final = {1: (10, 11, 12, 13, 14, 15, 30, 31, 32, 33, 53, 54), 2: (3, 6, 8, 11, 15, 19)}
 STOICHIOMETRIC_Z: Final = -0.065  # median of all runs outside fuel cut
 LAMBDA_PER_Z: Final = 0.064  # see above
 # maps the fuel cut-off to the enable conditions, so that windows exclude fuel cut and the recovery;

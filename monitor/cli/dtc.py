@@ -80,10 +80,7 @@ def _load(path: Path) -> "tuple[DtcStore, Condition]":
 
 
 def _print(
-    args: DtcOptions,
-    found: "Condition",
-    fields: Mapping[str, Any],
-    lines: Iterator[str],
+    args: DtcOptions, found: "Condition", fields: Mapping[str, Any], lines: Iterator[str]
 ) -> int:
     if found.says:
         warn(found.says)

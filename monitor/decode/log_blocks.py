@@ -46,11 +46,7 @@ class EngineAnswers:
 
 
 def log_blocks(
-    path: str | Path,
-    bus_map: BusMap,
-    counters: LogCounters | None = None,
-    *,
-    renames: bool = True,
+    path: str | Path, bus_map: BusMap, counters: LogCounters | None = None, *, renames: bool = True
 ) -> Iterator[FrameBlock]:
     """Return the blocks of a log for a bus map; errors as of ``read_blocks``.
 

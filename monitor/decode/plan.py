@@ -13,12 +13,7 @@ from monitor.decode.bus_map import BusChannel, BusMap
 from monitor.decode.checksum import payload_checksums
 from monitor.decode.parameter_groups import mask_of
 from monitor.decode.payloads import Bytes, Payloads
-from monitor.decode.raw_values import (
-    bit_position,
-    last_byte,
-    not_available_raw,
-    plausible_range,
-)
+from monitor.decode.raw_values import bit_position, last_byte, not_available_raw, plausible_range
 from monitor.frames.blocks import EXTENDED
 
 Member = tuple[int, BusChannel]  # channel number, channel

@@ -92,10 +92,7 @@ def head_of(path: Path, size: int) -> bytes:
 
 
 def open_text(
-    path: Path,
-    encoding: str = "utf-8",
-    errors: str = "surrogateescape",
-    newline: str | None = None,
+    path: Path, encoding: str = "utf-8", errors: str = "surrogateescape", newline: str | None = None
 ) -> TextIO:
     """Open the text file for reading line by line, unpacked if its name ends in .gz.
 

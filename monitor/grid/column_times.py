@@ -45,10 +45,8 @@ def unlike(
     slack_s = SLACK * period_s
     for name, usual_s in known["every_s"].items():
         if (every_s := own["every_s"].get(name, 0.0)) > max(usual_s, period_s) + slack_s:
-            return (
-                f"{name} changes every {plain(every_s, 3)} s, the model needs it every "
-                f"{period_s:g} s"
-            )
+            seen = f"{name} changes every {plain(every_s, 3)} s"
+            return f"{seen}, the model needs it every {period_s:g} s"
     far = [
         (max(low - own["apart_s"][pair][0], own["apart_s"][pair][0] - high), pair)
         for pair, (low, high) in known["apart_s"].items()
@@ -61,9 +59,8 @@ def unlike(
     first, second = pair.split()
     late, other = (second, first) if apart_s > high else (first, second)
     return (
-        f"{late} comes {plain(beyond_s, 2)} s later against {other} than in the "
-        "recordings that trained "
-        "the model"
+        f"{late} comes {plain(beyond_s, 2)} s later against {other} than in the recordings "
+        "that trained the model"
     )
 
 

@@ -13,12 +13,7 @@ from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray, Sam
 from monitor.frames.profiles.profile import STOICH_AFR
 from monitor.frames.profiles.times import held
 from monitor.grid.block_assembler import assemble_arrays, check_grid
-from monitor.grid.tables import (
-    UNIFORM,
-    Table,
-    round_period_ns,
-    uniform_period_ns,
-)
+from monitor.grid.tables import UNIFORM, Table, round_period_ns, uniform_period_ns
 
 READY: Final = "sensor_ready"
 AIR: Final = ("air_mass_mg", "maf_kg_h", "engine_speed_rpm")
@@ -87,8 +82,7 @@ def check_unit(table: Table) -> None:
     where, wanted = f"{table.path}: {table.column_of(OUTPUT)}", f"as {OUTPUT}, lambda is wanted"
     if len(known) and least * STOICH_AFR <= known.min() < STOICH_AFR < known.max():
         raise RecordingError(
-            f"{where} is an air-fuel ratio ({plain(known.min(), 3)} to "
-            f"{plain(known.max(), 3)}) {wanted}: "
+            f"{where} is an air-fuel ratio ({known.min():.1f} to {known.max():.1f}) {wanted}: "
             f"divide it by {STOICH_AFR}, factor = {1.0 / STOICH_AFR:.5f} in --columns"
         )
     if "fuel_cut" in table.names:
@@ -114,9 +108,8 @@ def _check_air(table: Table) -> None:
     if not CYLINDERS[0] - 0.5 < cylinders < CYLINDERS[1] + 0.5:
         raise RecordingError(
             f"{table.path}: {table.column_of(AIR[1])} and {table.column_of(AIR[0])} are those of "
-            f"{plain(cylinders, 2)} cylinders: one is in another unit than {AIR[1]} and "
-            f"{AIR[0]} say "
-            "(an air flow in g/s: factor = 3.6 in --columns)"
+            f"{plain(cylinders, 2)} cylinders: one is in another unit than {AIR[1]} and {AIR[0]} "
+            "say (an air flow in g/s: factor = 3.6 in --columns)"
         )
 
 
@@ -126,10 +119,7 @@ def _known(reading: FloatArray, rows: BoolArray) -> FloatArray:
 
 
 def _on_grid(
-    table: Table,
-    cells: FloatArray,
-    names: Sequence[str],
-    period_ns: int | None,
+    table: Table, cells: FloatArray, names: Sequence[str], period_ns: int | None
 ) -> SampleBlock:
     """Return a table's cells, (n, n_names), as they are if rows are uniform, else on a grid."""
     places = [table.names.index(name) for name in names]

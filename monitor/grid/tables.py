@@ -14,13 +14,7 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.signals import OUTPUT
 from monitor.base.types import BoolArray, FloatArray, IntArray
-from monitor.frames.profiles.profile import (
-    Profile,
-    is_profile,
-    load_profile,
-    path_of,
-    profile_of,
-)
+from monitor.frames.profiles.profile import Profile, is_profile, load_profile, path_of, profile_of
 from monitor.frames.profiles.recognition import key, places, recognised
 from monitor.frames.profiles.signals import all_cells, read_signals
 from monitor.frames.tables.dialect import OWN_TIME

@@ -91,11 +91,8 @@ def in_words(entry: Mapping[str, Any] | None) -> str:
         said += f"; not tested: {', '.join(entry['not_tested'])}"
     share, before = entry.get("explained"), entry.get("explained_before", 0.0)
     if share is not None and share < LEAST_EXPLAINED * before:
-        said += (
-            f"; it explains {plain(100 * share, 2)} % of this reading, "
-            f"{plain(100 * before, 2)} % and more"
-        )
-        said += " of those: is it another vehicle's?"
+        said += f"; it explains {plain(100 * share, 2)} % of this reading, "
+        said += f"{plain(100 * before, 2)} % and more of those: is it another vehicle's?"
     return f"tried on {counted(entry['drives'], 'drive')}, this model {said}"
 
 

@@ -87,11 +87,7 @@ class Dtc:
             if not status & Status.PENDING:
                 return Dtc(self.code, status=status)
         return replace(
-            self,
-            status=status,
-            t_ns=0,
-            failed_cycles=failed_cycles,
-            passed_cycles=passed_cycles,
+            self, status=status, t_ns=0, failed_cycles=failed_cycles, passed_cycles=passed_cycles
         )
 
     @property

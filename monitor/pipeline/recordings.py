@@ -50,12 +50,7 @@ class RecordingReader:
     bus_map : for logs; columns : for CSV tables
     """
 
-    def __init__(
-        self,
-        bus_map: BusMap,
-        card: ModelCard,
-        columns: Path | None = None,
-    ) -> None:
+    def __init__(self, bus_map: BusMap, card: ModelCard, columns: Path | None = None) -> None:
         self._card, self._columns, self._bus_map = card, columns, bus_map
         self._names = needed_names(card, (*bus_map.names, *bus_map.optional))
         self._decoder = BlockDecoder(bus_map, self._names)
@@ -116,9 +111,8 @@ class RecordingReader:
             ms = 1.0 / COARSE < step_ns / 1000 / self._card.period_ns < COARSE
             remedy = "is its time in ms? s are wanted" if ms else f"log faster, or {OTHER_MODEL}"
             raise CoarseTableError(
-                f"{table.path}: samples every {plain(step_ns / 1e9, 3)} s, the model "
-                "needs them every "
-                f"{self._card.period_ns / 1e9:g} s; {remedy}"
+                f"{table.path}: samples every {plain(step_ns / 1e9, 3)} s, the model needs them "
+                f"every {self._card.period_ns / 1e9:g} s; {remedy}"
             )
         block = table_block(table, table.names, self._card.period_ns)
         self._check_times(table, block)

@@ -118,11 +118,7 @@ def replay(
 
 
 def _without_model(
-    table: Table,
-    sha256: str,
-    config: Config,
-    memory: Memory | None,
-    lacking: MissingSignalsError,
+    table: Table, sha256: str, config: Config, memory: Memory | None, lacking: MissingSignalsError
 ) -> dict[str, Any]:
     """Return the entry of a table that lacks signals of the model: tests without a model judge."""
     store = store_of(memory, config.profile)

@@ -229,11 +229,7 @@ def _set_at(dtc: Mapping[str, Any]) -> str:
 def _evidence(recording: Mapping[str, Any]) -> str:
     """Return the evidence about each fault of the response test, folded up."""
     rows = [
-        {
-            "Fault": f"<code>{text(fault)}</code>",
-            "Evidence": text(amount),
-            "Decision": text(left),
-        }
+        {"Fault": f"<code>{text(fault)}</code>", "Evidence": text(amount), "Decision": text(left)}
         for fault, amount, left in evidence.rows(recording)
     ]
     if not any(each["log_odds"] for each in recording.get("evidence", {}).values()):

@@ -82,9 +82,8 @@ class TableCheck:
         )
         if span_s > SLOWEST_S * (len(table.t_ns) - 1):
             yield (
-                f"note: a row every {plain(span_s / (len(table.t_ns) - 1), 3)} s; are the "
-                "times in ms? "
-                'then time = { column = "…", unit = "ms" } in a profile'
+                f"note: a row every {plain(span_s / (len(table.t_ns) - 1), 3)} s; are the times in "
+                'ms? then time = { column = "…", unit = "ms" } in a profile'
             )
         width = max([len("from"), *(len(table.column_of(name)) for name in table.names)])
         yield (
@@ -121,10 +120,8 @@ class TableCheck:
             rate = f"{plain((min(n_told, len(good)) - 1) / span_s, 3)}/s" if span_s > 0 else ""
             seen = values[self.runs & np.isfinite(values)]
             seen = seen if len(seen) else good
-            numbers = (
-                ""
-                f"{rate:>9}{plain(seen.min()):>11}{plain(np.median(seen)):>11}{plain(seen.max()):>11}"
-            )
+            low, middle, high = map(plain, (seen.min(), np.median(seen), seen.max()))
+            numbers = f"{rate:>9}{low:>11}{middle:>11}{high:>11}"
         else:
             numbers = " " * 42
         possible = "to".join(f" {round(each, 3) + 0.0:g} " for each in plausible_range(name))

@@ -7,14 +7,7 @@ from typing import Final
 from monitor.base.types import Quality
 from monitor.judge.enable import CONDITIONS
 from monitor.memory.dtc import Dtc
-from monitor.pipeline.events import (
-    CutJudged,
-    CycleStarted,
-    DtcChanged,
-    Event,
-    Tick,
-    WindowJudged,
-)
+from monitor.pipeline.events import CutJudged, CycleStarted, DtcChanged, Event, Tick, WindowJudged
 from monitor.pipeline.monitor import SensorMonitor
 from monitor.sinks.record import Record, Value
 

@@ -53,10 +53,7 @@ def faulty() -> dict[str, Windows]:
 
 def together(parts: dict[str, Windows]) -> Windows:
     each = list(parts.values())
-    return Windows(
-        np.vstack([w.measured for w in each]),
-        np.vstack([w.predicted for w in each]),
-    )
+    return Windows(np.vstack([w.measured for w in each]), np.vstack([w.predicted for w in each]))
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)

@@ -247,11 +247,7 @@ def _read(
     if faulty:
         phi = _one_sided(phi, _look_back(sensed, k, f.delay_s), f.delay_direction)
     slow = _lag_step(
-        slow,
-        phi,
-        f.tau_rising_s if faulty else 0.0,
-        f.tau_falling_s if faulty else 0.0,
-        STEP_S,
+        slow, phi, f.tau_rising_s if faulty else 0.0, f.tau_falling_s if faulty else 0.0, STEP_S
     )
     phi = 1.0 + (f.gain if faulty else 1.0) * (slow - 1.0)
     reading = min(1.0 / max(phi, 1.0 / LAMBDA_MAX), LAMBDA_MAX)

@@ -148,11 +148,7 @@ def _of_injectors(p: Parameters, axes: TableAxes, samples: CellSamples) -> list[
     dead = _Law("injector_dead_time", "ms", (axes.volts,), of_volts, (at,), known)
     pressure = axes.pressure(direct="rail_pressure_mpa" in p.subject.known)
     flow = _Law(
-        "injector_flow_scale",
-        "mg/ms",
-        (pressure,),
-        lambda v: v["flow"] + np.zeros(1),
-        (0 * at,),
+        "injector_flow_scale", "mg/ms", (pressure,), lambda v: v["flow"] + np.zeros(1), (0 * at,)
     )
     return [dead, flow] if p.subject.absolute_air else [dead]
 

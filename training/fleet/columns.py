@@ -23,7 +23,7 @@ _START: Final[Columns] = {
     "start": (
         pl.Datetime("us", "UTC"),
         "time of the first sample, UTC, or the date in the file's name; null without either",
-    ),
+    )
 }
 
 ESTIMATES: Final[Columns] = {
@@ -112,10 +112,7 @@ RECORDINGS: Final[Columns] = {
         "distance of the offset from the healthy offsets in standard deviations, below 0 inside "
         "them; largest value that two successive windows reach",
     ),
-    "reference_drives": (
-        pl.UInt32(),
-        "number of earlier drives in the reference of the vehicle",
-    ),
+    "reference_drives": (pl.UInt32(), "number of earlier drives in the reference of the vehicle"),
     "offset_low": (pl.Float64(), "lower limit of the offset in this drive, output's unit"),
     "offset_high": (pl.Float64(), "upper limit of the offset in this drive, output's unit"),
     "reference_gain": (pl.Float64(), "healthy gain of this vehicle"),

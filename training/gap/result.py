@@ -218,10 +218,7 @@ def _effect(result: Result, chosen: Candidate) -> dict[str, Any]:
     entry = _candidate(chosen)
     own = next((a for a in result.addition.effects if a.name == chosen.name), None)
     if own is not None:
-        entry |= {
-            "parameters": dict(own.parameters),
-            "standard_errors": dict(own.standard_errors),
-        }
+        entry |= {"parameters": dict(own.parameters), "standard_errors": dict(own.standard_errors)}
     if chosen.kind == "empirical":
         values = own.parameters if own is not None else chosen.parameters
         entry["formula"] = formula(chosen.name, list(values.values()))

@@ -131,11 +131,7 @@ def _drive(recording: Recording, card: ModelCard) -> ChainDrive:
     if card.transform != "phi":
         return _plain_drive(recording, others, reading)
     drive = make(
-        recording.path.name,
-        recording.period_ns / 1e9,
-        others,
-        reading,
-        needed=card.input_names,
+        recording.path.name, recording.period_ns / 1e9, others, reading, needed=card.input_names
     )
     if "fuel_cut" in present or "fuel_mass_mg" in present:
         return drive

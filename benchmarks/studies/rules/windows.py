@@ -37,8 +37,7 @@ class Windows:
         if not windows:
             raise RecordingError("no window in any drive, at least one is wanted")
         return cls(
-            np.array([w.measured for w in windows]),
-            np.array([w.predicted for w in windows]),
+            np.array([w.measured for w in windows]), np.array([w.predicted for w in windows])
         )
 
 

@@ -6,12 +6,7 @@ from typing import Final
 
 from benchmarks.studies import targets
 from benchmarks.studies.report import DEVELOPMENT, Report, Section
-from benchmarks.studies.tables import (
-    Row,
-    answers,
-    confusion,
-    split,
-)
+from benchmarks.studies.tables import Row, answers, confusion, split
 from benchmarks.studies.targets import Target
 from benchmarks.studies.workflow.answers import (
     AMONG,

@@ -56,9 +56,7 @@ def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[ObdParameter, ...]:
         )
     signals = (
         ObdParameter(
-            pids,
-            tuple(c.mapped.name for c in group),
-            min(c.mapped.timeout_s for c in group),
+            pids, tuple(c.mapped.name for c in group), min(c.mapped.timeout_s for c in group)
         )
         for pids, group in groups.items()
     )

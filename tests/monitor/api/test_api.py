@@ -170,10 +170,7 @@ def test_an_undecided_test_hides_neither_what_failed_nor_what_passed() -> None:
 
 def test_a_notifier_feeds_the_listener_and_closes_its_memory(tmp_path: Path) -> None:
     memory = tmp_path / "o2.db"
-    with (
-        can.Bus("api", interface="virtual") as ear,
-        can.Bus("api", interface="virtual") as mouth,
-    ):
+    with can.Bus("api", interface="virtual") as ear, can.Bus("api", interface="virtual") as mouth:
         listener = OxygenSensorMonitor(memory=memory)
         notifier = can.Notifier(ear, [listener], timeout=0.01)
         for message in messages()[:200]:

@@ -13,12 +13,7 @@ from monitor.base.errors import SignalMapError
 from monitor.base.types import Quality, Sample, SampleBlock
 from monitor.decode.block_decoder import Decoded
 from monitor.decode.signal_map import Derived
-from monitor.grid.block_assembler import (
-    MAX_JUMP_NS,
-    MAX_LATE,
-    BlockAssembler,
-    assemble_arrays,
-)
+from monitor.grid.block_assembler import MAX_JUMP_NS, MAX_LATE, BlockAssembler, assemble_arrays
 from tests.helpers.examples import inputs
 from tests.helpers.models.slow_assembler import SlowAssembler
 

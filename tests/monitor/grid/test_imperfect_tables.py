@@ -182,11 +182,7 @@ def test_what_is_usual_for_a_logger_is_no_other_time() -> None:
     )
 
 
-@given(
-    step=st.sampled_from([1e-6, 0.01, 0.1]),
-    rows=st.integers(1, 8),
-    seed=st.integers(0, 1000),
-)
+@given(step=st.sampled_from([1e-6, 0.01, 0.1]), rows=st.integers(1, 8), seed=st.integers(0, 1000))
 def test_a_column_s_interval_is_how_often_it_is_written_not_how_coarse(
     step: float, rows: int, seed: int
 ) -> None:

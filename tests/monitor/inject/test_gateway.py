@@ -22,12 +22,7 @@ from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.side import Side
 from tests.helpers.logs.bus_maps import OWN
-from tests.helpers.logs.injected_frames import (
-    HALF_STEP,
-    LAMBDA_ID,
-    decoded,
-    lambda_frames,
-)
+from tests.helpers.logs.injected_frames import HALF_STEP, LAMBDA_ID, decoded, lambda_frames
 
 
 class Loose(VirtualBus):

@@ -216,8 +216,7 @@ def test_nothing_is_judged_while_the_engine_stands_with_the_ignition_on(
 
 
 @pytest.mark.parametrize(
-    ("key", "end"),
-    [("threshold_g", "min"), ("threshold_g", "max"), ("offset_biased_phi", "max")],
+    ("key", "end"), [("threshold_g", "min"), ("threshold_g", "max"), ("offset_biased_phi", "max")]
 )
 def test_a_limit_leaves_members_of_the_bank_on_either_side(
     key: str, end: str, tmp_path: Path

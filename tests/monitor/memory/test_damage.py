@@ -7,14 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.damage.fuzz_memory import (
-    content,
-    contents,
-    damaged,
-    memories,
-    outcome,
-    put,
-)
+from benchmarks.damage.fuzz_memory import content, contents, damaged, memories, outcome, put
 from monitor.base.errors import RecordingError
 from monitor.cli import main
 from monitor.memory.block import Block
@@ -81,9 +74,7 @@ def test_a_file_that_is_gone_is_made_anew_and_the_line_says_how_to_begin_anew(pa
     assert content(path) == whole
 
 
-def test_a_lost_memory_is_announced_until_its_code_is_stored(
-    path: Path,
-) -> None:
+def test_a_lost_memory_is_announced_until_its_code_is_stored(path: Path) -> None:
     # GIVEN a memory that is lost
     damage(path)
     # WHEN processes open it and are killed before they have judged a sample

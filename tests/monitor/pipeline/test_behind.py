@@ -39,10 +39,7 @@ def test_circuit_and_heater_of_the_downstream_sensor_have_codes(
     ("experiment", "codes"),
     [
         (Experiment(**DRIVE), set()),
-        (
-            Experiment(**DRIVE, downstream_fault=fault_behind("catalyst_low", 0.05)),
-            {"P0420"},
-        ),
+        (Experiment(**DRIVE, downstream_fault=fault_behind("catalyst_low", 0.05)), {"P0420"}),
         (Experiment(**DRIVE, fault=faults.resolve("biased_lean", 0.025)), {"P2097", "P2195"}),
         (Experiment(**DRIVE, fault=faults.resolve("biased_rich", 0.025)), {"P2096", "P2196"}),
     ],

@@ -27,11 +27,7 @@ def judged(fault: str | None, severity: float | None, limits: Limits = LIMITS) -
 
 
 @pytest.mark.parametrize(
-    ("fault", "severity"),
-    [
-        ("slow_rich_to_lean", 0.6),
-        ("delay_lean_to_rich", 0.5),
-    ],
+    ("fault", "severity"), [("slow_rich_to_lean", 0.6), ("delay_lean_to_rich", 0.5)]
 )
 def test_fuel_cuts_alone_name_a_sensor_that_is_slow_or_late_on_one_edge(
     fault: str, severity: float

@@ -166,9 +166,7 @@ def test_a_spoilt_log_is_judged_alike_on_a_bus_and_in_a_replay(
     assert replayed(path, SPOILT) == expected
 
 
-def test_a_whole_recording_holds_only_the_signals_that_the_monitor_looks_at(
-    tmp_path: Path,
-) -> None:
+def test_a_whole_recording_holds_only_the_signals_that_the_monitor_looks_at(tmp_path: Path) -> None:
     recorded = read(replay_log("gain_low"), SETUP)
     path = tmp_path / "table.csv"
     t_s = (recorded.block.t_ns - recorded.block.t_ns[0]) / 1e9

@@ -207,10 +207,7 @@ def test_garbage_is_counted_and_survived(
 
 
 def test_a_short_log_has_limits_of_its_twins_and_says_on_how_little_they_rest(
-    replayed: Callable[..., Replayed],
-    me7: Path,
-    folder: Path,
-    capsys: pytest.CaptureFixture[str],
+    replayed: Callable[..., Replayed], me7: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # GIVEN a log with few windows
     short = edited(me7, folder / "third.csv", lambda _, rows: rows[: len(rows) // 3])

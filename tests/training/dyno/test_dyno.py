@@ -127,9 +127,7 @@ def test_log_and_table_of_a_drive_give_the_same_samples_bit_for_bit(
     assert lost.all() == (fault is not None)
 
 
-def test_the_dynamometers_samples_are_those_the_runtime_makes_of_its_frames(
-    tmp_path: Path,
-) -> None:
+def test_the_dynamometers_samples_are_those_the_runtime_makes_of_its_frames(tmp_path: Path) -> None:
     experiment = replace(
         SHORT, duration_s=45.0, fault=faults.resolve("signal_missing"), fault_start_s=30.0
     )

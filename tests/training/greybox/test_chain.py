@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from monitor.base.types import FloatArray
-from training.greybox.chain import (
-    STOICHIOMETRIC,
-    Constants,
-    Path,
-    base_path,
-    simulate,
-    valve_phi,
-)
+from training.greybox.chain import STOICHIOMETRIC, Constants, Path, base_path, simulate, valve_phi
 
 PERIOD_S = 0.1
 

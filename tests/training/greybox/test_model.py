@@ -17,12 +17,7 @@ from training.greybox.charge import INPUTS
 from training.greybox.fit.constants import reference
 from training.greybox.fit.drive import until
 from training.greybox.graph.chain_graph import Greybox, build
-from training.greybox.model import (
-    POOR_CORRELATION,
-    GreyboxResult,
-    fit_greybox,
-    greybox_inputs,
-)
+from training.greybox.model import POOR_CORRELATION, GreyboxResult, fit_greybox, greybox_inputs
 from training.healthy.base import plain_drives_of
 from training.recordings.recording import Recording, load
 

@@ -193,9 +193,7 @@ def test_a_model_extended_without_healthy_recordings_has_no_gap_left(
     assert again.verdict == "no_gap"
 
 
-def test_what_an_extended_model_has_is_asked_of_healthy_drives_that_show_it(
-    alone: Result,
-) -> None:
+def test_what_an_extended_model_has_is_asked_of_healthy_drives_that_show_it(alone: Result) -> None:
     # GIVEN drives with a wall film, without, and how far it moves the chain on each
     start = known().base
     shown, not_shown = (

@@ -181,9 +181,7 @@ def test_bayesian_regularisation_does_not_overfit_where_levenberg_marquardt_does
 
 
 @pytest.mark.parametrize("method", [descend, minimise_scaled_conjugate])
-def test_an_error_that_is_not_finite_at_the_start_is_refused(
-    method: Callable[..., object],
-) -> None:
+def test_an_error_that_is_not_finite_at_the_start_is_refused(method: Callable[..., object]) -> None:
     with pytest.raises(ValueError, match="at the initial weights"):
         method(Bowl(np.array([np.inf])), np.ones(1))
     with pytest.raises(ValueError, match="at the initial weights"):

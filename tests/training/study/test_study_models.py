@@ -26,15 +26,7 @@ from training.study.narx.candidates import (
     ModelCandidate,
     same_as,
 )
-from training.study.narx.models import (
-    NOT_USED,
-    Job,
-    figures,
-    spec_from,
-    spec_of,
-    thin,
-    train_one,
-)
+from training.study.narx.models import NOT_USED, Job, figures, spec_from, spec_of, thin, train_one
 from training.study.narx.study import compared
 from training.study.narx.verdicts import judge
 from training.study.page import section

@@ -184,9 +184,7 @@ def test_without_closed_loop_no_law_is_found() -> None:
     assert estimate_controller([open_loop], "lambda_measured") is None
 
 
-def test_a_fault_reaches_the_prediction_only_through_the_controller(
-    chosen: dict[str, Any],
-) -> None:
+def test_a_fault_reaches_the_prediction_only_through_the_controller(chosen: dict[str, Any]) -> None:
     reach = chosen["transparency"]["reach"]
     share = {(r["set"], r["fault"]): r["share"] for r in reach}
     for fault in ("slow_symmetric", "delay_symmetric", "gain_low"):

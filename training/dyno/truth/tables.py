@@ -7,14 +7,7 @@ from training.dyno import engine as plant
 from training.dyno.cycles import STEP_S
 from training.dyno.drive import charges_mg, nominal_ves
 from training.dyno.engine import Engine
-from training.recordings.ecu_table import (
-    COOLANT_BANDS,
-    KPA,
-    Axis,
-    CoolantBand,
-    EcuTable,
-    TableAxes,
-)
+from training.recordings.ecu_table import COOLANT_BANDS, KPA, Axis, CoolantBand, EcuTable, TableAxes
 
 EARLY_S = 1.75 * STEP_S  # half a step in each of three lags, a quarter in the pipe
 PRESSURES_KPA = np.linspace(10.0, 260.0, 501)

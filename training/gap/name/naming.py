@@ -18,15 +18,7 @@ from training.gap.name.formulas.contest import beats, may_be_beaten, unbeaten
 from training.gap.name.formulas.formula import FirstTerm, first_term, formula_of
 from training.gap.name.posterior import NONE, UNKNOWN, Posterior
 from training.gap.name.steps import Advance, advance
-from training.gap.name.verdict import (
-    Answer,
-    Base,
-    BlockError,
-    Candidate,
-    Naming,
-    Round,
-    Trials,
-)
+from training.gap.name.verdict import Answer, Base, BlockError, Candidate, Naming, Round, Trials
 from training.greybox.chain import Constants
 from training.greybox.effects import ALL, Effect
 from training.greybox.fit.case import Case, Prior, Term

@@ -17,9 +17,7 @@ RANKED_CLOSELY: Final = 4  # candidates that may have begun within the recording
 
 
 def rank(
-    state: BaseState,
-    candidates: Sequence[Term],
-    progress: Progress = lambda _: None,
+    state: BaseState, candidates: Sequence[Term], progress: Progress = lambda _: None
 ) -> tuple[Candidate, ...]:
     """Return all candidates, the best first."""
     found = list[Candidate]()

@@ -118,10 +118,7 @@ class Questions:
         groups = []
         for runs in (new, healthy):
             own = [values[self.run == r] for r in runs]
-            groups += [
-                np.array([x.mean() for x in own]),
-                np.array([x.var() / len(x) for x in own]),
-            ]
+            groups += [np.array([x.mean() for x in own]), np.array([x.var() / len(x) for x in own])]
         return as_normal(two_sided(*groups), len(new) + len(healthy) - 2)
 
 

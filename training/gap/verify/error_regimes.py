@@ -89,9 +89,7 @@ def _edges(recordings: Sequence[Comparison]) -> list[Regime]:
 
 
 def compare(
-    recordings: Sequence[Comparison],
-    after: Sequence[FloatArray] | None,
-    floor: FloatArray | None,
+    recordings: Sequence[Comparison], after: Sequence[FloatArray] | None, floor: FloatArray | None
 ) -> tuple[Error, ...]:
     """Return the errors of all samples, then those of every regime with enough samples.
 

@@ -26,11 +26,7 @@ class ChainDifference(Greybox):
 
     @classmethod
     def beside(
-        cls,
-        card: ModelCard,
-        added: Sequence[ModelEffect],
-        constants: Constants,
-        ranges: Ranges,
+        cls, card: ModelCard, added: Sequence[ModelEffect], constants: Constants, ranges: Ranges
     ) -> "ChainDifference":
         """Return the difference by ``added`` effects, for the inputs and period of a card.
 

@@ -262,11 +262,7 @@ def _columns(recording: "Recording", names: Sequence[str], outliers: dict[str, i
 
 
 def _roles(
-    segments: Sequence[Segment],
-    period_ns: int,
-    block_s: float,
-    seed: int,
-    lags: int,
+    segments: Sequence[Segment], period_ns: int, block_s: float, seed: int, lags: int
 ) -> np.ndarray:
     rng = np.random.default_rng(seed)
     total = segments[-1].stop

@@ -35,11 +35,7 @@ def effort(task: Task, _: Parts) -> dict[str, Any]:
         if not row["put_on"] or row["false"] or row["found"] < WANTED * row["put_on"]:
             break
         enough = row
-    return {
-        "parts": rows,
-        "enough": enough,
-        "source": source((*task.recordings, *task.test)),
-    }
+    return {"parts": rows, "enough": enough, "source": source((*task.recordings, *task.test))}
 
 
 def _parts(recordings: tuple[Recording, ...]) -> Iterator[list[Recording]]:

@@ -15,15 +15,7 @@ import numpy as np
 from monitor.base.errors import RecordingError, UsageError
 from training.recordings.samples.preparation import Prepared, Role
 from training.study.narx.candidates import BAYES, CANDIDATES, LM, ModelCandidate, same_as
-from training.study.narx.models import (
-    HORIZONS,
-    SEED_STEP,
-    Job,
-    spec_of,
-    thin,
-    train_one,
-    tune_one,
-)
+from training.study.narx.models import HORIZONS, SEED_STEP, Job, spec_of, thin, train_one, tune_one
 from training.study.narx.verdicts import judge, warnings
 from training.study.results import fan_out, public
 from training.study.task import Parts, Settings, Task, source

@@ -142,10 +142,7 @@ def transparency(
         for name, severity in FAULTS
         for each in tried
     ]
-    return {
-        "controller": {"explained": law.explained, "dead_time": law.dead_time},
-        "reach": reach,
-    }
+    return {"controller": {"explained": law.explained, "dead_time": law.dead_time}, "reach": reach}
 
 
 def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> dict[str, float]:

@@ -44,10 +44,7 @@ def test_drives_like_the_healthy_ones_have_no_gap() -> None:
     assert sum(found.posterior.values()) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(
-    ("effect", "severity"),
-    [("wall_film", 4.0), ("purge", 4.0)],
-)
+@pytest.mark.parametrize(("effect", "severity"), [("wall_film", 4.0), ("purge", 4.0)])
 def test_a_hidden_effect_is_named_and_the_gap_shrinks(
     monkeypatch: pytest.MonkeyPatch, effect: str, severity: float
 ) -> None:
