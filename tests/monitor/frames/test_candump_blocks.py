@@ -21,13 +21,7 @@ from monitor.frames.text import candump
 from monitor.frames.text.candump_lines import lines_of
 from monitor.frames.text.lines import MARGIN
 from tests.helpers.examples import inputs
-from tests.helpers.logs.read_outcome import (
-    Outcome,
-    frames_of,
-    frames_of_line,
-    outcome,
-    streamed,
-)
+from tests.helpers.logs.read_outcome import Outcome, frames_of, frames_of_line, outcome, streamed
 
 
 def in_chunks(path: Path, chunk_bytes: int) -> Outcome:

@@ -23,12 +23,7 @@ COLUMNS = {"Time": np.array([0.0, 0.1, 0.25]), "AFR": np.array([14.7, 14.25, 13.
 @pytest.mark.parametrize("quoted", [False, True])
 @pytest.mark.parametrize("units", [(), ("s", "°")])
 def test_every_dialect_gives_the_same_numbers(
-    tmp_path: Path,
-    encoding: str,
-    separator: str,
-    comma: bool,
-    quoted: bool,
-    units: tuple[str, ...],
+    tmp_path: Path, encoding: str, separator: str, comma: bool, quoted: bool, units: tuple[str, ...]
 ) -> None:
     path = write_text_table(
         tmp_path / "a.csv",

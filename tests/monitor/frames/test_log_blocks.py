@@ -19,11 +19,7 @@ from monitor.frames.blocks import block_of, frames_of, joined
 from monitor.frames.logs import frame_of, read_blocks
 from tests.helpers.examples import inputs
 from tests.helpers.logs.bus_maps import OWN
-from tests.helpers.logs.read_outcome import (
-    START_NS,
-    read_at_once,
-    synthetic,
-)
+from tests.helpers.logs.read_outcome import START_NS, read_at_once, synthetic
 from training.recordings.files.can_log import broadcast, write_log
 
 SUFFIXES = [".blf", ".mf4"]

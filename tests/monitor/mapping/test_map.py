@@ -168,8 +168,7 @@ VOCABULARY = (
 )
 WORDS = st.sampled_from(VOCABULARY.split())
 NAMES = st.one_of(
-    st.lists(WORDS, min_size=1, max_size=5).map("".join),
-    st.text(min_size=1, max_size=12),
+    st.lists(WORDS, min_size=1, max_size=5).map("".join), st.text(min_size=1, max_size=12)
 )
 UNITS = st.one_of(
     st.none(),

@@ -109,11 +109,9 @@ def test_the_right_name_is_told_of_drives_whose_fault_is_known(
     faults_given: list[str | None], said: str
 ) -> None:
     known = sum(fault is not None for fault in faults_given)
-    result = {
-        "found": rate(2, 2) | {"named": known},
-        "faulty": [{"fault": f} for f in faults_given],
-    }
-    assert detection(result).endswith(said)
+    faulty = [{"fault": fault} for fault in faults_given]
+    found = rate(2, 2) | {"named": known}
+    assert detection({"found": found, "faulty": faulty}).endswith(said)
 
 
 def test_false_alarms_on_drives_said_to_be_healthy_stand_beside_what_the_limits_state(

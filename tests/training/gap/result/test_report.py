@@ -336,25 +336,37 @@ def test_names_and_texts_from_outside_are_escaped(verdict: Verdict) -> None:
 
 
 @pytest.mark.parametrize(
-    ("verdict", "words"),
+    ("verdict", "words", "to_do"),
     [
         (
             "named",
             "Named: purge (canister purge brings fuel vapour). With it in the model the "
             "error on recordings that no fit saw falls, from 0.0210 to 0.0112",
+            "Use out/model.onnx: the monitor runs it unchanged",
         ),
-        ("no_gap", "No gap: the error on recordings that no fit saw is 0.0210"),
-        ("ambiguous", "Ambiguous: purge (canister purge brings fuel vapour), "),
-        ("unknown_effect", "Unknown effect: the error"),
-        ("sensor_fault_suspected", "Sensor fault suspected: gain_low;"),
+        ("no_gap", "No gap: the error on recordings that no fit saw is 0.0210", "Keep the model."),
+        (
+            "ambiguous",
+            "Ambiguous: purge (canister purge brings fuel vapour), ",
+            "To tell them apart drive: motorway at &lt;2,600&gt; rpm",
+        ),
+        ("unknown_effect", "Unknown effect: the error", "Look at the errors by regime"),
+        (
+            "sensor_fault_suspected",
+            "Sensor fault suspected: gain_low;",
+            "run again with --sensor-known-good",
+        ),
     ],
 )
-def test_the_verdict_stands_first_with_its_figures(verdict: Verdict, words: str) -> None:
+def test_the_verdict_stands_first_with_its_figures_and_what_to_do_now(
+    verdict: Verdict, words: str, to_do: str
+) -> None:
     page = page_of(verdict)
     first = page[page.index("<h1>") : page.index("<nav>")]
     assert words in first
     assert "0.0102" in first
     assert "simulated" not in first
+    assert to_do in page[page.index('id="now"') : page.index('id="much"')]
 
 
 def test_a_page_about_simulated_recordings_says_so() -> None:
@@ -368,21 +380,6 @@ def test_a_page_about_simulated_recordings_says_so() -> None:
         page = gap_page.as_page(one)
         assert words in page[page.index("<h1>") : page.index("<nav>")]
         assert as_json(one)["simulated"] is True
-
-
-@pytest.mark.parametrize(
-    ("verdict", "words"),
-    [
-        ("named", "Use out/model.onnx: the monitor runs it unchanged"),
-        ("no_gap", "Keep the model."),
-        ("ambiguous", "To tell them apart drive: motorway at &lt;2,600&gt; rpm"),
-        ("unknown_effect", "Look at the errors by regime"),
-        ("sensor_fault_suspected", "run again with --sensor-known-good"),
-    ],
-)
-def test_the_page_says_what_to_do_now(verdict: Verdict, words: str) -> None:
-    page = page_of(verdict)
-    assert words in page[page.index('id="now"') : page.index('id="much"')]
 
 
 def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> None:
