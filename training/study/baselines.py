@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.base import counts
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import plain
@@ -115,7 +116,7 @@ def _usable(stretches: Sequence[Stretch], role: str, skip: int) -> list[Stretch]
             f"{role}: the longest stretch has {longest} samples, {2 * skip} are wanted"
         )
     if np.ptp(np.concatenate([y for _, y in kept])) == 0.0:
-        raise RecordingError(f"{role}: the output is constant ({plain(kept[0][1][0], 6)})")
+        raise RecordingError(f"{role}: the output is constant ({counts.plain(kept[0][1][0], 6)})")
     return kept
 
 
