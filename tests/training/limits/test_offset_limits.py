@@ -28,7 +28,6 @@ def drives_of(manoeuvres: int, windows: int = 100) -> list[FloatArray]:
 
 
 def fails(limit: float, means: FloatArray) -> bool:
-    """Return whether windows with these means have a code of an offset."""
     rule = BiasRule(BIAS, -limit, limit, limit / 6.0)
     return any(rule.judge(mean).outcome == "failed" for mean in means)
 
