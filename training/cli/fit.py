@@ -150,10 +150,6 @@ def _print_measures(card: "ModelCard") -> None:
         _print_measure("held out, enabled samples", enabled, card)
     title = "held out, all samples, fuel cuts too" if differ else "held out"
     _print_measure(title, every, card)
-    from monitor.judge.trust import Trust, in_words
-
-    if known := in_words(Trust.from_card(card.trust, "").entry()):
-        print(known)
     if len(unseen := card.fit.get("unseen", {}).get("recordings", ())) > 1:
         worst = min(unseen, key=lambda each: each["fit_percent"])
         print(f"held out, worst recording: fit {worst['fit_percent']:.0f} % ({worst['path']})")

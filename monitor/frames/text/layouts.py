@@ -135,94 +135,175 @@ PEAK: Final = _layout(  # its columns stand in the header, see ``_peak``
     ends_lines=True,
 )
 _PEAK_COLUMNS: Final = {
-    "1.1": "NOdILD", "1.2": "NOBdILD", "1.3": "NOBdIRLD", "2.0": "NOTIdlD", "2.1": "NOTBIdRLD",
-}  # fmt: skip
+    "1.1": "NOdILD",
+    "1.2": "NOBdILD",
+    "1.3": "NOBdIRLD",
+    "2.0": "NOTIdlD",
+    "2.1": "NOTBIdRLD",
+}
 _PEAK_CELLS: Final = {
-    "N": r"\d{1,15}\)?", "O": r"(?P<time>-?\d+(?:\.\d+)?)", "B": r"(?P<channel>\d+)",
-    "T": r"(?:DT|(?P<fd>FD|FB|FE|BI)|(?P<remote>RR))", "d": r"(?:Rx|Tx)", "R": r"\S+",
+    "N": r"\d{1,15}\)?",
+    "O": r"(?P<time>-?\d+(?:\.\d+)?)",
+    "B": r"(?P<channel>\d+)",
+    "T": r"(?:DT|(?P<fd>FD|FB|FE|BI)|(?P<remote>RR))",
+    "d": r"(?:Rx|Tx)",
+    "R": r"\S+",
     "I": r"(?P<id>[0-9a-f]{1,4}|(?P<ext>[0-9a-f]{5,8}))",
-    "L": r"(?P<dlc>\d{1,2})", "l": r"(?P<length>\d{1,2})",
+    "L": r"(?P<dlc>\d{1,2})",
+    "l": r"(?P<length>\d{1,2})",
     "D": r"(?:(?P<rtr>RTR)|(?P<data>[0-9a-f]{2}(?:\s+[0-9a-f]{2})*))",
-}  # fmt: skip
-CSV: Final = _layout("python-can CSV", r"\Atimestamp,arbitration_id,",
+}
+CSV: Final = _layout(
+    "python-can CSV",
+    r"\Atimestamp,arbitration_id,",
     r"(?P<time>-?[\d.]+(?:e[+-]?\d+)?),@id,(?:(?P<ext>1)|0),(?:(?P<remote>1)|0),"
     r"(?:(?P<error>1)|0),@length,(?P<base64>[\w+/=]*)",
-    other=r"timestamp,arbitration_id,.*", ends_lines=True)  # fmt: skip
+    other=r"timestamp,arbitration_id,.*",
+    ends_lines=True,
+)
 BY_SUFFIX: Final = {".asc": ASC, ".trc": PEAK}  # known by their suffix, too
 LAYOUTS: Final = (
-    _layout(_CONSOLE, r"^ *\([\d.: -]+\) +\S+ +(?:[RT]X [-B] [-E] +)?[0-9A-F]{3,8} +\[\d+\]",
-            r"\((?P<time>[\d.:\s-]+)\) (?P<channel>\S+) (?:[RT]X [-B] [-E] )?"
-            r"(?P<id>[0-9a-f]{3}|(?P<ext>[0-9a-f]{8})) \[@length\]\s*"
-            r"(?:(?P<remote>remote request)|(?P<data>(?:\s?[0-9a-f]{2}\b)*))"
-            r"\s*(?P<error>ERRORFRAME)?(?: '.*')?"),
-    _layout("BusMaster", r"^\*\*\*BUSMASTER",
-            r"(?P<time>\d+:\d+:\d+:\d+) [RT]x @channel @id (?:s|@ext)@remote? @length@data",
-            other=r"\*\*\*.*|.*\bERR\b.*", wraps=True),
-    _layout("CanHacker", r"^\s*Time\s+ID\s+DLC\s+Data\b",
-            r"@time (?P<id>[0-9a-f]{1,3}|(?P<ext>[0-9a-f]{4,8})) @length"
-            r"(?: (?P<remote>RTR)|(?P<data>(?: [0-9a-f]{2}\b)*))(?:\s.*)?",
-            other=r"\s*Time\s+ID\s+DLC.*"),
-    _layout("Kvaser CanKing", r"^\s*Chn\s+Identifier\s+Flg\s+DLC",
-            r"@channel @id (?P<flags>(?:[a-wyz]|@ext)*)\s*@length@data @time [RT]",
-            other=r"\s*Chn\s+Identifier.*|.*ErrorFrame.*|\s*[a-z].*|-+.*"),
-    _layout("CRTD (OVMS)", r"^\d+\.\d+ \d*(?:C[A-Z]{2}\b|[RT](?:11|29) )",
-            r"@time (?P<channel>\d*)[RT](?:11|(?P<ext>29)) @id@data",
-            other=r"\d+\.\d+\s+\d*C[A-Z]{2}\b.*"),
-    _layout("Microchip CAN BUS Analyzer", r"Microchip Technology|^CAN BUS Analyzer",
-            r"@time;[RT]X;@id;@length@data[;\s]*", other=r"[^;]*", time_s=_milliseconds),
-    _layout("python-can", r"^Timestamp: +\d+\.\d+ +ID: ",  # printed, and data sets of intrusions
-            r"Timestamp: @time ID: @short(?: (?:(?P<remote>R)|(?P<error>E)|\w+))* DLC?: "
-            r"@length@data(?: .*)?"),
-    _layout("socketcand", r"^< (?:hi|ok|frame\b.*) >",
-            r"< frame @short @time (?P<data>[0-9a-f\s]*)>", other=r"<.*>"),
-    _layout("CANwise", r"^EV +NUM/ERR ",
-            r"[RT]X \d+ (?:SFF|(?P<ext>EFF)) @id @length HEX@data (?P<time>\d{10}) .*",
-            other=r"E.*", time_s=lambda text: int(text) / 1e6),
-    _layout("rows of frames", r"^\d+\.\d+,[0-9a-f]{3,8},8(?:,[0-9a-f]{2}){8}(?:,[RT])?$",
-            r"@time,@short,@length@data(?:,[RT])?,*"),
-    CSV, PEAK, ASC,
-)  # fmt: skip
+    _layout(
+        _CONSOLE,
+        r"^ *\([\d.: -]+\) +\S+ +(?:[RT]X [-B] [-E] +)?[0-9A-F]{3,8} +\[\d+\]",
+        r"\((?P<time>[\d.:\s-]+)\) (?P<channel>\S+) (?:[RT]X [-B] [-E] )?"
+        r"(?P<id>[0-9a-f]{3}|(?P<ext>[0-9a-f]{8})) \[@length\]\s*"
+        r"(?:(?P<remote>remote request)|(?P<data>(?:\s?[0-9a-f]{2}\b)*))"
+        r"\s*(?P<error>ERRORFRAME)?(?: '.*')?",
+    ),
+    _layout(
+        "BusMaster",
+        r"^\*\*\*BUSMASTER",
+        r"(?P<time>\d+:\d+:\d+:\d+) [RT]x @channel @id (?:s|@ext)@remote? @length@data",
+        other=r"\*\*\*.*|.*\bERR\b.*",
+        wraps=True,
+    ),
+    _layout(
+        "CanHacker",
+        r"^\s*Time\s+ID\s+DLC\s+Data\b",
+        r"@time (?P<id>[0-9a-f]{1,3}|(?P<ext>[0-9a-f]{4,8})) @length"
+        r"(?: (?P<remote>RTR)|(?P<data>(?: [0-9a-f]{2}\b)*))(?:\s.*)?",
+        other=r"\s*Time\s+ID\s+DLC.*",
+    ),
+    _layout(
+        "Kvaser CanKing",
+        r"^\s*Chn\s+Identifier\s+Flg\s+DLC",
+        r"@channel @id (?P<flags>(?:[a-wyz]|@ext)*)\s*@length@data @time [RT]",
+        other=r"\s*Chn\s+Identifier.*|.*ErrorFrame.*|\s*[a-z].*|-+.*",
+    ),
+    _layout(
+        "CRTD (OVMS)",
+        r"^\d+\.\d+ \d*(?:C[A-Z]{2}\b|[RT](?:11|29) )",
+        r"@time (?P<channel>\d*)[RT](?:11|(?P<ext>29)) @id@data",
+        other=r"\d+\.\d+\s+\d*C[A-Z]{2}\b.*",
+    ),
+    _layout(
+        "Microchip CAN BUS Analyzer",
+        r"Microchip Technology|^CAN BUS Analyzer",
+        r"@time;[RT]X;@id;@length@data[;\s]*",
+        other=r"[^;]*",
+        time_s=_milliseconds,
+    ),
+    _layout(
+        "python-can",
+        r"^Timestamp: +\d+\.\d+ +ID: ",  # printed, and data sets of intrusions
+        r"Timestamp: @time ID: @short(?: (?:(?P<remote>R)|(?P<error>E)|\w+))* DLC?: "
+        r"@length@data(?: .*)?",
+    ),
+    _layout(
+        "socketcand",
+        r"^< (?:hi|ok|frame\b.*) >",
+        r"< frame @short @time (?P<data>[0-9a-f\s]*)>",
+        other=r"<.*>",
+    ),
+    _layout(
+        "CANwise",
+        r"^EV +NUM/ERR ",
+        r"[RT]X \d+ (?:SFF|(?P<ext>EFF)) @id @length HEX@data (?P<time>\d{10}) .*",
+        other=r"E.*",
+        time_s=lambda text: int(text) / 1e6,
+    ),
+    _layout(
+        "rows of frames",
+        r"^\d+\.\d+,[0-9a-f]{3,8},8(?:,[0-9a-f]{2}){8}(?:,[RT])?$",
+        r"@time,@short,@length@data(?:,[RT])?,*",
+    ),
+    CSV,
+    PEAK,
+    ASC,
+)
 TABLE: Final = _layout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, …, see ``_table``
     "a table of frames", r"(?!)", other=r"[\s\"]*[a-z,#\u0080-\uffff].*", wraps=True
 )
 _REST: Final = r'(?:"[^"]*"|[^{sep}]*)'  # a cell; {sep} parts them
 _YES: Final = r"true|t|1|x|ext\w*|扩展帧"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
-    (r"(?:(?:abs|start) ?)?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|系统时间",
-     r'(?P<time>-?\d+(?:[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d{8}T\d{6})[^{sep}"]*)'),
-    (r"(?:(?:can|arb\w*|frame|msg|message)[ _-]?)?(?:id|identifier|addr\w*)\b.*|帧?id号?",
-     r"(?P<id>(?:0x)?[0-9a-f]{1,9})[hx]?"),
-    (r"(?:bus|channel|ch|chn|interface|network)(?:channel)?|(?:can)?通道号?",
-     r"(?P<channel>[^{sep}]*)"),
+    (
+        r"(?:(?:abs|start) ?)?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|系统时间",
+        r'(?P<time>-?\d+(?:[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d{8}T\d{6})[^{sep}"]*)',
+    ),
+    (
+        r"(?:(?:can|arb\w*|frame|msg|message)[ _-]?)?(?:id|identifier|addr\w*)\b.*|帧?id号?",
+        r"(?P<id>(?:0x)?[0-9a-f]{1,9})[hx]?",
+    ),
+    (
+        r"(?:bus|channel|ch|chn|interface|network)(?:channel)?|(?:can)?通道号?",
+        r"(?P<channel>[^{sep}]*)",
+    ),
     (r"(?:data ?)?len(?:gth)?|size|dlc|(?:数据)?长度", r"(?:0x)?(?P<length>\d*)"),
     (r"ext\w*|ide|xtd|format|frame|帧格式", rf"(?:(?P<ext>{_YES})|{_REST})"),
     (r"remote|rtr", rf"(?:(?P<remote>t|1|true|rem\w*)|{_REST})"),
     (r"type|帧类型", rf"(?:(?P<remote>rem\w*|rtr|远程帧)|{_REST})"),
     (r"er|err\w*", rf"(?:(?P<error>{_YES})|{_REST})"),
     (r"flags?", r'(?P<flags>[^{sep}"]*)'),
-    (r"(?:data|payload)(?: ?bytes?)?(?: ?\(hex\))?|数据(?:\(hex\))?",
-     r"(?:x\|)? *\[?(?:0x)?(?P<data>[0-9a-fx: ]*)\]?"),
-    (r"(?:data|byte|d|b)[ _]?[01]",
-     r"(?P<data>(?:0x)?[0-9a-f]{0,3}(?:{sep} *(?:0x)?[0-9a-f]{0,3} *){0,{further}})"),
-)  # fmt: skip
+    (
+        r"(?:data|payload)(?: ?bytes?)?(?: ?\(hex\))?|数据(?:\(hex\))?",
+        r"(?:x\|)? *\[?(?:0x)?(?P<data>[0-9a-fx: ]*)\]?",
+    ),
+    (
+        r"(?:data|byte|d|b)[ _]?[01]",
+        r"(?P<data>(?:0x)?[0-9a-f]{0,3}(?:{sep} *(?:0x)?[0-9a-f]{0,3} *){0,{further}})",
+    ),
+)
 # what is known and not read: how it begins, and the tool that converts it
 UNREAD: Final = (
-    (re.compile(r"Vehicle Spy|^Line,Abs Time ?\(Sec\),", _ANY | re.M),
-     "Vehicle Spy without arbitration identifiers", "Vehicle Spy's own export"),
-    (re.compile(r'^ *"?No\."?[, ]+"?Time"?[, ]+"?Source', re.M), "Wireshark",
-     "tshark -T fields -E header=y -e frame.time_epoch -e can.id -e can.len -e data.data"),
-    (re.compile(r"^(?:t[0-9A-F]{3}|T[0-9A-F]{8})[0-8](?:[0-9A-F]{2})*(?:[0-9A-F]{4})?[\r\n]"),
-     "an slcan adapter's own lines", "slcand and candump -L"),
+    (
+        re.compile(r"Vehicle Spy|^Line,Abs Time ?\(Sec\),", _ANY | re.M),
+        "Vehicle Spy without arbitration identifiers",
+        "Vehicle Spy's own export",
+    ),
+    (
+        re.compile(r'^ *"?No\."?[, ]+"?Time"?[, ]+"?Source', re.M),
+        "Wireshark",
+        "tshark -T fields -E header=y -e frame.time_epoch -e can.id -e can.len -e data.data",
+    ),
+    (
+        re.compile(r"^(?:t[0-9A-F]{3}|T[0-9A-F]{8})[0-8](?:[0-9A-F]{2})*(?:[0-9A-F]{4})?[\r\n]"),
+        "an slcan adapter's own lines",
+        "slcand and candump -L",
+    ),
     (re.compile(r"^# Logger type: CL\d000", re.M), "a CLX000 logger", "its CLX000 converters"),
-    (re.compile(r"^Time[^,;\n]*[,;](?:CAN )?(?:Channel|ID|Identifier)[,;]", _ANY | re.M),
-     "frames as CSV", "SavvyCAN or python-can's can_logconvert"),
-    (re.compile(r"^ *\S+ +[0-9A-F]{3,8} +\[\d+\]  [0-9A-F ]+$", re.M),
-     "candump without times", "candump -L, which writes them"),
-    (re.compile(r"(?:^[0-9A-F]{3,8}(?: [0-9A-F]{2}){1,8} *\n){3}", re.M),
-     "identifiers and data without times", "an adapter or tool that writes the times"),
-    (re.compile(r"^ *\S+ \d+ +[0-9A-F]{3,8} .*\d+\.\d+ [RT]\n +-> ", re.M),
-     "CanKing's signals without the frames' data", "CanKing, its formatter set to the data"),
-)  # fmt: skip
+    (
+        re.compile(r"^Time[^,;\n]*[,;](?:CAN )?(?:Channel|ID|Identifier)[,;]", _ANY | re.M),
+        "frames as CSV",
+        "SavvyCAN or python-can's can_logconvert",
+    ),
+    (
+        re.compile(r"^ *\S+ +[0-9A-F]{3,8} +\[\d+\]  [0-9A-F ]+$", re.M),
+        "candump without times",
+        "candump -L, which writes them",
+    ),
+    (
+        re.compile(r"(?:^[0-9A-F]{3,8}(?: [0-9A-F]{2}){1,8} *\n){3}", re.M),
+        "identifiers and data without times",
+        "an adapter or tool that writes the times",
+    ),
+    (
+        re.compile(r"^ *\S+ \d+ +[0-9A-F]{3,8} .*\d+\.\d+ [RT]\n +-> ", re.M),
+        "CanKing's signals without the frames' data",
+        "CanKing, its formatter set to the data",
+    ),
+)
 
 
 class LayoutFound(NamedTuple):

@@ -250,6 +250,24 @@ def test_the_verdict_on_a_fit_follows_its_correlation(
     assert of_kind == kind and begins in verdict
 
 
+@pytest.mark.parametrize(
+    ("found", "kind", "begins"),
+    [
+        ({"gain_low": 4, "transient": 3}, "good", "can judge its vehicle: tried on 4 drives"),
+        ({"gain_low": 4, "transient": 1}, "", "in part: .* finds 1 of 2 faults"),
+        ({"gain_low": 1, "transient": 1}, "bad", "too little"),
+    ],
+)
+def test_a_model_is_judged_by_what_it_found_on_drives_it_had_not_seen_whatever_its_correlation(
+    fitted: FitResult, found: dict[str, int], kind: str, begins: str
+) -> None:
+    poor = dict(fitted.card.fit["test_enabled"], correlation=0.3)
+    tried = {"drives": 4, "found": found, "false": {}}
+    card = replace(fitted.card, trust=tried, fit={**fitted.card.fit, "test_enabled": poor})
+    verdict, of_kind = fit_verdict(card)
+    assert of_kind == kind and re.search(begins, verdict)
+
+
 def test_the_confidence_in_a_verdict_is_of_its_samples(fitted: FitResult) -> None:
     data = replace(fitted.data, enabled=np.arange(len(fitted.predicted)) % 3 > 0)
     wrong = np.where(data.enabled, fitted.predicted, -fitted.predicted)  # as in fuel cuts

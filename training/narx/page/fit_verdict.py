@@ -1,10 +1,15 @@
-"""The verdict on a fit, how well a free run follows the held-out samples, and how sure it is."""
+"""The verdict on a fit, and how sure it is.
+
+A model that was tried on drives it had not seen is judged by the faults that it found there,
+another one by how well a free run follows the held-out samples.
+"""
 
 from typing import Final
 
 import numpy as np
 
 from monitor.base.signals import BY_NAME
+from monitor.judge.trust import Trust, in_words
 from monitor.model.card import ModelCard
 from training.narx.model_file import FreeRunFit
 from training.narx.page.free_run_figures import measured_blocks
@@ -26,18 +31,25 @@ def fit_verdict(card: ModelCard) -> tuple[str, str]:
     if correlation is None or rmse is None:
         return "Not known: no held-out samples could be predicted. Give more recordings.", "bad"
     unit = card.output.unit if card.output.unit not in ("", "-") else ""
-    reason = (
-        f"on {found['samples']:,.0f} {which} samples a free run has the correlation "
-        f"{correlation:.3f} with the measured {card.output.name} (good from {GOOD:g}, too little "
-        f"below {POOR:g}) and an RMSE of {short(rmse)} {unit}".rstrip()
-    )
     known = card.output.name in BY_NAME  # a signal of vehicles
     subject, records = ("vehicle", "drives") if known else ("system", "recordings")
-    if correlation >= GOOD:
-        return f"The model follows its {subject}: {reason}.", "good"
-    if correlation < POOR:
+    trust, bounds = Trust.from_card(card.trust, card.output.name), ""
+    if trust.found:
+        does, is_good, is_bad = "can judge", not trust.untested, trust.is_blind
+    else:
+        does, is_good, is_bad = "follows", correlation >= GOOD, correlation < POOR
+        bounds = f" (good from {GOOD:g}, too little below {POOR:g})"
+    reason = (
+        f"on {found['samples']:,.0f} {which} samples a free run has the correlation "
+        f"{correlation:.3f}{bounds} with the measured {card.output.name} "
+        f"and an RMSE of {short(rmse)} {unit}".rstrip()
+    )
+    reason = "; ".join(filter(None, (in_words(trust.entry()), reason)))
+    if is_good:
+        return f"The model {does} its {subject}: {reason}.", "good"
+    if is_bad:
         return f"The model knows too little: {reason}. Give more {records}, or more signals.", "bad"
-    return f"The model follows its {subject} in part: {reason}. More {records} may help.", ""
+    return f"The model {does} its {subject} in part: {reason}. More {records} may help.", ""
 
 
 def fit_confidence(result: FreeRunFit) -> str:
