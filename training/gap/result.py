@@ -17,7 +17,7 @@ from training.gap.response.difference import Difference
 from training.gap.verify.evidence import Verification
 from training.greybox.chain import Constants
 from training.greybox.effects.empirical import formula
-from training.jobs.json_tree import plain
+from training.jobs.json_tree import json_tree
 from training.recordings.recording import sha256
 
 SCHEMA: Final = "o2train.gap/1"
@@ -176,7 +176,7 @@ def as_json(result: Result) -> dict[str, Any]:
         },
         "seconds": result.seconds,
     }
-    tree: dict[str, Any] = plain(found, digits=None)
+    tree: dict[str, Any] = json_tree(found, digits=None)
     return tree
 
 

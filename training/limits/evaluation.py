@@ -10,7 +10,7 @@ import numpy as np
 
 from monitor.base import config
 from monitor.base.config import Config
-from monitor.base.counts import plain
+from monitor.base.counts import counted, plain
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import source_of
 from monitor.base.types import FloatArray
@@ -88,7 +88,8 @@ def alarms_in_words(found: dict[str, Any]) -> str:
         f"healthy drives with a code: {found['events']} of {found['trials']} (95 %: "
         f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %), stated are at most "
         f"{plain(100 * found['stated'], 2)} % of drives like those that set the limits, "
-        f"{found['trials']} drives prove no less than {100 * found['provable']:.1f} %; "
+        f"with {counted(found['trials'], 'drive')} no less than {100 * found['provable']:.1f} % "
+        "can be proved; "
         f"{found['completed']} decided by the response test{named}"
     )
 

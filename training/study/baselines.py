@@ -9,7 +9,7 @@ import numpy as np
 from monitor.base import counts
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from training.jobs.json_tree import plain
+from training.jobs.json_tree import json_tree
 from training.narx.linear import arx
 from training.narx.linear.arx import common_delays, solve_arx
 from training.narx.linear.models import LinearModel, free_run_error, free_runs
@@ -104,7 +104,7 @@ def linear(
         "best": min((n for n in fits if fits[n]["stable"]), key=lambda n: fits[n][FREE_RUN[0]]),
         "residuals": _residuals(models, case, inputs),
     }
-    return dict(plain(result))
+    return dict(json_tree(result))
 
 
 def _usable(stretches: Sequence[Stretch], role: str, skip: int) -> list[Stretch]:
@@ -284,7 +284,7 @@ def beside(task: Task, parts: Parts) -> dict[str, Any]:
     y, y_hat = y[good], y_hat[good]
     shown = ("parameters", "fit_percent", "correlation")
     narx = (model.spec.n_weights, fit(y, y_hat), correlation(y, y_hat))
-    return plain(
+    return json_tree(
         {
             "narx": dict(zip(shown, narx, strict=True)),
             "models": {n: {k: m[k] for k in shown} for n, m in found["models"].items()},

@@ -14,7 +14,7 @@ import numpy as np
 from monitor.base import config, counts
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
-from training.jobs.json_tree import plain
+from training.jobs.json_tree import json_tree
 from training.limits.decision_limits import MANY_WINDOWS, set_limits
 from training.narx.cross_fit import cross_fit
 from training.narx.fit import FitOptions, FitResult, FitSource, fit, write_model
@@ -82,7 +82,7 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
         "starts": [t.score for t in result.chosen.starts],
         "tries": [asdict(t.structure) | {"n_weights": t.n_weights, "rmse": t.rmse} for t in tries],
     }
-    return plain(tables) | {
+    return json_tree(tables) | {
         "spec": asdict(spec),
         "weights": result.chosen.model.weights.tolist(),
         "one_step_weights": one_step.tolist() if all(t.stages for t in alone) else None,
@@ -148,7 +148,7 @@ def choice(task: Task, parts: Parts) -> dict[str, Any]:
             | {k: FreeRun.of(held, m.spec, w).errors() for k, w in weights.items() if w is not None}
         )
     best, equal, reason = decide(rows, squares, strict=data.transform == "phi")
-    return plain(
+    return json_tree(
         {
             "candidates": rows,
             "chosen": best,
@@ -224,7 +224,7 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
         warnings.append(f"the model has no decision limits: {error}")
     path.replace(task.out / "model.onnx")
     spread = np.nanstd(np.concatenate([r.column(card.output.name) for r in task.recordings]))
-    return plain(
+    return json_tree(
         {
             "path": "model.onnx",
             "warnings": warnings,

@@ -8,7 +8,7 @@ import numpy as np
 
 from monitor.base.signals import BY_NAME, plausible_range
 from monitor.base.types import Quality
-from training.jobs.json_tree import plain
+from training.jobs.json_tree import json_tree
 from training.recordings.recording import Recording
 from training.recordings.samples.linear_data import cleaned, linear_stretches, output_transform
 from training.recordings.samples.outliers import outlier_mask
@@ -128,10 +128,10 @@ def _spectral(
         "averages": round(found.averages, 1),
         "resolution_hz": float(found.frequency_hz[1]),
         "coherence_limit": coherence_limit(found.averages),
-        "frequency_hz": plain(found.frequency_hz),
-        "density": {n: plain(found.density[:, i]) for i, n in enumerate(names)},
-        "background": plain(background(found.density[:, -1])),
-        "coherence": {n: plain(found.coherence[:, i]) for i, n in enumerate(names[:-1])},
+        "frequency_hz": json_tree(found.frequency_hz),
+        "density": {n: json_tree(found.density[:, i]) for i, n in enumerate(names)},
+        "background": json_tree(background(found.density[:, -1])),
+        "coherence": {n: json_tree(found.coherence[:, i]) for i, n in enumerate(names[:-1])},
     }
     return spectrum, lines
 

@@ -15,7 +15,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.faults import resolve
 from monitor.base.files import manifest
 from monitor.base.types import FloatArray
-from training.jobs.json_tree import plain
+from training.jobs.json_tree import json_tree
 from training.limits.trust import put_on
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Role
@@ -61,7 +61,7 @@ def against_sensor(task: Task, parts: Parts) -> dict[str, Any]:
         | residuals(run, span, j)
         for run, name, how in faulty
     ]
-    return plain(
+    return json_tree(
         {
             "output": task.output,
             "unit": task.data.output.unit,

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.counts import counted, plain
+from monitor.base.counts import counted, duration, plain
 from monitor.base.signals import BY_NAME
 from monitor.base.types import Quality
 from monitor.judge import enable
@@ -278,11 +278,11 @@ def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cau
         return [Cause("response", None, None, "model", f"{advice}, unlike each other")]
     n, excited = judgement.windows, judgement.excited
     tests = ", ".join(judgement.unfinished)
-    had = f"{seen.enabled * seen.period_s:.0f} s could be judged"
+    had = f"{duration(seen.enabled * seen.period_s)} could be judged"
     if "response" in judgement.unfinished and n:
         moved = f"in {excited} of {n} windows the prediction moves clearly"
         left_s, window_s = judgement.left_s, asked.config.window.n_samples * seen.period_s
-        more = "more" if left_s is None else f"about {max(left_s, window_s):.0f} s more"
+        more = "more" if left_s is None else f"about {duration(max(left_s, window_s))} more"
         quicker = "changing load or fuel cuts" if judgement.judges_cuts else "changing load"
         advice = f"{had}, {moved}: drive {more} like this; with {quicker} less is enough"
         reason = "not_excited" if excited < n / 2 else "undecided"

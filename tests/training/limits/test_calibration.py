@@ -130,7 +130,7 @@ def test_false_alarms_on_drives_said_to_be_healthy_stand_beside_what_the_limits_
     assert found["stated"] < found["provable"] == 0.25
     out = capsys.readouterr().out
     assert "1 of 3 (95 %: 0.8 to 90.6 %), stated are at most 0.001 % of drives" in out
-    assert "3 drives prove no less than 25.0 %" in out
+    assert "with 3 drives no less than 25.0 %" in out
 
 
 def test_faulty_sensors_are_found_and_the_figures_say_so(drives: Path, calibrated: Path) -> None:

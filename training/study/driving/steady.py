@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from training.jobs.json_tree import plain
+from training.jobs.json_tree import json_tree
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, prepare
 from training.study.free_runs import FreeRun, judged_on
@@ -65,7 +65,7 @@ def steady_against_mixed(task: Task, _: Parts) -> dict[str, Any]:
             "cut": best.cut_short,
             "outside": _outside(data, run),
         }
-    return plain(
+    return json_tree(
         {
             "training_samples": n,
             "models": models,

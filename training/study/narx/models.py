@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
 from training.jobs import parallel
-from training.jobs.json_tree import plain
+from training.jobs.json_tree import json_tree
 from training.narx.algorithms import lm
 from training.narx.algorithms.bayes import DEFAULTS as BAYES_DEFAULTS
 from training.narx.algorithms.bayes import minimise_bayesian
@@ -143,7 +143,7 @@ def train_one(data: Prepared, job: Job) -> dict[str, Any]:
         "unfinished": outcome.stop == "epochs" and outcome.costs[-1] < 0.99 * before,
         **figures(data, spec, outcome.weights),
     }
-    return plain(result) | _network(spec, outcome.weights)
+    return json_tree(result) | _network(spec, outcome.weights)
 
 
 def tune_one(data: Prepared, job: Job) -> dict[str, Any]:
@@ -164,7 +164,7 @@ def tune_one(data: Prepared, job: Job) -> dict[str, Any]:
         "stage": best_stage(found) if gains else "none",
         "cpu_s": time.process_time() - began_cpu,
     }
-    return plain(result) | _network(spec, found.weights)
+    return json_tree(result) | _network(spec, found.weights)
 
 
 def best_stage(trained: stages.Trained) -> str:

@@ -9,7 +9,7 @@ from scipy import linalg
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import source_of
 from monitor.base.types import FloatArray
-from training.jobs.json_tree import plain
+from training.jobs.json_tree import json_tree
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.linear_data import linear_stretches, output_transform
@@ -174,4 +174,4 @@ def pca(values: FloatArray, names: Sequence[str]) -> dict[str, Any]:
         "explained": explained,
         "loadings": (rows * signs[:, np.newaxis]).T,  # one column each, the largest is positive
     }
-    return dict(plain(result))
+    return dict(json_tree(result))
