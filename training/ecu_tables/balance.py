@@ -69,8 +69,8 @@ def balance(p: Parameters) -> Balance:
     size = round(BLOCK_S / period_s)
     places = [np.stack([np.full(len(at), k), at // size]) for k, at in enumerate(steady)]
     _, block = np.unique(np.concatenate(places, axis=1), axis=1, return_inverse=True)
-    blocks = np.eye(block.max(initial=-1) + 1)[block]
-    if len(blocks.T) <= len(FUEL):
+    n_blocks = int(block.max(initial=-1)) + 1
+    if n_blocks <= len(FUEL):
         return Balance(mean[fuel], np.asarray(np.linalg.inv(prior[fuel, fuel]), float), 0.0)
     x = mean.copy()
     x[0] += np.median(excess(mean))
@@ -83,8 +83,8 @@ def balance(p: Parameters) -> Balance:
         normal = weighted @ slopes.T + prior
         step = np.linalg.solve(normal, weighted @ e - prior @ (x - mean))
         x = x + np.clip(step, -MOST, MOST)
-    sums = (weighted * e) @ blocks
-    few = len(blocks.T) / (len(blocks.T) - len(FUEL))
+    sums = np.stack([np.bincount(block, own) for own in weighted * e])
+    few = n_blocks / (n_blocks - len(FUEL))
     inverse = np.linalg.inv(normal)
     covariance = WIDENING**2 * inverse @ (few * sums @ sums.T + prior) @ inverse
     return Balance(x[fuel], np.asarray(covariance[fuel, fuel], float), len(block) * period_s)

@@ -6,7 +6,6 @@ from functools import cache
 from typing import Any
 
 from monitor.base.files.settings import ShippedSettings
-from training.ecu_tables.signals import Air
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +18,6 @@ class TablesConfig:
     widest: Mapping[str, float]  # table → relative half width from which a cell is blank
     bluntest: Mapping[str, float]  # table → half width in its unit from which a cell is blank
     widening: Mapping[str, Mapping[str, float]]  # kind of air, table → factor on the deviation
-
-    def factor(self, table: str, air: Air) -> float:
-        """Return the factor on the standard deviation of a table's cells."""
-        dense = air in (Air.SPEED_DENSITY, Air.SPEED_DENSITY_VE)
-        return self.widening["density" if dense else "meter"][table]
 
 
 @cache

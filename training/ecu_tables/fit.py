@@ -7,6 +7,7 @@ residual is an outlier. The uncertainty is that of blocks of samples (White's sa
 holds when the residual is not quite white.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -157,7 +158,7 @@ class _Problem:
 
     def noise(self, x: FloatArray) -> _Noise:
         """Return the whitening filter of the residuals by weighted least squares."""
-        every = max(c.drive.every for c in self.cases)
+        every = math.lcm(*(c.drive.every for c in self.cases))
         order = min(max(round(AR_S / self.cases[0].drive.period_s / every), 2), AR_MOST)
         normal, slope = np.zeros((order, order)), np.zeros(order)
         for case in self.cases:

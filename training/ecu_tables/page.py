@@ -33,9 +33,10 @@ SHOWN: Final = {
     "-": (100.0, "%", 1),
     "ms": (1.0, "ms", 2),
     "cycles": (1.0, "cycles", 2),
+    "mg/ms": (1.0, "mg/ms", 2),
 }
-PLAIN: Final = (1.0, "mg/ms", 2)
 AXES: Final = {
+    "engine_speed_rpm": "engine speed [1/min]",
     "battery_voltage_v": "battery voltage [V]",
     "exhaust_flow_kg_h": "exhaust flow [kg/h]",
 }
@@ -50,7 +51,7 @@ def write_report(
     names: Sequence[str],
     notes: Mapping[str, str],
 ) -> None:
-    """Write the page, with notes (what → text) beside the tables."""
+    """Write the page of tables, the lambda delay first, with notes (what → text) beside them."""
     subject = fitted.parameters.subject
     filled = {t.key: int(np.isfinite(t.estimate).sum()) for t in tables}
     text = page(
@@ -64,7 +65,7 @@ def write_report(
         heat=heat,
         legs=plan(tables),
         subject=subject,
-        minutes=float(tables[0].seconds.sum()) / 60.0,
+        minutes=subject.seconds / 60.0,
         sigma=fitted.sigma,
         recordings=names,
         notes=notes,
@@ -81,8 +82,7 @@ def heading(table: EcuTable) -> str:
 
 
 def _verdict(tables: Sequence[EcuTable]) -> str:
-    delay = next(t for t in tables if t.name == "lambda_delay")
-    good = delay.estimate[np.isfinite(delay.estimate)]
+    good = tables[0].estimate[np.isfinite(tables[0].estimate)]
     if len(good) == 0:
         return "The recordings do not tell the lambda delay of any cell."
     low, high = 1000.0 * good.min(), 1000.0 * good.max()
@@ -92,11 +92,9 @@ def _verdict(tables: Sequence[EcuTable]) -> str:
 
 def _confidence(tables: Sequence[EcuTable]) -> str:
     """Return how narrow the intervals of the lambda delay are, and how many cells are blank."""
-    delay = next(t for t in tables if t.name == "lambda_delay")
-    at = np.isfinite(delay.estimate)
-    cells = sum(t.estimate.size for t in tables)
+    delay, at = tables[0], np.isfinite(tables[0].estimate)
     filled = sum(int(np.isfinite(t.estimate).sum()) for t in tables)
-    share = f"{filled} of {cells} cells of all tables are filled"
+    share = f"{filled} of {sum(t.estimate.size for t in tables)} cells of all tables are filled"
     if not at.any():
         return f"none for the delay; {share}."
     half_ms = 1000.0 * float(np.median((delay.high - delay.low)[at])) / 2.0
@@ -105,7 +103,7 @@ def _confidence(tables: Sequence[EcuTable]) -> str:
 
 def heat(table: EcuTable) -> Heat:
     """Return the map of a table over two axes, or its row over one."""
-    factor, unit, digits = SHOWN.get(table.unit, PLAIN)
+    factor, unit, digits = SHOWN[table.unit]
     shape = (len(table.axes[0].values), -1)
     values = table.estimate.reshape(shape) * factor
     half = (table.high - table.low).reshape(shape) / 2.0 * factor
@@ -122,9 +120,8 @@ def heat(table: EcuTable) -> Heat:
 
     first, *second = table.axes
     loads = second[0].values if second else (0.0,)
-    title = AXES.get(first.name, "engine speed [1/min]")
     of_load = f", load [{second[0].unit}]" if second else ""
-    corner = f"{unit}{of_load} over {title}"
+    corner = f"{unit}{of_load} over {AXES[first.name]}"
     rows = [
         (f"{load:g}" if second else unit, [cell(i, j) for i in range(shape[0])])
         for j, load in reversed([*enumerate(loads)])
@@ -142,7 +139,7 @@ class Leg(NamedTuple):
 
 def plan(tables: Sequence[EcuTable]) -> list[Leg]:
     """Return the legs of the drive, the longest gaps first."""
-    legs = _operating_points(next(t for t in tables if t.name == "lambda_delay"))
+    legs = _operating_points(tables[0])
     return sorted(legs, key=lambda leg: -leg.seconds)[:LEGS_MOST] + _elsewhere(tables)
 
 

@@ -20,6 +20,7 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.runs import since
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.grid.column_times import interval
+from training.ecu_tables.config import defaults
 from training.greybox.chain import CYLINDERS, KG_H_PER_MG_RPM
 from training.recordings.ecu_table import KPA, MG_PER_STROKE
 from training.recordings.recording import Recording
@@ -55,6 +56,11 @@ class Air(StrEnum):
     SPEED_DENSITY_VE = "manifold pressure and the ECU's volumetric efficiency"
     SPEED_DENSITY = "manifold pressure"
     METER = "air meter behind the manifold"
+
+    @property
+    def kind(self) -> str:
+        """Return how the air is known: by density, or by a meter."""
+        return "density" if self in (Air.SPEED_DENSITY, Air.SPEED_DENSITY_VE) else "meter"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,14 +109,20 @@ class TableSubject:
         """Return the number of usable samples."""
         return int(sum(int(d.usable.sum()) for d in self.drives))
 
+    @property
+    def seconds(self) -> float:
+        """Return for how long the usable samples stand."""
+        return sum(float(d.usable.sum()) * d.every * d.period_s for d in self.drives)
+
     def logs(self) -> list["TableSubject"]:
-        """Return each drive alone, the two halves of a single one."""
+        """Return each drive that may fill a cell alone, the two halves of a single one."""
         drives = self.drives
         if len(drives) == 1:
             usable = np.cumsum(drives[0].usable)
             middle = int(np.searchsorted(usable, usable[-1] / 2))
             drives = (drives[0].part(slice(0, middle)), drives[0].part(slice(middle, None)))
-        return [replace(self, drives=(d,)) for d in drives if d.usable.any()]
+        alone = (replace(self, drives=(d,)) for d in drives)
+        return [log for log in alone if log.seconds >= defaults().least_s]
 
 
 def subject_of(
@@ -140,15 +152,14 @@ def subject_of(
         raise RecordingError(f"{recordings[0].path}: a load axis in kPa needs {KPA}")
     litres = displacement_l or LITRES
     drives = tuple(_drive(r, air, load, known, litres, cylinders) for r in recordings)
-    if not any(d.usable.any() for d in drives):
-        raise RecordingError(f"{recordings[0].path}: no usable sample: {rejected_text(drives)}")
-    return TableSubject(
-        drives=drives,
-        air=air,
-        load=load,
-        known=known,
-        absolute_air=air in (Air.STROKE, Air.METER) or displacement_l is not None,
-    )
+    absolute = air in (Air.STROKE, Air.METER) or displacement_l is not None
+    subject, least_s = TableSubject(drives, air, load, known, absolute), defaults().least_s
+    if subject.seconds < least_s:
+        raise RecordingError(
+            f"{recordings[0].path}: {subject.seconds:.1f} s of usable samples, at least "
+            f"{least_s:g} s are wanted: {rejected_text(drives)}"
+        )
+    return subject
 
 
 def rejected_text(drives: Sequence[TableDrive]) -> str:
@@ -192,7 +203,7 @@ def _drive(
         "a signal has no value": ~np.isfinite([*known, phi]).all(axis=0),
         "the engine stands": ~(rpm > RPM_LEAST),
         "the sensor is not ready": held.get("sensor_ready", np.ones(len(rpm))) <= 0.5,
-        "lambda stands still for 2 s": of >= round(2.0 / period_s),
+        "lambda stands still for 2 s": of >= max(round(2.0 / period_s), 2),
         "lambda is repeated until its next update": which % every > 0,
         "lambda is that of fuel cut or of the sensor's end": (phi <= PHI_LEAST) | (phi >= PHI_MOST),
     }
@@ -228,7 +239,7 @@ def _charge(held: Mapping[str, FloatArray], air: Air, litres: float, cylinders: 
     if air is Air.STROKE:
         return held["air_mass_mg"]
     if air is Air.METER:
-        per_mg = KG_H_PER_MG_RPM * cylinders * held["engine_speed_rpm"]
+        per_mg = KG_H_PER_MG_RPM * cylinders * np.maximum(held["engine_speed_rpm"], RPM_LEAST)
         return np.asarray(held["maf_kg_h"] / per_mg)
     degc = held.get("manifold_temperature_degc", np.full(len(held[KPA]), MANIFOLD_DEGC))
     efficiency = np.full(len(degc), 0.85)

@@ -5,7 +5,7 @@ recordings say nothing about it. The bounds hold the fit's covariance, widened b
 table that stands in the settings: it was set on simulated vehicles of its own.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
@@ -43,18 +43,21 @@ class CellSamples:
     """The usable samples of all drives, as cells count them; each array (n,)."""
 
     def __init__(self, fitted: FittedTables) -> None:
-        self.rpm = _joined(fitted, lambda c: c.drive.rpm)
-        self.load = _joined(fitted, lambda c: c.drive.load)
-        self.flow = _joined(fitted, lambda c: c.point.flow_kg_h)
-        self.volts = _joined(fitted, lambda c: c.drive.volts)
-        self.degc = WARM_DEGC - 60.0 * _joined(fitted, lambda c: c.drive.cold)
-        self.seconds = _joined(
-            fitted, lambda c: np.full(len(c.drive), c.drive.every * c.drive.period_s)
-        )
+        drives = [case.drive for case in fitted.cases]
+        places = [np.flatnonzero(d.usable) for d in drives]
+
+        def joined(arrays: Iterable[FloatArray]) -> FloatArray:
+            return np.concatenate([own[at] for own, at in zip(arrays, places, strict=True)])
+
+        self.rpm, self.load = joined(d.rpm for d in drives), joined(d.load for d in drives)
+        self.flow = joined(c.point.flow_kg_h for c in fitted.cases)
+        self.volts = joined(d.volts for d in drives)
+        self.degc = WARM_DEGC - 60.0 * joined(d.cold for d in drives)
         self.per_load = self.flow / self.rpm / np.maximum(self.load, 1.0)
-        self.at_s = _joined(fitted, lambda c: np.arange(len(c.drive)) * c.drive.period_s)
-        n_of = [int(c.drive.usable.sum()) for c in fitted.cases]
-        self.log = np.repeat([c.drive.name for c in fitted.cases], n_of)
+        self.at_s = joined(d.period_s * np.arange(float(len(d))) for d in drives)
+        n_of = [len(at) for at in places]
+        self.seconds = np.repeat([d.every * d.period_s for d in drives], n_of)
+        self.log = np.repeat([d.name for d in drives], n_of)
 
     def stays(self, cell: IntArray, n_cells: int) -> tuple[NDArray[np.str_], FloatArray]:
         """Return the log and the time of the longest stay in each cell, "" and NaN if none.
@@ -68,10 +71,6 @@ class CellSamples:
         rising = begins[np.argsort(np.diff([*begins, len(cell)]), kind="stable")]
         log[cell[rising]], at_s[cell[rising]] = self.log[rising], self.at_s[rising]
         return log[:-1], at_s[:-1]
-
-
-def _joined(fitted: FittedTables, of: Callable[..., FloatArray]) -> FloatArray:
-    return np.concatenate([of(c)[c.drive.usable] for c in fitted.cases])
 
 
 class _Law(NamedTuple):
@@ -105,8 +104,7 @@ def tables(fitted: FittedTables, axes: TableAxes, config: TablesConfig) -> list[
         pairs = zip(of_all, fits, strict=True)
         whole, *logs = (_cells(law, *seen, config) for law, seen in pairs)
         made.append(_table(of_all[0], whole, logs, config))
-    delay = next(t for t in made if t.name == "lambda_delay")
-    return [*_without_film(made), _in_cycles(delay)]
+    return [*_without_film(made), _in_cycles(made[0])]
 
 
 def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
@@ -125,9 +123,8 @@ def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
         return _Law(name, unit, (axes.speed, axes.load), cells, at, *counted)
 
     made = [law("lambda_delay", "s", 0.0), law("lambda_lag", "s", 0.0)]
-    for band in (
-        COOLANT_BANDS if "coolant_temperature_degc" in p.subject.known else COOLANT_BANDS[-1:]
-    ):
+    known = "coolant_temperature_degc" in p.subject.known
+    for band in COOLANT_BANDS if known else COOLANT_BANDS[-1:]:
         inside = (samples.degc >= band.low_degc) & (samples.degc < band.high_degc)
         cold = max(WARM_DEGC - band.at_degc, 0.0) / 60.0
         made.append(law("wall_film_fraction", "-", cold, inside, band))
@@ -173,7 +170,7 @@ def _cells(law: _Law, fitted: FittedTables, seen: CellSamples, config: TablesCon
     chosen = np.ones(len(flat), dtype=bool) if law.counted is None else law.counted
     number = np.bincount(flat[chosen], minlength=int(np.prod(shape)))
     seconds = np.bincount(flat[chosen], seen.seconds[chosen], minlength=len(number))
-    factor = config.factor(law.name, fitted.parameters.subject.air)
+    factor = config.widening[fitted.parameters.subject.air.kind][law.name]
     free = law.cells(Vector(fitted.parameters, fitted.x, moving=True))
     slopes = fitted.parameters.jacobian(free)
     squares = np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes)
@@ -228,10 +225,9 @@ def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfi
     kept = ~np.any(list(blank.values()), axis=0)
     first = np.argmax([*blank.values(), kept], axis=0)
     shape = tuple(len(a.values) for a in law.axes)
-    sides = (
+    estimate, low, high = (
         np.where(kept, link(whole.free + by), np.nan).reshape(shape) for by in (0, -half, half)
     )
-    estimate, low, high = sides
     return EcuTable(
         name=law.name,
         unit=law.unit,

@@ -2,6 +2,7 @@
 
 import io
 import json
+import tracemalloc
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -22,7 +23,7 @@ from training.dyno.truth import tables as truth
 from training.ecu_tables.balance import balance, balance_text
 from training.ecu_tables.config import defaults
 from training.ecu_tables.files import csv, tuner_studio
-from training.ecu_tables.fit import fit
+from training.ecu_tables.fit import _Problem, fit
 from training.ecu_tables.msq import injectors_text, read_axes
 from training.ecu_tables.page import heat, plan
 from training.ecu_tables.parameters import SHARE_MOST, Parameters, Vector, grid_over, point_of
@@ -31,7 +32,7 @@ from training.ecu_tables.signals import subject_of
 from training.ecu_tables.tables import LINKS, _Cells, _Law, _table, tables
 from training.pages.heat import LEVELS, HeatCell
 from training.recordings.ecu_table import KPA, EcuTable, axes_of
-from training.recordings.recording import load, write_table
+from training.recordings.recording import Recording, load
 
 TUNE = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <msq xmlns="http://www.msefi.com/:msq"><page number="0">
@@ -64,6 +65,7 @@ def delays(axes: Any, values: FloatArray, **more: Any) -> EcuTable:
         (TUNE.replace("1600.0", "500.0"), "rising"),
         (TUNE.replace("30 60", "low high"), "numbers are wanted"),
         (TUNE.replace("kPa", "mg/stroke"), "fmap_table1 is in mg/stroke, for these logs kPa"),
+        (TUNE.replace("kPa", "% TPS"), "fmap_table1 is in % TPS, for these logs kPa is wanted"),
         (TUNE.replace("fmap_table1", "other"), "no axes of speed and load"),
         ("rpm,map\n1,2\n", "no tune in XML"),
     ],
@@ -105,6 +107,13 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return log_of(folder, "port", "speed_density", 150.0, vehicle=3, seed=4)
 
 
+def changed(log: Recording, name: str, values: Any, rows: Any = slice(None)) -> Recording:
+    """Return a log with other values of a signal in some rows."""
+    whole = log.values.copy()
+    whole[rows, log.names.index(name)] = values
+    return replace(log, values=whole)
+
+
 def test_the_sensitivities_are_the_derivatives_of_the_reading(drive: Path) -> None:
     subject = subject_of([load(drive)])
     d = subject.drives[0]
@@ -126,9 +135,12 @@ def test_the_sensitivities_are_the_derivatives_of_the_reading(drive: Path) -> No
 def test_the_charge_behind_an_air_meter_is_free_of_its_lag_and_of_the_manifolds_filling(
     tmp_path: Path,
 ) -> None:
-    # GIVEN a charge that swings once a second, seen by a meter with a lag of 30 ms
-    subject = subject_of([load(log_of(tmp_path, "port", "maf", 20.0))])
+    # GIVEN a charge that swings once a second, seen by a meter with a lag of 30 ms, in a log that
+    # goes on after the engine
+    log = load(log_of(tmp_path, "port", "maf", 25.0))
+    subject = subject_of([changed(log, "engine_speed_rpm", 0.0, slice(-20, None))])
     d = subject.drives[0]
+    assert d.rejected["the engine stands"] == 20
     p = Parameters(subject, grid_over(d.rpm, d.load))
     filling_s, meter_s, omega = 0.19, 0.03, 2.0 * np.pi
     t_s = np.arange(len(d)) * d.period_s
@@ -174,8 +186,7 @@ def test_a_log_becomes_tables_with_bounds_and_blank_cells(
     assert {"lambda_delay", "lambda_lag", "wall_film_time", "injector_dead_time"} <= set(names)
     assert "injector_flow_scale" not in names  # no displacement: the air has no scale
     delay = document["tables"][names.index("lambda_delay")]
-    estimate = np.array(delay["estimate"], dtype=float)
-    low, high = (np.array(delay[k], dtype=float) for k in ("low", "high"))
+    estimate, low, high = (np.array(delay[k], float) for k in ("estimate", "low", "high"))
     samples = np.array(delay["samples"])
     filled = np.isfinite(estimate)
     assert filled.any()
@@ -208,30 +219,44 @@ def test_a_log_without_fuel_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
     assert "lambda_delay.csv: is there already" in capsys.readouterr().err
 
 
-def test_a_log_without_a_usable_sample_is_refused_with_the_reasons(tmp_path: Path) -> None:
-    path = tmp_path / "standing.csv"
-    rows = "\n".join(f"{0.05 * k:.2f},{0 if k < 120 else 800},1.7,40,3" for k in range(200))
-    head = "time_s,engine_speed_rpm,lambda_measured,manifold_pressure_kpa,injector_pulse_width_ms"
-    path.write_text(f"{head}\n{rows}\n")
-    told = "no usable sample: 120 where the engine stands, 80 where lambda stands still"
-    with pytest.raises(RecordingError, match=told):
-        subject_of([load(path)])
-
-
-def test_a_log_with_less_than_a_second_of_lambda_leaves_all_cells_blank(drive: Path) -> None:
+def test_a_log_with_hardly_a_usable_sample_is_refused_with_the_reasons(drive: Path) -> None:
     log = load(drive)
-    values = log.values.copy()
-    values[:, log.names.index("lambda_measured")][np.arange(len(values)) // 8 != 200] = np.nan
-    subject = subject_of([replace(log, values=values)])
-    assert 0 < subject.samples <= 8
-    made = tables(fit(subject), axes_of(subject.load), defaults())
-    assert all(np.isnan(t.estimate).all() for t in made)
+    n = len(log.values)
+    standing = changed(changed(log, "lambda_measured", 1.7), "engine_speed_rpm", 0.0, slice(120))
+    single = changed(log, "lambda_measured", np.nan, slice(-1))
+    for bad, seconds, why in (
+        (standing, r"0\.0", f"{n - 120} where lambda stands still for 2 s, 120 where the engine s"),
+        (single, r"0\.1", f"{n - 1} where a signal has no value"),
+    ):
+        told = f"{seconds} s of usable samples, at least 5 s are wanted: {why}"
+        with pytest.raises(RecordingError, match=told):
+            subject_of([bad])
+
+
+def test_a_log_on_a_slow_grid_knows_no_delay_and_says_so(drive: Path) -> None:
+    log = load(drive)
+    slow = replace(log, values=log.values[::40], quality=log.quality[::40], period_ns=2 * 10**9)
+    subject = subject_of([slow])
+    delay = tables(fit(subject), axes_of(subject.load), defaults())[0]
+    assert np.isnan(delay.estimate).all() and "the interval is too wide" in delay.reasons()
+
+
+def test_logs_whose_readings_are_updated_at_different_rates_count_all(drive: Path) -> None:
+    # GIVEN two logs with a row each 50 ms, whose sensors send each 150 ms and each 200 ms
+    log = load(drive)
+    rows = [np.arange(len(log.values)) // every * every for every in (3, 4)]
+    subject = subject_of([replace(log, values=log.values[at]) for at in rows])
+    # WHEN their noise is estimated THEN samples of both count
+    assert [d.every for d in subject.drives] == [3, 4]
+    problem = _Problem.of(subject, subject.drives, 2)
+    noise = problem.noise(problem.p.mean())
+    assert all(noise.kept(d.usable).sum() > 50 for d in subject.drives)
 
 
 def test_a_signal_that_a_log_names_without_a_value_is_none(drive: Path) -> None:
     log = load(drive)
-    values = np.column_stack([log.values, np.full(len(log.values), np.nan)])
-    values[:, log.names.index("coolant_temperature_degc")] = np.nan
+    values = changed(log, "coolant_temperature_degc", np.nan).values
+    values = np.column_stack([values, np.full(len(values), np.nan)])
     empty = replace(log, names=(*log.names, "rail_pressure_mpa"), values=values)
     full = replace(empty, values=np.nan_to_num(values, nan=20.0))
     for logs in ([empty], [full, log]):  # AND a rail pressure of one log alone scales no fuel
@@ -289,12 +314,10 @@ def test_a_reading_that_is_updated_seldomer_than_logged_tells_the_true_lag(tmp_p
     layout = EngineLayout("direct", "maf")
     experiment = Experiment(cycle="wltc_3b", vehicle=211, seed=12, duration_s=400.0, layout=layout)
     log = load(write(experiment, tmp_path, "csv", 0.05))
-    values = log.values.copy()
-    held = values[:, log.names.index("lambda_measured")]
-    held[:] = held[np.arange(len(held)) // 4 * 4]
-    write_table(tmp_path / "held.csv", log.t_s, log.names, values)
+    measured = log.column("lambda_measured")
+    held = changed(log, "lambda_measured", measured[np.arange(len(measured)) // 4 * 4])
     # WHEN its tables are estimated
-    subject = subject_of([load(tmp_path / "held.csv")])
+    subject = subject_of([held])
     axes, fitted = axes_of(subject.load), fit(subject)
     lag = next(t for t in tables(fitted, axes, defaults()) if t.name == "lambda_lag")
     # THEN nearly all intervals, nine of ten by their claim, hold the true lag
@@ -384,6 +407,12 @@ def test_the_steady_balance_tells_flow_and_dead_time_where_moves_are_weak(tmp_pa
     true = np.log([3.0 * 14.5 / 14.7, 0.9])
     assert (np.abs(found.mean[:2] - true) < np.minimum(half[:2], 0.1)).all()
     assert balance_text(found, absolute=True).startswith("flow 2.9")
+    # AND two hours of logs take no more memory than a small computer has
+    hours = replace(subject, drives=subject.drives * 90)
+    tracemalloc.start()
+    balance(Parameters(hours, grid_over(d.rpm, d.load)))
+    assert tracemalloc.get_traced_memory()[1] < 5e8
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize(
