@@ -8,7 +8,6 @@ import pytest
 
 from benchmarks.studies.second import brick as second_catalyst
 from monitor.base.errors import RecordingError
-from monitor.base.types import FloatArray
 from training.cli import main
 from training.greybox.catalyst import Catalyst, CatalystDrive, fit, volts
 from training.recordings.recording import write_table
@@ -55,23 +54,18 @@ def test_too_few_warm_samples_are_refused() -> None:
         fit([drive], START)
 
 
-def a_table(path: Path, names: tuple[str, ...], values: FloatArray) -> Path:
-    write_table(path, np.arange(len(values)) * PERIOD_S, names, values)
-    return path
-
-
 def test_the_command_writes_constants_with_standard_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("training.greybox.catalyst.fit.__defaults__", (START,))
     values = second_catalyst.drive(2, 2, second_catalyst.brick(2, 0.3))[:3000]
-    table = a_table(tmp_path / "drive.csv", second_catalyst.NAMES, values)
-    out = tmp_path / "catalyst.json"
+    table, out, t_s = tmp_path / "drive.csv", tmp_path / "catalyst.json", PERIOD_S * np.arange(3000)
+    write_table(table, t_s, second_catalyst.NAMES, values)
     call = ["fit", str(table), "--kind", "greybox", "--output", "downstream_voltage_v", "--out"]
     assert main([*call, str(out)]) == 0
     tree = json.loads(out.read_text())
     assert tree["schema"] == "o2train.catalyst/1"
     assert tree["constants"]["capacity_g"]["standard_error"] > 0.0
     assert main([*call, str(tmp_path / "model.onnx")]) == 2
-    without = a_table(tmp_path / "without.csv", second_catalyst.NAMES[1:], values[:, 1:])
-    assert main(["fit", str(without), *call[2:], str(out)]) == 2
+    write_table(table, t_s, second_catalyst.NAMES[1:], values[:, 1:])
+    assert main([*call, str(out)]) == 2

@@ -1,25 +1,17 @@
 """Drives of the gap workflow: what is scored, what is held, what is refused."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
+from tests.helpers.drives.recordings import recording_of
 from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from training.greybox.fit import drive as drives
-from training.recordings.recording import load, write_table
 
 
 def _make(signals: dict[str, FloatArray], lambda_measured: FloatArray) -> drives.ChainDrive:
     return drives.make("d", PERIOD_S, signals, lambda_measured)
-
-
-def _write(path: Path, columns: dict[str, FloatArray]) -> None:
-    write_table(
-        path, np.arange(6000) * PERIOD_S, list(columns), np.column_stack([*columns.values()])
-    )
 
 
 def test_fuel_cut_and_the_recovery_from_it_are_not_scored() -> None:
@@ -85,31 +77,14 @@ def test_a_drive_that_is_too_short_is_refused_with_what_was_wanted() -> None:
         _make(plain_signals(400), np.ones(400))
 
 
-def test_a_drive_without_any_engine_speed_is_refused() -> None:
-    signals = plain_signals()
-    del signals["engine_speed_rpm"], signals["maf_kg_h"]
-    with pytest.raises(RecordingError, match="engine_speed_rpm"):
-        _make(signals, np.ones(6000))
-
-
-def test_a_recording_becomes_a_drive_of_its_name(tmp_path: Path) -> None:
-    columns = plain_signals() | {"lambda_measured": np.full(6000, 1.0)}
-    path = tmp_path / "drive.parquet"
-    _write(path, columns)
-    recording = load(path)
-    drive = drives.from_recording(recording)
-    assert drive.name == "drive.parquet"
-    assert drive.period_s == pytest.approx(PERIOD_S)
-    np.testing.assert_allclose(drive.signals["air_mass_mg"], columns["air_mass_mg"])
-
-
-def test_a_recording_without_fuel_is_refused_by_name(tmp_path: Path) -> None:
-    columns = plain_signals() | {"lambda_measured": np.full(6000, 1.0)}
+def test_a_recording_becomes_a_drive_of_its_name_and_one_without_fuel_is_refused() -> None:
+    columns = plain_signals() | {"lambda_measured": np.ones(6000)}
+    drive = drives.from_recording(recording_of(columns))
+    assert (drive.name, drive.period_s) == ("drive.csv", PERIOD_S)
+    np.testing.assert_array_equal(drive.signals["air_mass_mg"], columns["air_mass_mg"])
     del columns["fuel_mass_mg"]
-    path = tmp_path / "drive.parquet"
-    _write(path, columns)
-    with pytest.raises(RecordingError, match="has no fuel_mass_mg"):
-        drives.from_recording(load(path))
+    with pytest.raises(RecordingError, match=r"drive\.csv: has no fuel_mass_mg"):
+        drives.from_recording(recording_of(columns))
 
 
 def test_a_network_of_air_and_fuel_is_looked_at_without_engine_speed() -> None:

@@ -4,6 +4,7 @@ import io
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from training.cli.console.progress import LINE_S, Progress
 from training.cli.console.progress_bar import Bar
@@ -20,28 +21,22 @@ class Clock:
         return self.now_s
 
 
-def test_without_a_terminal_a_line_tells_best_error_and_time_left() -> None:
+@pytest.mark.parametrize(
+    ("rmse", "told"),
+    [(0.5, "1 structures tried, best free run 0.500, "), (np.inf, "1 structures tried, ")],
+)
+def test_without_a_terminal_a_line_tells_best_error_and_time_left(rmse: float, told: str) -> None:
     # GIVEN a training whose progress goes to a file, with ten minutes of work
     clock, out = Clock(), io.StringIO()
     with Bar(10.0, out, clock) as bar:
         bar.update(0.25 * PER_MINUTE)
-        bar.tried(SimpleNamespace(rmse=0.5))  # type: ignore[arg-type]
+        bar.tried(SimpleNamespace(rmse=rmse))  # type: ignore[arg-type]
         assert out.getvalue() == ""
         # WHEN half a minute has brought the work of half a minute
         clock.now_s = LINE_S
         bar.update(0.25 * PER_MINUTE)
-    # THEN one line tells the best error, and the rest of the budget
-    line = "o2train: 1 structures tried, best free run 0.500, at most about 9:30 left\n"
-    assert out.getvalue() == line
-
-
-def test_no_error_is_told_while_no_free_run_stays_finite() -> None:
-    clock, out = Clock(), io.StringIO()
-    with Bar(10.0, out, clock) as bar:
-        bar.update(0.5 * PER_MINUTE)
-        clock.now_s = LINE_S
-        bar.tried(SimpleNamespace(rmse=np.inf))  # type: ignore[arg-type]
-    assert out.getvalue() == "o2train: 1 structures tried, at most about 9:30 left\n"
+    # THEN one line tells the best error that is finite, and the rest of the budget
+    assert out.getvalue() == f"o2train: {told}at most about 9:30 left\n"
 
 
 def test_the_time_left_follows_the_pace() -> None:

@@ -17,11 +17,6 @@ KG_PER_H_AND_LITRE_PER_S: Final = 3.6 * GAS_KG_PER_M3
 AIR_FACTOR_MIN, AIR_FACTOR_MAX = 0.5, 2.0
 
 
-def longest_passage_s(litres: float) -> float:
-    """Return the time in s in which the least flow passes through a volume, 0 for none."""
-    return max(litres, 0.0) * KG_PER_H_AND_LITRE_PER_S / FLOW_MIN_KG_H
-
-
 @dataclass(frozen=True, slots=True)
 class Place:
     """The surroundings of an effect; each lag starts settled at its first input."""
@@ -29,6 +24,7 @@ class Place:
     path: Path
     signals: Mapping[str, Quantity]
     period_s: float
+    lags_s: list[Quantity] = field(default_factory=list)  # time constants so far
 
     def of(self, name: str) -> Quantity:
         """Return a field of the path."""
@@ -40,10 +36,12 @@ class Place:
 
     def lag(self, u: Quantity, time_s: Quantity) -> Quantity:
         """Return ``u`` behind a first-order lag, see ``dynamics.lag``."""
+        self.lags_s.append(time_s)
         return dynamics.lag(u, time_s, self.period_s)
 
     def proportional_lag(self, u: Quantity, time_s: Quantity) -> Quantity:
         """Return a positive ``u`` whose logarithm is late, see ``dynamics.proportional_lag``."""
+        self.lags_s.append(time_s)
         return dynamics.proportional_lag(u, time_s, self.period_s)
 
     def injecting(self) -> Quantity:
@@ -109,9 +107,6 @@ class Effect:
     like: tuple[str, ...] = ()  # names from which the effect cannot be told by construction
     gain_class: bool = False  # a constant factor on the mixture: seen against a reference only
     varies: bool = False  # from drive to drive, so that the effect may begin between two drives
-    dead_time_s: Callable[[Values], float] = lambda _: 0.0  # at most, beside the base's
-    lag_s: Callable[[Values], float] = lambda _: 0.0  # at most, beside the base's lags
-    slower: Callable[[Values], float] = lambda _: 0.0  # relative growth of the base's lags, at most
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.name or self.equation.__name__)
@@ -121,7 +116,8 @@ class Effect:
     ) -> Path:
         """Return a path with the effect; values (k,) of the parameters in their order."""
         place = Place(path, signals, period_s)
-        return replace(path, **self.equation(place, values.tolist()))
+        changed = self.equation(place, values.tolist())
+        return replace(path, **changed, further_lags_s=(*path.further_lags_s, *place.lags_s))
 
     def signals_of(self, present: Collection[str]) -> tuple[str, ...]:
         """Return the signals that the effect reads beside the chain's, if those are present.

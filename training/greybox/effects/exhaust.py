@@ -4,15 +4,7 @@ import math
 from functools import partial
 from typing import Final
 
-from training.greybox.effects.effect import (
-    FLOW_MIN_KG_H,
-    Changed,
-    Effect,
-    Parameter,
-    Place,
-    Values,
-    longest_passage_s,
-)
+from training.greybox.effects.effect import Changed, Effect, Parameter, Place, Values
 from training.greybox.quantity.value import clip, exp, maximum, where
 
 DEAD_TIME_MAX_S: Final = 3.0
@@ -32,7 +24,6 @@ SPAN_MIN, SPAN_MAX = 0.1, 5.0
     parameters=(Parameter("volume", "l", -1.0, 20.0, (0.5, 2.0, 8.0), positive=True),),
     needs=("engine_speed_rpm",),
     tag="physics",
-    dead_time_s=lambda p: min(longest_passage_s(p[0]), DEAD_TIME_MAX_S),
 )
 def delay_flow(at: Place, p: Values) -> Changed:
     """Let the exhaust fill a volume before it reaches the sensor: volume over flow."""
@@ -47,7 +38,6 @@ def delay_flow(at: Place, p: Values) -> Changed:
     parameters=(Parameter("volume", "l", -1.0, 20.0, (0.5, 2.0), positive=True),),
     needs=("engine_speed_rpm",),
     tag="physics",
-    lag_s=lambda p: min(longest_passage_s(p[0]), MIXING_MAX_S),
 )
 def mix_flow(at: Place, p: Values) -> Changed:
     """Let the exhaust mix in a volume, whose time constant is volume over flow."""
@@ -93,7 +83,6 @@ def exhaust_leak(at: Place, p: Values) -> Changed:
     ),
     needs=("engine_speed_rpm",),
     tag="physics",
-    lag_s=lambda p: p[1] * (TAIL_FLOW_KG_H / FLOW_MIN_KG_H) ** p[2],
 )
 def fuel_cut_tail(at: Place, p: Values) -> Changed:
     """Let the cut fill a store that empties in a time over a power of the exhaust's flow.
@@ -115,7 +104,6 @@ def fuel_cut_tail(at: Place, p: Values) -> Changed:
     needs=(),
     tag="either",
     like=("slow_rich_to_lean", "slow_lean_to_rich"),
-    slower=lambda p: math.exp(abs(p[0])) - 1.0,
 )
 def sensor_asymmetry(at: Place, p: Values) -> Changed:
     """Above 0 the sensor follows a rising phi (lean to rich) slower, a falling one faster."""

@@ -20,7 +20,14 @@ from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard, StateLayout
 from monitor.model.step import LAMBDA_MAX, PHI_MAX
-from training.greybox.chain import SPEED_LEAST_RPM, Constants, base_path, simulate, with_speed
+from training.greybox.chain import (
+    AIR_LEAST_MG,
+    SPEED_LEAST_RPM,
+    Constants,
+    base_path,
+    simulate,
+    with_speed,
+)
 from training.greybox.chain import Path as ChainPath
 from training.greybox.charge import ChargeError, ChargeMap
 from training.greybox.effects.model_effect import Effects, ModelEffect, along
@@ -29,6 +36,7 @@ from training.greybox.quantity.value import Quantity, StepTrace, Value, clip, ma
 from training.narx.export import Graph, finished, write
 from training.narx.search.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
 
+AIR_MG = (AIR_LEAST_MG, 1e4)  # beyond what any cylinder takes
 FORGOTTEN = 12.0  # time constants after which the start of a lag no longer matters
 
 
@@ -99,21 +107,24 @@ class Greybox:
 
     def with_register(self) -> Self:
         """Return the chain with a register for its longest dead time, not shorter than before."""
-        lowest = dict(zip(self.inputs, self.u_low.tolist(), strict=True))
-        slowest_rpm = max(lowest.get("engine_speed_rpm", SPEED_LEAST_RPM), SPEED_LEAST_RPM)
-        c = self.constants
-        longest_s = c.dead_time_s + c.dead_time_revolutions * 60.0 / slowest_rpm
-        longest_s += sum(each.effect.dead_time_s(each.values.tolist()) for each in self.on_the_way)
+        longest_s = float(self._slowest.dead_time_s.max())
         return replace(self, register=max(math.ceil(longest_s / self.period_s), self.register))
 
     @property
     def memory(self) -> int:
-        """Samples after which a steady input has filled the register and all lags."""
-        lags_s = self.constants.mixing_s + self.constants.sensor_s
-        for each in self.on_the_way:
-            effect, values = each.effect, each.values.tolist()
-            lags_s = lags_s * (1.0 + effect.slower(values)) + effect.lag_s(values)
+        """Samples after which a steady input has filled the register and the path's lags."""
+        path = self._slowest
+        sensor_s = maximum(path.sensor_rising_s, path.sensor_falling_s)
+        lags_s = np.max(path.mixing_s + sensor_s + sum(path.further_lags_s))
         return self.register + math.ceil(FORGOTTEN * lags_s / self.period_s)
+
+    @property
+    def _slowest(self) -> ChainPath:
+        """The path at the lowest inputs with least and most air, where its times are longest."""
+        signals = {n: np.full(2, low) for n, low in zip(self.inputs, self.u_low, strict=True)}
+        slowest_rpm = max(signals.get("engine_speed_rpm", [0.0])[0], SPEED_LEAST_RPM)
+        slow = {"engine_speed_rpm": np.full(2, slowest_rpm), "air_mass_mg": np.array(AIR_MG)}
+        return self.path(signals | slow)
 
     @property
     def contraction(self) -> Contraction:
