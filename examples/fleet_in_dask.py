@@ -1,4 +1,4 @@
-"""A fleet on a Dask cluster, and what a query in DuckDB finds in its results.
+"""A fleet on a Dask cluster, and what queries find in its results.
 
     python examples/fleet_in_dask.py [SCHEDULER]
 
@@ -13,7 +13,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import duckdb
 import polars as pl
 from distributed import LocalCluster
 
@@ -30,24 +29,23 @@ FLEET = {  # the kind of each vehicle's drive, day by day
     "van_4": ("gain_low", "gain_low", "gain_low"),
 }
 CODES = """
-SELECT vehicle, date::VARCHAR AS day, codes[1] AS code, faults[1] AS fault, states[1] AS state
-FROM read_parquet('{folder}/recordings/**/*.parquet', hive_partitioning = true)
-WHERE fault_flag ORDER BY vehicle, date
+SELECT vehicle, CAST(start AS DATE) AS day, codes[1] AS code, faults[1] AS fault, states[1] AS state
+FROM recordings WHERE fault_flag ORDER BY vehicle, start
 """
 RESIDUALS = """
-SELECT vehicle, count(*) AS windows, round(avg(mean), 4) AS mean, round(sqrt(avg(std * std)), 4)
-FROM read_parquet('{folder}/windows/**/*.parquet', hive_partitioning = true)
-WHERE date >= '2026-03-03' GROUP BY vehicle ORDER BY vehicle
-"""  # of the last two days; DuckDB opens no folder of the first
+SELECT vehicle, COUNT(*) AS n, AVG(mean) AS mean, SQRT(AVG(std * std)) AS std
+FROM windows WHERE CAST(start AS DATE) >= CAST('2026-03-03' AS DATE)
+GROUP BY vehicle ORDER BY vehicle
+"""  # of the last two days
 
 
 def drives(folder: Path) -> Path:
     """Write each drive as a table with times in UTC; return the manifest that names vehicles."""
     rows = ["path,vehicle"]
-    for vehicle, kinds in FLEET.items():
+    for number, (vehicle, kinds) in enumerate(FLEET.items()):
         for day, kind in enumerate(kinds):
             [drive] = load_recordings(next(LOGS.glob(f"{kind}_micro_trips_*.blf")))
-            begin_s = (FIRST_DAY + timedelta(days=day)).timestamp()
+            begin_s = (FIRST_DAY + timedelta(days=day, minutes=number)).timestamp()
             columns = dict(zip(drive.names, drive.values.T, strict=True))
             path = folder / f"{vehicle}_{day + 1}.parquet"
             pl.DataFrame({"time_s": begin_s + drive.t_s, **columns}).write_parquet(path)
@@ -58,18 +56,19 @@ def drives(folder: Path) -> Path:
 
 
 def judge(manifest: Path, scheduler: str) -> Path:
-    """Judge the fleet; return the folder with the results by vehicle and date."""
-    results = manifest.parent / "results"
+    """Judge the fleet; return the table of its recordings."""
+    results = manifest.parent / "results.parquet"
     command = ["fleet", str(manifest), "--model", str(MODEL), "--scheduler", scheduler]
-    tables = ["--out", str(manifest.parent / "results.parquet"), "--partitioned", str(results)]
-    if o2train([*command, *tables]) != 0:
+    if o2train([*command, "--out", str(results)]) != 0:
         sys.exit("the fleet could not be judged")
     return results
 
 
 def found(query: str, results: Path) -> list[tuple[Any, ...]]:
     """Return the rows of a query over the results."""
-    return duckdb.execute(query.format(folder=results)).fetchall()
+    windows = results.with_suffix(".windows.parquet")
+    tables = {"recordings": pl.scan_parquet(results), "windows": pl.scan_parquet(windows)}
+    return pl.SQLContext(tables, eager=True).execute(query).rows()
 
 
 def main(scheduler: str | None) -> None:

@@ -33,8 +33,6 @@ class FleetCommand(ReadOptions, SettingsFile, CoreOptions):
         paths, or URLs that fsspec can read
     model : model file with limits, .onnx
     out : table of recordings to write, .parquet
-    partitioned : write both tables also as folders per vehicle and date, for DuckDB, Spark and
-        others
     vehicle : regular expression whose first group is the vehicle in a path, for example
         'car_(\d+)'; a vehicle in the manifest wins
     false_alarms : false-alarm rate, per window or per drive, whose quantile the report
@@ -45,7 +43,6 @@ class FleetCommand(ReadOptions, SettingsFile, CoreOptions):
     recordings: Annotated[Sequence[str], paths.pattern, "DIR|GLOB|MANIFEST"] = field(kw_only=False)
     model: Annotated[Path, paths.read, "FILE"]
     out: Annotated[Path, paths.written, "FILE"]
-    partitioned: Annotated[Path | None, paths.folder, "DIR"] = None
     vehicle: Annotated[str | None, "REGEX"] = None
     false_alarms: Annotated[float, "RATE"] = 0.001
     reports: Number = 10
@@ -72,7 +69,6 @@ def run(args: FleetCommand) -> int:
     from monitor.base import config
     from monitor.base.errors import UsageError
     from training.cli.console import drive_reports
-    from training.fleet import partitions
     from training.fleet import run as fleet
     from training.fleet.drives import drives_of
     from training.fleet.worker_kit import WorkerKit
@@ -81,14 +77,9 @@ def run(args: FleetCommand) -> int:
         raise UsageError("--false-alarms is above 0 and below 1")
     if args.reports < 0:
         raise UsageError(f"--reports {args.reports}: must not be negative")
-    written = fleet.written_paths(args.out)
-    if args.partitioned:
-        partitions.check(args.partitioned)
-        written = (*written, args.partitioned)
-    jobs = args.n_jobs
     settings = config.load(args.config)
     kit = WorkerKit.of(args.model, settings, args.pairs or None, args.columns, args.channel)
-    drives = drives_of(args.recordings, args.vehicle, written)
+    drives = drives_of(args.recordings, args.vehicle, fleet.written_paths(args.out))
     errors = faults = 0
     with tqdm(total=len(drives), unit="drive", disable=None) as bar:
 
@@ -98,22 +89,17 @@ def run(args: FleetCommand) -> int:
             bar.set_postfix_str(f"{faults} with a code, {errors} not judged", refresh=False)
             bar.update(chunk["drives"])
 
-        result = fleet.run(drives, kit, args.out, done, jobs=jobs, scheduler=args.scheduler)
+        result = fleet.run(drives, kit, args.out, done, jobs=args.n_jobs, scheduler=args.scheduler)
     from training.fleet.page import fleet_page  # its pictures take a second to import
 
     html, json_path = fleet_page.write(
         args.out, kit, result, args.false_alarms, lambda drives: drive_reports.write(args, drives)
     )
-    if args.partitioned:
-        begun = fleet.work_folder(args.out) / "partitioned"
-        partitions.write(args.out, fleet.windows_path(args.out), args.partitioned, begun)
     fleet.finish(args.out)
     print(
         f"{result['drives']} recordings, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "
         f"with a code, {result['errors']} could not be judged"
     )
     print(f"recordings: {args.out}\nwindows: {fleet.windows_path(args.out)}")
-    if args.partitioned:
-        print(f"by vehicle and date: {args.partitioned}")
     print(f"figures: {json_path}\nreport: {html}")
     return 0 if result["errors"] < result["drives"] else 3

@@ -15,7 +15,6 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-import duckdb
 import polars as pl
 import pytest
 
@@ -35,7 +34,7 @@ from tests.helpers.drives.fleet_drives import (
     write_piece,
 )
 from training.cli import main
-from training.fleet import columns, partitions
+from training.fleet import columns
 from training.fleet import run as fleet
 from training.fleet.drives import chunks_of, drives_of
 from training.fleet.judging import judge_chunk
@@ -361,36 +360,6 @@ def test_the_command_says_what_it_found(
     assert main(call) == 3
     call[-3] = str(tmp_path / "out.csv")
     assert main(call) == 2
-
-
-def test_a_query_finds_results_by_vehicle_and_date(folder: Path, tmp_path: Path) -> None:
-    # GIVEN drives of two vehicles, one on two days, and a table without a date
-    paths, days_s = sorted(folder.glob("*.parquet"))[:4], (1_772_323_200.0, 1_772_409_600.0)
-    for path, shift_s in zip(paths, (*days_s, days_s[0], 0.0), strict=True):
-        pl.read_parquet(path).with_columns(pl.col("time_s") + shift_s).write_parquet(
-            tmp_path / path.name
-        )
-    rows = [f"{path.name},{vehicle}" for path, vehicle in zip(paths, "aab/b", strict=False)]
-    # WHEN the results are written by vehicle and date
-    out, parts, begun = (tmp_path / name for name in ("out.parquet", "parts", "begun"))
-    partitions.check(parts)
-    judged([manifest_of(tmp_path, "path,vehicle", *rows)], out)
-    with pytest.raises(UsageError):  # half of them, as if killed, keep no further try from it
-        partitions.write(out, tmp_path / "gone.parquet", parts, begun)
-    partitions.check(parts)
-    partitions.write(out, fleet.windows_path(out), parts, begun)
-    assert not begun.exists()
-    # THEN the folders are the keys, and a query over all of them gives the tables back
-    assert (parts / "recordings/vehicle=a/date=2026-03-01").is_dir()
-    for name, table in (("recordings", out), ("windows", fleet.windows_path(out))):
-        query = f"read_parquet('{parts}/{name}/**/*.parquet', hive_partitioning = true)"
-        found = duckdb.sql(f"SELECT vehicle, date, count(*) FROM {query} GROUP BY ALL").fetchall()
-        days = {("a", "2026-03-01"), ("a", "2026-03-02"), ("b", "2026-03-01"), ("/", "None")}
-        assert {(v, str(day)) for v, day, _ in found} == days
-        assert sum(n for *_, n in found) == pl.read_parquet(table).height
-    # AND a second run does not mix its results with them
-    with pytest.raises(UsageError, match="an empty or new folder is wanted"):
-        partitions.check(parts)
 
 
 def test_every_column_is_documented() -> None:
