@@ -66,7 +66,6 @@ class Path:
     sensor_falling_s: Quantity
     gas_factor: Quantity = 1.0  # on phi at the sensor, after mixing
     span: Quantity = 1.0
-    further_lags_s: tuple[Quantity, ...] = ()  # time constants of effects, for the chain's memory
 
 
 def charge_mg(signals: Mapping[str, Quantity]) -> Quantity:

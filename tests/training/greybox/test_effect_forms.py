@@ -9,8 +9,7 @@ from onnxruntime import InferenceSession
 from monitor.base.types import FloatArray
 from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from tests.helpers.gap.gap_graphs import driven, plain, ranges_of
-from tests.training.greybox.test_effects import QUANTITIES
-from training.greybox.chain import Constants, base_path, inputs_of
+from training.greybox.chain import Constants, Path, base_path, inputs_of
 from training.greybox.effects import LIBRARY, Effect
 from training.greybox.effects.model_effect import FUEL, ModelEffect
 from training.greybox.graph.chain_graph import Greybox, build
@@ -92,22 +91,5 @@ def test_an_effect_reads_the_signals_it_says(effect: Effect) -> None:
     start = np.array([p.start[0] for p in effect.parameters])
     few = {name: signals[name] for name in (FUEL, *effect.signals_of(signals))}
     by_all, by_few = (effect.apply(path, start, seen, PERIOD_S) for seen in (signals, few))
-    for name in QUANTITIES:
+    for name in Path.__slots__:
         np.testing.assert_array_equal(getattr(by_all, name), getattr(by_few, name))
-
-
-@over_library
-def test_a_chain_forgets_a_sample_within_its_memory(effect: Effect) -> None:
-    # GIVEN a chain with the effect at its slowest, that has seen one sample of another kind
-    reads = effect.signals_of(plain().signals)
-    slowest = [max(abs(p.low), p.high) if p.unit == "s" else p.start[0] for p in effect.parameters]
-    chain = chain_with(ModelEffect.with_values(effect.name, slowest), reads)
-    drive = np.column_stack([plain().signals[name] for name in chain.inputs])
-    idle, other = drive[drive[:, 2].argmin()], drive[drive[:, 1].argmax()]
-    # WHEN the inputs stand still for its memory
-    seen, alone = (
-        chain.reading(np.vstack([first, [idle] * chain.memory])) for first in (other, idle)
-    )
-    # THEN it reads as if it had seen nothing else
-    assert abs(seen[1] - alone[1]) > 1e-4
-    assert abs(seen[-1] - alone[-1]) < 2e-5

@@ -10,7 +10,6 @@ from training.greybox.effects import ALL, LIBRARY, Effect
 from training.greybox.effects.air import following
 
 BASE = Constants()
-QUANTITIES = Path.__slots__[:-1]  # without the lags
 
 
 def _with(name: str, *parameters: float, **changed: FloatArray) -> tuple[Path, Path, FloatArray]:
@@ -28,7 +27,7 @@ def _phi_change(name: str, *parameters: float, **changed: FloatArray) -> FloatAr
 @pytest.mark.parametrize("effect", ALL, ids=lambda e: e.name)
 def test_an_effect_of_no_size_changes_nothing(effect: Effect) -> None:
     path, after, _ = _with(effect.name, 0.0, *(p.start[0] for p in effect.parameters[1:]))
-    for name in QUANTITIES:
+    for name in Path.__slots__:
         np.testing.assert_allclose(getattr(after, name), getattr(path, name))
 
 

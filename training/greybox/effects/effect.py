@@ -24,7 +24,6 @@ class Place:
     path: Path
     signals: Mapping[str, Quantity]
     period_s: float
-    lags_s: list[Quantity] = field(default_factory=list)  # time constants so far
 
     def of(self, name: str) -> Quantity:
         """Return a field of the path."""
@@ -36,12 +35,10 @@ class Place:
 
     def lag(self, u: Quantity, time_s: Quantity) -> Quantity:
         """Return ``u`` behind a first-order lag, see ``dynamics.lag``."""
-        self.lags_s.append(time_s)
         return dynamics.lag(u, time_s, self.period_s)
 
     def proportional_lag(self, u: Quantity, time_s: Quantity) -> Quantity:
         """Return a positive ``u`` whose logarithm is late, see ``dynamics.proportional_lag``."""
-        self.lags_s.append(time_s)
         return dynamics.proportional_lag(u, time_s, self.period_s)
 
     def injecting(self) -> Quantity:
@@ -116,8 +113,7 @@ class Effect:
     ) -> Path:
         """Return a path with the effect; values (k,) of the parameters in their order."""
         place = Place(path, signals, period_s)
-        changed = self.equation(place, values.tolist())
-        return replace(path, **changed, further_lags_s=(*path.further_lags_s, *place.lags_s))
+        return replace(path, **self.equation(place, values.tolist()))
 
     def signals_of(self, present: Collection[str]) -> tuple[str, ...]:
         """Return the signals that the effect reads beside the chain's, if those are present.

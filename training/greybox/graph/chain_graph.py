@@ -112,10 +112,13 @@ class Greybox:
 
     @property
     def memory(self) -> int:
-        """Samples after which a steady input has filled the register and the path's lags."""
+        """Samples after which a steady input has filled the register and the path's lags.
+
+        Other lags of effects are not counted: a graph starts with all lags settled, and a reset of
+        a wall film's ten seconds would be 5,000 steps.
+        """
         path = self._slowest
-        sensor_s = maximum(path.sensor_rising_s, path.sensor_falling_s)
-        lags_s = np.max(path.mixing_s + sensor_s + sum(path.further_lags_s))
+        lags_s = np.max(path.mixing_s + maximum(path.sensor_rising_s, path.sensor_falling_s))
         return self.register + math.ceil(FORGOTTEN * lags_s / self.period_s)
 
     @property
