@@ -1,16 +1,12 @@
 """What is written never replaces what is read or was recorded."""
 
 import ast
-import subprocess
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from monitor import cli as o2mon
 from monitor.base.files.outputs import numbered, replaced, unused
-from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from tests.helpers.logs.injected_frames import HEALTHY
 from training import cli as o2train
@@ -22,25 +18,6 @@ def drive(tmp_path: Path) -> Path:
     path = tmp_path / "drive.blf"
     path.write_bytes(HEALTHY.read_bytes())
     return path
-
-
-@pytest.mark.parametrize(
-    ("main", "words"),
-    [
-        (o2mon.main, "inject {} --out {} --fault gain_low"),
-        (o2mon.main, "replay {} --json {}"),
-        (o2mon.main, "replay {} --html {}"),
-        (o2train.main, "table {} --out {}"),
-        (o2train.main, "log {} --out {}"),
-        (o2train.main, f"evaluate {{}} --json {{}} --model {shipped_model()}"),
-    ],
-)
-def test_a_recording_is_not_written_over_by_what_is_made_of_it(
-    main: Callable[[list[str]], int], words: str, drive: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(words.format(drive, drive).split()) == 2
-    assert f"{drive}: is read, too; choose another file to write" in capsys.readouterr().err
-    assert drive.read_bytes() == HEALTHY.read_bytes()
 
 
 def test_a_log_that_cannot_be_made_leaves_the_one_that_was_there(
@@ -110,18 +87,6 @@ def test_a_result_takes_its_place_in_one_step_or_not_at_all(tmp_path: Path) -> N
     assert link.is_symlink()
     assert place.read_text() == "new"
     assert place.stat().st_mode & 0o777 == 0o640
-
-
-def test_a_command_that_is_killed_while_it_writes_leaves_the_old_file(tmp_path: Path) -> None:
-    place = tmp_path / "result.json"
-    place.write_text("old")
-    code = (
-        "import os, signal, sys\nfrom monitor.base.files.outputs import replaced\n"
-        "with replaced(sys.argv[1]) as begun:\n"
-        "    begun.write_text('ne')\n    os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    subprocess.run([sys.executable, "-c", code, str(place)], check=False)
-    assert place.read_text() == "old"
 
 
 def test_a_full_disk_is_told_in_one_line(

@@ -7,7 +7,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import can
-import numpy as np
 import pytest
 from can.util import dlc2len
 from hypothesis import given
@@ -39,20 +38,6 @@ def test_a_blf_must_hold_as_many_objects_as_announced_whatever_they_are(
     assert [frame.data for frame in found[0]] == [b"\1", b"\2"]
     assert found[2] is None
     assert (found[1].notes == []) if error is None else (error in found[1].notes[0])
-
-
-def test_blf_times_beyond_exact_doubles_are_rounded_as_python_can_rounds_them(
-    tmp_path: Path,
-) -> None:
-    ticks = np.random.default_rng(6).integers(2**53, 7 * 10**18, 2000).tolist()
-    objects = [
-        struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 48, 1, 2, 0, 0, each)
-        + struct.pack("<HBBL8s", 1, 0, 1, 1, b"\1")
-        for each in ticks
-    ]
-    path = tmp_path / "late.blf"
-    path.write_bytes(blf_file([(b"".join(objects), DEFLATED)]))
-    assert read_at_once(path) == python_can_reads(path)
 
 
 VERSIONS = (5, 0, 0, 0, 2, 6, 8, 1)  # of the program and the library that wrote it

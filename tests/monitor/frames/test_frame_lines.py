@@ -88,17 +88,6 @@ def test_relative_times_of_an_asc_log_are_those_since_the_line_before(tmp_path: 
     assert list(read_frames(tmp_path / "relative.asc")) == absolute
 
 
-@pytest.mark.parametrize("event", ["ST      Rx 00 00 00 08", "EC      - 00 00", "ER - - 5"])
-def test_states_and_errors_in_a_trc_log_pass(tmp_path: Path, event: str) -> None:
-    path = tmp_path / "drive.trc"
-    path.write_text(
-        ";$FILEVERSION=2.1\n;$STARTTIME=45196.5\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
-        f"      1        0.100 DT 1      00C0 Rx -  2    01 02\n"
-        f"      2        0.200 {event}\n"
-    )
-    assert len(list(read_frames(path))) == 1
-
-
 LOGS = {
     "1.0": """;   Message Number, time, identifier, length
      1)      1059 0401 2 01 02
@@ -124,11 +113,21 @@ LOGS = {
       3      2000.000 DT 18EFC034 Tx 2  11 22
       4      2001.000 RR     0401 Rx 4
 """,
+    "2.1": """;$FILEVERSION=2.1
+;$COLUMNS=N,O,T,B,I,d,R,L,D
+      1      1059.000 DT 1      0401 Rx -  2    01 02
+      2      1283.231 EC      - 00 00
+      3      1284.231 ER - - 5
+      4      2000.000 DT 1  18EFC034 Tx -  2    11 22
+      5      2001.000 RR 1      0401 Rx -  4
+""",
 }
 
 
 @pytest.mark.parametrize("version", LOGS)
-def test_each_version_gives_its_frames(version: str, tmp_path: Path) -> None:
+def test_each_version_of_trc_gives_its_frames_and_states_and_errors_pass(
+    version: str, tmp_path: Path
+) -> None:
     (tmp_path / "drive.trc").write_text(LOGS[version])
     counters = LogCounters()
     frames = list(read_frames(tmp_path / "drive.trc", counters))

@@ -78,7 +78,7 @@ def at(t_ns: int) -> Saved:
     return Saved((Dtc("P0133", t_ns=t_ns),))
 
 
-@inputs(60)
+@inputs(50)
 @given(saved=saved_stores, later=saved_stores)
 def test_everything_is_loaded_as_it_was_saved(
     tmp_path_factory: pytest.TempPathFactory, saved: Saved, later: Saved

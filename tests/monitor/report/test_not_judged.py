@@ -58,8 +58,24 @@ def held(name: str, value: float, seconds: float | None = None) -> Change:
     return change
 
 
-def test_a_healthy_drive_is_judged_and_nothing_held_it_up(replayed: Replay) -> None:
-    got = replayed(lambda _: None)
+def stopped(data: Columns) -> None:
+    """Let the engine stand and its sensor fall silent."""
+    held("engine_speed_rpm", 0.0, 2.0)(data)
+    held("lambda_measured", np.nan, 1.5)(data)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda _: None, id="nothing holds a healthy drive up"),
+        pytest.param(stopped, id="a sensor may be silent while the engine stands"),
+        pytest.param(
+            held("lambda_measured", np.nan, 0.2), id="one bad sample at the end is no dead sensor"
+        ),
+    ],
+)
+def test_a_drive_in_which_every_test_passed_is_judged(replayed: Replay, change: Change) -> None:
+    got = replayed(change)
     assert got.exit_code == 0
     assert got.recording["not_judged"] is None
     assert ": no fault" in got.out
@@ -147,18 +163,6 @@ def test_a_reading_that_a_logger_pins_is_no_dead_sensor_in_the_last_fuel_cut_alo
     profile.write_text("\n".join(lines).replace("'lambda_measured'", pinned))
     model = ROOT / "monitor" / "model" / "shipped.onnx"
     assert replays(path, "--profile", profile, "--model", model)[0] == exit_code
-
-
-def test_a_sensor_may_be_silent_while_the_engine_stands(replayed: Replay) -> None:
-    def stop(data: Columns) -> None:
-        held("engine_speed_rpm", 0.0, 2.0)(data)
-        held("lambda_measured", np.nan, 1.5)(data)
-
-    assert replayed(stop).exit_code == 0
-
-
-def test_one_bad_sample_at_the_end_is_no_dead_sensor(replayed: Replay) -> None:
-    assert replayed(held("lambda_measured", np.nan, 0.2)).exit_code == 0
 
 
 def test_a_drive_too_short_for_its_tests_says_which_have_no_decision(replayed: Replay) -> None:

@@ -8,10 +8,8 @@ import pytest
 from monitor.base.errors import RecordingError
 from monitor.base.signals import NARX_INPUTS
 from monitor.base.types import Quality
-from monitor.cli import main as o2mon
 from tests.helpers.drives.recordings import recording_of
 from tests.helpers.logs.logger_files import drive, write_text_table
-from training.cli import main as o2train
 from training.recordings.recording import Recording, load
 from training.recordings.samples.input_choice import choose_inputs
 from training.recordings.samples.preparation import prepare
@@ -89,29 +87,3 @@ def test_logs_of_one_logger_at_different_rates_come_to_one_grid(tmp_path: Path) 
     read = options.load_all(options.ReadOptions(), [fast, slow], None)
     assert [each.period_ns for each in read] == [500_000_000] * 2
     assert load(fast).period_ns == 100_000_000
-
-
-def test_a_model_of_one_logger_s_columns_judges_its_next_log_without_a_word(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    # GIVEN two logs, and a model fitted to them with a profile of one's own, without inputs
-    logs = [cobb(tmp_path / f"{i}.csv", seed=i, n=3000) for i in range(2)]
-    mine = tmp_path / "mine.toml"
-    mine.write_text('based_on = "cobb"\nstoich_afr = 14.6\n')
-    model = tmp_path / "m.onnx"
-    own = ("--profile", str(mine))
-    small = ("--lags", "4", "--hidden", "4", "--starts", "1", "--budget", "0.05")
-    assert o2train(["fit", *map(str, logs), "--out", str(model), *small, *own]) == 0
-    assert "inputs: air_mass_mg maf_kg_h manifold_pressure_kpa engine_speed_rpm (chosen" in (
-        capsys.readouterr().out
-    )
-    # WHEN the next log is judged THEN nothing more has to be said
-    third = cobb(tmp_path / "third.csv", seed=9, n=3000)
-    assert o2mon(["replay", str(third), "--model", str(model)]) in (0, 3)
-    out = capsys.readouterr().out
-    assert "read with the profile model" in out
-    assert "FAULT" not in out
-    # and a table in canonical columns is written on demand
-    table = tmp_path / "third_canonical.csv"
-    assert o2train(["table", str(third), "--out", str(table)]) == 0
-    assert table.read_text().startswith("time_s,air_mass_mg,maf_kg_h,manifold_pressure_kpa")

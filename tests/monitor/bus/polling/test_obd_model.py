@@ -45,7 +45,7 @@ def test_a_model_with_samples_half_a_second_apart_judges_polled_drives(tmp_path:
     # GIVEN a model fitted to polled drives on a grid of 0.5 s, its limits set by them
     model, logs = tmp_path / "slow.onnx", [str(tmp_path / f"drive{n}.log") for n in range(2)]
     for n, log in enumerate(logs):
-        write_log(Path(log), Conversation(ecu_of(2_051_000 + n, 800.0)).run(800.0).frames)
+        write_log(Path(log), Conversation(ecu_of(2_051_000 + n, 400.0)).run(400.0).frames)
     size = "--period 0.5 --lags 4 --hidden 6 --starts 1 --budget 0.02"
     assert main(["fit", *logs, *BUS, *size.split(), "--out", str(model)]) == 0
     assert Model.load(model).card.period_ns == 500_000_000
