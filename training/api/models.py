@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
@@ -31,9 +31,7 @@ FitOutcome = FitResult | GreyboxResult
 class Fit(Shown):
     """A fitted model: its file, its card with limits and healthy reference, and its training."""
 
-    card: ModelCard
     outcome: FitOutcome
-    warnings: tuple[str, ...]
 
     @classmethod
     def of(
@@ -45,7 +43,17 @@ class Fit(Shown):
     ) -> "Fit":
         """Complete the card of a new model by its recordings and return the fit."""
         card, warnings = complete(outcome, recordings, columns, progress)
-        return cls(card=card, outcome=outcome, warnings=(*outcome.warnings, *warnings))
+        return cls(outcome=replace(outcome, card=card, warnings=(*outcome.warnings, *warnings)))
+
+    @property
+    def card(self) -> ModelCard:
+        """Return the card of the model, as it stands in the file."""
+        return self.outcome.card
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return what is doubtful about the model."""
+        return self.outcome.warnings
 
     @property
     def path(self) -> Path:

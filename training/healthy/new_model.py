@@ -21,7 +21,7 @@ from monitor.grid.column_times import column_times
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.healthy.reference import set_reference
-from training.limits.decision_limits import MANY_WINDOWS, set_limits
+from training.limits.decision_limits import set_limits
 from training.limits.trust import trust_of
 from training.narx.export import update_card
 from training.narx.model_file import FreeRunFit, Unseen
@@ -76,21 +76,15 @@ def _keep_times(path: Path, recordings: Sequence[Recording]) -> None:
 def _set_limits(path: Path, unseen: Unseen, origin: str) -> list[str]:
     """Set the decision limits from drives that models have not seen; return warnings."""
     try:
-        _, n_windows = set_limits(path, unseen, origin, config.load())
+        set_limits(path, unseen, origin, config.load())
     except RecordingError as error:
         return [f"no decision limits: {error}"]
-    warnings = []
-    if len({drive.path for _, drives in unseen for drive in drives}) == 1:
-        warnings.append(
-            "one recording does not show how drives differ, so the model may give a healthy sensor "
-            "a code on another drive; train on several drives"
-        )
-    if n_windows < MANY_WINDOWS:
-        warnings.append(
-            f"the decision limits rest on {n_windows} windows, {MANY_WINDOWS} and more are wanted: "
-            "a healthy drive may be judged faulty; train on more or longer drives"
-        )
-    return warnings
+    if len({drive.path for _, drives in unseen for drive in drives}) > 1:
+        return []
+    return [
+        "one recording does not show how drives differ, so the model may give a healthy sensor "
+        "a code on another drive; train on several drives"
+    ]
 
 
 def tree_of(profile: Profile) -> dict[str, Any]:

@@ -43,7 +43,7 @@ def calibrate(
     _check(healthy, faulty)
     model = Model.load(path)
     origin = f"o2train calibrate, {counted(len(healthy), 'healthy drive')}"
-    card, _ = with_limits(model.card, [(model, healthy)], origin, config)
+    card = with_limits(model.card, [(model, healthy)], origin, config)
     card = replace(card, trust=trust_of([(model, healthy)], card, config, str(path)))
     limits = Limits.from_card(card, config, str(path))
     good, bad = (judge_recordings(drives, model, limits, config) for drives in (healthy, faulty))

@@ -24,7 +24,6 @@ from training.narx.model_file import Unseen
 from training.recordings.recording import Recording
 
 MINIMUM_WINDOWS = 10
-MANY_WINDOWS = 100  # with fewer windows, the 0.99 quantile is the largest value
 PAPER_QUANTILE = 0.99
 MOST_ROUNDS, CONVERGED = 1000, 1.0 - 1e-9  # of the spread of the offsets
 MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost no information
@@ -135,20 +134,15 @@ def above_most(values: FloatArray) -> float:
     return float(np.quantile(values, PAPER_QUANTILE))
 
 
-def set_limits(path: Path, unseen: Unseen, origin: str, config: Config) -> tuple[ModelCard, int]:
-    """Write the limits of ``with_limits`` into the model file ``path``.
-
-    Returns the new card and the number of windows. Raises as ``with_limits``.
-    """
-    card, windows = with_limits(Model.load(path).card, unseen, origin, config)
+def set_limits(path: Path, unseen: Unseen, origin: str, config: Config) -> ModelCard:
+    """Write the limits of ``with_limits`` into the model file ``path``; return the new card."""
+    card = with_limits(Model.load(path).card, unseen, origin, config)
     update_card(path, card)
-    return card, windows
+    return card
 
 
-def with_limits(
-    card: ModelCard, unseen: Unseen, origin: str, config: Config
-) -> tuple[ModelCard, int]:
-    """Return the model card with limits from healthy drives, and the number of their windows.
+def with_limits(card: ModelCard, unseen: Unseen, origin: str, config: Config) -> ModelCard:
+    """Return the model card with limits from healthy drives.
 
     unseen : models of the card's kind, each with drives that it has not seen, or that hardly
         changed it
@@ -164,4 +158,4 @@ def with_limits(
     card = replace(card, limits=limits, trust={})  # counted with other limits
     response = response_limits(unseen, Limits.from_card(card, config, origin), config)
     still = still_limits(recordings, card, config)
-    return replace(card, limits={**limits, **response, **still}), sum(map(len, judged))
+    return replace(card, limits={**limits, **response, **still})

@@ -15,7 +15,7 @@ from monitor.base import config, counts
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import json_tree
-from training.limits.decision_limits import MANY_WINDOWS, set_limits
+from training.limits.decision_limits import set_limits
 from training.narx.cross_fit import cross_fit
 from training.narx.fit import FitOptions, FitResult, FitSource, fit, write_model
 from training.narx.model_file import OF_TWINS
@@ -215,11 +215,7 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
         )
     try:
         unseen = list(twins.unseen(card))
-        card, windows = set_limits(path, unseen, OF_TWINS, config.load())
-        if windows < MANY_WINDOWS:
-            warnings.append(
-                f"the decision limits rest on {windows} windows, {MANY_WINDOWS} are wanted"
-            )
+        card = set_limits(path, unseen, OF_TWINS, config.load())
     except RecordingError as error:
         warnings.append(f"the model has no decision limits: {error}")
     path.replace(task.out / "model.onnx")

@@ -15,7 +15,6 @@ from monitor.pipeline.replay import shipped_model
 from training import GapOptions, estimate_tables, evaluate, find_gap, fit, load_recordings
 from training.cli import main
 from training.healthy import new_model
-from training.limits.decision_limits import MANY_WINDOWS
 from training.recordings.ecu_table import Axis, EcuTable
 from training.recordings.files.table_files import write_table
 
@@ -126,8 +125,7 @@ def test_public_names_are_there() -> None:
 def test_a_fit_to_one_drive_says_what_it_cannot_know(
     drives: int, warns: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # GIVEN windows enough for limits
-    monkeypatch.setattr(new_model, "set_limits", lambda *_, **__: (None, MANY_WINDOWS))
+    monkeypatch.setattr(new_model, "set_limits", lambda *_: None)
     # WHEN they come from one drive THEN the fit warns, and from several it does not
     recordings, model = (
         load_recordings([drive_of(i) for i in range(drives)]),

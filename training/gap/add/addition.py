@@ -173,7 +173,7 @@ def _set_limits(new: Path, recordings: Sequence[Recording]) -> None:
     if not model.card.limits:
         return
     try:
-        set_anew, _ = with_limits(model.card, [(model, recordings)], ACCEPTED, settings)
+        set_anew = with_limits(model.card, [(model, recordings)], ACCEPTED, settings)
     except RecordingError:
         return
     found, old = (Limits.from_card(c, settings, str(new)) for c in (set_anew, model.card))

@@ -7,7 +7,7 @@ import numpy as np
 
 from monitor.base.counts import counted, duration, plain
 from monitor.base.types import FloatArray
-from training.limits.decision_limits import MANY_WINDOWS
+from training.limits.decision_limits import MINIMUM_WINDOWS
 from training.narx.network import Spec
 from training.recordings.recording import Recording
 from training.recordings.samples import preparation
@@ -119,7 +119,7 @@ def enough(
     period_s = recordings[0].period_ns / 1e9
     seconds = data.samples * period_s
     least = Spec(n_inputs, LAGS, SMALLEST).n_weights
-    wanted_s = MANY_WINDOWS * WINDOW * period_s
+    wanted_s = MINIMUM_WINDOWS * WINDOW * period_s
     text, level = f"{duration(seconds)} usable", "ok"
     if data.samples < least:
         text += f": {data.samples} samples, even {SMALLEST[0]} neurons have {least} weights"
@@ -132,7 +132,7 @@ def enough(
     elif data.enabled * period_s < wanted_s:
         text += (
             f", {duration(data.enabled * period_s)} in the enabled region; {duration(wanted_s)} "
-            f"are wanted for limits that rest on {MANY_WINDOWS} windows"
+            f"are wanted to set limits"
         )
         level = "warning"
     return [DataFinding(level, "duration", text)]

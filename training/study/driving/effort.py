@@ -69,7 +69,7 @@ def _found(task: Task, part: list[Recording]) -> dict[str, Any]:
     path = task.folder / "effort.onnx"
     try:
         result = fit(FitSource(part, task.inputs, task.output), path, options)
-        card, _ = set_limits(path, *result.healthy(), config.load())
+        card = set_limits(path, *result.healthy(), config.load())
     except (RecordingError, UsageError) as error:
         return row | {"why": str(error)}
     trust = trust_of([(Model.load(path), task.test)], card, config.load(), path.name)
