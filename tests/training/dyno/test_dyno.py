@@ -32,7 +32,7 @@ STEADY_S, SETTLE_S = 300.0, 60.0
 # The same call gives the same bytes
 
 
-@pytest.mark.parametrize("suffix", [f for f in FORMATS if f not in ("asc", "trc")])
+@pytest.mark.parametrize("suffix", ["log.gz", *(f for f in FORMATS if f not in ("asc", "trc"))])
 def test_the_same_seed_gives_the_same_bytes(tmp_path: Path, suffix: str) -> None:
     # GIVEN two folders, and an older drive in one
     experiment = replace(SHORT, duration_s=20.0, fault=faults.resolve("gain_low"))

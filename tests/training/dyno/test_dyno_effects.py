@@ -12,7 +12,7 @@ from training.dyno.effects import Effects
 from training.dyno.simulation import Experiment, simulate
 
 NOISE_PHI = 0.004
-GAP_DRIVE = Experiment()
+GAP_DRIVE = Experiment(duration_s=900.0)
 
 
 def gap_phi(experiment: Experiment, hidden: Effects) -> float:

@@ -12,12 +12,11 @@ import dbc
 from monitor.base.errors import O2Error, RecordingError, SignalMapError, UsageError
 from monitor.base.signals import OWN
 from monitor.base.types import Quality
-from monitor.decode.block_decoder import MessageCounters
 from monitor.decode.bus_map import load_pairs
 from monitor.frames.logs import read_frames
 from monitor.frames.tables.readers import open_table
 from tests.helpers.examples import inputs
-from tests.helpers.logs.decoding import Decoding, samples_of, values_of
+from tests.helpers.logs.decoding import Decoding, values_of
 from training.cli import _parser
 from training.recordings.files.can_encoding import encode_message
 from training.recordings.files.can_log import block_of, broadcast, outgoing, write_log
@@ -75,20 +74,6 @@ def test_both_byte_orders_and_signs_are_encoded(tmp_path: Path, order: int, sign
     assert values_of(bus_map, "x", list(frames.frames())) == [*values[:4], top]
 
 
-def test_a_table_survives_log_and_decoder_within_quantisation() -> None:
-    values = a_drive()
-    frames = broadcast(ECU, T_NS, values)
-    samples, decoder = samples_of(ECU, ECU.names, 100_000_000, list(frames.frames()))
-    assert all(c == MessageCounters(c.received) for c in decoder.counters.values())
-    assert decoder.unmapped == 0
-    assert len(samples.t_ns) == 49
-    # messages sent once per row give that row; the tick holds the row before its end
-    for name in ("coolant_temperature_degc", "vehicle_speed_km_h", "battery_voltage_v"):
-        got = samples.values[:, ECU.names.index(name)]
-        step = float(ECU.channels[name].signal.scale)
-        assert np.max(np.abs(got[1:] - values[name][2:50])) <= step / 2 + 1e-9
-
-
 def test_what_the_table_lacks_or_leaves_blank_is_sent_as_not_available() -> None:
     values = {"lambda_measured": np.full(50, math.nan)}
     found = Decoding(ECU, ECU.names).push(list(broadcast(ECU, T_NS, values).frames()))
@@ -133,28 +118,6 @@ def test_the_groups_of_a_multiplexed_message_are_sent_in_turn_and_read_back() ->
 def test_a_log_that_cannot_be_written_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(O2Error, match=name):
         write_log(tmp_path / name, broadcast(ECU, T_NS, a_drive()))
-
-
-@pytest.mark.parametrize("name", ["d.log", "d.log.gz"])
-def test_the_same_table_gives_the_same_log_bytes(tmp_path: Path, name: str) -> None:
-    written = []
-    for folder in ("a", "b"):
-        (tmp_path / folder).mkdir()
-        write_log(tmp_path / folder / name, broadcast(ECU, T_NS, a_drive()))
-        written.append((tmp_path / folder / name).read_bytes())
-    assert written[0] == written[1]
-
-
-def test_loading_a_log_gives_what_the_runtime_sees(tmp_path: Path) -> None:
-    path = tmp_path / "drive.log"
-    write_log(path, broadcast(ECU, T_NS, a_drive()))
-    recording = load(path, ["lambda_measured", "maf_kg_h"], period_s=0.05)
-    names = ["lambda_measured", "maf_kg_h"]
-    samples, _ = samples_of(ECU, names, 50_000_000, list(read_frames(path)))
-    assert recording.values.tobytes() == samples.values.tobytes()
-    assert recording.period_ns == 50_000_000
-    assert recording.t_s[:3].tolist() == [0.0, 0.05, 0.1]
-    assert len(recording.sha256) == 64
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".csv.gz", ".parquet"])
