@@ -5,7 +5,7 @@ one slice shifts it. The matrix products are Gemm with the batch as rows, which 
 for every batch size on onnxruntime's CPU provider; sums and batched products do not.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -95,96 +95,76 @@ class Network:
 class Graph:
     """Nodes and constants under construction; every method returns the new tensor's name."""
 
-    def __init__(self, prefix: str = "") -> None:
-        self.prefix = prefix
+    def __init__(self) -> None:
         self.nodes: list[onnx.NodeProto] = []
         self.constants: list[onnx.TensorProto] = []
 
-    def part(self, prefix: str) -> "Graph":
-        """Return the same graph with ``prefix`` before new names: nodes can stand in it twice."""
-        part = Graph(self.prefix + prefix)
-        part.nodes, part.constants = self.nodes, self.constants
-        return part
+    def add(self, kind: str, operands: Sequence[Any], output: str = "", **attributes: Any) -> str:
+        """Add a node with one output, by default with a name of its own.
 
-    def constant(self, name: str, value: Any, dtype: type = np.float32) -> str:
-        """Add a constant."""
-        name = self.prefix + name
-        self.constants.append(numpy_helper.from_array(np.asarray(value, dtype), name))
-        return name
-
-    def add(self, kind: str, inputs: list[str], output: str, **attributes: Any) -> str:
-        """Add a node with one output."""
-        output = self.prefix + output
-        self.nodes.append(helper.make_node(kind, inputs, [output], **attributes))
+        operands : names of tensors, or constants: integers in a list, others float32
+        """
+        output = output or f"n{len(self.nodes)}"
+        names = [x if isinstance(x, str) else self._constant(x) for x in operands]
+        self.nodes.append(helper.make_node(kind, names, [output], **attributes))
         return output
 
-    def take(self, source: str, start: int, stop: int, output: str) -> str:
+    def take(self, source: str, start: int, stop: int, output: str = "") -> str:
         """Add the columns start .. stop - 1 of ``source``."""
-        bounds = [
-            self.constant(f"{output}_{name}", [value], np.int64)
-            for name, value in (("start", start), ("stop", stop), ("axis", 1))
-        ]
-        return self.add("Slice", [source, *bounds], output)
+        return self.add("Slice", [source, [start], [stop], [1]], output)
+
+    def _constant(self, value: Any) -> str:
+        name, dtype = f"c{len(self.constants)}", np.int64 if isinstance(value, list) else np.float32
+        self.constants.append(numpy_helper.from_array(np.asarray(value, dtype), name))
+        return name
 
 
 def build(network: Network) -> onnx.ModelProto:
     """Return the graph ``step``, float32, without a card."""
     graph, spec, size = Graph(), network.spec, network.state_layout.size
     u, (middle, half) = _transformed(graph, network), network.input_range
-    gain, offset = np.diag(1.0 / half), -middle / half
-    names = [graph.constant("u_gain", gain), graph.constant("u_offset", offset)]
-    mapped = graph.add("Gemm", [u, *names], "u_mapped", transB=1)
-    limits = [graph.constant("u_low", -1.0), graph.constant("u_high", 1.0)]
-    u_scaled = graph.add("Clip", [mapped, *limits], "u_scaled")
-    x = regressor = "state"
+    mapped = graph.add("Gemm", [u, np.diag(1.0 / half), -middle / half], transB=1)
+    u_scaled = graph.add("Clip", [mapped, -1.0, 1.0])
+    regressor = "state"
     if network.sees_newest:
-        x = regressor = graph.add("Concat", [u_scaled, "state"], "regressor", axis=1)
-    stack = network.folded_layers()
-    for i, (w, b) in enumerate(stack):
-        if spec.linear_path and i == len(stack) - 1:
-            x = graph.add("Concat", [x, regressor], "beside", axis=1)
-        names = [graph.constant(f"w{i}", w), graph.constant(f"b{i}", b)]
-        x = graph.add("Gemm", [x, *names], f"sum{i}", transB=1)
-        if i < len(stack) - 1:
-            x = graph.add("Tanh", [x], f"tanh{i}")
-    low, high = network.scaling.y_low, network.scaling.y_high
-    names = [graph.constant("y_low", low), graph.constant("y_high", high)]
-    y = graph.add("Clip", [x, *names], "y")
+        regressor = graph.add("Concat", [u_scaled, "state"], axis=1)
+    *inner, (w, b) = network.folded_layers()
+    x = regressor
+    for matrix, bias in inner:
+        x = graph.add("Tanh", [graph.add("Gemm", [x, matrix, bias], transB=1)])
+    if spec.linear_path:
+        x = graph.add("Concat", [x, regressor], axis=1)
+    total = graph.add("Gemm", [x, w, b], transB=1)
+    y = graph.add("Clip", [total, network.scaling.y_low, network.scaling.y_high])
     lambda_nodes(graph, network.transform, y)
-    kept = graph.take("state", 0, size - spec.n_inputs - 1, "kept")
+    kept = graph.take("state", 0, size - spec.n_inputs - 1)
     graph.add("Concat", [u_scaled, y, kept], "next_state", axis=1)
     return finished(graph, spec.n_inputs, size)
 
 
 def lambda_nodes(graph: Graph, transform: str, y: str) -> None:
     """Add the graph's output ``lambda_hat`` for ``y`` in model units."""
-    if transform != "phi":
+    if transform == "phi":
+        readable = graph.add("Clip", [y, 1.0 / LAMBDA_MAX, PHI_MAX])
+        graph.add("Reciprocal", [readable], "lambda_hat")
+    else:
         graph.add("Identity", [y], "lambda_hat")
-        return
-    names = [graph.constant("phi_low", 1.0 / LAMBDA_MAX), graph.constant("phi_high", PHI_MAX)]
-    graph.add("Reciprocal", [graph.add("Clip", [y, *names], "phi_readable")], "lambda_hat")
 
 
 def _transformed(graph: Graph, network: Network) -> str:
     """Return the inputs with the quotients of the transforms in the place of numerators."""
     source, k = "u", len(network.inputs)
-    for index, t in enumerate(network.transforms):
+    for t in network.transforms:
         i, j = (network.inputs.index(t[place]) for place in ("numerator", "denominator"))
-        name = f"ratio{index}"
-        top = graph.take("u", i, i + 1, f"{name}_top")
-        bottom = graph.take("u", j, j + 1, f"{name}_bottom")
-        least = graph.constant(f"{name}_least", t["denominator_minimum"])
-        safe = graph.add("Max", [bottom, least], f"{name}_safe")
-        quotient = graph.add("Div", [top, safe], f"{name}_quotient")
-        factor = graph.constant(f"{name}_factor", t["factor"])
-        free = graph.add("Mul", [quotient, factor], f"{name}_free")
-        limits = [graph.constant(f"{name}_low", 0.0), graph.constant(f"{name}_high", t["maximum"])]
-        parts = [graph.add("Clip", [free, *limits], f"{name}_value")]
+        top, bottom = graph.take("u", i, i + 1), graph.take("u", j, j + 1)
+        quotient = graph.add("Div", [top, graph.add("Max", [bottom, t["denominator_minimum"]])])
+        free = graph.add("Mul", [quotient, t["factor"]])
+        parts = [graph.add("Clip", [free, 0.0, t["maximum"]])]
         if i > 0:
-            parts.insert(0, graph.take(source, 0, i, f"{name}_before"))
+            parts.insert(0, graph.take(source, 0, i))
         if i < k - 1:
-            parts.append(graph.take(source, i + 1, k, f"{name}_after"))
-        source = graph.add("Concat", parts, f"{name}_inputs", axis=1)
+            parts.append(graph.take(source, i + 1, k))
+        source = graph.add("Concat", parts, axis=1)
     return source
 
 

@@ -99,42 +99,31 @@ def _graph(own: onnx.GraphProto, card: ModelCard, difference: ChainDifference) -
     graph, names = Graph(), card.input_names
     size, at = int(card.structure["network_state"]), card.state.output_start
     signals = {
-        name: graph.take("u", i, i + 1, f"signal_{name}")
-        for i, name in enumerate(names)
-        if name in difference.inputs
+        name: graph.take("u", i, i + 1) for i, name in enumerate(names) if name in difference.inputs
     }
-    chains = graph.take("state", size + 1, card.state.size, "chains")
+    chains = graph.take("state", size + 1, card.state.size)
     more, chains = difference.nodes(graph, signals, chains)
-    whole = graph.take("state", at, at + 1, "old_output")
-    part = graph.take("state", size, size + 1, "old_part")
-    left = _limited(graph, card, graph.add("Sub", [whole, part], "without_part"), "own")
-    u = graph.take("u", 0, int(card.structure["network_inputs"]), "own_u")
-    graph.add("Identity", [u], f"{OWN}u")
+    whole, part = graph.take("state", at, at + 1), graph.take("state", size, size + 1)
+    left = graph.add("Clip", [graph.add("Sub", [whole, part]), *card.output_limits])
+    graph.take("u", 0, int(card.structure["network_inputs"]), f"{OWN}u")
     _with_output(graph, card, "state", left, f"{OWN}state")
     graph.nodes.extend(own.node)
     graph.constants.extend(own.initializer)
     ahead = f"{OWN}next_state"
-    y = graph.take(ahead, at, at + 1, "y")
-    whole = _limited(graph, card, graph.add("Add", [y, more], "sum"), "whole")
+    y = graph.take(ahead, at, at + 1)
+    whole = graph.add("Clip", [graph.add("Add", [y, more]), *card.output_limits])
     lambda_nodes(graph, card.transform, whole)
-    _with_output(graph, card, ahead, whole, "next_network")
-    part = graph.add("Sub", [whole, y], "part")
-    graph.add("Concat", ["next_network", part, chains], "next_state", axis=1)
+    network = _with_output(graph, card, ahead, whole)
+    part = graph.add("Sub", [whole, y])
+    graph.add("Concat", [network, part, chains], "next_state", axis=1)
     return finished(graph, len(names), card.state.size)
 
 
-def _with_output(graph: Graph, card: ModelCard, state: str, y: str, name: str) -> None:
+def _with_output(graph: Graph, card: ModelCard, state: str, y: str, name: str = "") -> str:
     """Add the network's part of a state, with another newest output."""
     size, at = int(card.structure["network_state"]), card.state.output_start
-    before = graph.take(state, 0, at, f"before_{name}")
-    after = graph.take(state, at + 1, size, f"after_{name}")
-    graph.add("Concat", [before, y, after], name, axis=1)
-
-
-def _limited(graph: Graph, card: ModelCard, y: str, name: str) -> str:
-    low, high = card.output_limits
-    limits = [graph.constant(f"{name}_low", low), graph.constant(f"{name}_high", high)]
-    return graph.add("Clip", [y, *limits], f"{name}_limited")
+    before, after = graph.take(state, 0, at), graph.take(state, at + 1, size)
+    return graph.add("Concat", [before, y, after], name, axis=1)
 
 
 def _channels(card: ModelCard, inputs: Sequence[str], ranges: Ranges) -> tuple[Channel, ...]:

@@ -87,8 +87,7 @@ class ChainDifference(Greybox):
 
         signals : by name, in physical units, each (batch, 1); state : (batch, n_states)
         """
-        graph = graph.part("chain_")
         without, before = self.without.traced(graph, signals, state)
         read, behind = self.traced(graph, signals, state, before.size)
-        ahead = graph.add("Concat", [*before.next_state, *behind.next_state], "next", axis=1)
-        return graph.add("Sub", [read.name, without.name], "difference"), ahead
+        ahead = graph.add("Concat", [*before.next_state, *behind.next_state], axis=1)
+        return graph.add("Sub", [read.name, without.name]), ahead

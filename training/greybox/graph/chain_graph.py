@@ -183,7 +183,7 @@ class Greybox:
 def build(greybox: Greybox) -> ModelProto:
     """Return the graph ``step``, float32, without a card."""
     graph = Graph()
-    columns = {n: graph.take("u", i, i + 1, f"signal_{n}") for i, n in enumerate(greybox.inputs)}
+    columns = {name: graph.take("u", i, i + 1) for i, name in enumerate(greybox.inputs)}
     phi, trace = greybox.traced(graph, columns, "state")
     readable = maximum(phi, 1.0 / LAMBDA_MAX)
     graph.add("Reciprocal", [readable.name], "lambda_hat")

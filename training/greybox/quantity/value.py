@@ -59,19 +59,15 @@ class Value(NDArrayOperatorsMixin):
         return self.node(NODES[of], *operands) if of in NODES else NotImplemented
 
     def node(
-        self, kind: str, *operands: "Value | float | FloatArray", **attributes: int
+        self, kind: str, *operands: "Value | float | FloatArray | list[int]", **attributes: Any
     ) -> "Value":
         """Add an ONNX operator of this kind; return its result."""
-        values = [x if isinstance(x, Value) else self.trace.constant(x) for x in operands]
-        graph = self.trace.graph
-        names, name = [x.name for x in values], f"n{len(graph.nodes)}"
-        return Value(self.trace, graph.add(kind, names, name, **attributes))
+        names = [x.name if isinstance(x, Value) else x for x in operands]
+        return Value(self.trace, self.trace.graph.add(kind, names, **attributes))
 
     def total(self, axis: int, *, keepdims: bool = False) -> "Value":
         """Add the sum over an axis."""
-        return self.node(
-            "ReduceSum", self, self.trace.constant([axis], np.int64), keepdims=keepdims
-        )
+        return self.node("ReduceSum", self, [axis], keepdims=keepdims)
 
 
 def clip(x: Quantity, low: float, high: float) -> Quantity:
@@ -101,7 +97,7 @@ def bilinear(
     by_row, by_column = hats(x, knots[0]), hats(y, knots[1])
     if not isinstance(x, Value):
         return [((by_row @ values) * by_column).sum(axis=1) for values in maps]
-    wide = by_column.node("Unsqueeze", by_column, x.trace.constant([1], np.int64))  # (n, 1, b)
+    wide = by_column.node("Unsqueeze", by_column, [1])  # (n, 1, b)
     rows = [(wide * values[None]).total(2) for values in maps]
     return [(row * by_row).total(1, keepdims=True) for row in rows]
 
@@ -164,10 +160,4 @@ class StepTrace:
 
     def take(self, source: str, first: int, width: int = 1) -> Value:
         """Add some columns of a tensor."""
-        name = f"n{len(self.graph.nodes)}"
-        return Value(self, self.graph.take(source, first, first + width, name))
-
-    def constant(self, value: Any, dtype: type = np.float32) -> Value:
-        """Add a constant."""
-        name = f"c{len(self.graph.constants)}"
-        return Value(self, self.graph.constant(name, value, dtype))
+        return Value(self, self.graph.take(source, first, first + width))
