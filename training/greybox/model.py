@@ -4,11 +4,10 @@ import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from monitor.base.counts import plain
 from monitor.base.errors import UsageError
 from monitor.base.signals import OUTPUT
 from monitor.base.types import BoolArray, FloatArray
@@ -29,8 +28,7 @@ from training.greybox.fit.drive import ChainDrive, until
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, save
 from training.greybox.graph.effect_inputs import with_margin
-from training.narx.model_file import FreeRunFit, card_of
-from training.narx.search.stability import CONTRACTION_SAMPLES
+from training.narx.model_file import FreeRunFit, card_of, recorded
 from training.recordings.samples.preparation import Prepared, Role, prepare
 
 if TYPE_CHECKING:
@@ -75,7 +73,7 @@ def fit_greybox(
     chosen, inputs = inputs is not None, tuple(inputs or greybox_inputs(recordings))
     _check_names(inputs, output)
     data = prepare(recordings, inputs, output, seed=seed)
-    u = _physical_inputs(data)
+    u = recorded(data, data.names)
     low, high = _input_limits(data)
     greybox = Greybox(
         constants=Constants(),
@@ -85,7 +83,6 @@ def fit_greybox(
         period_s=data.period_ns / 1e9,
     )
     signals = greybox.signals(u)
-    charge_map, charge_error = None, None
     drive = ChainDrive(
         name="",
         period_s=greybox.period_s,
@@ -101,23 +98,18 @@ def fit_greybox(
         return fit_greybox(
             recordings, out, inputs=wider, output=output, seed=seed, progress=progress
         )
+    charge: dict[str, Any] = {}
     if has_own_charge(inputs):
-        fitted, charge_map = fit_with_map(drive, progress)
+        fitted, charge["charge_map"] = fit_with_map(drive, progress)
     elif "air_mass_mg" in inputs:
-        fitted, charge_error = fit_with_error(drive, progress)
+        fitted, charge["charge_error"] = fit_with_error(drive, progress)
     else:
         fitted = fit_constants(drive, report=progress)
-    greybox = replace(
-        greybox,
-        constants=fitted.constants,
-        charge_map=charge_map,
-        charge_error=charge_error,
-        own=own,
-    ).with_register()
+    greybox = replace(greybox, constants=fitted.constants, own=own, **charge).with_register()
     predicted = _free_run(data, u, greybox)
     card = _card(greybox, fitted, data, predicted)
     save(out, greybox, card)
-    warnings = (*data.warnings, *_warnings(fitted, card))
+    warnings = (*data.warnings, *_warnings(fitted, card), *greybox.contraction.warnings())
     return GreyboxResult(
         path=Path(out),
         card=card,
@@ -167,16 +159,6 @@ def _check_names(inputs: Sequence[str], output: str) -> None:
         raise UsageError(f"output {output}: a grey-box model predicts {OUTPUT} alone")
 
 
-def _physical_inputs(data: Prepared) -> FloatArray:
-    """Return the inputs of all samples (n, n_inputs) in physical units, not clipped."""
-    parts = []
-    for s in data.segments:
-        recording = data.recordings[s.recording]
-        order = [list(recording.names).index(name) for name in data.names]
-        parts.append(recording.values[s.first : s.first + s.stop - s.start, order])
-    return np.concatenate(parts)
-
-
 def _input_limits(data: Prepared) -> tuple[FloatArray, FloatArray]:
     """Return the range to clip inputs to: the trained one with a margin, and fuel from 0."""
     ranges = [with_margin(each.name, each.minimum, each.maximum) for each in data.inputs]
@@ -220,11 +202,5 @@ def _warnings(fitted: Fitted, card: ModelCard) -> list[str]:
         warnings.append(
             f"the chain follows the measurement poorly (correlation {found:.2f} on held-out "
             "enabled samples): its constants mean little"
-        )
-    gap = card.checks["contraction"]
-    if not gap["gap"] <= gap["limit"]:
-        warnings.append(
-            f"predictions from two states differ by up to {plain(gap['gap'], 3)} after "
-            f"{CONTRACTION_SAMPLES} samples (limit {plain(gap['limit'], 3)})"
         )
     return warnings

@@ -20,7 +20,7 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model, to_model_units
 from training.jobs.model_bytes import model_of
 from training.narx.export import Network, build, file_content
-from training.narx.model_file import measures, network_of, shape_of
+from training.narx.model_file import measures, network_of, recorded, shape_of
 from training.narx.network import Spec
 from training.narx.search.mean import mean_of
 from training.narx.search.stages import HORIZONS, N_SAMPLES, Trained, free_run, train
@@ -92,7 +92,7 @@ def cross_fit(
     several. A twin for which too few samples are left is not trained.
     work : budget, of which each twin has an equal part
     """
-    recorded = replace(data, samples=as_recorded(data))
+    untouched = replace(data, samples=as_recorded(data))
     work = work or Work()
 
     def one(rows: BoolArray, part: Work) -> tuple[Twin, FloatArray] | None:
@@ -100,7 +100,7 @@ def cross_fit(
         if not members:
             return None
         shape, weights = mean_of([(each.spec, each.weights) for each in members])
-        return Twin(network_of(data, shape, weights), rows), free_run(recorded, shape, weights)
+        return Twin(network_of(data, shape, weights), rows), free_run(untouched, shape, weights)
 
     found = [each for each in work.side_by_side(one, _left_out(data), threads) if each]
     predicted = np.full(len(data.role), np.nan)
@@ -108,7 +108,7 @@ def cross_fit(
         predicted[twin.rows] = data.scaling.unscale_y(run[twin.rows])
     role = np.where(np.isfinite(predicted), Role.TEST, Role.TRAIN).astype(data.role.dtype)
     twins = tuple(twin for twin, _ in found)
-    return CrossFit(replace(recorded, role=role), predicted, twins)
+    return CrossFit(replace(untouched, role=role), predicted, twins)
 
 
 def _left_out(data: Prepared) -> list[BoolArray]:
@@ -122,10 +122,8 @@ def _left_out(data: Prepared) -> list[BoolArray]:
 
 
 def _of_recordings(data: Prepared, numbers: list[int]) -> BoolArray:
-    rows = np.zeros(len(data.role), dtype=bool)
-    for s in data.segments:
-        rows[s.start : s.stop] = s.recording in numbers
-    return rows
+    lengths = [s.stop - s.start for s in data.segments]
+    return np.repeat([s.recording in numbers for s in data.segments], lengths)
 
 
 def _trained(
@@ -160,14 +158,8 @@ def _trained(
 
 def as_recorded(data: Prepared) -> Samples:
     """Return the scaled samples without the changes that training makes to them."""
-    inputs, outputs = [], []
-    for s in data.segments:
-        recording, rows = data.recordings[s.recording], slice(s.first, s.first + s.stop - s.start)
-        order = [recording.names.index(name) for name in data.names]
-        inputs.append(recording.values[rows, order])
-        outputs.append(recording.values[rows, recording.names.index(data.output.name)])
-    u = apply(data.transforms, data.names, np.concatenate(inputs))
-    y = to_model_units(data.transform, np.concatenate(outputs))
+    u = apply(data.transforms, data.names, recorded(data, data.names))
+    y = to_model_units(data.transform, recorded(data, [data.output.name])[:, 0])
     valid = np.flatnonzero(data.samples.weight > 0)
     filled = np.interp(np.arange(len(y)), valid, y[valid])
     scaling = data.scaling

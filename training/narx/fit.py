@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from monitor.base.counts import plain
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
@@ -204,13 +203,7 @@ def _size_warnings(data: Prepared, spec: Spec) -> list[str]:
 
 
 def _training_warnings(chosen: NetworkChoice, memory: int, work: Work) -> list[str]:
-    gap, warnings = chosen.gap, []
-    if memory and not gap.forgets:
-        warnings.append(
-            "two runs that begin with different past values differ by up to "
-            f"{plain(gap.gap, 3)} after "
-            f"{gap.samples} samples (limit {plain(gap.limit, 3)})"
-        )
+    warnings = chosen.gap.warnings() if memory else []
     begun = [t for t in chosen.starts if t.members == 1]
     cut = sum(t.cut_short for t in begun)
     if cut:

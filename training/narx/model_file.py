@@ -78,6 +78,16 @@ def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[st
     }
 
 
+def recorded(data: Prepared, names: Sequence[str]) -> FloatArray:
+    """Return signals of all samples (n, n_names) as they were recorded, in physical units."""
+    parts = []
+    for s in data.segments:
+        recording = data.recordings[s.recording]
+        order = [recording.names.index(name) for name in names]
+        parts.append(recording.values[s.first : s.first + s.stop - s.start, order])
+    return np.concatenate(parts)
+
+
 def network_of(data: Prepared, spec: Spec, weights: FloatArray) -> Network:
     """Return the network with the scaling, transforms and inputs of its data."""
     own = (data.scaling, data.transform, data.transforms, data.names)

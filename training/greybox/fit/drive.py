@@ -163,9 +163,8 @@ def make(
         if not {"engine_speed_rpm", "maf_kg_h"} & set(held):
             raise RecordingError(f"{name}: has neither engine_speed_rpm nor maf_kg_h")
         held = with_speed(held)
-    cut = in_fuel_cut(held)
-    if cut is None:
-        cut = np.zeros(len(phi), dtype=bool)
+    told = in_fuel_cut(held)
+    cut = np.zeros(len(phi), dtype=bool) if told is None else told
     scored = good & ~until(cut, AFTER_CUT_S, period_s)
     scored &= ~until(good & (phi < CUT_PHI), AFTER_CUT_READ_S, period_s)
     scored &= ~until(~inputs_good, AFTER_GAP_S, period_s)

@@ -95,15 +95,10 @@ def fit(
 
 
 def _starting_points(terms: Sequence[Term], start: JointFit | Constants) -> list[FloatArray]:
-    begun = [np.array(start)] if isinstance(start, Constants) else [np.array(start.base)]
-    if isinstance(start, JointFit):
-        begun += list(start.parameters)
-    rest = terms[len(begun) - 1 :]
+    fitted = (start.base, *start.parameters) if isinstance(start, JointFit) else (start,)
+    rest = terms[len(fitted) - 1 :]
     grids = [product(*(p.start for p in term.parameters)) for term in rest]
-    return [
-        np.concatenate([*begun, *(np.array(values) for values in combination)])
-        for combination in product(*grids)
-    ]
+    return [np.concatenate([*fitted, *values]) for values in product(*grids)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +131,21 @@ class ParameterLayout:
     def white(self, x: FloatArray) -> list[FloatArray]:
         """Return the white errors of each drive, then those of the prior and of the terms."""
         base, own = self.split(x)
-        rows = np.concatenate([_prior_rows(self.case, base), _term_rows(self.terms, own)])
-        return [*white(self.case, predict(self.case, base, self.terms, own)), rows]
+        of_drives = white(self.case, predict(self.case, base, self.terms, own))
+        return [*of_drives, self._unlikely(base, own)]
+
+    def _unlikely(self, base: Constants, own: Sequence[FloatArray]) -> FloatArray:
+        """Return how far constants are from what is expected of them, in spreads."""
+        rows = [
+            (value - p.start[0]) / p.spread
+            for term, values in zip(self.terms, own, strict=True)
+            for p, value in zip(term.parameters, values, strict=True)
+            if p.spread is not None
+        ]
+        prior = self.case.prior
+        if prior is None or self.case.fixed is not None:
+            return np.array(rows, dtype=np.float64)
+        return np.array([*(np.array(base) - prior.mean) / np.array(prior.spread), *rows])
 
     def slopes(
         self, x: FloatArray, at: Sequence[FloatArray], steps: FloatArray
@@ -200,23 +208,6 @@ def _descend(layout: ParameterLayout, x: FloatArray, search: JointSearch) -> Joi
         hessian=jacobian.T @ jacobian,
         cost=cost,
     )
-
-
-def _prior_rows(case: Case, base: Constants) -> FloatArray:
-    if case.prior is None or case.fixed is not None:
-        return np.empty(0)
-    return (np.array(base) - np.array(case.prior.mean)) / np.array(case.prior.spread)
-
-
-def _term_rows(terms: Sequence[Term], own: Sequence[FloatArray]) -> FloatArray:
-    """Return the distance of parameters from their start, in spreads, for those with a spread."""
-    rows = [
-        (value - p.start[0]) / p.spread
-        for term, values in zip(terms, own, strict=True)
-        for p, value in zip(term.parameters, values, strict=True)
-        if p.spread is not None
-    ]
-    return np.array(rows, dtype=np.float64)
 
 
 def held_out(found: JointFit, blocks: IntArray) -> FloatArray:

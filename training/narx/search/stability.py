@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.base.counts import plain
 from monitor.base.types import FloatArray
 from training.narx.network import Spec, simulate
 from training.recordings.samples.preparation import LAMBDA_MEMORY, Prepared
@@ -27,6 +28,12 @@ class Contraction:
     def forgets(self) -> bool:
         """Whether the histories no longer matter after these samples."""
         return self.gap <= self.limit  # False for NaN
+
+    def warnings(self) -> list[str]:
+        """Return the sentence about a history that matters for too long, none if it does not."""
+        gap, limit = plain(self.gap, 3), plain(self.limit, 3)
+        told = f"differ by up to {gap} after {self.samples} samples (limit {limit})"
+        return [] if self.forgets else [f"two runs that begin with different past values {told}"]
 
 
 def contraction(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:

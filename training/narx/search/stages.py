@@ -7,7 +7,7 @@ forgotten it, so that the network learns to forget.
 """
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -16,7 +16,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from training.narx.algorithms.lm import LmOptions, minimise
+from training.narx.algorithms.lm import LmOptions, LmOutcome, minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, measured_history
 from training.narx.network import Spec, initial_weights, layers, linear_path, simulate
 from training.narx.search.stability import any_histories, contraction
@@ -133,11 +133,9 @@ def random_pieces(data: Prepared, spec: Spec, rng: np.random.Generator, n_sample
     from the sample on at which the history must be forgotten.
     """
     length, skip = max(1, round((1.0 + FORGET) * data.memory)), round(FORGET * data.memory)
-    count = int(n_samples / length) if data.memory else 0
     train = pieces(data, spec, length)
     whole = np.flatnonzero(train.stop - train.start == length)
-    if not len(whole):
-        return Pieces(train.start[:0], train.stop[:0], train.skip[:0], train.history[:0])
+    count = int(n_samples / length) if data.memory and len(whole) else 0
     start = train.start[rng.choice(whole, count)]
     history = any_histories(spec, count, rng)
     return Pieces(start, start + length, np.full_like(start, skip), history)
@@ -176,18 +174,24 @@ def train(
             if best.stages:
                 best.stages[-1] = replace(best.stages[-1], stop="budget")
             break
-        outcome = minimise(
-            objective,
-            weights,
-            LmOptions(epochs=EPOCHS, max_fail=MAX_FAIL if horizon > 1 else EPOCHS),
-            validate=validation.score,
-            begins=partial(work.begins, epoch),
-        )
+        most = MAX_FAIL if horizon > 1 else EPOCHS
+        outcome = _epochs(objective, weights, work, validation.score, most)
         best.stages.append(Stage(f"horizon {horizon}", tuple(outcome.scores), outcome.stop))
         if outcome.score < best.score:
             best.weights, best.score = outcome.weights, outcome.score
         weights = outcome.weights
     return best
+
+
+def _epochs(
+    objective: ClosedLoop,
+    weights: FloatArray,
+    work: Work,
+    validate: Callable[[FloatArray], float] | None = None,
+    max_fail: int = MAX_FAIL,
+) -> LmOutcome:
+    begins = partial(work.begins, of_epoch(objective.n_samples, len(weights)))
+    return minimise(objective, weights, LmOptions(EPOCHS, max_fail), validate, begins)
 
 
 def finish(data: Prepared, trained: Trained, work: Work) -> Trained:
@@ -199,8 +203,7 @@ def finish(data: Prepared, trained: Trained, work: Work) -> Trained:
     spec, n_samples = trained.spec, RANDOM_SHARE * len(data.role)
     cut = pieces(whole, spec, HORIZONS[-1]) + random_pieces(whole, spec, rng, n_samples)
     objective = ClosedLoop(spec, data.samples, cut, decay=trained.decay)
-    begins = partial(work.begins, of_epoch(objective.n_samples, spec.n_weights))
-    outcome = minimise(objective, trained.weights, LmOptions(epochs=EPOCHS), begins=begins)
+    outcome = _epochs(objective, trained.weights, work)
     if outcome.stop == "budget" and trained.stages:
         trained.stages[-1] = replace(trained.stages[-1], stop="budget")
     return replace(trained, weights=outcome.weights)
@@ -229,12 +232,7 @@ def with_less_feedback(data: Prepared, trained: Trained, seed: int, work: Work) 
     cut = pieces(data, spec, length) + many
     objective = ClosedLoop(spec, data.samples, cut, decay=trained.decay)
     validation = blocks_of(data, spec)
-    outcome = minimise(
-        objective,
-        weights,
-        LmOptions(epochs=EPOCHS, max_fail=MAX_FAIL),
-        lambda w: validation.score(w) if forgets(w) else np.inf,
-        partial(work.begins, of_epoch(objective.n_samples, spec.n_weights)),
-    )
+    scored = lambda w: validation.score(w) if forgets(w) else np.inf  # noqa: E731
+    outcome = _epochs(objective, weights, work, scored)
     stages = [*trained.stages, Stage("less feedback", tuple(outcome.scores), outcome.stop)]
     return replace(trained, weights=outcome.weights, score=outcome.score, stages=stages)

@@ -11,7 +11,7 @@ validation, and active learning, Advances in Neural Information Processing Syste
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from typing import Any, Final
@@ -109,26 +109,22 @@ def boxes(longest: int) -> tuple[tuple[int, int], ...]:
     return tuple(pairwise(edges))
 
 
+@dataclass
 class Search:
-    """Candidates on the same data, held-out blocks different in each of the ``folds``.
+    """Candidates on the same data, held-out blocks different in each of the ``folds``."""
 
-    most_tried : folds on which a candidate is tried; members are trained on all
-    """
+    folds: Sequence[Prepared]
+    most_tried: int  # folds on which a candidate is tried; members are trained on all
+    seed: int
+    work: Work
+    threads: int = 2
+    tried: Callable[[Try], None] | None = None
+    tries: dict[Structure, Try] = field(default_factory=dict)
 
-    def __init__(
-        self,
-        folds: Sequence[Prepared],
-        most_tried: int,
-        seed: int,
-        work: Work,
-        threads: int = 2,
-        tried: Callable[[Try], None] | None = None,
-    ) -> None:
-        self.folds, self.seed, self.work, self.threads = folds, seed, work, threads
-        self.n_tried = min(most_tried, len(folds))
-        self.tried, self.tries = tried, dict[Structure, Try]()
-        self.n_train = folds[0].n_train
-        longest = max(s.stop - s.start for s in folds[0].segments)
+    def __post_init__(self) -> None:
+        self.n_tried = min(self.most_tried, len(self.folds))
+        self.n_train = self.folds[0].n_train
+        longest = max(s.stop - s.start for s in self.folds[0].segments)
         most = (self.n_train / SAMPLES_PER_LAG, longest / 2, LADDERS["longest"][-1])
         self.most_lags = int(min(most))
 
@@ -144,11 +140,8 @@ class Search:
         begin = [c for c in begin if self._possible(c)] or [Structure(1, 1, ())]
         while begin and not (self.tries and self.work.is_over()):
             self._try(begin)
-            begin = [
-                c
-                for c in self.ranked[0].structure.neighbours()
-                if c not in self.tries and self._possible(c)
-            ]
+            near = self.ranked[0].structure.neighbours()
+            begin = [c for c in near if c not in self.tries and self._possible(c)]
 
     def _possible(self, structure: Structure) -> bool:
         spec = structure.spec(self.folds[0])
