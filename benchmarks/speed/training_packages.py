@@ -16,7 +16,7 @@ from types import ModuleType
 import numpy as np
 from scipy.optimize import least_squares
 
-from training.narx.algorithms.lm import LmOptions, minimise
+from training.narx.algorithms.lm import minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples
 from training.narx.network import Spec, forward, layers, regressors
 
@@ -96,7 +96,7 @@ def ours(case: TrainingCase, start: np.ndarray, iterations: int) -> TrainedRun:
         return True
 
     def work() -> tuple[int, np.ndarray]:
-        found = minimise(case.error(), start, LmOptions(epochs=iterations), begins=begins)
+        found = minimise(case.error(), start, begins=begins, epochs=iterations)
         costs.extend(found.costs[1:])
         return len(costs), found.weights
 

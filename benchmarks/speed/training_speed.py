@@ -12,6 +12,7 @@ python -m benchmarks training_speed [--bosch FOLDER] [--samples 6000] [--starts 
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from benchmarks.speed import training_packages as packages
 from benchmarks.speed.training_packages import MissingError, TrainedRun, TrainingCase
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.narx.algorithms.lm import LmOptions, minimise
+from training.narx.algorithms.lm import minimise
 from training.narx.algorithms.objectives import CHUNK
 from training.narx.network import Spec, forward, initial_weights, regressors, simulate
 from training.recordings.metrics import rmse
@@ -167,10 +168,9 @@ def speed(of: TrainingCase, weights: np.ndarray, iterations: int, repeats: int) 
         "closed loop, horizon 1000": (of.error(1000), 2.0 * TARGET_US),
     }
     for name, (objective, target) in objectives.items():
-        minimise(objective, weights, LmOptions(epochs=1))  # compiles
-        epochs = LmOptions(epochs=iterations)
-        done = len(minimise(objective, weights, epochs).costs) - 1
-        took_s = least_cpu_s(lambda o=objective, e=epochs: minimise(o, weights, e), repeats)  # type: ignore[misc]
+        trained = partial(minimise, objective, weights, epochs=iterations)
+        done = len(trained().costs) - 1
+        took_s = least_cpu_s(trained, repeats)
         us = took_s / len(of.target) / done * 1e6
         yield {
             "objective": name,

@@ -18,6 +18,7 @@ from training.ecu_tables.parameters import FUEL, Balance, Parameters, Vector
 from training.ecu_tables.prediction import air_mg, injected_mg
 from training.ecu_tables.signals import TableDrive
 from training.greybox.chain import STOICHIOMETRIC
+from training.greybox.fit.drive import block_numbers
 
 STEADY_S: Final = 2.0  # over which mixture and command are averaged
 AIR_MOVE: Final = 0.1  # logarithm of the air within a second
@@ -66,9 +67,7 @@ def balance(p: Parameters) -> Balance:
 
     pairs = zip(drives, steady, strict=True)
     gain = np.concatenate([p.grid.shares(d.rpm[at], d.load[at]) for d, at in pairs])
-    size = round(BLOCK_S / period_s)
-    places = [np.stack([np.full(len(at), k), at // size]) for k, at in enumerate(steady)]
-    _, block = np.unique(np.concatenate(places, axis=1), axis=1, return_inverse=True)
+    block = block_numbers(steady, round(BLOCK_S / period_s))
     n_blocks = int(block.max(initial=-1)) + 1
     if n_blocks <= len(FUEL):
         return Balance(mean[fuel], np.asarray(np.linalg.inv(prior[fuel, fuel]), float), 0.0)

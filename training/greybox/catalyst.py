@@ -28,7 +28,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.files.outputs import write_text
 from monitor.base.types import BoolArray, FloatArray
 from training.greybox.fit.constants import sandwich
-from training.greybox.fit.drive import until
+from training.greybox.fit.drive import block_numbers, until
 from training.recordings.samples.rows import hold
 
 if TYPE_CHECKING:
@@ -248,15 +248,11 @@ def _errors(
     drives: Sequence[CatalystDrive], theta: FloatArray, jacobian: FloatArray, error: FloatArray
 ) -> Catalyst:
     """Return one standard error of each constant, in its unit."""
-    blocks, first = [], 0
-    for d in drives:
-        own = np.arange(len(d.x)) // round(BLOCK_S / d.period_s) + first
-        blocks.append(own[d.counts])
-        first = int(own[-1]) + 1
-    block = np.concatenate(blocks)
+    rows = [np.flatnonzero(d.counts) for d in drives]
+    block = block_numbers(rows, round(BLOCK_S / drives[0].period_s))
     # the rows come scaled by (1 + z²)^-0.75, so that their product is the Hessian of the soft L1
     pull = (1.0 + (error / ROBUST_V) ** 2) ** 0.25 * error
-    number = len(np.unique(block))
+    number = int(block[-1]) + 1
     covariance = sandwich(jacobian, pull, block) * number / max(number - len(theta), 1)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Catalyst(*np.where(IS_LOG, std * np.array(_constants(theta)), std).tolist())

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 from monitor.base.types import FloatArray
 from training.narx.algorithms.bayes import minimise_bayesian
 from training.narx.algorithms.gradient import descend
-from training.narx.algorithms.lm import LmOptions, minimise
+from training.narx.algorithms.lm import minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples, one_step
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.network import Spec, forward, initial_weights, regressors
@@ -171,8 +171,8 @@ def test_bayesian_regularisation_does_not_overfit_where_levenberg_marquardt_does
     weights, at = initial_weights(spec, rng), np.arange(1, 121)
     samples = Samples(np.append(0.0, x[:, 0])[:, None], np.append(0.0, y), np.ones(121))
     objective = ClosedLoop(spec, samples, Pieces(at, at + 1, 0 * at, x[:, 1:]))
-    free = minimise(objective, weights, LmOptions(epochs=100))
-    regular, found = minimise_bayesian(objective, weights, len(y), LmOptions(epochs=100, mu=0.005))
+    free = minimise(objective, weights, epochs=100)
+    regular, found = minimise_bayesian(objective, weights, len(y), 100)
     # THEN it fits the samples less closely and the function better, with fewer effective weights
     error = [np.mean((forward(spec, o.weights, fresh_x) - fresh_y) ** 2) for o in (free, regular)]
     assert regular.costs[-1] > free.costs[-1]

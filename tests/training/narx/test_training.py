@@ -10,7 +10,7 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from tests.helpers.drives.recordings import recording_of
 from tests.training.narx.test_folds import prepared
-from training.narx.algorithms.lm import LmOptions, minimise
+from training.narx.algorithms.lm import minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples, one_step
 from training.narx.network import Spec, forward, initial_weights, regressors, simulate
 from training.narx.search.stages import HORIZONS, Trained, blocks_of, train
@@ -158,7 +158,7 @@ def test_lm_recovers_a_system_that_the_network_contains() -> None:
     )[2:]
     objective = one_step(spec, Samples(u, y, np.ones(800)), np.arange(2, 800))
     # WHEN it is trained from other weights THEN the error all but vanishes and never rises
-    outcome = minimise(objective, initial_weights(spec, rng), LmOptions(epochs=300))
+    outcome = minimise(objective, initial_weights(spec, rng), epochs=300)
     assert outcome.costs[-1] < 1e-9 * np.var(y)
     assert np.all(np.diff(outcome.costs) < 0)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import Constants, simulate
 from training.greybox.effects import Effect
-from training.greybox.fit.drive import BLOCK_S, ChainDrive, path_of, phi_of
+from training.greybox.fit.drive import BLOCK_S, ChainDrive, block_numbers, path_of, phi_of
 from training.greybox.fit.sensor_faults import FaultHypothesis
 
 Term = Effect | FaultHypothesis
@@ -81,13 +81,7 @@ class Case:
     @property
     def blocks(self) -> IntArray:
         """The block of each kept sample, (m,), numbered through all drives."""
-        numbers, first = [], 0
-        for drive, kept in zip(self.drives, self.kept, strict=True):
-            of = np.arange(len(drive)) // round(BLOCK_S / drive.period_s)
-            numbers.append(of[kept] + first)
-            first += int(of[-1]) + 1
-        _, compact = np.unique(np.concatenate(numbers), return_inverse=True)
-        return np.asarray(compact, dtype=np.int64)
+        return block_numbers(self.rows, round(BLOCK_S / self.drives[0].period_s))
 
 
 def has_its_signs(term: Term, values: FloatArray) -> bool:

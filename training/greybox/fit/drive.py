@@ -10,7 +10,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.runs import since
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.model.step import PHI_MAX
 from training.greybox.chain import (
     RECOVERY_S,
@@ -196,6 +196,16 @@ def in_fuel_cut(signals: Mapping[str, FloatArray]) -> BoolArray | None:
     if "fuel_mass_mg" in signals:
         said.append(signals["fuel_mass_mg"] < CUT_FUEL_MG)
     return np.asarray(np.any(said, axis=0)) if said else None
+
+
+def block_numbers(rows: Sequence[IntArray], samples: int) -> IntArray:
+    """Return the block of each row (m,), 0, 1, .. through all recordings.
+
+    rows : those of each recording, rising; samples : length of a block
+    """
+    places = [np.stack([np.full(len(own), k), own // samples]) for k, own in enumerate(rows)]
+    both = np.concatenate(places, axis=1)
+    return np.asarray(np.cumsum(np.any(np.diff(both, prepend=both[:, :1]), axis=0)))
 
 
 def until(bad: BoolArray, seconds: float, period_s: float) -> BoolArray:

@@ -14,9 +14,9 @@ from scipy.linalg import LinAlgError, cho_factor
 from scipy.linalg.lapack import dtrtri
 
 from monitor.base.types import FloatArray
-from training.narx.algorithms.lm import LmOptions, LmOutcome, Objective, Watch, damped_step
+from training.narx.algorithms.lm import LmOutcome, Objective, Watch, damped_step
 
-DEFAULTS = LmOptions(mu=0.005)
+MU = 0.005
 TINY = np.finfo(float).tiny
 
 
@@ -65,15 +65,15 @@ class BayesianError:
 
 
 def minimise_bayesian(
-    objective: Objective, weights: FloatArray, n_samples: int, options: LmOptions = DEFAULTS
+    objective: Objective, weights: FloatArray, n_samples: int, epochs: int = 1000
 ) -> tuple[LmOutcome, BayesianError]:
     """Return the last weights, on which the evidence settles, with their mean squared error.
 
     Raises ValueError if the objective is not finite at the start.
     """
-    evidence, mu = BayesianError(objective, n_samples, len(weights)), options.mu
-    watch = Watch(weights, objective.cost(weights), options.max_fail)
-    for _ in range(options.epochs):
+    evidence, mu = BayesianError(objective, n_samples, len(weights)), MU
+    watch = Watch(weights, objective.cost(weights))
+    for _ in range(epochs):
         _, curvature, slope = evidence.normal(weights)
         if watch.at_rest(2.0 * slope):
             break

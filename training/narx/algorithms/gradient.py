@@ -16,7 +16,7 @@ RATE: Final = 0.01
 RATE_UP, RATE_DOWN = 1.05, 0.7  # after a step that lowered the cost, after one taken back
 GROWTH = 1.04  # a step that raises the cost by more than this factor is taken back
 MOMENTUM = 0.9
-MAX_FAIL, MIN_GRADIENT = 6, 1e-5
+MIN_GRADIENT = 1e-5
 
 
 class Differentiable(Protocol):
@@ -43,7 +43,7 @@ def descend(
     """
     current = weights.copy()
     cost, gradient = objective.gradient(current)
-    watch = Watch(current, cost, MAX_FAIL, validate, min_gradient=MIN_GRADIENT)
+    watch = Watch(current, cost, validate=validate, min_gradient=MIN_GRADIENT)
     step = -rate * gradient
     for _ in range(epochs):
         if watch.at_rest(gradient):

@@ -14,7 +14,8 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from monitor.base.types import FloatArray
 
-MU_DOWN, MU_UP, MU_MAX = 0.1, 10.0, 1e10
+MU, MU_DOWN, MU_UP, MU_MAX = 1e-3, 0.1, 10.0, 1e10
+MAX_FAIL = 6  # epochs in a row without a better validation score
 
 
 class Objective(Protocol):
@@ -25,15 +26,6 @@ class Objective(Protocol):
 
     def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Return the cost, J'J and J'e."""
-
-
-@dataclass(frozen=True, slots=True)
-class LmOptions:
-    """Settings of the minimiser."""
-
-    epochs: int = 1000
-    max_fail: int = 6  # epochs in a row without a better validation score
-    mu: float = 1e-3
 
 
 @dataclass(slots=True)
@@ -60,7 +52,7 @@ class Watch:
         self,
         weights: FloatArray,
         cost: float,
-        max_fail: int,
+        max_fail: int = MAX_FAIL,
         validate: Callable[[FloatArray], float] | None = None,
         begins: Callable[[], bool] | None = None,
         min_gradient: float = 1e-7,
@@ -107,9 +99,11 @@ class Watch:
 def minimise(
     objective: Objective,
     weights: FloatArray,
-    options: LmOptions | None = None,
     validate: Callable[[FloatArray], float] | None = None,
     begins: Callable[[], bool] | None = None,
+    *,
+    epochs: int = 1000,
+    max_fail: int = MAX_FAIL,
 ) -> LmOutcome:
     """Return the best weights that the method reaches from ``weights``; the cost never rises.
 
@@ -117,11 +111,10 @@ def minimise(
     begins : counts an epoch; False ends the run, because the budget is used up
     Raises ValueError if the objective is not finite at the start.
     """
-    options = options or LmOptions()
-    current, mu = weights.copy(), options.mu
+    current, mu = weights.copy(), MU
     cost = objective.cost(current)
-    watch = Watch(current, cost, options.max_fail, validate, begins)
-    for _ in range(options.epochs):
+    watch = Watch(current, cost, max_fail, validate, begins)
+    for _ in range(epochs):
         if watch.over_budget():
             break
         _, hessian, gradient = objective.normal(current)

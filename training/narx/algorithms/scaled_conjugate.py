@@ -13,7 +13,7 @@ from monitor.base.types import FloatArray
 from training.narx.algorithms.gradient import Differentiable
 from training.narx.algorithms.lm import LmOutcome, Watch
 
-MAX_FAIL, MIN_GRADIENT = 6, 1e-6
+MIN_GRADIENT = 1e-6
 SIGMA = 5e-5  # length of the step that probes the curvature
 DAMPING = 5e-7  # initial lambda
 DAMPING_MAX = 1e30  # no direction descends any more
@@ -33,7 +33,7 @@ def minimise_scaled_conjugate(
     """
     current = weights.copy()
     cost, gradient = objective.gradient(current)  # step 1
-    watch = Watch(current, cost, MAX_FAIL, validate, min_gradient=MIN_GRADIENT)
+    watch = Watch(current, cost, validate=validate, min_gradient=MIN_GRADIENT)
     direction, damping, raised, curvature, moved = -gradient, DAMPING, 0.0, 0.0, True
     for epoch in range(1, epochs + 1):
         if watch.at_rest(gradient):

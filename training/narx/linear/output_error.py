@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.narx.algorithms.lm import LmOptions, minimise
+from training.narx.algorithms.lm import minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, measured_history
 from training.narx.linear.models import LinearModel
 from training.narx.linear.regressors import Stretch
@@ -53,7 +53,8 @@ def refine(
     found = minimise(
         loop,
         np.concatenate([start.b.T.ravel(), -a, [start.offset]]),
-        LmOptions(epochs=epochs, max_fail=epochs),
         lambda weights: loop.cost(weights) if model(weights).stable else np.inf,
+        epochs=epochs,
+        max_fail=epochs,
     )
     return model(found.weights), found.score

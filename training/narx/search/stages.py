@@ -16,7 +16,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from training.narx.algorithms.lm import LmOptions, LmOutcome, minimise
+from training.narx.algorithms.lm import LmOutcome, minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, measured_history
 from training.narx.network import Spec, initial_weights, layers, linear_path, simulate
 from training.narx.search.stability import any_histories, contraction
@@ -191,7 +191,7 @@ def _epochs(
     max_fail: int = MAX_FAIL,
 ) -> LmOutcome:
     begins = partial(work.begins, of_epoch(objective.n_samples, len(weights)))
-    return minimise(objective, weights, LmOptions(EPOCHS, max_fail), validate, begins)
+    return minimise(objective, weights, validate, begins, epochs=EPOCHS, max_fail=max_fail)
 
 
 def finish(data: Prepared, trained: Trained, work: Work) -> Trained:

@@ -17,7 +17,6 @@ from monitor.base.types import FloatArray, IntArray
 from training.jobs import parallel
 from training.jobs.json_tree import json_tree
 from training.narx.algorithms import lm
-from training.narx.algorithms.bayes import DEFAULTS as BAYES_DEFAULTS
 from training.narx.algorithms.bayes import minimise_bayesian
 from training.narx.algorithms.gradient import RATE, descend
 from training.narx.algorithms.objectives import one_step
@@ -207,10 +206,9 @@ def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.L
     at, held = (rows(data, spec, role) for role in (Role.TRAIN, Role.VALIDATE))
     objective, validate = one_step(spec, data.samples, at), one_step(spec, data.samples, held).cost
     if algorithm == LM:
-        return lm.minimise(objective, weights, lm.LmOptions(epochs=epochs), validate)
+        return lm.minimise(objective, weights, validate, epochs=epochs)
     if algorithm == BAYES:
-        bayes = replace(BAYES_DEFAULTS, epochs=epochs)
-        return minimise_bayesian(objective, weights, len(at), bayes)[0]
+        return minimise_bayesian(objective, weights, len(at), epochs)[0]
     from training.narx.module import OneStepByTorch  # noqa: PLC0415  # torch takes seconds
 
     phi = regressors(spec, data.samples.u, data.samples.y)[at - spec.memory]
