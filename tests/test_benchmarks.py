@@ -24,7 +24,7 @@ GIVEN = {
     "bosch_verdicts": ["1:30"],
     "map_proposals": [str(NEEDED["map_proposals"])],
     "fuzz_databases": ["--cases", "60", "--seed", "21"],  # their only tests
-    "fuzz_logs": ["--cases", "80", "--seed", "10"],
+    "fuzz_logs": ["--cases", "100", "--seed", "10"],
 }
 
 

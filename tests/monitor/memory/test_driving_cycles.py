@@ -79,7 +79,7 @@ def test_two_drives_in_one_stream_are_judged_as_in_two_recordings(
     assert ratios["response"] == 2
 
 
-def test_a_code_keeps_the_signals_of_its_setting(
+def test_a_code_keeps_the_signals_of_its_setting_beside_the_latest_results_of_service_06(
     setup: replay.Setup, late_sensor: list[Frame]
 ) -> None:
     store = DtcStore()
@@ -90,25 +90,17 @@ def test_a_code_keeps_the_signals_of_its_setting(
     assert frame.values["engine_speed_rpm"] > 500.0
     assert frame.values["coolant_temperature_degc"] > CONFIG.enable.coolant_min_degc
     assert {"lambda_measured", "fuel_mass_mg", "ambient_pressure_kpa"} <= frame.values.keys()
+    results = {r.quantity: r for r in store.results}
+    late = results["dead_time_rich_to_lean_s"]
+    assert (late.test, results["offset"].test) == ("response", "bias")
+    assert late.value > late.high == CONFIG.response.delay_limit_s
+    for quantity in ("dead_time_lean_to_rich_s", "lag_rich_to_lean_s", "gain", "offset"):
+        assert results[quantity].low <= results[quantity].value <= results[quantity].high
     # confirmed in the next driving cycle they are those of that moment, and stay
     judge(later(late_sensor, HOUR), setup, store)
     assert store.freeze_frames["P015A"].t_ns == frame.t_ns + round(HOUR * 1e9)
     judge(later(late_sensor, 2 * HOUR), setup, store)
     assert store.freeze_frames["P015A"].t_ns == frame.t_ns + round(HOUR * 1e9)
-
-
-def test_the_results_of_service_06_are_those_of_the_latest_window(
-    setup: replay.Setup, late_sensor: list[Frame]
-) -> None:
-    store = DtcStore()
-    judge(late_sensor, setup, store)
-    results = {r.quantity: r for r in store.results}
-    late = results["dead_time_rich_to_lean_s"]
-    assert late.test == "response"
-    assert late.value > late.high == CONFIG.response.delay_limit_s
-    for quantity in ("dead_time_lean_to_rich_s", "lag_rich_to_lean_s", "gain", "offset"):
-        assert results[quantity].low <= results[quantity].value <= results[quantity].high
-    assert results["offset"].test == "bias"
 
 
 def test_what_was_found_before_clearing_is_forgotten_and_found_again(

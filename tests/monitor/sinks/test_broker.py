@@ -165,15 +165,6 @@ def test_a_broker_that_refuses_is_named(tmp_path: Path) -> None:
         sink.close()
 
 
-def test_a_port_without_a_broker_is_refused_at_once() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-    sink = Mqtt(urlsplit(f"mqtt://127.0.0.1:{port}"), {})
-    with pytest.raises(OSError, match="refused"):
-        sink.write([code(1)])
-    sink.close()
-
-
 def test_a_broker_that_sends_more_than_memory_may_hold_is_cut_off() -> None:
     # GIVEN a server that takes the connection and announces a message of 256 MB
     said = b"\x20\x02\x00\x00" + b"\x30\xff\xff\xff\x7f" + b"x" * 4096
