@@ -123,14 +123,14 @@ def axes_for(path: Path | None, load: str) -> "TableAxes":
 
 
 def summary(made: "list[EcuTable]", rough: "list[EcuTable]") -> list[str]:
-    """Return one line per table: filled cells and the range of the estimates.
+    """Return filled cells and the range of the estimates; tables alike share a line.
 
     rough : the same tables with the cells that ``--rough`` writes, none if it was given
     """
     import numpy as np
 
     more = {t.key: int(np.isfinite(t.estimate).sum()) for t in rough}
-    lines = []
+    lines: dict[str, list[str]] = {}
     for table in made:
         good = table.estimate[np.isfinite(table.estimate)]
         told = f"{len(good)} of {table.estimate.size} cells"
@@ -141,5 +141,5 @@ def summary(made: "list[EcuTable]", rough: "list[EcuTable]") -> list[str]:
         if table.widened > WIDENED:
             told += f"; the logs disagree: intervals {plain(table.widened, 2)} times as wide"
         told += "" if len(good) else f"; {table.reasons()}"
-        lines.append(f"{table.key}: {told}")
-    return lines
+        lines.setdefault(told, []).append(table.key)
+    return [f"{', '.join(keys)}: {told}" for told, keys in lines.items()]
