@@ -23,8 +23,8 @@ LEAST_EXPLAINED: Final = 0.5  # of the least share so far; a drive with less may
 class Trust:
     """Counts of drives that the model had not seen."""
 
-    drives: int = 0  # judged; 0 where nothing is known, as of older models
-    found: Mapping[str, int] | None = None  # drives in which each fault that was put on set a code
+    drives: int = 0  # judged; 0 if none was long enough
+    found: Mapping[str, int] | None = None  # drives in which each fault set a code; None: not known
     false: Mapping[str, int] | None = None  # healthy drives in which a fault set a code
     explained: float = 0.0  # least share of a healthy drive's reading that the model explained
 
@@ -47,13 +47,21 @@ class Trust:
     @property
     def untested(self) -> tuple[str, ...]:
         """Return the faults that this model cannot exclude."""
-        missed = [k for k, n in (self.found or {}).items() if n < LEAST_FOUND * self.drives]
+        least = max(LEAST_FOUND * self.drives, 1)
+        missed = [k for k, n in (self.found or {}).items() if n < least]
         return tuple(dict.fromkeys((*missed, *sorted(self.untold))))
 
     @property
     def is_blind(self) -> bool:
         """Return whether the model is known to find no fault at all."""
         return bool(self.found) and set(self.found or ()) <= set(self.untested)
+
+    @property
+    def doubt(self) -> str:
+        """Return why a model that is known to find nothing judges no response."""
+        if not self.drives:
+            return "no drive that it had not seen was long enough to try the model on"
+        return f"tried on {counted(self.drives, 'drive')}, the model finds no fault"
 
     def entry(self, explained: float | None = None) -> dict[str, Any]:
         """Return it for a result; {} where nothing is known.

@@ -36,7 +36,7 @@ MOST_S: Final = 3600.0  # of a drive
 
 
 def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dict[str, Any]:
-    """Return the trust of a card, whose limits judge; nothing without drives of 10 windows.
+    """Return the trust of a card, whose limits judge; without drives of 10 windows it found none.
 
     where : name of the model, for errors
     """
@@ -45,7 +45,7 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
     if card.transform != "phi":  # the unit of an offset is not known
         faults = [fault for fault in faults if not fault.offset_lambda]
     found, false, drives = Counter({fault.name: 0 for fault in faults}), Counter[str](), 0
-    explained = 1.0
+    explained = list[float]()
     for model, recordings in unseen:
         for drive in map(_begin, recordings):
             if drives == MOST_DRIVES:
@@ -55,13 +55,17 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
             if len(healthy.windows) < LEAST_WINDOWS:
                 continue
             drives += 1
-            explained = min(explained, healthy.explained or 0.0)
+            explained.append(healthy.explained or 0.0)
             false.update({dtc.fault for dtc in healthy.dtcs})
             pairs = zip(faults, others, strict=True)
             found.update(fault.name for fault, judged in pairs if judged.dtcs)
-    counts = {"drives": drives, "found": dict(found), "false": dict(false), "explained": explained}
-    severities = {fault.name: fault.severity for fault in faults}
-    return {**counts, "severity": severities} if drives else {}
+    return {
+        "drives": drives,
+        "found": dict(found),
+        "false": dict(false),
+        "explained": min(explained, default=0.0),
+        "severity": {fault.name: fault.severity for fault in faults},
+    }
 
 
 def put_on(

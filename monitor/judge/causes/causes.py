@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.counts import counted, duration, plain
+from monitor.base.counts import duration, plain
 from monitor.base.signals import BY_NAME
 from monitor.base.types import Quality
 from monitor.judge import enable
@@ -273,9 +273,8 @@ def _still_inputs(
 def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cause]:
     """Return why tests have no decision though most samples could be judged."""
     if asked.limits and asked.limits.trust.is_blind:
-        drives = counted(asked.limits.trust.drives, "drive")
-        advice = f"tried on {drives}, the model finds no fault: train on more drives"
-        return [Cause("response", None, None, "model", f"{advice}, unlike each other")]
+        advice = f"{asked.limits.trust.doubt}: train on more drives, unlike each other"
+        return [Cause("response", None, None, "model", advice)]
     n, excited = judgement.windows, judgement.excited
     tests = ", ".join(judgement.unfinished)
     had = f"{duration(seen.enabled * seen.period_s)} could be judged"

@@ -96,15 +96,25 @@ def test_a_model_that_trusts_itself_too_much_learns_which_faults_it_mistakes() -
     assert not false & {dtc.fault for dtc in judge(other, MODEL, sure, SETTINGS).dtcs}
 
 
-def test_a_model_that_finds_no_fault_judges_no_response(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("seconds", "why"),
+    [
+        (None, "tried on 6 drives, the model finds no fault"),
+        (10, "no drive that it had not seen was long enough to try the model on"),
+    ],
+)
+def test_a_model_that_finds_no_fault_or_was_never_tried_judges_no_response(
+    seconds: int | None, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     blind = tmp_path / "blind.onnx"
     counts = {"drives": 6, "found": dict.fromkeys(NAMES, 2), "false": {}}
+    if seconds:
+        short = healthy().part(0, 10 * seconds)
+        counts = trust_of([(MODEL, [short])], CARD, SETTINGS, "shipped")
     update_card(shipped_model(), replace(CARD, trust=counts), blind)
     assert main(["replay", str(LOG), "--model", str(blind)]) == 3
     said = capsys.readouterr().out
-    assert "not judged: response: tried on 6 drives, the model finds no fault" in said
+    assert f"not judged: response: {why}" in said
     assert "passed: bias, activity, communication, range, ready; undecided: response" in said
 
 

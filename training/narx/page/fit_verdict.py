@@ -34,7 +34,7 @@ def fit_verdict(card: ModelCard) -> tuple[str, str]:
     known = card.output.name in BY_NAME  # a signal of vehicles
     subject, records = ("vehicle", "drives") if known else ("system", "recordings")
     trust, bounds = Trust.from_card(card.trust, card.output.name), ""
-    if trust.found:
+    if trust.drives:
         does, is_good, is_bad = "can judge", not trust.untested, trust.is_blind
     else:
         does, is_good, is_bad = "follows", correlation >= GOOD, correlation < POOR
@@ -44,7 +44,8 @@ def fit_verdict(card: ModelCard) -> tuple[str, str]:
         f"{correlation:.3f}{bounds} with the measured {card.output.name} "
         f"and an RMSE of {short(rmse)} {unit}".rstrip()
     )
-    reason = "; ".join(filter(None, (in_words(trust.entry()), reason)))
+    if trust.found:
+        reason = f"{in_words(trust.entry()) or trust.doubt}; {reason}"
     if is_good:
         return f"The model {does} its {subject}: {reason}.", "good"
     if is_bad:

@@ -73,7 +73,7 @@ def _found(task: Task, part: list[Recording]) -> dict[str, Any]:
     except (RecordingError, UsageError) as error:
         return row | {"why": str(error)}
     trust = trust_of([(Model.load(path), task.test)], card, config.load(), path.name)
-    if not trust:
+    if not trust["drives"]:
         return row | {"why": f"no held-out drive has {LEAST_WINDOWS} windows"}
     found = trust["found"]
     return row | {
