@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.base.counts import counted, duration, plain
+from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.limits.decision_limits import MINIMUM_WINDOWS
 from training.narx.network import Spec
 from training.recordings.recording import Recording
 from training.recordings.samples import preparation
 from training.recordings.samples.linear_data import output_transform
-from training.recordings.samples.outliers import outlier_mask
 from training.recordings.samples.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP
 from training.recordings.samples.rows import runs
 
@@ -52,39 +52,25 @@ def usable(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str
 ) -> tuple[Usable, list[DataFinding]]:
     """Return the samples that a training can use, and findings on gaps, outliers and constants."""
-    names = (*inputs, output)
-    columns = [np.column_stack([r.column(n) for n in names]) for r in recordings]
-    findings, outliers = [], dict.fromkeys(names, 0)
+    names, outliers = (*inputs, output), dict[str, int]()
+    columns = [preparation.columns_of(r, names, outliers) for r in recordings]
     for r, values in zip(recordings, columns, strict=True):
         values[preparation.pinned_rows(r, output), -1] = np.nan  # as a training does
-        for i, name in enumerate(names):
-            bad = outlier_mask(name, values[:, i])
-            outliers[name] += int(bad.sum())
-            values[bad, i] = np.nan
-    together = np.concatenate(columns)
-    for i, name in enumerate(names):
-        findings += _one_signal(name, together[:, i], outliers[name])
-    u, y = list[FloatArray](), list[FloatArray]()
-    enabled, stretch = 0, f"stretch of {SHORTEST_STRETCH} samples with all inputs valid"
-    for r, values in zip(recordings, columns, strict=True):
-        good = np.asarray(np.isfinite(values[:, :-1]).all(axis=1))
-        scored = np.isfinite(values[:, -1])
-        is_enabled, before = preparation.enabled_rows(r) & scored, len(u)
-        for a, b in runs(good):
-            if b - a >= SHORTEST_STRETCH and scored[a:b].any():
-                u.append(values[a:b, :-1])
-                y.append(values[a:b, -1])
-                enabled += int(is_enabled[a:b].sum())
-        if len(u) == before:
-            findings.append(DataFinding("warning", "gaps", f"{r.path}: not used, no {stretch}"))
-    if not u:
-        text = f"no recording has a {stretch}"
-        findings.append(DataFinding("error", "gaps", text))
-    elif not any(f.topic == "gaps" for f in findings):
-        longest = max(map(len, u))
-        text = f"unbroken stretches: {len(u)}, the longest of {longest} samples"
+    findings = [
+        finding
+        for name, values in zip(names, np.concatenate(columns).T, strict=True)
+        for finding in _one_signal(name, values, outliers.get(name, 0))
+    ]
+    try:
+        cut = preparation.stretches_of(recordings, inputs, output, "none", SHORTEST_STRETCH)
+    except RecordingError as error:
+        return Usable([], [], 0), [*findings, DataFinding("error", "gaps", str(error))]
+    u, y = ([x[s.start : s.stop] for s in cut.segments] for x in (cut.u, cut.y))
+    findings += [DataFinding("warning", "gaps", text) for text in cut.unused]
+    if not any(f.topic == "gaps" for f in findings):
+        text = f"unbroken stretches: {len(u)}, the longest of {max(map(len, u))} samples"
         findings.append(DataFinding("ok", "gaps", text))
-    return Usable(u, y, enabled), findings
+    return Usable(u, y, int((cut.enabled & np.isfinite(cut.y)).sum())), findings
 
 
 def _one_signal(name: str, values: FloatArray, outliers: int) -> list[DataFinding]:
@@ -132,7 +118,7 @@ def enough(
     elif data.enabled * period_s < wanted_s:
         text += (
             f", {duration(data.enabled * period_s)} in the enabled region; {duration(wanted_s)} "
-            f"are wanted to set limits"
+            "are wanted to set limits"
         )
         level = "warning"
     return [DataFinding(level, "duration", text)]

@@ -183,8 +183,8 @@ def stretches_of(
     stretch = f"no stretch of {least} samples with all inputs valid and some {output}"
     u_parts, y_parts, on_parts, segments, at = [], [], [], list[Segment](), 0
     for index, recording in enumerate(recordings):
-        u = _columns(recording, inputs, outliers)
-        y = _columns(recording, [output], outliers)[:, 0]
+        u = columns_of(recording, inputs, outliers)
+        y = columns_of(recording, [output], outliers)[:, 0]
         y[pinned_rows(recording, output)] = np.nan
         on = enabled_rows(recording)
         for first, stop in runs(np.asarray(np.isfinite(u).all(axis=1))):
@@ -251,7 +251,10 @@ def _check(recordings: Sequence["Recording"], inputs: Sequence[str], output: str
     return int(first.period_ns)
 
 
-def _columns(recording: "Recording", names: Sequence[str], outliers: dict[str, int]) -> FloatArray:
+def columns_of(
+    recording: "Recording", names: Sequence[str], outliers: dict[str, int]
+) -> FloatArray:
+    """Return columns without their outliers, (n, n_names); add how many there were of each."""
     values = np.column_stack([recording.column(name) for name in names]).astype(np.float64)
     for i, name in enumerate(names):
         bad = outlier_mask(name, values[:, i])
