@@ -121,8 +121,8 @@ def severity_of(name: str, given: float | None, usual: Mapping[str, float]) -> f
     if name not in usual:
         raise UsageError(f"fault {name!r} is unknown; there are {', '.join(usual)}")
     severity = usual[name] if given is None else float(given)
-    if not math.isfinite(severity) or severity <= 0.0:
-        raise UsageError(f"fault {name}: severity {severity} is not positive")
+    if not 1e-9 <= severity <= 1e6:  # beyond, times in ns overflow
+        raise UsageError(f"fault {name}: severity {severity:g} is not within 1e-9 to 1e6")
     return severity
 
 

@@ -222,13 +222,13 @@ def _alike(wanted: str, present: Sequence[str]) -> str:
 
 
 def _check_overlap(channels: dict[str, BusChannel]) -> None:
-    """Raise SignalMapError if two databases use one identifier for different messages."""
+    """Raise SignalMapError if one identifier stands for different messages."""
     owners: dict[tuple[int, bool], BusChannel] = {}
     for channel in channels.values():
         message = channel.message
         owner = owners.setdefault((message.frame_id, message.is_extended_frame), channel)
-        same = owner.dbc == channel.dbc and owner.integrity == channel.integrity
-        if not same:
+        own = (message.name, channel.dbc, channel.integrity)
+        if own != (owner.message.name, owner.dbc, owner.integrity):
             raise SignalMapError(
                 f"{channel.map_path}: message {message.name} has identifier "
                 f"0x{message.frame_id:X}, as {owner.message.name} of {owner.dbc} has"

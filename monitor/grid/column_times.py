@@ -56,7 +56,7 @@ def unlike(
     if beyond_s <= slack_s:
         return ""
     apart_s, high = own["apart_s"][pair][0], known["apart_s"][pair][1]
-    first, second = pair.split()
+    first, second = next(both for both in combinations(names, 2) if " ".join(both) == pair)
     late, other = (second, first) if apart_s > high else (first, second)
     return (
         f"{late} comes {plain(beyond_s, 2)} s later against {other} than in the recordings "

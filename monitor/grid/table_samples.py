@@ -86,8 +86,8 @@ def check_unit(table: Table) -> None:
             f"divide it by {STOICH_AFR}, factor = {1.0 / STOICH_AFR:.5f} in --columns"
         )
     if "fuel_cut" in table.names:
-        is_cut = table.values[:, table.names.index("fuel_cut")]
-        cut, rest = _known(reading, is_cut > 0.0), _known(reading, is_cut == 0.0)
+        is_cut = table.values[np.isfinite(reading), table.names.index("fuel_cut")]
+        cut, rest = (known[rows] for rows in (is_cut > 0.0, is_cut == 0.0))
         if len(cut) and len(rest) and np.median(cut) < least <= np.median(rest):
             raise RecordingError(
                 f"{where} falls to {plain(np.median(cut), 3)} where fuel is cut: 1/lambda {wanted}"
@@ -111,11 +111,6 @@ def _check_air(table: Table) -> None:
             f"{plain(cylinders, 2)} cylinders: one is in another unit than {AIR[1]} and {AIR[0]} "
             "say (an air flow in g/s: factor = 3.6 in --columns)"
         )
-
-
-def _known(reading: FloatArray, rows: BoolArray) -> FloatArray:
-    """Return the readings of some rows that are numbers."""
-    return reading[rows & np.isfinite(reading)]
 
 
 def _on_grid(

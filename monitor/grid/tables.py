@@ -14,6 +14,7 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.signals import OUTPUT
 from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.frames.blocks import LATEST_S
 from monitor.frames.profiles.profile import Profile, is_profile, load_profile, path_of, profile_of
 from monitor.frames.profiles.recognition import key, places, recognised
 from monitor.frames.profiles.signals import all_cells, read_signals
@@ -178,9 +179,9 @@ def _times(path: Path, time_s: FloatArray, notes: Notes) -> tuple[IntArray, Bool
 
     Times since 1970 are rounded to microseconds, as those of frames are.
     """
-    bad = np.flatnonzero(~np.isfinite(time_s))
+    bad = np.flatnonzero(~(np.abs(time_s) < LATEST_S))
     if bad.size:
-        raise RecordingError(f"{path}: line {bad[0] + 2}: {TIME} is not a number")
+        raise RecordingError(f"{path}: line {bad[0] + 2}: {TIME} is not a number or no time in s")
     # a float holds nanoseconds of a drive, but only microseconds of the time since 1970
     step_ns = 1 if np.abs(time_s).max(initial=0.0) < LONGEST_IN_NS_S else 1000
     t_ns: IntArray = np.rint(time_s * (1e9 / step_ns)).astype(np.int64) * step_ns

@@ -1,5 +1,6 @@
 """The drives of a scenario: a log or table with its faults, written, judged or both."""
 
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from itertools import chain
@@ -7,7 +8,7 @@ from pathlib import Path
 
 from monitor.base.errors import UsageError
 from monitor.decode.log_blocks import log_blocks
-from monitor.frames.blocks import frames_of
+from monitor.frames.blocks import LogCounters, frames_of
 from monitor.grid.tables import Table, is_table
 from monitor.inject.expected import FrameJudge, Recording, fresh_memory
 from monitor.inject.gateway import write_log
@@ -66,14 +67,19 @@ def _log_drive(
         keep_counters=scenario.keep_counters,
     )
     judge = FrameJudge(setup, memory) if memory else None
-    blocks = log_blocks(log, setup.bus_map, renames=False)
+    found = LogCounters()
+    blocks = log_blocks(log, setup.bus_map, found, renames=False)
     frames = injector.stream(chain.from_iterable(map(frames_of, blocks)))
     frames = map(judge.push, frames) if judge else frames
-    n = write_log(out, frames) if out else sum(1 for _ in frames)
-    for line in injector.counts.lines():
-        say(f"{out or log}: {line}")
-    if n == 0:
+    if (first := next(frames, None)) is None:
         raise UsageError(f"{log}: no frame is left to judge or write")
+    frames = chain([first], frames)
+    if out:
+        write_log(out, frames)
+    deque(frames, maxlen=0)
+    injector.counts.changed["error or remote frames, left out"] = found.skipped
+    for line in (*injector.counts.lines(), *found.notes):
+        say(f"{out or log}: {line}")
     return judge.finish(str(out or log)) if judge else None
 
 

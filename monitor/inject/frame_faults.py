@@ -17,22 +17,13 @@ FLOOD: Final = "frame_flood"
 
 
 @dataclass(slots=True)
-class _Flood:
-    """A flood, and the time of its next frame."""
-
-    what: Injection
-    random: random.Random
-    next_ns: int
-    end_ns: int
-
-
-@dataclass(slots=True)
 class _Fault:
-    """A fault of the frames under some identifiers; None means all frames."""
+    """A fault of the frames under some identifiers, or a flood."""
 
     what: Injection
     random: random.Random
-    keys: frozenset[Key] | None
+    keys: frozenset[Key] | None  # None: of all frames
+    next_ns: float = math.inf  # time of a flood's next frame
 
 
 @dataclass(slots=True)
@@ -66,12 +57,14 @@ class FrameFaults:
     ) -> None:
         self._writers, self._own = writers, own
         self._counts, self._keep = counts, keep_counters
-        self._faults = [
+        every = [
             _Fault(what, random.Random(f"{seed}/{number}"), self._keys(what))
             for number, what in enumerate(injections)
             if what.name in FRAME_FAULTS
         ]
-        self._floods: list[_Flood] = []
+        self._floods = [fault for fault in every if fault.what.name == FLOOD]
+        self._faults = [fault for fault in every if fault.what.name != FLOOD]
+        self._t0_ns = 0
         self._waiting: list[tuple[int, int, Frame]] = []  # time, order, frame
         self._order = 0
         self._shift: Counter[Key] = Counter()  # offset added to a message's alive counter
@@ -91,11 +84,8 @@ class FrameFaults:
     def begin(self, t_ns: int) -> None:
         """Begin a drive whose first frame comes at ``t_ns``."""
         self._t0_ns = t_ns
-        self._floods = [
-            _Flood(fault.what, fault.random, *fault.what.span_ns(t_ns))
-            for fault in self._faults
-            if fault.what.name == FLOOD
-        ]
+        for flood in self._floods:
+            flood.next_ns = t_ns + math.ceil(flood.what.start_s * 1e9)
 
     def push(self, frame: Frame, key: Key, *, sound: bool) -> list[Frame]:
         """Return the frames that go out at once for one incoming frame.
@@ -134,7 +124,7 @@ class FrameFaults:
         for fault in self._faults:
             name, severity = fault.what.name, fault.what.severity
             concerns = fault.keys is None or key in fault.keys
-            if name == FLOOD or not concerns or not fault.what.acts(frame.t_ns - self._t0_ns):
+            if not concerns or not fault.what.acts(frame.t_ns - self._t0_ns):
                 continue
             if name == "frame_delay":
                 fate.delay_s += severity
@@ -158,7 +148,7 @@ class FrameFaults:
     def advance(self, t_ns: float) -> list[Frame]:
         """Return the delayed and flooding frames due by ``t_ns``, in order of time."""
         for flood in self._floods:
-            while flood.next_ns <= t_ns and flood.next_ns < flood.end_ns:
+            while flood.next_ns <= t_ns and self._goes_on(flood):
                 self._counts["flooded"] += 1
                 can_id, due_ns = flood.what.can_id, round(flood.next_ns / 1000) * 1000
                 self._wait(Frame(due_ns, can_id, can_id > 0x7FF, flood.random.randbytes(8)))
@@ -176,9 +166,12 @@ class FrameFaults:
     @property
     def due_ns(self) -> float:
         """Return the time in ns of the next due frame, inf if there is none."""
-        times = [flood.next_ns for flood in self._floods if flood.next_ns < flood.end_ns]
+        times = [flood.next_ns for flood in self._floods if self._goes_on(flood)]
         times += [t_ns for t_ns, _, _ in self._waiting[:1]]
         return min(times, default=math.inf)
+
+    def _goes_on(self, flood: _Fault) -> bool:
+        return flood.what.acts(flood.next_ns - self._t0_ns)
 
     def _wait(self, frame: Frame) -> None:
         self._order += 1

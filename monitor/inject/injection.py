@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from monitor.base.errors import UsageError
-from monitor.base.faults import DEFAULT_DISTURBANCE, DEFAULT_SEVERITY, resolve
+from monitor.base.faults import DEFAULT_DISTURBANCE, DEFAULT_SEVERITY, resolve, severity_of
 
 INVALID: Final = "signal_invalid"  # the ECU sends "not available" although the sensor is ready
 FRAME_FAULTS: Final = {
@@ -15,9 +15,13 @@ FRAME_FAULTS: Final = {
     "frame_corruption": 0.1,  # share of frames
     "frame_flood": 200.0,  # frames/s
 }
-SHARES: Final = ("frame_loss", "frame_duplication", "frame_corruption", "drop_outs")
-NAMES: Final = (*DEFAULT_SEVERITY, INVALID, *DEFAULT_DISTURBANCE, *FRAME_FAULTS)
-MOST_FRAMES_PER_S: Final = 20_000.0
+MOST: Final = {
+    **dict.fromkeys(("frame_loss", "frame_duplication", "frame_corruption"), 1.0),
+    "drop_outs": 0.95,
+    "frame_flood": 20_000.0,
+}
+USUAL: Final = DEFAULT_SEVERITY | {INVALID: 1.0} | DEFAULT_DISTURBANCE | FRAME_FAULTS
+NAMES: Final = tuple(USUAL)
 ALL: Final = "all"
 
 
@@ -37,8 +41,7 @@ class Injection:
     drives: tuple[int, ...] = ()  # numbers from 1; () means every drive
 
     def __post_init__(self) -> None:
-        if self.name not in NAMES:
-            raise UsageError(f"fault {self.name!r} is unknown; there are {', '.join(NAMES)}")
+        severity_of(self.name, self.severity, USUAL)
         if not 0.0 <= self.start_s < self.end_s or math.isinf(self.start_s):
             raise UsageError(
                 f"fault {self.name}: acts from {self.start_s:g} s to {self.end_s:g} s, "
@@ -46,12 +49,10 @@ class Injection:
             )
         if self.name in DEFAULT_SEVERITY:
             resolve(self.name, self.severity)
-        elif not (math.isfinite(self.severity) and self.severity > 0.0):
-            raise UsageError(f"fault {self.name}: severity {self.severity} is not positive")
-        if self.name in SHARES and self.severity > (1.0 if self.name != "drop_outs" else 0.95):
-            raise UsageError(f"fault {self.name}: severity {self.severity:g} is a share, too large")
-        if self.name == "frame_flood" and self.severity > MOST_FRAMES_PER_S:
-            raise UsageError(f"fault frame_flood: at most {MOST_FRAMES_PER_S:g} frames/s")
+        if self.severity > (most := MOST.get(self.name, math.inf)):
+            raise UsageError(
+                f"fault {self.name}: severity {self.severity:g}, at most {most:g} is wanted"
+            )
         if self.messages and (self.name not in FRAME_FAULTS or self.name == "frame_flood"):
             raise UsageError(f"fault {self.name}: messages are for faults of frames")
         if self.can_id and self.name != "frame_flood":
@@ -62,16 +63,11 @@ class Injection:
     @classmethod
     def of(cls, name: str, severity: float | None = None, **others: object) -> "Injection":
         """Return the injection; without a severity, the default of its name holds."""
-        defaults = DEFAULT_SEVERITY | {INVALID: 1.0} | DEFAULT_DISTURBANCE | FRAME_FAULTS
-        return cls(name, defaults.get(name, 1.0) if severity is None else severity, **others)  # type: ignore[arg-type]
+        return cls(name, severity_of(name, severity, USUAL), **others)  # type: ignore[arg-type]
 
-    def acts(self, since_ns: int) -> bool:
+    def acts(self, since_ns: float) -> bool:
         """Return whether the fault acts at this time after the first frame."""
         return self.start_s * 1e9 <= since_ns < self.end_s * 1e9
-
-    def span_ns(self, t0_ns: int) -> tuple[int, int]:
-        """Return its begin and end (within 1e9 s) in bus time; the first frame is at ``t0_ns``."""
-        return t0_ns + round(self.start_s * 1e9), t0_ns + round(min(self.end_s, 1e9) * 1e9)
 
     def __str__(self) -> str:
         end = f" to {self.end_s:g} s" if math.isfinite(self.end_s) else ""

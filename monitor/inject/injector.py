@@ -12,12 +12,13 @@ from typing import Final
 
 from monitor.base.errors import SignalMapError
 from monitor.base.fault_streams import DropOuts, NoiseFault, TimedSensorFault
-from monitor.base.faults import DEFAULT_SEVERITY, Fault, resolve
+from monitor.base.faults import DEFAULT_SEVERITY, resolve
 from monitor.base.signals import OUTPUT
 from monitor.base.types import Frame
 from monitor.decode.bus_map import BusMap
 from monitor.decode.log_blocks import ANSWER, EngineAnswers, keys_of
 from monitor.decode.parameter_groups import mask_of
+from monitor.frames.loop_frames import is_own
 from monitor.inject.frame_faults import FrameFaults
 from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection
 from monitor.inject.rewrite import MessageWriter, writers
@@ -52,21 +53,17 @@ class SensorReading:
             self.told[READY] = 0.0
         if self.fault and self.fault.heater_dead:
             self.told[DUTY] = 100.0
-        self._reading = _reading_of(what, self.fault, seed)
+        self._reading: TimedSensorFault | NoiseFault | DropOuts | None = None
+        if self.fault:
+            self._reading = TimedSensorFault(self.fault)
+        elif what.name == "noise":
+            self._reading = NoiseFault(what.severity, seed)
+        elif what.name == "drop_outs":
+            self._reading = DropOuts(what.severity, seed)
 
     def read(self, t_ns: int, healthy: float) -> float:
         """Return the faulty reading in lambda, NaN for not available."""
         return self._reading.push(t_ns, healthy) if self._reading else math.nan
-
-
-def _reading_of(
-    what: Injection, fault: Fault | None, seed: str
-) -> TimedSensorFault | NoiseFault | DropOuts | None:
-    if what.name == "noise":
-        return NoiseFault(what.severity, seed)
-    if what.name == "drop_outs":
-        return DropOuts(what.severity, seed)
-    return TimedSensorFault(fault) if fault else None
 
 
 class Injector:
@@ -133,16 +130,12 @@ class Injector:
             self._t0_ns = frame.t_ns
             self._frames.begin(frame.t_ns)
         self.counts.taken += 1
-        out = self._frames.advance(frame.t_ns)
-        out += self._passed(frame, frame.t_ns - self._t0_ns)
-        self.counts.given += len(out)
-        return out
+        due = self._frames.advance(frame.t_ns)
+        return self._given(due + self._passed(frame, frame.t_ns - self._t0_ns))
 
     def advance(self, t_ns: int) -> list[Frame]:
         """Return the delayed and flooding frames that are due without a frame of the ECU."""
-        out = self._frames.advance(t_ns)
-        self.counts.given += len(out)
-        return out
+        return self._given(self._frames.advance(t_ns))
 
     @property
     def due_ns(self) -> float:
@@ -151,7 +144,9 @@ class Injector:
 
     def flush(self) -> list[Frame]:
         """Return the remaining delayed frames at the end."""
-        out = self._frames.flush()
+        return self._given(self._frames.flush())
+
+    def _given(self, out: list[Frame]) -> list[Frame]:
         self.counts.given += len(out)
         return out
 
@@ -162,6 +157,8 @@ class Injector:
         yield from self.flush()
 
     def _passed(self, frame: Frame, since_ns: int) -> list[Frame]:
+        if is_own(frame):  # a recording of the loop: the bus never carried it
+            return [frame]
         key = (frame.can_id, frame.is_extended)
         if frame.is_extended:
             own = (key for one, mask, key in self._groups if not (frame.can_id ^ one) & mask)
@@ -173,7 +170,8 @@ class Injector:
         if sound:
             writer.hear(frame.data)
         acting = [each for each in self._sensor if each.what.acts(since_ns)]
-        if key == self._key and any(each.is_missing for each in acting):
+        carries = key == self._key and self._signal.is_in(frame.data)
+        if carries and any(each.is_missing for each in acting):
             self._frames.left_out(key)
             self.counts.changed["left out"] += 1
             return []

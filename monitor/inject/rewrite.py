@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from monitor.base.errors import SignalMapError
 from monitor.decode.bus_map import BusChannel
 from monitor.decode.checksum import payload_checksum
 from monitor.decode.plan import multiplexing
@@ -110,8 +109,7 @@ class SignalWriter:
     def write(self, data: bytes, value: float) -> bytes:
         """Return the payload with the value, rounded and limited to the signal's raw range.
 
-        value : in the map's unit; NaN is written as not available
-        Raises SignalMapError for NaN if the message cannot mark it.
+        value : in the map's unit; NaN, only where ``can_be_missing``, is not available
         """
         return self._field.set(data, self._raw(value))
 
@@ -126,12 +124,7 @@ class SignalWriter:
                 packed = _FLOATS[bits].pack(math.copysign(math.inf, dbc_value))
             return int.from_bytes(packed, "little")
         if math.isnan(value):
-            if self._missing is None:
-                channel = self.channel
-                raise SignalMapError(
-                    f"{channel.map_path}: {channel.mapped.name} cannot be sent as not available: "
-                    f"not_available of {channel.message.name} is not set"
-                )
+            assert self._missing is not None
             return self._missing
         if math.isinf(dbc_value):
             return self._low if dbc_value < 0 else self._high
@@ -181,7 +174,6 @@ class MessageWriter:
 
         values : by mapped name, in the map's unit; signals that the payload lacks are ignored
         shift : added to the alive counter, for frames lost or added before this one
-        Raises SignalMapError for NaN if the message cannot mark it as not available.
         """
         changed = data
         for name, value in values.items():

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -18,10 +19,12 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.outputs import write_text
 from monitor.base.signals import OUTPUT
 from monitor.grid.tables import TIME, Table
-from monitor.inject.injection import FRAME_FAULTS, Injection
+from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection
 from monitor.inject.injector import SensorReading
 
 SUFFIX = ".csv"
+# in a table a blank of a sensor that is ready is the logger's
+OF_FRAMES: Final = (*FRAME_FAULTS, "signal_missing", INVALID)
 
 
 def with_faults(table: Table, injections: Sequence[Injection], seed: int = 0) -> tuple[Table, int]:
@@ -33,7 +36,7 @@ def with_faults(table: Table, injections: Sequence[Injection], seed: int = 0) ->
     if OUTPUT not in table.names:
         raise RecordingError(f"{table.path}: has no {OUTPUT} to put a fault into")
     for each in injections:
-        if each.name in FRAME_FAULTS:
+        if each.name in OF_FRAMES:
             raise UsageError(f"{table.path}: {each.name} is a fault of frames, this is a table")
     place, values = table.names.index(OUTPUT), table.values.copy()
     pinned = np.zeros(len(values), bool) if table.pinned is None else table.pinned[:, place]

@@ -189,10 +189,8 @@ def _times(given: Mapping[str, Any]) -> dict[str, Any]:
         return {}
     every = {str(name): float(s) for name, s in given.get("every_s", {}).items()}
     apart = {
-        f"{first} {second}": (float(low), float(high))
-        for (first, second), (low, high) in (
-            (pair.split(), span) for pair, span in given.get("apart_s", {}).items()
-        )
+        str(pair): (float(low), float(high))
+        for pair, (low, high) in given.get("apart_s", {}).items()
     }
     return {"every_s": every, "apart_s": apart}
 

@@ -107,13 +107,12 @@ def merged(times: Iterable[Mapping[str, Any]], compared: Set[str]) -> dict[str, 
 
     compared : names of the columns that are compared with each other
     """
-    every: dict[str, float] = {}
-    apart: dict[str, list[float]] = {}
+    pairs = {f"{a} {b}" for a in compared for b in compared}  # names may have blanks
+    every, apart = dict[str, float](), dict[str, list[float]]()
     for each in times:
         every |= {k: max(s, every.get(k, s)) for k, s in each["every_s"].items()}
         for pair, (low, high) in each["apart_s"].items():
-            if not compared >= {*pair.split()}:
-                continue
-            least, most = apart.get(pair, (low, high))
-            apart[pair] = [min(least, low), max(most, high)]
+            if pair in pairs:
+                least, most = apart.get(pair, (low, high))
+                apart[pair] = [min(least, low), max(most, high)]
     return {"every_s": every, "apart_s": apart}

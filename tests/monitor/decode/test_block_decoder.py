@@ -44,12 +44,6 @@ def bus_map_of(folder: Path, size: int, signals: str, own: str) -> BusMap:
     return load_pairs([(dbc_path, map_path)])
 
 
-def test_a_sound_frame_gives_its_values_in_canonical_units() -> None:
-    subject = decoding("manifold_pressure_kpa", "air_mass_mg")
-    assert subject.one(air(0)) == {"manifold_pressure_kpa": 50.0, "air_mass_mg": 300.0}
-    assert subject.decoder.counters["ECU_Air"] == MessageCounters(received=1)
-
-
 def test_a_restart_forgets_counters_and_counts() -> None:
     subject = decoding()
     subject.push([air(5), Frame(0, 0x123, False, b"")])

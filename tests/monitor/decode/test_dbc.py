@@ -113,13 +113,17 @@ def test_a_map_that_cannot_be_is_refused_by_name(tmp_path: Path, text: str, mess
     assert str(path) in str(caught.value)
 
 
-def test_two_databases_with_one_identifier_are_refused(tmp_path: Path) -> None:
+def test_two_messages_with_one_identifier_are_refused(tmp_path: Path) -> None:
     other = tmp_path / "other.dbc"
     other.write_text(dbc.path("rusefi.dbc").read_text())
     own = tmp_path / "own.toml"
     own.write_text('[signals.speed]\nmessage = "BASE1"\nsignal = "RPM"\n')
     with pytest.raises(SignalMapError, match="has identifier 0x201, as BASE1"):
         load_pairs([pair("rusefi.dbc", "rusefi.toml"), (other, own)])
+    other.write_text(other.read_text() + 'BO_ 513 TWIN: 4 A\n SG_ Y : 7|16@0+ (1,0) [0|0] "" A\n')
+    own.write_text(own.read_text() + '[signals.y]\nmessage = "TWIN"\nsignal = "Y"\n')
+    with pytest.raises(SignalMapError, match="TWIN has identifier 0x201, as BASE1"):
+        load_pairs([(other, own)])
 
 
 @pytest.mark.parametrize("content", [None, "", "BO_ nonsense"])

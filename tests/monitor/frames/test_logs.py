@@ -199,6 +199,7 @@ def test_a_table_follows_the_period_asked_for(tmp_path: Path) -> None:
         ("time_s,x\n0,1\n1\n", "line 3: 1 cell, the header has 2"),
         ("time_s,x\n0,1\n1,abc\n", "line 3: column x is 'abc'"),
         ("time_s,x\n0,1\n,2\n", "line 3: time_s is not a number"),
+        ("time_s,x\n0,1\n1.7e12,2\n", "line 3: time_s is not a number or no time in s"),
         ("time_s,x\n0,1\n1,2\n0.5,3\n", "line 4: time_s is 0.5 after 1"),
     ],
 )

@@ -153,13 +153,14 @@ def test_what_is_usual_for_a_logger_is_no_other_time() -> None:
     # GIVEN a logger that writes a slow column each second and the second one 0.2 s late
     fast = np.cumsum(np.random.default_rng(2).normal(size=2000))
     values = np.column_stack([fast, late(2)(fast), held(10)(fast)])
-    own = column_times(values, ("a", "b", "c"), 0.1)
-    known = merged([own], {"a", "b"})
+    names = ("a", "boost kPa", "c")
+    own = column_times(values, names, 0.1)
+    known = merged([own], set(names[:2]))
     # WHEN its next log comes THEN nothing is told; a column more or less late is
-    assert unlike(known, values, ("a", "b", "c"), 0.1) == ""
+    assert unlike(known, values, names, 0.1) == ""
     values[:, 1] = late(3)(fast)
-    assert unlike(known, values, ("a", "b", "c"), 0.1) == (
-        "b comes 0.1 s later against a than in the recordings that trained the model"
+    assert unlike(known, values, names, 0.1) == (
+        "boost kPa comes 0.1 s later against a than in the recordings that trained the model"
     )
 
 

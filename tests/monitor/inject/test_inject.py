@@ -14,6 +14,7 @@ from monitor.base.errors import SignalMapError, UsageError
 from monitor.base.fault_streams import DropOuts, NoiseFault, TimedSensorFault
 from monitor.base.faults import resolve
 from monitor.base.types import Frame
+from monitor.frames.loop_frames import log_gap, time_mark
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.inject.injector import Injector
 from tests.helpers.examples import inputs
@@ -207,6 +208,14 @@ def test_only_the_message_that_carries_lambda_is_touched() -> None:
     for name in NAMES:
         if name != "frame_flood":
             assert injected(other, Injection.of(name)) == other
+    # AND of an ECU that answers all questions under one identifier, only the answers with lambda
+    speed, reading = bytes.fromhex("03410C0FA0"), bytes.fromhex("0641347000800000")
+    answers = [Frame(0, 0x7E8, False, data) for data in (speed, reading, speed)]
+    silent = Injector(OBD, [Injection.of("signal_missing")])
+    assert list(silent.stream(answers)) == [answers[0], answers[2]]
+    # AND no mark of a recording of the loop, which the bus has not carried
+    marks = [time_mark(0), log_gap(0)]
+    assert injected(marks, Injection("frame_loss", 1.0, messages=("all",))) == marks
 
 
 def test_a_message_known_by_its_group_is_changed_whoever_sends_it() -> None:
