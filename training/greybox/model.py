@@ -26,8 +26,9 @@ from training.greybox.fit.constants import (
 )
 from training.greybox.fit.drive import ChainDrive, until
 from training.greybox.fit.vehicle_effects import own_of
-from training.greybox.graph.chain_graph import Greybox, save
+from training.greybox.graph.chain_graph import Greybox, build
 from training.greybox.graph.effect_inputs import with_margin
+from training.narx.export import write
 from training.narx.model_file import FreeRunFit, card_of, recorded
 from training.recordings.samples.preparation import Prepared, Role, prepare
 
@@ -108,7 +109,7 @@ def fit_greybox(
     greybox = replace(greybox, constants=fitted.constants, own=own, **charge).with_register()
     predicted = _free_run(data, u, greybox)
     card = _card(greybox, fitted, data, predicted)
-    save(out, greybox, card)
+    write(out, build(greybox), card)
     warnings = (*data.warnings, *_warnings(fitted, card), *greybox.contraction.warnings())
     return GreyboxResult(
         path=Path(out),

@@ -20,7 +20,7 @@ from monitor.base.types import FloatArray
 from monitor.model import model_file
 from monitor.model.card import USUAL_PREDICTION, ModelCard, StateLayout, prediction_name
 from monitor.model.step import LAMBDA_MAX, PHI_MAX, Model
-from training.narx.network import Spec, layers, linear_path
+from training.narx.network import Spec, layers, linear_path, widened
 from training.recordings.samples.scaling import Scaling
 
 OPSET = 17
@@ -69,18 +69,15 @@ class Network:
 
     def _folded(self, matrix: FloatArray, bias: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return a matrix over the training's regressor as one over the graph's."""
-        spec, scale = self.spec, self.scaling
-        k, n_boxes = spec.n_inputs, len(spec.boxes)
-        boxed = matrix[:, : n_boxes * k].reshape(-1, n_boxes, k)
-        inputs = np.zeros((len(matrix), spec.memory + 1, k))  # one place for each lag from 0 on
-        for i, (first, stop) in enumerate(spec.boxes):
-            inputs[:, first:stop] = boxed[:, i : i + 1] / (stop - first)
-        outputs = np.zeros((len(matrix), spec.memory, 1))
-        outputs[:, : spec.lags, 0] = matrix[:, n_boxes * k :]
+        scale, k, memory = self.scaling, self.spec.n_inputs, self.spec.memory
+        single = Spec(k, memory, (), 0)  # one place for each lag from 0 on
+        wide = widened(matrix, self.spec, single)
+        inputs, outputs = np.split(wide, [(memory + 1) * k], axis=1)
+        inputs, outputs = inputs.reshape(-1, memory + 1, k), outputs[:, :, None]
         middle, half = self.input_range
         bias = bias + (inputs * ((middle - scale.u_mean) / scale.u_std)).sum(axis=(1, 2))
         bias -= outputs.sum(axis=(1, 2)) * scale.y_mean / scale.y_std
-        inputs *= half / scale.u_std
+        inputs = inputs * (half / scale.u_std)
         past = np.concatenate([inputs[:, 1:], outputs / scale.y_std], axis=2)
         parts = [inputs[:, 0]] if self.sees_newest else []
         return np.concatenate([*parts, past.reshape(len(matrix), -1)], axis=1), bias

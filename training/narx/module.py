@@ -3,12 +3,10 @@
 Levenberg–Marquardt has compiled derivatives; the tests hold these to torch's.
 """
 
-from itertools import pairwise
-
 import torch
 
 from monitor.base.types import FloatArray
-from training.narx.network import Spec
+from training.narx.network import Spec, forward
 
 torch.set_num_threads(1)  # trainings run side by side, and sums have one order
 
@@ -26,15 +24,8 @@ class NarxModule(torch.nn.Module):
 
     def forward(self, regressors: torch.Tensor) -> torch.Tensor:
         """Return the unclipped one-step predictions."""
-        at, values, sizes = 0, regressors, self.spec.sizes
-        for below, width in pairwise(sizes):
-            values = torch.tanh(values) if at else values
-            bias_at = at + below * width
-            matrix = self.weights[at:bias_at].reshape(width, below)
-            at = bias_at + width
-            values = values @ matrix.T + self.weights[bias_at:at]
-        path = regressors @ self.weights[at:] if self.spec.linear_path else 0.0
-        return values[:, 0] + path
+        predicted: torch.Tensor = forward(self.spec, self.weights, regressors, torch.tanh)
+        return predicted
 
 
 class OneStepByTorch:

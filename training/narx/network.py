@@ -11,8 +11,10 @@ last. The regressor holds the inputs of the newest box first, then the outputs o
 first.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -123,14 +125,30 @@ def linear_path(spec: Spec, weights: FloatArray) -> FloatArray:
     return weights[-spec.n_regressors :]
 
 
-def forward(spec: Spec, weights: FloatArray, regressors: FloatArray) -> FloatArray:
-    """Return the unclipped one-step predictions (n,) of ``regressors`` (n, n_regressors)."""
+def forward(spec: Spec, weights: Any, regressors: Any, tanh: Callable[[Any], Any] = np.tanh) -> Any:
+    """Return the unclipped one-step predictions (n,) of ``regressors`` (n, n_regressors).
+
+    weights, regressors : arrays, or tensors with their own ``tanh``
+    """
     *inner, (matrix, bias) = layers(spec, weights)
     values = regressors
     for w, b in inner:
-        values = np.tanh(values @ w.T + b)
+        values = tanh(values @ w.T + b)
     path = regressors @ linear_path(spec, weights) if spec.linear_path else 0.0
-    return np.asarray(values @ matrix[0] + bias[0] + path)
+    return values @ matrix[0] + bias[0] + path
+
+
+def widened(matrix: FloatArray, spec: Spec, common: Spec) -> FloatArray:
+    """Return a matrix over the regressor of ``spec`` as one over that of a finer, longer shape."""
+    k, wide = spec.n_inputs, np.zeros((len(matrix), common.n_regressors))
+    for i, (first, stop) in enumerate(spec.boxes):
+        for j, (a, b) in enumerate(common.boxes):
+            if first <= a and b <= stop:
+                own = matrix[:, i * k : (i + 1) * k]
+                wide[:, j * k : (j + 1) * k] = own * (b - a) / (stop - first)
+    start = k * len(common.boxes)
+    wide[:, start : start + spec.lags] = matrix[:, k * len(spec.boxes) :]
+    return wide
 
 
 def input_regressors(spec: Spec, u: FloatArray) -> FloatArray:

@@ -15,9 +15,10 @@ from training.greybox.charge import ChargeError
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import Fitted, described, reference
 from training.greybox.fit.drive import ChainDrive
-from training.greybox.graph.chain_graph import Greybox, save
+from training.greybox.graph.chain_graph import Greybox, build
 from training.greybox.graph.effect_inputs import SPEED, Ranges, channel_of, limits_of, seeing
 from training.healthy.behaviour import Healthy
+from training.narx.export import write
 
 BEFORE = "before_effects"  # what the card's measures are of: the new model's are not known here
 BEFORE_EFFECTS = "; of the base before effects were added, with other values"
@@ -69,7 +70,7 @@ def add(
     card = _card(card, greybox, entries, ranges, recordings)
     if vehicle is not None:
         card = _with_constants(card, vehicle.constants)
-    save(out, greybox, card)
+    write(out, build(greybox), card)
     return card
 
 

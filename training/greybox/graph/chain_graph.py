@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import starmap
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -33,7 +32,7 @@ from training.greybox.charge import ChargeError, ChargeMap
 from training.greybox.effects.model_effect import Effects, ModelEffect, along
 from training.greybox.quantity.dynamics import ramp_lag, sensor_lag
 from training.greybox.quantity.value import Quantity, StepTrace, Value, clip, maximum
-from training.narx.export import Graph, finished, write
+from training.narx.export import Graph, finished
 from training.narx.search.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
 
 AIR_MG = (AIR_LEAST_MG, 1e4)  # beyond what any cylinder takes
@@ -189,8 +188,3 @@ def build(greybox: Greybox) -> ModelProto:
     graph.add("Reciprocal", [readable.name], "lambda_hat")
     graph.add("Concat", trace.next_state, "next_state", axis=1)
     return finished(graph, len(greybox.inputs), trace.size)
-
-
-def save(path: Path | str, greybox: Greybox, card: ModelCard) -> None:
-    """Write graph and card to one file."""
-    write(path, build(greybox), card)

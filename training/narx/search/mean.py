@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from monitor.base.types import FloatArray
-from training.narx.network import Spec, layers, linear_path
+from training.narx.network import Spec, layers, linear_path, widened
 from training.narx.search.stability import Contraction, contraction, settling
 from training.narx.search.stages import Trained, with_less_feedback
 from training.narx.work import Work
@@ -87,11 +87,11 @@ def mean_of(members: Sequence[Member]) -> Member:
     path, parts = np.zeros(common.n_regressors), list[FloatArray]()
     stacks = [layers(*member) for member in members]
     for (spec, weights), stack in zip(members, stacks, strict=True):
-        stack[0] = (_over(stack[0][0], spec, common), stack[0][1])
+        stack[0] = (widened(stack[0][0], spec, common), stack[0][1])
         if not spec.hidden:
             path += stack[0][0][0]
         elif spec.linear_path:
-            path += _over(linear_path(spec, weights)[None], spec, common)[0]
+            path += widened(linear_path(spec, weights)[None], spec, common)[0]
     deep = [stack for stack in stacks if len(stack) > 1]
     for depth in range(len(common.hidden)):
         matrices = [stack[depth][0] for stack in deep]
@@ -116,17 +116,3 @@ def _common(specs: Sequence[Spec]) -> Spec:
         input_boxes=boxes,
         linear_path=bool(deep) and any(s.linear_path or not s.hidden for s in specs),
     )
-
-
-def _over(matrix: FloatArray, spec: Spec, common: Spec) -> FloatArray:
-    """Return a matrix over the regressor of ``spec`` as one over that of ``common``."""
-    k, wide = spec.n_inputs, np.zeros((len(matrix), common.n_regressors))
-    n_inputs = k * len(spec.boxes)
-    for i, (first, stop) in enumerate(spec.boxes):
-        for j, (a, b) in enumerate(common.boxes):
-            if first <= a and b <= stop:
-                share = (b - a) / (stop - first)
-                wide[:, j * k : (j + 1) * k] = share * matrix[:, i * k : (i + 1) * k]
-    start = k * len(common.boxes)
-    wide[:, start : start + spec.lags] = matrix[:, n_inputs:]
-    return wide

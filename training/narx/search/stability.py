@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.base.counts import plain
-from monitor.base.types import FloatArray
+from monitor.base.types import FloatArray, IntArray
 from training.narx.network import Spec, simulate
 from training.recordings.samples.preparation import LAMBDA_MEMORY, Prepared
 
@@ -46,9 +46,10 @@ def contraction(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> C
     """
     rng = np.random.default_rng(seed)
     samples = data.memory or CONTRACTION_SAMPLES
-    moving, rows = _moving(data, spec, samples, rng)
-    points = rng.choice(np.flatnonzero(data.samples.weight > 0), max(1, STEPS // len(rows) // 2))
-    held = np.repeat(points[:, None], len(rows), axis=1)
+    moving = _moving(data, spec, samples, rng)
+    rows = moving.shape[1]
+    points = rng.choice(np.flatnonzero(data.samples.weight > 0), max(1, STEPS // rows // 2))
+    held = np.repeat(points[:, None], rows, axis=1)
     gap = max(
         _gap(spec, weights, data.samples.u[at], *_far_apart(spec, len(at), rng))
         for at in (moving, held)
@@ -65,7 +66,7 @@ def settling(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Cont
     first, samples = None, data.memory or CONTRACTION_SAMPLES
     while first is None or samples <= data.longest_block:
         rng = np.random.default_rng(seed)
-        moving, _ = _moving(data, spec, samples, rng)
+        moving = _moving(data, spec, samples, rng)
         own = data.samples.y[rng.choice(np.flatnonzero(data.samples.weight > 0), (2, len(moving)))]
         histories = np.repeat(own[:, :, None], spec.lags, axis=2)
         gap = _gap(spec, weights, data.samples.u[moving], *histories)
@@ -81,20 +82,13 @@ def _found(data: Prepared, gap: float, pairs: int, samples: int) -> Contraction:
     return Contraction(gap * data.scaling.y_std, limit, pairs, samples)
 
 
-def _moving(
-    data: Prepared, spec: Spec, samples: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows of runs from random places, (n_runs, rows), and those of a run at row 0."""
-    length = samples + 1
-    places = np.concatenate(
-        [
-            np.arange(s.start + spec.memory, max(s.stop - length, s.start + spec.memory + 1))
-            for s in data.segments
-        ]
-    )
-    rows = np.arange(-spec.memory, length)
+def _moving(data: Prepared, spec: Spec, samples: int, rng: np.random.Generator) -> IntArray:
+    """Return the rows of runs from random places (n_runs, rows), the model's memory first."""
+    begins = [(s.start + spec.memory, s.stop - samples - 1) for s in data.segments]
+    places = np.concatenate([np.arange(first, max(last, first + 1)) for first, last in begins])
     chosen = rng.choice(places, STEPS // samples)[:, None]
-    return np.minimum(chosen + rows, len(data.samples.y) - 1), rows
+    rows = chosen + np.arange(-spec.memory, samples + 1)
+    return np.minimum(rows, len(data.samples.y) - 1)
 
 
 def any_histories(spec: Spec, count: int, rng: np.random.Generator) -> FloatArray:
