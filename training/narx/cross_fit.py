@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model, to_model_units
 from training.jobs.model_bytes import model_of
@@ -70,7 +70,7 @@ class CrossFit:
         """Return the measures on the enabled samples of each recording, {} without a twin."""
         found = []
         for number, recording in enumerate(self.data.recordings):
-            rows = self.data.enabled & _of_recordings(self.data, [number])
+            rows = self.data.enabled & (_recording_of(self.data) == number)
             own = measures(self.data, self.predicted, rows)
             if "rmse" in own:
                 found.append({"path": Path(recording.path).name, **own})
@@ -113,17 +113,16 @@ def cross_fit(
 
 def _left_out(data: Prepared) -> list[BoolArray]:
     """Return the rows (n,) that each twin does not see."""
-    numbers = sorted({s.recording for s in data.segments})
-    if len(numbers) == 1:
-        own = np.flatnonzero(_of_recordings(data, numbers))
-        return [np.isin(np.arange(len(data.role)), part) for part in np.array_split(own, FOLDS)]
-    groups = np.array_split(np.array(numbers), min(len(numbers), FOLDS))
-    return [_of_recordings(data, group.tolist()) for group in groups]
+    part = _recording_of(data)
+    if part.min() == part.max():
+        part = np.repeat(np.arange(FOLDS), [len(block) for block in np.array_split(part, FOLDS)])
+    numbers = np.unique(part)
+    return [np.isin(part, group) for group in np.array_split(numbers, min(len(numbers), FOLDS))]
 
 
-def _of_recordings(data: Prepared, numbers: list[int]) -> BoolArray:
-    lengths = [s.stop - s.start for s in data.segments]
-    return np.repeat([s.recording in numbers for s in data.segments], lengths)
+def _recording_of(data: Prepared) -> IntArray:
+    """Return the number of each sample's recording (n,)."""
+    return np.repeat(*np.array([(s.recording, s.stop - s.start) for s in data.segments]).T)
 
 
 def _trained(

@@ -72,7 +72,7 @@ def fit_weighted(case: Case, found: JointFit) -> tuple[Case, JointFit]:
     found : a fit of the same terms, with which to begin
     Source: Seber and Wild, Nonlinear Regression, 1989, section 2.8 (iteratively reweighted).
     """
-    lengths = [int(kept.sum()) for kept in case.kept]
+    lengths = [len(rows) for rows in case.rows]
     for _ in range(ROUNDS):
         error = found.residual * np.repeat(case.scales or [1.0] * len(lengths), lengths)
         scales = [max(float(np.sqrt(np.mean(own**2))), 1.0) for own in _by_drive(case, error)]
@@ -147,7 +147,7 @@ def _rms(case: Case, found: JointFit) -> FloatArray:
 
 def _by_drive(case: Case, values: FloatArray) -> list[FloatArray]:
     """Return values (m,) of the kept samples, drive by drive."""
-    return np.split(values, np.cumsum([int(kept.sum()) for kept in case.kept])[:-1])
+    return np.split(values, np.cumsum([len(rows) for rows in case.rows])[:-1])
 
 
 def model_corrections(subject: Subject, case: Case, current: JointFit) -> tuple[FloatArray, ...]:

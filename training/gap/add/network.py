@@ -96,11 +96,9 @@ def _prefixed(graph: onnx.GraphProto) -> onnx.GraphProto:
 
 def _graph(own: onnx.GraphProto, card: ModelCard, difference: ChainDifference) -> onnx.ModelProto:
     """Return the graph of the network with the difference, float32, without a card."""
-    graph, names = Graph(), card.input_names
+    graph, names, read = Graph(), card.input_names, difference.inputs
     size, at = int(card.structure["network_state"]), card.state.output_start
-    signals = {
-        name: graph.take("u", i, i + 1) for i, name in enumerate(names) if name in difference.inputs
-    }
+    signals = {n: graph.take("u", i, i + 1) for i, n in enumerate(names) if n in read}
     chains = graph.take("state", size + 1, card.state.size)
     more, chains = difference.nodes(graph, signals, chains)
     whole, part = graph.take("state", at, at + 1), graph.take("state", size, size + 1)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.base.types import FloatArray, IntArray
 from training.greybox.chain import Constants, simulate
 from training.greybox.effects import Effect
 from training.greybox.fit.drive import BLOCK_S, ChainDrive, block_numbers, path_of, phi_of
@@ -71,12 +71,10 @@ class Case:
     shrinks: tuple[Shrink, ...] = ()  # per drive; empty if the variation of drives is unknown
     scales: tuple[float, ...] = ()  # per drive, of its errors, in sigma; empty if all are 1
 
-    kept: tuple[BoolArray, ...] = field(init=False)  # per drive (n,), see ``Drive.kept``
-    rows: tuple[IntArray, ...] = field(init=False)  # per drive (m,), the numbers of these samples
+    rows: tuple[IntArray, ...] = field(init=False)  # per drive (m,), see ``ChainDrive.kept``
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "kept", tuple(drive.kept for drive in self.drives))
-        object.__setattr__(self, "rows", tuple(map(np.flatnonzero, self.kept)))
+        object.__setattr__(self, "rows", tuple(np.flatnonzero(d.kept) for d in self.drives))
 
     @property
     def blocks(self) -> IntArray:
@@ -153,5 +151,5 @@ def judged(case: Case, parts: Sequence[FloatArray]) -> FloatArray:
 
 def plain_errors(case: Case, phi: Sequence[FloatArray]) -> FloatArray:
     """Return prediction minus measurement on the kept samples in phi, (m,)."""
-    parts = zip(phi, case.drives, case.kept, strict=True)
-    return np.concatenate([(each - drive.phi_measured)[kept] for each, drive, kept in parts])
+    parts = zip(phi, case.drives, case.rows, strict=True)
+    return np.concatenate([(each - drive.phi_measured)[rows] for each, drive, rows in parts])
