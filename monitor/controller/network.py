@@ -7,10 +7,9 @@ dimensions is refused with the operator's name.
 
 import re
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from monitor.base.errors import ModelError
 from monitor.controller.graph import ModelGraph
@@ -66,19 +65,15 @@ class _Code:
     """C under construction: constants, and the lines of the step."""
 
     def __init__(self, graph: ModelGraph, widths: dict[str, int]) -> None:
-        self._graph, self.widths = graph, dict(widths)
+        self.given, self.widths = graph.constants, dict(widths)
         self.names = {name: name for name in widths}  # tensor → C
         self.constants: list[str] = []
         self.lines: list[str] = []
 
-    def constant(self, name: str) -> NDArray[Any]:
-        """Return a constant; raises KeyError for a tensor that is none."""
-        return self._graph.constants[name]
-
     def use(self, name: str) -> str:
         """Return the C name of a tensor; a constant is written down with its first use."""
         if name not in self.names:
-            values = self.constant(name)
+            values = self.given[name]
             own = self._new(name, values.size)
             self.constants.append(
                 vector("float", f"{own}[{values.size}]", [literal(v) for v in values.ravel()])
@@ -113,11 +108,8 @@ def step_code(graph: ModelGraph, prediction: str, n_inputs: int, n_state: int, n
     """
     code = _Code(graph, {"u": n_inputs, "state": n_state})
     for node in graph.nodes:
-        emit = _emitter(node.kind)
         try:
-            if emit is None:
-                raise ValueError(node.kind)
-            emit(code, node)
+            _emitter(node.kind)(code, node)
         except (KeyError, ValueError, IndexError):
             raise ModelError(
                 f"{name}: its graph has {node.kind[:40]} in a form that is not written in C; "
@@ -131,10 +123,10 @@ def step_code(graph: ModelGraph, prediction: str, n_inputs: int, n_state: int, n
     )
 
 
-def _emitter(kind: str) -> Callable[[_Code, Node], None] | None:
+def _emitter(kind: str) -> Callable[[_Code, Node], None]:
     if kind in _ELEMENTWISE:
         return _elementwise
-    return {"Gemm": _gemm, "Concat": _concat, "Slice": _slice}.get(kind)
+    return {"Gemm": _gemm, "Concat": _concat, "Slice": _slice}[kind]
 
 
 def _elementwise(code: _Code, node: Node) -> None:
@@ -151,7 +143,7 @@ def _elementwise(code: _Code, node: Node) -> None:
 def _gemm(code: _Code, node: Node) -> None:
     if not node.whole.get("transB") or node.whole.get("transA"):
         raise ValueError(node.kind)
-    rows, columns = code.constant(node.inputs[1]).shape
+    rows, columns = code.given[node.inputs[1]].shape
     x, weights, bias = (code.use(name) for name in node.inputs)
     out = code.result(node.outputs[0], rows)
     code.loop(
@@ -173,7 +165,7 @@ def _concat(code: _Code, node: Node) -> None:
 
 
 def _slice(code: _Code, node: Node) -> None:
-    begin, end = (int(code.constant(name).item()) for name in node.inputs[1:3])
+    begin, end = (int(code.given[name].item()) for name in node.inputs[1:3])
     source = code.use(node.inputs[0])
     begin, end, _ = slice(begin, end).indices(code.widths[node.inputs[0]])
     out = code.result(node.outputs[0], end - begin)

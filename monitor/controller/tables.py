@@ -3,6 +3,7 @@
 Each number is computed as the Python rule computes it; the tests compare the verdicts of both.
 """
 
+import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.signals import plausible_range, unit_of
+from monitor.base.signals import BY_NAME, plausible_range, unit_of
 from monitor.base.types import BoolArray
 from monitor.controller.network import literal, vector
 from monitor.judge import bias, enable
@@ -57,6 +58,10 @@ class ExportSource:
         own = (*self.card.input_names, self.card.output.name)
         return (*own, *(n for n in FURTHER if n not in own and n not in self.without))
 
+    def macro(self, name: str) -> str:
+        """Return the macro of a signal's number; a column of one's own may be no name in C."""
+        return f"O2_{name.upper() if name in BY_NAME else f'SIGNAL_{self.names.index(name)}'}"
+
     @property
     def period_s(self) -> float:
         """Return the sample period in s."""
@@ -75,9 +80,9 @@ def header(source: ExportSource) -> str:
     lines += ["#ifndef O2_TABLES_H", "#define O2_TABLES_H", "", "#include <stdbool.h>"]
     lines += ["#include <stdint.h>", "", "/* signals of a sample */"]
     for i, name in enumerate(source.names):
-        lines.append(f"#define O2_{name.upper()} {i}U /* {unit_of(name) or '-'} */")
+        lines.append(f"#define {source.macro(name)} {i}U /* {unit_of(name) or '-'} */")
     lines.append(f"#define O2_N_SIGNALS {len(source.names)}U")
-    lines.append(f"#define O2_OUTPUT {len(source.card.inputs)}U /* {source.card.output.name} */")
+    lines.append(f"#define O2_OUTPUT {len(source.card.inputs)}U")
     lines += _numbered("enable conditions", "OK", CONDITIONS, is_bit=True)
     lines += _numbered("tests", "TEST", TESTS_INSIDE)
     lines += _numbered("faults", "FAULT", FAULTS_INSIDE[1:], first=1)
@@ -272,7 +277,7 @@ def tables(source: ExportSource) -> str:
     untold = limits.trust.untold
     offsets = f"{literal(limits.offset_low)}, {literal(limits.offset_high)}"
     texts = {
-        "signal": [f'"{name}"' for name in source.names],
+        "signal": [json.dumps(name, ensure_ascii=False) for name in source.names],
         "fault": [f'"{name or "sound"}"' for name in FAULTS_INSIDE],
         "code": [f'"{name}"' for name in CODES_INSIDE],
     }
@@ -286,7 +291,7 @@ def tables(source: ExportSource) -> str:
             f"{{{literal(low)}, {literal(high)}}}" for low, high in _gains(source)
         ],
         "o2_range o2_ranges[O2_N_RANGES]": [
-            f"{{O2_OK_{r.condition.upper()}, O2_{r.signal.upper()}, "
+            f"{{O2_OK_{r.condition.upper()}, {source.macro(r.signal)}, "
             f"{literal(r.low)}, {_bound(r.high)}}}"
             for r in _conditions(source).ranges
         ],

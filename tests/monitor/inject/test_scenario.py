@@ -117,11 +117,6 @@ def test_the_code_of_a_close_coupled_catalyst_can_be_expected(tmp_path: Path) ->
     assert read(tmp_path, EXPECT.replace("P2A00", "P0421")).expectations[0].code == "P0421"
 
 
-def test_a_scenario_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"none\.toml: cannot read the scenario: No such file"):
-        load(tmp_path / "none.toml")
-
-
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
