@@ -127,8 +127,8 @@ def _shrinks(case: Case, known: Healthy, made: Sequence[Columns]) -> tuple[Shrin
     made : all columns of each drive
     """
     columns = [
-        white(known.table(own), case.ar)[kept] / case.sigma
-        for own, kept in zip(made, case.kept, strict=True)
+        white(known.table(own), case.ar)[rows] / case.sigma
+        for own, rows in zip(made, case.rows, strict=True)
     ]
     spread = known.spread.copy()
     if SKEW in known.names:

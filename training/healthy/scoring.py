@@ -91,7 +91,7 @@ def plain_columns(case: Case, found: JointFit) -> list[FloatArray]:
 
 def ceiling(case: Case, plain: Sequence[FloatArray]) -> Ceiling:
     """Return the columns whitened as the case's errors are, in sigma."""
-    whitened = [white(x, case.ar)[kept] for x, kept in zip(plain, case.kept, strict=True)]
+    whitened = [white(x, case.ar)[rows] for x, rows in zip(plain, case.rows, strict=True)]
     if case.shrinks:
         whitened = [shrink.apply(x) for shrink, x in zip(case.shrinks, whitened, strict=True)]
     return Ceiling(np.concatenate(whitened) / case.sigma)
@@ -116,7 +116,7 @@ def left_by(roof: Ceiling, known: FloatArray, errors: FloatArray, blocks: IntArr
 
 def whitened(case: Case, found: JointFit, plain: Sequence[FloatArray]) -> Case:
     """Return the case with AR(2) and sigma of the noise, from the ceiling's residual in phi."""
-    ar, sigma = noise(case.kept, _plain_rest(case, found, plain))
+    ar, sigma = noise([d.kept for d in case.drives], _plain_rest(case, found, plain))
     return replace(case, ar=ar, sigma=sigma)
 
 
