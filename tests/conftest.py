@@ -173,11 +173,11 @@ def minutes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def two_minutes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def ninety_seconds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give less of it, in which the most are found."""
     from tests.helpers.logs.injected_frames import first_minutes
 
-    return first_minutes(tmp_path_factory.mktemp("minutes"), 120.0)
+    return first_minutes(tmp_path_factory.mktemp("minutes"), 90.0)
 
 
 @pytest.fixture(scope="module")

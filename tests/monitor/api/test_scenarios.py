@@ -15,8 +15,8 @@ LATE = "delay_rich_to_lean=0.6@20"
 
 
 @pytest.fixture(scope="module")
-def late(two_minutes: Path) -> ScenarioResult:
-    return play_scenario(two_minutes, faults=[LATE])
+def late(ninety_seconds: Path) -> ScenarioResult:
+    return play_scenario(ninety_seconds, faults=[LATE])
 
 
 def test_a_late_sensor_has_its_code_and_the_time_to_its_detection(late: ScenarioResult) -> None:
@@ -50,20 +50,20 @@ def test_a_wrong_assertion_fails_with_the_faults_and_a_table(
     assert any(each.startswith(row) and each.endswith("NOT MET") for each in rows), rows
 
 
-def test_the_drives_of_a_scenario_share_one_memory(two_minutes: Path) -> None:
+def test_the_drives_of_a_scenario_share_one_memory(ninety_seconds: Path) -> None:
     scenario = ROOT / "docs" / "scenarios" / "late_sensor_confirmed.toml"
-    result = play_scenario(two_minutes, scenario)
+    result = play_scenario(ninety_seconds, scenario)
     states = [[code.state for code in verdict.codes] for verdict in result.verdicts]
     assert states == [["pending"], ["confirmed"]]
     result.assert_met()
     # and a further fault changes what is seen
-    worse = play_scenario(two_minutes, scenario, faults=["stuck_at_one"])
+    worse = play_scenario(ninety_seconds, scenario, faults=["stuck_at_one"])
     with pytest.raises(AssertionError, match=r"^A sensor that is late.*\n(.*\n)*1 .*NOT MET"):
         worse.assert_met()
 
 
-def test_a_healthy_drive_has_no_code_and_nothing_to_be_met(two_minutes: Path) -> None:
-    healthy = play_scenario(two_minutes)
+def test_a_healthy_drive_has_no_code_and_nothing_to_be_met(ninety_seconds: Path) -> None:
+    healthy = play_scenario(ninety_seconds)
     assert healthy.assert_codes().detection_s == {}
     with pytest.raises(UsageError, match="no \\[\\[expect\\]\\]"):
         healthy.assert_met()

@@ -32,19 +32,19 @@ def outcomes(report: Path) -> dict[str, tuple[str, str | None, str | None]]:
 
 
 def test_a_fault_fails_a_drive_without_verdict_is_skipped_a_healthy_one_passes(
-    two_minutes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ninety_seconds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # GIVEN a drive, its beginning, which is too short, and the drive with a late sensor
     monkeypatch.chdir(tmp_path)
     short, late, report = Path("short.log"), Path("late.log"), Path("report.xml")
-    short.write_text("\n".join(two_minutes.read_text().splitlines()[:5000]) + "\n")
+    short.write_text("\n".join(ninety_seconds.read_text().splitlines()[:5000]) + "\n")
     fault = ["--fault", "delay_rich_to_lean=0.6@20"]
-    assert cli.main(["inject", str(two_minutes), "--out", str(late), *fault]) == 0
-    call = ["replay", str(two_minutes), str(short), str(late), "--quiet", "--junit", str(report)]
+    assert cli.main(["inject", str(ninety_seconds), "--out", str(late), *fault]) == 0
+    call = ["replay", str(ninety_seconds), str(short), str(late), "--quiet", "--junit", str(report)]
     # WHEN they are replayed THEN each is one test
     assert cli.main(call) == 1
     found = outcomes(report)
-    assert found[str(two_minutes)] == ("system-out", None, None)
+    assert found[str(ninety_seconds)] == ("system-out", None, None)
     tag, kind, message = found["short.log"]
     assert (tag, kind) == ("skipped", None)
     assert message and message.startswith("not judged: ")
@@ -59,7 +59,7 @@ def test_a_fault_fails_a_drive_without_verdict_is_skipped_a_healthy_one_passes(
 
 
 def test_each_of_several_scenarios_is_one_test(
-    two_minutes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ninety_seconds: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # GIVEN a scenario that is met, and one whose code comes later than wanted
     silent, late, report = SCENARIOS / "silent_ecu.toml", tmp_path / "l.toml", tmp_path / "r.xml"
@@ -67,7 +67,7 @@ def test_each_of_several_scenarios_is_one_test(
         '[[fault]]\nname = "delay_rich_to_lean"\nstart_s = 20\n'
         '[[expect]]\ncode = "P015A"\nwithin_s = 5\n'
     )
-    call = ["inject", str(two_minutes), "--scenario", str(silent), str(late), "--assert"]
+    call = ["inject", str(ninety_seconds), "--scenario", str(silent), str(late), "--assert"]
     # WHEN both are judged THEN one fails, and says why
     assert cli.main([*call, "--junit", str(report)]) == 1
     (passed, met), (failed, unmet) = outcomes(report).items()
@@ -89,13 +89,13 @@ def test_each_of_several_scenarios_is_one_test(
     ],
 )
 def test_what_does_not_go_together_is_refused(
-    argv: list[str], says: str, two_minutes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    argv: list[str], says: str, ninety_seconds: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     scenarios = [str(SCENARIOS / "silent_ecu.toml"), str(SCENARIOS / "rough_bus.toml")]
     words = [scenarios.pop() if word == "S" else word for word in argv]
-    assert cli.main(["inject", str(two_minutes), *words]) == 2
+    assert cli.main(["inject", str(ninety_seconds), *words]) == 2
     assert says in capsys.readouterr().err
 
 

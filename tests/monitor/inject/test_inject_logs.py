@@ -32,7 +32,11 @@ FOUND = [name for name in CODES if name in NAMES and name not in SLOW]
 
 @pytest.mark.parametrize("name", FOUND)
 def test_a_healthy_drive_with_a_fault_put_on_has_the_code_of_the_fault(
-    name: str, minutes: Path, two_minutes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str,
+    minutes: Path,
+    ninety_seconds: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     # GIVEN a scenario that expects every code of the fault, pending in the first drive
     scenario = tmp_path / "s.toml"
@@ -43,18 +47,18 @@ def test_a_healthy_drive_with_a_fault_put_on_has_the_code_of_the_fault(
     )
     scenario.write_text(f'[[fault]]\nname = "{name}"\n{severity}start_s = 20.0\n{expected}')
     # THEN it is met, and no other code came
-    log = minutes if name in WITHIN_S else two_minutes
+    log = minutes if name in WITHIN_S else ninety_seconds
     assert cli.main(["inject", str(log), "--scenario", str(scenario), "--assert"]) == 0
     assert "NOT MET" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["noise", "drop_outs", *FRAME_FAULTS])
 def test_disturbances_that_are_no_fault_of_the_sensor_raise_no_code(
-    name: str, two_minutes: Path, tmp_path: Path
+    name: str, ninety_seconds: Path, tmp_path: Path
 ) -> None:
     scenario = tmp_path / "s.toml"
     scenario.write_text(f'[[fault]]\nname = "{name}"\n[[expect]]\ncode = "none"\n')
-    assert cli.main(["inject", str(two_minutes), "--scenario", str(scenario), "--assert"]) == 0
+    assert cli.main(["inject", str(ninety_seconds), "--scenario", str(scenario), "--assert"]) == 0
 
 
 def test_an_expectation_that_is_not_met_ends_with_1_and_a_table(

@@ -98,7 +98,7 @@ def held(phi: FloatArray, hold_s: float, every_s: float) -> FloatArray:
     return np.asarray(flat.reshape(phi.shape))
 
 
-def test_holds_of_three_seconds_in_twelve_are_found_within_two_minutes() -> None:
+def test_holds_of_three_seconds_in_twelve_are_found_within_ninety_seconds() -> None:
     healthy = mixture(60, 0.02)
     found = faults(held(noisy(healthy), 3.0, 12.0), healthy)
     assert HOLDS in found[:24]

@@ -3,18 +3,15 @@
 import re
 from pathlib import Path
 
-import can
 import pytest
 
 import dbc
 from monitor.base import config
 from monitor.base.types import Frame
-from monitor.bus.loop import Loop
 from monitor.bus.polling.pids import interval_s
-from monitor.bus.polling.poller import ObdPoller
 from monitor.cli import main
 from monitor.pipeline import replay
-from tests.helpers.bus.obd_conversation import LENGTHS, PARAMETERS, Conversation
+from tests.helpers.bus.obd_conversation import PARAMETERS, Conversation
 from tests.helpers.bus.obd_ecu import answering, steady_ecu
 from tests.helpers.bus.played_bus import judged, run_on
 
@@ -34,18 +31,6 @@ def test_answers_of_29_bits_to_another_tester_are_judged_as_in_a_replay_and_noth
     assert judged(live) == judged(again)
     assert bus.sent == []
     assert live["counters"]["unmapped"] == 1  # the mark of a live recording
-
-
-def test_it_polls_on_a_bus_in_real_time() -> None:
-    channel = "obd in real time"
-    with answering(steady_ecu(), channel), can.Bus(interface="virtual", channel=channel) as bus:
-        loop = Loop(bus, obd_setup(), say=lambda _: None)
-        poller = ObdPoller(PARAMETERS, LENGTHS)
-        loop.attachments.append(poller)
-        loop.run(3.0)
-    assert poller.counters.answers > 15
-    counts = loop.pipeline.decoder.counters["OBD_Response"]
-    assert counts.received - counts.length - counts.other > 60
 
 
 def test_checking_asks_and_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
