@@ -11,9 +11,10 @@ from typing import Final
 from monitor.base.config import Config
 from monitor.base.errors import ConfigError, UsageError
 from monitor.base.files.outputs import write_text
-from monitor.controller import graph, network
+from monitor.controller import network
 from monitor.controller.tables import FURTHER, ExportSource, header, tables
 from monitor.judge.limits import Limits
+from monitor.model import model_file
 from monitor.model.card import USUAL_PREDICTION, prediction_name
 from monitor.model.step import Model
 
@@ -46,7 +47,7 @@ def export(model: Model, config: Config, out: Path, without: Sequence[str] = ())
     limits = Limits.from_card(model.card, config, str(model.path))
     source = ExportSource(model.card, limits, config, without)
     prediction = prediction_name(model.card.output.name)
-    found = graph.read(model.path)
+    found = model_file.read(model.path).graph
     if not any(prediction in node.outputs for node in found.nodes):
         prediction = USUAL_PREDICTION
     n_inputs, n_state, name = len(model.card.inputs), model.card.state.size, model.path.name

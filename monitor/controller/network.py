@@ -12,8 +12,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import ModelError
-from monitor.controller.graph import ModelGraph
-from monitor.model.graph_bounds import Node
+from monitor.model.graph_bounds import Graph, Node
 
 # operator → C expression of its inputs
 _ELEMENTWISE: Final[dict[str, str]] = {
@@ -64,7 +63,7 @@ def vector(kind: str, name: str, values: Sequence[str], *, is_shared: bool = Fal
 class _Code:
     """C under construction: constants, and the lines of the step."""
 
-    def __init__(self, graph: ModelGraph, widths: dict[str, int]) -> None:
+    def __init__(self, graph: Graph, widths: dict[str, int]) -> None:
         self.given, self.widths = graph.constants, dict(widths)
         self.names = {name: name for name in widths}  # tensor → C
         self.constants: list[str] = []
@@ -99,7 +98,7 @@ class _Code:
         )
 
 
-def step_code(graph: ModelGraph, prediction: str, n_inputs: int, n_state: int, name: str) -> str:
+def step_code(graph: Graph, prediction: str, n_inputs: int, n_state: int, name: str) -> str:
     """Return the C source of one step.
 
     prediction : tensor that holds the output
@@ -143,8 +142,9 @@ def _elementwise(code: _Code, node: Node) -> None:
 def _gemm(code: _Code, node: Node) -> None:
     if not node.whole.get("transB") or node.whole.get("transA"):
         raise ValueError(node.kind)
-    rows, columns = code.given[node.inputs[1]].shape
     x, weights, bias = (code.use(name) for name in node.inputs)
+    columns = code.widths[node.inputs[0]]
+    rows = code.given[node.inputs[1]].size // columns
     out = code.result(node.outputs[0], rows)
     code.loop(
         rows,

@@ -1,4 +1,4 @@
-"""Bounds of an ONNX graph: operators, weights and sizes that a model may have.
+"""An ONNX graph within bounds: operators, weights and sizes that a model may have.
 
 A graph of a few kilobytes can ask for terabytes: a sum of a column and a row, a table that is
 joined with itself forty times, a loop. So only operators are taken whose result's size follows from
@@ -7,9 +7,10 @@ their inputs' sizes, and all sizes are added up before the graph is loaded.
 
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.model.protobuf import BYTES, Field, Parts, content, number, numbers, text
 
@@ -27,10 +28,12 @@ _ELEMENTWISE: Final = frozenset(
     }
 )
 _SMALLER: Final = frozenset({"ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Slice"})
-_FLOATS: Final = {1: "<f4", 11: "<f8"}  # data types of TensorProto
+# data types of TensorProto, and the fields that hold numbers of one where they are not raw
+_TYPES: Final = {1: "<f4", 7: "<i8", 9: "?", 11: "<f8"}
 _RAW: Final = 9
 _FLOAT_DATA: Final = {4: "<f4", 10: "<f8"}
-_TENSOR_KNOWN: Final = frozenset({1, 2, 4, 5, 7, 8, _RAW, 10, 11, 12})  # no external data
+_INTEGERS: Final = 7
+_TENSOR_KNOWN: Final = frozenset({1, 2, 4, 5, _INTEGERS, 8, _RAW, 10, 11, 12})  # no external data
 
 
 class Node(NamedTuple):
@@ -42,16 +45,22 @@ class Node(NamedTuple):
     whole: dict[str, int]  # attributes that are whole numbers
 
 
-def check_graph_bounds(graph: memoryview, parts: Parts) -> None:
-    """Raise ValueError if a graph exceeds a bound or holds a weight that is not finite."""
-    nodes, shapes = list[Node](), dict[str, Shape]()
+class Graph(NamedTuple):
+    """Operators in the order in which they run, and the constants they use."""
+
+    nodes: list[Node]
+    constants: dict[str, NDArray[Any]]
+
+
+def graph_of(graph: memoryview, parts: Parts) -> Graph:
+    """Return a graph; raises ValueError if it exceeds a bound or a weight is not finite."""
+    nodes, shapes, constants = list[Node](), dict[str, Shape](), dict[str, NDArray[Any]]()
     for field in parts.fields(graph):
         match field.number:
             case 1:
-                nodes.append(node_of(content(field), parts))
+                nodes.append(_node(content(field), parts))
             case 5:
-                name, shape = _tensor(content(field), parts)
-                shapes[name] = shape
+                name, shapes[name], constants[name] = _tensor(content(field), parts)
             case 11:
                 name, shape = _input(content(field), parts)
                 shapes.setdefault(name, shape)
@@ -66,6 +75,7 @@ def check_graph_bounds(graph: memoryview, parts: Parts) -> None:
         if elements > MOST_ELEMENTS or products > MOST_PRODUCTS or len(shape) > MOST_RANK:
             raise ValueError("one step of it is too large to compute")
         shapes.update(dict.fromkeys(node.outputs, shape))
+    return Graph(nodes, constants)
 
 
 def _result(node: Node, inputs: Sequence[Shape]) -> tuple[Shape, int]:
@@ -109,7 +119,7 @@ def _matrix(shape: Shape) -> Shape:
     return (1,) * (2 - len(shape)) + shape
 
 
-def node_of(node: memoryview, parts: Parts) -> Node:
+def _node(node: memoryview, parts: Parts) -> Node:
     """Return a node of a graph; raises ValueError if no model has its like."""
     found = Node("", [], [], {})
     for field in parts.fields(node):
@@ -141,10 +151,10 @@ def _attribute(attribute: memoryview, parts: Parts, whole: dict[str, int]) -> No
                 raise ValueError(f"its graph has a part that no model has (attribute {other})")
 
 
-def _tensor(tensor: memoryview, parts: Parts) -> tuple[str, Shape]:
-    """Return name and shape of a constant; raises ValueError if it is not finite."""
+def _tensor(tensor: memoryview, parts: Parts) -> tuple[str, Shape, NDArray[Any]]:
+    """Return name, shape and numbers of a constant; raises ValueError if they are not finite."""
     name, dims, kind = "", list[int](), 0
-    values: list[tuple[Field, str | None]] = []
+    values: list[Field] = []
     for field in parts.fields(tensor):
         if field.number not in _TENSOR_KNOWN:
             raise ValueError(f"its graph has a part that no model has (tensor {field.number})")
@@ -154,22 +164,28 @@ def _tensor(tensor: memoryview, parts: Parts) -> tuple[str, Shape]:
             kind = number(field)
         elif field.number == 8:
             name = text(field)
-        elif field.number in (_RAW, *_FLOAT_DATA):
-            values.append((field, _FLOAT_DATA.get(field.number)))
-    for field, dtype in values:
-        _check_finite(field, dtype or _FLOATS.get(kind), name)
+        elif field.number in (_INTEGERS, _RAW, *_FLOAT_DATA):
+            values.append(field)
+    found = [
+        _numbers(each, _FLOAT_DATA.get(each.number) or _TYPES.get(kind), name) for each in values
+    ]
     if len(dims) > MOST_RANK or math.prod(dims) > MOST_ELEMENTS:
         raise ValueError(f"its constant {name[:40]!r} is too large")
-    return name, tuple(dims)
+    return name, tuple(dims), np.concatenate([np.empty(0, "?"), *found])
 
 
-def _check_finite(field: Field, dtype: str | None, name: str) -> None:
+def _numbers(field: Field, dtype: str | None, name: str) -> NDArray[Any]:
+    if field.number == _INTEGERS:
+        return np.array([each % 2**64 for each in numbers(field)], np.uint64).astype(np.int64)
     if dtype is None:
-        return
-    if isinstance(field.value, int) or (field.wire == BYTES and len(field.value) % int(dtype[-1])):
+        return np.empty(0)
+    n_bytes = np.dtype(dtype).itemsize
+    if isinstance(field.value, int) or (field.wire == BYTES and len(field.value) % n_bytes):
         raise ValueError(f"its constant {name[:40]!r} is cut off")
-    if not np.isfinite(np.frombuffer(field.value, dtype)).all():
+    found = np.frombuffer(field.value, dtype)
+    if not np.isfinite(found).all():
         raise ValueError(f"its constant {name[:40]!r} is not finite")
+    return found
 
 
 def _input(value: memoryview, parts: Parts) -> tuple[str, Shape]:

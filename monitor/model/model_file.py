@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from monitor.base.errors import ModelError
-from monitor.model.graph_bounds import check_graph_bounds
+from monitor.model.graph_bounds import Graph, graph_of
 from monitor.model.protobuf import Field, Parts, content, text
 
 CARD: Final = "o2_monitor_card"  # keys of the ONNX metadata
@@ -30,6 +30,7 @@ class ModelFile(NamedTuple):
     content: bytes
     card: str  # JSON
     is_signed: bool  # the card's sha256 stands beside it; older files lack it
+    graph: Graph
     graph_sha256: str  # of all fields but the metadata
 
 
@@ -47,7 +48,7 @@ def read(path: Path | str) -> ModelFile:
             f"{path}: not a model file: larger than {LARGEST_FILE // 10**6} MB, a model has kB"
         )
     try:
-        metadata, graph_sha256 = _parts(found)
+        metadata, graph, graph_sha256 = _parts(found)
     except ValueError as error:
         raise ModelError(f"{path}: not a usable ONNX file: {error}") from None
     if CARD not in metadata:
@@ -59,15 +60,15 @@ def read(path: Path | str) -> ModelFile:
     if own is not None and own.decode(errors="replace") != hashlib.sha256(card).hexdigest():
         raise ModelError(f"{path}: the model card was changed or damaged: its sha256 is another")
     try:
-        return ModelFile(found, card.decode(), own is not None, graph_sha256)
+        return ModelFile(found, card.decode(), own is not None, graph, graph_sha256)
     except UnicodeDecodeError:
         raise ModelError(f"{path}: the model card is no UTF-8 text") from None
 
 
-def _parts(found: bytes) -> tuple[dict[str, bytes], str]:
-    """Return the metadata and the sha256 of all else; raises ValueError."""
+def _parts(found: bytes) -> tuple[dict[str, bytes], Graph, str]:
+    """Return the metadata, the graph, and the sha256 of all but the metadata; raises ValueError."""
     parts, digest = Parts(MOST_PARTS), hashlib.sha256()
-    metadata, graphs = dict[str, bytes](), 0
+    metadata, graphs = dict[str, bytes](), list[Graph]()
     for field in parts.fields(memoryview(found)):
         if field.number not in _KNOWN:
             raise ValueError(f"it has a part that no model has (field {field.number})")
@@ -79,11 +80,10 @@ def _parts(found: bytes) -> tuple[dict[str, bytes], str]:
             continue
         digest.update(field.raw)
         if field.number == _GRAPH:
-            graphs += 1
-            check_graph_bounds(content(field), parts)
-    if graphs != 1:
-        raise ValueError(f"it has {graphs} graphs, one is wanted")
-    return metadata, digest.hexdigest()
+            graphs.append(graph_of(content(field), parts))
+    if len(graphs) != 1:
+        raise ValueError(f"it has {len(graphs)} graphs, one is wanted")
+    return metadata, graphs[0], digest.hexdigest()
 
 
 def _entry(field: Field, parts: Parts) -> tuple[str, bytes]:
@@ -98,7 +98,7 @@ def _entry(field: Field, parts: Parts) -> tuple[str, bytes]:
 
 def graph_sha256(model: bytes) -> str:
     """Return the sha256 of the graph of a model file's content; raises ValueError."""
-    return _parts(model)[1]
+    return _parts(model)[2]
 
 
 def metadata_of(card: str) -> dict[str, str]:
