@@ -16,7 +16,7 @@ from typing import Any
 
 from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from monitor.decode.bus_map import read_database
-from monitor.mapping.text import make_map
+from monitor.mapping.map_proposal import make_map
 
 PRECISION, RECALL = 0.99, 0.8
 LABELS = Path(__file__).with_name("map_labels.toml")

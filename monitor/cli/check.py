@@ -149,7 +149,7 @@ def _write_profile(log: Path | None, out: Path) -> int:
 
     if not log:
         raise UsageError("--write-profile needs a LOG")
-    text = "\n".join(proposed(open_table(log))) + "\n"
+    text = proposed(open_table(log))
     profile_of(tomllib.loads(text), out)  # what is written can be read
     write_text(out, text)
     say(f"{out}: a profile to edit; try it with o2mon check {log} --profile {out}")

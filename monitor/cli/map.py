@@ -42,7 +42,7 @@ def run(
     import_without_mdf()
     from monitor.base.signals import NARX_INPUTS, OUTPUT
     from monitor.decode.bus_map import read_database
-    from monitor.mapping.text import make_map
+    from monitor.mapping.map_proposal import make_map
 
     if cylinders < 1:
         raise UsageError("--cylinders is at least 1")
@@ -59,8 +59,8 @@ def run(
     lines = [*(f"database: {note}" for note in notes)]
     lines += [f"proposed: {', '.join(proposals.names) or 'nothing'}"]
     lines += [f"not proposed, though a model needs it: {', '.join(missing)}"] if missing else []
-    for each in (p for p in proposals.signals if p.name in missing and p.others):
-        lines += [f"  {each.name} stands as a comment, perhaps {each.others[0].place}: {each.note}"]
+    for each in (p for p in proposals.signals if p.name in missing and p.ranked):
+        lines += [f"  {each.name} stands as a comment, perhaps {each.ranked[0].place}: {each.note}"]
     check = f"  o2mon check LOG --dbc {dbc} --map {out}"
     tell("\n".join([*lines, *([f"confirm every line of {out}, then:", check] if out else [])]))
     return NOT_JUDGED if missing else 0

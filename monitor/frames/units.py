@@ -17,10 +17,10 @@ class Unit:
 # the names of each unit by quantity and factor; the base unit has the factor 1
 _NAMES: Final[dict[str, dict[float, str]]] = {
     "pressure": {
-        1.0: "kpa kpaa kpaabs kpa(abs) kpa_abs kilopascal",
+        1.0: "kpa kpaa kpaabs kpa(abs) kpa_abs kilopascal кпа",
         1e-3: "pa",
-        0.1: "mbar hpa millibar mbarabs hpaabs hpa_abs mbara",
-        100.0: "bar bara barabs",
+        0.1: "mbar hpa millibar mbarabs hpaabs hpa_abs mbara мбар",
+        100.0: "bar bara barabs бар",
         1000.0: "mpa",
         6.894757: "psi psia psiabs",
         3.386389: "inhg",
@@ -29,13 +29,13 @@ _NAMES: Final[dict[str, dict[float, str]]] = {
         98.0665: "kg/cm2 kg/cm² kgf/cm2",
     },
     "speed": {
-        1.0: "km/h kph kmh kmph km/std kilometerperhour kilometperhour",
+        1.0: "km/h kph kmh kmph km/std kilometerperhour kilometperhour км/ч",
         1.609344: "mph mi/h miles/h",
     }
     | {3.6: "m/s"},
     "flow": {
-        1.0: "kg/h kg/hr kgh kgph kg/std",
-        3.6: "g/s g/sec gram/s grams/sec grams/s gm/s gps",
+        1.0: "kg/h kg/hr kgh kgph kg/std кг/ч",
+        3.6: "g/s g/sec gram/s grams/sec grams/s gm/s gps г/с",
         3600.0: "kg/s",
         60.0: "kg/min",
         0.06: "g/min",
@@ -51,16 +51,16 @@ _NAMES: Final[dict[str, dict[float, str]]] = {
         0.0036: "ul/s mm3/s µl/s",
         3.785412: "gal/h gph gal/hr",
     },
-    "time": {1.0: "s sec secs seconds", 1e-3: "ms msec millisec milliseconds", 60.0: "min"}
+    "time": {1.0: "s sec secs seconds с сек", 1e-3: "ms msec millisec milliseconds мс", 60.0: "min"}
     | {3600.0: "h", 1e-6: "us µs μs", 1e-9: "ns"},
     "speed of rotation": {
         1.0: "1/min /min u/min rpm rev/min r/min min-1 min^-1 upm tr/min umin rev/minute umdr/min "
-        "minutinver",
+        "minutinver об/мин obr/min",
         60.0: "hz 1/s rps u/s rev/s",
         9.549297: "rad/s",
     },
     "share": {1.0: "% percent pct prozent proz", 0.1: "‰ permille promille"},
-    "voltage": {1.0: "v volt volts vdc", 1e-3: "mv millivolt"},
+    "voltage": {1.0: "v volt volts vdc в", 1e-3: "mv millivolt"},
     "current": {1.0: "ma", 1000.0: "a", 1e-3: "µa"},
     "mass": {
         1.0: "mg mg/stroke mg/stk mg/str mg/cyl mg/hub mg/zyl mg/inj mg/asp mg/cycle",
@@ -74,7 +74,7 @@ _NAMES: Final[dict[str, dict[float, str]]] = {
     },
     "temperature": {
         1.0: "c °c degc celsius cel gradc grad_c gradcelsius deg_c grdc degreecelsius degrecelsi "
-        "degreescelsius"
+        "degreescelsius °с"
     },
     "lambda": {1.0: "lambda λ - la lam lambdas ratio none unitless factor bit bool boolean flag"},
     "phi": {1.0: "phi φ er eqr"},

@@ -1,8 +1,8 @@
-"""The signals of a database that may be a canonical one, the likeliest first."""
+"""The signals of a database that may be a canonical one."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -10,80 +10,83 @@ from cantools.database.can import Database, Message, Signal
 
 from monitor.base.errors import SignalMapError
 from monitor.base.types import FloatArray
+from monitor.decode.signal_map import LONGEST_TIMEOUT_S
 from monitor.decode.soundness import check_message, check_signal
-from monitor.mapping.fit import ANY, OTHER_NAME, Description, QuantityFit, fit_of
-from monitor.mapping.quantities import QUANTITIES
+from monitor.judge.causes.causes import timeout_of
+from monitor.mapping.fit import ANY, Description, fit_of
+from monitor.mapping.proposal import Candidate
+from monitor.mapping.vocabulary import QUANTITIES, VARYING
 
 SLOW_MS: Final = 1_000_000  # cycle of a message that says none
+ALL_ONES: Final = frozenset(2.0**bits - 1.0 for bits in range(65))
+ENGINE: Final = QUANTITIES.keys() & {"manifold_temperature_degc", *VARYING}  # only an engine's
+
+# values in the database's unit, and how far apart they are in s: 95 % are closer; None of few
+Observed = tuple[FloatArray | None, float | None]
 
 
-@dataclass(frozen=True, slots=True)
-class MapCandidate:
-    """One signal that may be the canonical one."""
-
-    name: str  # canonical
-    message: Message
-    signal: Signal
-    described: Description
-    fit: QuantityFit
-    interval_s: float | None = None  # between two values in the recording, 95 % are shorter
-
-    @property
-    def place(self) -> str:
-        """Return message and signal."""
-        return f"{self.message.name}.{self.signal.name}"
-
-    @property
-    def rank(self) -> tuple[bool, float, float, float, bool, str]:
-        """Return the order: no doubt, likely, a fast message, fine steps, the engine's own."""
-        fit, own = self.fit, "eng" in self.message.name.lower()
-        step = abs(self.described.step * fit.factor)
-        return bool(fit.doubts), -fit.confidence, cycle_ms(self.message), step, not own, self.place
-
-    def seen(self, values: FloatArray, interval_s: float | None) -> "MapCandidate":
-        """Return the candidate as its own values bear it out."""
-        described = replace(self.described, values=values)
-        doubted = self.fit.doubted("implausible in the recording", OTHER_NAME)
-        fit = fit_of(self.name, described) or doubted
-        return replace(self, described=described, fit=fit, interval_s=interval_s)
-
-
-Ranked = Mapping[str, Sequence[MapCandidate]]  # by canonical name, the likeliest first
-
-
-def ranked(database: Database) -> dict[str, list[MapCandidate]]:
-    """Return the candidates of every canonical signal and of the fuel flow, the likeliest first."""
-    found: dict[str, list[MapCandidate]] = {name: [] for name in QUANTITIES}
+def mappable(database: Database) -> Iterator[tuple[str, Message, Signal]]:
+    """Yield the signals with which a map can be loaded, behind message and name."""
     for message in database.messages:
         names = Counter(signal.name for signal in message.signals)  # alike: not told apart
         for signal in message.signals:
-            if names[signal.name] == 1 and _can_be_mapped(message, signal):
-                described = described_by(message, signal)
-                for name, candidates in found.items():
-                    if fit := fit_of(name, described):
-                        candidates.append(MapCandidate(name, message, signal, described, fit))
-    return {name: sorted(each, key=lambda c: c.rank) for name, each in found.items()}
+            try:
+                check_message(Path(), message)
+                check_signal(Path(), message, signal.name)
+            except SignalMapError:
+                continue
+            if names[signal.name] == 1 and not signal.is_multiplexer and signal.length <= 64:
+                yield f"{message.name}.{signal.name}", message, signal
 
 
-def _can_be_mapped(message: Message, signal: Signal) -> bool:
-    """Return whether a map with the signal can be loaded."""
-    try:
-        check_message(Path(), message)
-        check_signal(Path(), message, signal.name)
-    except SignalMapError:
-        return False
-    return not signal.is_multiplexer and signal.length <= 64
+def candidates(
+    database: Database, observed: Mapping[str, Observed] | None = None
+) -> dict[str, list[Candidate]]:
+    """Return the candidates of every canonical signal and of the fuel flow.
 
-
-def cycle_ms(message: Message) -> float:
-    """Return a message's stated cycle time in ms, at most ``SLOW_MS``; a database may say anything.
-
-    A message without one is a slow one.
+    observed : signals of a recording, by message and name; no others are candidates then
     """
+    signals = [
+        (message, seen[1], _described(message, signal, seen[0]))
+        for place, message, signal in mappable(database)
+        if (seen := (None, None) if observed is None else observed.get(place))
+    ]
+    of_engine = (fit_of(name, described) for *_, described in signals for name in ENGINE)
+    has_engine = any(fit and not fit.doubt for fit in of_engine)
+    found: dict[str, list[Candidate]] = {name: [] for name in QUANTITIES}
+    for message, interval_s, described in signals:
+        is_own, cycle_ms = "eng" in message.name.lower(), _cycle_ms(message)
+        place = f"{message.name}.{described.name}"
+        for name, each in found.items():
+            if fit := fit_of(name, replace(described, has_engine=has_engine)):
+                entry = {
+                    "message": message.name,
+                    "signal": described.name,
+                    "factor": fit.factor,
+                    "offset": fit.offset,
+                    "timeout_s": _timeout_s(message, interval_s),
+                }
+                # a fast message, fine steps, the engine's own
+                order = cycle_ms, abs(described.step * fit.factor), not is_own, place
+                each.append(Candidate(name, place, fit, entry, order))
+    return found
+
+
+def _cycle_ms(message: Message) -> float:
+    """Return the stated cycle time, at most ``SLOW_MS``; a database may say anything."""
     return float(min(max(message.cycle_time or SLOW_MS, 0), SLOW_MS))
 
 
-def described_by(message: Message, signal: Signal) -> Description:
+def _timeout_s(message: Message, interval_s: float | None) -> float:
+    """Return how old a value may be, by the recording, else by the stated cycle time."""
+    if interval_s is not None:
+        return timeout_of(interval_s)
+    if message.cycle_time:  # five cycles
+        return round(min(max(5 * _cycle_ms(message) / 1000, 0.3), LONGEST_TIMEOUT_S), 3)
+    return 3.0 if message.is_multiplexed() else 0.5  # answers to requests come slowly
+
+
+def _described(message: Message, signal: Signal, values: FloatArray | None) -> Description:
     """Return what a database says about a signal."""
     carried = ANY
     if not signal.is_float:
@@ -94,11 +97,8 @@ def described_by(message: Message, signal: Signal) -> Description:
     stated = carried
     if signal.minimum is not None and signal.maximum is not None:
         low, high = float(signal.minimum), float(signal.maximum)
-        is_filler = (  # as an editor fills the range in: that of a number of bits
-            high.is_integer()
-            and (int(high) + 1).bit_count() == 1
-            and low in (0.0, -high, -high - 1.0)
-        )
+        # as an editor fills the range in: that of a number of bits
+        is_filler = high in ALL_ONES and low in (0.0, -high, -high - 1.0)
         stated = (low, high) if low < high and not is_filler else carried
     return Description(
         name=signal.name,
@@ -109,4 +109,5 @@ def described_by(message: Message, signal: Signal) -> Description:
         stated=stated,
         step=0.0 if signal.is_float else float(signal.scale),
         choices={int(k): str(v).lower() for k, v in (signal.choices or {}).items()},
+        values=values,
     )

@@ -8,6 +8,8 @@ the signal a comment, or the column unused, until a person confirms it.
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import islice
+from math import inf
 from textwrap import shorten
 from typing import Any, Final
 
@@ -17,9 +19,18 @@ from monitor.base.counts import plain
 from monitor.base.signals import plausible_range
 from monitor.base.types import FloatArray
 from monitor.frames.units import UNITS, Unit, conversion, unit_of
-from monitor.mapping.quantities import GASOLINE_KG_L, QUANTITIES, STOICHIOMETRIC, VARYING
-from monitor.mapping.quantities import MapQuantity as Quantity
-from monitor.mapping.words import KNOWN, OTHER, VOCABULARY, match, words_of
+from monitor.mapping.vocabulary import (
+    GASOLINE_KG_L,
+    KNOWN,
+    OTHER,
+    QUANTITIES,
+    STOICHIOMETRIC,
+    VARYING,
+    VOCABULARY,
+    MapQuantity,
+    match,
+    words_of,
+)
 
 SURE: Final = 0.6  # a signal of this confidence is proposed
 ASSUMED: Final = 0.85  # confidence that is left without a unit, or where only the message says it
@@ -27,14 +38,19 @@ DOUBTED: Final = 0.6  # after a doubt
 OTHER_NAME: Final = 0.4  # after one of name, unit or values: no rival
 ANY: Final = (-1e30, 1e30)  # range of a float
 FEW: Final = 20  # values that say nothing
-USUAL: Final = (0.7, 1.5)  # times the ends of the typical range: of the median
-STILL: Final = 1e-9  # range of a signal that never moves
 MOST_ABOVE: Final = 100.0  # times the plausible range; a stated range beyond has another unit
-UNIT_IN_NAME: Final = frozenset({"rpm", "kph", "kmh", "mph"})
+ELECTRIC: Final = {  # what an electric car has, too, where its range reaches beyond
+    **dict.fromkeys(("fuel_cut", "coolant_temperature_degc", "engine_torque_nm"), 0.0),
+    "battery_voltage_v": 60.0,
+}
 TEMPERATURE_OFFSETS: Final = frozenset({-40.0, -48.0, -50.0, -60.0})  # of degC alone
 MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
 SEVERAL: Final = frozenset({"flow", "mass", "torque", "speed"})  # whose values suit several units
-PRESSURES: Final = ("kPa", "MPa", "bar", "hPa", "psi")  # of a column without a unit
+UNSTATED: Final[dict[str, list[tuple[str, Unit]]]] = {  # likely units of a kind
+    "pressure": [(text, UNITS[text.lower()]) for text in ("kPa", "MPa", "bar", "hPa", "psi")],
+    "temperature": [(text, UNITS[text.lower()]) for text in ("°C", "°F")],
+    "share": [("", UNITS["%"]), ("", Unit("share", 100.0))],
+}
 _SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
 _PREFIX_LETTERS: Final = 4  # of an ECU's abbreviation, before "_" or ".", that may begin a name
 _BARE: Final = frozenset(VOCABULARY["words"]["bare"].split())
@@ -54,12 +70,18 @@ class Description:
     step: float = 0.0
     choices: Mapping[int, str] = field(default_factory=dict)
     values: FloatArray | None = None  # of a recording, in ``unit``
+    has_engine: bool = True  # the file has signals of an engine
 
     @property
     def span(self) -> tuple[float, float]:
         """Return the range of the values, the stated one without a recording."""
-        known = self.values[np.isfinite(self.values)] if self.values is not None else ()
-        return (float(np.min(known)), float(np.max(known))) if len(known) else self.stated
+        known = self.known
+        return (float(known.min()), float(known.max())) if len(known) else self.stated
+
+    @property
+    def known(self) -> FloatArray:
+        """Return the values that are numbers."""
+        return np.empty(0) if self.values is None else self.values[np.isfinite(self.values)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +98,9 @@ class QuantityFit:
     is_upstream: bool = False  # said to be the sensor before the catalyst
 
     @property
-    def stands(self) -> bool:
-        """Return whether it is proposed."""
-        return self.confidence >= SURE and not self.doubts
+    def doubt(self) -> str:
+        """Return why it is not proposed, "" if it is."""
+        return "; ".join(self.doubts) or "not sure enough" * (self.confidence < SURE)
 
     def judged(self, why: str, weight: float = 1.0, **more: Any) -> "QuantityFit":
         """Return the fit with one more reason, its confidence times ``weight``."""
@@ -97,19 +119,22 @@ class QuantityFit:
             return 1.0 / scaled if self.is_phi else scaled
 
 
-def fit_of(name: str, described: Description, *, is_named: bool = False) -> QuantityFit | None:
+def fit_of(name: str, d: Description, *, is_named: bool = False) -> QuantityFit | None:
     """Return how well something fits a quantity, None if it is another one.
+
+    Where no unit is stated, it is the one in which range and values fit best.
 
     is_named : its name is known to mean the quantity
     """
     quantity = QUANTITIES[name]
-    fit = QuantityFit(1.0) if is_named else _by_name(quantity, described)
-    for look in (_by_unit, _by_range, _by_values):
-        fit = look(quantity, described, fit) if fit else None
-    return fit
+    named = QuantityFit(1.0) if is_named else _by_name(quantity, d)
+    read = _readings(quantity, d, named) if named else ()
+    ranged = (_by_range(quantity, d, each) for each in read)
+    judged = (_by_values(quantity, d, each) for each in ranged if each)
+    return max(judged, key=lambda f: (f.confidence, _is_usual(quantity, f, d)), default=None)
 
 
-def _by_name(quantity: Quantity, d: Description) -> QuantityFit | None:
+def _by_name(quantity: MapQuantity, d: Description) -> QuantityFit | None:
     """Return the fit of the words."""
     words = words_of(d.name)
     sure, rest = match(quantity.phrases, words)
@@ -119,10 +144,10 @@ def _by_name(quantity: Quantity, d: Description) -> QuantityFit | None:
         rest = [word for word in words if word in rest]
         if len(rest) < len(words):
             sure, why = ASSUMED * both, f"its name and message say {d.message} {d.name}"
-    if quantity.name == "lambda_measured" and _afr(d, words):  # no other one has this unit
-        before = dict(zip(words[1:], words, strict=False))
-        own = {w for w in words if (before.get(w, "") if w.isdigit() else w) in KNOWN} - {"afr"}
-        rest = [word for word in (rest if sure else words) if word in own]
+    unit = unit_of(d.unit, STOICHIOMETRIC) or UNITS["-"]
+    is_afr = unit.quantity == "lambda" and unit.factor != 1.0  # no other sensor has this unit
+    if quantity.name == "lambda_measured" and is_afr:
+        rest = [word for word in (rest if sure else words) if word in KNOWN - {"afr"}]
         sure, why = max(sure, SURE), why if sure else f"its unit is {d.unit}"
     if not sure:
         return None
@@ -133,7 +158,7 @@ def _by_name(quantity: Quantity, d: Description) -> QuantityFit | None:
 
 
 def _doubts(
-    quantity: Quantity, d: Description, words: tuple[str, ...], rest: list[str]
+    quantity: MapQuantity, d: Description, words: tuple[str, ...], rest: list[str]
 ) -> Iterator[str]:
     """Yield why a name may not say the quantity: by a word that the quantity does not explain."""
     first, of_message = next(iter(words), ""), words_of(d.message)
@@ -141,20 +166,17 @@ def _doubts(
         is_apart = re.match(rf"{first}\d*[_.]", d.name.lower()) and not _BARE.issuperset(words[1:])
         if is_apart or first in of_message:  # an ECU's, which says nothing
             rest = rest[1:]
-    if odd := [word for word in rest if word not in quantity.also]:
-        yield f"its name says {odd[0]!r}, too"
+    odd = (w for w in rest if w not in quantity.also and not _own_unit(quantity, w))
+    yield from (f"its name says {word!r}, too" for word in islice(odd, 1))
     said = f"{d.name} {d.message} {' '.join(of_message)} / {' '.join(words)} / {d.unit}".lower()
     for row in VOCABULARY["doubts"]:
+        is_meant = quantity.name in row.get("of", quantity.name)
         found = re.search(row["says"].replace("{bare}", "|".join(_BARE)), said)
-        if (
-            found
-            and quantity.name in row.get("of", quantity.name)
-            and found[1] not in quantity.also
-        ):
+        if is_meant and found and found[1] not in quantity.also:
             yield row["why"].format(found[1])
 
 
-def _of_one_sensor(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFit:
+def _of_one_sensor(quantity: MapQuantity, d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit, doubted if name, message or comment are of another sensor."""
     texts = [(text, " ".join(words_of(text))) for text in (d.message, d.name, d.comment)]
     for text, words in texts:
@@ -169,58 +191,62 @@ def _of_one_sensor(quantity: Quantity, d: Description, fit: QuantityFit) -> Quan
     return fit
 
 
-def _by_unit(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFit | None:
-    """Return the fit with the way to the canonical unit; a stated unit is a constraint."""
-    unit = unit_of(d.unit, STOICHIOMETRIC)
+def _readings(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterator[QuantityFit]:
+    """Yield the fit with each way to the canonical unit; a stated unit is a constraint."""
+    kind, unit = quantity.unit.quantity, _said_unit(quantity, d)
     if unit is None and d.unit:
-        return fit.doubted(f"its unit {d.unit!r} is not known", OTHER_NAME)
-    if quantity.is_flag:
-        return _flag(d, fit) if unit in (None, UNITS["-"]) else None
-    if quantity.unit == UNITS["-"]:
-        return _mixture(quantity, d, unit, fit)
-    if unit is None or unit == UNITS["-"]:
-        return _assumed(quantity, d, fit)
-    if unit.quantity == quantity.volume:
-        unit = Unit(quantity.unit.quantity, unit.factor * GASOLINE_KG_L)
-    if unit.quantity != quantity.unit.quantity:
-        return None
-    factor, offset = conversion(unit, quantity.unit)
-    return fit.judged(f"its unit is {d.unit}", factor=factor, offset=offset)
+        yield fit.doubted(f"its unit {d.unit!r} is not known", OTHER_NAME)
+    elif quantity.is_flag:
+        yield from [_flag(d, fit)] if unit in (None, UNITS["-"]) else []
+    elif quantity.name == "lambda_controller":
+        yield from _trims(d, unit, fit)
+    elif kind == "lambda":
+        yield from _mixtures(d, unit, fit)
+    elif unit is None or unit == UNITS["-"]:
+        yield from _assumed(quantity, d, fit)
+    elif unit.quantity in (kind, quantity.volume):
+        if unit.quantity == quantity.volume:
+            unit = Unit(kind, unit.factor * GASOLINE_KG_L)
+        factor, offset = conversion(unit, quantity.unit)
+        yield fit.judged(f"its unit is {d.unit or 'in its name'}", factor=factor, offset=offset)
 
 
-def _assumed(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFit:
-    """Return the fit in the unit that name and range suggest, doubted if they leave several."""
-    (low, high), kind, text, factor = d.span, quantity.unit.quantity, "", 1.0
-    if kind == "pressure":
-        factors = {each: conversion(UNITS[each.lower()], quantity.unit)[0] for each in PRESSURES}
-        least, most = quantity.typical[1] / 2, 2 * plausible_range(quantity.name)[1]
-        likely = [each for each in PRESSURES if least <= high * factors[each] <= most]
-        text, factor = (likely[0], factors[likely[0]]) if likely else ("", 1.0)
-    elif kind == "share" and 0.0 < high <= 1.5:
-        factor = 100.0
-    elif kind == "temperature" and d.values is not None:
-        return _temperature(quantity, d.values, fit)
-    is_plain = (
-        (d.values is not None and kind not in SEVERAL)  # which ``_by_values`` looks at
-        or bool(UNIT_IN_NAME & set(words_of(d.name)))
-        or (kind == "temperature" and bool({d.carried[0], d.stated[0]} & TEMPERATURE_OFFSETS))
-        or (kind == "speed of rotation" and low >= 0.0 and high <= MOST_RPM)
+def _said_unit(quantity: MapQuantity, d: Description) -> Unit | None:
+    """Return the unit that is stated, else one of the quantity's that the name says."""
+    unit = unit_of(d.unit, STOICHIOMETRIC)
+    if d.unit and unit != UNITS["-"]:
+        return unit
+    return next(filter(None, (_own_unit(quantity, word) for word in words_of(d.name))), unit)
+
+
+def _own_unit(quantity: MapQuantity, word: str) -> Unit | None:
+    """Return the unit of the quantity that a word of a name is."""
+    unit = unit_of(word, STOICHIOMETRIC) if word != "o2" else None
+    kinds = (quantity.unit.quantity, "phi" if quantity.unit == UNITS["-"] else "")
+    return unit if unit and unit.quantity in kinds and unit != UNITS["-"] else None
+
+
+def _assumed(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterator[QuantityFit]:
+    """Yield the fit in each unit that is usual, doubted unless its range or values bear it out.
+
+    Of the speeds, flows, masses and torques of an engine, several units are likely.
+    """
+    kind, low, high = quantity.unit.quantity, *d.span
+    is_plain = (kind == "temperature" and {d.carried[0], d.stated[0]} & TEMPERATURE_OFFSETS) or (
+        kind == "speed of rotation" and low >= 0.0 and high <= MOST_RPM
     )
     why = "no unit is given, taken for the one that its range suggests: check"
-    fit = fit.judged(why, ASSUMED, factor=factor, unit=text)
-    return fit if is_plain else fit.doubted("no unit is given")
+    for text, unit in UNSTATED.get(kind, [("", quantity.unit)]):
+        factor, offset = conversion(unit, quantity.unit)
+        read = fit.judged(why, ASSUMED, factor=factor, offset=offset, unit=text)
+        is_borne_out = kind not in SEVERAL and _is_usual(quantity, read, d)
+        yield read if is_plain or is_borne_out else read.doubted("no unit is given")
 
 
-def _temperature(quantity: Quantity, values: FloatArray, fit: QuantityFit) -> QuantityFit:
-    """Return the fit in the first unit in which an engine that runs has such temperatures."""
-    known = values[np.isfinite(values)]
-    for text in ("°C", "°F") if len(known) else ():
-        factor, offset = conversion(UNITS[text.lower()], quantity.unit)
-        middle = float(np.median(known)) * factor + offset
-        if USUAL[0] * quantity.typical[0] <= middle < USUAL[1] * quantity.typical[1]:
-            why = "no unit is given, taken for the one that its values suggest: check"
-            return fit.judged(why, ASSUMED, factor=factor, offset=offset, unit=text)
-    return fit.doubted("no unit is given")
+def _is_usual(quantity: MapQuantity, fit: QuantityFit, d: Description) -> bool:
+    """Return whether the upper half of the values reaches into an engine's usual range."""
+    (low, high), values = quantity.usual, fit.canonical(d.known)
+    return bool(len(values)) and float(np.median(values)) <= high and float(values.max()) >= low
 
 
 def _flag(d: Description, fit: QuantityFit) -> QuantityFit:
@@ -232,57 +258,43 @@ def _flag(d: Description, fit: QuantityFit) -> QuantityFit:
     return fit.doubted("more than two values without a meaning") if many else fit
 
 
-def _mixture(
-    quantity: Quantity, d: Description, unit: Unit | None, fit: QuantityFit
-) -> QuantityFit | None:
-    """Return the fit of lambda, AFR or phi, or of a trim."""
-    kind = unit.quantity if unit else "lambda"
-    if quantity.name == "lambda_controller":
-        return _trim(d, kind == "share", fit) if kind in ("lambda", "share") else None
-    if kind not in ("lambda", "phi"):
-        return None
-    words = words_of(d.name)
-    if kind == "phi" or {"phi", "eqr"} & {*words}:
-        return fit.judged("an equivalence ratio: lambda is 1 / it", is_phi=True)
-    if ratio := _afr(d, words):
+def _mixtures(d: Description, unit: Unit | None, fit: QuantityFit) -> Iterator[QuantityFit]:
+    """Yield the fit of lambda, AFR or phi; where no unit is stated, name and range tell them."""
+    words, kind = {*words_of(d.name)}, unit.quantity if unit else ""
+    if kind == "phi":
+        yield fit.judged("an equivalence ratio: lambda is 1 / it", is_phi=True)
+    ratio = unit.factor if unit else 1.0 / STOICHIOMETRIC
+    if (kind == "lambda" and ratio != 1.0) or (not unit and d.values is not None):
         why = f"an air-fuel ratio, divided by {1 / ratio:g}: check what {d.name} counts with"
-        return fit.judged(why, factor=ratio, unit="" if d.unit else "AFR")
-    if "equivalence" in words and not d.unit and not {"range", "o2", "oxygen"} & {*words}:
-        return fit.doubted("an equivalence ratio: lambda, as OBD has it, or 1 / lambda?")
-    return fit
+        yield fit.judged(why, factor=ratio, unit="" if d.unit else "AFR")
+    is_phi_or_lambda = {"equivalence", "eq"} & words and not {"range", "o2", "oxygen", "11"} & words
+    if is_phi_or_lambda and not d.unit:
+        fit = fit.doubted("an equivalence ratio: lambda, as OBD has it, or 1 / lambda?")
+    if unit == UNITS["-"] or (kind in ("", "lambda") and not d.unit):
+        yield fit
 
 
-def _afr(d: Description, words: tuple[str, ...]) -> float:
-    """Return lambda per unit of what counts in air per fuel, by unit or name, 0 if it does not."""
-    unit = unit_of(d.unit, STOICHIOMETRIC)
-    if unit and unit.quantity != "lambda":
-        return 0.0
-    if unit and unit.factor != 1.0:
-        return unit.factor
-    is_named = "afr" in words or {"air", "fuel"} <= {*words}
-    return 1.0 / STOICHIOMETRIC if is_named and d.span[1] > 5.0 else 0.0
+def _trims(d: Description, unit: Unit | None, fit: QuantityFit) -> Iterator[QuantityFit]:
+    """Yield the fit of a trim that is 1, 0 or 100 where nothing is corrected."""
+    kind = unit.quantity if unit else ""
+    if kind in ("", "lambda"):
+        yield fit.judged("1 is no correction")
+        yield fit.judged("0 is no correction", offset=1.0)
+    if kind == "share" or (not kind and d.values is not None):
+        yield fit.judged("0 is no correction", factor=0.01, offset=1.0)
+        yield fit.judged("never negative, so 100 is no correction", factor=0.01)
 
 
-def _trim(d: Description, is_share: bool, fit: QuantityFit) -> QuantityFit:
-    """Return the fit of a trim, 1 where nothing is corrected."""
-    low, high = d.span
-    if is_share and (low > 50.0 or (low >= 0.0 and high > 110.0)):
-        sure = 1.0 if high <= 400.0 else 0.5  # beyond, the range is only that of the bits
-        return fit.judged("never negative, so 100 is no correction", sure, factor=0.01)
-    if is_share or low < 0.0 < high < 0.9:
-        factor = 0.01 if is_share else 1.0
-        return fit.judged("0 is no correction", factor=factor, offset=1.0)
-    return fit.judged("1 is no correction")
-
-
-def _by_range(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFit | None:
+def _by_range(quantity: MapQuantity, d: Description, fit: QuantityFit) -> QuantityFit | None:
     """Return the fit, doubted if the stated range is odd, None if it is another quantity's."""
-    if quantity.is_flag or fit.is_phi:
-        return fit
     (low, high), step = quantity.typical, abs(d.step * fit.factor)
     carried, stated = (
         sorted(end * fit.factor + fit.offset for end in ends) for ends in (d.carried, d.stated)
     )
+    if not d.has_engine and stated[1] > ELECTRIC.get(quantity.name, inf):
+        fit = fit.doubted("perhaps of an electric car: nothing says that there is an engine")
+    if quantity.is_flag or fit.is_phi:
+        return fit
     if not carried[0] <= low < high <= carried[1] or step > (high - low) / 3:
         return None
     if d.stated != d.carried and max(stated) > MOST_ABOVE * plausible_range(quantity.name)[1]:
@@ -299,7 +311,7 @@ def _by_range(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityF
     return fit
 
 
-def _by_values(quantity: Quantity, d: Description, fit: QuantityFit) -> QuantityFit:
+def _by_values(quantity: MapQuantity, d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit as the values of a recording bear it out."""
     if d.values is None:
         return fit
@@ -310,9 +322,9 @@ def _by_values(quantity: Quantity, d: Description, fit: QuantityFit) -> Quantity
         seen = f"{plain(values.min())} to {plain(values.max())}" if len(values) else "no value"
         return fit.doubted(f"implausible in the recording: {seen}", OTHER_NAME)
     fit = fit.judged(f"in the recording {plain(inside.min())} to {plain(inside.max())}")
-    moves, middle = np.ptp(inside) > STILL, float(np.median(inside))
+    moves, middle = np.ptp(inside) > 0.0, float(np.median(inside))
     if quantity.name in VARYING and len(inside) >= FEW:
-        low, high = USUAL[0] * quantity.typical[0], USUAL[1] * quantity.typical[1]
+        low, high = quantity.usual
         if not moves or not low <= middle <= high:
             fuel = " (another fuel?)" * (quantity.name == "lambda_measured")
             return fit.doubted(

@@ -5,7 +5,7 @@ which signal they are. All others stand in comments with their unit and range, s
 what there is.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection
 from dataclasses import fields, replace
 from typing import Final
 
@@ -26,101 +26,90 @@ from monitor.frames.profiles.recognition import key, keys_of
 from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.units import unit_of
-from monitor.mapping.fit import Description, QuantityFit, fit_of
-from monitor.mapping.quantities import QUANTITIES, STOICHIOMETRIC, VARYING
-from monitor.mapping.text import toml
+from monitor.mapping.fit import SURE, Description, QuantityFit, fit_of
+from monitor.mapping.proposal import Candidate, Entry, entries, propose, toml
+from monitor.mapping.vocabulary import QUANTITIES, STOICHIOMETRIC, VARYING, match, words_of
 
 _ENOUGH: Final = 6  # columns to know a logger by
 _OWN: Final = 3  # of these, columns that no shipped profile knows: no other logger has them
-_TIMES: Final = (
-    *("t", "time", "timestamp", "zeit", "temps", "tempo", "tiempo", "seconds", "elapsedtime"),
-    *("logtime", "devicetime"),
-)
 _RISING: Final = 0.95  # of the steps of a time's column; the first row may be an old one
-_KNOWN, _CONVERTED = 2.0, 0.5  # how sure a known name is: of the quantity, of a gauge pressure
+_PROFILE: Final = """\
+title = {title}
+# stoich_afr = 14.7   # of the fuel: 9.8 for E85
+time = {times}
+
+[[recognise]]         # a file with all these columns is read with this profile
+columns = {columns}
+
+[signals]             # canonical name = column; unit where the file states none
+{signals}
+# [engine]            # for signals that no column has; 0 kPa: no fuel cut by pressure
+{engine}
+
+# columns that are not used:
+{unused}
+"""
 
 
-def proposed(raw: RawTable) -> Iterator[str]:
-    """Yield the lines of a profile for a raw table."""
+def proposed(raw: RawTable) -> str:
+    """Return the text of a profile for a raw table."""
     wanted = [Wanted(i) for i in range(len(raw.columns))]
     cells = next(iter(raw.read(wanted, Notes())), np.empty((0, len(wanted))))
-    times = _time_columns(raw, cells)
-    found = _found(raw, cells, times)
-    used = {source.column for source in found.values()} | set(times)
-    yield f'title = "{raw.path.stem}"'
-    yield "# stoich_afr = 14.7   # of the fuel: 9.8 for E85"
-    yield f"time = {toml(times)}{'' if times else '   # which column?'}"
-    yield ""
-    yield "[[recognise]]         # a file with all these columns is read with this profile"
+    candidates = _candidates(raw, cells)
+    looks = {c.place for each in candidates.values() for c in each if not c.fit.doubt}
+    times = _time_columns(raw, cells, looks)
+    others = {name: [c for c in each if c.place not in times] for name, each in candidates.items()}
+    proposals = list(propose(others).values())
+    bests = sorted((each.best for each in proposals if each.best), key=lambda c: c.rank)
+    used = [each.place for each in bests]
     named = list(filter(None, raw.names))
-    own = [name for name in named if name not in used][:_OWN]
-    chosen = [*times[:1], *own, *(source.column for source in found.values()), *named]
-    yield f"columns = {toml(list(dict.fromkeys(chosen))[:_ENOUGH])}"
-    yield ""
-    yield "[signals]             # canonical name = column; unit where the file states none"
-    yield from (f"{s.name} = {_source(found[s.name])}" for s in SIGNALS if s.name in found)
-    yield ""
-    yield "# [engine]            # for signals that no column has; 0 kPa: no fuel cut by pressure"
-    yield from (f"# {each.name} = {each.default}" for each in fields(ProfileEngine))
-    yield ""
-    yield "# columns that are not used:"
-    for i, column in enumerate(raw.columns):
-        if column.name and column.name not in used:
-            known = cells[np.isfinite(cells[:, i]), i]
-            span = (
-                f"{plain(known.min(), 6)} to {plain(known.max(), 6)}" if len(known) else "no number"
-            )
-            yield "# " + " ".join(filter(None, (toml(column.name), column.unit, span)))
-            yield from _doubts(column, known, found)
-    yield "# signals without a column:"
-    for signal in SIGNALS:
-        if signal.name not in found:
-            yield f'# {signal.name} = {{ column = "", unit = "{signal.unit}" }}'
+    own = [name for name in named if name not in {*times, *used}]
+    columns = dict.fromkeys((*times[:1], *own[:_OWN], *used, *named))
+    return _PROFILE.format(
+        title=toml(raw.path.stem),
+        times=f"{toml(times)}{'' if times else '   # which column?'}",
+        columns=toml(list(columns)[:_ENOUGH]),
+        signals="\n".join(entries(proposals)),
+        engine="\n".join(f"# {each.name} = {each.default}" for each in fields(ProfileEngine)),
+        unused="\n".join(
+            _told(column, cells[:, i]) for i, column in enumerate(raw.columns) if column.name in own
+        ),
+    )
 
 
-def _found(raw: RawTable, cells: FloatArray, times: list[str]) -> dict[str, Source]:
-    """Return a column for each signal, the surest first; none where two say it equally well."""
-    offers = sorted(_offers(raw, cells), key=lambda offer: (-offer[0], offer[1]))
-    found: dict[str, Source] = {}
-    done = set(times)
-    for sure, i, name, source in offers:
-        rivals = {o[1] for o in offers if (o[0], o[2]) == (sure, name)} - {i}
-        if not done & {name, source.column} and (sure >= _KNOWN or not rivals):
-            found[name] = source
-        done |= {name, source.column}
-    return found
+def _told(column: RawColumn, values: FloatArray) -> str:
+    """Return a comment of a column's name, unit and range."""
+    known = values[np.isfinite(values)]
+    span = f"{plain(known.min(), 6)} to {plain(known.max(), 6)}" if len(known) else "no number"
+    return "# " + " ".join(filter(None, (toml(column.name), column.unit, span)))
 
 
-def _offers(raw: RawTable, cells: FloatArray) -> Iterator[tuple[float, int, str, Source]]:
-    """Yield how sure a column, by its number, is of a signal, and how a profile names it."""
-    known: dict[str, list[tuple[str, Source]]] = {}
+def _candidates(raw: RawTable, cells: FloatArray) -> dict[str, list[Candidate]]:
+    """Return the columns that may carry each signal: by a name that is known, and by words."""
+    known: dict[str, tuple[str, Source]] = {}
     for profile in map(shipped_profile, shipped()):
         for name, sources in profile.signals.items():
             for source in sources:
-                known.setdefault(key(source.column), []).append((name, source))
+                known.setdefault(key(source.column), (name, source))
+    found: dict[str, list[Candidate]] = {signal.name: [] for signal in SIGNALS}
     for i, column in enumerate(raw.columns):
         values = cells[:, i]
         if not column.name or not np.isfinite(values).any():
             continue
-        for name, source in (known[each][0] for each in keys_of(column.name) if each in known):
+        for name, source in (known[each] for each in keys_of(column.name) if each in known):
             own = _known(name, source, column, values)
             if own and (name not in VARYING or np.nanmax(values) > np.nanmin(values)):
-                yield _KNOWN if (own.factor, own.offset) == (1.0, 0.0) else _CONVERTED, i, name, own
+                is_plain = (own.factor, own.offset) == (1.0, 0.0)  # no gauge
+                sure = QuantityFit(1.0 if is_plain else SURE, ("its name is known",))
+                found[name].append(Candidate(name, column.name, sure, _entry(own), (i,), True))
         for text in dict.fromkeys(name_and_unit(each)[0] for each in (column.name, *column.others)):
             described = Description(text, stated_unit(column, STOICHIOMETRIC), values=values)
             for name in BY_NAME.keys() & QUANTITIES.keys():
-                fit = fit_of(name, described)
-                if fit and fit.stands and not fit.is_phi:
-                    yield fit.confidence, i, name, _by_words(name, column, fit)
-
-
-def _doubts(column: RawColumn, values: FloatArray, found: Mapping[str, Source]) -> Iterator[str]:
-    """Yield why a column is not the signal that it looks like most, if no other column is."""
-    text, unit = name_and_unit(column.name)[0], stated_unit(column, STOICHIOMETRIC)
-    fits = ((n, fit_of(n, Description(text, unit, values=values))) for n in QUANTITIES)
-    doubted = [(fit.confidence, n, fit.doubts[0]) for n, fit in fits if fit and fit.doubts]
-    if len(values) and doubted and (best := max(doubted))[1] not in found:
-        yield f"#   {best[1]}? {best[2]}"
+                if fit := fit_of(name, described):
+                    fit = fit.doubted("a profile knows no 1 / lambda") if fit.is_phi else fit
+                    entry = _entry(_by_words(name, column, fit))
+                    found[name].append(Candidate(name, column.name, fit, entry, ()))
+    return found
 
 
 def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> Source | None:
@@ -129,17 +118,14 @@ def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> 
     Where neither file nor profile states a unit, the values tell it.
     """
     own = replace(source, column=column.name)
-    if not is_of_quantity(name, source, column, STOICHIOMETRIC):
-        return None
-    stated = stated_unit(column, STOICHIOMETRIC)
     converts = own != Source(column=own.column, units=own.units, pinned=own.pinned)
     if name not in QUANTITIES or converts:
-        return own
-    unit = stated or (own.units[0] if len(own.units) == 1 else "")  # else a setting
+        return own if is_of_quantity(name, source, column, STOICHIOMETRIC) else None
+    unit = stated_unit(column, STOICHIOMETRIC) or (own.units[0] if len(own.units) == 1 else "")
     fit = fit_of(name, Description(column.name, unit, values=values), is_named=True)
-    if not unit:
-        return _by_words(name, column, fit) if fit and fit.stands else None
-    return own if fit and fit.stands else None
+    if not fit or fit.doubt:
+        return None
+    return own if unit else _by_words(name, column, fit)  # else a setting of the logger
 
 
 def _by_words(name: str, column: RawColumn, fit: QuantityFit) -> Source:
@@ -152,10 +138,10 @@ def _by_words(name: str, column: RawColumn, fit: QuantityFit) -> Source:
     return Source(column=column.name, factor=fit.factor, offset=fit.offset)
 
 
-def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:
+def _time_columns(raw: RawTable, cells: FloatArray, signals: Collection[str]) -> list[str]:
     """Return the columns that tell the time: by name, as clocks, else the first that rises."""
     clocks = [column.name for column in raw.columns if column.kind == "clock"]
-    named = [name for name in raw.names if key(name_and_unit(name)[0]) in _TIMES]
+    named = [n for n in raw.names if match({"clock": 1.0}, words_of(name_and_unit(n)[0]))[0]]
     if not (named or clocks) and len(cells) > 1:
         steps = np.diff(cells, axis=0)
         units = [unit_of(stated_unit(column, STOICHIOMETRIC), 1.0) for column in raw.columns]
@@ -163,13 +149,13 @@ def _time_columns(raw: RawTable, cells: FloatArray) -> list[str]:
         in_time, unstated = (np.array([kind == each for kind in kinds]) for each in ("time", ""))
         rises = ((steps >= 0.0).mean(axis=0) > _RISING) & (np.median(steps, axis=0) > 0.0)
         rises &= ~(steps == 1.0).all(axis=0)  # a counter of rows is no time
-        rises[[i for _, i, *_ in _offers(raw, cells)]] = False  # signals
+        rises &= [name not in signals for name in raw.names]
         rises &= in_time if (rises & in_time).any() else unstated
         named = [raw.names[i] for i in np.flatnonzero(rises).tolist() if raw.names[i]][:1]
     return list(dict.fromkeys((*named, *clocks)))
 
 
-def _source(source: Source) -> str:
-    """Return a source in TOML, as its column alone if that says all."""
+def _entry(source: Source) -> Entry:
+    """Return a source as it stands in a file, as its column alone if that says all."""
     tree = source_tree(source) | ({"unit": source.units[0]} if len(source.units) == 1 else {})
-    return toml(tree if len(tree) > 1 else source.column)
+    return tree if len(tree) > 1 else source.column

@@ -1,19 +1,41 @@
-"""One proposal per canonical signal: the signal to take, the alternatives, and the reasons."""
+"""For each canonical signal the candidate to take, the alternatives, and the reasons.
 
+A candidate is a signal of a database or a column of a table. What is proposed stands as a line of a
+TOML file, for a person to confirm; all else is a comment.
+"""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from operator import attrgetter
+from typing import Any, Final
 
-from monitor.base.signals import OWN
-from monitor.decode.signal_map import Derived
-from monitor.mapping.candidates import MapCandidate, Ranked
-from monitor.mapping.quantities import FUEL_FLOW_NAME, QUANTITIES
+from monitor.mapping.fit import QuantityFit
+from monitor.mapping.vocabulary import QUANTITIES
 
 RIVAL: Final = 0.4  # another sensor's signal of this confidence is a choice for a person
 SHOWN: Final = 4  # candidates in the file
-NOTHING: Final = "nothing in the database looks like it"
-PHI_NAMES: Final = {"lambda_measured": "phi_measured", "lambda_target": "phi_target"}
-FLOWS: Final = {"fuel_mass_mg": FUEL_FLOW_NAME, "air_mass_mg": "maf_kg_h"}
-STROKES_MG_PER_KG_H: Final = 1e6 / 30.0  # kg/h to mg per stroke: this / cylinders / speed
+NOTHING: Final = "nothing looks like it"
+_PLAIN: Final = {"factor": 1.0, "offset": 0.0}
+
+Entry = str | float | Sequence[Any] | Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A signal or a column that may be the canonical signal."""
+
+    name: str  # canonical
+    place: str  # message and signal, or column
+    fit: QuantityFit
+    entry: Entry  # in the file
+    order: tuple[Any, ...]  # among those that are as likely
+    is_known: bool = False  # by its name: there is no choice
+
+    @property
+    def rank(self) -> tuple[Any, ...]:
+        """Return the order: no doubt, likely, then its own order."""
+        return bool(self.fit.doubt), -self.fit.confidence, not self.is_known, self.order
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,72 +43,86 @@ class Proposal:
     """The proposal for one canonical signal, or for one that others are made of."""
 
     name: str
-    best: MapCandidate | None  # None where a person must choose
-    others: tuple[MapCandidate, ...] = ()  # the likeliest first
-    note: str = ""  # the reason why nothing is proposed
-
-
-@dataclass(frozen=True, slots=True)
-class Proposals:
-    """A whole map to confirm."""
-
-    signals: tuple[Proposal, ...]  # one per canonical signal, in their order
-    auxiliary: tuple[Proposal, ...]
-    derived: tuple[Derived, ...]
+    ranked: Sequence[Candidate]  # the likeliest first
+    note: str = ""  # the reason why the first is not proposed
 
     @property
-    def found(self) -> tuple[MapCandidate, ...]:
-        """Return the signals that are mapped to a canonical one directly."""
-        return tuple(p.best for p in self.signals if p.best is not None)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the canonical signals that the map provides."""
-        got = {c.name for c in self.found} | {d.name for d in self.derived}
-        return tuple(s.name for s in OWN if s.name in got)
+    def best(self) -> Candidate | None:
+        """Return the candidate to take, None where a person must choose."""
+        return None if self.note else self.ranked[0]
 
 
-def propose(ranked: Ranked, cylinders: int = 4) -> Proposals:
-    """Return the proposals.
-
-    cylinders : fuel and air per stroke follow from flows with their number
-    """
-    doubts = {name: _doubt(name, ranked) for name in ranked}
-    taken: dict[str, MapCandidate] = {}
-    bests = [ranked[name][0] for name in ranked if not doubts[name]]
-    for each in sorted(bests, key=lambda c: (-c.fit.confidence, c.name)):
-        if each.place not in {c.place for c in taken.values()}:
-            taken[each.name] = each
-    auxiliary: list[Proposal] = []
-    derived: list[Derived] = []
-    for name, phi in PHI_NAMES.items():
-        if name in taken and taken[name].fit.is_phi:
-            auxiliary.append(Proposal(phi, taken.pop(name)))
-            derived.append(Derived(name, 1.0, (), (phi,)))
-    for name, flow in FLOWS.items() if "engine_speed_rpm" in taken else ():
-        if flow in taken and name not in taken:
-            auxiliary += [Proposal(flow, taken[flow])] if flow == FUEL_FLOW_NAME else []
-            factor = STROKES_MG_PER_KG_H / cylinders
-            derived.append(Derived(name, factor, (flow,), ("engine_speed_rpm",)))
-    notes = doubts | {made.name: "derived below" for made in derived}
-    signals = []
-    for name in (signal.name for signal in OWN):
-        best, every = taken.get(name), ranked[name]
-        others = tuple(c for c in every if c is not best)[: SHOWN - (best is not None)]
-        note = "" if best else notes[name] or f"{every[0].place} is taken for another signal"
-        signals.append(Proposal(name, best, others, note))
-    return Proposals(tuple(signals), tuple(auxiliary), tuple(derived))
+def propose(candidates: Mapping[str, Iterable[Candidate]]) -> dict[str, Proposal]:
+    """Return a proposal for each name; no place is taken twice."""
+    rank = attrgetter("rank")
+    bests_of = (  # of each place the likeliest
+        (name, {c.place: c for c in sorted(each, key=rank, reverse=True)}.values())
+        for name, each in candidates.items()
+    )
+    ranked = {name: sorted(each, key=rank) for name, each in bests_of}
+    notes = {name: _note(name, each) for name, each in ranked.items()}
+    bests = [ranked[name][0] for name in ranked if not notes[name]]
+    taken: dict[str, str] = {}  # by place
+    for each in sorted(bests, key=lambda c: (-c.fit.confidence, not c.is_known, c.name)):
+        if taken.setdefault(each.place, each.name) != each.name:
+            notes[each.name] = f"{each.place} is taken for another signal"
+    return {name: Proposal(name, each, notes[name]) for name, each in ranked.items()}
 
 
-def _doubt(name: str, ranked: Ranked) -> str:
+def _note(name: str, ranked: Sequence[Candidate]) -> str:
     """Return why none of the candidates is proposed, "" if the first is."""
-    if not ranked[name]:
+    if not ranked:
         return NOTHING
-    best, *others = ranked[name]
-    if not best.fit.stands:
-        return "; ".join(best.fit.doubts) or "not sure enough"
-    rivals = [c.fit for c in others if c.fit.confidence >= RIVAL]
+    best, *others = ranked
+    if best.fit.doubt or best.is_known:
+        return best.fit.doubt
+    if others and others[0].rank == best.rank:
+        return "several say it equally well"
+    rivals = [each.fit for each in others if each.fit.confidence >= RIVAL]
     tell_apart = best.fit.is_upstream and not any(rival.is_upstream for rival in rivals)
     if QUANTITIES[name].one_sensor and rivals and not tell_apart:
         return "AMBIGUOUS: several sensors, say which is the upstream one of bank 1"
     return ""
+
+
+def entries(proposals: Sequence[Proposal]) -> list[str]:
+    """Return the lines of the proposals, each with its reason."""
+    lacking = [each.name for each in proposals if each.note == NOTHING]
+    lines = [comment(f"{NOTHING}: {', '.join(lacking)}")] if lacking else []
+    for each in (p for p in proposals if p.name not in lacking):
+        lines += ["", *([comment(f"{each.name}: {each.note}")] if each.note else [])]
+        for candidate in each.ranked[:SHOWN]:
+            reasons = "; ".join([candidate.place, *candidate.fit.why])
+            why = f"{candidate.fit.confidence:.2f}: {reasons}"
+            entry = f"{each.name} = {toml(candidate.entry)}"
+            if candidate is each.best:
+                lines += [comment(why), entry]
+            else:
+                lines += [comment(f"  {'or' if each.best else 'candidate'} {why}")]
+                lines += [comment(f"  {entry}")]
+    return lines
+
+
+def toml(value: Entry) -> str:
+    """Return a value in TOML; what is its default in a map or a profile is left out of a table.
+
+    >>> toml({"column": "AFR", "factor": 1.0, "pinned": [7.4, 22.3]})
+    '{ column = "AFR", pinned = [7.4, 22.3] }'
+    """
+    if isinstance(value, (str, int)):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
+    if isinstance(value, float):
+        return repr(float(f"{value:.10g}"))
+    if isinstance(value, Mapping):
+        told = {key: each for key, each in value.items() if each not in (_PLAIN.get(key), (), "")}
+        return f"{{ {', '.join(f'{key} = {toml(each)}' for key, each in told.items())} }}"
+    return f"[{', '.join(map(toml, value))}]"
+
+
+def comment(text: str) -> str:
+    """Return the text as one line that is a comment; TOML allows no control character in it.
+
+    >>> comment("Motor\\x1fSpeed")
+    '# Motor Speed'
+    """
+    return "# " + "".join(c if c.isprintable() else " " for c in text)

@@ -1,6 +1,6 @@
 """The evidence of a recording: the values of candidates, and what guards their messages."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -18,87 +18,74 @@ from monitor.decode.plan import Plan
 from monitor.decode.raw_values import bit_position
 from monitor.decode.signal_map import Integrity, MappedSignal
 from monitor.frames.blocks import joined
-from monitor.mapping.candidates import MapCandidate, Ranked
+from monitor.mapping.candidates import Observed, mappable
 from monitor.mapping.fit import FEW
 
-CONSIDERED: Final = 8  # candidates of each signal that are compared with the recording
 BLOCKS: Final = 64  # of a million frames and more
 NEARLY_ALL: Final = 0.95  # of the frames in which a counter counts or a checksum holds
-COUNTER_BITS: Final = range(2, 9)
 
 
-class ObservedSignals:
-    """What the first blocks of a recording show of the likeliest candidates."""
+class Recording:
+    """What the first blocks of a recording show of some signals.
+
+    places : the signals, by message and name
+    """
 
     def __init__(
-        self, blocks: Iterable[FrameBlock], ranked: Ranked, dbc: Path, database: Database
+        self, blocks: Iterable[FrameBlock], places: Collection[str], dbc: Path, database: Database
     ) -> None:
         channels = {
-            each.place: BusChannel(
-                mapped=MappedSignal(each.place, each.message.name, each.signal.name),
-                message=each.message,
-                signal=each.signal,
+            place: BusChannel(
+                mapped=MappedSignal(place, message.name, signal.name),
+                message=message,
+                signal=signal,
                 integrity=Integrity(),
                 dbc=dbc,
                 map_path=dbc,
-                any_source=is_any_source(each.message, database),
+                any_source=is_any_source(message, database),
             )
-            for candidates in ranked.values()
-            for each in candidates[:CONSIDERED]
+            for place, message, signal in mappable(database)
+            if place in places
         }
         bus_map = BusMap(((dbc, dbc),), channels, {}, tuple(channels))
         decoder = BlockDecoder(bus_map, bus_map.names)
         block = joined(list(islice(blocks, BLOCKS)))
         t_s = (block.t_ns - block.t_ns[:1]) / 1e9
-        self._block, self._ranked = block, ranked
+        self._block, self._channels = block, channels
         self._plans = {plan.name: plan for plan in decoder.plans.values()}
-        self._series = {  # place → times in s, the database's values
-            decoder.names[index]: (t_s[part.rows], values)
-            for part in decoder.push(block)
-            for index, values in zip(part.channels, part.values, strict=True)
-        }
+        self.observed: dict[str, Observed] = dict.fromkeys(channels, (np.empty(0), None))
+        for part in decoder.push(block):
+            is_known = len(part.rows) >= FEW
+            interval_s = float(np.percentile(np.diff(t_s[part.rows]), 95.0)) if is_known else None
+            for index, values in zip(part.channels, part.values, strict=True):
+                self.observed[decoder.names[index]] = values, interval_s
 
-    def reranked(self) -> dict[str, list[MapCandidate]]:
-        """Return the candidates as the recording bears them out, the likeliest first."""
-        return {
-            name: sorted((self._seen(c) for c in each[:CONSIDERED]), key=lambda c: c.rank)
-            for name, each in self._ranked.items()
-        }
+    def guards(self, places: Collection[str]) -> dict[str, dict[str, str]]:
+        """Return what guards the messages of some signals, as a signal map has it."""
+        names = sorted({self._channels[place].message.name for place in places})
+        return {name: held for name in names if (held := self._guard(self._plans[name]))}
 
-    def guards(self, messages: Iterable[str]) -> dict[str, Integrity]:
-        """Return the counters and checksums that hold in messages, by their names."""
-        names = sorted(self._plans.keys() & {*messages})
-        found = ((name, self._integrity(self._plans[name])) for name in names)
-        return {name: own for name, own in found if own.counter or own.checksum}
-
-    def _seen(self, candidate: MapCandidate) -> MapCandidate:
-        t_s, values = self._series.get(candidate.place, (np.empty(0), np.empty(0)))
-        interval_s = float(np.percentile(np.diff(t_s), 95.0)) if len(t_s) >= FEW else None
-        return candidate.seen(values, interval_s)
-
-    def _integrity(self, plan: Plan) -> Integrity:
-        """Return what guards a message: by its frames, whatever the names are."""
+    def _guard(self, plan: Plan) -> dict[str, str]:
+        """Return the counter and the checksum that hold in a message, whatever the names are."""
         mask, wanted = plan.match
         rows = ((self._block.key & mask) == wanted) & (self._block.length == plan.size)
         data, message = plan.payload(self._block.data[rows]), plan.message
         if len(data) < FEW or plan.is_multiplexed:
-            return Integrity()
+            return {}
         plain = [s for s in message.signals if not (s.is_signed or s.is_float)]
-        counter = next((s.name for s in plain if _counts(message, s, data)), "")
+        counters = ({"counter": s.name} for s in plain if _counts(message, s, data))
         checksums = (
-            (s.name, algorithm)
+            {"checksum": s.name, "algorithm": algorithm}
             for s in plain
             if s.length == 8 and bit_position(message, s) % 8 == 0
             for algorithm in ALGORITHMS
             for sums in [payload_checksums(algorithm, message.frame_id, data, s.start // 8)]
             if (sums == data[:, s.start // 8]).mean() >= NEARLY_ALL
         )
-        return Integrity(counter, *next(checksums, ()))
+        return next(counters, {}) | next(checksums, {})
 
 
 def _counts(message: Message, signal: Signal, data: Bytes) -> bool:
     """Return whether a signal goes up by one, wrapping round, in nearly all frames."""
-    if signal.length not in COUNTER_BITS:
-        return False
     steps = np.diff(Payloads(message, data).raw(signal)) & np.uint64((1 << signal.length) - 1)
-    return bool((steps == 1).mean() >= NEARLY_ALL)
+    return bool((steps == 1).mean() >= NEARLY_ALL and 1 < signal.length <= 8)

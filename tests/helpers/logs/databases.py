@@ -7,8 +7,7 @@ from typing import Any
 from cantools.database import load_string
 from cantools.database.can import Database
 
-from monitor.mapping.proposal import Proposals
-from monitor.mapping.text import make_map
+from monitor.mapping.map_proposal import MapProposal, make_map
 
 logging.getLogger("cantools").setLevel(logging.ERROR)  # made-up databases repeat names
 
@@ -31,5 +30,5 @@ def database_of(
     )
 
 
-def proposed(database: Database, **options: Any) -> tuple[str, Proposals]:
+def proposed(database: Database, **options: Any) -> tuple[str, MapProposal]:
     return make_map(database, Path("test.dbc"), **options)

@@ -63,6 +63,11 @@ TABLES = {
         ),
         {"engine_speed_rpm": "Engine RPM (rpm)", "lambda_measured": "O2 Sensor 1 Lambda"},
     ),
+    "another alphabet": (
+        "Время (с),Обороты двигателя (об/мин),Лямбда\n"
+        + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i] / 14.7:.4f}"),
+        {"engine_speed_rpm": "Обороты двигателя (об/мин)", "lambda_measured": "Лямбда"},
+    ),
     "padded cells": (
         "TimeStamp; nmot_w    ; mshfm_w   ; lamsoni_w\n  sec.ms ; rpm       ; g/s       ; -\n"
         + rows(lambda i: f"    {i / 10:.3f}; {RPM[i]}      ; {AIR[i]}  ; {AFR[i] / 14.7:.5f}"),
@@ -177,7 +182,7 @@ def test_a_column_that_is_not_taken_says_why(tmp_path: Path) -> None:
     path, out = tmp_path / "drive.csv", tmp_path / "drive.toml"
     path.write_text("Time,RPM,AFR (AFR)\n" + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i] / 1.5}"))
     assert cli.main(["check", str(path), "--write-profile", str(out)]) == 0
-    assert "#   lambda_measured? unusual: its median is 0.6615 (another fuel?)" in out.read_text()
+    assert "# lambda_measured: unusual: its median is 0.6615 (another fuel?)" in out.read_text()
 
 
 def test_a_counter_of_rows_is_no_time(proposed: Proposed) -> None:

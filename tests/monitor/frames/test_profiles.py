@@ -247,14 +247,13 @@ def test_a_logger_that_nobody_knows_is_one_toml_file_and_no_code(tmp_path: Path)
     with pytest.raises(RecordingError, match=r"no profile knows its columns .*--write-profile"):
         read_table(path)
     # WHEN a profile is proposed, THEN it has the columns whose words, unit and values agree
-    draft = "\n".join(proposed(open_table(path)))
+    draft = proposed(open_table(path))
     assert 'time = ["Zeit"]' in draft
     assert '# "Öltemperatur [°C]" 90 to 90' in draft
     assert '# "Luftmasse [%]" 20 to 20' in draft
-    # AND it is edited as it says
-    mine = tmp_path / "neu.toml"
-    blank = 'ambient_temperature_degc = { column = "'
-    mine.write_text(draft.replace(f"# {blank}", f"{blank}Öltemperatur [°C]"))
+    # AND it is edited
+    mine, own = tmp_path / "neu.toml", 'ambient_temperature_degc = "Öltemperatur [°C]"'
+    mine.write_text(draft.replace("# [engine]", f"{own}\n# [engine]"))
     # THEN the file is read
     table = read_table(path, mine)
     assert set(table.names) == {
@@ -424,7 +423,7 @@ def test_values_out_of_range_are_told_with_what_was_wanted(tmp_path: Path) -> No
 
 def test_a_profile_to_edit_does_not_take_phi_for_lambda(tmp_path: Path) -> None:
     cells = {"Time": D["t_s"], "RPM": D["rpm"], "Phi": 1.0 / LAMBDA}
-    lines = list(proposed(open_table(write_text_table(tmp_path / "drive.csv", cells))))
+    lines = proposed(open_table(write_text_table(tmp_path / "drive.csv", cells))).splitlines()
     assert any(line.startswith('engine_speed_rpm = "RPM"') for line in lines)
     assert not any(line.startswith("lambda_") for line in lines)
     assert any(line.startswith('# "Phi"') for line in lines)
@@ -433,12 +432,12 @@ def test_a_profile_to_edit_does_not_take_phi_for_lambda(tmp_path: Path) -> None:
 def test_of_a_gauge_and_an_absolute_pressure_the_draft_takes_the_absolute(tmp_path: Path) -> None:
     gauge = (D["map_kpa"] - 101.3) / 6.894757
     cells = {"Time": D["t_s"], "Boost (psi)": gauge, "RPM": D["rpm"], "MAP (kPa)": D["map_kpa"]}
-    draft = "\n".join(proposed(open_table(write_text_table(tmp_path / "drive.csv", cells))))
+    draft = proposed(open_table(write_text_table(tmp_path / "drive.csv", cells)))
     assert 'manifold_pressure_kpa = "MAP (kPa)"' in draft
     del cells["MAP (kPa)"]
-    draft = "\n".join(proposed(open_table(write_text_table(tmp_path / "gauge.csv", cells))))
+    draft = proposed(open_table(write_text_table(tmp_path / "gauge.csv", cells)))
     assert 'column = "Boost (psi)", unit = "psi", offset = 101.3' in draft
     # AND one whose values cannot be what its name and unit say stays a comment
     cells |= {"MAP (psi)": cells.pop("Boost (psi)"), "AFR (AFR)": LAMBDA}
-    draft = "\n".join(proposed(open_table(write_text_table(tmp_path / "other.csv", cells))))
+    draft = proposed(open_table(write_text_table(tmp_path / "other.csv", cells)))
     assert not [line for line in draft.splitlines() if line.startswith(("manifold_", "lambda_"))]

@@ -7,7 +7,7 @@ from tests.helpers.logs.databases import database_of, proposed
 
 def stands(*signals: str, message: str = "Engine_1") -> dict[str, str]:
     _, proposals = proposed(database_of(*signals, message=message))
-    return {c.name: c.signal.name for c in proposals.found}
+    return {c.name: c.entry["signal"] for c in proposals.found}
 
 
 @pytest.mark.parametrize(
@@ -21,27 +21,6 @@ def stands(*signals: str, message: str = "Engine_1") -> dict[str, str]:
 )
 def test_an_abbreviation_inside_of_a_word_or_a_foreign_unit_is_no_agreement(signal: str) -> None:
     assert stands(signal) == {}
-
-
-def test_what_all_names_of_a_message_begin_with_says_nothing_about_one() -> None:
-    # GIVEN names that begin with the service and a running number
-    got = stands(
-        'S1_PID_04_CalcEngineLoad (0.4,0) [0|100] "%"',
-        'S1_PID_05_EngineCoolantTemp (1,-40) [-40|215] "degC"',
-        'S1_PID_0C_EngineRPM (0.25,0) [0|16383] "rpm"',
-        'S1_PID_0D_VehicleSpeed (1,0) [0|255] "km/h"',
-        'S1_PID_0F_IntakeAirTemperature (1,-40) [-40|215] "degC"',
-        'S1_PID_11_ThrottlePosition (0.4,0) [0|100] "%"',
-        'S1_PID_2F_FuelTankLevel (0.4,0) [0|100] "%"',
-    )
-    # THEN they are found all the same
-    assert {*got} == {
-        "coolant_temperature_degc",
-        "engine_speed_rpm",
-        "vehicle_speed_km_h",
-        "manifold_temperature_degc",
-        "throttle_percent",
-    }
 
 
 def test_a_device_that_all_names_of_a_message_begin_with_is_no_part_of_the_engine() -> None:
@@ -59,6 +38,6 @@ def test_a_device_that_all_names_of_a_message_begin_with_is_no_part_of_the_engin
 
 
 def test_a_torque_of_the_engine_s_message_is_the_engine_s() -> None:
-    torque = 'EstimatedTorque (0.5,-100) [-100|800] "Nm"'
-    assert stands(torque, message="Status_1") == {}
-    assert stands(torque) == {"engine_torque_nm": "EstimatedTorque"}
+    signals = 'EstimatedTorque (0.5,-100) [-100|800] "Nm"', 'RPM (1,0) [0|8000] ""'
+    assert {*stands(*signals, message="Status_1")} == {"engine_speed_rpm"}
+    assert {*stands(*signals)} == {"engine_speed_rpm", "engine_torque_nm"}

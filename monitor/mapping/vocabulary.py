@@ -1,16 +1,24 @@
-"""The words of a name, and how sure they are of a quantity, by ``vocabulary.toml``."""
+"""The words of a name, the quantities, and how sure words are of one, by ``vocabulary.toml``."""
 
 import re
 import tomllib
 import unicodedata
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Final
+from typing import Any, Final
+
+from monitor.base.signals import BY_NAME
+from monitor.frames.units import Unit, unit_of
 
 VOCABULARY: Final = tomllib.loads(
     files("monitor.mapping").joinpath("vocabulary.toml").read_text("utf-8")
 )
+STOICHIOMETRIC: Final = 14.7  # kg of air per kg of gasoline, the number of most AFR gauges
+FUEL_FLOW_NAME: Final = "fuel_flow_kg_h"  # not canonical: fuel per stroke follows from it
+GASOLINE_KG_L: Final = 0.745
+VARYING: Final = frozenset(VOCABULARY["words"]["varying"].split())  # while an engine runs
 NOISE: Final = frozenset(VOCABULARY["words"]["noise"].split())  # tell no signal from another
 _STEMS: Final = {name: stems.split() for name, stems in VOCABULARY["concepts"].items()}
 _CONCEPTS_OF: Final[dict[str, set[str]]] = {}
@@ -24,17 +32,22 @@ _PARTS: Final = {  # words that may fill a longer one
     *(stem[:-1] for stems in _STEMS.values() for stem in stems if stem.endswith("*")),
     *(word for word in (*NOISE, *_CONCEPTS_OF) if len(word) >= _FULL and word[0] != "="),
 }
-_STEM: Final = re.compile("|".join(sorted((p for p in _PARTS if len(p) > 2), key=len)[::-1]))
+_STEM: Final = re.compile(
+    "|".join(sorted((p for p in _PARTS if len(p) > 2 or not p.isascii()), key=len)[::-1])
+)
+_LETTER: Final = r"[^\W\d]"
 _COMPOUND: Final = re.compile(
-    rf"(?:(?:{_STEM.pattern})(?:s|n|en|es)?)+|(?=[a-z]{{{_FULL}}})(?:{_STEM.pattern})[a-z]{{0,{_FULL}}}"
+    rf"(?:(?:{_STEM.pattern})(?:s|n|en|es)?)+"
+    rf"|(?={_LETTER}{{{_FULL}}})(?:{_STEM.pattern}){_LETTER}{{0,{_FULL}}}"
 )
-_SPELLINGS: Final = (
-    *zip("äöüßÄÖÜ", ("ae", "oe", "ue", "ss", "Ae", "Oe", "Ue"), strict=True),
-    ("λ", " lambda "),
-    ("φ", " phi "),
+_SPELLINGS: Final = str.maketrans(
+    dict(zip("äöüßÄÖÜłŁ", ("ae", "oe", "ue", "ss", "Ae", "Oe", "Ue", "l", "L"), strict=True))
+    | {"λ": " lambda ", "φ": " phi "}
 )
+_UPPER, _LOWER = "[A-ZА-Я]", r"[^\W\d_A-ZА-Я]"  # of any script
 _PART: Final = re.compile(
-    r"(?:h|wb)?o2s?\d{0,2}(?![a-z])|[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d*|[A-Z]+\d*|\d+"
+    rf"(?:h|wb)?o2s?\d{{0,2}}(?![a-z])|{_UPPER}+(?={_UPPER}{_LOWER})"
+    rf"|{_UPPER}?{_LOWER}+\d*|{_UPPER}+\d*|\d+"
 )
 
 
@@ -47,17 +60,16 @@ def words_of(name: str) -> tuple[str, ...]:
     >>> words_of("O2SensorB1S1")
     ('o2', 'sensor', 'b1', 's1')
     """
-    # J1939's speed over ground; OBD's number of a value
-    text = re.sub(r"(?i)wheel_?based|(?<![a-z])pid_?[0-9a-f]{1,2}_", "", name)
-    text = re.sub(r"(?i)\ba/f\b|air/fuel", " afr ", text)
-    for letter, plain in _SPELLINGS:
-        text = text.replace(letter, plain)
-    text = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    # J1939's speed over ground; OBD's number of a value; an article
+    text = re.sub(r"(?i)wheel_?based|(?<![a-z])(?:pid_?[0-9a-f]{1,2}_|[dl]['’])", "", name)
+    text = re.sub(r"(?i)\ba/f\b|air[ _/-]?fuel", " afr ", text)
+    text = unicodedata.normalize("NFKD", text.translate(_SPELLINGS))
+    text = "".join(letter for letter in text if not unicodedata.combining(letter))
     text = re.sub(r"(?i)(?<![a-z])((?:h|wb)?o2s?)", lambda m: " " + m[1].lower(), text)
     words: list[str] = []
     for part in _PART.findall(text):
         word = part.lower()
-        numbered = re.fullmatch(r"(?!(?:h|wb)?o2s?\d*$)([a-z]{2,})(\d+)", word)
+        numbered = re.fullmatch(r"(?!(?:h|wb)?o2s?\d*$)([^\W\d]{2,})(\d+)", word)
         name, *number = numbered.groups() if numbered else [word]
         words += (*_filled(name), *number)
     return tuple(words)
@@ -102,3 +114,38 @@ def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> tuple[float, 
         if (not rest, sure) > (best[0] > 0.0 and not best[1], best[0]):  # none left over, if any
             best = sure, rest
     return best
+
+
+@dataclass(frozen=True, slots=True)
+class MapQuantity:
+    """One canonical signal as a database may describe it."""
+
+    name: str
+    unit: Unit  # the canonical one
+    phrases: dict[str, float]  # see ``match``
+    typical: tuple[float, float]  # a signal that cannot carry these values is another quantity
+    also: frozenset[str]  # words that may stand beside those of a phrase
+    one_sensor: bool = False  # must be upstream, of the first bank
+    volume: str = ""  # quantity of units that the density converts
+
+    @property
+    def usual(self) -> tuple[float, float]:
+        """Return the range of the median of a drive."""
+        return 0.7 * self.typical[0], 1.5 * self.typical[1]
+
+    @property
+    def is_flag(self) -> bool:
+        """Return whether it is 0 or 1."""
+        return self.typical[0] == self.typical[1]
+
+
+def _quantity(name: str, row: dict[str, Any]) -> MapQuantity:
+    unit = unit_of(row.pop("unit", "") or BY_NAME[name].unit, STOICHIOMETRIC)
+    assert unit is not None
+    (low, high), also = row.pop("typical"), frozenset(row.pop("also", "").split())
+    return MapQuantity(name, unit, typical=(low, high), also=also, **row)
+
+
+QUANTITIES: Final = {
+    name: _quantity(name, {**row}) for name, row in VOCABULARY["quantities"].items()
+}
