@@ -21,4 +21,4 @@ from asammdf import MDF
 
 
 def test_a_replay_imports_no_python_can_and_that_nothing_of_the_extras() -> None:
-    subprocess.run([sys.executable, "-c", SCRIPT], check=True, cwd=ROOT)
+    assert subprocess.run([sys.executable, "-c", SCRIPT], check=False, cwd=ROOT).returncode == 0

@@ -56,18 +56,13 @@ def test_what_passed_before_clearing_completes_no_code_after_it() -> None:
     assert {dtc.code for dtc in store.complete("activity")} >= {"P2195", "P2196"}
 
 
-def test_a_code_is_permanent_when_it_lights_the_lamp_and_not_before() -> None:
+def test_a_code_is_permanent_from_when_it_lights_the_lamp_until_the_lamp_goes() -> None:
     store = DtcStore()
     store.start_driving_cycle()
-    store.fail("delay_symmetric", 1)
+    store.fail("biased_lean", 1)
     assert store.permanent == ()
     store.start_driving_cycle()
-    store.fail("delay_symmetric", 1)
-    assert store.permanent == ("P015A", "P015B")
-
-
-def test_a_permanent_code_goes_with_its_lamp() -> None:
-    store = confirmed()
+    store.fail("biased_lean", 1)
     for _ in range(CARB.lamp_off_cycles):
         store.start_driving_cycle()
         store.complete("bias")

@@ -55,14 +55,14 @@ def counts(found: DriveFindings) -> tuple[int, int, int]:
     return found.times.clock_steps, found.times.log_gaps, found.times.outliers
 
 
-@pytest.mark.parametrize("step_s", [0.5, 3.0, 17.3, 59.0, 61.0, 3600.0, -1.0, -3600.0])
+@pytest.mark.parametrize("step_s", [0.5, 59.0, 61.0, -1.0, -3600.0])
 def test_a_clock_that_steps_while_the_alive_counters_go_on_changes_nothing(step_s: float) -> None:
     found = replayed(later(DRIVE, MIDDLE, step_s), SETUP)
     assert (found.codes, found.cycles, counts(found)) == ((), 0, (1, 0, 0))
     assert found.judged["samples"] == UNTOUCHED.judged["samples"]
 
 
-@pytest.mark.parametrize("step_s", [3.0, 59.0, 3600.0])
+@pytest.mark.parametrize("step_s", [3.0, 3600.0])
 def test_without_alive_counters_a_pause_of_the_log_ends_the_window_and_sets_no_code(
     step_s: float,
 ) -> None:
@@ -89,7 +89,7 @@ def test_frames_stamped_wrongly_set_no_code_and_begin_no_driving_cycle(
     assert found.judged["samples"] == UNTOUCHED.judged["samples"]
 
 
-@pytest.mark.parametrize("pause_s", [3.0, 5.0, 16.0, 25.0])
+@pytest.mark.parametrize("pause_s", [3.0, 25.0])
 def test_a_pause_of_a_whole_log_is_no_silence_of_the_ecu(pause_s: float) -> None:
     # GIVEN a log whose logger stalled, so that its alive counters miss frames
     found = replayed(without(DRIVE, 30.0, 30.0 + pause_s), SETUP)

@@ -68,6 +68,7 @@ def test_plots_that_were_folded_at_sunset_are_dark_when_they_are_unfolded(
     page.locator(".recording > summary").click()
     # THEN no line has its colour of the day
     page.wait_for_function(f"() => ({MEASURED})() === 0", timeout=10_000, polling=200)
+    assert page.evaluate(CANVASES)[0] == 5
     page.close()
 
 

@@ -152,25 +152,6 @@ def test_unusable_tables_are_refused_by_name(tmp_path: Path) -> None:
             load(path, period_s=period_s)
 
 
-def test_columns_that_a_map_does_not_name_keep_their_own_names(tmp_path: Path) -> None:
-    # GIVEN the same table as CSV and Parquet, with a word that no model reads, and a map of one
-    table = pl.DataFrame({"time_s": [0.0, 0.1], "AFR": [14.7, 29.4], "x": [1.0, 2.0]})
-    table.write_csv(tmp_path / "t.csv")
-    table.with_columns(word=pl.lit("drive")).write_parquet(tmp_path / "t.parquet")
-    columns = tmp_path / "columns.toml"
-    columns.write_text('lambda_measured = { column = "AFR", factor = 0.06802721 }')
-    # WHEN either is read
-    for name in ("t.csv", "t.parquet"):
-        found = load(tmp_path / name, columns=columns)
-        # THEN what it names is there, and what it does not
-        assert sorted(found.names) == ["AFR", "lambda_measured", "x"]
-        np.testing.assert_allclose(found.column("lambda_measured"), [1.0, 2.0], rtol=1e-6)
-    # but a mapped column must hold numbers
-    columns.write_text('lambda_measured = "word"')
-    with pytest.raises(RecordingError, match="column word holds no numbers"):
-        load(tmp_path / "t.parquet", columns=columns)
-
-
 def test_a_log_of_other_frames_than_the_map_s_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "other.log"
     path.write_text("".join(f"({0.01 * i:.2f}) can0 7A1#0011\n" for i in range(100)))

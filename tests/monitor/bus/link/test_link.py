@@ -292,18 +292,6 @@ def test_a_frame_off_the_socket_is_what_python_can_makes_of_it(wire: Any) -> Non
     assert message_of(frames[1]).timestamp == pytest.approx(frames[1].t_ns / 1e9, abs=1e-7)
 
 
-def test_remote_and_error_frames_off_the_socket_are_told_apart(wire: Any) -> None:
-    here, there = wire
-    send(here, [0x40000123, 0xC0000123])
-    here.send_raw(struct.pack("=IB3x8s", 0x20000004, 8, bytes([0, 0x20])))
-    send(here, [0x123])
-    bench = Bench(there)
-    (frame,) = received(bench.port, 1)
-    assert frame.can_id == 0x123
-    health = bench.health
-    assert (health.remote_frames, health.error_frames, health.state) == (2, 1, "passive")
-
-
 def test_dropped_frames_are_counted_once_however_often_a_lost_bus_is_tried(wire: Any) -> None:
     # GIVEN a socket that has dropped frames, and then fails
     here, there = wire

@@ -129,7 +129,7 @@ def test_a_condition_says_what_it_sees(late_sensor: list[Frame]) -> None:
     assert seen["coolant_warm"].endswith(" °C")
     assert seen["closed_loop"] in ("closed", "open loop", "changing")
     assert now["predicted"] is None
-    assert [row[2] for row in now["signals"] if row[2]]
+    assert any(why for _, _, why in now["signals"])
 
 
 @pytest.mark.parametrize("quality", set(Quality) - {Quality.GOOD})
