@@ -15,7 +15,6 @@ from training.gap.config import CONFIG
 from training.gap.name.verdict import Base, Candidate, Naming, Verdict
 from training.gap.response.difference import Difference
 from training.gap.verify.evidence import Verification
-from training.greybox.chain import Constants
 from training.greybox.effects.empirical import formula
 from training.jobs.json_tree import json_tree
 from training.recordings.recording import sha256
@@ -255,8 +254,6 @@ def _recording(r: TrainingRecording) -> dict[str, Any]:
 
 def _base(base: Base | None) -> dict[str, dict[str, float] | None]:
     """Return base, reference and shift by the JSON's names."""
-    values: tuple[Constants | None, ...] = (None, None, None)
-    if base is not None:
-        values = (base.constants, base.reference, base.shift)
+    values = (base.constants, base.reference, base.shift) if base else (None, None, None)
     names = ("base", "reference", "base_shift")
-    return {n: None if v is None else v._asdict() for n, v in zip(names, values, strict=True)}
+    return {n: v and v._asdict() for n, v in zip(names, values, strict=True)}

@@ -100,7 +100,7 @@ def _with_formula(naming: Naming, begun: FirstTerm | None, ranking: Sequence[Can
     if begun is None:
         found = next((c for c in library if c is ranking[0]), None)
     else:
-        found = unbeaten(begun.rival, library)
+        found = unbeaten(begun.of, begun.rival, library)
     if found is not None and found.is_reversed:
         odds = dict(naming.posterior)  # the formula stands for other causes, and does not beat it
         odds[found.label] = odds.get(found.label, 0.0) + odds.pop(UNKNOWN)

@@ -65,23 +65,18 @@ def _gone(result: Result) -> str:
     verified = result.verified
     if verified is None:
         return ""
-    beyond, closed = verified.closed_beyond_healthy, verified.closed
-    if beyond is not None:
-        return f", and {_share(beyond)} of what exceeds the error on healthy recordings is gone"
-    return "" if closed is None else f", and {_share(closed)} of what exceeds it is gone"
-
-
-def _share(closed: float) -> str:
-    return "all" if closed >= 1.0 else percent(closed)
+    share, what = verified.closed_beyond_healthy, "the error on healthy recordings"
+    if share is None:
+        share, what = verified.closed, "it"
+    if share is None:
+        return ""
+    return f", and {'all' if share >= 1.0 else percent(share)} of what exceeds {what} is gone"
 
 
 def _no_gap(result: Result) -> str:
     found = "no candidate explains more than healthy drives differ by, evenly and as it can act"
     if not result.tried:
-        found = "nothing in it is beyond chance"
-        if result.difference is not None:
-            found = "it is not beyond what healthy recordings differ by"
-        found += "; no effect could be tried"
+        found = "it is not beyond what healthy recordings differ by; no effect could be tried"
     return f"No gap: {_level(result)}, and {found}."
 
 
@@ -93,12 +88,9 @@ def _ambiguous(result: Result) -> str:
 def _unknown(result: Result) -> str:
     if result.effects and result.effects[0].is_reversed:
         return _reversed(result, result.effects[0])
-    if result.tried:
-        found = "no candidate of the library explains enough of it"
-    else:
-        found = "it exceeds the noise; no effect could be tried"
-        if result.inputs.healthy:
-            found = "it differs from healthy recordings; no effect could be tried"
+    found = "no candidate of the library explains enough of it"
+    if not result.tried:
+        found = "it differs from healthy recordings; no effect could be tried"
     return f"Unknown effect: {_level(result)}, and {found}.{_formula(result)}{_suspects(result)}"
 
 
@@ -126,10 +118,11 @@ def _formula(result: Result) -> str:
 
 
 def _sensor(result: Result) -> str:
-    why = result.naming.answer.suspected or "the discrepancy lies in the measured channel"
+    why, like = result.naming.answer.suspected, result.naming.answer.indistinguishable
+    names = _and([c.says for c in like], "or")
     return (
         f"Sensor fault suspected: {why}; {_level(result)}. Nothing was added to the model."
-        f"{_looks_like(result)}"
+        f"{f' On these recordings it cannot be told from {names}.' if like else ''}"
     )
 
 
@@ -138,11 +131,6 @@ def _beside(result: Result) -> str:
     between = "or" if result.verdict == "named" else "and"
     names = _and([c.says for c in result.naming.answer.beside], between)
     return f" Beside it there may be {names}." if names else ""
-
-
-def _looks_like(result: Result) -> str:
-    like = [c.says for c in result.naming.answer.indistinguishable]
-    return f" On these recordings it cannot be told from {_and(like, 'or')}." if like else ""
 
 
 def _level(result: Result) -> str:

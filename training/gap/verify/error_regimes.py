@@ -15,7 +15,7 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.gap.config import CONFIG
 from training.gap.response.drivers import DERIVED
 from training.gap.verify.evidence import Error
-from training.greybox.fit.drive import BLOCK_S, Comparison
+from training.greybox.fit.drive import BLOCK_S, Comparison, block_numbers
 
 LIMITS: Final = CONFIG.verify
 PARTS: Final = (("low", "medium", "high"), (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0))
@@ -137,12 +137,8 @@ def rms(values: FloatArray) -> float:
 
 def blocks_of(recordings: Sequence[Comparison]) -> IntArray:
     """Return the block of each scored sample, (m,), numbered through all recordings."""
-    numbers, first = [], 0
-    for r in recordings:
-        own = (np.flatnonzero(r.scored) * r.period_s // BLOCK_S).astype(np.int64)
-        numbers.append(own + first)
-        first += int(len(r.residual) * r.period_s // BLOCK_S) + 1
-    return np.asarray(np.unique(np.concatenate(numbers), return_inverse=True)[1], dtype=np.int64)
+    rows = [np.flatnonzero(r.scored) for r in recordings]
+    return block_numbers(rows, round(BLOCK_S / recordings[0].period_s))
 
 
 def _sums(regimes: Sequence[Regime], blocks: IntArray, values: FloatArray) -> FloatArray:

@@ -61,12 +61,21 @@ def by_intake(more: Callable[..., FloatArray]) -> Change:
 warm_intake = by_intake(lambda degc, _: -0.0088 * (degc - 30.0))
 
 
-def test_a_share_per_degree_is_found_with_its_size() -> None:
-    (term,) = found(warm_intake)
-    assert term.kind == "empirical"
-    _, signal, form, _, width = term.name.split(":")
-    assert (signal, form) == ("manifold_temperature_degc", "factor")
-    assert term.parameters["size"] / float(width) == pytest.approx(-0.88, rel=0.05)
+@pytest.mark.parametrize(
+    ("change", "form", "constant", "per_degc"),
+    [
+        (warm_intake, "factor", "size", -0.88),  # percent
+        (by_intake(lambda c, _: 0.12 * np.exp(-(c - 20.0) / 10.0)), "exponential", "rate", -0.1),
+    ],
+    ids=["a share per degree", "a share that halves every 7 K"],
+)
+def test_what_goes_with_a_temperature_is_found_in_its_form_with_its_size(
+    change: Change, form: str, constant: str, per_degc: float
+) -> None:
+    (term,) = found(change)
+    _, *of, _, half = term.name.split(":")
+    assert (term.kind, of) == ("empirical", ["manifold_temperature_degc", form])
+    assert term.parameters[constant] / float(half) == pytest.approx(per_degc, rel=0.1)
 
 
 def test_a_resonance_is_found_at_its_speed_with_its_width() -> None:
@@ -84,14 +93,6 @@ def test_a_resonance_is_found_at_its_speed_with_its_width() -> None:
     assert float(at) + values["place"] * float(half) == pytest.approx(1900.0, abs=20.0)
     assert values["width"] * float(half) == pytest.approx(150.0, rel=0.1)
     assert values["size"] == pytest.approx(8.0, rel=0.1)
-
-
-def test_what_halves_with_every_so_many_units_is_an_exponential() -> None:
-    # GIVEN 12 % more at 20 °C of the intake, half as much for every 7 K above it
-    (term,) = found(by_intake(lambda degc, _: 0.12 * np.exp(-(degc - 20.0) / 10.0)))
-    _, signal, form, _, half = term.name.split(":")
-    assert (signal, form) == ("manifold_temperature_degc", "exponential")
-    assert term.parameters["rate"] / float(half) == pytest.approx(-0.1, rel=0.1)
 
 
 def test_a_constant_is_part_of_a_formula() -> None:

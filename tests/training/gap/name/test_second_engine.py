@@ -28,13 +28,10 @@ def test_the_healthy_vehicle_has_volumes_of_its_own() -> None:
     assert min(volumes.values()) > 0.1  # litres
 
 
-def test_a_second_engine_without_a_gap_has_none() -> None:
-    assert asked({}).verdict == "no_gap"
-
-
-def test_an_effect_of_a_second_engine_is_named() -> None:
-    found = asked({"wall_film": 1.5})
-    assert (found.verdict, [each.name for each in found.answer.effects]) == ("named", ["wall_film"])
+def test_an_effect_of_a_second_engine_is_named_and_without_one_there_is_no_gap() -> None:
+    for hidden, said in (({}, ("no_gap", [])), ({"wall_film": 1.5}, ("named", ["wall_film"]))):
+        found = asked(hidden)
+        assert (found.verdict, [each.name for each in found.answer.effects]) == said
 
 
 def test_a_slow_sensor_of_a_second_engine_is_suspected() -> None:

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.gap.name.formulas.second_signal import grown
+from training.gap.name.formulas.second_signal import grown, spanned
 from training.gap.name.formulas.signal_screen import NO_CAUSES, left_by_signal
 from training.gap.name.ranking import rank
 from training.gap.name.verdict import Candidate
@@ -30,7 +30,6 @@ T_LEAST: Final = 3.0  # of the first term, as for a name
 FURTHER_T_LEAST: Final = 2.0
 SHARE_LEAST: Final = 0.1  # of the deviance, that a term takes away
 NEARLY: Final = 1.05  # times the least deviance, up to which a form of fewer constants goes first
-RANGE: Final = (0.02, 0.98)  # quantiles that a curve spans
 FORMS: Final = ("factor", "mass", "vapour", "slow", "curve")  # of every signal
 PLACED: Final = ("bump", "step", "bend", "exponential")  # begun where the best curves show it
 CURVES_MOST: Final = 2
@@ -64,7 +63,7 @@ def first_term(state: BaseState) -> FirstTerm | None:
     """
     plain = _plain(state)
     if rough := rank(plain, _forms(plain, (), ("curve",)), lambda _: None):
-        plain = _reread(plain, rough[0].fit)
+        plain = reread(plain, rough[0].fit)
     found = _next(plain, (), T_LEAST)
     if found is None:
         return None
@@ -102,12 +101,12 @@ def _next(
     if best is None or best.merit.t < t_least:
         return None
     best = _growing(plain, best)
-    plain = _reread(plain, best.fit)
+    plain = reread(plain, best.fit)
     best = replace(best, fit=fit(plain.case, best.fit.terms, [best.fit]))
     return best, plain.with_fit(best.fit)
 
 
-def _reread(plain: BaseState, found: JointFit) -> BaseState:
+def reread(plain: BaseState, found: JointFit) -> BaseState:
     """Return the state with the healthy vehicle's errors as it shows them without the terms."""
     if plain.known is None:
         return plain
@@ -171,14 +170,9 @@ def _plain(state: BaseState) -> BaseState:
 
 def _forms(state: BaseState, used: Collection[str], forms: Sequence[str] = FORMS) -> list[Effect]:
     """Return the forms of the signals that may explain most."""
-    drives, effects = state.case.drives, list[Effect]()
-    for signal in [*left_by_signal(state, used)][:SIGNALS_MOST]:
-        x = np.concatenate([drive.signals[signal][drive.kept] for drive in drives])
-        low, high = np.quantile(x, RANGE).tolist()
-        if high > low:
-            middle, half = (low + high) / 2.0, (high - low) / 2.0
-            effects += [effect_of(name_of(signal, form, middle, half)) for form in forms]
-    return effects
+    best = [*left_by_signal(state, used)][:SIGNALS_MOST]
+    moving = [scaled for signal in best if (scaled := spanned(state.case.drives, signal))]
+    return [effect_of(name_of(over.signal, form, *over[1:])) for over in moving for form in forms]
 
 
 def _placed(ranking: Sequence[Candidate]) -> list[Effect]:

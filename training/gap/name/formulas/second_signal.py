@@ -1,6 +1,6 @@
 """A term of a formula whose size grows with a second signal: what depends on two at once."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import copysign
 from typing import Final
@@ -12,13 +12,13 @@ from training.gap.name.ranking import rank
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
 from training.greybox.effects.effect import Parameter
-from training.greybox.effects.empirical import GROWTH, effect_of, growing, parts_of
+from training.greybox.effects.empirical import GROWTH, ScaledSignal, effect_of, growing, parts_of
 from training.greybox.fit.case import Case, errors, predict
 from training.greybox.fit.drive import ChainDrive
 from training.healthy import scoring
 from training.healthy.base_state import BaseState
 
-RANGE: Final = (0.02, 0.98)  # quantiles of the second signal that u spans
+RANGE: Final = (0.02, 0.98)  # quantiles of a signal that u spans
 STEP: Final = 0.01  # of growth, for derivatives
 
 
@@ -30,20 +30,24 @@ def grown(state: BaseState, term: Candidate, without: Sequence[str]) -> Candidat
     """
     names = dict.fromkeys(f.signal for f in functions_of(state.case.drives))
     others = [n for n in names if n not in (parts_of(term.name).over.signal, *without)]
-    effects = [e for n in others for e in _with_a_second(state.case.drives, term, n)]
+    moving = [scaled for n in others if (scaled := spanned(state.case.drives, n))]
+    effects = [_with_a_second(term, scaled) for scaled in moving]
     best = max(effects, key=lambda each: _explained(state.case, term, each), default=None)
     return rank(state, [best])[0] if best else None
 
 
-def _with_a_second(drives: Sequence[ChainDrive], term: Candidate, signal: str) -> Iterator[Effect]:
-    """Yield the effect that begins as the term is, if the second signal moves."""
+def spanned(drives: Sequence[ChainDrive], signal: str) -> ScaledSignal | None:
+    """Return a signal so scaled that it goes from -1 to 1 in most samples; None if it rests."""
     x = np.concatenate([drive.signals[signal][drive.kept] for drive in drives])
     low, high = np.quantile(x, RANGE).tolist()
-    if high <= low:
-        return
-    effect = effect_of(growing(term.name, signal, (low + high) / 2.0, (high - low) / 2.0))
+    return ScaledSignal(signal, (low + high) / 2.0, (high - low) / 2.0) if high > low else None
+
+
+def _with_a_second(term: Candidate, second: ScaledSignal) -> Effect:
+    """Return the effect that begins as the term is and grows with a second signal."""
+    effect = effect_of(growing(term.name, *second))
     begun = (_begun(p, term.parameters.get(p.name)) for p in effect.parameters)
-    yield replace(effect, parameters=tuple(begun))
+    return replace(effect, parameters=tuple(begun))
 
 
 def _begun(parameter: Parameter, value: float | None) -> Parameter:
