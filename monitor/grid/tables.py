@@ -100,14 +100,6 @@ def read_table(
     return _of_logger(raw, _of_model(raw, of_model) or recognised(raw, notes), further, notes)
 
 
-def is_logger_table(path: Path) -> bool:
-    """Return whether a file's columns are a logger's own, neither ``time_s`` nor a parquet table.
-
-    Raises RecordingError if the file cannot be read.
-    """
-    return open_table(path).names[:1] != (TIME,)
-
-
 def _of_model(raw: RawTable, tree: Mapping[str, Any] | None) -> Profile | None:
     """Return the profile of a model's card if the table has its time and output, else None."""
     if not tree:

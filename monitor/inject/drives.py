@@ -75,7 +75,7 @@ def _log_drive(
         raise UsageError(f"{log}: no frame is left to judge or write")
     frames = chain([first], frames)
     if out:
-        write_log(out, frames)
+        write_log(out, frames, setup.bus_map.log_channel)
     deque(frames, maxlen=0)
     injector.counts.changed["error or remote frames, left out"] = found.skipped
     for line in (*injector.counts.lines(), *found.notes):

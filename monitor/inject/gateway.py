@@ -25,14 +25,14 @@ IDLE_S: Final = 0.1  # longest wait, so that a signal is noticed
 BURST: Final = 200  # most frames from one side before the other side is read
 
 
-def write_log(path: Path, frames: Iterable[Frame]) -> int:
-    """Write frames to a log in the format of its suffix; return their number.
+def write_log(path: Path, frames: Iterable[Frame], channel: str = "") -> int:
+    """Write frames to a log in the format of its suffix, as ``Recorder``; return their number.
 
     Raises RecordingError if the format is unknown or the file cannot be written.
     """
     log_kind(path)  # checks the final name, not that of the temporary file
     n = 0
-    with replaced(path) as begun, Recorder(begun) as recorder:
+    with replaced(path) as begun, Recorder(begun, channel) as recorder:
         for block in Channels().blocks_of((frame, "") for frame in frames):
             recorder.write(block)
             n += len(block.key)

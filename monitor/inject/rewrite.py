@@ -147,7 +147,7 @@ class MessageWriter:
         first = channels[0]
         message, integrity = first.message, first.integrity
         self.name, self.frame_id = message.name, message.frame_id
-        self.is_extended, self.any_source = message.is_extended_frame, first.any_source
+        self.any_source = first.any_source
         self.signals = {each.mapped.name: SignalWriter(each) for each in channels}
         self._lengths = (
             range(1, message.length + 1)

@@ -15,7 +15,7 @@ from monitor.frames.profiles.profile import is_profile, path_of, shipped
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.tables.readers import is_readable, open_table
 from monitor.grid.table_samples import in_range
-from monitor.grid.tables import BLANK, Table, is_logger_table, read_table, table_period_ns
+from monitor.grid.tables import BLANK, TIME, Table, read_table, table_period_ns
 from monitor.model.card import ModelCard
 from monitor.pipeline.recordings import table_of_model
 
@@ -195,7 +195,7 @@ def is_of_logger(path: Path, columns: Path | None) -> bool:
         return False
     if columns is not None:
         return is_profile(path_of(columns))
-    return is_logger_table(path)
+    return open_table(path).names[:1] != (TIME,)
 
 
 def rename(table: Table) -> str:

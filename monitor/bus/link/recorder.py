@@ -13,13 +13,13 @@ from monitor.frames.text.candump_lines import lines_of
 
 
 class Recorder(AbstractContextManager["Recorder"]):
-    """Writes every frame that the loop judges, in the same order.
+    """Writes every frame that the loop judges, in the same order; candump text names a channel.
 
     Raises RecordingError if the file cannot be created or its format cannot be replayed.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, channel: str = "") -> None:
+        self._path, self._channel = path, channel
         # refuses a format that cannot be replayed; python-can leaves CAN FD frames out of a .trc
         self._longest = 8 if log_kind(path) == ".trc" else MAX_BYTES
         try:
@@ -35,7 +35,7 @@ class Recorder(AbstractContextManager["Recorder"]):
         """
         try:
             if self._text is not None:
-                self._text.write(lines_of(block))
+                self._text.write(lines_of(block, self._channel))
                 return
             assert self._writer is not None
             if block.length.max(initial=0) > self._longest:

@@ -12,8 +12,8 @@ from monitor.frames.blocks import EXTENDED
 _CLASSIC = 8  # bytes of data; longer frames are of CAN FD
 
 
-def lines_of(block: FrameBlock) -> bytes:
-    """Return the frames' lines, their times in whole microseconds."""
+def lines_of(block: FrameBlock, channel: str = "") -> bytes:
+    """Return the frames' lines on a channel, their times in whole microseconds."""
     digits = block.data.tobytes().hex().upper()
     begins = range(0, len(digits), 2 * block.data.shape[1])
     times = [
@@ -21,7 +21,7 @@ def lines_of(block: FrameBlock) -> bytes:
     ]
     rows = zip(times, block.key.tolist(), block.length.tolist(), begins, strict=True)
     lines = [
-        f"({time[:-6]}.{time[-6:]}{_name(key, length > _CLASSIC)}"
+        f"({time[:-6]}.{time[-6:]}{_name(key, length > _CLASSIC, channel)}"
         f"{digits[begin : begin + 2 * length]} R\n"
         for time, key, length, begin in rows
     ]
@@ -29,8 +29,8 @@ def lines_of(block: FrameBlock) -> bytes:
 
 
 @lru_cache(maxsize=1 << 12)
-def _name(key: int, is_fd: bool) -> str:
+def _name(key: int, is_fd: bool, channel: str) -> str:
     """Return what stands between the time and the data."""
     can_id = key & (EXTENDED - 1)
     number = f"{can_id:08X}" if key >= EXTENDED else f"{can_id:03X}"
-    return f") vcan0 {number}#{'#0' * is_fd}"
+    return f") {channel or 'vcan0'} {number}#{'#0' * is_fd}"

@@ -8,7 +8,8 @@ import pytest
 import dbc
 from monitor import cli
 from monitor.base.types import Frame
-from monitor.frames.logs import read_frames
+from monitor.frames.channels import Channels
+from monitor.frames.logs import read_blocks, read_frames
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.memory.codes import CODES
 from tests.helpers.logs.bus_maps import OBD
@@ -102,10 +103,11 @@ def test_what_a_log_loses_is_said_and_a_log_of_no_frame_replaces_nothing(
 ) -> None:
     # GIVEN a log with a remote frame, an error frame and a line that is no frame
     source, out = write(tmp_path / "in.log", lambda_frames([1.0] * 300)), tmp_path / "out.log"
-    lines = source.read_text().splitlines()
-    lines[9:9] = ["(0.17) vcan0 0C2#R", "(0.17) vcan0 20000004#0000000000000000", "(0.17) vcan0 0C"]
+    lines = source.read_text().replace("vcan0", "can1").splitlines()
+    lines[9:9] = ["(0.17) can1 0C2#R", "(0.17) can1 20000004#0000000000000000", "(0.17) can1 0C"]
     source.write_text("\n".join(lines) + "\n")
-    assert cli.main(["inject", str(source), "--out", str(out)]) == 0
+    assert cli.main(["inject", str(source), "-c", "can1", "--out", str(out)]) == 0
+    assert sum(len(block.key) for block in read_blocks(out, channels=Channels("can1"))) == 300
     said = capsys.readouterr().out
     assert "error or remote frames, left out 2" in said
     assert "1 line left out, the first: line 12" in said
@@ -130,7 +132,6 @@ def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> Non
     ("argv", "says"),
     [
         (["IN"], "nothing to do with LOG"),
-        (["IN", "--out", "OUT", "--fault", "slow"], "fault 'slow' is unknown"),
         (["IN", "--out", "OUT", "--assert"], "--assert needs a --scenario"),
         (["IN", "--out", "out.txt"], "unknown log format '.txt'"),
         (["IN", "--out", "no/such/out.log"], "no/such/out.log: the folder does not exist"),
@@ -142,7 +143,6 @@ def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> Non
         (["-i", "udp_multicast", "-c", "239.1.1.1", "--to-channel", "239.1.1.2"], "hears what it"),
         (["CAN_INTERFACE=udp_multicast", "-c", "a", "--to-channel", "b"], "hears what it"),
         (["-i", "virtual", "CAN_CHANNEL=a", "--to-channel", "a"], "both sides are virtual a"),
-        (["IN", "--out", "OUT", "--dbc", "x.dbc"], "--dbc and --map come in pairs"),
     ],
 )
 def test_what_cannot_be_is_refused_with_exit_code_2(
