@@ -8,7 +8,7 @@ from typing import Any
 
 import can
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from benchmarks.live.udp_can import UdpCan
@@ -356,8 +356,12 @@ def test_more_frames_than_one_call_takes_are_read_by_the_next(n: int, wire: Any)
     assert found == [k % 0x600 for k in range(n)]
 
 
+REMOTE_AND_ERROR = [0x40000123, 0xC0000123, 0x20000004, 0x123]
+
+
 @inputs(60)
 @given(frames=st.lists(datagrams, max_size=30))
+@example(frames=[struct.pack("=IB3x8x", number, 8) for number in REMOTE_AND_ERROR])
 def test_any_datagrams_are_read_as_struct_can_frame_says(frames: list[bytes]) -> None:
     health = BusHealth()
     with UdpCan() as there, UdpCan(peer=there.address) as here:
