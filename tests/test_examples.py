@@ -44,8 +44,8 @@ def test_a_drive_on_a_virtual_bus_sets_the_flag_that_is_read_back_from_the_bus(
     tmp_path: Path,
 ) -> None:
     # GIVEN a stretch of a drive whose sensor is late from its fifth second on, its code at the 20th
-    drive = first_minutes(tmp_path, 50.0, from_s=30.0)
-    call = [sys.executable, str(EXAMPLES / "virtual_bus.py"), "--live", "", "--seconds", "50"]
+    drive = first_minutes(tmp_path, 36.0, from_s=30.0)
+    call = [sys.executable, str(EXAMPLES / "virtual_bus.py"), "--live", "", "--seconds", "36"]
     # WHEN it is played in real time into a bus of this machine
     call += ["--drive", str(drive), "--fault", "delay_rich_to_lean=0.8@5"]
     ran = subprocess.run(call, capture_output=True, text=True, check=True, cwd=ROOT)
