@@ -29,7 +29,7 @@ _NAMES: Final[dict[str, dict[float, str]]] = {
         98.0665: "kg/cm2 kg/cm² kgf/cm2",
     },
     "speed": {
-        1.0: "km/h kph kmh kmph km/std kilometerperhour kilometperhour км/ч",
+        1.0: "km/h kph kmh kmph km/std kilometerperhour kilometperhour км/ч км/год",
         1.609344: "mph mi/h miles/h",
     }
     | {3.6: "m/s"},
@@ -55,7 +55,7 @@ _NAMES: Final[dict[str, dict[float, str]]] = {
     | {3600.0: "h", 1e-6: "us µs μs", 1e-9: "ns"},
     "speed of rotation": {
         1.0: "1/min /min u/min rpm rev/min r/min min-1 min^-1 upm tr/min umin rev/minute umdr/min "
-        "minutinver об/мин obr/min",
+        "minutinver об/мин об/хв obr/min",
         60.0: "hz 1/s rps u/s rev/s",
         9.549297: "rad/s",
     },

@@ -270,7 +270,7 @@ def _mixtures(d: Description, unit: Unit | None, fit: QuantityFit) -> Iterator[Q
     is_phi_or_lambda = {"equivalence", "eq"} & words and not {"range", "o2", "oxygen", "11"} & words
     if is_phi_or_lambda and not d.unit:
         fit = fit.doubted("an equivalence ratio: lambda, as OBD has it, or 1 / lambda?")
-    if unit == UNITS["-"] or (kind in ("", "lambda") and not d.unit):
+    if unit is None or (kind == "lambda" and unit_of(d.unit, STOICHIOMETRIC) in (None, UNITS["-"])):
         yield fit
 
 

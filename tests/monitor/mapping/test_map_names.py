@@ -73,7 +73,7 @@ NUMBERED = """
     engine_speed_rpm          S1_PID_0C_EngineRPM (0.25,0) [0|16383] "rpm"
     vehicle_speed_km_h        S1_PID_0D_VehicleSpeed (1,0) [0|255] "km/h"
     throttle_percent          S1_PID_11_ThrottlePosition (0.4,0) [0|100] "%"
-    -                         S1_PID_2F_FuelTankLevel (0.4,0) [0|100] "%"
+    lambda_measured           AF_SENS_1_LAMBDA (0.001,0) [0|4] "lambda"
 """
 UNIT_IN_NAME = """
     vehicle_speed_km_h        Speed_MPH (1,0) [0|150] ""             = 1.609344
@@ -242,7 +242,7 @@ def test_the_one_that_is_said_to_be_upstream_is_taken() -> None:
         ('FuelTrim2 (0.1,-100) [-100|100] "%"', "lambda_controller"),
         ('AcceleratorPedal (0.1,0) [0|100] "%"', "throttle_percent"),
         ('LowFuelPressure (0.1,0) [0|10] "bar"', "rail_pressure_mpa"),
-        ('HybridBatteryVoltage (0.1,0) [0|500] "V"', "battery_voltage_v"),
+        ('L_TRIM (0.1,-100) [-100|100] "%"', "lambda_controller"),
         ('Lambda (1,0) [0|1] ""', "lambda_measured"),
         ('MAP (1,0) [0|100] "%"', "manifold_pressure_kpa"),
         ('MAP (0.1,-101.3) [0|0] "kPa"', "manifold_pressure_kpa"),
