@@ -27,7 +27,7 @@ from training.greybox.fit.constants import (
 from training.greybox.fit.drive import ChainDrive, until
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, build
-from training.greybox.graph.effect_inputs import with_margin
+from training.greybox.graph.effect_inputs import from_fuel_cut, with_margin
 from training.narx.export import write
 from training.narx.model_file import FreeRunFit, card_of, recorded
 from training.recordings.samples.preparation import Prepared, Role, prepare
@@ -75,18 +75,13 @@ def fit_greybox(
     _check_names(inputs, output)
     data = prepare(recordings, inputs, output, seed=seed)
     u = recorded(data, data.names)
-    low, high = _input_limits(data)
-    greybox = Greybox(
-        constants=Constants(),
-        inputs=data.names,
-        u_low=low,
-        u_high=high,
-        period_s=data.period_ns / 1e9,
-    )
+    limits = {each.name: with_margin(each.name, each.minimum, each.maximum) for each in data.inputs}
+    period_s = data.period_ns / 1e9
+    greybox = Greybox(constants=Constants(), limits=from_fuel_cut(limits), period_s=period_s)
     signals = greybox.signals(u)
     drive = ChainDrive(
         name="",
-        period_s=greybox.period_s,
+        period_s=period_s,
         signals=signals,
         phi_measured=data.scaling.unscale_y(data.samples.y),
         scored=scored_rows(data, signals) & (data.role == Role.TRAIN),
@@ -158,14 +153,6 @@ def _check_names(inputs: Sequence[str], output: str) -> None:
         )
     if output != OUTPUT:
         raise UsageError(f"output {output}: a grey-box model predicts {OUTPUT} alone")
-
-
-def _input_limits(data: Prepared) -> tuple[FloatArray, FloatArray]:
-    """Return the range to clip inputs to: the trained one with a margin, and fuel from 0."""
-    ranges = [with_margin(each.name, each.minimum, each.maximum) for each in data.inputs]
-    low, high = np.array(ranges).T
-    low[data.names.index("fuel_mass_mg")] = 0.0  # fuel cut must reach the chain, trained or not
-    return low, high
 
 
 def _free_run(data: Prepared, u: FloatArray, greybox: Greybox) -> FloatArray:

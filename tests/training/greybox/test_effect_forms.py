@@ -31,16 +31,8 @@ def values_of(effect: Effect) -> list[list[float]]:
 def chain_with(effect: ModelEffect, reads: tuple[str, ...]) -> Greybox:
     """Return a chain with the effect, over the ranges of both drives."""
     inputs = tuple(dict.fromkeys((*inputs_of(plain().signals), *reads)))
-    ranges = ranges_of(*inputs)
-    low, high = (np.array([ranges[name][i] for name in inputs]) for i in (0, 1))
-    chain = Greybox(
-        constants=CONSTANTS,
-        inputs=inputs,
-        u_low=low,
-        u_high=high,
-        period_s=PERIOD_S,
-        effects=(replace(effect, reads=reads),),
-    )
+    limits, effects = ranges_of(*inputs), (replace(effect, reads=reads),)
+    chain = Greybox(constants=CONSTANTS, limits=limits, period_s=PERIOD_S, effects=effects)
     return chain.with_register()
 
 

@@ -78,12 +78,8 @@ def _extended(old: Greybox, added: Sequence[ModelEffect], ranges: Ranges) -> Gre
     own = [seeing(each, old.inputs, ranges) for each in old.own]
     wanted = dict.fromkeys(name for each in (*own, *added) for name in each.reads or ())
     further = [name for name in wanted if name not in (*old.inputs, SPEED)]  # it knows the speed
-    inputs = (*old.inputs, *further)
-    known = dict(zip(old.inputs, zip(old.u_low, old.u_high, strict=True), strict=True))
-    limits = np.array([limits_of(name, known.get(name), ranges.get(name)) for name in inputs])
-    low, high = limits.T
-    extended = replace(old, inputs=inputs, u_low=low, u_high=high, effects=(*old.effects, *added))
-    return extended.with_register()
+    limits = limits_of((*old.inputs, *further), old.limits, ranges)
+    return replace(old, limits=limits, effects=(*old.effects, *added)).with_register()
 
 
 def _card(

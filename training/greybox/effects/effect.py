@@ -1,4 +1,4 @@
-"""An effect of the library: its place on the path, parameters, signals, equation and memory."""
+"""An effect of the library: its place on the path, parameters, signals and equation."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -44,18 +44,11 @@ class ChainDifference(Greybox):
             )
         effects = tuple(seeing(each, tuple(known), ranges) for each in added)
         wanted = dict.fromkeys((*chain, *(name for each in effects for name in each.reads or ())))
-        inputs = tuple(name for name in wanted if name != SPEED or SPEED in chain)
-        bounds = np.array([limits_of(n, known.get(n), ranges.get(n)) for n in inputs])
-        bounds[inputs.index("fuel_mass_mg"), 0] = 0.0  # fuel cut must reach the chain
-        low, high = bounds.T
-        return cls(
-            constants=constants,
-            inputs=inputs,
-            u_low=low,
-            u_high=high,
-            period_s=card.period_ns / 1e9,
-            effects=effects,
-        ).with_register()
+        inputs = [name for name in wanted if name != SPEED or SPEED in chain]
+        limits = limits_of(inputs, known, ranges)
+        period_s = card.period_ns / 1e9
+        found = cls(constants=constants, limits=limits, period_s=period_s, effects=effects)
+        return found.with_register()
 
     @classmethod
     def from_card(cls, card: ModelCard) -> "ChainDifference":

@@ -30,6 +30,7 @@ from training.greybox.chain import (
 from training.greybox.chain import Path as ChainPath
 from training.greybox.charge import ChargeError, ChargeMap
 from training.greybox.effects.model_effect import Effects, ModelEffect, along
+from training.greybox.graph.effect_inputs import Ranges
 from training.greybox.quantity.dynamics import ramp_lag, sensor_lag
 from training.greybox.quantity.value import Quantity, StepTrace, Value, clip, maximum
 from training.narx.export import Graph, finished
@@ -44,9 +45,7 @@ class Greybox:
     """A chain with its charge and effects, as the graph contains it."""
 
     constants: Constants
-    inputs: tuple[str, ...]  # of the chain and of effects
-    u_low: FloatArray  # (n_inputs,), inputs are clipped to this range first
-    u_high: FloatArray
+    limits: Ranges  # of each input of chain and effects, which is clipped to them first
     period_s: float
     register: int = 1  # samples of phi at the valve in the state
     charge_map: ChargeMap | None = None  # None: the charge is an input
@@ -68,11 +67,10 @@ class Greybox:
             of_each = given["constants"].items()  # each a number, or one with its error
             constants = {n: c["value"] if isinstance(c, Mapping) else c for n, c in of_each}
             charge_map, charge_error = given.get("charge_map"), given.get("charge_error")
+            limits = given["inputs"], given["inputs_low"], given["inputs_high"]
             return cls(
                 constants=Constants(**constants),
-                inputs=tuple(given["inputs"]),
-                u_low=np.array(given["inputs_low"]),
-                u_high=np.array(given["inputs_high"]),
+                limits={name: (low, high) for name, low, high in zip(*limits, strict=True)},
                 period_s=card.period_ns / 1e9,
                 register=int(given["register_samples"]),
                 charge_map=charge_map and ChargeMap.from_card(charge_map),
@@ -90,14 +88,19 @@ class Greybox:
             "charge_map": self.charge_map and self.charge_map.to_card(),
             "charge_error": self.charge_error and self.charge_error.to_card(),
             "own": {each.name: each.values.tolist() for each in self.own},
-            "inputs_low": self.u_low.tolist(),
-            "inputs_high": self.u_high.tolist(),
+            "inputs_low": [low for low, _ in self.limits.values()],
+            "inputs_high": [high for _, high in self.limits.values()],
         }
 
     @property
     def state_layout(self) -> StateLayout:
         """Size of the state; the reading comes first."""
         return StateLayout(self.traced(Graph(), {}, "state")[1].size, 0, 1, 1)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The inputs of the chain and of effects."""
+        return tuple(self.limits)
 
     @property
     def on_the_way(self) -> Effects:
@@ -123,7 +126,7 @@ class Greybox:
     @property
     def _slowest(self) -> ChainPath:
         """The path at the lowest inputs with least and most air, where its times are longest."""
-        signals = {n: np.full(2, low) for n, low in zip(self.inputs, self.u_low, strict=True)}
+        signals = {name: np.full(2, low) for name, (low, _) in self.limits.items()}
         slowest_rpm = max(signals.get("engine_speed_rpm", [0.0])[0], SPEED_LEAST_RPM)
         slow = {"engine_speed_rpm": np.full(2, slowest_rpm), "air_mass_mg": np.array(AIR_MG)}
         return self.path(signals | slow)
@@ -148,8 +151,7 @@ class Greybox:
         The inputs are clipped. Engine speed is computed if it is no input; ``air_mass_mg`` comes
         from the charge map or is corrected by the charge's error, if the chain has one.
         """
-        limits = zip(self.inputs, self.u_low, self.u_high, strict=True)
-        signals = {name: clip(inputs[name], low, high) for name, low, high in limits}
+        signals = {name: clip(inputs[name], *ends) for name, ends in self.limits.items()}
         if self.charge_map is not None:
             signals["air_mass_mg"] = self.charge_map.air_mass_mg(signals)
         signals = with_speed(signals)

@@ -1,6 +1,6 @@
 """The inputs of a model with effects: the signals that the effects read, and their ranges."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +9,7 @@ from monitor.base.errors import ModelError
 from monitor.base.signals import BY_NAME
 from monitor.model.card import Channel
 from training.greybox.chain import AIR_LEAST_MG, SPEED_LEAST_RPM, inputs_of
-from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.effects.model_effect import FUEL, ModelEffect
 from training.recordings.samples.scaling import MARGIN
 
 Ranges = Mapping[str, tuple[float, float]]  # low and high of each signal in the drives of a fit
@@ -32,14 +32,24 @@ def seeing(added: ModelEffect, inputs: Sequence[str], ranges: Ranges) -> ModelEf
     return replace(added, reads=added.effect.signals_of(ranges))
 
 
-def limits_of(
-    name: str, old: tuple[float, float] | None, seen: tuple[float, float] | None
-) -> tuple[float, float]:
-    """Return the range to clip to: that of the base and, with a margin, what the fit has seen."""
-    ranges = [] if old is None else [old]
-    if seen is not None:
-        ranges.append(with_margin(name, *_used(name, old is None, seen)))
-    return min(low for low, _ in ranges), max(high for _, high in ranges)
+def limits_of(inputs: Iterable[str], old: Ranges, seen: Ranges) -> Ranges:
+    """Return the range to clip to of each input, at most one of the two may lack it.
+
+    It is that of the base and, with a margin, what the fit has seen.
+    """
+    limits = {}
+    for name in inputs:
+        ranges = [old[name]] if name in old else []
+        if name in seen:
+            ranges.append(with_margin(name, *_used(name, name not in old, seen[name])))
+        lows, highs = zip(*ranges, strict=True)
+        limits[name] = min(lows), max(highs)
+    return from_fuel_cut(limits)
+
+
+def from_fuel_cut(limits: Ranges) -> Ranges:
+    """Return ranges that begin at no fuel: a cut must reach the chain, whether trained or not."""
+    return {**limits, FUEL: (0.0, limits[FUEL][1])}
 
 
 def with_margin(name: str, low: float, high: float) -> tuple[float, float]:

@@ -177,7 +177,7 @@ def test_batched_and_single_runs_of_all_effects_give_the_same_bits(
     card = add(base, every, out, ranges=ranges_of(), recordings=FIT)
     limits = Greybox.of(card)
     size = (batch, 120, len(card.inputs))
-    made = np.random.default_rng(8).uniform(limits.u_low, limits.u_high, size)
+    made = np.random.default_rng(8).uniform(*np.array([*limits.limits.values()]).T, size)
     made[:, 40:60, card.input_names.index("fuel_mass_mg")] = 0.0
     one, many = Model.load(out), Model.load(out, batch)
     many.reset(made[:, 0])
