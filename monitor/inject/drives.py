@@ -7,9 +7,11 @@ from itertools import chain
 from pathlib import Path
 
 from monitor.base.errors import UsageError
+from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters, frames_of
 from monitor.grid.tables import Table, is_table
+from monitor.grid.timeline import Timeline
 from monitor.inject.expected import FrameJudge, Recording, fresh_memory
 from monitor.inject.gateway import write_log
 from monitor.inject.injector import Injector
@@ -67,8 +69,8 @@ def _log_drive(
         keep_counters=scenario.keep_counters,
     )
     judge = FrameJudge(setup, memory) if memory else None
-    found = LogCounters()
-    blocks = log_blocks(log, setup.bus_map, found, renames=False)
+    found, timeline = LogCounters(), Timeline(BlockDecoder(setup.bus_map, setup.bus_map.names))
+    blocks = timeline.blocks(log_blocks(log, setup.bus_map, found, renames=False))
     frames = injector.stream(chain.from_iterable(map(frames_of, blocks)))
     frames = map(judge.push, frames) if judge else frames
     if (first := next(frames, None)) is None:
@@ -77,6 +79,7 @@ def _log_drive(
     if out:
         write_log(out, frames, setup.bus_map.log_channel)
     deque(frames, maxlen=0)
+    injector.counts.changed.update(timeline.counters.found)
     injector.counts.changed["error or remote frames, left out"] = found.skipped
     for line in (*injector.counts.lines(), *found.notes):
         say(f"{out or log}: {line}")

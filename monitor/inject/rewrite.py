@@ -56,7 +56,10 @@ class SignalWriter:
         signal, mapped = channel.signal, channel.mapped
         self.channel, self._field = channel, PayloadField(channel, signal.name)
         self._scale, self._offset = float(signal.scale), float(signal.offset)
-        self._range = SignalWriter(_range_channel(channel)) if channel.range else None
+        self._range: SignalWriter | None = None
+        if channel.range is not None:
+            own = replace(channel, signal=channel.range, range=None, integrity=Integrity())
+            self._range = SignalWriter(replace(own, mapped=replace(mapped, factor=1.0, offset=0.0)))
         self._stretch = 1.0  # told range per the database's
         self._factor, self._shift = mapped.factor, mapped.offset
         self._is_signed, self._is_float = signal.is_signed, signal.is_float
@@ -129,12 +132,6 @@ class SignalWriter:
         if math.isinf(dbc_value):
             return self._low if dbc_value < 0 else self._high
         return min(max(round(dbc_value), self._low), self._high)
-
-
-def _range_channel(channel: BusChannel) -> BusChannel:
-    mapped = replace(channel.mapped, factor=1.0, offset=0.0)
-    assert channel.range is not None
-    return replace(channel, signal=channel.range, range=None, mapped=mapped, integrity=Integrity())
 
 
 class MessageWriter:

@@ -118,6 +118,16 @@ def test_what_a_log_loses_is_said_and_a_log_of_no_frame_replaces_nothing(
     assert out.read_bytes() == before
 
 
+def test_a_fault_acts_in_its_seconds_although_the_clock_of_the_log_is_set(
+    ninety_seconds: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = list(read_frames(ninety_seconds))
+    late = [*frames[:2000], *(f._replace(t_ns=f.t_ns + 10**18) for f in frames[2000:])]
+    log, out = str(write(tmp_path / "set.log", late)), str(tmp_path / "out.log")
+    assert cli.main(["inject", log, "--out", out, "--fault", "biased_lean@20-25"]) == 0
+    assert "clock_steps 1, rewritten 250" in capsys.readouterr().out
+
+
 def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> None:
     source, scenario = tmp_path / "in.log", tmp_path / "s.toml"
     write(source, lambda_frames([1.1] * 100))
@@ -143,6 +153,7 @@ def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> Non
         (["-i", "udp_multicast", "-c", "239.1.1.1", "--to-channel", "239.1.1.2"], "hears what it"),
         (["CAN_INTERFACE=udp_multicast", "-c", "a", "--to-channel", "b"], "hears what it"),
         (["-i", "virtual", "CAN_CHANNEL=a", "--to-channel", "a"], "both sides are virtual a"),
+        (["IN", "--out", "OUT", "--dbc", "x.dbc"], "--dbc and --map come in pairs"),
     ],
 )
 def test_what_cannot_be_is_refused_with_exit_code_2(
