@@ -257,13 +257,13 @@ def test_the_judge_is_told_that_the_gateway_itself_is_off_a_bus() -> None:
 
 
 def test_between_two_buses_what_goes_out_is_judged_when_a_signal_ends_it(
-    minutes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ninety_seconds: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # GIVEN a drive on a bus that keeps its time, so that it need not last as long
     scenario = tmp_path / "s.toml"
     fault = '[[fault]]\nname = "gain_low"\nstart_s = 20.0\n'
     scenario.write_text(f'{fault}[[expect]]\ncode = "P2A00"\nwithin_s = 120.0\n')
-    frames = list(read_frames(minutes))
+    frames = list(read_frames(ninety_seconds))
     ecu, other, heard = "judged-ecu", "judged-other", list[can.Message]()
 
     def play() -> None:

@@ -63,11 +63,11 @@ def test_disturbances_that_are_no_fault_of_the_sensor_raise_no_code(
 
 
 def test_an_expectation_that_is_not_met_ends_with_1_and_a_table(
-    minutes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ninety_seconds: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scenario = tmp_path / "s.toml"
     scenario.write_text('[[fault]]\nname = "gain_low"\n[[expect]]\ncode = "P0133"\n')
-    assert cli.main(["inject", str(minutes), "--scenario", str(scenario), "--assert"]) == 1
+    assert cli.main(["inject", str(ninety_seconds), "--scenario", str(scenario), "--assert"]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[-3].split() == ["drive", "expected", "seen"]
     assert lines[-2].startswith("1      P0133          P2A00 pending (gain_low) after ")
