@@ -151,7 +151,7 @@ def _argument(
 def _help(text: str, default: Any) -> str:
     """Return the help, which says the default, unless the text says what happens without one."""
     text = text.replace("%", "%%")
-    untold = default in (inspect.Parameter.empty, None, ()) or isinstance(default, bool)
+    untold = default in (inspect.Parameter.empty, None, (), "") or isinstance(default, bool)
     if untold or "(default" in text:
         return text
     values = default if isinstance(default, tuple) else (default,)

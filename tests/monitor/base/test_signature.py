@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.signature import REPEATED, add_command
+from monitor.base.command_line.signature import REPEATED, _help, add_command
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +136,7 @@ def test_the_help_is_the_docstring_and_says_the_defaults() -> None:
     ):
         assert line in lines
     assert "Raises" not in text
-    assert "(default: False)" not in text
+    assert [_help("full", default) for default in (False, None, (), "")] == ["full"] * 4
 
 
 def test_the_options_of_a_class_stand_before_those_of_its_bases() -> None:
