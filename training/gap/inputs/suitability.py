@@ -47,8 +47,12 @@ def check_files(
             "which the chain does not run (docs/reference/signals.md has the names, --columns maps "
             "others); a network on other inputs (o2train fit --inputs) can be compared"
         )
-    if not missing:
-        check_healthy(roles["--healthy"], own_charge)
+    healthy = () if missing else roles["--healthy"]
+    for signal, names in lacking(healthy, own_charge).items():
+        raise RecordingError(
+            f"{', '.join(names)}: healthy, without a good value of {signal}, which the recordings "
+            "to be looked at have; what the model misses when healthy is learned with it"
+        )
     return missing
 
 
@@ -78,15 +82,6 @@ def lacking(recordings: Sequence[Recording], own_charge: bool = False) -> dict[s
         for name in names:
             missing.setdefault(name, []).append(each.path.name)
     return missing
-
-
-def check_healthy(recordings: Sequence[Recording], own_charge: bool = False) -> None:
-    """Raise RecordingError if healthy recordings lack a signal that the chain needs."""
-    for signal, names in lacking(recordings, own_charge).items():
-        raise RecordingError(
-            f"{', '.join(names)}: healthy, without a good value of {signal}, which the recordings "
-            "to be looked at have; what the model misses when healthy is learned with it"
-        )
 
 
 def check_long(drives: Sequence[ChainDrive], role: str) -> None:

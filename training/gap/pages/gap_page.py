@@ -11,7 +11,7 @@ from training.gap.pages.verdict_words import actions, cautions, confidence, verd
 from training.gap.result import Result
 from training.greybox.chain import RANGES
 from training.pages.numbers import p_value
-from training.pages.page import page, part
+from training.pages.page import page
 
 SHOWN: Final = 8  # questions of a comparison of runs
 PACKAGES: Final = ("numpy", "scipy", "onnx", "onnxruntime")
@@ -32,7 +32,8 @@ def as_page(result: Result) -> str:
         rankings=_rankings(result),
         chosen=[*(c.label for c in result.effects), *[*result.naming.posterior][:1]],
         units={name: limits.unit for name, limits in RANGES.items()},
-        difference=_difference(result),
+        shown=SHOWN,
+        p_value=p_value,
         cells=cells,
         draw=gap_figures,
         footer=[
@@ -41,20 +42,6 @@ def as_page(result: Result) -> str:
             *([] if result.seconds is None else [f"The workflow took {result.seconds:.0f} s."]),
             "Packages: " + ", ".join(f"{name} {version(name)}" for name in PACKAGES),
         ],
-    )
-
-
-def _difference(result: Result) -> str:
-    """Return the section that compares runs, "" if effects were tried instead."""
-    if result.difference is None:
-        return ""
-    return part(
-        "gap/difference.html",
-        difference=result.difference,
-        unit=result.inputs.unit,
-        shown=SHOWN,
-        draw=gap_figures,
-        p_value=p_value,
     )
 
 

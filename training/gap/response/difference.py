@@ -21,7 +21,6 @@ from training.gap.response.reference import ResponseReference
 from training.gap.response.trial import Questions, Trial, p_value
 from training.greybox.fit.drive import Comparison
 from training.pages.numbers import percent
-from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.response
 SWING: Final = "swing"  # the reading moves more or less; a description if there is no other
@@ -116,7 +115,7 @@ def _commanded(new: Sequence[Comparison], reference: ResponseReference) -> float
 
 
 def _less_target(run: Comparison) -> Comparison:
-    target = 1.0 / np.maximum(hold(run.signals[TARGET]), RICHEST)
+    target = 1.0 / np.maximum(run.signals[TARGET], RICHEST)
     return replace(run, phi_measured=run.phi_measured - target)
 
 

@@ -62,7 +62,7 @@ def find_drivers(recordings: Sequence[Comparison]) -> list[Driver]:
         for name in recordings[0].signals
         if name not in NO_DRIVERS and all(name in r.signals for r in recordings)
     ]
-    found = [Driver(n, tuple(hold(r.signals[n]) for r in recordings)) for n in names]
+    found = [Driver(n, tuple(r.signals[n] for r in recordings)) for n in names]
     for name, make in DERIVED.items():
         made = [make(r) for r in recordings]
         values = tuple(m for m in made if m is not None)
@@ -80,13 +80,9 @@ def rate(values: FloatArray, period_s: float) -> FloatArray:
     return np.asarray((values - before[: len(values)]) / (k * period_s))
 
 
-def _signal(r: Comparison, name: str) -> FloatArray | None:
-    return hold(r.signals[name]) if name in r.signals else None
-
-
-def _after_fuel_cut(r: Comparison) -> FloatArray | None:
-    said = ((name, _signal(r, name)) for name in ("fuel_cut", "fuel_mass_mg"))
-    cut = in_fuel_cut({name: values for name, values in said if values is not None})
+def after_fuel_cut(r: Comparison) -> FloatArray | None:
+    """Return the time since the last fuel cut (n,) in s; None if no signal tells cuts."""
+    cut = in_fuel_cut(r.signals)
     if cut is None:
         return None
     n = len(cut)
@@ -94,22 +90,19 @@ def _after_fuel_cut(r: Comparison) -> FloatArray | None:
     return np.minimum((np.arange(n) - last) * r.period_s, LIMITS.cut_memory_s)
 
 
-def _rate_of(name: str) -> Callable[[Comparison], FloatArray | None]:
-    def make(r: Comparison) -> FloatArray | None:
-        values = _signal(r, name)
-        return None if values is None else rate(values, r.period_s)
-
-    return make
-
-
-def _phi_slope(r: Comparison) -> FloatArray:
+def phi_slope(r: Comparison) -> FloatArray:
+    """Return the slope of the predicted phi (n,), per second."""
     return rate(hold(r.phi_predicted), r.period_s)
 
 
+def _rate_of(name: str) -> Callable[[Comparison], FloatArray | None]:
+    return lambda r: rate(r.signals[name], r.period_s) if name in r.signals else None
+
+
 DERIVED: Final[Mapping[str, Callable[[Comparison], FloatArray | None]]] = {
-    "after_fuel_cut_s": _after_fuel_cut,
+    "after_fuel_cut_s": after_fuel_cut,
     "fuel_rate_mg_s": _rate_of("fuel_mass_mg"),
     "load_rate_mg_s": _rate_of("air_mass_mg"),
-    "phi_slope_1_s": _phi_slope,
+    "phi_slope_1_s": phi_slope,
     "phi_predicted": lambda r: hold(r.phi_predicted),
 }

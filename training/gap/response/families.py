@@ -20,7 +20,6 @@ from training.gap.response.drivers import Driver, rate
 from training.greybox.fit.drive import Comparison
 from training.greybox.quantity.dynamics import lag
 from training.greybox.quantity.value import hats
-from training.recordings.samples.rows import hold
 
 LAGS_S: Final = (0.3, 1.0, 3.0)  # of the reading
 PASTS_S: Final = (0.5, 1.5, 5.0, 20.0)  # of a driver
@@ -62,12 +61,12 @@ def families_of(
 
 def slope(run: Comparison) -> FloatArray:
     """Return minus the slope (n, 1) of the healthy reading, per second: a second of delay."""
-    return -rate(hold(run.phi_predicted), run.period_s)[:, np.newaxis]
+    return -rate(run.phi_predicted, run.period_s)[:, np.newaxis]
 
 
 def moved(run: Comparison) -> FloatArray:
     """Return the healthy reading (n, 1) about its mean."""
-    read = hold(run.phi_predicted)
+    read = run.phi_predicted
     return np.asarray((read - read[run.scored].mean())[:, np.newaxis])
 
 
@@ -80,7 +79,7 @@ UNIFORM: Final[dict[str, Make]] = {
     "offset": lambda r, _: np.ones((len(r.residual), 1)),
     "gain": lambda r, _: moved(r),
     "timing": lambda r, _: slope(r),
-    "lag": lambda r, _: past(r, hold(r.phi_predicted), LAGS_S),
+    "lag": lambda r, _: past(r, r.phi_predicted, LAGS_S),
     "response": lambda r, _: np.column_stack(
         [slope(r), moved(r), past(r, r.phi_predicted, LAGS_S)]
     ),

@@ -14,7 +14,6 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.greybox.fit.drive import Comparison
 from training.greybox.quantity.dynamics import delayed, lag
-from training.recordings.samples.rows import hold
 
 LAGS_S: Final = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0, 15.0, 60.0)
 DEAD_TIMES_S: Final = (0.2, 0.4, 0.8)
@@ -67,4 +66,4 @@ class Regressors:
 
 
 def _columns(run: Comparison, inputs: Sequence[str]) -> FloatArray:
-    return np.stack([hold(run.signals[name]) for name in inputs], axis=1)
+    return np.stack([run.signals[name] for name in inputs], axis=1)

@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.gap.config import CONFIG
-from training.gap.response.drivers import DERIVED
+from training.gap.response.drivers import after_fuel_cut, phi_slope
 from training.gap.verify.evidence import Error
 from training.greybox.fit.drive import BLOCK_S, Comparison, block_numbers
 
@@ -45,7 +45,7 @@ def find(recordings: Sequence[Comparison]) -> list[Regime]:
             Regime("temperature", f"coolant below {LIMITS.cold_degc:g} °C", cold),
             Regime("temperature", f"coolant above {LIMITS.cold_degc:g} °C", ~cold),
         ]
-    since = [s for r in recordings if (s := DERIVED["after_fuel_cut_s"](r)) is not None]
+    since = [s for r in recordings if (s := after_fuel_cut(r)) is not None]
     recent = scored(recordings, since) < LIMITS.after_cut_s
     regimes.append(
         Regime("after fuel cut", f"within {LIMITS.after_cut_s:g} s after a fuel cut", recent)
@@ -78,8 +78,7 @@ def _between(edges: FloatArray, i: int, unit: str) -> str:
 
 def _edges(recordings: Sequence[Comparison]) -> list[Regime]:
     """Return edges of the old model's phi: the same samples for both models."""
-    slopes = [s for r in recordings if (s := DERIVED["phi_slope_1_s"](r)) is not None]
-    slope = scored(recordings, slopes)
+    slope = scored(recordings, list(map(phi_slope, recordings)))
     steep = float(np.sqrt(np.mean(slope**2)))
     return [
         Regime("edge", "from lean to rich", slope > steep),

@@ -394,8 +394,9 @@ def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> N
 
 def test_an_effect_in_the_other_direction_says_what_to_look_at() -> None:
     contrary = but(candidate("back_pressure", 900.0), physical=False)
-    found = naming("unknown_effect", effects=(contrary,))
+    found = naming("unknown_effect", (contrary,), effects=(contrary,))
     result = replace(made("unknown_effect"), naming=found, addition=Addition(), unknown=None)
+    assert "→ back_pressure reversed" in gap_page.as_page(result)
     words = "Back pressure, but in the other direction: look at a pressure correction"
     assert verdict_sentence(result).startswith(words)
     assert "It is not added to the model" in verdict_sentence(result)
