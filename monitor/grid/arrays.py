@@ -23,7 +23,7 @@ def table_of(columns: Any, name: str) -> Table:
     if not hasattr(columns, "__getitem__") or isinstance(columns, str | bytes):
         raise RecordingError(f"{path}: {type(columns).__name__}, columns by name are wanted")
     names = [str(each) for each in getattr(columns, "columns", columns)]
-    time = next((each for each in names if each.casefold() in _TIMES), None)
+    time = next((each for known in _TIMES for each in names if each.casefold() == known), None)
     if time is None:
         raise RecordingError(f"{path}: no column {TIME}, there are {', '.join(names)}")
     names.sort(key=lambda each: each != time)

@@ -69,7 +69,8 @@ def _log_drive(
         keep_counters=scenario.keep_counters,
     )
     judge = FrameJudge(setup, memory) if memory else None
-    found, timeline = LogCounters(), Timeline(BlockDecoder(setup.bus_map, setup.bus_map.names))
+    names = judge.names if judge else setup.bus_map.names
+    found, timeline = LogCounters(), Timeline(BlockDecoder(setup.bus_map, names))
     blocks = timeline.blocks(log_blocks(log, setup.bus_map, found, renames=False))
     frames = injector.stream(chain.from_iterable(map(frames_of, blocks)))
     frames = map(judge.push, frames) if judge else frames
@@ -79,9 +80,9 @@ def _log_drive(
     if out:
         write_log(out, frames, setup.bus_map.log_channel)
     deque(frames, maxlen=0)
-    injector.counts.changed.update(timeline.counters.found)
-    injector.counts.changed["error or remote frames, left out"] = found.skipped
-    for line in (*injector.counts.lines(), *found.notes):
+    counts = injector.counts
+    counts.changed.update(timeline.counters.found | {"error and remote frames": found.skipped})
+    for line in (*counts.lines(), *found.notes):
         say(f"{out or log}: {line}")
     return judge.finish(str(out or log)) if judge else None
 

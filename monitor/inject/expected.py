@@ -29,8 +29,8 @@ class FrameJudge:
 
     def __init__(self, setup: Setup, memory: Memory) -> None:
         self._judging = Judging(setup, memory)
-        names = self._judging.pipeline.monitor.names
-        self._timeline = Timeline(BlockDecoder(setup.bus_map, names))
+        self.names = self._judging.pipeline.monitor.names
+        self._timeline = Timeline(BlockDecoder(setup.bus_map, self.names))
         self._waiting: list[Frame] = []
 
     def push(self, frame: Frame) -> Frame:

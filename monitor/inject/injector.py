@@ -170,8 +170,8 @@ class Injector:
         if sound:
             writer.hear(frame.data)
         acting = [each for each in self._sensor if each.what.acts(since_ns)]
-        carries = key == self._key and self._signal.is_in(frame.data)
-        if carries and any(each.is_missing for each in acting):
+        is_gone = key == self._key and any(each.is_missing for each in acting)
+        if is_gone and self._signal.is_in(frame.data):
             self._frames.left_out(key)
             self.counts.changed["left out"] += 1
             return []
@@ -184,8 +184,7 @@ class Injector:
     def _rewritten(
         self, writer: MessageWriter, frame: Frame, acting: Sequence[SensorReading]
     ) -> Frame:
-        told = [pair for each in acting for pair in each.told.items()]
-        values = {name: value for name, value in told if name in writer.signals}
+        values = {n: v for each in acting for n, v in each.told.items() if n in writer.signals}
         if OUTPUT in writer.signals and self._signal.is_in(frame.data):
             healthy = self._signal.read(frame.data)
             read = self._read(frame.t_ns, healthy, acting)

@@ -109,7 +109,7 @@ def test_what_a_log_loses_is_said_and_a_log_of_no_frame_replaces_nothing(
     assert cli.main(["inject", str(source), "-c", "can1", "--out", str(out)]) == 0
     assert sum(len(block.key) for block in read_blocks(out, channels=Channels("can1"))) == 300
     said = capsys.readouterr().out
-    assert "error or remote frames, left out 2" in said
+    assert "error and remote frames 2" in said
     assert "1 line left out, the first: line 12" in said
     before = out.read_bytes()
     given = ["inject", str(source), "--out", str(out), "--force", "--fault", "signal_missing"]
