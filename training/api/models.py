@@ -14,7 +14,7 @@ from monitor.base.types import Shown
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.api.recordings import Given, load_recordings
-from training.greybox import fit_page
+from training.greybox.chain import RANGES
 from training.greybox.model import GreyboxResult, fit_greybox
 from training.healthy.new_model import complete
 from training.limits.evaluation import evaluate as evaluated
@@ -86,7 +86,9 @@ class Fit(Shown):
         if isinstance(self.outcome, FitResult):
             training_page.write_report(Path(path), self.outcome)
         else:
-            fit_page.write_report(Path(path), self.outcome)
+            title = f"Grey-box model {self.path.name}"
+            template = "fit/greybox_fit.html"
+            training_page.write_page(path, self.outcome, template, title, ranges=RANGES)
 
 
 def fit(
@@ -174,11 +176,6 @@ def evaluate(
     Raises O2Error with one line that names what cannot be used.
     """
     card = Model.load(model).card
-    drives = load_recordings(
-        recordings,
-        period_s=card.period_ns / 1e9,
-        buses=buses,
-        columns=columns,
-        of_model=card.profile,
-    )
+    how: dict[str, Any] = {"buses": buses, "columns": columns, "of_model": card.profile}
+    drives = load_recordings(recordings, period_s=card.period_ns / 1e9, **how)
     return Evaluation(evaluated(model, drives, washout, healthy=healthy))
