@@ -4,12 +4,13 @@ The JSON's names are a contract: DESIGN, section 4.
 """
 
 import json
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.files.outputs import write_text
-from monitor.model.card import ModelCard, TrainingRecording
+from monitor.model.card import TrainingRecording
 from training.gap.add.addition import Addition
 from training.gap.config import CONFIG
 from training.gap.name.verdict import Base, Candidate, Naming, Verdict
@@ -17,7 +18,7 @@ from training.gap.response.difference import Difference
 from training.gap.verify.evidence import Verification
 from training.greybox.effects.empirical import formula
 from training.jobs.json_tree import json_tree
-from training.recordings.recording import sha256
+from training.recordings.recording import Recording, sha256, training_recording
 
 SCHEMA: Final = "o2train.gap/1"
 HELD_OUT_DRIVES: Final = "recordings that no fit saw"
@@ -36,11 +37,6 @@ class NewModelFile:
     sha256: str
     kind: str  # "narx", "greybox"
 
-    @classmethod
-    def of(cls, path: Path, card: ModelCard) -> "NewModelFile":
-        """Return the model in ``path``, which has this card."""
-        return cls(path, sha256(path), card.kind)
-
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
@@ -52,6 +48,20 @@ class Inputs:
     verify: tuple[TrainingRecording, ...]  # seen by no fit
     sensor_known_good: bool = False
     unit: str = "phi"  # of errors
+
+    @classmethod
+    def of(
+        cls,
+        model: Path,
+        kind: str,
+        roles: Iterable[Sequence[Recording]],
+        sensor_known_good: bool,
+        unit: str = "phi",
+    ) -> "Inputs":
+        """Return the inputs with hashes; roles : recordings, healthy ones, those that verify."""
+        new, healthy, verify = (tuple(map(training_recording, each)) for each in roles)
+        file = NewModelFile(model, sha256(model), kind)
+        return cls(file, new, healthy, verify, sensor_known_good, unit)
 
     @property
     def simulated(self) -> tuple[bool, ...]:

@@ -22,12 +22,12 @@ from training.gap.inputs import suitability
 from training.gap.name.verdict import Answer, BlockError, Naming, Trials, Verdict
 from training.gap.response.difference import Difference, difference_of
 from training.gap.response.reference import ResponseReference
-from training.gap.result import Inputs, NewModelFile, Result
+from training.gap.result import Inputs, Result
 from training.greybox.effects import ALL
 from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, ChainDrive, Comparison, make, until
 from training.jobs import Progress
 from training.recordings.prediction import predicted_phi
-from training.recordings.recording import Recording, training_recording
+from training.recordings.recording import Recording
 from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.error_alone
@@ -67,14 +67,7 @@ def investigate(
     verdict, suspected = _verdict(difference, sensor_known_good=sensor_known_good)
     best = difference.best
     return Result(
-        inputs=Inputs(
-            model=NewModelFile.of(model, card),
-            recordings=tuple(map(training_recording, recordings)),
-            healthy=tuple(map(training_recording, healthy)),
-            verify=(),
-            sensor_known_good=sensor_known_good,
-            unit=unit,
-        ),
+        inputs=Inputs.of(model, card.kind, (recordings, healthy, ()), sensor_known_good, unit),
         difference=difference,
         naming=Naming(
             verdict=verdict,

@@ -20,7 +20,7 @@ from training.gap.name.knowledge import Knowledge
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
 from training.gap.response.drivers import name_of
-from training.gap.result import Inputs, NewModelFile, Result
+from training.gap.result import Inputs, Result
 from training.gap.verify.evidence import Verification
 from training.gap.verify.verification import Fold, verify
 from training.greybox.effects.model_effect import uncertain
@@ -28,7 +28,6 @@ from training.healthy import base
 from training.healthy.behaviour import Healthy
 from training.healthy.coverage import coverage_warnings
 from training.jobs import Progress
-from training.recordings.recording import training_recording
 
 NEW_MODEL: Final = "model.onnx"
 OFFER: Final = "offer.onnx"
@@ -88,7 +87,9 @@ def investigate(
             verification = _verification(subject, addition, knowledge, options, progress)
         addition = delivered(addition, verification, out)
     return Result(
-        inputs=_inputs(subject, options),
+        inputs=Inputs.of(
+            material.model, card.kind, material.roles.values(), options.sensor_known_good
+        ),
         naming=naming,
         addition=addition,
         verified=verification,
@@ -141,21 +142,6 @@ def delivered(addition: Addition, verification: Verification | None, out: Path) 
     """Return the addition with its file in ``out``, as an offer if anything speaks against it."""
     why = addition.withdrawn or (verification.harm if verification and addition.path else None)
     return addition.offered(out / OFFER, why) if why else addition.kept(out / NEW_MODEL)
-
-
-def _inputs(subject: Subject, options: GapOptions) -> Inputs:
-    """Return the model and the recordings as the report names them."""
-    material = subject.material
-    recordings, healthy, verify = (
-        tuple(map(training_recording, each)) for each in material.roles.values()
-    )
-    return Inputs(
-        model=NewModelFile.of(material.model, subject.card),
-        recordings=recordings,
-        healthy=healthy,
-        verify=verify,
-        sensor_known_good=options.sensor_known_good,
-    )
 
 
 def _warnings(

@@ -4,7 +4,6 @@ The control loop has not seen these faults: in a car the controller would answer
 """
 
 from collections.abc import Callable, Sequence
-from itertools import accumulate
 from pathlib import Path
 from typing import Final
 
@@ -43,13 +42,10 @@ def detect(
     Without a fault, whatever is found is a false alarm. A fault is put on every third recording,
     the next one on the recordings before these.
     """
-    numbers = accumulate((len(recordings) for _, recordings in folds), initial=0)
-    n = sum(len(recordings) for _, recordings in folds)
-    every = min(EVERY, n)
+    every = min(EVERY, sum(len(recordings) for _, recordings in folds))
     trials: list[Fault | None] = [None, *faults]
-    tried, before, after = list[int](), list[Judged](), list[Judged]()
-    given = list[list[Recording]]()
-    for first, (_, recordings) in zip(numbers, folds, strict=False):
+    tried, given, after, first = list[int](), list[Recording](), list[Judged](), 0
+    for new, recordings in folds:
         own = [
             (i, put_on(r, fault) if fault else r)
             for i, fault in enumerate(trials)
@@ -57,10 +53,10 @@ def detect(
             if fault is None or (number + i) % every == 0
         ]
         tried += [i for i, _ in own]
-        given.append([r for _, r in own])
-    before = old([r for each in given for r in each])
-    for (new, _), each in zip(folds, given, strict=True):
-        after += new(each) if new else []
+        given += [r for _, r in own]
+        after += new([r for _, r in own]) if new else []
+        first += len(recordings)
+    before = old(given)
     found = []
     for i, fault in enumerate(trials):
         rows = [k for k, trial in enumerate(tried) if trial == i]
