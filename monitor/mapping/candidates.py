@@ -57,8 +57,9 @@ def candidates(
     for message, interval_s, described in signals:
         is_own, cycle_ms = "eng" in message.name.lower(), _cycle_ms(message)
         place = f"{message.name}.{described.name}"
+        own = replace(described, has_engine=has_engine)
         for name, each in found.items():
-            if fit := fit_of(name, replace(described, has_engine=has_engine)):
+            if fit := fit_of(name, own):
                 entry = {
                     "message": message.name,
                     "signal": described.name,

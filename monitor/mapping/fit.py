@@ -144,9 +144,8 @@ def _by_name(quantity: MapQuantity, d: Description) -> QuantityFit | None:
         rest = [word for word in words if word in rest]
         if len(rest) < len(words):
             sure, why = ASSUMED * both, f"its name and message say {d.message} {d.name}"
-    unit = unit_of(d.unit, STOICHIOMETRIC) or UNITS["-"]
-    is_afr = unit.quantity == "lambda" and unit.factor != 1.0  # no other sensor has this unit
-    if quantity.name == "lambda_measured" and is_afr:
+    unit = unit_of(d.unit, STOICHIOMETRIC) if quantity.name == "lambda_measured" else None
+    if unit and unit.quantity == "lambda" and unit.factor != 1.0:  # no other sensor has this unit
         rest = [word for word in (rest if sure else words) if word in KNOWN - {"afr"}]
         sure, why = max(sure, SURE), why if sure else f"its unit is {d.unit}"
     if not sure:

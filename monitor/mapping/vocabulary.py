@@ -103,10 +103,10 @@ def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> tuple[float, 
     """
     of_whole = _CONCEPTS_OF.get("=" + "".join(words), set())
     here = {word: _CONCEPTS_OF.get(word, set()) for word in words}
-    best: tuple[float, list[str]] = (0.0, [])
+    known, best = of_whole.union(*here.values()), (0.0, list[str]())
     for phrase, weight in phrases.items():
         concepts = set(phrase.split())
-        if not concepts <= of_whole.union(*here.values()):
+        if not concepts <= known:
             continue
         rest = [] if concepts & of_whole else [w for w in words if not here[w] & concepts]
         rest = [w for w in rest if not (w in NOISE or (w.isdigit() and int(w) <= 1))]

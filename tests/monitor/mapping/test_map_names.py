@@ -156,6 +156,12 @@ def test_air_per_stroke_follows_from_flow_and_speed_with_the_cylinders(tmp_path:
     assert recipe.factor * 60.0 / 2000.0 == pytest.approx(1e6 / 6000)
 
 
+@pytest.mark.parametrize(("message", "is_engine_s"), [("Status_1", False), ("Engine_1", True)])
+def test_a_torque_of_the_engine_s_message_is_the_engine_s(message: str, is_engine_s: bool) -> None:
+    signals = 'EstimatedTorque (0.5,-100) [-100|800] "Nm"', 'RPM (1,0) [0|8000] ""'
+    assert ("engine_torque_nm" in found(database_of(*signals, message=message))) == is_engine_s
+
+
 def lambda_signal(name: str) -> str:
     return f'{name} (0.0005,0) [0|16] ""'
 
@@ -275,6 +281,11 @@ def test_what_only_resembles_is_not_proposed(signal: str, canonical: str) -> Non
         ("Hybrid_1", 'BatteryVoltage (0.2,0) [0|800] "V"'),
         ("Pack_1", 'BatteryVoltage (0.01,0) [0|655.35] "V"'),
         ("VCU_1", 'FuelCut (1,0) [0|1] ""'),
+        ("Status_A1", 'Charger_Ambient_Temp (1,-64) [-64|191] "C"'),
+        ("Engine_1", 'TrailerPressure (0.1,0) [0|300] "bar"'),  # holds "rail"
+        ("Engine_1", 'CVT_RPM (1,0) [0|8000] "rpm"'),  # a bare quantity of another machine
+        ("Engine_1", 'Inlet_Coolant_Temp (1,-40) [-40|215] ""'),  # of a battery or a cooler
+        ("Engine_1", 'MAP (0.01,0) [0|400] "mpa"'),  # a unit too large for its range
         ("Radar_Object", 'Speed (0.07,0) [0|71] "km/h"'),
         ("Manifold", 'EngMnfldPress (0.1,-206) [-206|600] "kPa"'),
     ],
