@@ -50,6 +50,7 @@ UNSTATED: Final[dict[str, list[tuple[str, Unit]]]] = {  # likely units of a kind
     "pressure": [(text, UNITS[text.lower()]) for text in ("kPa", "MPa", "bar", "hPa", "psi")],
     "temperature": [(text, UNITS[text.lower()]) for text in ("°C", "°F")],
     "share": [("", UNITS["%"]), ("", Unit("share", 100.0))],
+    "lambda": [("", UNITS["-"]), ("AFR", Unit("lambda", 1.0 / STOICHIOMETRIC))],
 }
 _SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
 _PREFIX_LETTERS: Final = 4  # of an ECU's abbreviation, before "_" or ".", that may begin a name
@@ -192,30 +193,34 @@ def _of_one_sensor(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Q
 
 def _readings(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterator[QuantityFit]:
     """Yield the fit with each way to the canonical unit; a stated unit is a constraint."""
-    kind, unit = quantity.unit.quantity, _said_unit(quantity, d)
+    kind, (word, unit) = quantity.unit.quantity, _said_unit(quantity, d)
     if unit is None and d.unit:
         yield fit.doubted(f"its unit {d.unit!r} is not known", OTHER_NAME)
     elif quantity.is_flag:
         yield from [_flag(d, fit)] if unit in (None, UNITS["-"]) else []
     elif quantity.name == "lambda_controller":
         yield from _trims(d, unit, fit)
-    elif kind == "lambda":
-        yield from _mixtures(d, unit, fit)
     elif unit is None or unit == UNITS["-"]:
         yield from _assumed(quantity, d, fit)
+    elif kind == "lambda" and unit.quantity == "phi":
+        yield fit.judged("an equivalence ratio: lambda is 1 / it", is_phi=True)
     elif unit.quantity in (kind, quantity.volume):
         if unit.quantity == quantity.volume:
             unit = Unit(kind, unit.factor * GASOLINE_KG_L)
         factor, offset = conversion(unit, quantity.unit)
-        yield fit.judged(f"its unit is {d.unit or 'in its name'}", factor=factor, offset=offset)
+        afr = f", divided by {1 / factor:g}: check what it counts with" * (kind == "lambda")
+        why = f"its unit is {word or d.unit}{afr}"
+        named = word if unit != quantity.unit else ""
+        yield fit.judged(why, factor=factor, offset=offset, unit=named)
+        yield from _assumed(quantity, d, fit) if word and kind == "lambda" else ()
 
 
-def _said_unit(quantity: MapQuantity, d: Description) -> Unit | None:
-    """Return the unit that is stated, else one of the quantity's that the name says."""
+def _said_unit(quantity: MapQuantity, d: Description) -> tuple[str, Unit | None]:
+    """Return the unit that is stated, else one that the name says, and its word."""
     unit = unit_of(d.unit, STOICHIOMETRIC)
-    if d.unit and unit != UNITS["-"]:
-        return unit
-    return next(filter(None, (_own_unit(quantity, word) for word in words_of(d.name))), unit)
+    words = words_of(d.name) if not d.unit or unit == UNITS["-"] else ()
+    said = ((word, _own_unit(quantity, word)) for word in words)
+    return next((each for each in said if each[1]), ("", unit))
 
 
 def _own_unit(quantity: MapQuantity, word: str) -> Unit | None:
@@ -231,13 +236,16 @@ def _assumed(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterato
     Of the speeds, flows, masses and torques of an engine, several units are likely.
     """
     kind, low, high = quantity.unit.quantity, *d.span
-    is_plain = (kind == "temperature" and {d.carried[0], d.stated[0]} & TEMPERATURE_OFFSETS) or (
-        kind == "speed of rotation" and low >= 0.0 and high <= MOST_RPM
+    is_plain = (
+        kind == "lambda"
+        or (kind == "temperature" and {d.carried[0], d.stated[0]} & TEMPERATURE_OFFSETS)
+        or (kind == "speed of rotation" and low >= 0.0 and high <= MOST_RPM)
     )
     why = "no unit is given, taken for the one that its range suggests: check"
     for text, unit in UNSTATED.get(kind, [("", quantity.unit)]):
         factor, offset = conversion(unit, quantity.unit)
         read = fit.judged(why, ASSUMED, factor=factor, offset=offset, unit=text)
+        read = fit if unit == UNITS["-"] else read
         is_borne_out = kind not in SEVERAL and _is_usual(quantity, read, d)
         yield read if is_plain or is_borne_out else read.doubted("no unit is given")
 
@@ -255,22 +263,6 @@ def _flag(d: Description, fit: QuantityFit) -> QuantityFit:
         fit = fit.judged("turned round", 0.8, factor=-1.0, offset=1.0)
     many = d.span[1] > 1.0 and d.carried[1] > 3.0 and not d.choices
     return fit.doubted("more than two values without a meaning") if many else fit
-
-
-def _mixtures(d: Description, unit: Unit | None, fit: QuantityFit) -> Iterator[QuantityFit]:
-    """Yield the fit of lambda, AFR or phi; where no unit is stated, name and range tell them."""
-    words, kind = {*words_of(d.name)}, unit.quantity if unit else ""
-    if kind == "phi":
-        yield fit.judged("an equivalence ratio: lambda is 1 / it", is_phi=True)
-    ratio = unit.factor if unit else 1.0 / STOICHIOMETRIC
-    if (kind == "lambda" and ratio != 1.0) or (not unit and d.values is not None):
-        why = f"an air-fuel ratio, divided by {1 / ratio:g}: check what {d.name} counts with"
-        yield fit.judged(why, factor=ratio, unit="" if d.unit else "AFR")
-    is_phi_or_lambda = {"equivalence", "eq"} & words and not {"range", "o2", "oxygen", "11"} & words
-    if is_phi_or_lambda and not d.unit:
-        fit = fit.doubted("an equivalence ratio: lambda, as OBD has it, or 1 / lambda?")
-    if unit is None or (kind == "lambda" and unit_of(d.unit, STOICHIOMETRIC) in (None, UNITS["-"])):
-        yield fit
 
 
 def _trims(d: Description, unit: Unit | None, fit: QuantityFit) -> Iterator[QuantityFit]:
