@@ -19,8 +19,7 @@ from training.pages.numbers import percent
 from training.recordings.recording import Recording, check_each_once
 
 LIMITS: Final = CONFIG.inputs
-CHARGE: Final = ("maf_kg_h", "engine_speed_rpm")  # instead of the air per stroke
-SPEED: Final = ("engine_speed_rpm", "maf_kg_h")  # either, with the charge
+SPEED: Final = ("engine_speed_rpm", "maf_kg_h")  # both give the charge, with it either the other
 
 
 def check_files(
@@ -75,7 +74,7 @@ def lacking(recordings: Sequence[Recording], own_charge: bool = False) -> dict[s
     for each in recordings:
         present = each.known
         names = [n for n in NEEDED if n not in present]
-        if "air_mass_mg" in names and (own_charge or set(CHARGE) <= present):
+        if "air_mass_mg" in names and (own_charge or set(SPEED) <= present):
             names.remove("air_mass_mg")
         if not present & set(SPEED):
             names.append(SPEED[0])

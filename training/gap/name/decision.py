@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
+from training.gap.config import CONFIG
 from training.gap.name.manoeuvres import propose
 from training.gap.name.onset import onset_s
 from training.gap.name.posterior import NONE, ONSET, UNKNOWN, Posterior, posterior
@@ -22,7 +23,7 @@ from training.greybox.fit.case import Term
 from training.healthy.base_state import BaseState
 from training.jobs import Progress
 
-AMBIGUOUS_MOST: Final = 3
+AMBIGUOUS_MOST: Final = CONFIG.inputs.effects_max
 BIASED: Final = "biased"  # of a sensor in the control loop: the controller makes its reading right
 GAIN_SUSPECTED: Final = (
     "a factor on the mixture (ethanol, humidity, slope errors) or a biased sensor"

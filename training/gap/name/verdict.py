@@ -8,7 +8,6 @@ from monitor.base.types import FloatArray
 from training.greybox.chain import Constants
 from training.greybox.effects import Effect
 from training.greybox.effects.empirical import is_empirical
-from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.case import Term
 from training.greybox.fit.joint import JointFit
 
@@ -98,11 +97,6 @@ class Candidate:
     def standard_errors(self) -> dict[str, float]:
         """Return the standard errors of the constants by name."""
         return self._by_name(self.fit.standard_errors[-1].tolist())
-
-    def model_effect(self) -> ModelEffect:
-        """Return the effect as a part of a model; raises ModelError for a sensor fault."""
-        values, errors = self.fit.parameters[-1], self.fit.standard_errors[-1]
-        return ModelEffect.with_values(self.name, values.tolist(), errors.tolist())
 
     def _by_name(self, values: list[float]) -> dict[str, float]:
         names = (p.name for p in self.term.parameters)

@@ -238,11 +238,6 @@ def cautions(result: Result) -> list[str]:
     verified = result.verified
     if verified is None:
         return found
-    if verified.overall.after is not None and not verified.overall.better:
-        found.append(
-            "The fall of the error is not beyond confidence on these held-out recordings: keep "
-            "more of them from the fits."
-        )
     if verified.healthy is not None and verified.healthy.worse:
         found.append(
             f"On the healthy recordings the error rises from {phi(verified.healthy.before)} to "

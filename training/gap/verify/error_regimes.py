@@ -18,7 +18,7 @@ from training.gap.verify.evidence import Error
 from training.greybox.fit.drive import BLOCK_S, Comparison, block_numbers
 
 LIMITS: Final = CONFIG.verify
-PARTS: Final = (("low", "medium", "high"), (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0))
+PARTS: Final = 3  # of speed and of load, alike in samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +58,7 @@ def _speed_and_load(recordings: Sequence[Comparison]) -> list[Regime]:
         scored(recordings, [r.signals[name] for r in recordings])
         for name in ("engine_speed_rpm", "air_mass_mg")
     )
-    names, quantiles = PARTS
-    at = [np.quantile(x, quantiles) for x in (speed, load)]
+    at = [np.quantile(x, np.linspace(0.0, 1.0, PARTS + 1)) for x in (speed, load)]
     of = [np.searchsorted(edges[1:-1], x) for x, edges in zip((speed, load), at, strict=True)]
     return [
         Regime(
@@ -67,8 +66,8 @@ def _speed_and_load(recordings: Sequence[Comparison]) -> list[Regime]:
             f"{_between(at[0], i, 'rpm')}, {_between(at[1], j, 'mg')}",
             np.asarray((of[0] == i) & (of[1] == j)),
         )
-        for i in range(len(names))
-        for j in range(len(names))
+        for i in range(PARTS)
+        for j in range(PARTS)
     ]
 
 
@@ -104,14 +103,13 @@ def compare(
     blocks = blocks_of(recordings)
     counts = _sums(regimes, blocks, np.ones(len(old)))
     used = (counts > 0.0).sum(axis=1)
-    bounds = None
+    told, bounds = used >= LIMITS.blocks_min, np.zeros((len(regimes), 2))
     if new is not None:
         pair = (_sums(regimes, blocks, old**2), _sums(regimes, blocks, new**2))
-        bounds = _bounds(*pair, counts, used >= LIMITS.blocks_min)
+        bounds = _bounds(*pair, counts, told)
     found = []
     for i, regime in enumerate(regimes):
-        known = bounds is not None and used[i] >= LIMITS.blocks_min
-        low, high = bounds[i].tolist() if known and bounds is not None else (None, None)
+        low, high = bounds[i].tolist() if told[i] and new is not None else (None, None)
         rows, n = regime.rows, int(regime.rows.sum())
         found.append(
             Error(

@@ -81,7 +81,7 @@ RANKING = (
 PURGE_ADDED = Addition(
     path=Path("out/model.onnx"),
     form="The effect acts before the transport.",
-    effects=(RANKING[0].model_effect(),),
+    effects=RANKING[0].fit.effects,
 )
 
 
@@ -250,7 +250,7 @@ def test_the_runner_up_is_of_the_step_in_which_the_effect_was_chosen() -> None:
     rounds = (Round(first[0], 0.015, first), Round(second[0], 0.011, second))
     last = (candidate("ethanol", 1.0),)
     named = naming("named", effects=RANKING[:2], ranking=last, rounds=rounds)
-    both = replace(added(*(c.model_effect() for c in RANKING[:2])), naming=named)
+    both = replace(added(*(c.fit.effects[-1] for c in RANKING[:2])), naming=named)
     tree = as_json(both)
     assert [e["runner_up"] for e in tree["effects"]] == ["delay_flow", "rail_exponent"]
     assert [e["separated"] for e in tree["effects"]] == [True, True]
