@@ -61,14 +61,7 @@ def name(
     if not sensor_known_good and first.case.prior is not None:
         candidates += FAULTS
     found = advance(first, candidates, steps, sensor_known_good, progress)
-    answer = partial(
-        _answer,
-        first,
-        skipped=skipped,
-        known=known,
-        reference=reference,
-        doubts=_doubts(first.case, known),
-    )
+    answer = partial(_answer, first, skipped=skipped, known=known, reference=reference)
     naming, formula = answer(found), None
     is_told = naming.verdict != "unknown_effect" or bool(naming.answer.effects)
     if not is_told or may_be_beaten(first, found):
@@ -123,17 +116,6 @@ def _missing(effect: Effect, drives: Sequence[ChainDrive]) -> tuple[str, ...]:
     return tuple(n for n in effect.needs if any(n not in d.signals for d in drives))
 
 
-def _doubts(case: Case, known: Healthy | None) -> list[str]:
-    doubts = []
-    if known is None:
-        doubts.append(
-            "no healthy recordings: a weakness of the base itself cannot be told from an effect"
-        )
-    if case.prior is None:
-        doubts.append("no reference: a shift of gain, dead time or lag cannot be seen")
-    return doubts
-
-
 def _is_larger(rmse: float, drives: Sequence[ChainDrive], known: Healthy | None) -> bool:
     """Return whether the chain's error is larger than on healthy drives, whatever the reason.
 
@@ -151,18 +133,14 @@ def _answer(
     skipped: Mapping[str, tuple[str, ...]],
     known: Healthy | None,
     reference: Constants | None,
-    doubts: Sequence[str],
 ) -> Naming:
     last, outcome, rounds = found.last, found.outcome, found.rounds
-    warnings = tuple(doubts)
     added = tuple(r.effect for r in rounds) if outcome.verdict == "named" else ()
     error = _error(first, last, with_effects=bool(added))
     verdict, odds = outcome.verdict, found.posterior
     if verdict == "no_gap" and _is_larger(error.before, first.case.drives, known):
         verdict = "unknown_effect"
         odds = {**odds, NONE: 0.0, UNKNOWN: odds[UNKNOWN] + odds[NONE]}
-    if rounds and verdict == "ambiguous":
-        warnings = (*warnings, _came_first(rounds))
     return Naming(
         verdict=verdict,
         answer=Answer(
@@ -175,7 +153,7 @@ def _answer(
         trials=Trials(outcome.ranking, rounds if added else (), skipped),
         base=_base(first, last, known.base if known else reference),
         error=error,
-        warnings=warnings,
+        warnings=_warnings(first.case, known, rounds if verdict == "ambiguous" else ()),
         posterior=_likeliest_first(odds),
     )
 
@@ -200,9 +178,15 @@ def _base(first: BaseState, last: BaseState, reference: Constants | None) -> Bas
     return Base(last.current.base, reference, shift)
 
 
-def _came_first(rounds: Sequence[Round]) -> str:
-    names = " and ".join(r.effect.name for r in rounds)
-    return (
+def _warnings(case: Case, known: Healthy | None, first: Sequence[Round]) -> tuple[str, ...]:
+    """Return what the answer cannot rest on; ``first`` came before an ambiguous set."""
+    names = " and ".join(r.effect.name for r in first)
+    said = {
+        "no healthy recordings: a weakness of the base itself cannot be told from an effect": (
+            known is None
+        ),
+        "no reference: a shift of gain, dead time or lag cannot be seen": case.prior is None,
         f"{names} came first and explains too little by itself to be named: "
-        "the candidates are what may be there beside it"
-    )
+        "the candidates are what may be there beside it": bool(first),
+    }
+    return tuple(text for text, holds in said.items() if holds)
