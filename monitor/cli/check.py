@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from monitor.report.check_table import TableCheck
 
 EXAMPLES = """examples:
-  o2mon check drive.log
+  o2mon check *.log
   o2mon check drive.msl                                  what a logger's file holds
   o2mon check drive.csv --write-profile my.toml          a profile to edit for a new logger
   o2mon check -i socketcan -c can0 --seconds 10 --dbc engine.dbc --map engine.toml
@@ -55,34 +55,39 @@ class CheckOptions(SetupOptions, ColumnNames, ObdOptions):
     seconds : time to listen to a bus, in s
     """
 
-    log: Annotated[Path | None, paths.read, "LOG", _LOG] = field(default=None, kw_only=False)
+    log: Annotated[Sequence[Path], paths.read, "LOG", _LOG] = field(default=(), kw_only=False)
     bus: Bus
     write_profile: Annotated[Path | None, paths.written, "FILE"] = None
     seconds: Seconds = 5.0
 
 
 def run(args: CheckOptions) -> int:
-    """Say which signals are there."""
+    """Say which signals are there, log by log; return the worst exit code."""
+    if args.log and getattr(args.bus, "interface", None):
+        raise UsageError("give either a LOG or a bus (-i, -c), not both")
+    if args.write_profile:
+        return _write_profile(args.log, args.write_profile)
+    return max([_check(args, log) for log in args.log or (None,)])
+
+
+def _check(args: CheckOptions, path: Path | None) -> int:
+    """Say which signals a log has, or a bus."""
     from monitor.decode.log_blocks import log_blocks
     from monitor.frames.blocks import LogCounters
     from monitor.grid.tables import is_table
     from monitor.report.check import check
 
-    if args.log and getattr(args.bus, "interface", None):
-        raise UsageError("give either a LOG or a bus (-i, -c), not both")
-    if args.write_profile:
-        return _write_profile(args.log, args.write_profile)
-    if args.log and is_table(args.log):
-        return _check_table(args, args.log)
-    if not (args.log or any(bus_address(args.bus))):
+    if path and is_table(path):
+        return _check_table(args, path)
+    if not (path or any(bus_address(args.bus))):
         raise UsageError(
             "nothing to check: give a LOG (CAN log, table or a logger's file such as .msl, .mlg, "
             ".csv) or a bus (-i INTERFACE -c CHANNEL, for example -i socketcan -c can0)"
         )
     setup = set_up(args, args.columns, obd=args.obd, judges=False)
     log = LogCounters()
-    if args.log:
-        result = check(log_blocks(args.log, setup.bus_map, log), setup.bus_map)
+    if path:
+        result = check(log_blocks(path, setup.bus_map, log), setup.bus_map)
     else:
         poller = obd_poller(args, setup.bus_map) if args.obd else None
         block, health = heard(args.bus, args.seconds, poller)
@@ -90,8 +95,8 @@ def run(args: CheckOptions) -> int:
         if poller:
             _say_polled(poller, health)
     notes = [*(f"log: {n}" for n in log.notes), *(f"database: {n}" for n in setup.bus_map.notes)]
-    say("\n".join([*result.lines(), *notes]))
-    return _concluded(result, setup, args.log, result.stale)
+    say("\n".join([*([path.name] if path else []), *result.lines(), *notes]))
+    return _concluded(result, setup, path, result.stale)
 
 
 def _concluded(
@@ -141,18 +146,18 @@ def _check_table(args: CheckOptions, log: Path) -> int:
     return code
 
 
-def _write_profile(log: Path | None, out: Path) -> int:
+def _write_profile(logs: Sequence[Path], out: Path) -> int:
     from monitor.base.files.outputs import write_text
     from monitor.frames.profiles.profile import profile_of
     from monitor.frames.tables.readers import open_table
     from monitor.mapping.profile_proposal import proposed
 
-    if not log:
-        raise UsageError("--write-profile needs a LOG")
-    text = proposed(open_table(log))
+    if len(logs) != 1:
+        raise UsageError("--write-profile needs one LOG")
+    text = proposed(open_table(logs[0]))
     profile_of(tomllib.loads(text), out)  # what is written can be read
     write_text(out, text)
-    say(f"{out}: a profile to edit; try it with o2mon check {log} --profile {out}")
+    say(f"{out}: a profile to edit; try it with o2mon check {logs[0]} --profile {out}")
     return 0
 
 
