@@ -17,7 +17,7 @@ from monitor.mapping.fit import ANY, Description, fit_of
 from monitor.mapping.proposal import Candidate
 from monitor.mapping.vocabulary import QUANTITIES, VARYING
 
-SLOW_MS: Final = 1_000_000  # cycle of a message that says none
+SLOW_MS: Final = 1_000_000  # cycle of a message that says none, or more
 ALL_ONES: Final = frozenset(2.0**bits - 1.0 for bits in range(65))
 ENGINE: Final = QUANTITIES.keys() & {"manifold_temperature_degc", *VARYING}  # only an engine's
 
@@ -55,35 +55,25 @@ def candidates(
     has_engine = any(fit and not fit.doubt for fit in of_engine)
     found: dict[str, list[Candidate]] = {name: [] for name in QUANTITIES}
     for message, interval_s, described in signals:
-        is_own, cycle_ms = "eng" in message.name.lower(), _cycle_ms(message)
-        place = f"{message.name}.{described.name}"
+        cycle_ms = float(min(max(message.cycle_time or SLOW_MS, 0), SLOW_MS))
+        timeout_s = _timeout_s(message, interval_s, cycle_ms)
         own = replace(described, has_engine=has_engine)
+        place = {"message": message.name, "signal": own.name}
+        is_other = "eng" not in message.name.lower()  # the engine's own message comes first
         for name, each in found.items():
             if fit := fit_of(name, own):
-                entry = {
-                    "message": message.name,
-                    "signal": described.name,
-                    "factor": fit.factor,
-                    "offset": fit.offset,
-                    "timeout_s": _timeout_s(message, interval_s),
-                }
-                # a fast message, fine steps, the engine's own
-                order = cycle_ms, abs(described.step * fit.factor), not is_own, place
-                each.append(Candidate(name, place, fit, entry, order))
+                order = cycle_ms, abs(own.step * fit.factor), is_other, ".".join(place.values())
+                way = {"factor": fit.factor, "offset": fit.offset, "timeout_s": timeout_s}
+                each.append(Candidate(name, order[-1], fit, place | way, order))
     return found
 
 
-def _cycle_ms(message: Message) -> float:
-    """Return the stated cycle time, at most ``SLOW_MS``; a database may say anything."""
-    return float(min(max(message.cycle_time or SLOW_MS, 0), SLOW_MS))
-
-
-def _timeout_s(message: Message, interval_s: float | None) -> float:
+def _timeout_s(message: Message, interval_s: float | None, cycle_ms: float) -> float:
     """Return how old a value may be, by the recording, else by the stated cycle time."""
     if interval_s is not None:
         return timeout_of(interval_s)
-    if message.cycle_time:  # five cycles
-        return round(min(max(5 * _cycle_ms(message) / 1000, 0.3), LONGEST_TIMEOUT_S), 3)
+    if cycle_ms < SLOW_MS:  # five cycles
+        return round(min(max(5 * cycle_ms / 1000, 0.3), LONGEST_TIMEOUT_S), 3)
     return 3.0 if message.is_multiplexed() else 0.5  # answers to requests come slowly
 
 
