@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import ModelError
-from monitor.model.graph_bounds import Graph, Node
+from monitor.model.graph_bounds import Node, StepGraph
 
 # operator → C expression of its inputs
 _ELEMENTWISE: Final[dict[str, str]] = {
@@ -63,7 +63,7 @@ def vector(kind: str, name: str, values: Sequence[str], *, is_shared: bool = Fal
 class _Code:
     """C under construction: constants, and the lines of the step."""
 
-    def __init__(self, graph: Graph, widths: dict[str, int]) -> None:
+    def __init__(self, graph: StepGraph, widths: dict[str, int]) -> None:
         self.given, self.widths = graph.constants, dict(widths)
         self.names = {name: name for name in widths}  # tensor → C
         self.constants: list[str] = []
@@ -98,7 +98,7 @@ class _Code:
         )
 
 
-def step_code(graph: Graph, prediction: str, n_inputs: int, n_state: int, name: str) -> str:
+def step_code(graph: StepGraph, prediction: str, n_inputs: int, n_state: int, name: str) -> str:
     """Return the C source of one step.
 
     prediction : tensor that holds the output

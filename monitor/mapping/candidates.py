@@ -14,7 +14,7 @@ from monitor.decode.signal_map import LONGEST_TIMEOUT_S
 from monitor.decode.soundness import check_message, check_signal
 from monitor.judge.causes.causes import timeout_of
 from monitor.mapping.fit import ANY, Description, fit_of
-from monitor.mapping.proposal import Candidate
+from monitor.mapping.proposal import SignalCandidate
 from monitor.mapping.vocabulary import QUANTITIES, VARYING
 
 SLOW_MS: Final = 1_000_000  # cycle of a message that says none, or more
@@ -41,7 +41,7 @@ def mappable(database: Database) -> Iterator[tuple[str, Message, Signal]]:
 
 def candidates(
     database: Database, observed: Mapping[str, Observed] | None = None
-) -> dict[str, list[Candidate]]:
+) -> dict[str, list[SignalCandidate]]:
     """Return the candidates of every canonical signal and of the fuel flow.
 
     observed : signals of a recording, by message and name; no others are candidates then
@@ -53,7 +53,7 @@ def candidates(
     ]
     of_engine = (fit_of(name, described) for *_, described in signals for name in ENGINE)
     has_engine = any(fit and not fit.doubt for fit in of_engine)
-    found: dict[str, list[Candidate]] = {name: [] for name in QUANTITIES}
+    found: dict[str, list[SignalCandidate]] = {name: [] for name in QUANTITIES}
     for message, interval_s, described in signals:
         cycle_ms = float(min(max(message.cycle_time or SLOW_MS, 0), SLOW_MS))
         timeout_s = _timeout_s(message, interval_s, cycle_ms)
@@ -64,7 +64,7 @@ def candidates(
             if fit := fit_of(name, own):
                 order = cycle_ms, abs(own.step * fit.factor), is_other, ".".join(place.values())
                 way = {"factor": fit.factor, "offset": fit.offset, "timeout_s": timeout_s}
-                each.append(Candidate(name, order[-1], fit, place | way, order))
+                each.append(SignalCandidate(name, order[-1], fit, place | way, order))
     return found
 
 

@@ -13,8 +13,8 @@ from monitor.decode.signal_map import Derived
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks
 from monitor.mapping.candidates import candidates
-from monitor.mapping.proposal import Candidate, Proposal, comment, entries, propose, toml
-from monitor.mapping.recording import Recording
+from monitor.mapping.proposal import Proposal, SignalCandidate, comment, entries, propose, toml
+from monitor.mapping.recording import ShownSignals
 from monitor.mapping.vocabulary import FUEL_FLOW_NAME
 
 CONSIDERED: Final = 8  # candidates of each signal that are compared with the recording
@@ -37,7 +37,7 @@ class MapProposal:
     derived: tuple[Derived, ...]
 
     @property
-    def found(self) -> tuple[Candidate, ...]:
+    def found(self) -> tuple[SignalCandidate, ...]:
         """Return the signals that are mapped to a canonical one directly."""
         return tuple(p.best for p in self.signals if p.best is not None)
 
@@ -71,7 +71,7 @@ def make_map(
     if log:
         blocks = read_blocks(log, None, Channels(channel, keys_of(database.messages)))
         likeliest = {each.place for p in proposals.values() for each in p.ranked[:CONSIDERED]}
-        recording = Recording(blocks, likeliest, dbc, database)
+        recording = ShownSignals(blocks, likeliest, dbc, database)
         proposals = propose(candidates(database, recording.observed))
         guards = recording.guards({p.best.place for p in proposals.values() if p.best})
     proposal = _made(proposals, cylinders)

@@ -27,7 +27,7 @@ from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.units import unit_of
 from monitor.mapping.fit import SURE, Description, QuantityFit, fit_of
-from monitor.mapping.proposal import Candidate, Entry, entries, propose, toml
+from monitor.mapping.proposal import Entry, SignalCandidate, entries, propose, toml
 from monitor.mapping.vocabulary import QUANTITIES, STOICHIOMETRIC, VARYING, match, words_of
 
 _ENOUGH: Final = 6  # columns to know a logger by
@@ -84,14 +84,14 @@ def _told(column: RawColumn, values: FloatArray) -> str:
     return "# " + " ".join(filter(None, (toml(column.name), column.unit, span)))
 
 
-def _candidates(raw: RawTable, cells: FloatArray) -> dict[str, list[Candidate]]:
+def _candidates(raw: RawTable, cells: FloatArray) -> dict[str, list[SignalCandidate]]:
     """Return the columns that may carry each signal: by a name that is known, and by words."""
     known: dict[str, tuple[str, Source]] = {}
     for profile in map(shipped_profile, shipped()):
         for name, sources in profile.signals.items():
             for source in sources:
                 known.setdefault(key(source.column), (name, source))
-    found: dict[str, list[Candidate]] = {signal.name: [] for signal in SIGNALS}
+    found: dict[str, list[SignalCandidate]] = {signal.name: [] for signal in SIGNALS}
     for i, column in enumerate(raw.columns):
         values = cells[:, i]
         if not column.name or not np.isfinite(values).any():
@@ -101,14 +101,16 @@ def _candidates(raw: RawTable, cells: FloatArray) -> dict[str, list[Candidate]]:
             if own and (name not in VARYING or np.nanmax(values) > np.nanmin(values)):
                 is_plain = (own.factor, own.offset) == (1.0, 0.0)  # no gauge
                 sure = QuantityFit(1.0 if is_plain else SURE, ("its name is known",))
-                found[name].append(Candidate(name, column.name, sure, _entry(own), (i,), True))
+                found[name].append(
+                    SignalCandidate(name, column.name, sure, _entry(own), (i,), True)
+                )
         for text in dict.fromkeys(name_and_unit(each)[0] for each in (column.name, *column.others)):
             described = Description(text, stated_unit(column, STOICHIOMETRIC), values=values)
             for name in BY_NAME.keys() & QUANTITIES.keys():
                 if fit := fit_of(name, described):
                     fit = fit.doubted("a profile knows no 1 / lambda") if fit.is_phi else fit
                     entry = _entry(_by_words(name, column, fit))
-                    found[name].append(Candidate(name, column.name, fit, entry, ()))
+                    found[name].append(SignalCandidate(name, column.name, fit, entry, ()))
     return found
 
 

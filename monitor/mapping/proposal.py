@@ -22,7 +22,7 @@ Entry = str | float | Sequence[Any] | Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class SignalCandidate:
     """A signal or a column that may be the canonical signal."""
 
     name: str  # canonical
@@ -43,16 +43,16 @@ class Proposal:
     """The proposal for one canonical signal, or for one that others are made of."""
 
     name: str
-    ranked: Sequence[Candidate]  # the likeliest first
+    ranked: Sequence[SignalCandidate]  # the likeliest first
     note: str = ""  # the reason why the first is not proposed
 
     @property
-    def best(self) -> Candidate | None:
+    def best(self) -> SignalCandidate | None:
         """Return the candidate to take, None where a person must choose."""
         return None if self.note else self.ranked[0]
 
 
-def propose(candidates: Mapping[str, Iterable[Candidate]]) -> dict[str, Proposal]:
+def propose(candidates: Mapping[str, Iterable[SignalCandidate]]) -> dict[str, Proposal]:
     """Return a proposal for each name; no place is taken twice."""
     rank = attrgetter("rank")
     bests_of = (  # of each place the likeliest
@@ -69,7 +69,7 @@ def propose(candidates: Mapping[str, Iterable[Candidate]]) -> dict[str, Proposal
     return {name: Proposal(name, each, notes[name]) for name, each in ranked.items()}
 
 
-def _note(name: str, ranked: Sequence[Candidate]) -> str:
+def _note(name: str, ranked: Sequence[SignalCandidate]) -> str:
     """Return why none of the candidates is proposed, "" if the first is."""
     if not ranked:
         return NOTHING

@@ -25,7 +25,7 @@ BLOCKS: Final = 64  # of a million frames and more
 NEARLY_ALL: Final = 0.95  # of the frames in which a counter counts or a checksum holds
 
 
-class Recording:
+class ShownSignals:
     """What the first blocks of a recording show of some signals.
 
     places : the signals, by message and name

@@ -45,14 +45,14 @@ class Node(NamedTuple):
     whole: dict[str, int]  # attributes that are whole numbers
 
 
-class Graph(NamedTuple):
+class StepGraph(NamedTuple):
     """Operators in the order in which they run, and the constants they use."""
 
     nodes: list[Node]
     constants: dict[str, NDArray[Any]]
 
 
-def graph_of(graph: memoryview, parts: Parts) -> Graph:
+def graph_of(graph: memoryview, parts: Parts) -> StepGraph:
     """Return a graph; raises ValueError if it exceeds a bound or a weight is not finite."""
     nodes, shapes, constants = list[Node](), dict[str, Shape](), dict[str, NDArray[Any]]()
     for field in parts.fields(graph):
@@ -75,7 +75,7 @@ def graph_of(graph: memoryview, parts: Parts) -> Graph:
         if elements > MOST_ELEMENTS or products > MOST_PRODUCTS or len(shape) > MOST_RANK:
             raise ValueError("one step of it is too large to compute")
         shapes.update(dict.fromkeys(node.outputs, shape))
-    return Graph(nodes, constants)
+    return StepGraph(nodes, constants)
 
 
 def _result(node: Node, inputs: Sequence[Shape]) -> tuple[Shape, int]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from monitor.base.errors import ModelError
-from monitor.model.graph_bounds import Graph, graph_of
+from monitor.model.graph_bounds import StepGraph, graph_of
 from monitor.model.protobuf import Field, Parts, content, text
 
 CARD: Final = "o2_monitor_card"  # keys of the ONNX metadata
@@ -30,7 +30,7 @@ class ModelFile(NamedTuple):
     content: bytes
     card: str  # JSON
     is_signed: bool  # the card's sha256 stands beside it; older files lack it
-    graph: Graph
+    graph: StepGraph
     graph_sha256: str  # of all fields but the metadata
 
 
@@ -65,10 +65,10 @@ def read(path: Path | str) -> ModelFile:
         raise ModelError(f"{path}: the model card is no UTF-8 text") from None
 
 
-def _parts(found: bytes) -> tuple[dict[str, bytes], Graph, str]:
+def _parts(found: bytes) -> tuple[dict[str, bytes], StepGraph, str]:
     """Return the metadata, the graph, and the sha256 of all but the metadata; raises ValueError."""
     parts, digest = Parts(MOST_PARTS), hashlib.sha256()
-    metadata, graphs = dict[str, bytes](), list[Graph]()
+    metadata, graphs = dict[str, bytes](), list[StepGraph]()
     for field in parts.fields(memoryview(found)):
         if field.number not in _KNOWN:
             raise ValueError(f"it has a part that no model has (field {field.number})")

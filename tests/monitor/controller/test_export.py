@@ -11,7 +11,7 @@ from monitor import cli
 from monitor.base.files.outputs import is_own
 from monitor.controller import network
 from monitor.controller.export import FILES
-from monitor.model.graph_bounds import Graph, Node
+from monitor.model.graph_bounds import Node, StepGraph
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.models.c_monitor import STRICT
@@ -99,4 +99,4 @@ def test_a_graph_with_an_operator_of_its_own_is_refused_by_name() -> None:
 
     node = Node("Erf", ["u"], ["lambda_hat"], {})
     with pytest.raises(ModelError, match=r"odd\.onnx: its graph has Erf in a form"):
-        network.step_code(Graph([node], {}), "lambda_hat", 1, 1, "odd.onnx")
+        network.step_code(StepGraph([node], {}), "lambda_hat", 1, 1, "odd.onnx")
