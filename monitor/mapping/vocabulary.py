@@ -94,7 +94,7 @@ def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> tuple[float, 
     Words that no concept of the phrase carries and that are not noise count against it, and so does
     a number above 1: a second sensor.
 
-    >>> match({"engine speed": 1.0}, words_of("Motordrehzahl"))
+    >>> match({"engine revolutions": 1.0}, words_of("Motordrehzahl"))
     (1.0, [])
     >>> match({"engine speed": 1.0}, words_of("EngineSpeedGearboxInput"))[1]
     ['gearbox', 'input']
