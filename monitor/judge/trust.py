@@ -53,15 +53,16 @@ class Trust:
 
     @property
     def is_blind(self) -> bool:
-        """Return whether the model is known to find no fault at all."""
-        return bool(self.found) and set(self.found or ()) <= set(self.untested)
+        """Return whether the model is known to find no fault of the response."""
+        faults = {name for name in self.found or () if TEST_OF.get(name) == "response"}
+        return bool(faults) and faults <= set(self.untested)
 
     @property
     def doubt(self) -> str:
         """Return why a model that is known to find nothing judges no response."""
         if not self.drives:
             return "no drive that it had not seen was long enough to try the model on"
-        return f"tried on {counted(self.drives, 'drive')}, the model finds no fault"
+        return f"tried on {counted(self.drives, 'drive')}, the model finds no fault of the response"
 
     def entry(self, explained: float | None = None) -> dict[str, Any]:
         """Return it for a result; {} where nothing is known.

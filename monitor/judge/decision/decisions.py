@@ -82,7 +82,7 @@ class Decisions:
         for test in (*OF_VEHICLE, *(test for test in self._rules if test in decided)):
             passed = "passed" if test in decided else "undecided"
             found[test] = "failed" if self._counters.debounce[test].failed else passed
-        if found["response"] == "passed" and (self._may_be_dead or self._limits.trust.is_blind):
+        if found["response"] == "passed" and self._may_be_dead:
             found["response"] = "undecided"
         return found
 

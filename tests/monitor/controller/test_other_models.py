@@ -12,6 +12,7 @@ from monitor.base import config
 from monitor.controller.export import export
 from monitor.controller.tables import FURTHER
 from monitor.judge.limits import Limits
+from monitor.memory.codes import TESTS
 from monitor.model.card import Limit
 from monitor.pipeline.replay import Setup, set_up
 from tests.helpers.drives.drive_tables import read
@@ -20,6 +21,7 @@ from training.fleet.reading import Read
 
 LOGS = ("gain_low_micro_trips_v110_s116.blf", "stuck_lean_micro_trips_v113_s119.blf")
 LATE = {"lead_s": 0.17, "delays_s": (0.13, 0.25, 0.4, 0.66, 1.1, 1.9)}  # parts of a sample
+UNTRIED = {"drives": 0, "found": dict.fromkeys(TESTS["response"], 0), "false": {}}
 DRIVES = {"drives": 3, "found": {"gain_low": 3}, "false": {"gain_low": 1}}
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 
@@ -39,17 +41,19 @@ def other(response: dict[str, Any] | None = None, **card: Any) -> Setup:
     return replace(setup, config=own, limits=Limits.from_card(setup.model.card, own, "own"))
 
 
-@pytest.mark.parametrize("kind", ["still", "trust", "late", "bare"])
+@pytest.mark.parametrize("kind", ["still", "trust", "blind", "late", "bare"])
 def test_another_card_other_settings_and_signals_give_the_same_verdicts(
     kind: str, drives: list[Read], tmp_path: Path
 ) -> None:
-    # GIVEN a model whose reading may stand still or that mistakes a fault, delays between samples,
-    # or a controller without any signal but the model's, one with a name that is none in C
+    # GIVEN a model whose reading may stand still, that mistakes a fault or was never tried, delays
+    # between samples, or a controller without any signal but the model's, one with a name that is
+    # none in C
     own = {"air_mass_mg": 'Luft "T" [°C]'} if kind == "bare" else {}
     channels = set_up(None, [], config.load()).model.card.inputs
     setup = {
         "still": lambda: other(limits={"still_s": 40.0, "still_end_s": 300.0}),
         "trust": lambda: other(trust=DRIVES),
+        "blind": lambda: other(trust=UNTRIED),
         "late": lambda: other(LATE),
         "bare": lambda: other(inputs=[replace(c, name=own.get(c.name, c.name)) for c in channels]),
     }[kind]()
@@ -72,3 +76,4 @@ def test_another_card_other_settings_and_signals_give_the_same_verdicts(
         assert python.verdicts
         assert not np.isnan(given[:, : len(inputs)]).all()
         assert c_monitor.differences(python, c) == []
+        assert kind != "blind" or "passed" not in {each.outcome for each in python.verdicts}
